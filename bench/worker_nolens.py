@@ -1,0 +1,94 @@
+"""nolens's side of the benchmark, run by `.venv/bin/python`.
+
+How it is timed. `admm` is called from a cold start as anybody calls it, with its own choice of
+penalties and everything that it checks on the way; its callback reads the clock. Seconds per
+iteration are those between the callbacks of the first and the last iteration; what comes before
+the first one, less one iteration, counts as set-up, and so does posing the problem.
+"""
+
+from __future__ import annotations
+
+from importlib.metadata import PackageNotFoundError, version
+from platform import python_version
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import torch
+
+from curve import Trace
+from nolens.solvers import Problem, admm
+from objective import Objective
+from protocol import peak_mib, serve
+
+AGREE = 0.1  # share; v and its splits differ by less, a misread layout by far more
+
+
+class Side:
+    """The problem that nolens holds."""
+
+    def __init__(self) -> None:
+        self.problem: Any = None
+        self.baseline = peak_mib()
+
+    def about(self) -> dict[str, Any]:
+        """Versions and threads."""
+        versions = {}
+        for name in ("nolens", "numpy", "scipy", "torch", "numba", "ducc0"):
+            try:
+                versions[name] = version(name)
+            except PackageNotFoundError:
+                versions[name] = "not installed"
+        return {"python": python_version(), **versions, "threads": torch.get_num_threads()}
+
+    def load(self, psf: str, data: str) -> dict[str, Any]:
+        """Pose one problem."""
+        frames = read(psf), read(data)
+        start = perf_counter()
+        self.problem = Problem.pose(*frames, tau=1e-4)
+        return {"setup_s": perf_counter() - start}
+
+    def iterate(self, iterations: int) -> dict[str, Any]:
+        """Seconds per iteration after the first, and what `admm` did before that."""
+        ticks = [perf_counter()]
+        admm(
+            self.problem,
+            iterations=1 + iterations,
+            tolerance=0.0,
+            callback=lambda _: ticks.append(perf_counter()),
+        )
+        each = (ticks[-1] - ticks[1]) / iterations
+        return {"s_per_iteration": each, "setup_s": max(0.0, ticks[1] - ticks[0] - each)}
+
+    def trace(self, psf: str, data: str, tau: float, iterations: int) -> dict[str, Any]:
+        """Objective against seconds, set-up included; both ways to compute it must agree."""
+        frames = read(psf), read(data)
+        trace = Trace(Objective(np.load(psf), np.load(data), tau), iterations)
+        problem = Problem.pose(*frames, tau=tau)
+        result = admm(
+            problem,
+            iterations=iterations,
+            tolerance=0.0,
+            callback=lambda now: trace.watch(now.iteration, lambda: np.asarray(now.scene())),
+        )
+        own, judged = float(result.objective), trace.rows[-1][2]
+        if not abs(own - judged) <= AGREE * judged:
+            raise ValueError(f"nolens's objective {own:.4e} is not objective.py's {judged:.4e}")
+        return {"rows": trace.rows, "own_objective": own}
+
+    def peak(self) -> dict[str, Any]:
+        """The most memory held so far, and what the imports took."""
+        return {"peak_mib": peak_mib(), "baseline_mib": self.baseline}
+
+    def drop(self) -> dict[str, Any]:
+        """Let go of the problem and its memory."""
+        self.problem = None
+        return {}
+
+
+def read(path: str) -> torch.Tensor:
+    return torch.from_numpy(np.load(path))
+
+
+if __name__ == "__main__":
+    serve(Side())

@@ -1,0 +1,5 @@
+"""`python -m nolens`."""
+
+from nolens.cli.main import main
+
+main()

@@ -1,0 +1,54 @@
+"""What a camera's file holds, before anything is done to it."""
+
+from dataclasses import dataclass
+
+from torch import Tensor
+
+MOSAICS = ("RGGB", "BGGR", "GRBG", "GBRG")
+"""The colour mosaics that are known: the colours of the 2×2 cell, row by row."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The counts of one exposure as they are stored, and what the file says about them.
+
+    Attributes
+    ----------
+    counts
+        Stored values, float32, (channels, height, width). Integers of up to 24 bits are exact.
+    channels
+        Name of every channel: ``("grey",)``, ``("R", "G", "B")``, or ``("mosaic",)`` for one
+        plane behind a colour mosaic.
+    mosaic
+        Colours of the 2×2 cell of the visible area, row by row (one of `MOSAICS`), or None.
+    black
+        Count that stands for no light: one value for all pixels, or four for the four cells
+        of the mosaic, row by row, or one for each channel.
+    white
+        Count from which a pixel is saturated; None where it is not known (float files).
+    stored_as
+        Name of the stored type, such as ``"uint16"``.
+    source
+        Where the frame comes from, usually the path of its file.
+    exposure_s
+        Exposure time in seconds; None where it is not known.
+    """
+
+    counts: Tensor
+    channels: tuple[str, ...]
+    mosaic: str | None
+    black: tuple[float, ...]
+    white: float | None
+    stored_as: str
+    source: str
+    exposure_s: float | None = None
+
+    @property
+    def size(self) -> str:
+        """Height and width in pixels, as text for messages."""
+        return size_text(self.counts)
+
+
+def size_text(values: Tensor) -> str:
+    """Height and width of a tensor of shape (..., height, width), as text for messages."""
+    return f"{values.shape[-2]}×{values.shape[-1]}"

@@ -1,0 +1,80 @@
+"""From radiance to the values of a picture: exposure and the sRGB curve, as pure functions."""
+
+import math
+
+import torch
+from torch import Tensor
+
+from nolens.errors import DataError
+
+_EXPOSED = 0.995
+
+
+def exposure_white(radiance: Tensor) -> float:
+    """Radiance that a picture shows as white: its 99.5th percentile.
+
+    Taken over the brightest channel of every pixel, as the smallest value that at least 99.5 %
+    of the pixels do not exceed. What is brighter is clipped; zero stays black, nothing is
+    subtracted. Where this percentile is dark (a few points of light on black), the brightest
+    value is white.
+
+    Parameters
+    ----------
+    radiance
+        Linear radiance, (channels, height, width), in any unit.
+
+    Raises
+    ------
+    DataError
+        If the radiance holds NaN or infinity, or is nowhere above zero.
+    """
+    if not torch.isfinite(radiance).all():
+        raise DataError("the picture holds NaN or infinity and cannot be shown or written")
+    brightest = radiance.amax(dim=0).flatten()
+    rank = math.ceil(_EXPOSED * brightest.numel())
+    white = float(brightest.kthvalue(rank).values)
+    if white <= 0:
+        white = float(brightest.max())
+    if white <= 0:
+        raise DataError(
+            "the picture is black everywhere: there is nothing to show. A smaller tau "
+            "(--tau), or another PSF, may help"
+        )
+    return white
+
+
+def srgb_from_linear(linear: Tensor) -> Tensor:
+    """The sRGB curve of IEC 61966-2-1.
+
+    ``12.92 x`` for x up to 0.0031308, then ``1.055 x^(1/2.4) - 0.055``.
+
+    Parameters
+    ----------
+    linear
+        Linear values of any shape; clipped to 0…1.
+    """
+    x = linear.clamp(0, 1)
+    return torch.where(x <= 0.0031308, 12.92 * x, 1.055 * x.pow(1 / 2.4) - 0.055)
+
+
+def linear_from_srgb(encoded: Tensor) -> Tensor:
+    """The inverse of `srgb_from_linear`, for values of 0…1."""
+    x = encoded.clamp(0, 1)
+    return torch.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055).pow(2.4))
+
+
+def arrange_rgb(values: Tensor, channels: tuple[str, ...]) -> Tensor:
+    """Put channels where a picture has them: one as it is, several as R, G, B.
+
+    Parameters
+    ----------
+    values
+        (channels, height, width).
+    channels
+        Their names, such as ``("R", "G")``. A colour that is missing beside others is zero.
+    """
+    if len(channels) == 1:
+        return values
+    missing = torch.zeros_like(values[0])
+    planes = dict(zip(channels, values, strict=True))
+    return torch.stack([planes.get(colour, missing) for colour in "RGB"])

@@ -1,0 +1,72 @@
+"""What a person at a terminal sees of a running job."""
+
+import signal
+import sys
+from types import FrameType, TracebackType
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+
+from nolens.solvers import Progress as Iteration
+
+
+class TerminalReporter:
+    """Notes and warnings on standard error; a progress bar where that is a terminal.
+
+    The first Ctrl-C ends the solver after its iteration, so that the picture so far is
+    written; a second one, or one outside the solver, stops at once.
+    """
+
+    def __init__(self) -> None:
+        self.interrupted = False
+        self._solving = False
+        console = Console(stderr=True)
+        self._bar: Progress | None = None
+        self._task: TaskID | None = None
+        if console.is_terminal:
+            self._bar = Progress(
+                TextColumn("iteration {task.completed:.0f}/{task.total:.0f}"),
+                BarColumn(),
+                TextColumn("objective {task.fields[objective]:.4g}"),
+                TimeRemainingColumn(),
+                console=console,
+                transient=True,
+            )
+
+    def __enter__(self) -> "TerminalReporter":
+        self._before = signal.signal(signal.SIGINT, self._interrupt)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        signal.signal(signal.SIGINT, self._before)
+        if self._bar is not None:
+            self._bar.stop()
+
+    def note(self, text: str) -> None:
+        """Say something a person should know before it happens."""
+        print(f"nolens: {text}", file=sys.stderr, flush=True)
+
+    def warn(self, text: str) -> None:
+        """Say what may make the picture worse than it could be."""
+        self.note(f"warning: {text}")
+
+    def progress(self, progress: Iteration, limit: int) -> bool:
+        """Show an iteration; True if the person wants to stop."""
+        self._solving = progress.iteration < limit
+        if self._bar is not None:
+            if self._task is None:
+                self._bar.start()
+                self._task = self._bar.add_task("", total=limit, objective=progress.objective)
+            self._bar.update(self._task, completed=progress.iteration, objective=progress.objective)
+        return self.interrupted
+
+    def _interrupt(self, number: int, frame: FrameType | None) -> None:
+        if self.interrupted or not self._solving:
+            raise KeyboardInterrupt
+        self.interrupted = True
+        self.note("stopping after this iteration; the picture so far will be written")

@@ -1,0 +1,86 @@
+"""Picture metrics and the fits that go before them."""
+
+import math
+
+import torch
+import torch.nn.functional as nnf
+from torch import Tensor
+
+_WINDOW = 11
+_SIGMA = 1.5
+_K1, _K2 = 0.01, 0.03
+
+
+def scale_fit(picture: Tensor, truth: Tensor) -> Tensor:
+    """Picture times the one factor that minimises the squared error over all channels.
+
+    Parameters
+    ----------
+    picture, truth
+        `(channels, height, width)` alike.
+    """
+    square = picture.double().square().sum()
+    factor = (picture.double() * truth.double()).sum() / square if square > 0 else square
+    return picture * factor.to(picture.dtype)
+
+
+def affine_fit(picture: Tensor, truth: Tensor) -> Tensor:
+    """Gain and offset of each channel that minimise the squared error, applied.
+
+    Parameters
+    ----------
+    picture, truth
+        `(channels, height, width)` alike.
+    """
+    p = picture.double() - picture.double().mean(dim=(-2, -1), keepdim=True)
+    mean = truth.double().mean(dim=(-2, -1), keepdim=True)
+    square = p.square().sum(dim=(-2, -1), keepdim=True)
+    gain = (p * (truth.double() - mean)).sum(dim=(-2, -1), keepdim=True) / square.clamp_min(1e-300)
+    return (gain * p + mean).to(picture.dtype)
+
+
+def psnr(picture: Tensor, truth: Tensor, peak: float) -> float:
+    """Peak signal-to-noise ratio 10 log₁₀(peak² / mean squared error), in dB.
+
+    Parameters
+    ----------
+    picture, truth
+        Of any shape, alike.
+    peak
+        Largest value that the truth can take.
+    """
+    error = float((picture.double() - truth.double()).square().mean())
+    return 10 * math.log10(peak**2 / error) if error > 0 else math.inf
+
+
+def ssim(picture: Tensor, truth: Tensor, peak: float) -> float:
+    """Structural similarity, mean over pixels and channels (`wang2004`).
+
+    Gaussian window of 11×11 cells with σ = 1.5, K₁ = 0.01, K₂ = 0.03, over those pixels for
+    which the window lies inside the picture.
+
+    Parameters
+    ----------
+    picture, truth
+        `(channels, height, width)` alike, at least 11 cells high and wide.
+    peak
+        Largest value that the truth can take.
+    """
+    x, y = picture.double()[:, None], truth.double()[:, None]
+    offsets = torch.arange(_WINDOW, dtype=torch.float64, device=x.device) - _WINDOW // 2
+    weights = torch.exp(-offsets.square() / (2 * _SIGMA**2))
+    weights = weights / weights.sum()
+    window = (weights[:, None] * weights[None, :])[None, None]
+
+    def local_mean(z: Tensor) -> Tensor:
+        return nnf.conv2d(z, window)
+
+    mean_x, mean_y = local_mean(x), local_mean(y)
+    variance_x = local_mean(x * x) - mean_x**2
+    variance_y = local_mean(y * y) - mean_y**2
+    covariance = local_mean(x * y) - mean_x * mean_y
+    c1, c2 = (_K1 * peak) ** 2, (_K2 * peak) ** 2
+    similarity = ((2 * mean_x * mean_y + c1) * (2 * covariance + c2)) / (
+        (mean_x**2 + mean_y**2 + c1) * (variance_x + variance_y + c2)
+    )
+    return float(similarity.mean())

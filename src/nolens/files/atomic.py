@@ -1,0 +1,73 @@
+"""Writing files whole or not at all."""
+
+import os
+import secrets
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from nolens.errors import FileError
+
+
+@contextmanager
+def atomic_write(path: str | Path) -> Iterator[Path]:
+    """Give a temporary path beside `path`; what is written there becomes `path` at the end.
+
+    The temporary name starts with a dot and has the same suffix. Where the block raises, the
+    temporary file is removed and `path` stays as it was.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written: no such folder, no permission, disk full.
+    """
+    path = Path(path)
+    temporary = path.with_name(f".{path.stem}.{secrets.token_hex(4)}{path.suffix}")
+    try:
+        yield temporary
+        with temporary.open("rb") as written:
+            os.fsync(written.fileno())
+        temporary.replace(path)
+    except OSError as error:
+        raise FileError(
+            f"cannot write {path}: {error.strerror or error}. Give a path in a folder that "
+            "exists, can be written to and has space"
+        ) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def check_output(path: str | Path, suffixes: Collection[str]) -> None:
+    """Raise an error for a path that cannot become a file, before any work is done for it.
+
+    Parameters
+    ----------
+    path
+        The file to be written.
+    suffixes
+        The suffixes that can be written, such as ``(".png", ".tif")``.
+
+    Raises
+    ------
+    FileError
+        If the suffix is another one, the path is a folder, or its folder is missing or cannot
+        be written to.
+    """
+    path = Path(path)
+    accepted = ", ".join(suffixes)
+    if path.is_dir():
+        raise FileError(f"{path} is a folder: give the name of a file in it ({accepted})")
+    if path.suffix.lower() not in suffixes:
+        raise FileError(
+            f"cannot write {path}: the suffix {path.suffix or '(none)'} is not known here. "
+            f"Accepted: {accepted}"
+        )
+    folder = path.parent
+    if not folder.exists():
+        raise FileError(f"cannot write {path}: there is no folder {folder}. Make it first")
+    if not folder.is_dir():
+        raise FileError(f"cannot write {path}: {folder} is a file, not a folder")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise FileError(
+            f"cannot write {path}: no permission to write in {folder}. Give another folder"
+        )

@@ -1,0 +1,124 @@
+"""TIFF pictures: counts of 8 and 16 bits, and floats."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from nolens.camera import Frame
+from nolens.errors import FileError
+from nolens.files.arrays import frame_from_array
+from nolens.files.quiet import quiet_logger
+
+_PICTURES = (tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.RGB)
+_RAW = (tifffile.PHOTOMETRIC.CFA, tifffile.PHOTOMETRIC.LINEAR_RAW)
+_ALPHA = (tifffile.EXTRASAMPLE.ASSOCALPHA, tifffile.EXTRASAMPLE.UNASSALPHA)
+_LOSSY = (
+    tifffile.COMPRESSION.OJPEG,
+    tifffile.COMPRESSION.JPEG,
+    tifffile.COMPRESSION.JPEG_LOSSY,
+)
+# Far above what any lossless coding reaches on a picture: more is a damaged header.
+_MOST_COMPRESSED = 10_000
+
+
+def read_tiff(path: Path) -> Frame:
+    """Read one page of grey or colour, in strips or tiles, interleaved or planar.
+
+    Raises
+    ------
+    FileError
+        If the file is damaged or incomplete, has several pages, or holds values or a coding
+        that cannot be read.
+    """
+    try:
+        with quiet_logger("tifffile"), tifffile.TiffFile(path) as tiff:
+            page = _only_page(path, tiff)
+            _check_kind(path, page)
+            _check_complete(path, page)
+            array = _channels_first(page, page.asarray(squeeze=False))
+    except FileError:
+        raise
+    # Damaged tags can raise nearly anything, MemoryError and struct.error included.
+    except Exception as error:
+        raise FileError(
+            f"{path} cannot be read as a TIFF: it is damaged or incomplete ({error}). Copy it "
+            "again from where it was made"
+        ) from error
+    return frame_from_array(array, str(path))
+
+
+def _only_page(path: Path, tiff: tifffile.TiffFile) -> tifffile.TiffPage:
+    # Counting walks the chain of directories, and raises where damage makes it endless;
+    # iterating alone would follow it for ever.
+    every = tiff.pages[: len(tiff.pages)]
+    pages = [p for p in every if isinstance(p, tifffile.TiffPage) and not p.is_reduced]
+    if not pages:
+        raise FileError(f"{path} is a TIFF without a picture in it")
+    count = max(len(pages), pages[0].imagedepth)
+    if count == 1 and tiff.is_imagej:
+        # ImageJ writes a whole stack behind the directory of its first page.
+        count = int((tiff.imagej_metadata or {}).get("images", 1))
+    if count > 1:
+        raise FileError(
+            f"{path} has {count} pages, and which one to take is not said: save the one page (or "
+            "the mean of all) as a file of its own"
+        )
+    return pages[0]
+
+
+def _check_kind(path: Path, page: tifffile.TiffPage) -> None:
+    if page.photometric in _RAW:
+        raise FileError(
+            f"{path} is camera raw in a TIFF (it is a DNG, or made like one): rename it to "
+            f"{path.with_suffix('.dng').name}, so that its mosaic, black and white level are read"
+        )
+    if page.photometric not in _PICTURES:
+        raise FileError(
+            f"{path} is a TIFF of kind {_name(page.photometric)}; accepted are grey (MINISBLACK) "
+            "and RGB"
+        )
+    if page.compression in _LOSSY or page.compression not in tifffile.TIFF.DECOMPRESSORS:
+        raise FileError(
+            f"{path} is compressed with {_name(page.compression)}, which cannot be read here. "
+            "Uncompressed, Deflate and PackBits work: save it again without compression, for "
+            "example by: tiffcp -c none in.tif out.tif"
+        )
+    if page.dtype is None or page.bitspersample != 8 * page.dtype.itemsize:
+        raise FileError(
+            f"{path} stores {page.bitspersample} bits for a value; accepted are 8 or 16-bit "
+            "counts and 16, 32 or 64-bit floats"
+        )
+
+
+def _check_complete(path: Path, page: tifffile.TiffPage) -> None:
+    """Refuse missing data, for which tifffile fills in zeros."""
+    size = path.stat().st_size
+    offsets, lengths = page.dataoffsets, page.databytecounts
+    coded = page.compression != tifffile.COMPRESSION.NONE
+    parts = 1 if page.is_contiguous else math.prod(page.chunked)
+    if (
+        min(len(offsets), len(lengths)) < parts
+        or 0 in lengths[:parts]
+        or any(at + long > size for at, long in zip(offsets, lengths, strict=False))
+        or (not coded and sum(lengths) < page.nbytes)
+        or page.nbytes > _MOST_COMPRESSED * size
+    ):
+        raise FileError(
+            f"{path} is incomplete: parts of the picture that it announces are not in its "
+            f"{size} bytes. Copy it again from where it was made"
+        )
+
+
+def _channels_first(page: tifffile.TiffPage, array: NDArray[np.generic]) -> NDArray[np.generic]:
+    """(channels, height, width) without alpha, of (planes, 1, height, width, samples)."""
+    planes, _, height, width, samples = array.shape
+    channels = np.moveaxis(array[:, 0], -1, 1).reshape(planes * samples, height, width)
+    alphas = sum(extra in _ALPHA for extra in page.extrasamples)
+    return channels[: planes * samples - alphas]
+
+
+def _name(value: int) -> str:
+    return value.name if hasattr(value, "name") else f"number {value}"

@@ -1,0 +1,114 @@
+"""The record of a run: what went in, what it was asked to do, and what came of it."""
+
+import hashlib
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from nolens.errors import FileError
+from nolens.files.atomic import atomic_write
+
+_PACKAGES = ("nolens", "torch", "numpy", "scipy", "numba")
+
+
+class InputFile(BaseModel):
+    """A file that went into a run.
+
+    Attributes
+    ----------
+    path
+        Where it was.
+    sha256
+        Its SHA-256, hexadecimal.
+    size
+        Its length in bytes.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    path: str
+    sha256: str
+    size: int
+
+    @classmethod
+    def of(cls, path: str | Path) -> Self:
+        """Hash a file.
+
+        Raises
+        ------
+        FileError
+            If it cannot be read.
+        """
+        digest = hash_file(path)
+        return cls(path=str(path), sha256=digest, size=Path(path).stat().st_size)
+
+
+class RunRecord(BaseModel):
+    """All that is needed to repeat a run and to judge it; NaN and infinity are null in JSON.
+
+    Attributes
+    ----------
+    schema_version
+        Version of this record's layout.
+    started
+        When the run began, ISO 8601 with its offset from UTC.
+    inputs
+        The files that went in, by role, such as ``"measurement"`` or ``"psf"``.
+    versions
+        Versions of the program, its libraries and the platform, as `versions` gives them.
+    parameters
+        Every parameter of the run.
+    result
+        What came out, such as the reason for stopping, seconds and written files.
+    history
+        One entry for each iteration: objective, residuals, penalties.
+    warnings
+        What a person was told.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    schema_version: int = 1
+    started: str
+    inputs: dict[str, InputFile]
+    versions: dict[str, str] = Field(default_factory=lambda: versions())
+    parameters: dict[str, Any]
+    result: dict[str, Any]
+    history: list[dict[str, float]]
+    warnings: list[str]
+
+
+def versions() -> dict[str, str]:
+    """Versions of nolens, Python and the numeric libraries, and the platform."""
+    found = {package: version(package) for package in _PACKAGES}
+    return {**found, "python": platform.python_version(), "platform": platform.platform()}
+
+
+def hash_file(path: str | Path) -> str:
+    """SHA-256 of a file's bytes, hexadecimal.
+
+    Raises
+    ------
+    FileError
+        If it cannot be read.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise FileError(f"cannot read {path}: {error.strerror or error}") from error
+
+
+def write_record(path: str | Path, record: RunRecord) -> None:
+    """Write a record as JSON.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    with atomic_write(path) as temporary:
+        temporary.write_text(record.model_dump_json(indent=2) + "\n", encoding="utf-8")

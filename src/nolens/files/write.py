@@ -1,0 +1,111 @@
+"""Writing pictures and linear radiance."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+from PIL import Image, PngImagePlugin
+from torch import Tensor
+
+from nolens.camera import exposure_white, srgb_from_linear
+from nolens.errors import DataError
+from nolens.files.atomic import atomic_write
+
+
+def write_png(path: str | Path, radiance: Tensor) -> None:
+    """Write a picture as 8-bit PNG with the sRGB curve.
+
+    White is `exposure_white` of the radiance (its 99.5th percentile); what is brighter clips.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    radiance
+        Linear radiance, (1 or 3, height, width).
+
+    Raises
+    ------
+    DataError
+        If the picture is black everywhere, holds NaN, or does not have one or three channels.
+    FileError
+        If the file cannot be written.
+    """
+    white = exposure_white(radiance)
+    pixels = _pixels(srgb_from_linear(radiance / white) * 255).round().astype(np.uint8)
+    note = PngImagePlugin.PngInfo()
+    note.add_text("Description", f"sRGB; the radiance {white:.9g} (99.5th percentile) is white")
+    with atomic_write(path) as temporary:
+        Image.fromarray(pixels).save(temporary, pnginfo=note)
+
+
+def write_tiff16(path: str | Path, radiance: Tensor) -> None:
+    """Write linear radiance as 16-bit TIFF: ``round(65535 radiance / white)``, clipped.
+
+    White is `exposure_white` of the radiance; it stands in the file's description as JSON, with
+    the radiance of one count.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    radiance
+        Linear radiance, (1 or 3, height, width).
+
+    Raises
+    ------
+    DataError
+        If the picture is black everywhere, holds NaN, or does not have one or three channels.
+    FileError
+        If the file cannot be written.
+    """
+    white = exposure_white(radiance)
+    pixels = _pixels((radiance.double() / white).clamp(0, 1) * 65535).round().astype(np.uint16)
+    _write_tiff(path, pixels, {"linear": True, "white": white, "per_count": white / 65535})
+
+
+def write_tiff32(path: str | Path, radiance: Tensor) -> None:
+    """Write linear radiance as it is, as 32-bit float TIFF.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    radiance
+        Linear radiance, (1 or 3, height, width).
+
+    Raises
+    ------
+    DataError
+        If the picture does not have one or three channels.
+    FileError
+        If the file cannot be written.
+    """
+    _write_tiff(path, _pixels(radiance).astype(np.float32), {"linear": True, "per_count": 1.0})
+
+
+def _pixels(values: Tensor) -> NDArray[np.floating[Any]]:
+    """(height, width) or (height, width, 3), as file formats have it."""
+    if values.ndim != 3 or values.shape[0] not in (1, 3):
+        raise DataError(
+            f"a picture has (channels, height, width) with 1 or 3 channels, not "
+            f"{tuple(values.shape)}"
+        )
+    array = values.detach().cpu().numpy()
+    return array[0] if len(array) == 1 else np.moveaxis(array, 0, -1)
+
+
+def _write_tiff(path: str | Path, pixels: NDArray[Any], note: dict[str, Any]) -> None:
+    kind = "rgb" if pixels.ndim == 3 else "minisblack"
+    with atomic_write(path) as temporary:
+        tifffile.imwrite(
+            temporary,
+            np.ascontiguousarray(pixels),
+            photometric=kind,
+            description=json.dumps(note),
+            metadata=None,
+            software="nolens",
+        )

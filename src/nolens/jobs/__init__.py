@@ -1,0 +1,15 @@
+"""Whole jobs, from files to files: what the command line runs, and programs can call."""
+
+from nolens.jobs.demo import DemoResult, run_demo
+from nolens.jobs.options import Method, ReconstructOptions
+from nolens.jobs.reconstruct import Outcome, Reporter, reconstruct
+
+__all__ = [
+    "DemoResult",
+    "Method",
+    "Outcome",
+    "ReconstructOptions",
+    "Reporter",
+    "reconstruct",
+    "run_demo",
+]

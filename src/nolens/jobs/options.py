@@ -1,0 +1,200 @@
+"""Every option of a reconstruction, as one frozen model: the command line's and the TOML's."""
+
+import difflib
+import re
+import tomllib
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from nolens.errors import FileError, OptionError
+from nolens.operators import Region
+from nolens.solvers import Prior
+
+_WINDOW = re.compile(r"(\d+)x(\d+)(?:([+-]\d+)([+-]\d+))?")
+
+
+class Method(StrEnum):
+    """How the problem is solved."""
+
+    ADMM = "admm"
+    FISTA = "fista"
+    WIENER = "wiener"
+
+
+class ReconstructOptions(BaseModel):
+    """What `nolens reconstruct` can be told; a TOML file holds the same names.
+
+    Attributes
+    ----------
+    measurement, psf
+        Files of the measurement and of the point spread function.
+    output
+        Pictures to write: .png (8-bit sRGB), .tif (linear).
+    tiff_bits
+        16 (scaled so that white is 65535) or 32 (radiance as it is).
+    dark, flat
+        Files of a dark frame (it holds the black level too) and of a flat field.
+    black
+        Black level in counts; "auto" reads it off the PSF's darkest corner. None takes what
+        the files say.
+    white
+        Count from which a pixel is saturated, where the files do not say.
+    mosaic
+        Colour mosaic of a TIFF, PNG or npy that holds raw counts.
+    bgr
+        The files' channels are in the order B, G, R.
+    psf_scale, psf_wider
+        Which of the two a larger PSF file is: finer by this factor, or wider.
+    method
+        Solver.
+    tau
+        Weight of the prior (Wiener: of ‖v‖²/2), in unit norms. None takes the method's own.
+    prior
+        What the scene is assumed to be like.
+    iterations, tolerance
+        Limit, and relative residual at which to stop. None takes the method's own.
+    penalties
+        μ₁, μ₂, μ₃ of ADMM to start with. None leaves them to the program.
+    balance
+        Whether ADMM's penalties are balanced as it runs.
+    relaxation
+        α of ADMM, between 0 and 2.
+    bin
+        Cells of bin × bin pixels.
+    channels
+        all, grey, or letters such as g or rg.
+    region
+        Cells that light can come from: HEIGHTxWIDTH around the middle of the sensor, or
+        HEIGHTxWIDTH+TOP+LEFT in the cells of the sensor's frame.
+    crop
+        Part of the scene that is written, in the same notation, or "all". None takes the
+        region, or without one the sensor's frame.
+    flip
+        Turns the picture over: vertical, horizontal or both.
+    device
+        auto, cpu or cuda.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    measurement: Path
+    psf: Path
+    output: tuple[Path, ...] = Field(min_length=1)
+    tiff_bits: Literal[16, 32] = 16
+    dark: Path | None = None
+    flat: Path | None = None
+    black: float | Literal["auto"] | None = None
+    white: float | None = None
+    mosaic: str | None = None
+    bgr: bool = False
+    psf_scale: int | None = None
+    psf_wider: bool = False
+    method: Method = Method.ADMM
+    tau: float | None = None
+    prior: Prior = Prior.TV
+    iterations: int | None = None
+    tolerance: float | None = None
+    penalties: tuple[float, float, float] | None = None
+    balance: bool = True
+    relaxation: float = 1.8
+    bin: int = 1
+    channels: str = "all"
+    region: str | None = None
+    crop: str | None = None
+    flip: Literal["none", "vertical", "horizontal", "both"] = "none"
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+
+    @classmethod
+    def gather(cls, given: dict[str, Any], config: Path | None) -> "ReconstructOptions":
+        """Options from the command line and, for what it leaves out, from a TOML file.
+
+        Parameters
+        ----------
+        given
+            Options that were given, by name.
+        config
+            TOML file with any of the same names; relative paths in it start from its folder.
+
+        Raises
+        ------
+        FileError
+            If the TOML file cannot be read.
+        OptionError
+            If a name is unknown (with the nearest known one) or a value cannot be used.
+        """
+        values = {**(_read_config(config) if config else {}), **given}
+        for name in values:
+            if name not in cls.model_fields:
+                raise OptionError(
+                    f"{config} has the key {name!r}, which is no option{_nearest(name, cls)}"
+                )
+        for name, what in (
+            ("measurement", "the measurement (nolens reconstruct RAW --psf PSF -o out.png)"),
+            ("psf", "the point spread function (--psf FILE)"),
+            ("output", "the picture to write (-o out.png)"),
+        ):
+            if not values.get(name):
+                raise OptionError(f"no {name} is given; name {what}")
+        try:
+            return cls.model_validate(values)
+        except ValidationError as error:
+            raise OptionError(_explain(error)) from None
+
+
+def parse_window(text: str, sensor: tuple[int, int], option: str) -> Region:
+    """Read HEIGHTxWIDTH or HEIGHTxWIDTH+TOP+LEFT.
+
+    Raises
+    ------
+    OptionError
+        If the text is neither, or a size is zero.
+    """
+    match = _WINDOW.fullmatch(text.strip())
+    if match is None or 0 in (int(match[1]), int(match[2])):
+        raise OptionError(
+            f"{option} {text!r} is no part of the scene; give HEIGHTxWIDTH in cells, such as "
+            "400x400, or HEIGHTxWIDTH+TOP+LEFT, such as 270x410+0+60"
+        )
+    height, width = int(match[1]), int(match[2])
+    if match[3] is None:
+        return Region.centred(height, width, sensor)
+    return Region(int(match[3]), int(match[4]), height, width)
+
+
+def _read_config(path: Path) -> dict[str, Any]:
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise FileError(f"cannot read {path}: {error.strerror or error}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise FileError(f"{path} is no TOML file: {error}") from error
+    values = {name.replace("-", "_"): value for name, value in values.items()}
+    for name in ("measurement", "psf", "dark", "flat"):
+        if isinstance(values.get(name), str):
+            values[name] = path.parent / values[name]
+    if "output" in values:
+        output = values["output"]
+        names = [output] if isinstance(output, str) else output
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise OptionError(f"output in {path} is {output!r}; give a file name or a list of them")
+        values["output"] = tuple(path.parent / name for name in names)
+    return values
+
+
+def _nearest(name: str, model: type[BaseModel]) -> str:
+    near = difflib.get_close_matches(name, model.model_fields, n=1)
+    return (
+        f". Did you mean {near[0]!r}?" if near else f"; known are {', '.join(model.model_fields)}"
+    )
+
+
+def _explain(error: ValidationError) -> str:
+    parts = []
+    for each in error.errors(include_url=False):
+        name = str(each["loc"][0]) if each["loc"] else "options"
+        message = each["msg"][0].lower() + each["msg"][1:]
+        parts.append(f"{name} is {each['input']!r}: {message}")
+    return "; ".join(dict.fromkeys(parts))

@@ -1,0 +1,20 @@
+"""The hot loops: transforms and the fused passes of ADMM, one name each.
+
+Behind every name stands one implementation for the CPU (scipy or ducc0, numba) and one for
+CUDA (torch); callers hand over tensors and never choose.
+"""
+
+from nolens.kernels.admm import PassSums, SplitState, solve_normal_equation_, update_splits_
+from nolens.kernels.fft import fast_length, fft2_, ifft2_, irfft2, rfft2
+
+__all__ = [
+    "PassSums",
+    "SplitState",
+    "fast_length",
+    "fft2_",
+    "ifft2_",
+    "irfft2",
+    "rfft2",
+    "solve_normal_equation_",
+    "update_splits_",
+]

@@ -1,0 +1,173 @@
+"""The reconstruction problem of eq. 7, posed so that no constant factor matters."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import torch
+from torch import Tensor
+
+from nolens.errors import DataError, OptionError
+from nolens.operators import CroppedConvolution, FiniteDifference, Region
+
+
+class Prior(StrEnum):
+    """Regularising term R(v) of the objective."""
+
+    TV = "tv"
+    """Anisotropic total variation ‖Ψv‖₁, as in the paper."""
+    ISOTROPIC_TV = "isotropic-tv"
+    """Isotropic total variation Σ‖(Ψv)[i]‖₂."""
+    L1 = "l1"
+    """‖v‖₁, for scenes of few bright points."""
+    NONE = "none"
+    """Non-negativity alone."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    r"""Minimise ½‖b − CMv‖² + τ R(v) over v ≥ 0, v = 0 outside the region (`lee2023`, eq. 7).
+
+    Every channel is one such problem in **unit norms**: its PSF (as far as it can reach the
+    sensor) and its valid data are divided by their ℓ2 norms. So τ means the same for every
+    camera and exposure, and the solution follows a change of either scale exactly. `unscale`
+    takes a scene in unit norms back to measurement over PSF.
+
+    Make one with `Problem.pose`.
+    """
+
+    forward: CroppedConvolution
+    data: Tensor
+    """(channels, height, width) of the sensor, unit norm, zero where not valid."""
+    valid: Tensor
+    """bool, like `data`: pixels that take part in the fit."""
+    tau: float
+    prior: Prior
+    scale: Tensor
+    """Measurement's norm over PSF's norm, for each channel."""
+
+    @classmethod
+    def pose(
+        cls,
+        psf: Tensor,
+        data: Tensor,
+        *,
+        valid: Tensor | None = None,
+        region: Region | None = None,
+        tau: float = 1e-4,
+        prior: Prior = Prior.TV,
+    ) -> "Problem":
+        """Normalise PSF and measurement and lay out the transforms.
+
+        Parameters
+        ----------
+        psf
+            `(channels, height, width)` or `(1, height, width)`, of the sensor's size or wider,
+            background removed.
+        data
+            `(channels, height, width)`, linear, background removed.
+        valid
+            False where a pixel is to be left out of the fit (saturated).
+        region
+            Cells of the sensor's frame that light can come from; None for no limit.
+        tau
+            Weight of the prior in unit norms, ≥ 0.
+        prior
+            What the scene is assumed to be like.
+
+        Raises
+        ------
+        DataError
+            If shapes do not fit, or PSF or data hold NaN or nothing but zeros.
+        OptionError
+            If `tau` is negative, or no light from the region reaches the sensor.
+        """
+        if not tau >= 0:
+            raise OptionError(f"tau is {tau:g}; it weighs the prior and must be 0 or more")
+        _check_shapes(psf, data, valid)
+        sensor = (data.shape[-2], data.shape[-1])
+        if valid is None:
+            valid = torch.ones_like(data, dtype=torch.bool)
+        forward = CroppedConvolution(psf, sensor, region)
+        top, left, height, width = forward.geometry.psf
+        psf_norm = _norm(psf[:, top : top + height, left : left + width], "the PSF")
+        data = torch.where(valid, data, 0)
+        data_norm = _norm(data, "the measurement (without saturated pixels)")
+        forward.transfer /= psf_norm.to(forward.transfer.dtype)
+        return cls(
+            forward=forward,
+            data=data / data_norm,
+            valid=valid,
+            tau=float(tau),
+            prior=prior,
+            scale=data_norm / psf_norm,
+        )
+
+    @property
+    def channels(self) -> int:
+        """Number of channels of the measurement."""
+        return self.data.shape[0]
+
+    def transfer(self, channel: int) -> Tensor:
+        """Half spectrum of a channel's PSF; a single PSF serves all channels."""
+        return self.forward.transfer[channel % self.forward.channels]
+
+    def objective(self, scene: Tensor) -> float:
+        """Value of the objective, mean over channels, of a scene in unit norms.
+
+        Parameters
+        ----------
+        scene
+            `(channels, height, width)` of the scene's cells; it is the caller's to make it
+            non-negative.
+        """
+        misfit = torch.where(self.valid, self.data - self.forward(scene), 0)
+        value = 0.5 * misfit.double().square().sum() + self.tau * self.regulariser(scene)
+        return float(value) / self.channels
+
+    def regulariser(self, scene: Tensor) -> Tensor:
+        """R(v) of the whole period, so with the step to zero at a region's edge; float64."""
+        if self.prior is Prior.NONE:
+            return scene.new_zeros((), dtype=torch.float64)
+        if self.prior is Prior.L1:
+            return scene.double().abs().sum()
+        period = self.forward.embed(scene)
+        difference = FiniteDifference(self.forward.geometry.period)(period)
+        if self.prior is Prior.ISOTROPIC_TV:
+            difference = torch.linalg.vector_norm(difference, dim=-3)
+        return difference.double().abs().sum()
+
+    def unscale(self, scene: Tensor) -> Tensor:
+        """Scene in units of measurement over PSF, from one in unit norms."""
+        return scene * self.scale
+
+
+def _check_shapes(psf: Tensor, data: Tensor, valid: Tensor | None) -> None:
+    for name, tensor in (("PSF", psf), ("measurement", data)):
+        if tensor.ndim != 3:
+            raise DataError(
+                f"the {name} must be (channels, height, width), and is {tuple(tensor.shape)}"
+            )
+        if not bool(torch.isfinite(tensor).all()):
+            raise DataError(f"the {name} holds NaN or infinity; give finite values")
+    if psf.shape[0] not in (1, data.shape[0]):
+        raise DataError(
+            f"the PSF has {psf.shape[0]} channels and the measurement {data.shape[0]}; "
+            "give one PSF for all channels or one for each"
+        )
+    if psf.shape[1] < data.shape[1] or psf.shape[2] < data.shape[2]:
+        raise DataError(
+            f"the PSF has {psf.shape[1]}×{psf.shape[2]} cells (height × width) and the "
+            f"measurement {data.shape[1]}×{data.shape[2]}; the PSF must be as large or larger"
+        )
+    if valid is not None and valid.shape != data.shape:
+        raise DataError(
+            f"the mask of valid pixels is {tuple(valid.shape)}, the measurement "
+            f"{tuple(data.shape)}; they must be alike"
+        )
+
+
+def _norm(tensor: Tensor, what: str) -> Tensor:
+    norm: Tensor = torch.linalg.vector_norm(tensor.double(), dim=(-2, -1), keepdim=True)
+    if not bool((norm > 0).all()):
+        raise DataError(f"{what} is zero everywhere in at least one channel; nothing to solve")
+    return norm.to(tensor.dtype)

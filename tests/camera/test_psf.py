@@ -1,0 +1,168 @@
+"""PSFs that fit and PSFs that are refused."""
+
+import re
+from pathlib import Path
+
+import pytest
+import torch
+
+from nolens.camera import Measurement, develop, prepare_psf
+from nolens.errors import DataError, OptionError
+from nolens.files import read_frame
+
+DATA = Path(__file__).parents[2].parent / "shared" / "data"
+needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"the real data are not in {DATA}")
+
+
+def measurement(values, channels=("grey",), mosaic=None, source="raw.dng", valid=None):
+    valid = torch.ones_like(values, dtype=torch.bool) if valid is None else valid
+    return Measurement(values, valid, channels, mosaic, source)
+
+
+def spot(height, width, planes=1, **about):
+    """A Gaussian spot over slightly negative noise."""
+    y, x = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
+    spot = 100 * torch.exp(-((y - height // 2) ** 2 + (x - width // 2) ** 2) / 8.0)
+    noise = torch.randn(planes, height, width, generator=torch.manual_seed(1)) * 0.1
+    return measurement(spot + noise, source="psf.tif", **about)
+
+
+def scene(height, width, planes=1, **about):
+    return measurement(torch.rand(planes, height, width), **about)
+
+
+RGB = {"channels": ("R", "G", "B")}
+
+
+def test_same_size_is_kept_and_clipped():
+    psf = spot(24, 30)
+    result = prepare_psf(psf, scene(24, 30))
+    assert torch.equal(result.values, psf.values.clamp_min(0))
+    assert (psf.values < 0).any()
+    assert result.warnings == ()
+
+
+def test_grey_serves_colour_and_colour_serves_its_own():
+    assert prepare_psf(spot(24, 30), scene(24, 30, 3, **RGB)).values.shape == (1, 24, 30)
+    assert prepare_psf(spot(24, 30, 3, **RGB), scene(24, 30, 3, **RGB)).values.shape[0] == 3
+
+
+def test_finer_psf_is_binned():
+    psf = spot(48, 60)
+    result = prepare_psf(psf, scene(24, 30), scale=2)
+    blocks = psf.values.reshape(1, 24, 2, 30, 2).mean(dim=(2, 4))
+    torch.testing.assert_close(result.values, blocks.clamp_min(0))
+    assert prepare_psf(spot(49, 61), scene(24, 30), scale=2).values.shape == (1, 24, 30)
+
+
+@pytest.mark.parametrize("size", [(48, 60), (31, 40), (24, 31)])
+def test_wider_psf_is_kept(size):
+    assert prepare_psf(spot(*size), scene(24, 30), wider=True).values.shape == (1, *size)
+
+
+@pytest.mark.parametrize(
+    ("size", "options", "error", "words"),
+    [
+        ((48, 60), {}, DataError, ("48×60", "24×30", "--psf-scale 2", "--psf-wider")),
+        ((50, 60), {}, DataError, ("no N fits", "--psf-wider")),
+        ((48, 60), {"scale": 3}, DataError, ("16×20", "--psf-scale 2 would fit", "--psf-wider")),
+        ((50, 60), {"scale": 2}, DataError, ("25×30", "no scale would fit")),
+        ((24, 30), {"scale": 2}, DataError, ("12×15", "leave it out")),
+        ((24, 30), {"wider": True}, DataError, ("not wider", "Leave out --psf-wider")),
+        ((20, 60), {"wider": True}, DataError, ("20×60", "24×30", "at least as large")),
+        ((48, 60), {"scale": 2, "wider": True}, OptionError, ("one of them",)),
+        ((48, 60), {"scale": 0}, OptionError, ("from 1 on",)),
+    ],
+)
+def test_sizes_that_do_not_fit(size, options, error, words):
+    with pytest.raises(error) as raised:
+        prepare_psf(spot(*size), scene(24, 30), **options)
+    for word in words:
+        assert word in str(raised.value)
+
+
+def test_colours_that_do_not_fit():
+    with pytest.raises(DataError, match=r"R, G, B.*grey.*--channels grey"):
+        prepare_psf(spot(24, 30, 3, **RGB), scene(24, 30))
+    with pytest.raises(DataError, match=r"R, G, B.*has G: .*--channels"):
+        prepare_psf(spot(24, 30, 3, **RGB), scene(24, 30, channels=("G",)))
+    with pytest.raises(DataError, match=r"RGGB, but the measurement raw.dng has BGGR"):
+        prepare_psf(spot(24, 30, 3, mosaic="RGGB", **RGB), scene(24, 30, 3, mosaic="BGGR", **RGB))
+
+
+def noise(seed, shape=(1, 300, 400)):
+    return torch.randn(shape, generator=torch.manual_seed(seed))
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(
+    "make",
+    [
+        noise,
+        lambda seed: (noise(seed) * 3 + 100).round(),
+        lambda seed: (noise(seed) * 0.3).round(),
+        lambda seed: torch.rand(1, 300, 400, generator=torch.manual_seed(seed)),
+        lambda seed: -noise(seed).abs(),
+        lambda seed: torch.poisson(torch.full((1, 300, 400), 20.0), torch.manual_seed(seed)),
+        lambda seed: noise(seed, (3, 300, 400)),
+    ],
+)
+def test_noise_is_no_psf(make, seed):
+    values = make(seed)
+    names = ("grey",) if len(values) == 1 else ("R", "G", "B")
+    with pytest.raises(DataError, match="nothing above its background"):
+        prepare_psf(measurement(values, names), measurement(values, names))
+
+
+@pytest.mark.parametrize("value", [0.0, 5.0, -5.0])
+def test_a_constant_is_no_psf(value):
+    values = torch.full((1, 40, 50), value)
+    with pytest.raises(DataError, match="nothing above its background"):
+        prepare_psf(measurement(values), measurement(values))
+
+
+@pytest.mark.parametrize("kind", ["delta", "coded mask", "speckle", "dim spot"])
+def test_unusual_psfs_are_accepted(kind):
+    values = noise(0, (1, 64, 80)) * 0.01
+    if kind == "delta":
+        values = torch.zeros(1, 64, 80)
+        values[0, 32, 40] = 1
+    elif kind == "coded mask":
+        values += (
+            (noise(1, (1, 16, 20)) > 0).float().repeat_interleave(4, 1).repeat_interleave(4, 2)
+        )
+    elif kind == "speckle":
+        values += torch.nn.functional.avg_pool2d(noise(1, (1, 66, 82)), 3, 1).square()
+    else:
+        values[0, 30:33, 30:33] += 0.1
+    assert prepare_psf(measurement(values), measurement(values)).values.max() > 0
+
+
+def test_saturated_psf_is_doubted():
+    psf = spot(40, 50)
+    valid = torch.ones(1, 40, 50, dtype=torch.bool)
+    valid[0, 20, 25] = False
+    few = Measurement(psf.values, valid, psf.channels, None, "psf.tif")
+    assert prepare_psf(few, scene(40, 50)).warnings == ()
+    valid[0, 20, 24:28] = False
+    (warning,) = prepare_psf(few, scene(40, 50)).warnings
+    assert re.search(r"0\.2 % of the PSF psf\.tif is saturated", warning)
+
+
+def test_black_level_that_was_not_subtracted_is_doubted():
+    psf = spot(60, 80)
+    lifted = measurement(psf.values + 2)
+    (warning,) = prepare_psf(lifted, scene(60, 80)).warnings
+    assert "--black auto" in warning
+
+
+@needs_data
+def test_real_psfs_are_accepted():
+    hand = develop(read_frame(DATA / "diffusercam-hand" / "psf_sample.tif"))
+    assert prepare_psf(hand, hand).warnings == ()
+    pairs = DATA / "diffusercam-pairs"
+    wide = develop(read_frame(pairs / "psf_estimate.npy"))
+    colour = develop(read_frame(pairs / "diffuser" / "im43.npy", bgr=True))
+    assert prepare_psf(wide, colour, wider=True).values.shape == (1, 540, 960)
+    with pytest.raises(DataError, match=r"--psf-scale 2\).*--psf-wider"):
+        prepare_psf(wide, colour)
