@@ -13,9 +13,18 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from nolens.kernels.fft import threads_for
+from nolens.kernels.rows_numba import (
+    FASTMATH,
+    row_difference,
+    row_gradient,
+    row_outside,
+    row_scene,
+    row_sensor,
+)
+
 _BLOCKS = 32
 _SUMS = 21
-_FASTMATH = {"reassoc", "contract", "nsz"}
 
 Triple = tuple[float, float, float]
 
@@ -23,7 +32,7 @@ Triple = tuple[float, float, float]
 def solve_normal_equation_(spectrum: Tensor, transfer: Tensor, penalties: Triple) -> Tensor:
     """See `nolens.kernels.admm.solve_normal_equation_`."""
     height, width = spectrum.shape
-    _use_torch_threads()
+    _use_threads(spectrum.numel())
     _solve(
         spectrum.numpy(),
         transfer.numpy(),
@@ -52,26 +61,21 @@ def update_splits_(
     constants = np.array([*penalties, *following, *rescale, relaxation, tv, l1], dtype=np.float32)
     blocks = min(_BLOCKS, pair.shape[0])
     sums = np.zeros((blocks, _SUMS))
-    _use_torch_threads()
+    _use_threads(pair.numel())
     _update(
-        pair.numpy(),
-        measurement[0].numpy(),
-        measurement[1].numpy(),
-        arrays[0].numpy(),
-        arrays[1].numpy(),
-        arrays[2].numpy(),
-        arrays[3].numpy(),
+        torch.view_as_real(pair).flatten(1).numpy(),
+        tuple(each.numpy() for each in measurement),
+        tuple(each.numpy() for each in arrays),
         np.array(windows, dtype=np.int64),
         constants,
-        tv > 0,
-        isotropic,
+        (tv > 0, isotropic),
         sums,
     )
     return pair, [float(value) for value in sums.sum(axis=0)]
 
 
-def _use_torch_threads() -> None:
-    numba.set_num_threads(min(torch.get_num_threads(), numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
+def _use_threads(cells: int) -> None:
+    numba.set_num_threads(min(threads_for(cells), numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
 
 
 def _laplacian(length: int) -> np.ndarray[Any, np.dtype[np.float32]]:
@@ -79,7 +83,7 @@ def _laplacian(length: int) -> np.ndarray[Any, np.dtype[np.float32]]:
     return (4 * np.sin(np.pi * np.arange(length) / length) ** 2).astype(np.float32)
 
 
-@numba.njit(parallel=True, cache=True, nogil=True, fastmath=_FASTMATH)
+@numba.njit(parallel=True, cache=True, nogil=True, fastmath=FASTMATH)
 def _solve(z, transfer, lap_rows, lap_columns, mu_x, mu_u, mu_w):  # type: ignore[no-untyped-def]
     height, width = z.shape
     half = np.float32(0.5)
@@ -108,240 +112,133 @@ def _solve(z, transfer, lap_rows, lap_columns, mu_x, mu_u, mu_w):  # type: ignor
             z[mirror, opposite] = complex(v_re + m_im, m_re - v_im)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FASTMATH)
-def _row_outside(z, a, alpha, start, stop):  # type: ignore[no-untyped-def]
-    """Cells beside the sensor: nothing was measured there, so x = a and q = a."""
-    primal = np.float32(0)
-    field = np.float32(0)
-    split = np.float32(0)
-    change = np.float32(0)
-    for j in range(start, stop):
-        mv = z[j].imag
-        old = a[j]
-        step = alpha * (mv - old)
-        new = old + step
-        a[j] = new
-        primal += (mv - new) * (mv - new)
-        field += mv * mv
-        split += new * new
-        change += step * step
-    none = np.float32(0)
-    return primal, field, split, change, none, none
-
-
-@numba.njit(cache=True, nogil=True, fastmath=_FASTMATH)
-def _row_sensor(z, a, b, valid, q, k, start, stop):  # type: ignore[no-untyped-def]
-    """Cells on the sensor: x = (b + μa)/(1 + μ) where the pixel is valid, else x = a."""
-    mu, rescale, alpha = k[0], k[6], k[9]
-    primal = np.float32(0)
-    field = np.float32(0)
-    split = np.float32(0)
-    change = np.float32(0)
-    multiplier = np.float32(0)
-    turned = np.float32(0)
-    misfit = np.float32(0)
-    for j in range(start, stop):
-        c = np.float32(valid[j - start])
-        cb = c * b[j - start]
-        mv = z[j].imag
-        old = a[j]
-        x_old = (cb + mu * old) / (c + mu)
-        new = old + alpha * (mv - x_old)
-        x = (cb + mu * new) / (c + mu)
-        d = new - x
-        d_change = d - (old - x_old)
-        # The multiplier μd is kept while the penalty changes.
-        stored = x + rescale * d
-        a[j] = stored
-        q[j] = np.float32(2) * x - stored
-        miss = c * mv - cb
-        primal += (mv - x) * (mv - x)
-        field += mv * mv
-        split += x * x
-        change += (x - x_old) * (x - x_old)
-        multiplier += d * d
-        turned += d_change * d_change
-        misfit += miss * miss
-    return primal, field, split, change, multiplier, turned, misfit
-
-
-@numba.njit(cache=True, nogil=True, fastmath=_FASTMATH)
-def _row_scene(z, a, r, k, start, stop, inside):  # type: ignore[no-untyped-def]
-    """Split w = v: x = max(a - λ/μ, 0) inside the region, 0 outside."""
-    mu, later, rescale, alpha, l1 = k[2], k[5], k[8], k[9], k[11]
-    shift = l1 / mu
-    keep = np.float32(1) if inside else np.float32(0)
-    primal = np.float32(0)
-    field = np.float32(0)
-    split = np.float32(0)
-    change = np.float32(0)
-    multiplier = np.float32(0)
-    turned = np.float32(0)
-    magnitude = np.float32(0)
-    zero = np.float32(0)
-    for j in range(start, stop):
-        v = z[j].real
-        old = a[j]
-        x_old = keep * max(old - shift, zero)
-        new = old + alpha * (v - x_old)
-        x = keep * max(new - shift, zero)
-        d = new - x
-        d_change = d - (old - x_old)
-        stored = x + rescale * d
-        a[j] = stored
-        r[j] = later * (np.float32(2) * x - stored)
-        primal += (v - x) * (v - x)
-        field += v * v
-        split += x * x
-        change += (x - x_old) * (x - x_old)
-        multiplier += d * d
-        turned += d_change * d_change
-        magnitude += abs(v)
-    return primal, field, split, change, multiplier, turned, magnitude
-
-
-@numba.njit(cache=True, nogil=True, fastmath=_FASTMATH)
-def _shrink(a, threshold):  # type: ignore[no-untyped-def]
-    zero = np.float32(0)
-    return max(a - threshold, zero) - max(-a - threshold, zero)
-
-
-@numba.njit(cache=True, nogil=True, fastmath=_FASTMATH)
-def _shrink_pair(a, b, threshold):  # type: ignore[no-untyped-def]
-    size = np.sqrt(a * a + b * b)
-    scale = max(size - threshold, np.float32(0)) / max(size, np.float32(1e-30))
-    return scale * a, scale * b
-
-
-@numba.njit(cache=True, nogil=True, fastmath=_FASTMATH)
-def _row_gradient(v, below, ay, ax, qy, qx, k, isotropic):  # type: ignore[no-untyped-def]
-    """Split u = Ψv: shrinkage by τ/μ of each difference, or of their Euclidean length."""
-    mu, later, rescale, alpha, tv = k[1], k[4], k[7], k[9], k[10]
-    width = ay.size
-    threshold = tv / mu
-    two = np.float32(2)
-    primal = np.float32(0)
-    field = np.float32(0)
-    split = np.float32(0)
-    change = np.float32(0)
-    multiplier = np.float32(0)
-    turned = np.float32(0)
-    variation = np.float32(0)
-    for j in range(width):
-        following = j + 1 if j + 1 < width else 0
-        here = v[j].real
-        gy = below[j] - here
-        gx = v[following].real - here
-        old_y = ay[j]
-        old_x = ax[j]
-        if isotropic:
-            uy_old, ux_old = _shrink_pair(old_y, old_x, threshold)
-        else:
-            uy_old, ux_old = _shrink(old_y, threshold), _shrink(old_x, threshold)
-        new_y = old_y + alpha * (gy - uy_old)
-        new_x = old_x + alpha * (gx - ux_old)
-        if isotropic:
-            uy, ux = _shrink_pair(new_y, new_x, threshold)
-            variation += np.sqrt(gy * gy + gx * gx)
-        else:
-            uy, ux = _shrink(new_y, threshold), _shrink(new_x, threshold)
-            variation += abs(gy) + abs(gx)
-        dy = new_y - uy
-        dx = new_x - ux
-        dy_change = dy - (old_y - uy_old)
-        dx_change = dx - (old_x - ux_old)
-        stored_y = uy + rescale * dy
-        stored_x = ux + rescale * dx
-        ay[j] = stored_y
-        ax[j] = stored_x
-        qy[j] = later * (two * uy - stored_y)
-        qx[j] = later * (two * ux - stored_x)
-        primal += (gy - uy) * (gy - uy) + (gx - ux) * (gx - ux)
-        field += gy * gy + gx * gx
-        split += uy * uy + ux * ux
-        change += (uy - uy_old) * (uy - uy_old) + (ux - ux_old) * (ux - ux_old)
-        multiplier += dy * dy + dx * dx
-        turned += dy_change * dy_change + dx_change * dx_change
-    return primal, field, split, change, multiplier, turned, variation
-
-
-@numba.njit(cache=True, nogil=True, fastmath=_FASTMATH)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
 def _add(sums, which, values):  # type: ignore[no-untyped-def]
     for k in range(6):
         sums[3 * k + which] += values[k]
 
 
-@numba.njit(parallel=True, cache=True, nogil=True, fastmath=_FASTMATH)
-def _update(z, b, valid, a_x, a_y, a_h, a_w, windows, k, tv, isotropic, sums):  # type: ignore[no-untyped-def]
-    height, width = z.shape
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+def _add_variation(sums, values):  # type: ignore[no-untyped-def]
+    _add(sums, 1, values)
+    sums[19] += values[6]
+
+
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+def _split_row(row, v, image):  # type: ignore[no-untyped-def]
+    """Real and imaginary part of a row; v goes on periodically by one cell."""
+    width = image.size
+    for j in range(width):
+        v[j] = row[2 * j]
+        image[j] = row[2 * j + 1]
+    v[width] = v[0]
+
+
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+def _divergence_row(r, above, qy, qx):  # type: ignore[no-untyped-def]
+    """Add Ψᵀq: what flows in from the left and from above, less what leaves."""
+    width = qx.size
+    r[0] += qx[width - 1] - qx[0] + above[0] - qy[0]
+    for j in range(1, width):
+        r[j] += qx[j - 1] - qx[j] + above[j] - qy[j]
+
+
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+def _sweep_measured(image, a, b, valid, q, k, span, sums):  # type: ignore[no-untyped-def]
+    """Split x = Mv of a row; `span` is where the sensor begins and ends in it."""
+    width = image.size
+    start, stop = span
+    _add(sums, 0, row_outside(image, a, k[9], 0, start))
+    q[:start] = a[:start]
+    if stop > start:
+        values = row_sensor(image, a, b, valid, q, k, start, stop)
+        _add(sums, 0, values)
+        sums[18] += values[6]
+    _add(sums, 0, row_outside(image, a, k[9], stop, width))
+    q[stop:] = a[stop:]
+
+
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+def _sweep_scene(v, a, r, k, span, sums):  # type: ignore[no-untyped-def]
+    """Split w = v of a row; `span` is where the region begins and ends in it."""
+    width = r.size
+    start, stop = span
+    for part in range(3):
+        begin = (0, start, stop)[part]
+        end = (start, stop, width)[part]
+        values = row_scene(v, a, r, k, begin, end, part == 1)
+        _add(sums, 2, values)
+        sums[20] += values[6]
+
+
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+def _span(i, window):  # type: ignore[no-untyped-def]
+    """Columns of a window in row i; none in rows beside it."""
+    top, left, rows, columns = window
+    if top <= i < top + rows:
+        return left, left + columns
+    return 0, 0
+
+
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+def _sweep_block(z, following, measurement, arrays, windows, k, kind, rows, sums):  # type: ignore[no-untyped-def]
+    """Rows first … stop − 1; `following` is v of row `stop`. Returns q_y of the last row."""
+    b, valid = measurement
+    a_x, a_y, a_h, a_w = arrays
+    tv, isotropic = kind
+    first, stop = rows
+    width = z.shape[1] // 2
+    v = np.empty(width + 1, np.float32)
+    below = np.empty(width + 1, np.float32)
+    image = np.empty(width, np.float32)
+    image_below = np.empty(width, np.float32)
+    q = np.empty(width, np.float32)
+    r = np.empty(width, np.float32)
+    above = np.zeros(width, np.float32)
+    qy = np.zeros(width, np.float32)
+    qx = np.zeros(width, np.float32)
+    _split_row(z[first], below, image_below)
+    for i in range(first, stop):
+        v, below = below, v
+        image, image_below = image_below, image
+        if i + 1 < stop:
+            _split_row(z[i + 1], below, image_below)
+        else:
+            below[:width] = following
+        line = max(0, min(i - windows[0, 0], b.shape[0] - 1))
+        on_sensor = _span(i, windows[0])
+        _sweep_measured(image, a_x[i], b[line], valid[line], q, k, on_sensor, sums)
+        _sweep_scene(v, a_w[i], r, k, _span(i, windows[1]), sums)
+        if tv:
+            if isotropic:
+                _add_variation(sums, row_gradient(v, below, a_y[i], a_h[i], qy, qx, k))
+            else:
+                _add_variation(sums, row_difference(v, below, a_y[i], qy, k))
+                _add_variation(sums, row_difference(v, v[1:], a_h[i], qx, k))
+            _divergence_row(r, above, qy, qx)
+            above, qy = qy, above
+        row = z[i]
+        for j in range(width):
+            row[2 * j] = q[j]
+            row[2 * j + 1] = r[j]
+    return above
+
+
+@numba.njit(parallel=True, cache=True, nogil=True, fastmath=FASTMATH)
+def _update(z, measurement, arrays, windows, k, kind, sums):  # type: ignore[no-untyped-def]
+    height, width = z.shape[0], z.shape[1] // 2
     blocks = sums.shape[0]
-    top, left, rows, columns = windows[0]
-    r_top, r_left, r_rows, r_columns = windows[1]
-    alpha = k[9]
     heads = np.empty((blocks, width), np.float32)
     last = np.empty((blocks, width), np.float32)
     for block in numba.prange(blocks):
-        heads[block] = z[block * height // blocks].real
+        heads[block] = z[block * height // blocks, ::2]
     for block in numba.prange(blocks):
-        first = block * height // blocks
-        stop = (block + 1) * height // blocks
-        q = np.empty(width, np.float32)
-        r = np.empty(width, np.float32)
-        above = np.zeros(width, np.float32)
-        qy = np.zeros(width, np.float32)
-        qx = np.zeros(width, np.float32)
-        below = np.empty(width, np.float32)
-        mine = sums[block]
-        for i in range(first, stop):
-            row = z[i]
-            if tv:
-                if i + 1 < stop:
-                    below[:] = z[i + 1].real
-                else:
-                    below[:] = heads[(block + 1) % blocks]
-                values = _row_gradient(row, below, a_y[i], a_h[i], qy, qx, k, isotropic)
-                _add(mine, 1, values)
-                mine[19] += values[6]
-            if top <= i < top + rows:
-                right = left + columns
-                for edge in range(2):
-                    begin = 0 if edge == 0 else right
-                    end = left if edge == 0 else width
-                    beside = _row_outside(row, a_x[i], alpha, begin, end)
-                    _add(mine, 0, beside)
-                    q[begin:end] = a_x[i, begin:end]
-                on = _row_sensor(row, a_x[i], b[i - top], valid[i - top], q, k, left, right)
-                _add(mine, 0, on)
-                mine[18] += on[6]
-            else:
-                beside = _row_outside(row, a_x[i], alpha, 0, width)
-                _add(mine, 0, beside)
-                q[:] = a_x[i]
-            if r_top <= i < r_top + r_rows:
-                right = r_left + r_columns
-                dark = _row_scene(row, a_w[i], r, k, 0, r_left, False)
-                _add(mine, 2, dark)
-                mine[20] += dark[6]
-                lit = _row_scene(row, a_w[i], r, k, r_left, right, True)
-                _add(mine, 2, lit)
-                mine[20] += lit[6]
-                dark = _row_scene(row, a_w[i], r, k, right, width, False)
-            else:
-                dark = _row_scene(row, a_w[i], r, k, 0, width, False)
-            _add(mine, 2, dark)
-            mine[20] += dark[6]
-            if tv:
-                # Ψᵀ: what flows in from the left and from above, less what leaves.
-                r[0] += qx[width - 1] - qx[0] + above[0] - qy[0]
-                for j in range(1, width):
-                    r[j] += qx[j - 1] - qx[j] + above[j] - qy[j]
-                above[:] = qy
-            for j in range(width):
-                row[j] = complex(q[j], r[j])
-        last[block] = above
-    if tv:
+        rows = (block * height // blocks, (block + 1) * height // blocks)
+        following = heads[(block + 1) % blocks]
+        last[block] = _sweep_block(
+            z, following, measurement, arrays, windows, k, kind, rows, sums[block]
+        )
+    if kind[0]:
         # The first row of every block still lacks what flows in from the block above it.
         for block in range(blocks):
-            head = z[block * height // blocks]
-            for j in range(width):
-                head[j] = complex(head[j].real, head[j].imag + last[block - 1, j])
+            z[block * height // blocks, 1::2] += last[block - 1]

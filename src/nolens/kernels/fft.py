@@ -22,6 +22,12 @@ def _ducc() -> Any | None:
 
 _DUCC = _ducc()
 _AXES = (-2, -1)
+_CELLS_PER_THREAD = 32768
+
+
+def threads_for(cells: int) -> int:
+    """Threads that are worth their start for a field of so many cells, up to torch's number."""
+    return min(torch.get_num_threads(), 1 + cells // _CELLS_PER_THREAD)
 
 
 def fast_length(at_least: int) -> int:
@@ -61,8 +67,8 @@ def rfft2(field: Tensor) -> Tensor:
         return spectrum
     array = field.numpy()
     if _DUCC is not None:
-        return torch.from_numpy(_DUCC.r2c(array, axes=_AXES, nthreads=torch.get_num_threads()))
-    return torch.from_numpy(scipy.fft.rfft2(array, workers=torch.get_num_threads()))
+        return torch.from_numpy(_DUCC.r2c(array, axes=_AXES, nthreads=threads_for(array.size)))
+    return torch.from_numpy(scipy.fft.rfft2(array, workers=threads_for(array.size)))
 
 
 def irfft2(spectrum: Tensor, shape: tuple[int, int]) -> Tensor:
@@ -74,10 +80,10 @@ def irfft2(spectrum: Tensor, shape: tuple[int, int]) -> Tensor:
     if _DUCC is not None:
         result = _DUCC.c2r(
             array, axes=_AXES, lastsize=shape[1], forward=False, inorm=2,
-            nthreads=torch.get_num_threads(),
+            nthreads=threads_for(array.size),
         )  # fmt: skip
         return torch.from_numpy(result)
-    return torch.from_numpy(scipy.fft.irfft2(array, s=shape, workers=torch.get_num_threads()))
+    return torch.from_numpy(scipy.fft.irfft2(array, s=shape, workers=threads_for(array.size)))
 
 
 def _complex(field: Tensor, *, forward: bool) -> Tensor:
@@ -85,7 +91,7 @@ def _complex(field: Tensor, *, forward: bool) -> Tensor:
         out: Tensor = torch.fft.fft2(field) if forward else torch.fft.ifft2(field)
         return out
     array = field.numpy()
-    threads = torch.get_num_threads()
+    threads = threads_for(array.size)
     if _DUCC is not None:
         _DUCC.c2c(
             array, out=array, axes=_AXES, forward=forward, inorm=0 if forward else 2,

@@ -9,7 +9,7 @@ from nolens.operators.geometry import Geometry, Region
 
 
 class CroppedConvolution(LinearOperator):
-    r"""Crop of a linear convolution, b = C M v: eq. 6 of the paper (`lee2023`).
+    r"""Crop of a linear convolution, b = C M v: eq. 6 of the paper (`uvimprint`).
 
     b[i] = Σ_s v[s] h[i − s + c], i on the sensor, with the PSF h and its centre
     c = (height // 2, width // 2).
@@ -35,6 +35,7 @@ class CroppedConvolution(LinearOperator):
     def __init__(self, psf: Tensor, sensor: tuple[int, int], region: Region | None = None) -> None:
         self.sensor = sensor
         self.channels = psf.shape[-3]
+        self._channel_axis = (self.channels,) if self.channels > 1 else ()
         self.geometry = Geometry.lay_out(sensor, (psf.shape[-2], psf.shape[-1]), region)
         top, left, height, width = self.geometry.psf
         kernel = psf.new_zeros((self.channels, *self.geometry.period))
@@ -44,13 +45,13 @@ class CroppedConvolution(LinearOperator):
 
     @property
     def domain_shape(self) -> tuple[int, ...]:
-        """Size of the scene: the region, or the whole period."""
-        return self.geometry.scene[2:]
+        """Size of the scene: the region, or the whole period; channels first where fixed."""
+        return (*self._channel_axis, *self.geometry.scene[2:])
 
     @property
     def range_shape(self) -> tuple[int, ...]:
-        """Size of the measurement."""
-        return self.sensor
+        """Size of the measurement; channels first where the PSF fixes their number."""
+        return (*self._channel_axis, *self.sensor)
 
     def embed(self, scene: Tensor) -> Tensor:
         """Scene on the whole period, zero outside the region."""

@@ -71,8 +71,8 @@ class Geometry:
         For a PSF with offsets from o₀ to o₁ and scene cells from t to t + r − 1, the shifted
         copies of the convolution miss the sensor's cells 0 … N − 1 when the period is at least
         max(t + r + o₁, N − t − o₀). Offsets that carry no light from the scene to the sensor
-        are cut off first, so sensor + region − 1 is always enough, and for a scene without
-        limits sensor + PSF − 1.
+        are cut off first, so sensor + region − 1 is enough for a region that overlaps the
+        sensor, and for a scene without limits sensor + PSF − 1.
 
         Parameters
         ----------

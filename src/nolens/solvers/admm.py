@@ -5,7 +5,7 @@ import math
 import torch
 from torch import Tensor
 
-from nolens.errors import DivergenceError, OptionError
+from nolens.errors import DataError, DivergenceError, OptionError
 from nolens.kernels import (
     PassSums,
     SplitState,
@@ -37,7 +37,7 @@ def admm(
 ) -> Result:
     r"""Minimise ½‖b − CMv‖² + τ R(v), v ≥ 0, by the alternating direction method of multipliers.
 
-    Splits x = Mv, u = Ψv, w = v with penalties μ₁, μ₂, μ₃ (`lee2023`, eq. 7; `boyd2011`).
+    Splits x = Mv, u = Ψv, w = v with penalties μ₁, μ₂, μ₃ (`uvimprint`, eq. 7; `boyd2011`).
     Each iteration solves (μ₁MᵀM + μ₂ΨᵀΨ + μ₃) v = μ₁Mᵀq_x + μ₂Ψᵀq_u + μ₃q_w exactly in the
     Fourier domain and then updates every split by its proximal map, over-relaxed
     (`eckstein1992`). It starts from the uniform scene that fits best where that explains most
@@ -66,18 +66,22 @@ def admm(
     ------
     OptionError
         If a parameter lies outside its range.
+    DataError
+        If the problem is not posed in float32.
     DivergenceError
         If an iterate is NaN or infinite.
     """
     mu = START if penalties is None else penalties
-    _check(iterations, tolerance, mu, relaxation)
+    _check(problem, iterations, tolerance, mu, relaxation)
     states = _start(problem)
+    if states[0].tv == 0:
+        mu = (mu[0], 0.0, mu[2])  # There is no split u.
     pairs = [_first_pair(state, mu) for state in states]
     sums: list[PassSums] = []
     history: list[dict[str, float]] = []
     stop_reason: StopReason = "iteration limit"
     for iteration in range(1, iterations + 1):
-        following = balance.next(mu, sums) if balance is not None else mu
+        following = balance.next(mu, sums, iteration) if balance is not None else mu
         sums = []
         for channel, state in enumerate(states):
             pair = fft2_(pairs[channel])
@@ -104,7 +108,14 @@ def admm(
     )
 
 
-def _check(iterations: int, tolerance: float, mu: Penalties, relaxation: float) -> None:
+def _check(
+    problem: Problem, iterations: int, tolerance: float, mu: Penalties, relaxation: float
+) -> None:
+    if problem.data.dtype != torch.float32:
+        raise DataError(
+            f"ADMM computes in float32, and the problem is posed in {problem.data.dtype}; "
+            "pose it with float32 tensors"
+        )
     if iterations < 1:
         raise OptionError(f"iterations is {iterations}; it must be 1 or more")
     if not tolerance >= 0:
@@ -146,7 +157,7 @@ def _start(problem: Problem) -> list[SplitState]:
 
 def _uniform_levels(problem: Problem) -> list[float]:
     """Level c of each channel that minimises ‖b − c·CM1‖², or zeros where that explains little."""
-    ones = problem.data.new_ones((problem.channels, *problem.forward.domain_shape))
+    ones = problem.data.new_ones(problem.scene_shape)
     glow = torch.where(problem.valid, problem.forward(ones), 0).double()
     overlap = (glow * problem.data).sum(dim=(-2, -1))
     levels = overlap / glow.square().sum(dim=(-2, -1)).clamp_min(1e-300)

@@ -52,7 +52,7 @@ def fista(
     forward = problem.forward
     lipschitz = float(forward.transfer.abs().max()) ** 2
     proximal = _Proximal(problem, problem.tau / lipschitz)
-    v = problem.data.new_zeros((problem.channels, *forward.domain_shape))
+    v = problem.data.new_zeros(problem.scene_shape)
     y, momentum = v, 1.0
     history: list[dict[str, float]] = []
     stop_reason: StopReason = "iteration limit"

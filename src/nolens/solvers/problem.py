@@ -25,7 +25,7 @@ class Prior(StrEnum):
 
 @dataclass(frozen=True)
 class Problem:
-    r"""Minimise ½‖b − CMv‖² + τ R(v) over v ≥ 0, v = 0 outside the region (`lee2023`, eq. 7).
+    r"""Minimise ½‖b − CMv‖² + τ R(v) over v ≥ 0, v = 0 outside the region (`uvimprint`, eq. 7).
 
     Every channel is one such problem in **unit norms**: its PSF (as far as it can reach the
     sensor) and its valid data are divided by their ℓ2 norms. So τ means the same for every
@@ -107,6 +107,11 @@ class Problem:
         """Number of channels of the measurement."""
         return self.data.shape[0]
 
+    @property
+    def scene_shape(self) -> tuple[int, int, int]:
+        """(channels, height, width) of a scene."""
+        return (self.channels, *self.forward.geometry.scene[2:])
+
     def transfer(self, channel: int) -> Tensor:
         """Half spectrum of a channel's PSF; a single PSF serves all channels."""
         return self.forward.transfer[channel % self.forward.channels]
@@ -147,8 +152,6 @@ def _check_shapes(psf: Tensor, data: Tensor, valid: Tensor | None) -> None:
             raise DataError(
                 f"the {name} must be (channels, height, width), and is {tuple(tensor.shape)}"
             )
-        if not bool(torch.isfinite(tensor).all()):
-            raise DataError(f"the {name} holds NaN or infinity; give finite values")
     if psf.shape[0] not in (1, data.shape[0]):
         raise DataError(
             f"the PSF has {psf.shape[0]} channels and the measurement {data.shape[0]}; "
@@ -159,11 +162,14 @@ def _check_shapes(psf: Tensor, data: Tensor, valid: Tensor | None) -> None:
             f"the PSF has {psf.shape[1]}×{psf.shape[2]} cells (height × width) and the "
             f"measurement {data.shape[1]}×{data.shape[2]}; the PSF must be as large or larger"
         )
-    if valid is not None and valid.shape != data.shape:
+    if valid is not None and (valid.shape != data.shape or valid.dtype != torch.bool):
         raise DataError(
-            f"the mask of valid pixels is {tuple(valid.shape)}, the measurement "
-            f"{tuple(data.shape)}; they must be alike"
+            f"the mask of valid pixels is {tuple(valid.shape)} of {valid.dtype}; it must have the "
+            f"measurement's shape, {tuple(data.shape)}, and be torch.bool"
         )
+    for name, tensor in (("PSF", psf), ("measurement", data if valid is None else data[valid])):
+        if not bool(torch.isfinite(tensor).all()):
+            raise DataError(f"the {name} holds NaN or infinity; give finite values")
 
 
 def _norm(tensor: Tensor, what: str) -> Tensor:

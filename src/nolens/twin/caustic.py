@@ -16,7 +16,7 @@ _SAMPLES_PER_LENSLET = 30
 
 @dataclass(frozen=True)
 class LensletMask:
-    """Random smooth microlenses, the model of the paper's diffuser (`lee2023`).
+    """Random smooth microlenses, the model of the paper's diffuser (`uvimprint`).
 
     Parameters
     ----------

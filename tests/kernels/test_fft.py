@@ -1,0 +1,99 @@
+"""Transforms against numpy's, and the lengths chosen for them."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from nolens.kernels import fast_length, fft2_, ifft2_, irfft2, rfft2
+
+SIZES = [(6, 8), (7, 9), (5, 6), (8, 7), (1, 5), (4, 1)]
+TOLERANCE = {
+    torch.float32: 2e-6,
+    torch.float64: 1e-14,
+    torch.complex64: 2e-6,
+    torch.complex128: 1e-14,
+}
+
+
+def _random(shape: tuple[int, ...], dtype: torch.dtype) -> torch.Tensor:
+    generator = torch.Generator().manual_seed(5)
+    return torch.randn(shape, generator=generator, dtype=torch.complex128).to(dtype)
+
+
+def _real(shape: tuple[int, ...], dtype: torch.dtype) -> torch.Tensor:
+    return _random(shape, torch.complex128).real.to(dtype).contiguous()
+
+
+def _same(got: torch.Tensor, expected: np.ndarray, dtype: torch.dtype) -> None:
+    assert got.dtype == dtype
+    assert got.shape == expected.shape
+    error = np.abs(got.numpy() - expected).max()
+    assert error <= TOLERANCE[dtype] * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("lead", [(), (3,), (2, 3)])
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("dtype", [torch.complex64, torch.complex128])
+def test_complex(dtype, size, lead):
+    field = _random((*lead, *size), dtype)
+    before = field.numpy().copy()
+    spectrum = fft2_(field)
+    _same(spectrum, np.fft.fft2(before.astype(np.complex128)), dtype)
+    _same(ifft2_(spectrum), before, dtype)
+
+
+@pytest.mark.parametrize("lead", [(), (3,), (2, 3)])
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize(
+    ("dtype", "of_spectrum"),
+    [(torch.float32, torch.complex64), (torch.float64, torch.complex128)],
+)
+def test_real(dtype, of_spectrum, size, lead):
+    field = _real((*lead, *size), dtype)
+    before = field.clone()
+    spectrum = rfft2(field)
+    _same(spectrum, np.fft.rfft2(before.numpy().astype(np.float64)), of_spectrum)
+    assert torch.equal(field, before)
+    kept = spectrum.clone()
+    _same(irfft2(spectrum, size), before.numpy(), dtype)
+    assert torch.equal(spectrum, kept)
+
+
+def test_views_with_other_strides():
+    wide = _real((8, 12), torch.float32)
+    view = wide[1:7, ::2].T
+    _same(rfft2(view), np.fft.rfft2(view.numpy().astype(np.float64)), torch.complex64)
+
+
+def _largest_factor(number: int) -> int:
+    factor, largest = 2, 1
+    while number > 1:
+        while number % factor == 0:
+            number, largest = number // factor, factor
+        factor += 1
+    return largest
+
+
+@given(st.integers(1, 9000))
+@example(1)
+@example(256)
+@example(2048)
+@example(4096)
+def test_fast_length(at_least):
+    length = fast_length(at_least)
+    assert length >= at_least
+    assert length % 2 == 0
+    assert length % 256 != 0
+    assert _largest_factor(length) <= 11
+    # And the smallest such, so that no memory is wasted.
+    for shorter in range(max(2, at_least), length):
+        assert shorter % 2 or shorter % 256 == 0 or _largest_factor(shorter) > 11
+
+
+@pytest.mark.parametrize(
+    ("at_least", "length"), [(1, 2), (13, 14), (256, 264), (599, 600), (799, 800), (2047, 2058)]
+)
+def test_fast_length_at_known_points(at_least, length):
+    assert fast_length(at_least) == length

@@ -1,0 +1,63 @@
+"""FISTA ends where ADMM ends; Wiener is its formula."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from posed import Case, pose
+
+from nolens.operators import Region
+from nolens.solvers import admm, fista, wiener
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+BASE = Case(region=Region(1, 2, 4, 5), saturated=0.1)
+CASES = {
+    "tv": BASE,
+    "isotropic, odd, two channels": replace(
+        BASE, sensor=(5, 7), psf=(5, 9), prior="isotropic-tv", channels=2
+    ),
+    "l1": replace(BASE, prior="l1"),
+    "no prior": replace(BASE, prior="none", region=Region(-1, 1, 4, 4)),
+    "full view": replace(BASE, view=True),
+    "anywhere": replace(BASE, sensor=(5, 5), psf=(5, 5), region=None, tau=0.03),
+}
+
+
+@pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
+def test_fista_and_admm_agree(case):
+    problem = pose(case).problem
+    one = fista(problem, iterations=600, tolerance=0)
+    other = admm(problem, iterations=1000, tolerance=1e-7, penalties=(0.5, 0.5, 0.5), balance=None)
+    assert one.objective == pytest.approx(other.objective, rel=1e-3, abs=2e-6)
+    difference = (one.scene - other.scene).norm()
+    assert difference <= 0.03 * other.scene.norm()
+
+
+def test_fista_steps_by_the_largest_eigenvalue():
+    """L of the brightest channel: a smaller one may diverge, a larger one wastes iterations."""
+    posed = pose(CASES["isotropic, odd, two channels"])
+    norms = [np.linalg.norm(posed.reference(k).blur, 2) ** 2 for k in range(2)]
+    (row,) = fista(posed.problem, iterations=1).history
+    assert row["penalty_1"] == pytest.approx(max(norms), rel=1e-5)
+
+
+@pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
+@pytest.mark.parametrize("tau", [0.01, 1.0])
+def test_wiener_is_the_formula(case, tau):
+    """v = F⁻¹[conj(H) F(Cᵀb) / (|H|² + τ)], clipped."""
+    posed = pose(replace(case, tau=tau))
+    result = wiener(posed.problem)
+    for k in range(case.channels):
+        reference = posed.reference(k)
+        h = np.fft.fft2(reference.blur[:, 0].reshape(reference.period))
+        data = np.fft.fft2(reference.b.reshape(reference.period))
+        v = np.fft.ifft2(h.conj() * data / (np.abs(h) ** 2 + tau)).real
+        scene = np.maximum(reference.scene(v.ravel()), 0)
+        expected = scene * reference.scale
+        np.testing.assert_allclose(
+            result.scene[k].numpy(), expected, rtol=0, atol=1e-5 * expected.max()
+        )
+    assert (result.iterations, result.stop_reason, result.history) == (1, "one shot", [])
+    unit = result.scene / posed.problem.scale
+    assert result.objective == pytest.approx(posed.problem.objective(unit), rel=1e-5)

@@ -1,0 +1,218 @@
+"""How a run goes and ends: callbacks, stopping, the record, and bad input."""
+
+import importlib
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+from posed import Case, pose
+
+from nolens.errors import DataError, DivergenceError, OptionError
+from nolens.operators import Region
+from nolens.solvers import Prior, Problem, Progress, admm, fista, wiener
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+CASE = Case(channels=2, region=Region(1, 2, 4, 5), saturated=0.1)
+FIXED = {"penalties": (0.5, 0.5, 0.5), "balance": None}
+SOLVERS = {"admm": admm, "fista": fista}
+# The package shows the function of that name, so the module has to be asked for.
+ADMM_MODULE = importlib.import_module("nolens.solvers.admm")
+
+
+@pytest.mark.parametrize("solve", SOLVERS.values(), ids=SOLVERS.keys())
+def test_callback_sees_every_iteration(solve):
+    problem = pose(CASE).problem
+    seen: list[Progress] = []
+    scenes: list[torch.Tensor] = []
+
+    def callback(progress: Progress) -> None:
+        seen.append(progress)
+        scenes.append(progress.scene())
+
+    result = solve(problem, iterations=7, tolerance=0, callback=callback)
+    assert [progress.iteration for progress in seen] == [1, 2, 3, 4, 5, 6, 7]
+    assert (result.iterations, result.stop_reason) == (7, "iteration limit")
+    assert [progress.row() for progress in seen] == result.history
+    assert torch.equal(problem.unscale(scenes[-1]), result.scene)
+    assert all((scene >= 0).all() for scene in scenes)
+    assert scenes[-1].shape == (2, 4, 5)
+    assert not torch.equal(scenes[-1], scenes[-2])
+
+
+@pytest.mark.parametrize("solve", SOLVERS.values(), ids=SOLVERS.keys())
+def test_callback_stops(solve):
+    result = solve(pose(CASE).problem, tolerance=0, callback=lambda p: p.iteration == 4)
+    assert (result.iterations, result.stop_reason) == (4, "callback")
+    same = solve(pose(CASE).problem, tolerance=0, iterations=4)
+    assert torch.equal(result.scene, same.scene)
+
+
+@pytest.mark.parametrize("prior", [prior.value for prior in Prior])
+def test_admm_stops_where_residuals_are_small(prior):
+    problem = pose(replace(CASE, prior=prior)).problem
+    result = admm(problem, iterations=3000, tolerance=1e-3, **FIXED)
+    assert result.stop_reason == "converged"
+    assert len(result.history) == result.iterations
+    *before, last = result.history
+    assert max(last["primal_residual"], last["dual_residual"]) <= 1e-3
+    assert all(max(row["primal_residual"], row["dual_residual"]) > 1e-3 for row in before)
+    closer = admm(problem, iterations=3000, tolerance=1e-5, **FIXED)
+    assert closer.iterations > result.iterations
+
+
+def test_residuals_are_those_of_the_splits():
+    """Primal: the worst ‖Kv − x‖ over the larger; dual: the worst ‖x − x_before‖ over ‖x‖."""
+    case = replace(CASE, channels=1)
+    posed = pose(case)
+    reference = posed.reference(0)
+    level, share = reference.uniform()
+    assert share < 0.85
+    result = admm(posed.problem, iterations=6, tolerance=0, relaxation=1.3, **FIXED)
+    run = reference.admm([(0.5, 0.5, 0.5)] * 6, 0 * level, 1.3)
+    for row, each in zip(result.history, run, strict=True):
+        primal, dual = [], []
+        for kv, x, before in zip(each.fields, each.splits, each.splits_before, strict=True):
+            size = math.sqrt(x @ x)
+            primal.append(math.sqrt((kv - x) @ (kv - x)) / max(size, math.sqrt(kv @ kv)))
+            dual.append(math.sqrt((x - before) @ (x - before)) / size)
+        assert row["primal_residual"] == pytest.approx(max(primal), rel=1e-3)
+        assert row["dual_residual"] == pytest.approx(max(dual), rel=1e-3)
+
+
+def test_fista_stops_where_the_scene_stands():
+    result = fista(pose(CASE).problem, iterations=3000, tolerance=1e-3)
+    assert result.stop_reason == "converged"
+    assert 1 < result.iterations < 3000
+    assert result.history[-1]["dual_residual"] <= 1e-3 < result.history[-2]["dual_residual"]
+
+
+@pytest.mark.parametrize("solve", SOLVERS.values(), ids=SOLVERS.keys())
+@pytest.mark.parametrize("prior", [prior.value for prior in Prior])
+def test_history_is_finite_and_complete(solve, prior):
+    result = solve(pose(replace(CASE, prior=prior)).problem, iterations=9, tolerance=0)
+    assert [row["iteration"] for row in result.history] == list(range(1, 10))
+    for row in result.history:
+        assert {"objective", "primal_residual", "dual_residual", "penalty_1"} <= row.keys()
+        assert all(math.isfinite(value) for value in row.values())
+    assert result.history[-1]["objective"] < result.history[0]["objective"] + 1
+
+
+@pytest.mark.parametrize("solve", SOLVERS.values(), ids=SOLVERS.keys())
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_what_breaks_while_iterating_is_an_error(solve, value, monkeypatch):
+    problem = pose(CASE).problem
+    calls = 0
+    if solve is admm:
+        inverse = ADMM_MODULE.ifft2_
+
+        def broken(spectrum: torch.Tensor) -> torch.Tensor:
+            nonlocal calls
+            calls += 1
+            field = inverse(spectrum)
+            if calls == 5:  # the first of the two channels in iteration 3
+                field[0, 0] = value
+            return field
+
+        monkeypatch.setattr(ADMM_MODULE, "ifft2_", broken)
+    else:
+        adjoint = problem.forward.adjoint
+
+        def broken_adjoint(y: torch.Tensor) -> torch.Tensor:
+            nonlocal calls
+            calls += 1
+            return adjoint(y) if calls != 3 else adjoint(y) * value
+
+        monkeypatch.setattr(problem.forward, "adjoint", broken_adjoint)
+    with pytest.raises(DivergenceError, match="step 3"):
+        solve(problem, iterations=10, tolerance=0)
+
+
+OPTIONS = [
+    (admm, {"iterations": 0}, "iterations is 0"),
+    (admm, {"iterations": -5}, "-5"),
+    (admm, {"tolerance": -0.5}, "-0.5"),
+    (admm, {"tolerance": math.nan}, "nan"),
+    (admm, {"penalties": (0.1, 0.0, 1.0)}, "0.1, 0.0, 1.0"),
+    (admm, {"penalties": (0.1, 1.0, -2.0)}, "-2.0"),
+    (admm, {"penalties": (math.inf, 1.0, 1.0)}, "inf"),
+    (admm, {"penalties": (math.nan, 1.0, 1.0)}, "nan"),
+    (admm, {"relaxation": 0.0}, "relaxation is 0"),
+    (admm, {"relaxation": 2.0}, "relaxation is 2"),
+    (admm, {"relaxation": math.nan}, "nan"),
+    (fista, {"iterations": 0}, "iterations is 0"),
+    (fista, {"tolerance": -0.5}, "-0.5"),
+    (fista, {"tolerance": math.nan}, "nan"),
+]
+
+
+@pytest.mark.parametrize(("solve", "options", "message"), OPTIONS)
+def test_bad_option_is_quoted(solve, options, message):
+    with pytest.raises(OptionError) as caught:
+        solve(pose(CASE).problem, **options)
+    assert message in str(caught.value)
+
+
+def _ones(*shape: int) -> torch.Tensor:
+    return torch.ones(shape)
+
+
+def _with(value: float) -> torch.Tensor:
+    data = torch.ones(1, 4, 5)
+    data[0, 2, 3] = value
+    return data
+
+
+BAD = {
+    "NaN in the data": ({"data": _with(math.nan)}, DataError, "measurement holds NaN"),
+    "infinite data": ({"data": _with(math.inf)}, DataError, "measurement holds NaN"),
+    "NaN in the PSF": ({"psf": _with(math.nan)}, DataError, "PSF holds NaN"),
+    "zero data": ({"data": 0 * _ones(1, 4, 5)}, DataError, "zero everywhere"),
+    "one zero channel": (
+        {"data": torch.cat([_ones(1, 4, 5), 0 * _ones(1, 4, 5)])},
+        DataError,
+        "at least one channel",
+    ),
+    "zero PSF": ({"psf": 0 * _ones(1, 4, 5)}, DataError, "PSF is zero"),
+    "all saturated": (
+        {"valid": torch.zeros(1, 4, 5, dtype=torch.bool)},
+        DataError,
+        "without saturated pixels",
+    ),
+    "PSF lower than the sensor": ({"psf": _ones(1, 3, 5)}, DataError, "3×5.*4×5"),
+    "PSF narrower": ({"psf": _ones(1, 4, 4)}, DataError, "4×4.*4×5"),
+    "channels": ({"psf": _ones(2, 4, 5), "data": _ones(3, 4, 5)}, DataError, "2 channels.* 3"),
+    "no channel axis": ({"data": _ones(4, 5)}, DataError, r"\(4, 5\)"),
+    "mask of another size": (
+        {"valid": torch.ones(1, 4, 4, dtype=torch.bool)},
+        DataError,
+        r"\(1, 4, 4\).*\(1, 4, 5\)",
+    ),
+    "mask that is not bool": ({"valid": _ones(1, 4, 5)}, DataError, "torch.float32.*torch.bool"),
+    "negative tau": ({"tau": -0.25}, OptionError, "-0.25"),
+    "tau is NaN": ({"tau": math.nan}, OptionError, "nan"),
+    "region beside": ({"region": Region(40, 0, 2, 2)}, OptionError, "cells 40 to 41"),
+}
+
+
+@pytest.mark.parametrize(("changed", "error", "message"), BAD.values(), ids=BAD.keys())
+def test_bad_problem_is_refused(changed, error, message):
+    with pytest.raises(error, match=message):
+        Problem.pose(**{"psf": _ones(1, 4, 5), "data": _ones(1, 4, 5), **changed})
+
+
+def test_wiener_needs_a_weight():
+    with pytest.raises(DataError, match="tau is 0"):
+        wiener(pose(replace(CASE, tau=0.0)).problem)
+
+
+def test_what_saturated_pixels_hold_is_not_looked_at():
+    data = _with(math.nan)
+    Problem.pose(_ones(1, 4, 5), data, valid=torch.isfinite(data))
+
+
+def test_admm_refuses_double_precision():
+    problem = Problem.pose(_ones(1, 4, 5).double(), _ones(1, 4, 5).double())
+    with pytest.raises(DataError, match="float64"):
+        admm(problem)
