@@ -67,7 +67,7 @@ def synthetic(height: int, width: int, channels: int) -> tuple[Array, Array]:
 
 
 def hand(folder: Path, factor: int) -> tuple[Array, Array]:
-    """DiffuserCam's hand as issue 2 poses it: dark offset off, clipped at 0, binned by the mean."""
+    """DiffuserCam's hand: dark offset off, clipped at 0, binned by the mean."""
     psf = tifffile.imread(folder / "psf_sample.tif").astype(np.float64)
     data = tifffile.imread(folder / "rawdata_hand_sample.tif").astype(np.float64)
     dark = psf[5:15, 5:15].mean()
