@@ -7,29 +7,30 @@ from types import FrameType, TracebackType
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
+from nolens.cli.messages import say
 from nolens.solvers import Progress as Iteration
 
 
 class TerminalReporter:
     """Notes and warnings on standard error; a progress bar where that is a terminal.
 
-    The first Ctrl-C ends the solver after its iteration, so that the picture so far is
-    written; a second one, or one outside the solver, stops at once.
+    The first Ctrl-C from the first iteration on ends the solver after its iteration, and the
+    picture so far is written; a second one, or one before, stops at once.
     """
 
     def __init__(self) -> None:
         self.interrupted = False
         self._solving = False
-        console = Console(stderr=True)
         self._bar: Progress | None = None
         self._task: TaskID | None = None
-        if console.is_terminal:
+        # FORCE_COLOR and the like make rich take anything for a terminal.
+        if sys.stderr is not None and sys.stderr.isatty():
             self._bar = Progress(
                 TextColumn("iteration {task.completed:.0f}/{task.total:.0f}"),
                 BarColumn(),
                 TextColumn("objective {task.fields[objective]:.4g}"),
                 TimeRemainingColumn(),
-                console=console,
+                console=Console(stderr=True),
                 transient=True,
             )
 
@@ -49,15 +50,15 @@ class TerminalReporter:
 
     def note(self, text: str) -> None:
         """Say something a person should know before it happens."""
-        print(f"nolens: {text}", file=sys.stderr, flush=True)
+        say(text)
 
     def warn(self, text: str) -> None:
         """Say what may make the picture worse than it could be."""
-        self.note(f"warning: {text}")
+        say(f"warning: {text}")
 
     def progress(self, progress: Iteration, limit: int) -> bool:
         """Show an iteration; True if the person wants to stop."""
-        self._solving = progress.iteration < limit
+        self._solving = True
         if self._bar is not None:
             if self._task is None:
                 self._bar.start()
@@ -69,4 +70,4 @@ class TerminalReporter:
         if self.interrupted or not self._solving:
             raise KeyboardInterrupt
         self.interrupted = True
-        self.note("stopping after this iteration; the picture so far will be written")
+        say("stopping after this iteration; the picture so far will be written")

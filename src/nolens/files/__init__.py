@@ -6,8 +6,9 @@ file, so that a killed run leaves no half file. All that goes wrong is a `FileEr
 what was found and what would be accepted.
 """
 
-from nolens.files.atomic import atomic_write, check_output
+from nolens.files.atomic import atomic_write, check_output, write_together
 from nolens.files.describe import describe
+from nolens.files.names import readable
 from nolens.files.read import SUFFIXES, read_frame
 from nolens.files.record import InputFile, RunRecord, hash_file, versions, write_record
 from nolens.files.write import write_png, write_tiff16, write_tiff32
@@ -22,10 +23,12 @@ __all__ = [
     "describe",
     "hash_file",
     "read_frame",
+    "readable",
     "versions",
     "write_dng",
     "write_png",
     "write_record",
     "write_tiff16",
     "write_tiff32",
+    "write_together",
 ]

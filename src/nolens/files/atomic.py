@@ -2,11 +2,35 @@
 
 import os
 import secrets
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from nolens.errors import FileError
+
+_staged: set[Path] = set()
+"""Temporary files of `write_together` that wait for the others."""
+
+
+def write_together(writers: Mapping[Path, Callable[[Path], None]]) -> None:
+    """Write several files, all of them or none.
+
+    Parameters
+    ----------
+    writers
+        For each file, what writes it when it is given a path.
+
+    Raises
+    ------
+    FileError
+        If one of them cannot be written; then all stay as they were.
+    """
+    with ExitStack() as stack:
+        for path, write in writers.items():
+            temporary = stack.enter_context(atomic_write(path))
+            _staged.add(temporary)
+            stack.callback(_staged.discard, temporary)
+            write(temporary)
 
 
 @contextmanager
@@ -22,6 +46,9 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
         If the file cannot be written: no such folder, no permission, disk full.
     """
     path = Path(path)
+    if path in _staged:
+        yield path
+        return
     temporary = path.with_name(f".{path.stem}.{secrets.token_hex(4)}{path.suffix}")
     try:
         yield temporary

@@ -9,6 +9,7 @@ from torch import Tensor
 from nolens.camera import Frame, dark_corner
 from nolens.camera.measurement import colour_planes
 from nolens.errors import DataError
+from nolens.files.names import readable
 
 
 def describe(frame: Frame) -> dict[str, Any]:
@@ -33,7 +34,7 @@ def describe(frame: Frame) -> dict[str, Any]:
     except DataError:
         corner = None
     return {
-        "file": frame.source,
+        "file": readable(frame.source),
         "format": Path(frame.source).suffix.lstrip(".").lower(),
         "height": frame.counts.shape[-2],
         "width": frame.counts.shape[-1],

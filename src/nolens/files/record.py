@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field
+from pydantic_core import to_json
 
 from nolens.errors import FileError
 from nolens.files.atomic import atomic_write
+from nolens.files.names import readable
 
 _PACKAGES = ("nolens", "torch", "numpy", "scipy", "numba")
 
@@ -111,4 +113,14 @@ def write_record(path: str | Path, record: RunRecord) -> None:
         If the file cannot be written.
     """
     with atomic_write(path) as temporary:
-        temporary.write_text(record.model_dump_json(indent=2) + "\n", encoding="utf-8")
+        fields = _all_readable(record.model_dump(mode="json"))
+        temporary.write_bytes(to_json(fields, indent=2, inf_nan_mode="null") + b"\n")
+
+
+def _all_readable(value: Any) -> Any:
+    """Every text in a value of JSON made `readable`: parameters and warnings hold paths."""
+    if isinstance(value, dict):
+        return {key: _all_readable(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_all_readable(each) for each in value]
+    return readable(value) if isinstance(value, str) else value

@@ -1,7 +1,7 @@
 """Whole jobs, from files to files: what the command line runs, and programs can call."""
 
 from nolens.jobs.demo import DemoResult, run_demo
-from nolens.jobs.options import Method, ReconstructOptions
+from nolens.jobs.options import Method, ReconstructOptions, expand_home
 from nolens.jobs.reconstruct import Outcome, Reporter, reconstruct
 
 __all__ = [
@@ -10,6 +10,7 @@ __all__ = [
     "Outcome",
     "ReconstructOptions",
     "Reporter",
+    "expand_home",
     "reconstruct",
     "run_demo",
 ]

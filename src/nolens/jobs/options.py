@@ -7,7 +7,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from nolens.errors import FileError, OptionError
 from nolens.operators import Region
@@ -78,7 +78,7 @@ class ReconstructOptions(BaseModel):
         auto, cpu or cuda.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     measurement: Path
     psf: Path
@@ -125,7 +125,9 @@ class ReconstructOptions(BaseModel):
         OptionError
             If a name is unknown (with the nearest known one) or a value cannot be used.
         """
-        values = {**(_read_config(config) if config else {}), **given}
+        config = expand_home(config) if config else None
+        stored = _read_config(config) if config else {}
+        values = {**stored, **given}
         for name in values:
             if name not in cls.model_fields:
                 raise OptionError(
@@ -139,9 +141,34 @@ class ReconstructOptions(BaseModel):
             if not values.get(name):
                 raise OptionError(f"no {name} is given; name {what}")
         try:
-            return cls.model_validate(values)
+            options = cls.model_validate(values)
         except ValidationError as error:
-            raise OptionError(_explain(error)) from None
+            raise OptionError(
+                _explain(error, dict.fromkeys({*stored} - {*given}, config))
+            ) from None
+        if config:
+            check_apart(options, {"configuration": config})
+        return options
+
+    @field_validator("measurement", "psf", "output", "dark", "flat")
+    @classmethod
+    def _from_home(cls, value: Any) -> Any:
+        if isinstance(value, tuple):
+            return tuple(expand_home(each) for each in value)
+        return None if value is None else expand_home(value)
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Files that are read, by role."""
+        roles = {
+            "measurement": self.measurement, "psf": self.psf, "dark": self.dark, "flat": self.flat,
+        }  # fmt: skip
+        return {role: path for role, path in roles.items() if path is not None}
+
+    @property
+    def record(self) -> Path:
+        """File of the run's record."""
+        return self.output[0].with_suffix(".json")
 
 
 def parse_window(text: str, sensor: tuple[int, int], option: str) -> Region:
@@ -164,6 +191,42 @@ def parse_window(text: str, sensor: tuple[int, int], option: str) -> Region:
     return Region(int(match[3]), int(match[4]), height, width)
 
 
+def expand_home(path: Path) -> Path:
+    """Take ~ for the home folder, where the shell has not done so (--psf=~/psf.dng)."""
+    try:
+        return path.expanduser()
+    except RuntimeError:  # No such user: then it is a name like any other.
+        return path
+
+
+def check_apart(options: ReconstructOptions, read: dict[str, Path]) -> None:
+    """Refuse to write over a file that is read, or over another one that is written.
+
+    Parameters
+    ----------
+    options
+        They name the files to write.
+    read
+        Files that are read, by role.
+
+    Raises
+    ------
+    OptionError
+        If two of them are one file.
+    """
+    written: list[Path] = []
+    for path in (*options.output, options.record):
+        kind = "record of the run" if path == options.record else "output"
+        for role, other in read.items():
+            if _same(path, other):
+                raise OptionError(
+                    f"the {kind} {path} would overwrite the {role} {other}: give another name (-o)"
+                )
+        if any(_same(path, other) for other in written):
+            raise OptionError(f"the output {path} is given twice: give each its own name (-o)")
+        written.append(path)
+
+
 def _read_config(path: Path) -> dict[str, Any]:
     try:
         values = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -171,17 +234,29 @@ def _read_config(path: Path) -> dict[str, Any]:
         raise FileError(f"cannot read {path}: {error.strerror or error}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise FileError(f"{path} is no TOML file: {error}") from error
-    values = {name.replace("-", "_"): value for name, value in values.items()}
+    names = [name.replace("-", "_") for name in values]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice:
+        raise OptionError(f"{path} has the key {twice} twice, with _ and with -: leave one out")
+    values = dict(zip(names, values.values(), strict=True))
     for name in ("measurement", "psf", "dark", "flat"):
         if isinstance(values.get(name), str):
-            values[name] = path.parent / values[name]
+            values[name] = path.parent / expand_home(Path(values[name]))
     if "output" in values:
         output = values["output"]
-        names = [output] if isinstance(output, str) else output
-        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        files = [output] if isinstance(output, str) else output
+        if not isinstance(files, list) or not all(isinstance(file, str) for file in files):
             raise OptionError(f"output in {path} is {output!r}; give a file name or a list of them")
-        values["output"] = tuple(path.parent / name for name in names)
+        values["output"] = tuple(path.parent / expand_home(Path(file)) for file in files)
     return values
+
+
+def _same(one: Path, other: Path) -> bool:
+    """Whether two paths lead to one file."""
+    try:
+        return one.resolve() == other.resolve() or one.samefile(other)
+    except (OSError, ValueError, RuntimeError):  # At least one of them does not exist.
+        return False
 
 
 def _nearest(name: str, model: type[BaseModel]) -> str:
@@ -191,10 +266,12 @@ def _nearest(name: str, model: type[BaseModel]) -> str:
     )
 
 
-def _explain(error: ValidationError) -> str:
-    parts = []
+def _explain(error: ValidationError, sources: dict[str, Path | None]) -> str:
+    found: dict[str, list[str]] = {}
     for each in error.errors(include_url=False):
-        name = str(each["loc"][0]) if each["loc"] else "options"
+        name = str(each["loc"][0])
+        where = f" in {sources[name]}" if name in sources else ""
         message = each["msg"][0].lower() + each["msg"][1:]
-        parts.append(f"{name} is {each['input']!r}: {message}")
-    return "; ".join(dict.fromkeys(parts))
+        reasons = found.setdefault(f"{name}{where} is {each['input']!r}", [])
+        reasons.append(message.removeprefix("input should be ") if reasons else message)
+    return "; ".join(f"{what}: {' or '.join(reasons)}" for what, reasons in found.items())

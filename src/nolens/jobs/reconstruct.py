@@ -3,6 +3,7 @@
 import time
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -24,12 +25,14 @@ from nolens.files import (
     RunRecord,
     check_output,
     read_frame,
+    readable,
     write_png,
     write_record,
     write_tiff16,
     write_tiff32,
+    write_together,
 )
-from nolens.jobs.options import Method, ReconstructOptions, parse_window
+from nolens.jobs.options import Method, ReconstructOptions, check_apart, parse_window
 from nolens.operators import Region
 from nolens.solvers import Problem, Progress, Result, admm, fista, wiener
 from nolens.solvers.penalties import Balance
@@ -37,7 +40,7 @@ from nolens.solvers.result import Callback
 
 _TAU = {Method.ADMM: 1e-4, Method.FISTA: 1e-4, Method.WIENER: 0.1}
 _ITERATIONS = {Method.ADMM: 100, Method.FISTA: 300, Method.WIENER: 1}
-_TOLERANCE = {Method.ADMM: 1e-3, Method.FISTA: 1e-4, Method.WIENER: 0.0}
+_TOLERANCE = {Method.ADMM: 3e-4, Method.FISTA: 1e-4, Method.WIENER: 0.0}
 
 # Per cell of the period: four states and one complex field for each channel, the PSF's spectrum,
 # and the transforms' own buffers; and what one iteration takes on two cores, from `make bench`.
@@ -94,13 +97,15 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
     warnings: list[str] = []
     for path in options.output:
         check_output(path, (".png", ".tif", ".tiff"))
-    record_path = options.output[0].with_suffix(".json")
+    check_output(options.record, (".json",))
+    check_apart(options, options.inputs)
     device = _device(options.device)
 
     measurement, psf, doubts = _read(options)
+    inputs = {role: InputFile.of(path) for role, path in options.inputs.items()}
     warnings.extend(doubts)
     sensor = (measurement.values.shape[-2], measurement.values.shape[-1])
-    region = parse_window(options.region, sensor, "--region") if options.region else None
+    region = None if options.region is None else _region(options.region, sensor, psf)
     for text in warnings:
         reporter.warn(text)
 
@@ -124,8 +129,6 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
     picture = _orient(scene, options.flip)
     exposure_white(picture)  # An empty picture is an error before anything is written.
 
-    for path in options.output:
-        _write(path, arrange_rgb(picture, measurement.channels), options)
     summary = {
         "method": options.method.value,
         "iterations": result.iterations,
@@ -133,32 +136,27 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
         "objective": result.objective,
         "seconds": round(time.perf_counter() - clock, 3),
         "device": str(device),
-        "outputs": [str(path) for path in (*options.output, record_path)],
+        "outputs": [readable(path) for path in (*options.output, options.record)],
     }
-    inputs = {
-        role: InputFile.of(path)
-        for role in ("measurement", "psf", "dark", "flat")
-        if (path := getattr(options, role)) is not None
-    }
-    write_record(
-        record_path,
-        RunRecord(
-            started=started,
-            inputs=inputs,
-            parameters={
-                **options.model_dump(mode="json"),
-                "tau": tau,
-                "iterations": limit,
-                "tolerance": _tolerance(options),
-                "period": list(problem.forward.geometry.period),
-                "channel_names": list(measurement.channels),
-                "threads": torch.get_num_threads(),
-            },
-            result=summary,
-            history=result.history,
-            warnings=warnings,
-        ),
+    record = RunRecord(
+        started=started,
+        inputs=inputs,
+        parameters={
+            **options.model_dump(mode="json"),
+            "tau": tau,
+            "iterations": limit,
+            "tolerance": _tolerance(options),
+            "period": list(problem.forward.geometry.period),
+            "channel_names": list(measurement.channels),
+            "threads": torch.get_num_threads(),
+        },
+        result=summary,
+        history=result.history,
+        warnings=warnings,
     )
+    shown = arrange_rgb(picture, measurement.channels)
+    writers = {path: partial(_write, picture=shown, options=options) for path in options.output}
+    write_together({options.record: partial(write_record, record=record), **writers})
     return Outcome(picture=picture, summary=summary)
 
 
@@ -207,6 +205,18 @@ def _read_psf(options: ReconstructOptions) -> Frame:
     if options.mosaic is not None and frame.mosaic is None:
         return read_frame(options.psf, mosaic=options.mosaic)
     return frame
+
+
+def _region(text: str, sensor: tuple[int, int], psf: Tensor) -> Region:
+    """Cells that light can come from; by far more than can be seen would only fill the memory."""
+    region = parse_window(text, sensor, "--region")
+    height, width = sensor[0] + psf.shape[-2], sensor[1] + psf.shape[-1]
+    if region.height > height or region.width > width:
+        raise OptionError(
+            f"--region {text} is larger than what the sensor can see through this PSF; give at "
+            f"most {height}x{width}, or leave it out for no limit"
+        )
+    return region
 
 
 def _tolerance(options: ReconstructOptions) -> float:

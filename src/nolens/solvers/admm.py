@@ -29,7 +29,7 @@ def admm(
     problem: Problem,
     *,
     iterations: int = 100,
-    tolerance: float = 1e-3,
+    tolerance: float = 3e-4,
     penalties: Penalties | None = None,
     balance: Balance | None = Balance(),  # noqa: B008 (frozen)
     relaxation: float = 1.8,

@@ -1,0 +1,111 @@
+"""A simulated camera of 48×64 cells and the files it writes."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import png
+import tifffile
+import torch
+from PIL import Image
+from torch import Tensor
+
+from nolens.evaluate import psnr, scale_fit
+from nolens.files import write_dng
+from nolens.operators import CroppedConvolution, Region
+from nolens.twin import Sensor, expose
+
+SENSOR = (48, 64)
+SCENE = (24, 32)
+REGION = "24x32"
+BLACK, WHITE = 256, 4095
+
+
+def truth() -> Tensor:
+    """A scene that looks different in each channel, and when turned, flipped or shifted."""
+    scene = torch.full((3, *SCENE), 0.05)
+    scene[0, 3:10, 4:13] = 1.0
+    scene[1, 8:20, 17:27] = 0.8
+    scene[2, 14:22, 5:11] = 0.9
+    scene[:, 2:6, 22:29] += 0.4
+    scene[:2, 16:18, 8:24] += 0.3
+    return scene.clamp(0, 1)
+
+
+def spots(cells: tuple[int, int] = SENSOR, seed: int = 3) -> Tensor:
+    """PSF of a few small spots, alike but not the same in the three channels."""
+    generator = np.random.default_rng(seed)
+    rows, columns = np.mgrid[: cells[0], : cells[1]]
+    plane = np.zeros((3, *cells))
+    for _ in range(14):
+        row, column = generator.uniform(0.15, 0.85, 2) * cells
+        for channel in range(3):
+            width = 0.7 + 0.15 * channel
+            squared = (rows - row) ** 2 + (columns - column) ** 2
+            plane[channel] += generator.uniform(0.6, 1) * np.exp(-squared / (2 * width**2))
+    return torch.from_numpy(plane).float()
+
+
+def measured(psf: Tensor, scene: Tensor | None = None, region: Region | None = None) -> Tensor:
+    """Light on the sensor, without noise."""
+    region = region or Region.centred(*SCENE, SENSOR)
+    return CroppedConvolution(psf, SENSOR, region)(truth() if scene is None else scene).clamp_min(0)
+
+
+def as_counts(light: Tensor, seed: int, noise: float = 2.0) -> Tensor:
+    """Whole counts of 12 bits above black, with Gaussian noise, for files without a mosaic."""
+    generator = torch.Generator().manual_seed(seed)
+    signal = 0.9 * (WHITE - BLACK) * light / light.max()
+    noisy = BLACK + signal + noise * torch.randn(light.shape, generator=generator)
+    return noisy.round().clamp(0, WHITE)
+
+
+def save(path: Path, values: Tensor) -> Path:
+    """Write (channels, height, width) in the format of the suffix: 16 bits, or float for npy."""
+    array = values.movedim(0, -1).numpy()
+    array = array[..., 0] if array.shape[-1] == 1 else array
+    if path.suffix == ".npy":
+        np.save(path, array.astype(np.float32))
+    elif path.suffix == ".tif":
+        kind = "rgb" if array.ndim == 3 else "minisblack"
+        tifffile.imwrite(path, array.astype(np.uint16), photometric=kind)
+    elif array.ndim == 2:
+        Image.fromarray(array.astype(np.uint16)).save(path)
+    else:
+        rows = array.astype(np.uint16).reshape(array.shape[0], -1)
+        with path.open("wb") as file:
+            png.Writer(array.shape[1], array.shape[0], greyscale=False, bitdepth=16).write(
+                file, rows
+            )
+    return path
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Its folder holds raw.dng and psf.dng, as a camera writes them."""
+
+    folder: Path
+    raw: Path
+    psf: Path
+
+    @classmethod
+    def make(cls, folder: Path) -> "Camera":
+        psf = spots()
+        return cls(
+            folder,
+            expose_dng(folder / "raw.dng", measured(psf), seed=1),
+            expose_dng(folder / "psf.dng", psf, seed=2),
+        )
+
+
+def expose_dng(path: Path, light: Tensor, seed: int, fill: float = 0.9) -> Path:
+    sensor = Sensor()
+    counts = expose(light, sensor, fill=fill, seed=seed)
+    write_dng(path, counts, pattern=sensor.mosaic, black=BLACK, white=WHITE)
+    return path
+
+
+def quality(picture: Tensor, scene: Tensor | None = None) -> float:
+    """PSNR in dB after one scale factor over all channels."""
+    scene = truth() if scene is None else scene
+    return psnr(scale_fit(picture, scene), scene, float(scene.max()))

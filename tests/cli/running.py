@@ -1,0 +1,82 @@
+"""Ways to run the command, and to see what it left behind."""
+
+import contextlib
+import hashlib
+import io
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from torch import Tensor
+
+from nolens.cli.main import main
+from nolens.files import read_frame
+
+NOLENS = Path(sys.executable).with_name("nolens")
+"""The installed command."""
+
+
+@dataclass(frozen=True)
+class Done:
+    code: int
+    out: str
+    err: str
+
+
+def run(*arguments: object) -> Done:
+    """The command in this process; what it does not catch is raised."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            main([str(each) for each in arguments])
+        except SystemExit as left:
+            assert isinstance(left.code, int)
+            code = left.code
+    return Done(code, out.getvalue(), err.getvalue())
+
+
+def start(*arguments: object, **how: object) -> "subprocess.Popen[str]":
+    """The installed command, in a process of its own."""
+    given = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, **how}
+    given["env"] = {**os.environ, "OMP_NUM_THREADS": "1", **dict(given.get("env") or {})}  # type: ignore[call-overload]
+    return subprocess.Popen([str(NOLENS), *map(str, arguments)], **given)  # type: ignore[call-overload, no-any-return]
+
+
+def command(*arguments: object, **how: object) -> Done:
+    """The installed command, to its end."""
+    with start(*arguments, **how) as process:
+        try:
+            out, err = process.communicate(timeout=240)
+        finally:
+            process.kill()  # It has ended, but for a test that fails.
+    return Done(process.returncode, out or "", err or "")
+
+
+def reconstruct(output: Path, *arguments: object) -> Tensor:
+    """The picture that `nolens reconstruct` writes as float TIFF, (channels, height, width)."""
+    done = run("reconstruct", *arguments, "-o", output, "--tiff-bits", 32)
+    assert done.code == 0, done.err
+    return read_frame(output).counts
+
+
+def listing(folder: Path) -> dict[str, str]:
+    """All files below a folder, with their content."""
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        if path.is_file()
+        else "folder"
+        for path in sorted(folder.rglob("*"))
+    }
+
+
+def check_refused(done: Done, *words: str) -> None:
+    """Exit code 2 and one message on standard error that says all of the words."""
+    assert done.code == 2, done
+    assert done.out == ""
+    assert "Traceback" not in done.err
+    assert done.err.startswith("nolens: ") and done.err.endswith("\n")
+    assert done.err.count("\n") == 1, done.err
+    for word in words:
+        assert word in done.err, f"{word!r} is missing in: {done.err}"
