@@ -13,7 +13,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from nolens.kernels.fft import threads_for
 from nolens.kernels.rows_numba import (
     FASTMATH,
     row_difference,
@@ -22,6 +21,7 @@ from nolens.kernels.rows_numba import (
     row_scene,
     row_sensor,
 )
+from nolens.kernels.threads import for_each_block
 
 _BLOCKS = 32
 _SUMS = 21
@@ -32,14 +32,16 @@ Triple = tuple[float, float, float]
 def solve_normal_equation_(spectrum: Tensor, transfer: Tensor, penalties: Triple) -> Tensor:
     """See `nolens.kernels.admm.solve_normal_equation_`."""
     height, width = spectrum.shape
-    _use_threads(spectrum.numel())
-    _solve(
-        spectrum.numpy(),
-        transfer.numpy(),
-        _laplacian(height),
-        _laplacian(width)[: width // 2 + 1],
-        *(np.float32(penalty) for penalty in penalties),
-    )
+    laplacians = _laplacian(height), _laplacian(width)[: width // 2 + 1]
+    reals = torch.view_as_real(spectrum).numpy(), torch.view_as_real(transfer).numpy()
+    arrays = (*reals, *laplacians)
+    mu = np.array(penalties, dtype=np.float32)
+    blocks = min(_BLOCKS, height)
+
+    def solve(block: int) -> None:
+        _solve_rows(*arrays, mu, *_rows(block, blocks, height))
+
+    for_each_block(solve, blocks, spectrum.numel())
     return spectrum
 
 
@@ -59,23 +61,35 @@ def update_splits_(
         now / later if later > 0 else 1.0 for now, later in zip(penalties, following, strict=True)
     ]
     constants = np.array([*penalties, *following, *rescale, relaxation, tv, l1], dtype=np.float32)
-    blocks = min(_BLOCKS, pair.shape[0])
+    height, width = pair.shape
+    blocks = min(_BLOCKS, height)
     sums = np.zeros((blocks, _SUMS))
-    _use_threads(pair.numel())
-    _update(
-        torch.view_as_real(pair).flatten(1).numpy(),
-        tuple(each.numpy() for each in measurement),
-        tuple(each.numpy() for each in arrays),
-        np.array(windows, dtype=np.int64),
-        constants,
-        (tv > 0, isotropic),
-        sums,
-    )
+    z = torch.view_as_real(pair).flatten(1).numpy()
+    data = tuple(each.numpy() for each in measurement)
+    states = tuple(each.numpy() for each in arrays)
+    places = np.array(windows, dtype=np.int64)
+    kind = (tv > 0, isotropic)
+    starts = [_rows(block, blocks, height)[0] for block in range(blocks)]
+    heads = z[starts, ::2]
+    last = np.empty((blocks, width), np.float32)
+
+    def sweep(block: int) -> None:
+        rows = _rows(block, blocks, height)
+        following = heads[(block + 1) % blocks]
+        last[block] = _sweep_block(
+            z, following, data, states, places, constants, kind, rows, sums[block]
+        )
+
+    for_each_block(sweep, blocks, pair.numel())
+    if tv > 0:
+        # The first row of every block still lacks what flows in from the block above it.
+        z[starts, 1::2] += np.roll(last, 1, axis=0)
     return pair, [float(value) for value in sums.sum(axis=0)]
 
 
-def _use_threads(cells: int) -> None:
-    numba.set_num_threads(min(threads_for(cells), numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
+def _rows(block: int, blocks: int, height: int) -> tuple[int, int]:
+    """First and last + 1 of a block's rows."""
+    return block * height // blocks, (block + 1) * height // blocks
 
 
 def _laplacian(length: int) -> np.ndarray[Any, np.dtype[np.float32]]:
@@ -83,33 +97,44 @@ def _laplacian(length: int) -> np.ndarray[Any, np.dtype[np.float32]]:
     return (4 * np.sin(np.pi * np.arange(length) / length) ** 2).astype(np.float32)
 
 
-@numba.njit(parallel=True, cache=True, nogil=True, fastmath=FASTMATH)
-def _solve(z, transfer, lap_rows, lap_columns, mu_x, mu_u, mu_w):  # type: ignore[no-untyped-def]
-    height, width = z.shape
-    half = np.float32(0.5)
-    for i in numba.prange(height):
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+def _solve_rows(z, transfer, lap_rows, lap_columns, mu, first, stop):  # type: ignore[no-untyped-def]
+    height, width, _ = z.shape
+    for i in range(first, stop):
         mirror = (height - i) % height
-        for j in range(width // 2 + 1):
-            opposite = (width - j) % width
-            # Columns 0 and width/2 hold both ends of a pair: the first row of the two acts.
-            if opposite == j and mirror < i:
-                continue
-            h = transfer[i, j]
-            here = z[i, j]
-            there = z[mirror, opposite]
-            # here and there are A + iB and conj(A) + i conj(B).
-            a_re = half * (here.real + there.real)
-            a_im = half * (here.imag - there.imag)
-            b_re = half * (here.imag + there.imag)
-            b_im = half * (there.real - here.real)
-            power = h.real * h.real + h.imag * h.imag
-            scale = np.float32(1) / (mu_x * power + mu_u * (lap_rows[i] + lap_columns[j]) + mu_w)
-            v_re = (mu_x * (h.real * a_re + h.imag * a_im) + b_re) * scale
-            v_im = (mu_x * (h.real * a_im - h.imag * a_re) + b_im) * scale
-            m_re = h.real * v_re - h.imag * v_im
-            m_im = h.real * v_im + h.imag * v_re
-            z[i, j] = complex(v_re - m_im, v_im + m_re)
-            z[mirror, opposite] = complex(v_re + m_im, m_re - v_im)
+        here, there = z[i], z[mirror]
+        half = (width + 1) // 2
+        mu_row = np.float32(mu[1] * lap_rows[i] + mu[2])
+        for j in range(1, half):
+            _solve_pair(here, j, there, width - j, transfer[i], mu, mu_row + mu[1] * lap_columns[j])
+        # Columns 0 and width/2 hold both ends of a pair: the first row of the two acts.
+        if i <= mirror:
+            _solve_pair(here, 0, there, 0, transfer[i], mu, mu_row)
+            if width % 2 == 0:
+                _solve_pair(
+                    here, half, there, half, transfer[i], mu, mu_row + mu[1] * lap_columns[half]
+                )
+
+
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, inline="always")
+def _solve_pair(here, j, there, opposite, transfer, mu, rest):  # type: ignore[no-untyped-def]
+    """Unpack two real fields at k and -k, solve, and pack v + i Mv."""
+    half = np.float32(0.5)
+    h_re, h_im = transfer[j, 0], transfer[j, 1]
+    # here and there are A + iB and conj(A) + i conj(B).
+    a_re = half * (here[j, 0] + there[opposite, 0])
+    a_im = half * (here[j, 1] - there[opposite, 1])
+    b_re = half * (here[j, 1] + there[opposite, 1])
+    b_im = half * (there[opposite, 0] - here[j, 0])
+    scale = np.float32(1) / (mu[0] * (h_re * h_re + h_im * h_im) + rest)
+    v_re = (mu[0] * (h_re * a_re + h_im * a_im) + b_re) * scale
+    v_im = (mu[0] * (h_re * a_im - h_im * a_re) + b_im) * scale
+    m_re = h_re * v_re - h_im * v_im
+    m_im = h_re * v_im + h_im * v_re
+    here[j, 0] = v_re - m_im
+    here[j, 1] = v_im + m_re
+    there[opposite, 0] = v_re + m_im
+    there[opposite, 1] = m_re - v_im
 
 
 @numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
@@ -222,23 +247,3 @@ def _sweep_block(z, following, measurement, arrays, windows, k, kind, rows, sums
             row[2 * j] = q[j]
             row[2 * j + 1] = r[j]
     return above
-
-
-@numba.njit(parallel=True, cache=True, nogil=True, fastmath=FASTMATH)
-def _update(z, measurement, arrays, windows, k, kind, sums):  # type: ignore[no-untyped-def]
-    height, width = z.shape[0], z.shape[1] // 2
-    blocks = sums.shape[0]
-    heads = np.empty((blocks, width), np.float32)
-    last = np.empty((blocks, width), np.float32)
-    for block in numba.prange(blocks):
-        heads[block] = z[block * height // blocks, ::2]
-    for block in numba.prange(blocks):
-        rows = (block * height // blocks, (block + 1) * height // blocks)
-        following = heads[(block + 1) % blocks]
-        last[block] = _sweep_block(
-            z, following, measurement, arrays, windows, k, kind, rows, sums[block]
-        )
-    if kind[0]:
-        # The first row of every block still lacks what flows in from the block above it.
-        for block in range(blocks):
-            z[block * height // blocks, 1::2] += last[block - 1]

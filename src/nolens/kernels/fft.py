@@ -12,6 +12,8 @@ import scipy.fft
 import torch
 from torch import Tensor
 
+from nolens.kernels.threads import threads_for
+
 
 def _ducc() -> Any | None:
     try:
@@ -22,12 +24,6 @@ def _ducc() -> Any | None:
 
 _DUCC = _ducc()
 _AXES = (-2, -1)
-_CELLS_PER_THREAD = 32768
-
-
-def threads_for(cells: int) -> int:
-    """Threads that are worth their start for a field of so many cells, up to torch's number."""
-    return min(torch.get_num_threads(), 1 + cells // _CELLS_PER_THREAD)
 
 
 def fast_length(at_least: int) -> int:

@@ -1,0 +1,29 @@
+"""Threads of the CPU kernels: torch's number, in a pool of Python's.
+
+The compiled passes let go of Python's lock, so plain threads run them side by side. numba's own
+parallel loops are not used: they set the number of threads of the OpenMP runtime that torch
+shares, and their threads spin while another program has the core.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import torch
+
+_CELLS_PER_THREAD = 32768
+
+
+def threads_for(cells: int) -> int:
+    """Threads that are worth their start for a field of so many cells, up to torch's number."""
+    return min(torch.get_num_threads(), 1 + cells // _CELLS_PER_THREAD)
+
+
+def for_each_block(work: Callable[[int], None], blocks: int, cells: int) -> None:
+    """Call `work` with every number below `blocks`, on as many threads as `cells` deserve."""
+    threads = threads_for(cells)
+    if threads == 1:
+        for block in range(blocks):
+            work(block)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(work, range(blocks)))
