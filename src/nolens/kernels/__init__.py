@@ -6,6 +6,7 @@ CUDA (torch); callers hand over tensors and never choose.
 
 from nolens.kernels.admm import PassSums, SplitState, solve_normal_equation_, update_splits_
 from nolens.kernels.fft import fast_length, fft2_, ifft2_, irfft2, rfft2
+from nolens.kernels.memory import in_large_pages
 
 __all__ = [
     "PassSums",
@@ -13,6 +14,7 @@ __all__ = [
     "fast_length",
     "fft2_",
     "ifft2_",
+    "in_large_pages",
     "irfft2",
     "rfft2",
     "solve_normal_equation_",

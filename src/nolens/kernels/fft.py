@@ -26,22 +26,24 @@ _DUCC = _ducc()
 _AXES = (-2, -1)
 
 
-def fast_length(at_least: int) -> int:
+def fast_length(at_least: int, *, of_rows: bool) -> int:
     """Smallest transform length from `at_least` upwards that is even and fast.
 
-    Lengths are products of 2, 3, 5, 7 and 11. Multiples of 256 are passed over: rows whose
-    stride is a large power of two fall into the same cache sets, and the transform along the
-    columns then takes longer than at the next length.
+    Lengths are products of 2, 3, 5, 7 and 11. For rows, multiples of 256 are passed over: rows
+    whose stride is a large power of two fall into the same cache sets, and the transform along
+    the columns then takes longer than at the next length.
 
     Parameters
     ----------
     at_least
         Number of cells that the period must hold.
+    of_rows
+        Whether it is the length of the rows, which is the stride along the columns.
     """
     length = max(2, at_least)
     while True:
         length = int(scipy.fft.next_fast_len(length))
-        if length % 2 == 0 and length % 256 != 0:
+        if length % 2 == 0 and not (of_rows and length % 256 == 0):
             return length
         length += 1
 

@@ -89,12 +89,15 @@ class Geometry:
             If the region has no cell from which the PSF reaches the sensor.
         """
         if region is None:
-            axes = [_unlimited(n, p) for n, p in zip(sensor, psf, strict=True)]
+            axes = [
+                _unlimited(sensor[0], psf[0], of_rows=False),
+                _unlimited(sensor[1], psf[1], of_rows=True),
+            ]
             scene_origin = tuple(a.scene_start - a.sensor_start for a in axes)
         else:
             axes = [
-                _confined(sensor[0], psf[0], region.top, region.height),
-                _confined(sensor[1], psf[1], region.left, region.width),
+                _confined(sensor[0], psf[0], region.top, region.height, of_rows=False),
+                _confined(sensor[1], psf[1], region.left, region.width, of_rows=True),
             ]
             scene_origin = (region.top, region.left)
         rows, columns = axes
@@ -113,12 +116,12 @@ class Geometry:
         )  # fmt: skip
 
 
-def _unlimited(sensor: int, psf: int) -> _Axis:
-    period = fast_length(sensor + psf - 1)
+def _unlimited(sensor: int, psf: int, *, of_rows: bool) -> _Axis:
+    period = fast_length(sensor + psf - 1, of_rows=of_rows)
     return _Axis(period, (period - sensor) // 2, 0, period, 0, psf)
 
 
-def _confined(sensor: int, psf: int, start: int, length: int) -> _Axis:
+def _confined(sensor: int, psf: int, start: int, length: int, *, of_rows: bool) -> _Axis:
     centre = psf // 2
     low = max(-centre, -(start + length - 1))
     high = min(psf - 1 - centre, sensor - 1 - start)
@@ -132,7 +135,7 @@ def _confined(sensor: int, psf: int, start: int, length: int) -> _Axis:
     span = max(sensor_start + sensor, sensor_start + start + length)
     needed = max(start + length + high, sensor - start - low, span)
     return _Axis(
-        fast_length(needed),
+        fast_length(needed, of_rows=of_rows),
         sensor_start,
         sensor_start + start,
         length,

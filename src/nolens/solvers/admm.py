@@ -11,6 +11,7 @@ from nolens.kernels import (
     SplitState,
     fft2_,
     ifft2_,
+    in_large_pages,
     irfft2,
     rfft2,
     solve_normal_equation_,
@@ -146,10 +147,10 @@ def _start(problem: Problem) -> list[SplitState]:
                 tv=tv,
                 isotropic=problem.prior is Prior.ISOTROPIC_TV,
                 l1=problem.tau if problem.prior is Prior.L1 else 0.0,
-                measured=measured,
-                rows=gradient[0].contiguous(),
-                columns=gradient[1].contiguous(),
-                scene=scene,
+                measured=in_large_pages(measured),
+                rows=in_large_pages(gradient[0]),
+                columns=in_large_pages(gradient[1]),
+                scene=in_large_pages(scene),
             )
         )
     return states
@@ -167,7 +168,7 @@ def _uniform_levels(problem: Problem) -> list[float]:
 
 def _first_pair(state: SplitState, mu: Penalties) -> Tensor:
     """(q_x, r) of the start: an update that does not move."""
-    still = torch.zeros_like(state.scene, dtype=torch.complex64)
+    still = in_large_pages(torch.zeros_like(state.scene, dtype=torch.complex64))
     pair, _ = update_splits_(still, state, mu, mu, 0.0)
     return pair
 
