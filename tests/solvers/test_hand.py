@@ -1,4 +1,4 @@
-"""The reference problem of issue 2 on real data: the hand of DiffuserCam."""
+"""The reference problem on real data: the hand of DiffuserCam."""
 
 from functools import cache
 
@@ -60,5 +60,5 @@ def test_reference_objective_within_sixty_iterations():
     unit = scene * np.linalg.norm(psf) / np.linalg.norm(data)
     objective = _objective(psf, data, unit)
     assert result.objective == pytest.approx(objective, rel=1e-3)
-    # Below the lowest ever seen the objective of this test would not be that of the issue.
+    # Below the lowest ever seen the objective of this test would not be the reference one.
     assert 4.0e-5 < objective <= LIMIT

@@ -43,10 +43,10 @@ _TAU = {Method.ADMM: 1e-4, Method.FISTA: 1e-4, Method.WIENER: 0.1}
 _ITERATIONS = {Method.ADMM: 100, Method.FISTA: 300, Method.WIENER: 1}
 _TOLERANCE = {Method.ADMM: 3e-4, Method.FISTA: 1e-4, Method.WIENER: 0.0}
 
-# Per cell of the period: four states and one complex field for each channel, the PSF's spectrum,
-# and the transforms' own buffers; and what one iteration takes on two cores, from `make bench`.
-_BYTES_PER_CELL = 36
-_SECONDS_PER_CELL = 1.7e-8
+# Per cell of the period and channel, as `make bench` saw them on two cores: the most memory that a
+# run holds (in its first and last step), and what one iteration takes.
+_BYTES_PER_CELL = 80
+_SECONDS_PER_CELL = 1.5e-8
 
 
 class Reporter(Protocol):
