@@ -10,9 +10,16 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from nolens.kernels import SplitState, fft2_, ifft2_, solve_normal_equation_, update_splits_
+from nolens.kernels import (
+    SplitState,
+    fft2_,
+    ifft2_,
+    in_large_pages,
+    solve_normal_equation_,
+    update_splits_,
+)
 
-SIZES = ((3040, 4056), (3072, 4050), (3072, 4096), (3080, 4116))
+SIZES = ((3040, 4056), (3072, 4096), (3080, 4116), (3072, 4116))
 SENSOR = (1520, 2028)
 MU = (0.02, 2.0, 1.0)
 RUNS = 5
@@ -29,10 +36,10 @@ def state(period: tuple[int, int]) -> SplitState:
         tv=1e-4,
         isotropic=False,
         l1=0.0,
-        measured=torch.rand(period),
-        rows=torch.rand(period),
-        columns=torch.rand(period),
-        scene=torch.rand(period),
+        measured=in_large_pages(torch.rand(period)),
+        rows=in_large_pages(torch.rand(period)),
+        columns=in_large_pages(torch.rand(period)),
+        scene=in_large_pages(torch.rand(period)),
     )
 
 
@@ -54,7 +61,7 @@ def main() -> None:
     for period in SIZES:
         splits = state(period)
         transfer = torch.fft.rfft2(torch.rand(period))
-        pair: Tensor = torch.complex(torch.rand(period), torch.rand(period))
+        pair: Tensor = in_large_pages(torch.complex(torch.rand(period), torch.rand(period)))
         runs: tuple[Callable[[], object], ...] = (
             lambda pair=pair: fft2_(pair),
             lambda pair=pair: ifft2_(pair),
