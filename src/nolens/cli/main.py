@@ -1,5 +1,6 @@
 """The `nolens` command: exit code 0, 2 for what the user can mend, 1 for a bug, 130 if stopped."""
 
+import errno
 import sys
 from collections.abc import Sequence
 
@@ -20,6 +21,12 @@ def _guard(arguments: list[str]) -> int:
         return run(arguments)
     except NolensError as error:
         say(str(error))
+        return 2
+    except OSError as error:
+        # Files of the user's are FileErrors by now: this is a library that stores something.
+        if error.errno not in (errno.ENOSPC, errno.EFBIG, errno.EDQUOT):
+            raise
+        say(f"the disk has no space left: {error}. Make room and run it again")
         return 2
     except KeyboardInterrupt:
         say("stopped at once; files that were not finished are not written")
