@@ -1,6 +1,7 @@
 """PSFs that fit and PSFs that are refused."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -154,6 +155,8 @@ def test_black_level_that_was_not_subtracted_is_doubted():
     lifted = measurement(psf.values + 2)
     (warning,) = prepare_psf(lifted, scene(60, 80)).warnings
     assert "--black auto" in warning
+    stated = replace(lifted, black_stated=True)  # Light may fall everywhere.
+    assert prepare_psf(stated, scene(60, 80)).warnings == ()
 
 
 @needs_data

@@ -3,29 +3,69 @@
 A `Frame` is what a file holds (stored counts, colour mosaic, black and white level).
 `develop` makes a linear `Measurement` of it, `prepare_psf` makes a point spread function fit
 a measurement, and the functions of `picture` turn the radiance that comes out into values a
-screen can show. Nothing in here reads or writes a file.
+screen can show. A `Camera` describes one that is to be simulated: its sensor, the layers above
+it and its mask; `preset` has some, and TOML text holds any. Nothing in here reads or writes a
+file of the user's.
 """
 
+from nolens.camera.curves import AngularCurve, CurveFile, SpectralCurve
+from nolens.camera.description import (
+    Aperture,
+    Camera,
+    Flat,
+    Layer,
+    Mask,
+    RandomLenslets,
+    ReliefFile,
+)
+from nolens.camera.explain import camera_from_mapping
 from nolens.camera.frame import MOSAICS, Frame
+from nolens.camera.materials import MATERIALS, Material, material
 from nolens.camera.measurement import Measurement, dark_corner, develop
+from nolens.camera.opened import OpenCamera, opened
 from nolens.camera.picture import (
     arrange_rgb,
     exposure_white,
     linear_from_srgb,
     srgb_from_linear,
 )
+from nolens.camera.presets import PRESETS, preset, preset_text
 from nolens.camera.psf import PreparedPsf, prepare_psf
+from nolens.camera.sensor import Sensor
+from nolens.camera.toml import camera_from_toml, camera_to_toml
 
 __all__ = [
+    "MATERIALS",
     "MOSAICS",
+    "PRESETS",
+    "AngularCurve",
+    "Aperture",
+    "Camera",
+    "CurveFile",
+    "Flat",
     "Frame",
+    "Layer",
+    "Mask",
+    "Material",
     "Measurement",
+    "OpenCamera",
     "PreparedPsf",
+    "RandomLenslets",
+    "ReliefFile",
+    "Sensor",
+    "SpectralCurve",
     "arrange_rgb",
+    "camera_from_mapping",
+    "camera_from_toml",
+    "camera_to_toml",
     "dark_corner",
     "develop",
     "exposure_white",
     "linear_from_srgb",
+    "material",
+    "opened",
     "prepare_psf",
+    "preset",
+    "preset_text",
     "srgb_from_linear",
 ]

@@ -30,6 +30,8 @@ class Measurement:
         The mosaic the values come from, or None.
     source
         Where they come from, usually the path of a file.
+    black_stated
+        Whether a file, a dark frame or a person said what no light is.
     """
 
     values: Tensor
@@ -37,6 +39,7 @@ class Measurement:
     channels: tuple[str, ...]
     mosaic: str | None
     source: str
+    black_stated: bool = False
 
     @property
     def size(self) -> str:
@@ -130,7 +133,8 @@ def develop(
             raise DataError(
                 f"channel {name} of {frame.source} is zero everywhere: leave it out (--channels)"
             )
-    return Measurement(values, valid, names, frame.mosaic, frame.source)
+    stated = dark is not None or black is not None or any(frame.black)
+    return Measurement(values, valid, names, frame.mosaic, frame.source, stated)
 
 
 def dark_corner(frame: Frame) -> float:

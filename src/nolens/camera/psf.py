@@ -171,7 +171,7 @@ def _doubts(psf: Measurement, values: Tensor) -> list[str]:
             f"{100 * saturated:.2g} % of the PSF {psf.source} is saturated, and its peaks are "
             "cut off there: a shorter exposure of the point of light gives a better picture"
         )
-    if min(values.shape[-2:]) < _HAS_CORNERS:
+    if psf.black_stated or min(values.shape[-2:]) < _HAS_CORNERS:
         return doubts
     corner, peak = darkest_corner(values), float(values.max())
     if corner > _CORNER_SHARE * peak:

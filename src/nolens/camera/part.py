@@ -1,0 +1,70 @@
+"""What all parts of a camera's description have in common: checks and types of fields."""
+
+import difflib
+from pathlib import PurePosixPath
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from nolens.quantities import Length
+
+
+def refusal(reason: str, **about: Any) -> PydanticCustomError:
+    """Give an error for validators to raise, whose message is `reason` and nothing else."""
+    return PydanticCustomError("refused", "{reason}", {"reason": reason, **about})
+
+
+class Part(BaseModel):
+    """A part of a camera's description: unchangeable, without unknown or missing keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _check_keys(cls, given: Any) -> Any:
+        if not isinstance(given, dict):
+            return given
+        known = cls.model_fields
+        for key in given:
+            if key not in known:
+                near = difflib.get_close_matches(str(key), known, n=1)
+                meant = f": did you mean {near[0]!r}?" if near else "."
+                raise refusal(f"the key {key!r} is unknown{meant} Known are {', '.join(known)}")
+        needed = [name for name, field in known.items() if field.is_required()]
+        missing = [name for name in needed if name not in given]
+        if missing:
+            be = "is" if len(missing) == 1 else "are"
+            raise refusal(f"{', '.join(missing)} {be} missing: give {', '.join(needed)}")
+        return given
+
+
+def _positive(length: Length) -> Length:
+    if length.exact <= 0:
+        raise refusal(f"it must be more than zero: give a length such as {Length.usual}")
+    return length
+
+
+def file_in_folder(*suffixes: str) -> AfterValidator:
+    """Check that text is the name of a file in the camera's folder, with one of the suffixes."""
+
+    def check(file: str) -> str:
+        path = PurePosixPath(file)
+        inside = not path.is_absolute() and ".." not in path.parts and "\0" not in file
+        if not inside or path.suffix.lower() not in suffixes:
+            raise refusal(
+                f"it must be a {' or '.join(suffixes)} file in the camera's folder, such as "
+                f"name{suffixes[0]}"
+            )
+        return file
+
+    return AfterValidator(check)
+
+
+Positive = Annotated[float, Field(strict=True, gt=0)]
+NotNegative = Annotated[float, Field(strict=True, ge=0)]
+UnitInterval = Annotated[float, Field(strict=True, ge=0, le=1)]
+Text = Annotated[str, Field(min_length=1)]
+PositiveLength = Annotated[Length, AfterValidator(_positive)]
+CsvFile = Annotated[str, file_in_folder(".csv")]
+TiffFile = Annotated[str, file_in_folder(".tif", ".tiff")]

@@ -1,0 +1,103 @@
+"""The sensor of a camera: its pixels, its electronics and its curves."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from nolens.camera.curves import Acceptance, QuantumEfficiency, SpectralCurve
+from nolens.camera.part import NotNegative, Part, Positive, PositiveLength, Text, refusal
+
+Pixels = Annotated[int, Field(strict=True, ge=16, le=65535)]
+
+
+class Sensor(Part):
+    """An image sensor.
+
+    Attributes
+    ----------
+    name
+        What it is called.
+    rows, columns
+        Pixels, from 16 to 65535; even where there is a colour mosaic.
+    pitch
+        From one pixel to the next, in both directions.
+    mosaic
+        Colours of the 2×2 cell, row by row, or "none".
+    bits
+        Of a stored count, 8 to 16.
+    black_counts
+        Count that stands for no light.
+    full_well_electrons
+        Electrons at which a pixel is full.
+    read_noise_electrons
+        Standard deviation of the read noise, in electrons.
+    counts_per_electron
+        Counts for one electron at gain 1.
+    gain
+        Factor on the counts per electron.
+    quantum_efficiency
+        Electrons per photon over wavelength, for each of `channels`.
+    acceptance
+        Response over the angle of incidence.
+    """
+
+    name: Text
+    rows: Pixels
+    columns: Pixels
+    pitch: PositiveLength
+    mosaic: Literal["RGGB", "BGGR", "GRBG", "GBRG", "none"]
+    bits: Annotated[int, Field(strict=True, ge=8, le=16)]
+    black_counts: NotNegative
+    full_well_electrons: Positive
+    read_noise_electrons: NotNegative
+    counts_per_electron: Positive
+    gain: Positive = 1.0
+    quantum_efficiency: QuantumEfficiency
+    acceptance: Acceptance
+
+    @model_validator(mode="after")
+    def _check_fit(self) -> "Sensor":
+        if self.mosaic != "none" and (self.rows % 2 or self.columns % 2):
+            raise refusal(
+                f"{self.rows} rows and {self.columns} columns do not make whole 2×2 cells of the "
+                f'mosaic {self.mosaic}: give even numbers, or mosaic = "none"'
+            )
+        if self.black_counts >= self.white_counts:
+            raise refusal(
+                f"black_counts is {self.black_counts:g}, but the largest count of {self.bits} bits "
+                f"is {self.white_counts}: give a smaller one"
+            )
+        curve = self.quantum_efficiency
+        if isinstance(curve, SpectralCurve) and set(curve.values) != set(self.channels):
+            raise refusal(
+                f"the quantum efficiency is given for {', '.join(curve.values)}, but a sensor "
+                f"with the mosaic {self.mosaic} has the channels {', '.join(self.channels)}: "
+                "give exactly these"
+            )
+        return self
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """``("R", "G", "B")``, or ``("grey",)`` without a mosaic."""
+        return ("grey",) if self.mosaic == "none" else ("R", "G", "B")
+
+    @property
+    def white_counts(self) -> int:
+        """The largest count."""
+        return int(2**self.bits - 1)
+
+    @property
+    def height_mm(self) -> float:
+        """Height of all rows, in mm."""
+        return self.rows * self.pitch.mm
+
+    @property
+    def width_mm(self) -> float:
+        """Width of all columns, in mm."""
+        return self.columns * self.pitch.mm
+
+    @property
+    def clip_electrons(self) -> float:
+        """Electrons from which a pixel is saturated: it is full, or at the largest count."""
+        per_electron = self.counts_per_electron * self.gain
+        return min(self.full_well_electrons, (self.white_counts - self.black_counts) / per_electron)

@@ -1,0 +1,69 @@
+"""Camera descriptions as TOML text."""
+
+import re
+import textwrap
+import tomllib
+from typing import Any
+
+import tomli_w
+
+from nolens.camera.description import Camera
+from nolens.camera.explain import camera_from_mapping
+from nolens.errors import DataError
+
+_WIDTH = 100
+_NUMBERS = re.compile(r"^([^\n\"]+ = )\[\n((?: {4}[-+.0-9e]+,\n)+)\]$", re.MULTILINE)
+
+
+def camera_from_toml(text: str, source: str) -> Camera:
+    """Read a camera's description from TOML text.
+
+    Parameters
+    ----------
+    text
+        The text.
+    source
+        Where it comes from, usually the path of a file, for messages.
+
+    Raises
+    ------
+    DataError
+        If it is no TOML (with line and column) or no camera.
+    """
+    try:
+        mapping = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise DataError(f"{source} is no TOML file: {error}") from error
+    return camera_from_mapping(mapping, source)
+
+
+def camera_to_toml(camera: Camera) -> str:
+    """Write a camera's description as TOML text.
+
+    Fields that have their default are left out. Reading the text and writing it again gives
+    the same text.
+    """
+    text = tomli_w.dumps(_plain(camera.model_dump(exclude_defaults=True)))
+    return _NUMBERS.sub(_in_line, text)
+
+
+def _plain(value: Any) -> Any:
+    """Whole numbers without a fraction, so that lists of them are easy to read."""
+    if isinstance(value, dict):
+        return {key: _plain(each) for key, each in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(each) for each in value]
+    if isinstance(value, float) and value.is_integer() and abs(value) < 2**53:
+        return int(value)
+    return value
+
+
+def _in_line(match: re.Match[str]) -> str:
+    """A list of numbers on one line, or on lines of `_WIDTH` where it is longer."""
+    numbers = " ".join(match[2].split()).removesuffix(",")
+    line = f"{match[1]}[{numbers}]"
+    if len(line) <= _WIDTH:
+        return line
+    # 1e-05 must not be broken at its hyphen.
+    lines = textwrap.wrap(numbers, _WIDTH - 4, break_on_hyphens=False)
+    return "\n".join([f"{match[1]}[", *(f"    {line}" for line in lines)]) + ",\n]"

@@ -1,0 +1,179 @@
+"""Reading and writing cameras: a folder with camera.toml and the files it names."""
+
+import difflib
+from pathlib import Path
+
+import numpy as np
+import tifffile
+import torch
+from torch import Tensor
+
+from nolens.camera import (
+    PRESETS,
+    Camera,
+    CurveFile,
+    OpenCamera,
+    ReliefFile,
+    camera_from_toml,
+    camera_to_toml,
+    preset,
+)
+from nolens.errors import DataError, FileError
+from nolens.files.atomic import write_together
+from nolens.files.read import read_frame
+from nolens.files.read_curve import read_angular_curve, read_spectral_curve
+
+CAMERA_FILE = "camera.toml"
+"""Name of a camera's description in its folder."""
+
+
+def read_camera(given: str | Path) -> OpenCamera:
+    """Read a camera and all files it names.
+
+    Parameters
+    ----------
+    given
+        Name of a preset, a folder with camera.toml, or a .toml file. For a folder that is named
+        like a preset, give ``./paper`` as text or its whole path.
+
+    Raises
+    ------
+    FileError
+        If there is no such camera, or a file it names is missing or cannot be read.
+    DataError
+        If the description is no camera, or a file holds what cannot be part of one.
+    """
+    if str(given) in PRESETS:
+        return _open(preset(str(given)), Path())
+    path = _find(given)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise FileError(f"cannot read {path}: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise FileError(f"{path} is no TOML file: {error}") from error
+    return _open(camera_from_toml(text, str(path)), path.parent)
+
+
+def write_camera(folder: str | Path, camera: Camera, relief_um: Tensor | None = None) -> None:
+    """Write camera.toml, and the relief into the file that the camera names for it.
+
+    Parameters
+    ----------
+    folder
+        Folder of the camera; made where it does not exist.
+    camera
+        Its description.
+    relief_um
+        Heights in um, (rows, columns), for a camera whose relief is a file. They are stored as
+        32-bit floats.
+
+    Raises
+    ------
+    DataError
+        If heights are given that are no such table or not finite, or for a camera whose relief
+        is no file.
+    FileError
+        If the camera names a file that is neither written nor in the folder, or a file cannot
+        be written.
+    """
+    folder, text, relief = Path(folder), camera_to_toml(camera), camera.mask.relief
+    writers = {folder / CAMERA_FILE: lambda path: _write_text(path, text)}
+    if relief_um is not None:
+        if not isinstance(relief, ReliefFile):
+            raise DataError(
+                f"heights are given for the camera {camera.name!r}, whose relief is of kind "
+                f"{relief.kind}: describe it as kind file"
+            )
+        heights = _heights(relief_um[None], f"the relief of {camera.name!r}")
+        writers[folder / relief.file] = lambda path: _write_heights(path, heights)
+    for name in _named(camera):
+        if folder / name not in writers and not (folder / name).is_file():
+            raise FileError(
+                f"the camera {camera.name!r} names the file {name}, which is not in {folder}: "
+                "put it there first"
+            )
+    try:
+        for path in writers:
+            path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(f"cannot make {error.filename}: {error.strerror or error}") from error
+    write_together(writers)
+
+
+def _find(given: str | Path) -> Path:
+    path = Path(given)
+    try:
+        path = path.expanduser()
+        if path.is_dir():
+            if (path / CAMERA_FILE).is_file():
+                return path / CAMERA_FILE
+            raise FileError(f"the folder {path} holds no {CAMERA_FILE}. {_accepted()}")
+        if path.is_file():
+            if path.suffix.lower() == ".toml":
+                return path
+            raise FileError(f"{path} is no .toml file. {_accepted()}")
+    except OSError as error:
+        raise FileError(f"cannot read {path}: {error.strerror or error}") from error
+    # No such user, or a character that no path can have: then there is no such camera.
+    except (RuntimeError, ValueError):
+        pass
+    near = difflib.get_close_matches(str(given).lower(), PRESETS, n=1)
+    meant = f" Did you mean the preset {near[0]!r}?" if near else ""
+    raise FileError(f"there is no camera {str(given)!r}.{meant} {_accepted()}")
+
+
+def _accepted() -> str:
+    return (
+        f"Give a folder with a {CAMERA_FILE}, a .toml file, or one of the presets "
+        f"{', '.join(PRESETS)}"
+    )
+
+
+def _open(camera: Camera, folder: Path) -> OpenCamera:
+    efficiency, acceptance = camera.sensor.quantum_efficiency, camera.sensor.acceptance
+    if isinstance(efficiency, CurveFile):
+        efficiency = read_spectral_curve(folder / efficiency.file, camera.sensor)
+    if isinstance(acceptance, CurveFile):
+        acceptance = read_angular_curve(folder / acceptance.file)
+    relief = camera.mask.relief
+    heights = _read_heights(folder / relief.file) if isinstance(relief, ReliefFile) else None
+    return OpenCamera(camera, efficiency, acceptance, heights)
+
+
+def _named(camera: Camera) -> list[str]:
+    """Files that a camera names."""
+    parts = (camera.sensor.quantum_efficiency, camera.sensor.acceptance, camera.mask.relief)
+    return [part.file for part in parts if isinstance(part, CurveFile | ReliefFile)]
+
+
+def _read_heights(path: Path) -> Tensor:
+    return _heights(read_frame(path).counts, str(path))
+
+
+def _heights(values: Tensor, source: str) -> Tensor:
+    """Heights (rows, columns), float32, of a tensor (1, rows, columns)."""
+    if values.ndim != 3 or len(values) != 1:
+        raise DataError(
+            f"{source} has (channels, rows, columns) {tuple(values.shape)}: a relief has one "
+            "channel of heights in um"
+        )
+    heights = values[0].detach().to("cpu", torch.float32)
+    if not torch.isfinite(heights).all():
+        raise DataError(f"{source} holds heights that are NaN or infinite: give finite ones, in um")
+    return heights
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8", newline="\n")
+
+
+def _write_heights(path: Path, heights: Tensor) -> None:
+    tifffile.imwrite(
+        path,
+        np.ascontiguousarray(heights.numpy()),
+        photometric="minisblack",
+        description="heights in um",
+        metadata=None,
+        software="nolens",
+    )
