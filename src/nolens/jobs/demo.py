@@ -1,4 +1,4 @@
-"""The demonstration: a simulated camera's files, and the photograph made from them."""
+"""The demonstration: the paper's camera, simulated, and the photograph made from its files."""
 
 import importlib
 from dataclasses import dataclass
@@ -8,21 +8,24 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
-from nolens.camera import develop, exposure_white, linear_from_srgb
+from nolens.camera import develop, exposure_white, linear_from_srgb, opened, preset
 from nolens.errors import FileError, OptionError
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import read_frame, write_dng, write_png
 from nolens.jobs.options import ReconstructOptions
 from nolens.jobs.reconstruct import Outcome, Reporter, reconstruct
-from nolens.operators import CroppedConvolution, Region
-from nolens.twin import LensletMask, Sensor, caustic_psf, expose
+from nolens.optics import PointSource
+from nolens.twin import Light, Plane, Twin, arrange, expose, irradiate, mosaic, point_spread
 
-_SENSOR_CELLS = (760, 1014)
-"""Half of the paper's camera in each direction, in cells of 2×2 pixels."""
-_SCENE_CELLS = 400
-"""Side of the photograph: a full angle of 52° behind 1.28 mm of reduced thickness."""
-_PIXEL_UM = 1.55
-_WAVELENGTHS_NM = (600.0, 535.0, 465.0)
+_SCENE_PIXELS = (1520, 2028)
+"""Part of the paper's sensor that is read for the scene: half of it in each direction."""
+_PSF_PIXELS = (2320, 2828)
+"""Part that is read for the point of light: wider by what the scene moves the pattern."""
+_DISTANCE_UM = 300e3
+_SOURCE_UM = 50.0
+_ANGLE_DEG = 50.0
+_FIELD_POINTS = 5
+_WAVELENGTHS = 1
 _FILL = 0.9
 _TAU = 1e-5
 
@@ -63,19 +66,18 @@ def run_demo(folder: Path, reporter: Reporter) -> DemoResult:
     FileError
         If the folder cannot be made.
     """
-    truth = _photograph()
+    photograph = _photograph()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FileError(f"cannot make {folder}: {error.strerror or error}") from error
-    reporter.note("simulating the camera: mask, point source and scene")
-    measurement_path, psf_path = _capture(truth, folder)
+    measurement_path, psf_path, truth, region = _capture(photograph, folder, reporter)
     outcome = reconstruct(
         ReconstructOptions(
             measurement=measurement_path,
             psf=psf_path,
             psf_wider=True,
-            region=f"{_SCENE_CELLS}x{_SCENE_CELLS}",
+            region=region,
             tau=_TAU,
             output=(folder / "reconstruction.png",),
         ),
@@ -87,26 +89,42 @@ def run_demo(folder: Path, reporter: Reporter) -> DemoResult:
     return DemoResult(picture, psnr(fitted, truth, 1.0), outcome)
 
 
-def _capture(truth: Tensor, folder: Path) -> tuple[Path, Path]:
-    """Files of the simulated camera: a scene, and a point source seen by a larger sensor."""
-    sensor = Sensor()
-    wide = (_SENSOR_CELLS[0] + _SCENE_CELLS, _SENSOR_CELLS[1] + _SCENE_CELLS)
-    fine = caustic_psf(LensletMask(), (2 * wide[0], 2 * wide[1]), _PIXEL_UM, _WAVELENGTHS_NM)
-    psf = nnf.avg_pool2d(fine[None], 2)[0]
-    region = Region.centred(_SCENE_CELLS, _SCENE_CELLS, _SENSOR_CELLS)
-    light = CroppedConvolution(psf, _SENSOR_CELLS, region)(truth).clamp_min(0)
+def _capture(
+    photograph: Tensor, folder: Path, reporter: Reporter
+) -> tuple[Path, Path, Tensor, str]:
+    """Files of the simulated camera; what its reconstruction is to show, and where."""
+    light = Light("white-led")
+    reporter.note("the paper's camera: its mask, and the pattern of a point of light at 300 mm")
+    wide = Twin.of(opened(preset("paper"))).reading(*_PSF_PIXELS)
+    source = PointSource(distance_um=_DISTANCE_UM, diameter_um=_SOURCE_UM)
+    psf = point_spread(
+        wide, source, _PSF_PIXELS, light=light, wavelengths=_WAVELENGTHS, frame="sensor",
+        tick=lambda share: reporter.advance("point of light", share),
+    )  # fmt: skip
+    sensor = wide.camera.sensor
+
+    reporter.note(f"a scene that fills {_ANGLE_DEG:g}°, {_FIELD_POINTS}×{_FIELD_POINTS} PSFs")
+    twin = wide.reading(*_SCENE_PIXELS)
+    field, seen = arrange(twin, (Plane(photograph, _ANGLE_DEG, _DISTANCE_UM),))
+    irradiated = irradiate(
+        twin, field, seen, field_points=_FIELD_POINTS, light=light, wavelengths=_WAVELENGTHS,
+        tick=lambda share: reporter.advance("scene", share),
+    )  # fmt: skip
     paths = folder / "measurement.dng", folder / "psf.dng"
-    for path, image, seed in zip(paths, (light, psf), (1, 2), strict=True):
-        counts = expose(image, sensor, fill=_FILL, seed=seed)
+    images = irradiated.light, mosaic(psf, sensor.mosaic)
+    for path, image, seed in zip(paths, images, (1, 2), strict=True):
+        electrons = image * (_FILL * sensor.clip_electrons / float(image.max()))
         write_dng(
-            path, counts, pattern=sensor.mosaic, black=sensor.black_counts,
-            white=sensor.white_counts,
+            path, expose(electrons, sensor, seed=seed), pattern=sensor.mosaic,
+            black=int(sensor.black_counts), white=sensor.white_counts,
         )  # fmt: skip
-    return paths
+    response = field.solid_angle() * field.vignetting()
+    truth = seen[0].radiance * (response / response.max()).float()
+    return *paths, truth, f"{field.region.height}x{field.region.width}"
 
 
 def _photograph() -> Tensor:
-    """scikit-image's astronaut in linear light, (3, cells, cells)."""
+    """scikit-image's astronaut in linear light, (3, 512, 512)."""
     try:
         data = importlib.import_module("skimage.data")
     except ImportError:
@@ -114,10 +132,7 @@ def _photograph() -> Tensor:
             "the photograph of the demonstration comes with scikit-image, which is not "
             "installed; pip install 'nolens[demo]'"
         ) from None
-    encoded = torch.from_numpy(data.astronaut()).permute(2, 0, 1).float() / 255
-    linear = linear_from_srgb(encoded)
-    size = (_SCENE_CELLS, _SCENE_CELLS)
-    return nnf.interpolate(linear[None], size=size, mode="bilinear", antialias=True)[0]
+    return linear_from_srgb(torch.from_numpy(data.astronaut()).permute(2, 0, 1).float() / 255)
 
 
 def _side_by_side(measurement: Tensor, reconstruction: Tensor, truth: Tensor) -> Tensor:

@@ -1,10 +1,28 @@
-"""Simulated cameras: from a mask's surface to the counts of the sensor.
+"""Simulated cameras: from a camera's description and a scene to the counts of its sensor."""
 
-What stands here serves `nolens demo`: a random-lenslet mask in one homogeneous medium and a
-measurement by plain convolution.
-"""
+from nolens.twin.expose import expose, mosaic
+from nolens.twin.field import FieldMap
+from nolens.twin.light import LIGHTS, Light
+from nolens.twin.measure import Irradiated, check_field_points, irradiate
+from nolens.twin.model import LARGEST_ANGLE_DEG, NEAREST_MM, REFERENCE_NM, Twin
+from nolens.twin.point import point_spread
+from nolens.twin.scene import Plane, Seen, arrange
 
-from nolens.twin.caustic import LensletMask, caustic_psf
-from nolens.twin.sensor import Sensor, expose
-
-__all__ = ["LensletMask", "Sensor", "caustic_psf", "expose"]
+__all__ = [
+    "LARGEST_ANGLE_DEG",
+    "LIGHTS",
+    "NEAREST_MM",
+    "REFERENCE_NM",
+    "FieldMap",
+    "Irradiated",
+    "Light",
+    "Plane",
+    "Seen",
+    "Twin",
+    "arrange",
+    "check_field_points",
+    "expose",
+    "irradiate",
+    "mosaic",
+    "point_spread",
+]

@@ -1,0 +1,158 @@
+"""The wave that a point of light throws on the mask."""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from nolens.optics.stack import Stack
+
+
+@dataclass(frozen=True)
+class PointSource:
+    r"""A small disc of light, parallel to the sensor.
+
+    Parameters
+    ----------
+    tangent
+        Tangents of the field angle, (row, column), in the picture's sense: a source to the
+        right of the axis has a positive second one, and its pattern lies to the right too.
+    distance_um
+        From the camera's outermost surface, along the axis; infinity for a plane wave.
+    diameter_um
+        Of the disc.
+    """
+
+    tangent: tuple[float, float] = (0.0, 0.0)
+    distance_um: float = math.inf
+    diameter_um: float = 0.0
+
+    @property
+    def angle_deg(self) -> float:
+        """Between the axis and the ray to the middle of the camera."""
+        return math.degrees(math.atan(math.hypot(*self.tangent)))
+
+    @property
+    def p(self) -> float:
+        """Sine of that angle."""
+        tangent = math.hypot(*self.tangent)
+        return tangent / math.sqrt(1 + tangent * tangent)
+
+    def origin_um(self) -> tuple[float, float]:
+        """Where the source stands beside the axis, in the frame of the sensor's rows.
+
+        That frame is the picture's, in which the scene is upright: it is turned by 180° against
+        the scene, so a source to the right stands at negative columns.
+        """
+        return -self.tangent[0] * self.distance_um, -self.tangent[1] * self.distance_um
+
+
+@dataclass(frozen=True)
+class ChiefRay:
+    """The ray from the source to one place on the sensor, had the mask no relief.
+
+    Parameters
+    ----------
+    p
+        (row, column) direction of n sin θ.
+    mask_um
+        Where it passes the mask.
+    """
+
+    p: tuple[float, float]
+    mask_um: tuple[float, float]
+
+    @property
+    def squared(self) -> float:
+        """p² of its length."""
+        return self.p[0] ** 2 + self.p[1] ** 2
+
+
+@dataclass(frozen=True)
+class Illumination:
+    """Light of a point source on the mask, by the optical path of exact rays.
+
+    Parameters
+    ----------
+    source
+        Where the light comes from; in air.
+    before
+        Layers between air and mask; none if the mask is the outermost surface.
+    after
+        Layers between mask and sensor.
+    """
+
+    source: PointSource
+    before: Stack
+    after: Stack
+
+    def chief_ray(self, sensor_um: tuple[float, float]) -> ChiefRay:
+        """The ray that reaches a place on the sensor.
+
+        Parameters
+        ----------
+        sensor_um
+            (row, column) direction, from the sensor's middle.
+        """
+        if math.isinf(self.source.distance_um):
+            tangent = math.hypot(*self.source.tangent)
+            unit = _unit(self.source.tangent)
+            p = tangent / math.sqrt(1 + tangent * tangent)
+            back = -float(self.after.displacement_um(torch.tensor(p, dtype=torch.float64)))
+            start = sensor_um
+        else:
+            start = self.source.origin_um()
+            across = (sensor_um[0] - start[0], sensor_um[1] - start[1])
+            unit = _unit(across)
+            reach = torch.tensor(math.hypot(*across), dtype=torch.float64)
+            ray = self._to_mask().then(self.after).ray(reach)
+            p = float(ray)
+            back = float(self._to_mask().displacement_um(ray))
+        mask = (start[0] + unit[0] * back, start[1] + unit[1] * back)
+        return ChiefRay((unit[0] * p, unit[1] * p), mask)
+
+    def direction(self, rows_um: Tensor, columns_um: Tensor) -> tuple[Tensor, Tensor]:
+        """The light's p at places on the mask: (row part, column part).
+
+        Parameters
+        ----------
+        rows_um, columns_um
+            float64, of shapes that broadcast.
+        """
+        if math.isinf(self.source.distance_um):
+            squared = self.source.tangent[0] ** 2 + self.source.tangent[1] ** 2
+            scale = 1 / math.sqrt(1 + squared)
+            one = torch.ones_like(rows_um + columns_um)
+            return one * (self.source.tangent[0] * scale), one * (self.source.tangent[1] * scale)
+        start = self.source.origin_um()
+        across = rows_um - start[0], columns_um - start[1]
+        reach = torch.hypot(across[0] + 0 * across[1], across[1] + 0 * across[0])
+        share = self._to_mask().ray(reach) / reach.clamp_min(1e-12)
+        return across[0] * share, across[1] * share
+
+    def path_um(self, rows_um: Tensor, columns_um: Tensor, chief: ChiefRay) -> Tensor:
+        r"""Optical path from the source, less the plane wave of the chief ray; float64.
+
+        With p constant along a ray the path is :math:`p·r + Σ t\sqrt{n^2 - p^2}`.
+        """
+        if math.isinf(self.source.distance_um):
+            return torch.zeros_like(rows_um + columns_um)
+        start = self.source.origin_um()
+        p = self.direction(rows_um, columns_um)
+        stack = self._to_mask()
+        lateral = p[0] * (rows_um - start[0]) + p[1] * (columns_um - start[1])
+        path = lateral + stack.axial_um(p[0] ** 2 + p[1] ** 2)
+        at = chief.mask_um
+        central = chief.p[0] * (at[0] - start[0]) + chief.p[1] * (at[1] - start[1])
+        squared = torch.tensor(chief.squared, dtype=torch.float64)
+        carrier = chief.p[0] * (rows_um - at[0]) + chief.p[1] * (columns_um - at[1])
+        return path - central - stack.axial_um(squared) - carrier
+
+    def _to_mask(self) -> Stack:
+        return Stack((self.source.distance_um,), (1.0,)).then(self.before)
+
+
+def _unit(vector: tuple[float, float]) -> tuple[float, float]:
+    length = math.hypot(*vector)
+    return (vector[0] / length, vector[1] / length) if length > 0 else (0.0, 0.0)

@@ -1,0 +1,238 @@
+"""The pattern that a point of light throws on the sensor, by wave optics."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from nolens.optics.grid import Grid
+from nolens.optics.illumination import ChiefRay, Illumination
+from nolens.optics.mask import MaskSurface
+from nolens.optics.propagation import propagate
+from nolens.optics.windows import Margin, Window, window_length, windows
+
+_NODES = 9
+
+
+@dataclass(frozen=True)
+class Media:
+    """What the light goes through at one wavelength.
+
+    Parameters
+    ----------
+    wavelength_um
+        In vacuum.
+    above, below
+        Refractive indices on the two sides of the mask's surface.
+    surfaces
+        Indices of all media from air to the last layer, if Fresnel's losses are wanted.
+    """
+
+    wavelength_um: float
+    above: float
+    below: float
+    surfaces: tuple[float, ...] = ()
+
+    def coupling(self, squared: Tensor) -> Tensor:
+        """Optical path for a unit of relief: n' cos θ' − n cos θ = √(n'² − p²) − √(n² − p²)."""
+        near = (self.above**2 - squared).clamp_min(0).sqrt()
+        far = (self.below**2 - squared).clamp_min(0).sqrt()
+        return far - near
+
+
+def point_pattern(
+    light: Illumination,
+    mask: MaskSurface,
+    media: Media,
+    grid: Grid,
+    *,
+    response: Callable[[Tensor], Tensor] | None = None,
+    tick: Callable[[float], None] | None = None,
+) -> Tensor:
+    r"""Irradiance on the sensor of one point of light at one wavelength.
+
+    The wave of the source (exact rays) passes the thin relief h, which turns its phase by
+    :math:`k_0(\sqrt{n'^2 - p^2} - \sqrt{n^2 - p^2})\,h` with p = n sin θ of the local ray, and then
+    the layers (`propagate`). The pattern is cut into windows, each in the frame of its own chief
+    ray, so that nothing is sampled but what the relief does to the light; the margin around a
+    window follows from geometry.
+
+    Parameters
+    ----------
+    light
+        Source and layers; the layers' indices at this wavelength.
+    mask
+        Its relief's grid must be a whole multiple of the pitch of `grid`.
+    media
+        Wavelength, and the indices that the relief lies between.
+    grid
+        The samples, on the sensor.
+    response
+        Share of the light that a pixel accepts, by p² (float64 tensors).
+    tick
+        Called with the share that is done, 0 to 1, after every window.
+
+    Returns
+    -------
+    Tensor
+        float32, (rows, columns), on the relief's device. It is 1 for a flat mask, straight ahead
+        at a source far away; to the side it falls with cos³θ of the local ray (the distance to a
+        plane of sources, and the slant of the sensor) and with the response.
+    """
+    out = torch.empty((grid.rows, grid.columns), device=mask.relief.height_um.device)
+    places = grid.positions_um(0), grid.positions_um(1)
+    parts = list(windows(grid.rows, grid.columns, grid.pitch_um, light.source.distance_um))
+    for number, part in enumerate(parts):
+        rows, columns = slice(*part.rows), slice(*part.columns)
+        middle = (part.rows[0] + part.rows[1]) // 2, (part.columns[0] + part.columns[1]) // 2
+        chief = light.chief_ray((float(places[0][middle[0]]), float(places[1][middle[1]])))
+        out[rows, columns] = _window(light, mask, media, grid, part, middle, chief, response)
+        if tick is not None:
+            tick((number + 1) / len(parts))
+    return out
+
+
+def _window(
+    light: Illumination,
+    mask: MaskSurface,
+    media: Media,
+    grid: Grid,
+    part: Window,
+    middle: tuple[int, int],
+    chief: ChiefRay,
+    response: Callable[[Tensor], Tensor] | None,
+) -> Tensor:
+    relief = mask.relief
+    pitch, finer = relief.grid_um, round(relief.grid_um / grid.pitch_um)
+    squared = torch.tensor(chief.squared, dtype=torch.float64)
+    spread = float(light.after.spread_um(squared.sqrt()))
+    turned = abs(float(media.coupling(squared))) * relief.steepest
+    margin = Margin.needed(turned, spread, media.wavelength_um)
+    sides = [stop - start for start, stop in (part.rows, part.columns)]
+    size = [
+        window_length(-(-side // finer), margin, pitch, of_rows=axis == 1)
+        for axis, side in enumerate(sides)
+    ]
+
+    nearest, offset, place = [], [], []
+    for axis, count in enumerate(relief.height_um.shape):
+        index = round(chief.mask_um[axis] / pitch + (count - 1) / 2)
+        at = (index - (count - 1) / 2) * pitch
+        steps = torch.arange(size[axis], dtype=torch.float64) - size[axis] // 2
+        nearest.append(index + steps.to(torch.int64))
+        offset.append(chief.mask_um[axis] - at)
+        place.append(at + steps * pitch)
+    heights = _block(relief.height_um, nearest[0], nearest[1])
+
+    field, divergence = _field(light, mask, media, chief, response, margin, place, heights)
+    lateral = turned + divergence + 2 * margin.diffraction_um / spread
+    field = propagate(
+        field,
+        pitch,
+        light.after,
+        media.wavelength_um,
+        carrier=chief.p,
+        offset_um=(offset[0], offset[1]),
+        band_per_um=lateral / media.wavelength_um,
+        surfaces=media.surfaces,
+        finer=finer,
+    )
+    start = [
+        finer * (n // 2) + first - at
+        for n, (first, _), at in zip(size, (part.rows, part.columns), middle, strict=True)
+    ]
+    field = field[start[0] : start[0] + sides[0], start[1] : start[1] + sides[1]]
+    irradiance: Tensor = field.real.square().addcmul_(field.imag, field.imag)
+    return irradiance
+
+
+def _block(heights: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
+    """Part of a surface that goes on level beyond its edges."""
+    for axis, wanted in enumerate((rows, columns)):
+        count = heights.shape[axis]
+        first, last = int(wanted[0]), int(wanted[-1])
+        inside = heights.narrow(axis, *_overlap(first, last, count))
+        before, after = (
+            max(0, min(-first, len(wanted) - 1)),
+            max(0, min(last - count + 1, len(wanted) - 1)),
+        )
+        if before or after:
+            shape = [-1, -1]
+            parts = [inside]
+            if before:
+                shape[axis] = before
+                parts.insert(0, inside.narrow(axis, 0, 1).expand(shape))
+            if after:
+                shape[axis] = after
+                parts.append(inside.narrow(axis, inside.shape[axis] - 1, 1).expand(shape))
+            inside = torch.cat(parts, dim=axis)
+        heights = inside
+    return heights
+
+
+def _overlap(first: int, last: int, count: int) -> tuple[int, int]:
+    """Start and length of the part of first…last that lies within count; at least one sample."""
+    start = min(max(first, 0), count - 1)
+    stop = min(max(last + 1, start + 1), count)
+    return start, stop - start
+
+
+def _field(
+    light: Illumination,
+    mask: MaskSurface,
+    media: Media,
+    chief: ChiefRay,
+    response: Callable[[Tensor], Tensor] | None,
+    margin: Margin,
+    place: list[Tensor],
+    heights: Tensor,
+) -> tuple[Tensor, float]:
+    """Field behind the relief without the chief ray's plane wave, and how far its rays diverge.
+
+    Path, amplitude and coupling change so slowly that polynomials through some nodes carry them.
+    """
+    device = heights.device
+    plane = math.isinf(light.source.distance_um)
+    nodes, weights = zip(
+        *(_interpolation(each, 1 if plane else _NODES) for each in place), strict=True
+    )
+    p = light.direction(nodes[0][:, None], nodes[1])
+    squared = p[0].square() + p[1].square()
+    power = (1 - squared).clamp_min(0).pow(1.5)
+    if response is not None:
+        power = power * response(squared)
+
+    def everywhere(values: Tensor) -> Tensor:
+        if plane:
+            return values.float().to(device)
+        product: Tensor = weights[0] @ values @ weights[1].T
+        return product.float().to(device)
+
+    turns = heights * everywhere(media.coupling(squared) * (2 * math.pi / media.wavelength_um))
+    if not plane:
+        path = light.path_um(nodes[0][:, None], nodes[1], chief)
+        turns += everywhere(path * (2 * math.pi / media.wavelength_um))
+    amplitude = everywhere(power.sqrt())
+    for axis, each in enumerate(place):
+        fading = margin.fading(len(each), mask.relief.grid_um).to(device)
+        amplitude = amplitude * (fading[:, None] if axis == 0 else fading)
+    if mask.opening is not None:
+        open_ = mask.opening.coverage(place[0], place[1], mask.relief.grid_um)
+        amplitude = amplitude * open_.to(device)
+    divergence = max(float((part - c).abs().max()) for part, c in zip(p, chief.p, strict=True))
+    return torch.polar(amplitude.expand_as(turns).contiguous(), turns), divergence
+
+
+def _interpolation(place: Tensor, count: int) -> tuple[Tensor, Tensor]:
+    """Chebyshev nodes over an axis, and the matrix from values at them to values everywhere."""
+    if count == 1:
+        return place.mean()[None], torch.ones((len(place), 1), dtype=torch.float64)
+    unit = np.cos(np.pi * (np.arange(count) + 0.5) / count)
+    middle, half = float(place[0] + place[-1]) / 2, float(place[-1] - place[0]) / 2
+    at = ((place - middle) / half).numpy()
+    basis = np.polynomial.chebyshev.chebvander
+    matrix = basis(at, count - 1) @ np.linalg.inv(basis(unit, count - 1))
+    return torch.from_numpy(middle + half * unit), torch.from_numpy(matrix)

@@ -1,0 +1,100 @@
+"""A field through plane layers, by one transfer function for all of them."""
+
+import math
+
+import torch
+from torch import Tensor
+
+from nolens.kernels import apply_transfer_, fft2_, ifft2_
+from nolens.optics.stack import Stack, transmittance
+
+
+def propagate(
+    field: Tensor,
+    pitch_um: float,
+    stack: Stack,
+    wavelength_um: float,
+    *,
+    carrier: tuple[float, float] = (0.0, 0.0),
+    offset_um: tuple[float, float] = (0.0, 0.0),
+    band_per_um: float = math.inf,
+    surfaces: tuple[float, ...] = (),
+    finer: int = 1,
+) -> Tensor:
+    r"""Field behind a stack of layers, in the frame of the chief ray.
+
+    The field is :math:`u(x)\,e^{ik_0 p_c·x}`, of which only u is sampled. Transverse frequency is
+    conserved, so the layers multiply its spectrum at f by :math:`e^{iΦ(p_c + λf)}` with
+    :math:`Φ(p) = k_0 Σ_j t_j\sqrt{n_j^2 - |p|^2}`, the angular spectrum method (`goodman2005`).
+    The value and the slope of Φ at the carrier are taken out: what is left are the samples
+    around the place where the chief ray arrives. They are computed in float64. Frequencies
+    outside the band are dropped, as light of theirs would leave the window and come back at
+    its other side (`matsushima2009`).
+
+    Parameters
+    ----------
+    field
+        complex64, (rows, columns); its memory may be used again.
+    pitch_um
+        Distance of the samples.
+    stack
+        The layers.
+    wavelength_um
+        In vacuum.
+    carrier
+        p = n sin θ of the plane wave that is taken out, (row, column) direction.
+    offset_um
+        Samples are wanted so far from where the chief rays of the given ones arrive.
+    band_per_um
+        Largest frequency that is kept.
+    surfaces
+        Refractive indices of the media that the light goes through, if Fresnel's losses at the
+        surfaces between them are wanted.
+    finer
+        Number of samples to give for one, in either direction.
+
+    Returns
+    -------
+    Tensor
+        complex64, (finer · rows, finer · columns).
+    """
+    frequency = [torch.fft.fftfreq(n, pitch_um, dtype=torch.float64) for n in field.shape]
+    p = [c + wavelength_um * f for c, f in zip(carrier, frequency, strict=True)]
+    squared = carrier[0] ** 2 + carrier[1] ** 2
+    central = torch.tensor(squared, dtype=torch.float64)
+    # The slope of Φ/k₀ is −displacement along p; displacement / p stays finite at p = 0.
+    size = math.sqrt(squared)
+    ratio = float(stack.displacement_um(central.sqrt())) / size if size > 0 else stack.reduced_um
+    linear = [
+        (ratio * c + offset) * f for c, offset, f in zip(carrier, offset_um, frequency, strict=True)
+    ]
+    linear[0] = linear[0] - float(stack.axial_um(central)) / wavelength_um
+    limit = min((stack.critical, *surfaces)) ** 2
+    spectrum = fft2_(field)
+    if surfaces:
+        passed = p[0].square()[:, None] + p[1].square()
+        passed = transmittance(surfaces, passed.clamp_max_(limit * (1 - 1e-9)))
+        spectrum *= passed.sqrt_().to(spectrum.device, torch.float32)
+    kept = [q.where(f.abs() <= band_per_um, math.inf) for q, f in zip(p, frequency, strict=True)]
+    apply_transfer_(
+        spectrum,
+        (kept[0].to(spectrum.device), kept[1].to(spectrum.device)),
+        (linear[0].to(spectrum.device), linear[1].to(spectrum.device)),
+        tuple(t / wavelength_um for t in stack.thicknesses_um),
+        tuple(n * n for n in stack.indices),
+        limit,
+    )
+    if finer > 1:
+        spectrum = _padded(spectrum, finer)
+    return ifft2_(spectrum)
+
+
+def _padded(spectrum: Tensor, finer: int) -> Tensor:
+    """The spectrum with zeros for the frequencies that only finer samples have."""
+    rows, columns = spectrum.shape
+    out = spectrum.new_zeros((rows * finer, columns * finer))
+    halves = [(n - n // 2, n // 2) for n in (rows, columns)]
+    for up in (slice(0, halves[0][0]), slice(-halves[0][1], None)):
+        for left in (slice(0, halves[1][0]), slice(-halves[1][1], None)):
+            out[up, left] = spectrum[up, left]
+    return out.mul_(finer * finer)

@@ -1,0 +1,60 @@
+"""From electrons to the counts of a frame."""
+
+import torch
+from torch import Tensor
+
+from nolens.camera import Sensor
+
+
+def expose(electrons: Tensor, sensor: Sensor, *, seed: int) -> Tensor:
+    r"""Counts of one frame with shot and read noise.
+
+    A pixel of mean N electrons gives a Poisson number of them, up to the full well, plus
+    Gaussian read noise; times gain and counts per electron, plus the black level, rounded and
+    clipped to what the bits hold (the photon transfer of `janesick2007`).
+
+    Parameters
+    ----------
+    electrons
+        Mean electrons of every pixel, ≥ 0, any shape.
+    sensor
+        Its figures.
+    seed
+        Of the noise.
+
+    Returns
+    -------
+    Tensor
+        Counts, int32, of the same shape.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    caught = torch.poisson(electrons.float().cpu(), generator=generator)
+    caught.clamp_(max=sensor.full_well_electrons)
+    noise = torch.randn(caught.shape, generator=generator)
+    caught.add_(noise, alpha=sensor.read_noise_electrons)
+    counts = caught.mul_(sensor.counts_per_electron * sensor.gain).add_(sensor.black_counts)
+    return counts.round_().clamp_(0, sensor.white_counts).to(torch.int32)
+
+
+def mosaic(planes: Tensor, pattern: str) -> Tensor:
+    """Every pixel in its colour, from full-size planes of all colours.
+
+    Parameters
+    ----------
+    planes
+        (3, rows, columns) of R, G and B, or (1, rows, columns).
+    pattern
+        Colours of the 2×2 cell row by row, or ``"none"``.
+
+    Returns
+    -------
+    Tensor
+        (rows, columns).
+    """
+    if pattern == "none":
+        return planes[0]
+    out = torch.empty_like(planes[0])
+    for cell, colour in enumerate(pattern):
+        row, column = divmod(cell, 2)
+        out[row::2, column::2] = planes["RGB".index(colour), row::2, column::2]
+    return out

@@ -1,0 +1,280 @@
+"""What a scene throws on the sensor, with a point spread function that varies over the field."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import torch
+import torch.nn.functional as nnf
+from torch import Tensor
+
+from nolens.errors import OptionError
+from nolens.kernels import fast_length, irfft2, rfft2
+from nolens.optics import Grid
+from nolens.twin.field import FieldMap
+from nolens.twin.light import Light
+from nolens.twin.model import Twin
+from nolens.twin.point import colour_pattern, sampled, samples_per_pixel
+from nolens.twin.scene import Seen
+
+_GREY = ("grey",)
+
+
+@dataclass(frozen=True)
+class Irradiated:
+    r"""Light on every pixel of the sensor.
+
+    Parameters
+    ----------
+    light
+        (rows, columns) of pixels, float32: Σ over the cells of the scene of radiance · solid
+        angle in sr; each pixel in the colour that the mosaic gives it.
+    field_error
+        How far the interpolation between field points is off, as the root mean square over all
+        pixels: :math:`\tfrac13` of what every second field point alone would change (bilinear
+        interpolation errs with the square of their distance). None for one field point.
+    """
+
+    light: Tensor
+    field_error: float | None
+
+
+def irradiate(
+    twin: Twin,
+    field: FieldMap,
+    seen: tuple[Seen, ...],
+    *,
+    field_points: int,
+    light: Light,
+    wavelengths: int = 3,
+    tick: Callable[[float], None] | None = None,
+) -> Irradiated:
+    r"""Light of a scene on the pixels.
+
+    :math:`y = Σ_k h_k * (w_k x)`: h_k are the point spread functions at a grid of field points,
+    each re-centred on its chief ray, w_k are bilinear weights between them, and x is radiance
+    times solid angle times vignetting (`Twin.vignetting`), which is not interpolated. Every
+    pixel is sampled at its own place in the mosaic. The sum is taken in the Fourier domain; the
+    period holds sensor and patches, so nothing wraps onto the sensor.
+
+    Parameters
+    ----------
+    twin
+        The camera.
+    field
+        Map of the cells.
+    seen
+        What the camera sees of every plane (`arrange`).
+    field_points
+        Field points along each side of the scene; odd. One is the plain convolution model.
+    light
+        Spectrum of the scene.
+    wavelengths
+        How many stand for a channel.
+    tick
+        Called with the share that is done, 0 to 1.
+
+    Raises
+    ------
+    OptionError
+        If `field_points` is even or less than 1, or light passes beyond the relief.
+    """
+    check_field_points(field_points)
+    pitch = twin.sensor_pitch_um
+    if twin.cell_pixels == 1:
+        per_pixel = samples_per_pixel(twin, at_least=2)
+    else:
+        per_pixel = samples_per_pixel(twin, at_least=1)
+    ready = sampled(twin, pitch / per_pixel)
+    work = _Work(ready, field, field_points, per_pixel)
+    weights = (field.solid_angle() * field.vignetting()).float()
+    total = len(seen) * len(work.nodes) * len(twin.camera.sensor.channels)
+    colours = [
+        light.wavelengths(twin.quantum_efficiency, channel, wavelengths)
+        for channel in twin.camera.sensor.channels
+    ]
+    done = 0
+    for plane in seen:
+        for node in work.nodes:
+            for channel, colour in enumerate(colours):
+
+                def part_tick(share: float, before: int = done) -> None:
+                    if tick is not None:
+                        tick((before + share) / total)
+
+                patch = plane.radiance[channel] * weights
+                work.add(node, channel, patch, plane.distance_um, colour, part_tick)
+                done += 1
+    return work.finish()
+
+
+def check_field_points(field_points: int) -> None:
+    """Refuse a number of field points without a middle one.
+
+    Raises
+    ------
+    OptionError
+        If it is even or less than 1.
+    """
+    if field_points < 1 or field_points % 2 == 0:
+        raise OptionError(
+            f"{field_points} field points: an odd number along each side is needed, such as 5 or "
+            "9; 1 is the plain convolution model"
+        )
+
+
+@dataclass(frozen=True)
+class _Node:
+    """One field point: its cell, and the distances to its neighbours on each side."""
+
+    index: tuple[int, int]
+    cell: tuple[int, int]
+
+
+class _Work:
+    """Spectra of the sum so far: over all field points, and over every second one."""
+
+    def __init__(self, twin: Twin, field: FieldMap, field_points: int, per_pixel: int) -> None:
+        self.twin, self.field, self.per_pixel = twin, field, per_pixel
+        region = field.region
+        self.at = tuple(_nodes(length, field_points) for length in (region.height, region.width))
+        self.nodes = [
+            _Node((i, j), (row, column))
+            for i, row in enumerate(self.at[0])
+            for j, column in enumerate(self.at[1])
+        ]
+        self.steps = (1,) if field_points == 1 else (1, 2)
+        self.margin = tuple(
+            max(_reach(axis[:: self.steps[-1]], length))
+            for axis, length in zip(self.at, (region.height, region.width), strict=True)
+        )
+        self.period = tuple(
+            fast_length(count + 2 * margin, of_rows=number == 1)
+            for number, (count, margin) in enumerate(zip(twin.cells, self.margin, strict=True))
+        )
+        mosaic = twin.camera.sensor.mosaic
+        self.phases = _GREY if mosaic == "none" else tuple(mosaic)
+        spectrum = (self.period[0], self.period[1] // 2 + 1)
+        device = twin.mask.relief.height_um.device
+        self.sums = {
+            step: torch.zeros((len(self.phases), *spectrum), dtype=torch.complex64, device=device)
+            for step in self.steps
+        }
+
+    def add(
+        self,
+        node: _Node,
+        channel: int,
+        scene: Tensor,
+        distance_um: float,
+        colour: tuple[tuple[float, float], ...],
+        tick: Callable[[float], None],
+    ) -> None:
+        """Add what the cells around one field point contribute to one channel."""
+        patches = {
+            step: self._patch(node, scene, step)
+            for step in self.steps
+            if all(index % step == 0 for index in node.index)
+        }
+        if all(float(patch.abs().max()) == 0 for patch in patches.values()):
+            tick(1.0)
+            return
+        twin, cells = self.twin, self.twin.cells
+        widest = max(patches)
+        margin = [
+            _reach(axis[::widest], length)[index // widest]
+            for axis, length, index in zip(
+                self.at,
+                (self.field.region.height, self.field.region.width),
+                node.index,
+                strict=True,
+            )
+        ]
+        source = self.field.source(*node.cell, distance_um)
+        size = cells[0] + 2 * margin[0], cells[1] + 2 * margin[1]
+        grid = Grid(*size, twin.cell_um).finer(twin.cell_pixels * self.per_pixel)
+        twin.check_source(source)
+        twin.check_reach(source, grid)
+        pattern = colour_pattern(
+            twin, source, grid, colour, tick,
+            average=self.per_pixel,
+        ) / float(twin.vignetting(torch.tensor(source.p, dtype=torch.float64)))  # fmt: skip
+        spectra = {step: rfft2(patch.to(pattern.device)) for step, patch in patches.items()}
+        for number, phase in enumerate(self.phases):
+            if phase != _GREY[0] and "RGB".index(phase) != channel:
+                continue
+            row, column = divmod(number, 2)
+            step = twin.cell_pixels
+            psf = pattern[row::step, column::step]
+            placed = psf.new_zeros(self.period)
+            top, left = self.margin[0] - margin[0], self.margin[1] - margin[1]
+            placed[top : top + size[0], left : left + size[1]] = psf
+            spectrum = rfft2(placed)
+            for each, patch in spectra.items():
+                self.sums[each][number].addcmul_(spectrum, patch)
+
+    def finish(self) -> Irradiated:
+        """Light on the pixels, and how far off it is."""
+        light = self._pixels(1)
+        error = None
+        if len(self.steps) > 1:
+            error = float((light - self._pixels(2)).double().square().mean().sqrt()) / 3
+        return Irradiated(light, error)
+
+    def _pixels(self, step: int) -> Tensor:
+        rows, columns = self.twin.cells
+        top, left = self.margin
+        per_cell = self.twin.cell_pixels
+        out = torch.empty(rows * per_cell, columns * per_cell)
+        for number in range(len(self.phases)):
+            row, column = divmod(number, 2)
+            plane = irfft2(self.sums[step][number], (self.period[0], self.period[1]))
+            plane = plane[top : top + rows, left : left + columns].clamp_min(0)
+            out[row::per_cell, column::per_cell] = plane.cpu()
+        return out
+
+    def _patch(self, node: _Node, scene: Tensor, step: int) -> Tensor:
+        """The scene times the node's weight, its cell at the origin of the period."""
+        weights = [
+            _hat(axis[::step], index // step, length)
+            for axis, index, length in zip(self.at, node.index, scene.shape, strict=True)
+        ]
+        weighted = scene * weights[0][:, None] * weights[1]
+        kept = [each.nonzero().flatten() for each in weights]
+        first = [int(each[0]) for each in kept]
+        last = [int(each[-1]) + 1 for each in kept]
+        part = weighted[first[0] : last[0], first[1] : last[1]]
+        padding = (0, self.period[1] - part.shape[1], 0, self.period[0] - part.shape[0])
+        placed = nnf.pad(part, padding)
+        shift = first[0] - node.cell[0], first[1] - node.cell[1]
+        return placed.roll(shift, dims=(0, 1))
+
+
+def _nodes(length: int, count: int) -> list[int]:
+    """Cells of the field points along one side: the middle, or from edge to edge."""
+    if count == 1:
+        return [length // 2]
+    cells = [round(i * (length - 1) / (count - 1)) for i in range(count)]
+    return sorted(set(cells)) if len(set(cells)) % 2 else cells[:1] + cells[-1:]
+
+
+def _reach(nodes: list[int], length: int) -> list[int]:
+    """For each node, how far the cells lie that it has a share in."""
+    if len(nodes) == 1:
+        return [max(nodes[0], length - 1 - nodes[0])]
+    gaps = [after - before for before, after in pairwise(nodes)]
+    return [max(gaps[max(i - 1, 0)], gaps[min(i, len(gaps) - 1)]) for i in range(len(nodes))]
+
+
+def _hat(nodes: list[int], index: int, length: int) -> Tensor:
+    """Linear weight of one node: 1 at its cell, 0 from its neighbours on."""
+    if len(nodes) == 1:
+        return torch.ones(length)
+    cells = torch.arange(length, dtype=torch.float32)
+    rising = torch.ones(length)
+    if index > 0:
+        rising = (cells - nodes[index - 1]) / (nodes[index] - nodes[index - 1])
+    falling = torch.ones(length)
+    if index + 1 < len(nodes):
+        falling = (nodes[index + 1] - cells) / (nodes[index + 1] - nodes[index])
+    return torch.minimum(rising, falling).clamp(0, 1)

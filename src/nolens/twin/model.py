@@ -1,0 +1,266 @@
+"""A camera made ready to be computed with: its surface, its layers at a wavelength, its limits."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from nolens.camera import AngularCurve, Camera, OpenCamera, RandomLenslets, SpectralCurve
+from nolens.camera.description import Flat, ReliefFile
+from nolens.errors import OptionError
+from nolens.optics import (
+    Grid,
+    Illumination,
+    Margin,
+    MaskSurface,
+    Media,
+    Opening,
+    PointSource,
+    Relief,
+    Stack,
+    random_lenslets,
+    transmittance,
+)
+
+REFERENCE_NM = 550.0
+"""Wavelength whose chief rays say where a field angle lies on the sensor."""
+LARGEST_ANGLE_DEG = 50.0
+"""Field angle to which the model holds; beyond, the paper's camera sees nothing either."""
+NEAREST_MM = 10.0
+"""Distance from which on the relief may be taken as thin against the curvature of the wave."""
+
+
+@dataclass(frozen=True)
+class Twin:
+    """A camera as the simulation sees it.
+
+    Parameters
+    ----------
+    camera
+        The description.
+    quantum_efficiency, acceptance
+        Its curves.
+    mask
+        Relief and opening, on the device that computes.
+    fresnel
+        Whether light is lost at the surfaces between media.
+    """
+
+    camera: Camera
+    quantum_efficiency: SpectralCurve
+    acceptance: AngularCurve
+    mask: MaskSurface
+    fresnel: bool = False
+
+    @classmethod
+    def of(
+        cls, opened: OpenCamera, *, device: torch.device | str = "cpu", fresnel: bool = False
+    ) -> "Twin":
+        """Make a camera ready; random lenslets are computed here (seconds for the paper's).
+
+        Raises
+        ------
+        OptionError
+            If the relief is coarser than the light needs.
+        """
+        camera = opened.camera
+        opening = None
+        if camera.mask.aperture is not None:
+            hole = camera.mask.aperture
+            opening = Opening(hole.shape, hole.height.um, hole.width.um)
+        relief = _relief(opened)
+        mask = MaskSurface(Relief(relief.height_um.to(device), relief.grid_um), opening)
+        twin = cls(camera, opened.quantum_efficiency, opened.acceptance, mask, fresnel)
+        coarsest = twin.coarsest_pitch_um
+        if relief.grid_um > coarsest:
+            raise OptionError(
+                f"the relief of {camera.name!r} has a point every {relief.grid_um:g} um, too "
+                f"coarse for the light that its slopes of up to {relief.steepest:.2g} turn: a "
+                f"grid of {_round_down(coarsest)} um or finer would do"
+            )
+        return twin
+
+    def reading(self, rows: int, columns: int) -> "Twin":
+        """The same camera and mask, of whose sensor only the middle pixels are read."""
+        sensor = self.camera.sensor.model_copy(update={"rows": rows, "columns": columns})
+        return replace(self, camera=self.camera.model_copy(update={"sensor": sensor}))
+
+    @property
+    def sensor_pitch_um(self) -> float:
+        """Distance of the pixels."""
+        return self.camera.sensor.pitch.um
+
+    @property
+    def cell_pixels(self) -> int:
+        """Pixels along a cell of the reconstruction: 2 behind a colour mosaic."""
+        return 1 if self.camera.sensor.mosaic == "none" else 2
+
+    @property
+    def cell_um(self) -> float:
+        """Distance of the cells of the reconstruction."""
+        return self.cell_pixels * self.sensor_pitch_um
+
+    @property
+    def cells(self) -> tuple[int, int]:
+        """(rows, columns) of the sensor in cells of the reconstruction."""
+        sensor = self.camera.sensor
+        return sensor.rows // self.cell_pixels, sensor.columns // self.cell_pixels
+
+    @property
+    def coarsest_pitch_um(self) -> float:
+        """Largest distance of samples that carries the shortest light behind the relief."""
+        shortest = self.quantum_efficiency.wavelength_nm[0]
+        media = self.media(shortest)
+        steep = math.sin(math.radians(LARGEST_ANGLE_DEG)) ** 2
+        coupling = float(media.coupling(torch.tensor(steep, dtype=torch.float64)))
+        return self.mask.coarsest_pitch_um(shortest * 1e-3, coupling)
+
+    def media(self, wavelength_nm: float) -> Media:
+        """What lies on the two sides of the mask at a wavelength."""
+        surface = self.camera.mask.surface
+        indices = [1.0, *(layer.refractive_index(wavelength_nm) for layer in self.camera.layers)]
+        return Media(
+            wavelength_nm * 1e-3,
+            indices[surface],
+            indices[surface + 1],
+            tuple(indices) if self.fresnel else (),
+        )
+
+    def stack(self, wavelength_nm: float = REFERENCE_NM) -> Stack:
+        """All layers, from the outermost surface to the sensor."""
+        return _stack(self.camera, 0, len(self.camera.layers), wavelength_nm)
+
+    def illumination(self, source: PointSource, wavelength_nm: float) -> Illumination:
+        """Light of a source on the mask."""
+        surface = self.camera.mask.surface
+        return Illumination(
+            source,
+            _stack(self.camera, 0, surface, wavelength_nm),
+            _stack(self.camera, surface, len(self.camera.layers), wavelength_nm),
+        )
+
+    def response(self) -> Callable[[Tensor], Tensor]:
+        """Share of the light that a pixel accepts, by p² = sin² of the field angle."""
+
+        def accepted(squared: Tensor) -> Tensor:
+            angle = torch.asin(squared.clamp(0, 1).sqrt()) * (180 / math.pi)
+            return torch.from_numpy(np.asarray(self.acceptance.at(angle.numpy())))
+
+        return accepted
+
+    def vignetting(self, p: Tensor) -> Tensor:
+        """Irradiance that a point of a far plane gives, by the sine p of its angle; 1 on the axis.
+
+        cos³θ (see `point_pattern`), the pixels' acceptance, and Fresnel's losses if they count.
+        """
+        squared = p.square()
+        power = (1 - squared).pow(1.5) * self.response()(squared)
+        surfaces = self.media(REFERENCE_NM).surfaces
+        if surfaces:
+            power = power * transmittance(surfaces, squared)
+        zero = torch.zeros((), dtype=torch.float64)
+        return power / (self.response()(zero) * (transmittance(surfaces, zero) if surfaces else 1))
+
+    def shift_um(self, source: PointSource) -> tuple[float, float]:
+        """Where the chief ray through the middle of the camera falls, (row, column) direction."""
+        p = source.p
+        if p == 0:
+            return 0.0, 0.0
+        reach = float(self.stack().displacement_um(torch.tensor(p, dtype=torch.float64)))
+        size = math.hypot(*source.tangent)
+        return reach * source.tangent[0] / size, reach * source.tangent[1] / size
+
+    def check_source(self, source: PointSource) -> None:
+        """Refuse a source that the model does not hold for.
+
+        Raises
+        ------
+        OptionError
+            If its angle is beyond ±50° or it is nearer than 10 mm.
+        """
+        if source.angle_deg > LARGEST_ANGLE_DEG + 1e-6:
+            raise OptionError(
+                f"light from {source.angle_deg:.1f} deg off the axis is beyond the model, which "
+                f"holds to {LARGEST_ANGLE_DEG:g} deg (a corner counts by its own angle): choose a "
+                "smaller angle"
+            )
+        if source.distance_um < NEAREST_MM * 1e3:
+            raise OptionError(
+                f"a distance of {source.distance_um * 1e-3:g} mm is nearer than the mask's near "
+                f"limit: choose {NEAREST_MM:g} mm or more"
+            )
+
+    def check_reach(self, source: PointSource, grid: Grid) -> None:
+        """Refuse a pattern that needs more mask than there is.
+
+        Raises
+        ------
+        OptionError
+            If light passes the mask's plane beyond the relief, where no opening ends it either.
+        """
+        if self.mask.opening is not None or isinstance(self.camera.mask.relief, Flat):
+            return
+        light = self.illumination(source, REFERENCE_NM)
+        media = self.media(REFERENCE_NM)
+        places = [grid.positions_um(axis)[[0, -1]].tolist() for axis in (0, 1)]
+        beyond = 0.0
+        sensor = self.camera.sensor.rows, self.camera.sensor.columns
+        for row in places[0]:
+            for column in places[1]:
+                ray = light.chief_ray((row, column))
+                squared = torch.tensor(ray.squared, dtype=torch.float64)
+                turned = float(media.coupling(squared).abs()) * self.mask.relief.steepest
+                spread = float(light.after.spread_um(squared.sqrt()))
+                margin = Margin.needed(turned, spread, media.wavelength_um)
+                needed = margin.geometric_um + margin.diffraction_um
+                for axis, pixels in enumerate(sensor):
+                    half = pixels * self.sensor_pitch_um / 2
+                    reach = abs(ray.mask_um[axis]) + needed
+                    if reach > self.mask.relief.extent_um[axis] / 2 + self.mask.relief.grid_um:
+                        beyond = max(beyond, reach - half)
+        if beyond > 0:
+            raise OptionError(
+                f"light of this angle reaches the pattern's edge through the mask up to "
+                f"{beyond * 1e-3:.2f} mm beyond the sensor, where the relief of "
+                f"{self.camera.name!r} has ended: give it an overhang of "
+                f"{math.ceil(beyond / 50) * 0.05:.2f} mm or more, an aperture, or choose a "
+                "smaller angle"
+            )
+
+
+def _stack(camera: Camera, first: int, last: int, wavelength_nm: float) -> Stack:
+    layers = camera.layers[first:last]
+    return Stack(
+        tuple(layer.thickness.um for layer in layers),
+        tuple(layer.refractive_index(wavelength_nm) for layer in layers),
+    )
+
+
+def _relief(opened: OpenCamera) -> Relief:
+    camera = opened.camera
+    relief, sensor = camera.mask.relief, camera.sensor
+    if isinstance(relief, RandomLenslets):
+        beyond = 2 * relief.overhang.um
+        return random_lenslets(
+            radius_um=relief.radius.um,
+            pitch_um=relief.pitch.um,
+            smoothing_um=relief.smoothing.um,
+            size_um=(
+                sensor.rows * sensor.pitch.um + beyond,
+                sensor.columns * sensor.pitch.um + beyond,
+            ),
+            grid_um=relief.grid.um,
+            seed=relief.seed,
+        )
+    if isinstance(relief, ReliefFile):
+        assert opened.relief_um is not None
+        return Relief(opened.relief_um, relief.grid.um)
+    return Relief(torch.zeros(2, 2), sensor.pitch.um)
+
+
+def _round_down(pitch_um: float) -> str:
+    digits = 1 - math.floor(math.log10(pitch_um))
+    return f"{math.floor(pitch_um * 10**digits) / 10**digits:g}"

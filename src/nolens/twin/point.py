@@ -1,0 +1,199 @@
+"""The point spread function of a camera, in the colours of its sensor."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Literal
+
+import torch
+import torch.nn.functional as nnf
+from torch import Tensor
+
+from nolens.errors import OptionError
+from nolens.kernels import irfft2, rfft2
+from nolens.optics import Grid, MaskSurface, PointSource, Relief, point_pattern
+from nolens.twin.light import Light
+from nolens.twin.model import REFERENCE_NM, Twin
+
+Frame = Literal["chief-ray", "sensor"]
+
+
+def point_spread(
+    twin: Twin,
+    source: PointSource,
+    cells: tuple[int, int],
+    *,
+    pixels: int = 1,
+    light: Light,
+    wavelengths: int = 3,
+    frame: Frame = "chief-ray",
+    tick: Callable[[float], None] | None = None,
+) -> Tensor:
+    """Irradiance of one point of light, integrated over cells of pixels, channel by channel.
+
+    Parameters
+    ----------
+    twin
+        The camera.
+    source
+        Where the light comes from.
+    cells
+        (rows, columns) of the result; may be more or fewer than the sensor has.
+    pixels
+        Pixels along a cell.
+    light
+        Spectrum of the source.
+    wavelengths
+        How many stand for a channel.
+    frame
+        ``"chief-ray"``: the middle of the result follows the ray through the camera's middle;
+        ``"sensor"``: it stays on the sensor's.
+    tick
+        Called with the share that is done, 0 to 1.
+
+    Returns
+    -------
+    Tensor
+        float32, (channels, rows, columns), on the device of the twin's mask; 1 is what a flat
+        mask gives straight ahead of a far source (see `point_pattern`).
+
+    Raises
+    ------
+    OptionError
+        If the source is beyond the model, or the light passes beyond the relief.
+    """
+    twin.check_source(source)
+    _check_size(source)
+    per_pixel = samples_per_pixel(twin, at_least=2)
+    edge = math.ceil(_image_um(twin, source) / (pixels * twin.sensor_pitch_um))
+    grid = Grid(
+        cells[0] + 2 * edge,
+        cells[1] + 2 * edge,
+        twin.sensor_pitch_um * pixels,
+        twin.shift_um(source) if frame == "chief-ray" else (0.0, 0.0),
+    )
+    twin.check_reach(source, grid)
+    ready = sampled(twin, twin.sensor_pitch_um / per_pixel)
+    channels = twin.camera.sensor.channels
+    planes = []
+    for number, channel in enumerate(channels):
+
+        def colour_tick(share: float, number: int = number) -> None:
+            if tick is not None:
+                tick((number + share) / len(channels))
+
+        plane = colour_pattern(
+            ready, source, grid.finer(per_pixel * pixels),
+            light.wavelengths(twin.quantum_efficiency, channel, wavelengths), colour_tick,
+            average=per_pixel * pixels,
+        )  # fmt: skip
+        if source.diameter_um > 0:
+            plane = _blurred(twin, source, plane, grid)
+        planes.append(plane[edge : edge + cells[0], edge : edge + cells[1]])
+    return torch.stack(planes)
+
+
+def colour_pattern(
+    twin: Twin,
+    source: PointSource,
+    grid: Grid,
+    wavelengths: tuple[tuple[float, float], ...],
+    tick: Callable[[float], None] | None = None,
+    *,
+    average: int = 1,
+) -> Tensor:
+    """Weighted sum of the patterns at some wavelengths, over blocks of `average`² samples.
+
+    Parameters
+    ----------
+    twin
+        The camera, its relief on a multiple of the grid's pitch (`sampled`).
+    source
+        The point of light.
+    grid
+        The samples.
+    wavelengths
+        Pairs of wavelength in nm and weight.
+    tick
+        Called with the share that is done.
+    average
+        Samples along one value of the result.
+    """
+    total: Tensor | None = None
+    for number, (wavelength_nm, weight) in enumerate(wavelengths):
+
+        def part_tick(share: float, number: int = number) -> None:
+            if tick is not None:
+                tick((number + share) / len(wavelengths))
+
+        pattern = point_pattern(
+            twin.illumination(source, wavelength_nm), twin.mask, twin.media(wavelength_nm), grid,
+            response=twin.response(), tick=part_tick,
+        )  # fmt: skip
+        if average > 1:
+            pattern = nnf.avg_pool2d(pattern[None, None], average)[0, 0]
+        total = pattern.mul_(weight) if total is None else total.add_(pattern, alpha=weight)
+    assert total is not None
+    return total
+
+
+def samples_per_pixel(twin: Twin, *, at_least: int) -> int:
+    """Samples along a pixel, so that the light behind the relief is carried."""
+    return max(at_least, math.ceil(twin.sensor_pitch_um / twin.coarsest_pitch_um))
+
+
+def sampled(twin: Twin, pitch_um: float) -> Twin:
+    """The same camera with its relief on a grid that is a whole multiple of `pitch_um`."""
+    relief = twin.mask.relief
+    multiple = relief.grid_um / pitch_um
+    if round(multiple) >= 1 and math.isclose(multiple, round(multiple), rel_tol=1e-9):
+        return twin
+    grid_um = pitch_um * max(1, math.floor(relief.grid_um / pitch_um))
+    rows, columns = (math.ceil(extent / grid_um) + 1 for extent in relief.extent_um)
+    heights = relief.sample(Grid(rows, columns, grid_um))
+    return replace(twin, mask=MaskSurface(Relief(heights, grid_um), twin.mask.opening))
+
+
+def _check_size(source: PointSource) -> None:
+    if source.diameter_um < 0:
+        raise OptionError(
+            f"a source of {source.diameter_um:g} um: its diameter must be 0 um (a point) or more"
+        )
+    if source.diameter_um > 0 and math.isinf(source.distance_um):
+        raise OptionError("a source at infinity has no diameter: give a distance, or size 0 um")
+
+
+def _scales(twin: Twin, source: PointSource) -> tuple[float, float]:
+    """How large the source's image is, as a share: along the direction of the angle and across.
+
+    For a fixed place on the mask the light moves by ds/dt · dx / z, with s the displacement in
+    the layers behind it and t the tangent of the angle.
+    """
+    after = twin.illumination(source, REFERENCE_NM).after
+    p = torch.tensor(source.p, dtype=torch.float64)
+    radial = float(after.spread_um(p) * (1 - p * p).pow(1.5))
+    across = after.reduced_um
+    if source.p > 0:
+        across = float(after.displacement_um(p)) / math.hypot(*source.tangent)
+    return radial / source.distance_um, across / source.distance_um
+
+
+def _image_um(twin: Twin, source: PointSource) -> float:
+    return source.diameter_um * max(_scales(twin, source)) if source.diameter_um > 0 else 0.0
+
+
+def _blurred(twin: Twin, source: PointSource, plane: Tensor, grid: Grid) -> Tensor:
+    r"""The pattern of a disc: its spectrum times :math:`2J_1(πaf)/(πaf)` of the disc's image."""
+    radial, across = _scales(twin, source)
+    size = math.hypot(*source.tangent)
+    unit = (source.tangent[0] / size, source.tangent[1] / size) if size > 0 else (1.0, 0.0)
+    rows = torch.fft.fftfreq(grid.rows, grid.pitch_um, dtype=torch.float64)[:, None]
+    columns = torch.fft.rfftfreq(grid.columns, grid.pitch_um, dtype=torch.float64)
+    along = (rows * unit[0] + columns * unit[1]) * radial
+    beside = (columns * unit[0] - rows * unit[1]) * across
+    argument = (math.pi * source.diameter_um) * torch.hypot(along, beside)
+    disc = torch.where(
+        argument > 1e-6, 2 * torch.special.bessel_j1(argument) / argument.clamp_min(1e-6), 1.0
+    )
+    spectrum = rfft2(plane) * disc.float().to(plane.device)
+    return irfft2(spectrum, (grid.rows, grid.columns)).clamp_min(0)
