@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: env demo test lint results bench clean
+.PHONY: env demo test lint results bench bench-twin clean
 
 env: $(STAMP)
 
@@ -33,6 +33,9 @@ results: $(STAMP)
 
 bench: $(STAMP)
 	$(PYTHON) bench/run.py
+
+bench-twin: $(STAMP)
+	$(BIN)/python bench/twin.py
 
 clean:
 	rm -rf $(VENV) .bench-venv

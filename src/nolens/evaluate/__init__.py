@@ -1,5 +1,6 @@
-"""How good a picture is, against the truth."""
+"""How good a picture is against the truth, and what a point spread function looks like."""
 
+from nolens.evaluate.pattern import PatternFigures, pattern_figures
 from nolens.evaluate.picture import affine_fit, psnr, scale_fit, ssim
 
-__all__ = ["affine_fit", "psnr", "scale_fit", "ssim"]
+__all__ = ["PatternFigures", "affine_fit", "pattern_figures", "psnr", "scale_fit", "ssim"]

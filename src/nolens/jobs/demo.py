@@ -15,7 +15,17 @@ from nolens.files import read_frame, write_dng, write_png
 from nolens.jobs.options import ReconstructOptions
 from nolens.jobs.reconstruct import Outcome, Reporter, reconstruct
 from nolens.optics import PointSource
-from nolens.twin import Light, Plane, Twin, arrange, expose, irradiate, mosaic, point_spread
+from nolens.twin import (
+    Light,
+    Plane,
+    Twin,
+    arrange,
+    expose,
+    irradiate,
+    mosaic,
+    photocurrents,
+    point_spread,
+)
 
 _SCENE_PIXELS = (1520, 2028)
 """Part of the paper's sensor that is read for the scene: half of it in each direction."""
@@ -111,7 +121,9 @@ def _capture(
         tick=lambda share: reporter.advance("scene", share),
     )  # fmt: skip
     paths = folder / "measurement.dng", folder / "psf.dng"
-    images = irradiated.light, mosaic(psf, sensor.mosaic)
+    sees = photocurrents(twin, light, 1.0)[:, None, None]
+    colours = mosaic(sees.expand(-1, *_SCENE_PIXELS), sensor.mosaic)
+    images = irradiated.light * colours, mosaic(psf * sees, sensor.mosaic)
     for path, image, seed in zip(paths, images, (1, 2), strict=True):
         electrons = image * (_FILL * sensor.clip_electrons / float(image.max()))
         write_dng(

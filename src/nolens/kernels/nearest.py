@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from nolens.kernels.threads import for_each_block
 
 _ROWS_PER_BLOCK = 64
+_SQUARE = 16
+_IMAGES = 16
 
 
 def nearest_points(
@@ -16,8 +18,8 @@ def nearest_points(
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
     """Nearest point of every cell, and its squared distance, on a torus.
 
-    Points are sorted into square bins; a cell looks at rings of bins around its own until no
-    nearer point can follow.
+    Points are sorted into square bins. A small square of cells looks at rings of bins around its
+    middle, keeps the few points that can be nearest to any of its cells, and compares only them.
 
     Parameters
     ----------
@@ -57,31 +59,75 @@ def nearest_points(
 def _rows(  # type: ignore[no-untyped-def]
     points, order, starts, bins, size, pitch, first, last, owner, squared
 ):
+    most = _IMAGES * len(points)
+    found = np.empty(most, dtype=np.int32)
+    at = np.empty((most, 2), dtype=np.float64)
+    best = np.empty(_SQUARE, dtype=np.float64)
+    who = np.empty(_SQUARE, dtype=np.int32)
+    reach = 0.5 * math.sqrt(2.0) * _SQUARE * pitch
+    for top in range(first, last, _SQUARE):
+        bottom = min(top + _SQUARE, last)
+        for left in range(0, owner.shape[1], _SQUARE):
+            right = min(left + _SQUARE, owner.shape[1])
+            y = 0.5 * (top + bottom - 1) * pitch
+            x = 0.5 * (left + right - 1) * pitch
+            count = _near(points, starts, bins, size, y, x, reach, found, at)
+            for i in range(top, bottom):
+                best[:] = np.inf
+                for k in range(count):
+                    dy = at[k, 0] - i * pitch
+                    for j in range(right - left):
+                        dx = at[k, 1] - (left + j) * pitch
+                        distance = dy * dy + dx * dx
+                        if distance < best[j]:
+                            best[j] = distance
+                            who[j] = found[k]
+                for j in range(right - left):
+                    owner[i, left + j] = order[who[j]]
+                    squared[i, left + j] = best[j]
+
+
+@numba.njit(cache=True, nogil=True)
+def _near(points, starts, bins, size, y, x, reach, found, at):  # type: ignore[no-untyped-def]
+    """Points that can be nearest to a place within `reach` of (y, x), moved to its side."""
     side = min(size[0] / bins[0], size[1] / bins[1])
-    farthest = max(bins[0], bins[1])
-    for i in range(first, last):
-        y = i * pitch
-        row = min(int(y / size[0] * bins[0]), bins[0] - 1)
-        for j in range(owner.shape[1]):
-            x = j * pitch
-            column = min(int(x / size[1] * bins[1]), bins[1] - 1)
-            best = np.inf
-            found = -1
-            ring = 0
-            while ring <= farthest and (found < 0 or best > ((ring - 1) * side) ** 2):
-                for a in range(-ring, ring + 1):
-                    step = 1 if abs(a) == ring else max(1, 2 * ring)
-                    for b in range(-ring, ring + 1, step):
-                        cell = ((row + a) % bins[0]) * bins[1] + (column + b) % bins[1]
-                        for k in range(starts[cell], starts[cell + 1]):
-                            dy = abs(points[k, 0] - y)
-                            dx = abs(points[k, 1] - x)
-                            dy = min(dy, size[0] - dy)
-                            dx = min(dx, size[1] - dx)
-                            distance = dy * dy + dx * dx
-                            if distance < best:
-                                best = distance
-                                found = k
-                ring += 1
-            owner[i, j] = order[found]
-            squared[i, j] = best
+    row = min(int(y / size[0] * bins[0]), bins[0] - 1)
+    column = min(int(x / size[1] * bins[1]), bins[1] - 1)
+    nearest = np.inf
+    count = 0
+    ring = 0
+    while ring <= max(bins[0], bins[1]) and (ring - 1) * side <= nearest + 2 * reach:
+        for a in range(-ring, ring + 1):
+            if abs(2 * a) > bins[0] + 1 and ring > 0:
+                continue
+            step = 1 if abs(a) == ring else max(1, 2 * ring)
+            for b in range(-ring, ring + 1, step):
+                if abs(2 * b) > bins[1] + 1 and ring > 0:
+                    continue
+                cell = ((row + a) % bins[0]) * bins[1] + (column + b) % bins[1]
+                for k in range(starts[cell], starts[cell + 1]):
+                    dy = points[k, 0] - y
+                    dx = points[k, 1] - x
+                    dy -= size[0] * np.round(dy / size[0])
+                    dx -= size[1] * np.round(dx / size[1])
+                    # Half a torus away, some cells are nearer to the point's other image.
+                    for m in range(2 if abs(dy) > size[0] / 2 - reach else 1):
+                        ey = dy if m == 0 else dy - math.copysign(size[0], dy)
+                        for n in range(2 if abs(dx) > size[1] / 2 - reach else 1):
+                            ex = dx if n == 0 else dx - math.copysign(size[1], dx)
+                            distance = math.sqrt(ey * ey + ex * ex)
+                            if distance > nearest + 2 * reach or count == len(found):
+                                continue
+                            nearest = min(nearest, distance)
+                            found[count] = k
+                            at[count, 0] = y + ey
+                            at[count, 1] = x + ex
+                            count += 1
+        ring += 1
+    kept = 0
+    for k in range(count):
+        if math.hypot(at[k, 0] - y, at[k, 1] - x) <= nearest + 2 * reach:
+            found[kept] = found[k]
+            at[kept] = at[k]
+            kept += 1
+    return kept

@@ -7,7 +7,7 @@ from nolens.optics.pattern import Media, point_pattern
 from nolens.optics.propagation import propagate
 from nolens.optics.relief import Relief, random_lenslets
 from nolens.optics.stack import Stack, transmittance
-from nolens.optics.windows import Margin
+from nolens.optics.windows import Margin, divergence
 
 __all__ = [
     "ChiefRay",
@@ -20,6 +20,7 @@ __all__ = [
     "PointSource",
     "Relief",
     "Stack",
+    "divergence",
     "point_pattern",
     "propagate",
     "random_lenslets",

@@ -55,11 +55,14 @@ class MaskSurface:
     relief: Relief
     opening: Opening | None = None
 
-    def coarsest_pitch_um(self, wavelength_um: float, coupling: float) -> float:
+    def coarsest_pitch_um(
+        self, wavelength_um: float, coupling: float, divergence: float = 0.0
+    ) -> float:
         """Largest distance of samples that carries light of a wavelength behind the relief.
 
         The relief turns the phase by `coupling` · slope / λ turns in a µm; four samples to the
-        fastest turn leave room for what diffraction adds.
+        fastest turn leave room for what diffraction adds. Two samples more are for each turn of
+        a wave that diverges by `divergence` (in p) within a window.
         """
-        turn = abs(coupling) * self.relief.steepest / wavelength_um
-        return 1 / (4 * turn) if turn > 0 else float("inf")
+        turn = (2 * abs(coupling) * self.relief.steepest + divergence) / wavelength_um
+        return 1 / (2 * turn) if turn > 0 else float("inf")

@@ -205,25 +205,28 @@ def _field(
     if response is not None:
         power = power * response(squared)
 
-    def everywhere(values: Tensor) -> Tensor:
-        if plane:
+    fading = [margin.fading(len(each), mask.relief.grid_um) for each in place]
+
+    def everywhere(values: Tensor, faded: bool = False) -> Tensor:
+        if plane and not faded:
             return values.float().to(device)
-        product: Tensor = weights[0] @ values @ weights[1].T
-        return product.float().to(device)
+        # From nodes to rows in float64, then to all samples in float32, where the time goes.
+        rows, columns = weights[0] @ values, weights[1]
+        if faded:
+            rows, columns = rows * fading[0][:, None], columns * fading[1][:, None]
+        product: Tensor = rows.float().to(device) @ columns.float().to(device).T
+        return product
 
     turns = heights * everywhere(media.coupling(squared) * (2 * math.pi / media.wavelength_um))
     if not plane:
         path = light.path_um(nodes[0][:, None], nodes[1], chief)
         turns += everywhere(path * (2 * math.pi / media.wavelength_um))
-    amplitude = everywhere(power.sqrt())
-    for axis, each in enumerate(place):
-        fading = margin.fading(len(each), mask.relief.grid_um).to(device)
-        amplitude = amplitude * (fading[:, None] if axis == 0 else fading)
+    amplitude = everywhere(power.sqrt(), faded=True)
     if mask.opening is not None:
         open_ = mask.opening.coverage(place[0], place[1], mask.relief.grid_um)
-        amplitude = amplitude * open_.to(device)
+        amplitude *= open_.to(device)
     divergence = max(float((part - c).abs().max()) for part, c in zip(p, chief.p, strict=True))
-    return torch.polar(amplitude.expand_as(turns).contiguous(), turns), divergence
+    return torch.polar(amplitude, turns), divergence
 
 
 def _interpolation(place: Tensor, count: int) -> tuple[Tensor, Tensor]:

@@ -93,8 +93,9 @@ def _padded(spectrum: Tensor, finer: int) -> Tensor:
     """The spectrum with zeros for the frequencies that only finer samples have."""
     rows, columns = spectrum.shape
     out = spectrum.new_zeros((rows * finer, columns * finer))
+    spectrum *= finer * finer
     halves = [(n - n // 2, n // 2) for n in (rows, columns)]
     for up in (slice(0, halves[0][0]), slice(-halves[0][1], None)):
         for left in (slice(0, halves[1][0]), slice(-halves[1][1], None)):
             out[up, left] = spectrum[up, left]
-    return out.mul_(finer * finer)
+    return out

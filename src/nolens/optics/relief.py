@@ -12,7 +12,7 @@ from torch import Tensor
 from nolens.kernels import fast_length, irfft2, nearest_points, rfft2
 from nolens.optics.grid import Grid
 
-_RELAXATION_STEPS = 20
+_RELAXATION_STEPS = 12
 _SAMPLES_PER_PITCH = 10
 
 

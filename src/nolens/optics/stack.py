@@ -11,6 +11,9 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
+_MOST_STEPS = 30
+_CLOSE = 1e-15
+
 
 @dataclass(frozen=True)
 class Stack:
@@ -73,11 +76,14 @@ class Stack:
         """
         slowest = self.critical
         tangent = displacement_um / self.reduced_um / slowest
-        for _ in range(30):
+        for _ in range(_MOST_STEPS):
             p = slowest * tangent / (1 + tangent * tangent).sqrt()
             cosine = (1 + tangent * tangent).rsqrt()
             slope = self.spread_um(p) * slowest * cosine**3
+            before = tangent
             tangent = (tangent - (self.displacement_um(p) - displacement_um) / slope).clamp_min(0)
+            if bool(((tangent - before).abs() <= _CLOSE * (1 + tangent)).all()):
+                break
         return slowest * tangent / (1 + tangent * tangent).sqrt()
 
     def _layers(self) -> Iterator[tuple[float, float]]:

@@ -67,6 +67,11 @@ class Margin:
         return (0.5 - 0.5 * torch.cos(math.pi * inside.clamp(0, 1))).float()
 
 
+def divergence(pitch_um: float, distance_um: float) -> float:
+    """How far the light of a source spreads, in p, from the middle of a window to its edge."""
+    return min(_DIVERGENCE_SHARE, _LARGEST * pitch_um / distance_um) / 2
+
+
 def windows(rows: int, columns: int, pitch_um: float, distance_um: float) -> Iterator[Window]:
     """Cut a pattern into windows of about equal size.
 

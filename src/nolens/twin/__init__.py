@@ -1,6 +1,6 @@
 """Simulated cameras: from a camera's description and a scene to the counts of its sensor."""
 
-from nolens.twin.expose import expose, mosaic
+from nolens.twin.expose import expose, mosaic, photocurrents
 from nolens.twin.field import FieldMap
 from nolens.twin.light import LIGHTS, Light
 from nolens.twin.measure import Irradiated, check_field_points, irradiate
@@ -24,5 +24,6 @@ __all__ = [
     "expose",
     "irradiate",
     "mosaic",
+    "photocurrents",
     "point_spread",
 ]

@@ -4,6 +4,8 @@ import torch
 from torch import Tensor
 
 from nolens.camera import Sensor
+from nolens.twin.light import Light
+from nolens.twin.model import Twin
 
 
 def expose(electrons: Tensor, sensor: Sensor, *, seed: int) -> Tensor:
@@ -34,6 +36,31 @@ def expose(electrons: Tensor, sensor: Sensor, *, seed: int) -> Tensor:
     caught.add_(noise, alpha=sensor.read_noise_electrons)
     counts = caught.mul_(sensor.counts_per_electron * sensor.gain).add_(sensor.black_counts)
     return counts.round_().clamp_(0, sensor.white_counts).to(torch.int32)
+
+
+def photocurrents(twin: Twin, light: Light, luminance_cd_m2: float) -> Tensor:
+    """Electrons that a pixel frees in a second, for each sr of a scene that it sees.
+
+    Parameters
+    ----------
+    twin
+        The camera.
+    light
+        Spectrum of the scene.
+    luminance_cd_m2
+        Of what has the radiance 1.
+
+    Returns
+    -------
+    Tensor
+        float32, (channels,): times `Irradiated.light` this is a current.
+    """
+    area_m2 = twin.camera.sensor.pitch.m**2
+    rates = [
+        light.electrons(twin.quantum_efficiency, channel, luminance_cd_m2) * area_m2
+        for channel in twin.camera.sensor.channels
+    ]
+    return torch.tensor(rates)
 
 
 def mosaic(planes: Tensor, pattern: str) -> Tensor:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import torch
-import torch.nn.functional as nnf
 from torch import Tensor
 
 from nolens.errors import OptionError
@@ -14,7 +13,7 @@ from nolens.optics import Grid
 from nolens.twin.field import FieldMap
 from nolens.twin.light import Light
 from nolens.twin.model import Twin
-from nolens.twin.point import colour_pattern, sampled, samples_per_pixel
+from nolens.twin.point import colour_pattern, sampled, samples_per_pixel, shortest_nm
 from nolens.twin.scene import Seen
 
 _GREY = ("grey",)
@@ -85,8 +84,7 @@ def irradiate(
         per_pixel = samples_per_pixel(twin, at_least=2)
     else:
         per_pixel = samples_per_pixel(twin, at_least=1)
-    ready = sampled(twin, pitch / per_pixel)
-    work = _Work(ready, field, field_points, per_pixel)
+    work = _Work(twin, field, field_points, per_pixel)
     weights = (field.solid_angle() * field.vignetting()).float()
     total = len(seen) * len(work.nodes) * len(twin.camera.sensor.channels)
     colours = [
@@ -95,6 +93,10 @@ def irradiate(
     ]
     done = 0
     for plane in seen:
+        work.twin = sampled(
+            twin, pitch / per_pixel, shortest_nm=shortest_nm(colours),
+            distance_um=plane.distance_um,
+        )  # fmt: skip
         for node in work.nodes:
             for channel, colour in enumerate(colours):
 
@@ -144,13 +146,14 @@ class _Work:
             for j, column in enumerate(self.at[1])
         ]
         self.steps = (1,) if field_points == 1 else (1, 2)
-        self.margin = tuple(
-            max(_reach(axis[:: self.steps[-1]], length))
+        # What a field point's neighbours see of the sensor reaches beyond its own frame.
+        self.edges = tuple(
+            _Edges.of(axis[:: self.steps[-1]], length)
             for axis, length in zip(self.at, (region.height, region.width), strict=True)
         )
         self.period = tuple(
-            fast_length(count + 2 * margin, of_rows=number == 1)
-            for number, (count, margin) in enumerate(zip(twin.cells, self.margin, strict=True))
+            fast_length(count + max(edges.before) + max(edges.after), of_rows=number == 1)
+            for number, (count, edges) in enumerate(zip(twin.cells, self.edges, strict=True))
         )
         mosaic = twin.camera.sensor.mosaic
         self.phases = _GREY if mosaic == "none" else tuple(mosaic)
@@ -181,18 +184,15 @@ class _Work:
             return
         twin, cells = self.twin, self.twin.cells
         widest = max(patches)
-        margin = [
-            _reach(axis[::widest], length)[index // widest]
-            for axis, length, index in zip(
-                self.at,
-                (self.field.region.height, self.field.region.width),
-                node.index,
-                strict=True,
-            )
+        edges = [
+            _Edges.of(axis[::widest], length).at(index // widest)
+            for axis, length, index in zip(self.at, scene.shape, node.index, strict=True)
         ]
         source = self.field.source(*node.cell, distance_um)
-        size = cells[0] + 2 * margin[0], cells[1] + 2 * margin[1]
-        grid = Grid(*size, twin.cell_um).finer(twin.cell_pixels * self.per_pixel)
+        size = [count + sum(edge) for count, edge in zip(cells, edges, strict=True)]
+        centre = [(after - before) / 2 * twin.cell_um for before, after in edges]
+        grid = Grid(size[0], size[1], twin.cell_um, (centre[0], centre[1]))
+        grid = grid.finer(twin.cell_pixels * self.per_pixel)
         twin.check_source(source)
         twin.check_reach(source, grid)
         pattern = colour_pattern(
@@ -207,7 +207,10 @@ class _Work:
             step = twin.cell_pixels
             psf = pattern[row::step, column::step]
             placed = psf.new_zeros(self.period)
-            top, left = self.margin[0] - margin[0], self.margin[1] - margin[1]
+            top, left = (
+                max(all_.before) - before
+                for all_, (before, _) in zip(self.edges, edges, strict=True)
+            )
             placed[top : top + size[0], left : left + size[1]] = psf
             spectrum = rfft2(placed)
             for each, patch in spectra.items():
@@ -223,7 +226,7 @@ class _Work:
 
     def _pixels(self, step: int) -> Tensor:
         rows, columns = self.twin.cells
-        top, left = self.margin
+        top, left = (max(edges.before) for edges in self.edges)
         per_cell = self.twin.cell_pixels
         out = torch.empty(rows * per_cell, columns * per_cell)
         for number in range(len(self.phases)):
@@ -244,10 +247,15 @@ class _Work:
         first = [int(each[0]) for each in kept]
         last = [int(each[-1]) + 1 for each in kept]
         part = weighted[first[0] : last[0], first[1] : last[1]]
-        padding = (0, self.period[1] - part.shape[1], 0, self.period[0] - part.shape[0])
-        placed = nnf.pad(part, padding)
-        shift = first[0] - node.cell[0], first[1] - node.cell[1]
-        return placed.roll(shift, dims=(0, 1))
+        placed = scene.new_zeros((self.period[0], self.period[1]))
+        rows, columns = (
+            (torch.arange(n) + (start - cell)) % period
+            for n, start, cell, period in zip(
+                part.shape, first, node.cell, self.period, strict=True
+            )
+        )
+        placed[rows[:, None], columns] = part
+        return placed
 
 
 def _nodes(length: int, count: int) -> list[int]:
@@ -258,12 +266,26 @@ def _nodes(length: int, count: int) -> list[int]:
     return sorted(set(cells)) if len(set(cells)) % 2 else cells[:1] + cells[-1:]
 
 
-def _reach(nodes: list[int], length: int) -> list[int]:
-    """For each node, how far the cells lie that it has a share in."""
-    if len(nodes) == 1:
-        return [max(nodes[0], length - 1 - nodes[0])]
-    gaps = [after - before for before, after in pairwise(nodes)]
-    return [max(gaps[max(i - 1, 0)], gaps[min(i, len(gaps) - 1)]) for i in range(len(nodes))]
+@dataclass(frozen=True)
+class _Edges:
+    """Cells beyond the sensor, on both sides, at which the PSF of each node is needed.
+
+    A cell r before its node (r < 0) sees the sensor's last cell through the PSF's cell that lies
+    |r| beyond it; so the gap to the node before counts after the sensor, and the other way round.
+    """
+
+    before: list[int]
+    after: list[int]
+
+    @classmethod
+    def of(cls, nodes: list[int], length: int) -> "_Edges":
+        if len(nodes) == 1:
+            return cls([length - 1 - nodes[0]], [nodes[0]])
+        gaps = [after - before for before, after in pairwise(nodes)]
+        return cls([*gaps, 0], [0, *gaps])
+
+    def at(self, index: int) -> tuple[int, int]:
+        return self.before[index], self.after[index]
 
 
 def _hat(nodes: list[int], index: int, length: int) -> Tensor:

@@ -74,7 +74,7 @@ class Twin:
         relief = _relief(opened)
         mask = MaskSurface(Relief(relief.height_um.to(device), relief.grid_um), opening)
         twin = cls(camera, opened.quantum_efficiency, opened.acceptance, mask, fresnel)
-        coarsest = twin.coarsest_pitch_um
+        coarsest = twin.coarsest_pitch_um()
         if relief.grid_um > coarsest:
             raise OptionError(
                 f"the relief of {camera.name!r} has a point every {relief.grid_um:g} um, too "
@@ -109,14 +109,21 @@ class Twin:
         sensor = self.camera.sensor
         return sensor.rows // self.cell_pixels, sensor.columns // self.cell_pixels
 
-    @property
-    def coarsest_pitch_um(self) -> float:
-        """Largest distance of samples that carries the shortest light behind the relief."""
-        shortest = self.quantum_efficiency.wavelength_nm[0]
-        media = self.media(shortest)
+    def coarsest_pitch_um(self, shortest_nm: float | None = None, divergence: float = 0.0) -> float:
+        """Largest distance of samples that carries the light behind the relief, at any angle.
+
+        Parameters
+        ----------
+        shortest_nm
+            Its shortest wavelength; None: the shortest that the sensor sees.
+        divergence
+            See `MaskSurface.coarsest_pitch_um`.
+        """
+        if shortest_nm is None:
+            shortest_nm = self.quantum_efficiency.wavelength_nm[0]
         steep = math.sin(math.radians(LARGEST_ANGLE_DEG)) ** 2
-        coupling = float(media.coupling(torch.tensor(steep, dtype=torch.float64)))
-        return self.mask.coarsest_pitch_um(shortest * 1e-3, coupling)
+        coupling = float(self.media(shortest_nm).coupling(torch.tensor(steep, dtype=torch.float64)))
+        return self.mask.coarsest_pitch_um(shortest_nm * 1e-3, coupling, divergence)
 
     def media(self, wavelength_nm: float) -> Media:
         """What lies on the two sides of the mask at a wavelength."""

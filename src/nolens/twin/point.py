@@ -11,7 +11,7 @@ from torch import Tensor
 
 from nolens.errors import OptionError
 from nolens.kernels import irfft2, rfft2
-from nolens.optics import Grid, MaskSurface, PointSource, Relief, point_pattern
+from nolens.optics import Grid, MaskSurface, PointSource, Relief, divergence, point_pattern
 from nolens.twin.light import Light
 from nolens.twin.model import REFERENCE_NM, Twin
 
@@ -73,10 +73,14 @@ def point_spread(
         twin.shift_um(source) if frame == "chief-ray" else (0.0, 0.0),
     )
     twin.check_reach(source, grid)
-    ready = sampled(twin, twin.sensor_pitch_um / per_pixel)
     channels = twin.camera.sensor.channels
+    colours = [light.wavelengths(twin.quantum_efficiency, each, wavelengths) for each in channels]
+    ready = sampled(
+        twin, twin.sensor_pitch_um / per_pixel, shortest_nm=shortest_nm(colours),
+        distance_um=source.distance_um,
+    )  # fmt: skip
     planes = []
-    for number, channel in enumerate(channels):
+    for number, colour in enumerate(colours):
 
         def colour_tick(share: float, number: int = number) -> None:
             if tick is not None:
@@ -84,7 +88,7 @@ def point_spread(
 
         plane = colour_pattern(
             ready, source, grid.finer(per_pixel * pixels),
-            light.wavelengths(twin.quantum_efficiency, channel, wavelengths), colour_tick,
+            colour, colour_tick,
             average=per_pixel * pixels,
         )  # fmt: skip
         if source.diameter_um > 0:
@@ -137,21 +141,34 @@ def colour_pattern(
     return total
 
 
+def shortest_nm(colours: list[tuple[tuple[float, float], ...]]) -> float:
+    """The shortest of all channels' wavelengths."""
+    return min(wavelength_nm for colour in colours for wavelength_nm, _ in colour)
+
+
 def samples_per_pixel(twin: Twin, *, at_least: int) -> int:
     """Samples along a pixel, so that the light behind the relief is carried."""
-    return max(at_least, math.ceil(twin.sensor_pitch_um / twin.coarsest_pitch_um))
+    return max(at_least, math.ceil(twin.sensor_pitch_um / twin.coarsest_pitch_um()))
 
 
-def sampled(twin: Twin, pitch_um: float) -> Twin:
-    """The same camera with its relief on a grid that is a whole multiple of `pitch_um`."""
-    relief = twin.mask.relief
-    multiple = relief.grid_um / pitch_um
-    if round(multiple) >= 1 and math.isclose(multiple, round(multiple), rel_tol=1e-9):
+def sampled(twin: Twin, pitch_um: float, *, shortest_nm: float, distance_um: float) -> Twin:
+    """The same camera with its relief on a grid of 1, 2 or 4 times `pitch_um`.
+
+    The field behind the relief is sampled there, its intensity on the sensor at `pitch_um`: the
+    coarsest grid that carries the field takes the least time. Openings keep the relief's own
+    grid or a finer one, for their edges.
+    """
+    relief, opening = twin.mask.relief, twin.mask.opening
+    limit = twin.coarsest_pitch_um(shortest_nm, divergence(pitch_um, distance_um))
+    if opening is not None:
+        limit = min(limit, relief.grid_um)
+    multiple = max(m for m in (1, 2, 4) if m == 1 or m * pitch_um <= limit * (1 + 1e-9))
+    grid_um = multiple * pitch_um
+    if math.isclose(relief.grid_um, grid_um, rel_tol=1e-9):
         return twin
-    grid_um = pitch_um * max(1, math.floor(relief.grid_um / pitch_um))
-    rows, columns = (math.ceil(extent / grid_um) + 1 for extent in relief.extent_um)
+    rows, columns = (max(2, math.floor(extent / grid_um) + 1) for extent in relief.extent_um)
     heights = relief.sample(Grid(rows, columns, grid_um))
-    return replace(twin, mask=MaskSurface(Relief(heights, grid_um), twin.mask.opening))
+    return replace(twin, mask=MaskSurface(Relief(heights, grid_um), opening))
 
 
 def _check_size(source: PointSource) -> None:
