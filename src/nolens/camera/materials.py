@@ -60,15 +60,21 @@ _TABLE = (
         "index: the paper's figure; placeholder for the Abbe number, near what is published for "
         "Sylgard 184",
     ),
-    Material("polycarbonate", 1.59, 30.0, "index: the paper's figure; usual Abbe number"),
+    Material(
+        "polycarbonate",
+        1.59,
+        29.1,
+        "index: the paper's figure; Abbe number: Sultanova et al. 2009 (sultanova2009)",
+    ),
     Material(
         "cover-glass",
         1.52,
         55.0,
-        "index: the paper's figure; Abbe number of the borosilicate glass Schott D 263",
+        "index: the paper's figure; placeholder for the Abbe number, near that of borosilicate "
+        "cover glasses",
     ),
     Material("fused-silica", 1.4585, 67.8, "tables of optical glass"),
-    Material("pmma", 1.4918, 57.4, "tables of optical plastics"),
+    Material("pmma", 1.491, 59.2, "Sultanova et al. 2009 (sultanova2009)"),
     Material("bk7", 1.5168, 64.17, "Schott N-BK7"),
 )
 
