@@ -131,6 +131,26 @@ class Illumination:
         share = self._to_mask().ray(reach) / reach.clamp_min(1e-12)
         return across[0] * share, across[1] * share
 
+    def irradiance(self, rows_um: Tensor, columns_um: Tensor) -> Tensor:
+        r"""Light on the mask's plane from a source of the same power in all directions; float64.
+
+        1 straight ahead of a source far away. A cone of rays has the power :math:`\sin θ\,dθ` and
+        meets a ring of radius r: :math:`z^2 p\,/\,(\cos θ\,r\,dr/dp)`, in air alone cos³θ.
+        """
+        p = self.direction(rows_um, columns_um)
+        squared = p[0].square() + p[1].square()
+        distance = self.source.distance_um
+        if math.isinf(distance):
+            return (1 - squared).pow(1.5)
+        stack = self._to_mask()
+        start = self.source.origin_um()
+        reach = (rows_um - start[0]).square() + (columns_um - start[1]).square()
+        reach = reach.sqrt()
+        share = torch.where(
+            reach > 1e-9, squared.sqrt() / reach.clamp_min(1e-9), 1 / stack.reduced_um
+        )
+        return distance**2 * share / ((1 - squared).sqrt() * stack.spread_um(squared.sqrt()))
+
     def path_um(self, rows_um: Tensor, columns_um: Tensor, chief: ChiefRay) -> Tensor:
         r"""Optical path from the source, less the plane wave of the chief ray; float64.
 

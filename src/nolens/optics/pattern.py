@@ -201,7 +201,7 @@ def _field(
     )
     p = light.direction(nodes[0][:, None], nodes[1])
     squared = p[0].square() + p[1].square()
-    power = (1 - squared).clamp_min(0).pow(1.5)
+    power = light.irradiance(nodes[0][:, None], nodes[1])
     if response is not None:
         power = power * response(squared)
 
