@@ -10,10 +10,11 @@ import torch
 from PIL import Image
 from torch import Tensor
 
+from nolens.camera import preset
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import write_dng
 from nolens.operators import CroppedConvolution, Region
-from nolens.twin import Sensor, expose
+from nolens.twin import expose, mosaic
 
 SENSOR = (48, 64)
 SCENE = (24, 32)
@@ -99,8 +100,10 @@ class Camera:
 
 
 def expose_dng(path: Path, light: Tensor, seed: int, fill: float = 0.9) -> Path:
-    sensor = Sensor()
-    counts = expose(light, sensor, fill=fill, seed=seed)
+    sensor = preset("small").sensor
+    pixels = light.repeat_interleave(2, dim=-2).repeat_interleave(2, dim=-1)
+    image = mosaic(pixels, sensor.mosaic)
+    counts = expose(image * (fill * sensor.full_well_electrons / image.max()), sensor, seed=seed)
     write_dng(path, counts, pattern=sensor.mosaic, black=BLACK, white=WHITE)
     return path
 

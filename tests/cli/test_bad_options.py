@@ -97,7 +97,10 @@ def test_value(
 
 
 COMMANDS: list[tuple[list[object], list[str]]] = [
-    (["recnstruct"], ['Did you mean "reconstruct"', "reconstruct, info, demo"]),
+    (
+        ["recnstruct"],
+        ['Did you mean "reconstruct"', "reconstruct, info, simulate, psf, camera, demo"],
+    ),
     (["--psf", "x"], ["--psf"]),
     (["reconstruct"], ["no measurement is given", "nolens reconstruct RAW --psf PSF -o out.png"]),
     (["reconstruct", "raw.dng"], ["no psf is given", "--psf FILE"]),

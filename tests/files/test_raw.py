@@ -27,7 +27,7 @@ def counts_of(height: int, width: int, seed: int = 0) -> np.ndarray:
     pattern=st.sampled_from(MOSAICS),
     black=st.integers(0, 4000),
     white=st.integers(4001, 65535),
-    exposure=st.none() | st.floats(1e-4, 30),
+    exposure=st.none() | st.floats(1e-6, 4e9),
 )
 def test_dng_as_rawpy_reads_it(tmp_path_factory, height, width, pattern, black, white, exposure):
     path = tmp_path_factory.mktemp("dng") / "a.dng"
@@ -38,7 +38,7 @@ def test_dng_as_rawpy_reads_it(tmp_path_factory, height, width, pattern, black, 
         assert "".join(chr(raw.color_desc[i]) for i in raw.raw_pattern.flat) == pattern
         assert raw.black_level_per_channel == [black] * 4
         assert raw.white_level == white
-        assert raw.other.shutter_speed == pytest.approx(exposure or 0, rel=1e-3, abs=1e-6)
+        assert raw.other.shutter_speed == pytest.approx(exposure or 0, rel=1e-3)
     frame = read_frame(path)
     assert np.array_equal(frame.counts[0].numpy(), counts)
     assert (frame.mosaic, frame.channels) == (pattern, ("mosaic",))

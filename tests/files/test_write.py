@@ -23,6 +23,7 @@ from nolens.files import (
     hash_file,
     read_frame,
     versions,
+    write_counts,
     write_dng,
     write_png,
     write_record,
@@ -87,6 +88,26 @@ def test_two_channels_are_no_picture(tmp_path, write):
     with pytest.raises(DataError, match=r"1 or 3 channels, not \(2, 20, 50\)"):
         write(tmp_path / "a.tif", radiance(2))
     assert not list(tmp_path.iterdir())
+
+
+def test_counts_are_stored_as_they_are(tmp_path):
+    counts = torch.randint(0, 65536, (20, 50), generator=torch.manual_seed(0), dtype=torch.int32)
+    about = {"mosaic": "GBRG", "black": 240.5, "white": 60000, "exposure_s": 0.25}
+    write_counts(tmp_path / "a.tif", counts, **about)
+    assert torch.equal(read_frame(tmp_path / "a.tif", mosaic="GBRG").counts[0].int(), counts)
+    with tifffile.TiffFile(tmp_path / "a.tif") as tiff:
+        assert json.loads(tiff.pages[0].description) == about
+    for wrong in (counts.float() + 0.5, counts - 1_000_000, counts[None]):
+        with pytest.raises(DataError, match="whole counts of 0 to 65535"):
+            write_counts(tmp_path / "b.tif", wrong, **about)
+    assert not (tmp_path / "b.tif").exists()
+
+
+def test_exposures_beyond_what_a_dng_holds(tmp_path):
+    counts = torch.full((22, 22), 300)
+    for exposure in (0.0, 1e-12, 1e30, math.inf):
+        write_dng(tmp_path / "a.dng", counts, black=256, white=4095, exposure_s=exposure)
+        assert read_frame(tmp_path / "a.dng").exposure_s is None
 
 
 def test_atomic_write_replaces(tmp_path):

@@ -32,6 +32,8 @@ class Frame:
         Where the frame comes from, usually the path of its file.
     exposure_s
         Exposure time in seconds; None where it is not known.
+    black_stated
+        Whether the file says its black level.
     """
 
     counts: Tensor
@@ -42,6 +44,7 @@ class Frame:
     stored_as: str
     source: str
     exposure_s: float | None = None
+    black_stated: bool = False
 
     @property
     def size(self) -> str:

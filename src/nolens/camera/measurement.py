@@ -133,7 +133,7 @@ def develop(
             raise DataError(
                 f"channel {name} of {frame.source} is zero everywhere: leave it out (--channels)"
             )
-    stated = dark is not None or black is not None or any(frame.black)
+    stated = dark is not None or black is not None or frame.black_stated
     return Measurement(values, valid, names, frame.mosaic, frame.source, stated)
 
 

@@ -15,7 +15,7 @@ class TerminalReporter:
     """Notes and warnings on standard error; a progress bar where that is a terminal.
 
     The first Ctrl-C from the first iteration on ends the solver after its iteration, and the
-    picture so far is written; a second one, or one before, stops at once.
+    picture so far is written; a second one, or one during any other work, stops at once.
     """
 
     def __init__(self) -> None:
@@ -23,12 +23,13 @@ class TerminalReporter:
         self._solving = False
         self._bar: Progress | None = None
         self._task: TaskID | None = None
+        self._work = ""
         # FORCE_COLOR and the like make rich take anything for a terminal.
         if sys.stderr is not None and sys.stderr.isatty():
             self._bar = Progress(
-                TextColumn("iteration {task.completed:.0f}/{task.total:.0f}"),
+                TextColumn("{task.description}"),
                 BarColumn(),
-                TextColumn("objective {task.fields[objective]:.4g}"),
+                TextColumn("{task.fields[state]}"),
                 TimeRemainingColumn(),
                 console=Console(stderr=True),
                 transient=True,
@@ -56,15 +57,29 @@ class TerminalReporter:
         """Say what may make the picture worse than it could be."""
         say(f"warning: {text}")
 
+    def advance(self, what: str, share: float) -> None:
+        """Show how much of a piece of work is done, from 0 to 1."""
+        self._solving = False
+        self._show(what, what, f"{100 * share:.0f} %", share, 1.0)
+
     def progress(self, progress: Iteration, limit: int) -> bool:
         """Show an iteration; True if the person wants to stop."""
         self._solving = True
-        if self._bar is not None:
-            if self._task is None:
-                self._bar.start()
-                self._task = self._bar.add_task("", total=limit, objective=progress.objective)
-            self._bar.update(self._task, completed=progress.iteration, objective=progress.objective)
+        at = progress.iteration
+        state = f"objective {progress.objective:.4g}"
+        self._show("iterations", f"iteration {at}/{limit}", state, at, limit)
         return self.interrupted
+
+    def _show(self, work: str, text: str, state: str, done: float, total: float) -> None:
+        """Move the bar; a new one, with a clock of its own, for other work than before."""
+        if self._bar is None:
+            return
+        if self._task is None or work != self._work:
+            if self._task is not None:
+                self._bar.remove_task(self._task)
+            self._bar.start()
+            self._task, self._work = self._bar.add_task(text, total=total, state=state), work
+        self._bar.update(self._task, description=text, completed=done, state=state)
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:
         if self.interrupted or not self._solving:

@@ -55,6 +55,23 @@ def read_camera(given: str | Path) -> OpenCamera:
     return _open(camera_from_toml(text, str(path)), path.parent)
 
 
+def camera_files(given: str | Path, camera: Camera) -> dict[str, Path]:
+    """Files that a camera was read from, by their role; none for a preset.
+
+    Parameters
+    ----------
+    given
+        What `read_camera` was given.
+    camera
+        The description it gave.
+    """
+    if str(given) in PRESETS:
+        return {}
+    path = _find(given)
+    named = {name: path.parent / name for name in _named(camera)}
+    return {"camera": path} | {f"camera's {name}": file for name, file in named.items()}
+
+
 def write_camera(folder: str | Path, camera: Camera, relief_um: Tensor | None = None) -> None:
     """Write camera.toml, and the relief into the file that the camera names for it.
 

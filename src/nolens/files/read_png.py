@@ -23,15 +23,28 @@ def read_png(path: Path) -> Frame:
     FileError
         If the file is damaged, or has fewer than 8 bits.
     """
+    array = read_png_samples(path)
+    colours = 3 if array.shape[-1] >= 3 else 1
+    return frame_from_array(np.moveaxis(array[..., :colours], -1, 0), str(path))
+
+
+def read_png_samples(path: Path) -> NDArray[np.generic]:
+    """Read (height, width, 1 to 4) of grey or colour, and alpha where there is one.
+
+    Raises
+    ------
+    FileError
+        If the file is damaged, or has fewer than 8 bits.
+    """
     try:
         with path.open("rb") as file:
             header = png.Reader(file=file)
             header.preamble()
             bits, colour = header.bitdepth, header.color_type
         if bits < 8 and colour != _PALETTE:
-            raise FileError(f"{path} is a PNG of {bits} bits: as a measurement it needs 8 or 16")
+            raise FileError(f"{path} is a PNG of {bits} bits: it needs 8 or 16")
         # Pillow reduces 16-bit colour to 8 bits without a word.
-        array = _read_deep(path) if bits == 16 and colour != _GREY else _read_plain(path, bits)
+        return _read_deep(path) if bits == 16 and colour != _GREY else _read_plain(path, bits)
     except FileError:
         raise
     # Damage can raise nearly anything from either library.
@@ -40,27 +53,22 @@ def read_png(path: Path) -> Frame:
             f"{path} cannot be read as a PNG: it is damaged or incomplete ({error}). Copy it "
             "again from where it was made"
         ) from error
-    return frame_from_array(np.moveaxis(array, -1, 0), str(path))
 
 
 def _read_plain(path: Path, bits: int) -> NDArray[np.generic]:
-    """(height, width, 1 or 3) by Pillow."""
+    """By Pillow."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)
         with Image.open(path, formats=["PNG"]) as picture:
             plain = picture.convert("RGBA") if picture.mode == "P" else picture
             # Older Pillow opens 16-bit grey as 32-bit integers.
             array = np.asarray(plain).astype(np.uint16 if bits == 16 else np.uint8)
-    if array.ndim == 2:
-        return array[..., None]
-    return array[..., :-1] if plain.mode.endswith("A") else array
+    return array[..., None] if array.ndim == 2 else array
 
 
 def _read_deep(path: Path) -> NDArray[np.generic]:
-    """(height, width, 1 or 3) of 16-bit colour, or of grey beside alpha, by pypng."""
+    """16-bit colour, or grey beside alpha, by pypng."""
     with path.open("rb") as file:
         width, height, rows, info = png.Reader(file=file).read()
         array = np.array([np.frombuffer(row, np.uint16) for row in rows])
-    planes = info["planes"]
-    colours = planes - 1 if info["alpha"] else planes
-    return array.reshape(height, width, planes)[..., :colours]
+    return array.reshape(height, width, info["planes"])

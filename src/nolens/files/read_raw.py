@@ -93,4 +93,5 @@ def _frame(path: Path, raw: rawpy.RawPy) -> Frame:
         stored_as=counts.dtype.name,
         source=str(path),
         exposure_s=exposure if exposure > 0 else None,
+        black_stated=True,
     )

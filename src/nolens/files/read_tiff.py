@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import tifffile
@@ -11,6 +12,7 @@ from nolens.camera import Frame
 from nolens.errors import FileError
 from nolens.files.arrays import frame_from_array
 from nolens.files.quiet import quiet_logger
+from nolens.files.tiff_note import TiffNote
 
 _PICTURES = (tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.RGB)
 _RAW = (tifffile.PHOTOMETRIC.CFA, tifffile.PHOTOMETRIC.LINEAR_RAW)
@@ -33,12 +35,51 @@ def read_tiff(path: Path) -> Frame:
         If the file is damaged or incomplete, has several pages, or holds values or a coding
         that cannot be read.
     """
+    found = read_tiff_samples(path)
+    values = found.values[: len(found.values) - len(found.alphas)]
+    return found.note.applied(frame_from_array(values, str(path)))
+
+
+class TiffSamples(NamedTuple):
+    """What a page of TIFF holds.
+
+    Parameters
+    ----------
+    values
+        (channels, height, width), whose last ones are alpha.
+    alphas
+        For each channel of alpha, whether the colours are multiplied by it.
+    note
+        What this program wrote about its own files.
+    """
+
+    values: NDArray[np.generic]
+    alphas: tuple[bool, ...]
+    note: TiffNote
+
+
+def read_tiff_samples(path: Path) -> TiffSamples:
+    """Read all channels, alpha included.
+
+    Raises
+    ------
+    FileError
+        As `read_tiff` does, but for the kind of the values.
+    """
     try:
         with quiet_logger("tifffile"), tifffile.TiffFile(path) as tiff:
             page = _only_page(path, tiff)
             _check_kind(path, page)
             _check_complete(path, page)
-            array = _channels_first(page, page.asarray(squeeze=False))
+            return TiffSamples(
+                _channels_first(page.asarray(squeeze=False)),
+                tuple(
+                    extra == tifffile.EXTRASAMPLE.ASSOCALPHA
+                    for extra in page.extrasamples
+                    if extra in _ALPHA
+                ),
+                TiffNote.of(page),
+            )
     except FileError:
         raise
     # Damaged tags can raise nearly anything, MemoryError and struct.error included.
@@ -47,7 +88,6 @@ def read_tiff(path: Path) -> Frame:
             f"{path} cannot be read as a TIFF: it is damaged or incomplete ({error}). Copy it "
             "again from where it was made"
         ) from error
-    return frame_from_array(array, str(path))
 
 
 def _only_page(path: Path, tiff: tifffile.TiffFile) -> tifffile.TiffPage:
@@ -112,12 +152,10 @@ def _check_complete(path: Path, page: tifffile.TiffPage) -> None:
         )
 
 
-def _channels_first(page: tifffile.TiffPage, array: NDArray[np.generic]) -> NDArray[np.generic]:
-    """(channels, height, width) without alpha, of (planes, 1, height, width, samples)."""
+def _channels_first(array: NDArray[np.generic]) -> NDArray[np.generic]:
+    """(channels, height, width) of (planes, 1, height, width, samples)."""
     planes, _, height, width, samples = array.shape
-    channels = np.moveaxis(array[:, 0], -1, 1).reshape(planes * samples, height, width)
-    alphas = sum(extra in _ALPHA for extra in page.extrasamples)
-    return channels[: planes * samples - alphas]
+    return np.moveaxis(array[:, 0], -1, 1).reshape(planes * samples, height, width)
 
 
 def _name(value: int) -> str:

@@ -1,4 +1,4 @@
-"""Writing pictures and linear radiance."""
+"""Writing pictures, linear radiance and counts."""
 
 import json
 from pathlib import Path
@@ -13,6 +13,7 @@ from torch import Tensor
 from nolens.camera import exposure_white, srgb_from_linear
 from nolens.errors import DataError
 from nolens.files.atomic import atomic_write
+from nolens.files.tiff_note import SOFTWARE
 
 
 def write_png(path: str | Path, radiance: Tensor) -> None:
@@ -84,7 +85,55 @@ def write_tiff32(path: str | Path, radiance: Tensor) -> None:
     FileError
         If the file cannot be written.
     """
-    _write_tiff(path, _pixels(radiance).astype(np.float32), {"linear": True, "per_count": 1.0})
+    _write_tiff(
+        path, _pixels(radiance).astype(np.float32), {"linear": True, "per_count": 1.0, "black": 0}
+    )
+
+
+def write_counts(
+    path: str | Path,
+    counts: Tensor,
+    *,
+    mosaic: str | None,
+    black: float,
+    white: int,
+    exposure_s: float | None = None,
+) -> None:
+    """Write a sensor's counts as they are, as 16-bit TIFF.
+
+    What else is known stands in the file's description as JSON; `read_frame` heeds it.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    counts
+        Whole counts of 0 to 65535, (height, width).
+    mosaic
+        Colours of the 2×2 cell, row by row; None without one.
+    black
+        Count that stands for no light.
+    white
+        Count from which a pixel is saturated.
+    exposure_s
+        Exposure time in seconds.
+
+    Raises
+    ------
+    DataError
+        If `counts` are not whole numbers of 0 to 65535 of shape (height, width).
+    FileError
+        If the file cannot be written.
+    """
+    array = counts.detach().cpu().numpy()
+    stored = array.astype(np.uint16)
+    if array.ndim != 2 or not np.array_equal(stored, array):
+        raise DataError(
+            "a 16-bit TIFF holds whole counts of 0 to 65535 of shape (height, width); given are "
+            f"{array.dtype} of shape {array.shape}"
+        )
+    note = {"mosaic": mosaic, "black": black, "white": white, "exposure_s": exposure_s}
+    _write_tiff(path, stored, note)
 
 
 def _pixels(values: Tensor) -> NDArray[np.floating[Any]]:
@@ -107,5 +156,5 @@ def _write_tiff(path: str | Path, pixels: NDArray[Any], note: dict[str, Any]) ->
             photometric=kind,
             description=json.dumps(note),
             metadata=None,
-            software="nolens",
+            software=SOFTWARE,
         )

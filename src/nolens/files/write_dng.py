@@ -15,6 +15,7 @@ from nolens.files.atomic import atomic_write
 
 _BYTE, _ASCII, _SHORT, _LONG, _RATIONAL, _SRATIONAL = 1, 2, 3, 4, 5, 10
 _D65 = 21
+_LARGEST = 2**32 - 1  # Of the two numbers of a fraction.
 _SMALLEST = 22  # LibRaw takes a smaller picture for none.
 # Linear sRGB from CIE XYZ (IEC 61966-2-1): the camera's colours are taken as sRGB's primaries.
 _SRGB_FROM_XYZ = (
@@ -49,7 +50,7 @@ def write_dng(
     white
         Count from which a pixel is saturated.
     exposure_s
-        Exposure time in seconds.
+        Exposure time in seconds; left out where a DNG cannot hold it.
     model
         Name of the camera, ASCII.
 
@@ -106,7 +107,7 @@ def _tags(
         (50728, _RATIONAL, 3, (1, 1, 1, 1, 1, 1)),
         (50778, _SHORT, 1, _D65),
     ]
-    if exposure_s is not None:
-        exposure = Fraction(exposure_s).limit_denominator(1_000_000)
+    if exposure_s is not None and 1 / _LARGEST < exposure_s < _LARGEST:
+        exposure = Fraction(exposure_s).limit_denominator(int(_LARGEST / max(1, exposure_s)))
         tags.append((33434, _RATIONAL, 1, (exposure.numerator, exposure.denominator)))
     return [(*tag, True) for tag in sorted(tags)]

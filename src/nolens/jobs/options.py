@@ -7,9 +7,11 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, Field, ValidationError, field_validator
 
 from nolens.errors import FileError, OptionError
+from nolens.jobs.device import DeviceName
+from nolens.jobs.given import JobOptions, Written, check_apart, expand_home, explain
 from nolens.operators import Region
 from nolens.solvers import Prior
 
@@ -24,7 +26,7 @@ class Method(StrEnum):
     WIENER = "wiener"
 
 
-class ReconstructOptions(BaseModel):
+class ReconstructOptions(JobOptions):
     """What `nolens reconstruct` can be told; a TOML file holds the same names.
 
     Attributes
@@ -78,8 +80,6 @@ class ReconstructOptions(BaseModel):
         auto, cpu or cuda.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
     measurement: Path
     psf: Path
     output: tuple[Path, ...] = Field(min_length=1)
@@ -105,7 +105,7 @@ class ReconstructOptions(BaseModel):
     region: str | None = None
     crop: str | None = None
     flip: Literal["none", "vertical", "horizontal", "both"] = "none"
-    device: Literal["auto", "cpu", "cuda"] = "auto"
+    device: DeviceName = "auto"
 
     @classmethod
     def gather(cls, given: dict[str, Any], config: Path | None) -> "ReconstructOptions":
@@ -143,9 +143,7 @@ class ReconstructOptions(BaseModel):
         try:
             options = cls.model_validate(values)
         except ValidationError as error:
-            raise OptionError(
-                _explain(error, dict.fromkeys({*stored} - {*given}, config))
-            ) from None
+            raise OptionError(explain(error, dict.fromkeys({*stored} - {*given}, config))) from None
         if config:
             check_apart(options, {"configuration": config})
         return options
@@ -170,6 +168,12 @@ class ReconstructOptions(BaseModel):
         """File of the run's record."""
         return self.output[0].with_suffix(".json")
 
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """Pictures and record."""
+        pictures = tuple(Written("output", path) for path in self.output)
+        return (*pictures, Written("record of the run", self.record))
+
 
 def parse_window(text: str, sensor: tuple[int, int], option: str) -> Region:
     """Read HEIGHTxWIDTH or HEIGHTxWIDTH+TOP+LEFT.
@@ -189,42 +193,6 @@ def parse_window(text: str, sensor: tuple[int, int], option: str) -> Region:
     if match[3] is None:
         return Region.centred(height, width, sensor)
     return Region(int(match[3]), int(match[4]), height, width)
-
-
-def expand_home(path: Path) -> Path:
-    """Take ~ for the home folder, where the shell has not done so (--psf=~/psf.dng)."""
-    try:
-        return path.expanduser()
-    except RuntimeError:  # No such user: then it is a name like any other.
-        return path
-
-
-def check_apart(options: ReconstructOptions, read: dict[str, Path]) -> None:
-    """Refuse to write over a file that is read, or over another one that is written.
-
-    Parameters
-    ----------
-    options
-        They name the files to write.
-    read
-        Files that are read, by role.
-
-    Raises
-    ------
-    OptionError
-        If two of them are one file.
-    """
-    written: list[Path] = []
-    for path in (*options.output, options.record):
-        kind = "record of the run" if path == options.record else "output"
-        for role, other in read.items():
-            if _same(path, other):
-                raise OptionError(
-                    f"the {kind} {path} would overwrite the {role} {other}: give another name (-o)"
-                )
-        if any(_same(path, other) for other in written):
-            raise OptionError(f"the output {path} is given twice: give each its own name (-o)")
-        written.append(path)
 
 
 def _read_config(path: Path) -> dict[str, Any]:
@@ -251,27 +219,8 @@ def _read_config(path: Path) -> dict[str, Any]:
     return values
 
 
-def _same(one: Path, other: Path) -> bool:
-    """Whether two paths lead to one file."""
-    try:
-        return one.resolve() == other.resolve() or one.samefile(other)
-    except (OSError, ValueError, RuntimeError):  # At least one of them does not exist.
-        return False
-
-
 def _nearest(name: str, model: type[BaseModel]) -> str:
     near = difflib.get_close_matches(name, model.model_fields, n=1)
     return (
         f". Did you mean {near[0]!r}?" if near else f"; known are {', '.join(model.model_fields)}"
     )
-
-
-def _explain(error: ValidationError, sources: dict[str, Path | None]) -> str:
-    found: dict[str, list[str]] = {}
-    for each in error.errors(include_url=False):
-        name = str(each["loc"][0])
-        where = f" in {sources[name]}" if name in sources else ""
-        message = each["msg"][0].lower() + each["msg"][1:]
-        reasons = found.setdefault(f"{name}{where} is {each['input']!r}", [])
-        reasons.append(message.removeprefix("input should be ") if reasons else message)
-    return "; ".join(f"{what}: {' or '.join(reasons)}" for what, reasons in found.items())

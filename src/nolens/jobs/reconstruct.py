@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -33,9 +33,12 @@ from nolens.files import (
     write_tiff32,
     write_together,
 )
-from nolens.jobs.options import Method, ReconstructOptions, check_apart, parse_window
+from nolens.jobs.device import pick_device
+from nolens.jobs.given import check_apart
+from nolens.jobs.options import Method, ReconstructOptions, parse_window
+from nolens.jobs.reporter import Reporter as Reporter
 from nolens.operators import Region
-from nolens.solvers import Problem, Progress, Result, admm, fista, wiener
+from nolens.solvers import Problem, Result, admm, fista, wiener
 from nolens.solvers.penalties import Balance
 from nolens.solvers.result import Callback
 
@@ -47,19 +50,6 @@ _TOLERANCE = {Method.ADMM: 3e-4, Method.FISTA: 1e-4, Method.WIENER: 0.0}
 # run holds (in its first and last step), and what one iteration takes.
 _BYTES_PER_CELL = 80
 _SECONDS_PER_CELL = 1.5e-8
-
-
-class Reporter(Protocol):
-    """Whoever watches a job run."""
-
-    def note(self, text: str) -> None:
-        """Say something a person should know before it happens."""
-
-    def warn(self, text: str) -> None:
-        """Say what may make the picture worse than it could be."""
-
-    def progress(self, progress: Progress, limit: int) -> bool:
-        """See an iteration; True stops the solver, and the picture so far is written."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +89,7 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
         check_output(path, (".png", ".tif", ".tiff"))
     check_output(options.record, (".json",))
     check_apart(options, options.inputs)
-    device = _device(options.device)
+    device = pick_device(options.device)
 
     black, measurement, prepared = _read(options)
     psf, warnings = prepared.values, list(prepared.warnings)
@@ -159,17 +149,6 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
     writers = {path: partial(_write, picture=shown, options=options) for path in options.output}
     write_together({options.record: partial(write_record, record=record), **writers})
     return Outcome(picture=picture, summary=summary)
-
-
-def _device(name: str) -> torch.device:
-    if name == "cuda" and not torch.cuda.is_available():
-        raise OptionError(
-            "--device cuda was asked for, but torch finds no CUDA device here; use "
-            "--device cpu or auto, or install a CUDA build of torch"
-        )
-    if name == "auto":
-        name = "cuda" if torch.cuda.is_available() else "cpu"
-    return torch.device(name)
 
 
 def _read(options: ReconstructOptions) -> tuple[float | None, Measurement, PreparedPsf]:

@@ -1,0 +1,78 @@
+"""The application that the commands are part of, and what their options have in common."""
+
+from collections.abc import Sequence
+
+from cyclopts import (
+    App,
+    CycloptsError,
+    MissingArgumentError,
+    Parameter,
+    Token,
+    UnusedCliTokensError,
+)
+
+from nolens import __version__
+from nolens.errors import OptionError
+
+app = App(
+    name="nolens",
+    help="Photographs from lensless cameras: a raw measurement and a PSF in, a picture out.",
+    version=__version__,
+    help_format="plaintext",
+    suppress_keyboard_interrupt=False,
+    default_parameter=Parameter(negative_iterable=()),
+)
+
+
+def _whole(kind: type, tokens: Sequence[Token]) -> int:
+    """A whole number; cyclopts would round 2.5 without a word."""
+    try:
+        return int(tokens[0].value)
+    except ValueError:
+        raise ValueError(f"{tokens[0].value} is no whole number, such as 2") from None
+
+
+Whole = Parameter(converter=_whole)
+Quantity = Parameter(allow_leading_hyphen=True)
+"""A number with its unit, which may be negative; the job's options read it."""
+Json = Parameter(name="--json", negative=(), show_default=False)
+Output = Parameter(name=("--output", "-o"))
+
+_USAGE = {
+    "reconstruct": "reconstruct RAW --psf PSF -o out.png (-o again for each further picture)",
+    "info": "info FILE",
+    "simulate": "simulate SCENE -o raw.dng",
+    "psf": "psf -o psf.tif",
+    "camera show": "camera show NAME",
+    "demo": "demo -o FOLDER",
+}
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command and return its exit code.
+
+    Raises
+    ------
+    OptionError
+        If the arguments name no command, or an option or value that it does not have.
+    """
+    try:
+        code = app(
+            list(arguments), exit_on_error=False, print_error=False, result_action="return_value"
+        )
+    except CycloptsError as error:
+        raise OptionError(_explain(error)) from None
+    return code if isinstance(code, int) else 0
+
+
+def _explain(error: CycloptsError) -> str:
+    """What cyclopts says, but for what it says in its own terms."""
+    command = " ".join(error.command_chain or ())
+    if isinstance(error, UnusedCliTokensError):
+        extra = " ".join(error.unused_tokens or ())
+        return f"{extra!r} is more than {command} takes: nolens {_USAGE.get(command, '--help')}"
+    if isinstance(error, MissingArgumentError) and not error.tokens_so_far and not error.keyword:
+        name = error.argument.name if error.argument is not None else "argument"
+        if not name.startswith("-"):
+            return f"no {name} is given: nolens {_USAGE.get(command, '--help')}"
+    return str(error)

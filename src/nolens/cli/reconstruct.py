@@ -1,0 +1,178 @@
+"""`nolens reconstruct` and `nolens info`."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from nolens.cli.app import Json, Output, Whole
+from nolens.cli.messages import show
+from nolens.cli.terminal import TerminalReporter
+from nolens.files import describe, read_frame
+from nolens.jobs import Method, ReconstructOptions, expand_home
+from nolens.jobs import reconstruct as run_reconstruct
+from nolens.solvers import Prior
+
+Input = Parameter(group="Input")
+Model = Parameter(group="Model and solver")
+Picture = Parameter(group="Picture")
+
+
+def reconstruct(
+    measurement: Path | None = None,
+    *,
+    psf: Path | None = None,
+    output: Annotated[tuple[Path, ...] | None, Output] = None,
+    config: Path | None = None,
+    dark: Annotated[Path | None, Input] = None,
+    flat: Annotated[Path | None, Input] = None,
+    black: Annotated[str | None, Input] = None,
+    white: Annotated[float | None, Input] = None,
+    mosaic: Annotated[str | None, Input] = None,
+    bgr: Annotated[bool | None, Input] = None,
+    channels: Annotated[str | None, Input] = None,
+    bin: Annotated[int | None, Input, Whole] = None,  # noqa: A002 (the option's name)
+    psf_scale: Annotated[int | None, Input, Whole] = None,
+    psf_wider: Annotated[bool | None, Input] = None,
+    region: Annotated[str | None, Model] = None,
+    method: Annotated[Method | None, Model] = None,
+    tau: Annotated[float | None, Model] = None,
+    prior: Annotated[Prior | None, Model] = None,
+    iterations: Annotated[int | None, Model, Whole] = None,
+    tolerance: Annotated[float | None, Model] = None,
+    penalties: Annotated[tuple[float, float, float] | None, Model] = None,
+    balance: Annotated[bool | None, Model] = None,
+    relaxation: Annotated[float | None, Model] = None,
+    device: Annotated[Literal["auto", "cpu", "cuda"] | None, Model] = None,
+    crop: Annotated[str | None, Picture] = None,
+    flip: Annotated[Literal["none", "vertical", "horizontal", "both"] | None, Picture] = None,
+    tiff_bits: Annotated[Literal[16, 32] | None, Picture] = None,
+    json_: Annotated[bool, Json] = False,
+) -> int:
+    """Reconstruct a photograph from a measurement and a PSF.
+
+    nolens reconstruct raw.dng --psf psf.dng -o out.png
+
+    Parameters
+    ----------
+    measurement
+        What the sensor measured: camera raw, .png, .tif or .npy. Needed, here or in --config.
+    psf
+        What the sensor measures of a point of light: the same kinds of file. Needed too.
+    output
+        Picture to write: .png (8-bit sRGB; the 99.5th percentile is white) or .tif (linear).
+        Needed, and may be given several times. The record of the run goes beside the first,
+        as .json.
+    config
+        TOML file that holds any of these options, with _ or - in their names. Relative paths
+        in it start from its folder; what is given here wins.
+    dark
+        Dark frame; it is subtracted, and holds the black level too.
+    flat
+        Flat field; the measurement is divided by it.
+    black
+        Black level in counts, or "auto": read off the PSF's darkest corner. Camera raw says it.
+    white
+        Count from which a pixel is saturated. Camera raw and 8 or 16-bit files say it.
+    mosaic
+        RGGB, BGGR, GRBG or GBRG: a .tif, .png or .npy holds raw counts of a colour mosaic.
+    bgr
+        Colour channels are stored as B, G, R.
+    channels
+        all, grey, or letters such as g or rg.  [default: all]
+    bin
+        Average N×N cells into one.  [default: 1]
+    psf_scale
+        The PSF file is finer: N×N of its cells are one of the measurement's.
+    psf_wider
+        The PSF file is wider: it shows light that falls beside the sensor too.
+    region
+        Cells that light can come from: HEIGHTxWIDTH around the middle of the sensor, or
+        HEIGHTxWIDTH+TOP+LEFT in cells of the sensor's frame.  [default: no limit]
+    method
+        How to solve.  [default: admm]
+    tau
+        Weight of the prior.  [default: 1e-4; wiener 0.1]
+    prior
+        What the scene is assumed to be like.  [default: tv]
+    iterations
+        Limit of the iterations.  [default: 100; fista 300]
+    tolerance
+        Relative residual at which to stop.  [default: 3e-4; fista 1e-4]
+    penalties
+        Three penalties of ADMM to start with, as three numbers.
+    balance
+        Balance ADMM's penalties while it runs.  [default: on]
+    relaxation
+        Over-relaxation of ADMM, between 0 and 2.  [default: 1.8]
+    device
+        Where to compute; auto takes CUDA where there is one.  [default: auto]
+    crop
+        Part of the scene to write, written like --region, or all.
+        [default: the region, or without one the sensor's frame]
+    flip
+        Turn the picture over.  [default: none]
+    tiff_bits
+        16 (white is 65535) or 32 (radiance as float).  [default: 16]
+    json_
+        Print one JSON object on standard output.
+    """
+    given = {
+        name: value
+        for name, value in locals().items()
+        if value is not None and name not in ("config", "json_")
+    }
+    reporter = TerminalReporter()
+    with reporter:
+        outcome = run_reconstruct(ReconstructOptions.gather(given, config), reporter)
+    summary = outcome.summary
+    if json_:
+        show(json.dumps(summary))
+    else:
+        show(
+            f"{summary['method']}: {summary['iterations']} iterations "
+            f"({summary['stop_reason']}), objective {summary['objective']:.4g}, "
+            f"{summary['seconds']:.1f} s on {summary['device']}"
+        )
+        for path in summary["outputs"]:
+            show(path)
+    return 130 if reporter.interrupted else 0
+
+
+def info(
+    file: Path,
+    /,
+    *,
+    mosaic: str | None = None,
+    json_: Annotated[bool, Json] = False,
+) -> int:
+    """Say what a file holds: size, channels, mosaic, levels, range.
+
+    Parameters
+    ----------
+    file
+        Camera raw, .png, .tif or .npy.
+    mosaic
+        Colour mosaic of a .tif, .png or .npy that holds raw counts.
+    json_
+        Print one JSON object on standard output.
+    """
+    found = describe(read_frame(expand_home(file), mosaic=mosaic))
+    if json_:
+        show(json.dumps(found))
+    else:
+        width = max(len(name) for name in found)
+        for name, value in found.items():
+            show(f"{name.replace('_', ' '):{width}}  {_readable(value)}")
+    return 0
+
+
+def _readable(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_readable(each)}" for key, each in value.items())
+    if isinstance(value, (list, tuple)):
+        return ", ".join(_readable(each) for each in value)
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return "not stated" if value is None else str(value)

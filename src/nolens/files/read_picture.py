@@ -1,0 +1,132 @@
+"""Pictures of scenes: their radiance and what they hide."""
+
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from PIL import Image, ImageOps
+from torch import Tensor
+
+from nolens.camera import linear_from_srgb
+from nolens.errors import FileError
+from nolens.files.check_input import check_content, check_exists
+from nolens.files.read_npy import read_npy
+from nolens.files.read_png import read_png_samples
+from nolens.files.read_tiff import read_tiff_samples
+
+_KINDS = {
+    ".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".tif": "TIFF", ".tiff": "TIFF", ".npy": "npy",
+}  # fmt: skip
+_ACCEPTED = (
+    "A scene is a .png, .jpg or .tif of 8 or 16 bits (sRGB), or a float .tif or .npy (linear, "
+    "1 is white)"
+)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture of a scene.
+
+    Parameters
+    ----------
+    radiance
+        Linear, (3, height, width), float32; 1 is white.
+    opacity
+        (height, width), 1 where it hides what is behind it; None: everywhere.
+    """
+
+    radiance: Tensor
+    opacity: Tensor | None = None
+
+
+def read_picture(path: str | Path) -> Picture:
+    """Read grey or colour: sRGB of 8 or 16 bits, or linear radiance as floats.
+
+    An alpha channel is the opacity. Grey counts as white light of that strength.
+
+    Raises
+    ------
+    FileError
+        If the file is missing, damaged, of another kind, or holds values that are not finite
+        or negative.
+    """
+    path = Path(path)
+    check_exists(path, _ACCEPTED)
+    suffix = path.suffix.lower()
+    if suffix not in _KINDS:
+        raise FileError(f"{path}: the suffix {suffix or '(none)'} is not known. {_ACCEPTED}")
+    kind = _KINDS[suffix]
+    check_content(path, (kind,), _ACCEPTED)
+    multiplied = False
+    if kind == "npy":
+        frame = read_npy(path)
+        if frame.white is not None:
+            raise FileError(
+                f"{path} holds {frame.stored_as}, of which it is not known what white is: save "
+                "linear radiance as floats, 1 is white"
+            )
+        return Picture(_three(_finite(frame.counts, path)))
+    if kind == "TIFF":
+        array, alphas, _ = read_tiff_samples(path)
+        multiplied = alphas == (True,)
+    else:
+        samples = read_png_samples(path) if kind == "PNG" else _read_jpeg(path)
+        array = np.moveaxis(samples, -1, 0)
+        alphas = (False,) * (samples.shape[-1] in (2, 4))
+    if len(alphas) > 1 or len(array) - len(alphas) not in (1, 3) or 0 in array.shape:
+        raise FileError(
+            f"{path} has (channels, height, width) {array.shape}: a picture has one channel "
+            "(grey) or three (R, G, B), and alpha or none"
+        )
+    return _picture(array, bool(alphas), multiplied, path)
+
+
+def _picture(array: NDArray[np.generic], alpha: bool, multiplied: bool, path: Path) -> Picture:
+    whites = {"uint8": 255.0, "uint16": 65535.0, "float16": 1.0, "float32": 1.0, "float64": 1.0}
+    name = array.dtype.name
+    if name not in whites:
+        raise FileError(f"{path} holds {name}. {_ACCEPTED}")
+    with np.errstate(over="ignore"):
+        values = torch.from_numpy(np.array(array, dtype=np.float32, order="C")).div_(whites[name])
+    values = _finite(values, path)
+    colours, opacity = (values[:-1], values[-1].clamp(max=1)) if alpha else (values, None)
+    if opacity is not None and multiplied:
+        colours = colours / opacity.clamp_min(1e-6)
+    if name.startswith("uint"):
+        colours = linear_from_srgb(colours)
+    return Picture(_three(colours), opacity)
+
+
+def _finite(values: Tensor, path: Path) -> Tensor:
+    if not bool(torch.isfinite(values).all()) or float(values.min()) < 0:
+        raise FileError(
+            f"{path} holds NaN, infinity or negative values: the light of a scene is finite and "
+            "not negative"
+        )
+    return values
+
+
+def _three(values: Tensor) -> Tensor:
+    return values.expand(3, -1, -1)
+
+
+def _read_jpeg(path: Path) -> NDArray[np.generic]:
+    """(height, width, 1 or 3), upright."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            with Image.open(path, formats=["JPEG"]) as picture:
+                mode = picture.mode
+                array = np.asarray(ImageOps.exif_transpose(picture))
+    # Damage can raise nearly anything.
+    except Exception as error:
+        raise FileError(
+            f"{path} cannot be read as a JPEG: it is damaged or incomplete ({error}). Copy it "
+            "again from where it was made"
+        ) from error
+    if mode not in ("L", "RGB"):
+        raise FileError(f"{path} is a JPEG of kind {mode}; accepted are grey and RGB. {_ACCEPTED}")
+    return array[..., None] if array.ndim == 2 else array

@@ -1,0 +1,89 @@
+"""What a simulated sensor makes of light: noisy counts in a file."""
+
+from pathlib import Path
+
+from torch import Tensor
+
+from nolens.camera import Sensor
+from nolens.errors import OptionError
+from nolens.files import check_output, write_counts, write_dng
+from nolens.twin import expose
+
+_TIFF = (".tif", ".tiff")
+_MOST = 1e12
+"""Of any figure of a sensor; counts are computed in float32."""
+
+
+def check_raw(path: Path, sensor: Sensor) -> None:
+    """Refuse a file that cannot hold the sensor's counts, before any work is done for it.
+
+    Raises
+    ------
+    FileError
+        If its suffix is neither .dng nor .tif, or it cannot be written.
+    OptionError
+        If it is a DNG, and the sensor has no colour mosaic or no whole black level; or if one of
+        the sensor's figures is beyond any sensor's.
+    """
+    check_output(path, (".dng", *_TIFF))
+    for name in ("full_well_electrons", "read_noise_electrons", "counts_per_electron", "gain"):
+        if getattr(sensor, name) > _MOST:
+            raise OptionError(
+                f"the sensor {sensor.name!r} has {name} = {getattr(sensor, name):g}: give at most "
+                f"{_MOST:g}"
+            )
+    if path.suffix.lower() != ".dng":
+        return
+    if sensor.mosaic == "none":
+        raise OptionError(
+            f"{path.name} would be a DNG, which holds a colour mosaic, and the sensor "
+            f"{sensor.name!r} has none: write {path.with_suffix('.tif').name}"
+        )
+    if not sensor.black_counts.is_integer():
+        raise OptionError(
+            f"{path.name} would be a DNG with a whole black level, and the sensor {sensor.name!r} "
+            f"has {sensor.black_counts:g}: write {path.with_suffix('.tif').name}, or round it"
+        )
+
+
+def expose_safely(electrons: Tensor, sensor: Sensor, *, seed: int) -> Tensor:
+    """Counts of one frame; far beyond the full well, more light changes nothing.
+
+    Parameters
+    ----------
+    electrons
+        Mean electrons of every pixel.
+    sensor
+        Its figures.
+    seed
+        Of the noise.
+    """
+    return expose(electrons.clamp(max=10 * sensor.full_well_electrons + 1000), sensor, seed=seed)
+
+
+def saturated_counts(sensor: Sensor) -> int:
+    """Count from which a pixel is saturated: it is full, or at the largest count."""
+    full = sensor.clip_electrons * sensor.counts_per_electron * sensor.gain
+    return min(sensor.white_counts, round(sensor.black_counts + full))
+
+
+def write_raw(path: Path, counts: Tensor, sensor: Sensor, exposure_s: float | None = None) -> None:
+    """Write counts as DNG or as 16-bit TIFF, by the suffix.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    white = saturated_counts(sensor)
+    if path.suffix.lower() == ".dng":
+        write_dng(
+            path, counts, pattern=sensor.mosaic, black=int(sensor.black_counts), white=white,
+            exposure_s=exposure_s,
+        )  # fmt: skip
+    else:
+        pattern = None if sensor.mosaic == "none" else sensor.mosaic
+        write_counts(
+            path, counts, mosaic=pattern, black=sensor.black_counts, white=white,
+            exposure_s=exposure_s,
+        )  # fmt: skip

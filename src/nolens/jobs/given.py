@@ -1,0 +1,109 @@
+"""What the options of all jobs have in common: their checks, and the files they name."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from nolens.errors import OptionError
+
+
+class Written(NamedTuple):
+    """A file that a job writes.
+
+    Parameters
+    ----------
+    what
+        Its role, for messages.
+    path
+        Where it goes.
+    option
+        The option that names it.
+    """
+
+    what: str
+    path: Path
+    option: str = "-o"
+
+
+class JobOptions(BaseModel):
+    """Options of a job: unchangeable, without unknown names."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Files that are read, by role."""
+        raise NotImplementedError
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """Files that are written."""
+        raise NotImplementedError
+
+
+def expand_home(path: Path) -> Path:
+    """Take ~ for the home folder, where the shell has not done so (--psf=~/psf.dng)."""
+    try:
+        return path.expanduser()
+    except RuntimeError:  # No such user: then it is a name like any other.
+        return path
+
+
+def check_apart(options: JobOptions, read: Mapping[str, Path]) -> None:
+    """Refuse to write over a file that is read, or over another one that is written.
+
+    Parameters
+    ----------
+    options
+        They name the files to write.
+    read
+        Files that are read, by role.
+
+    Raises
+    ------
+    OptionError
+        If two of them are one file.
+    """
+    before: list[Path] = []
+    for what, path, option in options.written:
+        for role, other in read.items():
+            if _same(path, other):
+                raise OptionError(
+                    f"the {what} {path} would overwrite the {role} {other}: give another name "
+                    f"({option})"
+                )
+        if any(_same(path, other) for other in before):
+            raise OptionError(
+                f"the {what} {path} is given twice: give each its own name ({option})"
+            )
+        before.append(path)
+
+
+def explain(error: ValidationError, sources: Mapping[str, Path | None] | None = None) -> str:
+    """Say on one line what was given for which option, and what would be accepted.
+
+    Parameters
+    ----------
+    error
+        Of the model of the options.
+    sources
+        For options from a file, that file.
+    """
+    found: dict[str, list[str]] = {}
+    for each in error.errors(include_url=False):
+        name = str(each["loc"][0]) if each["loc"] else ""
+        where = f" in {sources[name]}" if sources and name in sources else ""
+        message = each["msg"][:1].lower() + each["msg"][1:]
+        reasons = found.setdefault(f"{name}{where} is {each['input']!r}", [])
+        reasons.append(message.removeprefix("input should be ") if reasons else message)
+    return "; ".join(f"{what}: {' or '.join(reasons)}" for what, reasons in found.items())
+
+
+def _same(one: Path, other: Path) -> bool:
+    """Whether two paths lead to one file."""
+    try:
+        return one.resolve() == other.resolve() or one.samefile(other)
+    except (OSError, ValueError, RuntimeError):  # At least one of them does not exist.
+        return False

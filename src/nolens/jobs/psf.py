@@ -1,0 +1,214 @@
+"""What a simulated camera shows of one point of light."""
+
+import math
+import time
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import partial
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from nolens.camera import OpenCamera
+from nolens.errors import DataError, OptionError
+from nolens.files import (
+    InputFile,
+    RunRecord,
+    camera_files,
+    check_output,
+    read_camera,
+    readable,
+    write_record,
+    write_tiff32,
+    write_together,
+)
+from nolens.jobs.capture import check_raw, expose_safely, saturated_counts, write_raw
+from nolens.jobs.cost import announce, check_memory, colours_of, cost_of, pattern_size
+from nolens.jobs.device import pick_device
+from nolens.jobs.given import check_apart
+from nolens.jobs.outline import distance_um, outline, relief_points
+from nolens.jobs.reporter import Reporter
+from nolens.jobs.scene_options import PsfOptions
+from nolens.optics import PointSource
+from nolens.quantities import Share
+from nolens.twin import Light, Twin, mosaic, photocurrents, point_spread
+from nolens.twin.point import Frame, shortest_nm
+
+_FILL = Share("90", "%")
+_REMEDY = "fewer --cells, a camera with fewer pixels or a coarser grid of its relief needs less"
+_SIZE_UM = 50.0
+"""The paper's light: a pinhole of 50 um."""
+
+
+@dataclass(frozen=True)
+class PsfOutcome:
+    """What the simulation of a point of light came to.
+
+    Parameters
+    ----------
+    pattern
+        Irradiance without noise, (channels, rows, columns), each channel as bright as the sensor
+        sees it beside the brightest one.
+    summary
+        Figures of the run, in values that JSON has.
+    """
+
+    pattern: Tensor
+    summary: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """What is computed: cells of so many pixels, in one of the frames."""
+
+    cells: tuple[int, int]
+    pixels: int
+    frame: Frame
+
+
+def simulate_psf(options: PsfOptions, reporter: Reporter) -> PsfOutcome:
+    """Read a camera, simulate and write; nothing is written unless all went well.
+
+    Parameters
+    ----------
+    options
+        What to read, how to simulate, where to write.
+    reporter
+        Sees notes, warnings and how far the work is.
+
+    Raises
+    ------
+    NolensError
+        If an input, an option or an output cannot be used.
+    """
+    started = datetime.now(UTC).astimezone().isoformat(timespec="seconds")
+    clock = time.perf_counter()
+    opened = read_camera(options.camera)
+    sensor = opened.camera.sensor
+    check_raw(options.output, sensor)
+    check_output(options.record, (".json",))
+    files = camera_files(options.camera, opened.camera)
+    check_apart(options, files)
+    captured = options.output.suffix.lower() == ".dng"
+    shape = _shape(options, opened, captured)
+    device, light = pick_device(options.device), Light(options.light)
+    bare, source = outline(opened, fresnel=options.fresnel), _source(options, opened)
+    bare.check_source(source)
+    colours = colours_of(bare, light, options.wavelengths)
+    size = pattern_size(
+        bare, source, _with_edge(bare, source, shape), shape.pixels, at_least=2,
+        shortest=shortest_nm(colours),
+    )  # fmt: skip
+    held = 8 * math.prod(shape.cells) * len(sensor.channels)
+    cost = cost_of(size, sum(map(len, colours)), points=relief_points(opened), held=held)
+    check_memory(cost, device, _REMEDY)
+    announce(cost, device, reporter)
+
+    inputs = {role: InputFile.of(path) for role, path in files.items()}
+    reporter.advance("mask", 0.0)
+    twin = Twin.of(opened, device=device, fresnel=options.fresnel)
+    pattern = point_spread(
+        twin, source, shape.cells, pixels=shape.pixels, light=light,
+        wavelengths=options.wavelengths, frame=shape.frame,
+        tick=partial(reporter.advance, "point of light"),
+    ).cpu()  # fmt: skip
+    # As a captured one has it, so that a scene in this light comes out in its own colours.
+    seen = photocurrents(twin, light, 1.0)
+    pattern *= (seen / seen.max())[:, None, None]
+    if not float(pattern.max()) > 0:
+        raise DataError(
+            f"no light from {source.angle_deg:.4g} deg off the axis reaches these pixels: they do "
+            "not accept it, or it falls beside them. Choose a smaller angle or more --cells"
+        )
+    shift = twin.shift_um(source)
+    summary = {
+        "camera": opened.camera.name,
+        "angle_deg": round(source.angle_deg, 3),
+        "shift_um": [round(shift[1], 3), round(0.0 - shift[0], 3)],
+        "cells": list(shape.cells),
+        "pixels_per_cell": shape.pixels,
+        "frame": shape.frame,
+        "mean": float(pattern.mean()),
+        "peak_over_mean": float(pattern.max() / pattern.mean()),
+        "outputs": [readable(path) for _, path, _ in options.written],
+        "device": str(device),
+    }
+    if captured:
+        image = mosaic(pattern, sensor.mosaic)
+        fill = (options.fill or _FILL).value
+        electrons = image * (fill * sensor.clip_electrons / float(image.max()))
+        counts = expose_safely(electrons, sensor, seed=options.seed)
+        summary["saturated_share"] = float((counts >= saturated_counts(sensor)).double().mean())
+        write = partial(write_raw, counts=counts, sensor=sensor)
+    else:
+        write = partial(write_tiff32, radiance=pattern)
+    summary["seconds"] = round(time.perf_counter() - clock, 3)
+    record = RunRecord(
+        started=started,
+        inputs=inputs,
+        parameters={
+            **options.model_dump(mode="json"),
+            "camera_description": opened.camera.model_dump(mode="json"),
+        },
+        result=summary,
+        history=[],
+        warnings=[],
+    )
+    write_together({options.record: partial(write_record, record=record), options.output: write})
+    return PsfOutcome(pattern, summary)
+
+
+def _source(options: PsfOptions, opened: OpenCamera) -> PointSource:
+    depth = distance_um(options.depth, opened)
+    size = 0.0 if math.isinf(depth) else _SIZE_UM
+    if options.size is not None:
+        size = options.size.um
+    if size > 0 and math.isinf(depth):
+        raise OptionError(
+            f"--size {options.size} at infinity: a light there has no diameter. Leave --size out, "
+            "or give a --depth"
+        )
+    if size < 0:
+        raise OptionError(f"--size {options.size}: give 0um for a point, or more")
+    right, up = (math.tan(angle.rad) for angle in options.at)
+    return PointSource((-up, right), depth, size)
+
+
+def _with_edge(twin: Twin, source: PointSource, shape: _Shape) -> tuple[int, int]:
+    """Cells with what is computed around them, as wide as the image of the light."""
+    image = source.diameter_um * float(twin.stack().spread_um(torch.tensor(source.p)))
+    edge = math.ceil(image / source.distance_um / (shape.pixels * twin.sensor_pitch_um))
+    return shape.cells[0] + 2 * edge, shape.cells[1] + 2 * edge
+
+
+def _shape(options: PsfOptions, opened: OpenCamera, captured: bool) -> _Shape:
+    sensor = opened.camera.sensor
+    if captured:
+        if options.bin not in (None, 1):
+            raise OptionError(
+                f"--bin {options.bin}: {options.output.name} is a DNG, which holds every pixel; "
+                f"leave --bin out, or write {options.output.with_suffix('.tif').name}"
+            )
+        cells = options.cells or (sensor.rows, sensor.columns)
+        if cells[0] % 2 or cells[1] % 2:
+            raise OptionError(
+                f"--cells {cells[0]}x{cells[1]} do not make whole 2×2 cells of the mosaic "
+                f"{sensor.mosaic}: for a DNG, give even numbers of pixels"
+            )
+        return _Shape(cells, 1, options.frame or "sensor")
+    for name, given in (("--fill", options.fill), ("--seed", options.seed or None)):
+        if given is not None:
+            raise OptionError(
+                f"{name} {given}: {options.output.name} holds the pattern without exposure and "
+                f"noise; leave {name} out, or write "
+                f"{options.output.with_suffix('.dng').name}"
+            )
+    pixels = options.bin or (1 if sensor.mosaic == "none" else 2)
+    cells = options.cells or (sensor.rows // pixels, sensor.columns // pixels)
+    if 0 in cells:
+        raise OptionError(
+            f"--bin {pixels} is more than the sensor's {sensor.rows}×{sensor.columns} pixels: "
+            "give a smaller one"
+        )
+    return _Shape(cells, pixels, options.frame or "chief-ray")

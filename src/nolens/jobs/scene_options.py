@@ -1,0 +1,240 @@
+"""What `nolens simulate` and `nolens psf` can be told, as frozen models."""
+
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
+from pydantic_core import PydanticCustomError
+
+from nolens.errors import OptionError
+from nolens.jobs.device import DeviceName
+from nolens.jobs.given import JobOptions, Written, expand_home, explain
+from nolens.quantities import Angle, Duration, Length, Luminance, Quantity, Share
+
+_CELLS = re.compile(r"(\d+)x(\d+)")
+
+
+def _at_most(text: str) -> AfterValidator:
+    """Check a quantity: more than zero, and at most what the text says."""
+
+    def check(given: Quantity) -> Quantity:
+        if not 0 < given.exact <= type(given).parse(text).exact:
+            raise _refusal(f"it must be more than zero and at most {text}, such as {given.usual}")
+        return given
+
+    return AfterValidator(check)
+
+
+def _at_least(least: int) -> AfterValidator:
+    """Check a whole number."""
+
+    def check(given: int) -> int:
+        if given < least:
+            raise _refusal(f"it must be {least} or more")
+        return given
+
+    return AfterValidator(check)
+
+
+def _refusal(reason: str) -> PydanticCustomError:
+    return PydanticCustomError("refused", "{reason}", {"reason": reason})
+
+
+def _two_angles(given: Any) -> Any:
+    if not isinstance(given, str):
+        return given
+    parts = given.split(",")
+    if len(parts) != 2:
+        raise _refusal("give two angles, to the right and up, such as 20deg,0deg")
+    return tuple(parts)
+
+
+def _two_sizes(given: Any) -> Any:
+    if not isinstance(given, str):
+        return given
+    match = _CELLS.fullmatch(given.strip())
+    if match is None or 0 in (int(match[1]), int(match[2])):
+        raise _refusal("give HEIGHTxWIDTH in cells, such as 400x600")
+    return int(match[1]), int(match[2])
+
+
+def _less_than_right(angles: tuple[Angle, Angle]) -> tuple[Angle, Angle]:
+    if any(abs(angle.deg) >= 90 for angle in angles):
+        raise _refusal("light comes from less than 90 deg off the axis")
+    return angles
+
+
+Distance = Length | Literal["infinity"]
+"""Of a scene or a point of light from the camera."""
+Seed = Annotated[int, _at_least(0), Field(lt=2**63)]
+
+
+class CameraOptions(JobOptions):
+    """What the simulation of any light is told.
+
+    Attributes
+    ----------
+    output
+        File that is written first.
+    camera
+        Preset, folder or .toml file.
+    light
+        Spectrum of the light, one of `nolens.twin.LIGHTS` or a wavelength such as 535nm.
+    wavelengths
+        How many stand for a channel of the sensor.
+    fresnel
+        Whether light is lost at the surfaces between media.
+    fill
+        Share of a full pixel that the brightest one is exposed to; None leaves it to the job.
+    seed
+        Of the sensor's noise.
+    device
+        auto, cpu or cuda.
+    """
+
+    output: Annotated[Path, AfterValidator(expand_home)]
+    camera: str = "paper"
+    light: str = "white-led"
+    wavelengths: Annotated[int, _at_least(1)] = 3
+    fresnel: bool = False
+    fill: Annotated[Share, _at_most("10000 %")] | None = None
+    seed: Seed = 0
+    device: DeviceName = "auto"
+
+    @classmethod
+    def gather(cls, given: dict[str, Any]) -> Self:
+        """Options as the command line gives them.
+
+        Raises
+        ------
+        OptionError
+            If one is missing, or its value cannot be used.
+        """
+        if not given.get("output"):
+            raise OptionError("no output is given; name the file to write (-o raw.dng, -o x.tif)")
+        try:
+            return cls.model_validate(given)
+        except ValidationError as error:
+            raise OptionError(explain(error)) from None
+
+    @property
+    def record(self) -> Path:
+        """File of the run's record."""
+        return self.output.with_suffix(".json")
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Files that are read, by role, but for the camera's."""
+        return {}
+
+
+class SimulateOptions(CameraOptions):
+    """What `nolens simulate` can be told.
+
+    Attributes
+    ----------
+    scenes
+        Pictures; nearer ones hide farther ones.
+    truth, response
+        Where to write the scene's radiance on the cells of the reconstruction, and how much of
+        it each cell gives.
+    distance
+        Of all pictures or of each one; none takes the camera's reference_distance.
+    angle
+        Field angle of a picture's longer side, of all or of each one.
+    field_points
+        Point spread functions along each side of the scene; odd.
+    exposure
+        Exposure time, instead of `fill`.
+    luminance
+        Of the scene's white.
+    """
+
+    scenes: tuple[Annotated[Path, AfterValidator(expand_home)], ...] = Field(min_length=1)
+    truth: Annotated[Path, AfterValidator(expand_home)] | None = None
+    response: Annotated[Path, AfterValidator(expand_home)] | None = None
+    distance: tuple[Distance, ...] = ()
+    angle: tuple[Angle, ...] = (Angle("60", "deg"),)
+    field_points: int = 9
+    exposure: Annotated[Duration, _at_most("1e9 s")] | None = None
+    luminance: Annotated[Luminance, _at_most("1e12 cd/m2")] = Luminance("200", "cd/m2")
+
+    @classmethod
+    def gather(cls, given: dict[str, Any]) -> Self:
+        """Options as the command line gives them.
+
+        Raises
+        ------
+        OptionError
+            If one is missing, or its value cannot be used, or two do not go together.
+        """
+        if not given.get("scenes"):
+            raise OptionError("no scene is given: nolens simulate SCENE -o raw.dng")
+        options = super().gather(given)
+        if options.fill is not None and options.exposure is not None:
+            raise OptionError(
+                f"--fill {options.fill} and --exposure {options.exposure} are both given, and each "
+                "says how long to expose: leave one out"
+            )
+        count = len(options.scenes)
+        for name, values in (("distance", options.distance), ("angle", options.angle)):
+            if len(values) not in (0, 1, count):
+                raise OptionError(
+                    f"--{name} is given {len(values)} times for {count} scenes: give it once, for "
+                    "all of them, or once for each in their order"
+                )
+        return options
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Pictures, by role."""
+        if len(self.scenes) == 1:
+            return {"scene": self.scenes[0]}
+        return {f"scene {number}": path for number, path in enumerate(self.scenes, start=1)}
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """Raw file, truth, response and record."""
+        more = [
+            Written(name, path, f"--{name}")
+            for name, path in (("truth", self.truth), ("response", self.response))
+            if path is not None
+        ]
+        record = Written("record of the run", self.record)
+        return (Written("output", self.output), *more, record)
+
+
+class PsfOptions(CameraOptions):
+    """What `nolens psf` can be told.
+
+    Attributes
+    ----------
+    at
+        Field angles of the point of light, to the right and up as the photographer sees it.
+    depth
+        Its distance; None takes the camera's reference_distance.
+    size
+        Its diameter; None takes 50 um, or a point at infinity.
+    bin
+        Pixels along a cell; None takes the cells of the reconstruction, or all pixels for DNG.
+    cells
+        (rows, columns) of the result; None takes what the sensor has.
+    frame
+        Whether the middle of the result follows the ray through the camera's middle or stays on
+        the sensor's; None takes the first for TIFF and the second for DNG.
+    """
+
+    at: Annotated[
+        tuple[Angle, Angle], BeforeValidator(_two_angles), AfterValidator(_less_than_right)
+    ] = (Angle("0", "deg"), Angle("0", "deg"))
+    depth: Distance | None = None
+    size: Length | None = None
+    bin: Annotated[int, _at_least(1)] | None = None
+    cells: Annotated[tuple[int, int], BeforeValidator(_two_sizes)] | None = None
+    frame: Literal["chief-ray", "sensor"] | None = None
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """Pattern and record."""
+        return (Written("output", self.output), Written("record of the run", self.record))

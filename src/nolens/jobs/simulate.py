@@ -1,0 +1,309 @@
+"""From pictures of a scene to what a simulated camera measures of them."""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from nolens.camera import OpenCamera, Sensor
+from nolens.errors import DataError
+from nolens.files import (
+    InputFile,
+    RunRecord,
+    camera_files,
+    check_output,
+    read_camera,
+    read_picture,
+    readable,
+    write_record,
+    write_tiff32,
+    write_together,
+)
+from nolens.jobs.capture import check_raw, expose_safely, saturated_counts, write_raw
+from nolens.jobs.cost import (
+    Cost,
+    announce,
+    check_memory,
+    colours_of,
+    cost_of,
+    pattern_size,
+)
+from nolens.jobs.device import pick_device
+from nolens.jobs.given import check_apart
+from nolens.jobs.outline import distance_um, outline, relief_points
+from nolens.jobs.reporter import Reporter
+from nolens.jobs.scene_options import SimulateOptions
+from nolens.operators import Region
+from nolens.optics import PointSource
+from nolens.quantities import Share
+from nolens.twin import (
+    FieldMap,
+    Irradiated,
+    Light,
+    Plane,
+    Twin,
+    arrange,
+    check_field_points,
+    irradiate,
+    mosaic,
+    photocurrents,
+)
+from nolens.twin.point import shortest_nm
+
+_FILL = Share("90", "%")
+_GREY = (0.2126, 0.7152, 0.0722)
+"""Luminance of linear sRGB (IEC 61966-2-1)."""
+_REMEDY = (
+    "a camera with fewer or larger pixels, a coarser grid of its relief or a smaller --angle needs "
+    "less"
+)
+_VISIBLE = 0.3
+"""Share of the noise from which on the error of the field points is worth a warning."""
+_PERIODS = 6
+"""Arrays of the transforms' size that are held besides the sums."""
+_BYTES_PER_CELL = 120
+"""Held while the cells' directions are found."""
+
+
+@dataclass(frozen=True)
+class SimulationOutcome:
+    """What a simulation came to.
+
+    Parameters
+    ----------
+    truth
+        Radiance of the scene on the cells of the reconstruction, (channels, height, width).
+    summary
+        Figures of the run, in values that JSON has.
+    """
+
+    truth: Tensor
+    summary: dict[str, Any]
+
+
+def simulate(options: SimulateOptions, reporter: Reporter) -> SimulationOutcome:
+    """Read pictures and a camera, simulate and write; nothing is written unless all went well.
+
+    Parameters
+    ----------
+    options
+        What to read, how to simulate, where to write.
+    reporter
+        Sees notes, warnings and how far the work is.
+
+    Raises
+    ------
+    NolensError
+        If an input, an option or an output cannot be used.
+    """
+    started = datetime.now(UTC).astimezone().isoformat(timespec="seconds")
+    clock = time.perf_counter()
+    opened = read_camera(options.camera)
+    sensor = opened.camera.sensor
+    check_raw(options.output, sensor)
+    for path in (options.truth, options.response):
+        if path is not None:
+            check_output(path, (".tif", ".tiff"))
+    check_output(options.record, (".json",))
+    files = {**options.inputs, **camera_files(options.camera, opened.camera)}
+    check_apart(options, files)
+    check_field_points(options.field_points)
+    device, light = pick_device(options.device), Light(options.light)
+    bare = outline(opened, fresnel=options.fresnel)
+    planes = _planes(options, opened)
+    colours = colours_of(bare, light, options.wavelengths)
+    cost = _cost(bare, planes, options.field_points, colours, relief_points(opened))
+    check_memory(cost, device, _REMEDY)
+    field, seen = arrange(bare, planes)
+    truth = torch.stack([plane.radiance for plane in seen]).sum(dim=0)
+    if options.exposure is None:
+        _brightest(truth)
+    announce(cost, device, reporter)
+
+    inputs = {role: InputFile.of(path) for role, path in files.items()}
+    reporter.advance("mask", 0.0)
+    twin = Twin.of(opened, device=device, fresnel=options.fresnel)
+    irradiated = irradiate(
+        twin, replace(field, twin=twin), seen, field_points=options.field_points, light=light,
+        wavelengths=options.wavelengths, tick=partial(reporter.advance, "scene"),
+    )  # fmt: skip
+    currents = photocurrents(twin, light, options.luminance.cd_m2)[:, None, None]
+    rate = irradiated.light * mosaic(currents.expand(-1, *irradiated.light.shape), sensor.mosaic)
+    if options.exposure is not None:
+        exposure_s = options.exposure.s
+    else:
+        exposure_s = (options.fill or _FILL).value * sensor.clip_electrons / _brightest(rate)
+    electrons = rate * exposure_s
+    counts = expose_safely(electrons, sensor, seed=options.seed)
+    error = _field_error(irradiated, rate, exposure_s, sensor)
+    warnings = _warnings(error, options.field_points)
+    for text in warnings:
+        reporter.warn(text)
+
+    response = field.solid_angle() * field.vignetting()
+    largest_angle = max(PointSource(plane.tangents).angle_deg for plane in planes)
+    summary = {
+        "camera": opened.camera.name,
+        "region": _region(field.region, twin.cells),
+        "cells": list(twin.cells),
+        "psf_cells": _psf_cells(field.region, twin),
+        "exposure_s": exposure_s,
+        "brightest_electrons": float(electrons.max()),
+        "saturated_share": float((counts >= saturated_counts(sensor)).double().mean()),
+        "field_points": options.field_points,
+        "field_error": error,
+        "largest_angle_deg": round(largest_angle, 3),
+        "seconds": round(time.perf_counter() - clock, 3),
+        "device": str(device),
+        "outputs": [readable(path) for _, path, _ in options.written],
+    }
+    record = RunRecord(
+        started=started,
+        inputs=inputs,
+        parameters={
+            **options.model_dump(mode="json"),
+            "camera_description": opened.camera.model_dump(mode="json"),
+        },
+        result=summary,
+        history=[],
+        warnings=warnings,
+    )
+    writers: dict[Path, Callable[[Path], None]] = {
+        options.record: partial(write_record, record=record),
+        options.output: partial(write_raw, counts=counts, sensor=sensor, exposure_s=exposure_s),
+    }
+    if options.truth is not None:
+        writers[options.truth] = partial(write_tiff32, radiance=truth)
+    if options.response is not None:
+        share = (response / response.max()).float()[None]
+        writers[options.response] = partial(write_tiff32, radiance=share)
+    write_together(writers)
+    return SimulationOutcome(truth, summary)
+
+
+def _psf_cells(region: Region, twin: Twin) -> str:
+    """Cells of a PSF that a reconstruction needs, as `nolens psf --cells` takes them.
+
+    Without an aperture light from the side passes mask that the sensor's own PSF does not show.
+    """
+    rows, columns = twin.cells
+    if twin.mask.opening is None:
+        rows, columns = rows + region.height, columns + region.width
+    return f"{rows}x{columns}"
+
+
+def _planes(options: SimulateOptions, opened: OpenCamera) -> tuple[Plane, ...]:
+    """The pictures, in the sensor's channels, where they stand."""
+    count = len(options.scenes)
+    distances = [distance_um(each, opened) for each in options.distance or (None,)]
+    angles = [angle.deg for angle in options.angle]
+    planes = []
+    for number, path in enumerate(options.scenes):
+        picture = read_picture(path)
+        radiance = picture.radiance
+        if len(opened.camera.sensor.channels) == 1:
+            radiance = (radiance * torch.tensor(_GREY)[:, None, None]).sum(dim=0, keepdim=True)
+        planes.append(
+            Plane(
+                radiance,
+                angles[number if len(angles) == count else 0],
+                distances[number if len(distances) == count else 0],
+                picture.opacity,
+            )
+        )
+    return tuple(planes)
+
+
+def _cost(
+    twin: Twin,
+    planes: tuple[Plane, ...],
+    field_points: int,
+    colours: list[tuple[tuple[float, float], ...]],
+    relief: float,
+) -> Cost:
+    """What the run will need; see `nolens.twin.irradiate` for what there is to do."""
+    tangents = [max(plane.tangents[axis] for plane in planes) for axis in (0, 1)]
+    field = FieldMap.covering(twin, (tangents[0], tangents[1]))
+    cells, n = twin.cells, field_points
+    sizes = (field.region.height, field.region.width)
+    # A PSF is needed as far beside the sensor as its neighbours are away, on both sides; every
+    # second one, for the estimate of the error, twice as far.
+    beside = [size if n == 1 else 2 * math.ceil(size / (n - 1)) for size in sizes]
+    farthest = [step * (1 if n == 1 else 2) for step in beside]
+    period = math.prod(count + step for count, step in zip(cells, farthest, strict=True))
+    nearest = min(plane.distance_um for plane in planes)
+    size = pattern_size(
+        twin,
+        field.source(sizes[0] // 2, sizes[1] // 2, nearest),
+        (cells[0] + beside[0], cells[1] + beside[1]),
+        twin.cell_pixels,
+        at_least=2 if twin.cell_pixels == 1 else 1,
+        shortest=shortest_nm(colours),
+    )
+    nodes = len(planes) * min(n, sizes[0]) * min(n, sizes[1])
+    spectra = 4 * period * (twin.cell_pixels**2 * (1 if n == 1 else 2) + _PERIODS)
+    scene = math.prod(sizes) * (_BYTES_PER_CELL + 4 * len(colours) * len(planes))
+    return cost_of(
+        size,
+        nodes * sum(map(len, colours)),
+        points=relief,
+        held=spectra + scene,
+        # For each point and channel the scene's part of it, and the PSF of each pixel of a cell.
+        transformed=nodes * period * (len(colours) + twin.cell_pixels**2),
+    )
+
+
+def _brightest(light: Tensor) -> float:
+    """What the exposure goes by."""
+    brightest = float(light.max())
+    if not brightest > 0:
+        raise DataError(
+            "no light reaches the sensor: the scene is black, or all of it is hidden. Give a "
+            "brighter scene, or say how long to expose (--exposure 40ms)"
+        )
+    return brightest
+
+
+def _field_error(
+    irradiated: Irradiated, rate: Tensor, exposure_s: float, sensor: Sensor
+) -> dict[str, float] | None:
+    """Error of the field points beside the picture's contrast and the noise; None if unknown."""
+    if irradiated.field_error is None:
+        return None
+    deviation = float(irradiated.light.double().std())
+    electrons = rate.double() * exposure_s
+    noise = math.sqrt(float(electrons.mean()) + sensor.read_noise_electrons**2)
+    per_light = float(electrons.square().mean().sqrt()) / max(
+        float(irradiated.light.double().square().mean().sqrt()), 1e-300
+    )
+    return {
+        "of_contrast": irradiated.field_error / max(deviation, 1e-300),
+        "of_noise": irradiated.field_error * per_light / max(noise, 1e-300),
+    }
+
+
+def _warnings(error: dict[str, float] | None, field_points: int) -> list[str]:
+    if error is None or error["of_noise"] <= _VISIBLE:
+        return []
+    # Bilinear interpolation errs with the square of the distance of its points.
+    steps = (field_points - 1) * math.sqrt(error["of_noise"] / _VISIBLE)
+    better = 2 * math.ceil(steps / 2) + 1
+    return [
+        f"between the {field_points}×{field_points} field points the simulation is off by "
+        f"{error['of_noise']:.2g} of the noise: try --field-points {better}"
+    ]
+
+
+def _region(region: Region, cells: tuple[int, int]) -> str:
+    """As `nolens reconstruct --region` takes it."""
+    text = f"{region.height}x{region.width}"
+    if region == Region.centred(region.height, region.width, cells):
+        return text
+    return f"{text}{region.top:+d}{region.left:+d}"

@@ -1,0 +1,39 @@
+"""The bar that a person sees while a job runs."""
+
+import io
+import re
+import sys
+
+import pytest
+import torch
+
+from nolens.cli.terminal import TerminalReporter
+from nolens.solvers import Progress
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def shown(monkeypatch: pytest.MonkeyPatch, stream: io.StringIO) -> str:
+    monkeypatch.setattr(sys, "stderr", stream)
+    with TerminalReporter() as reporter:
+        reporter.advance("mask", 0.0)
+        for share in (0.25, 0.5):
+            reporter.advance("scene", share)
+        step = Progress(7, 0.125, 0.1, 0.1, (1.0,), lambda: torch.zeros(1))
+        assert reporter.progress(step, 90) is False
+        reporter.advance("scene", 1.0)
+    return stream.getvalue()
+
+
+def test_each_piece_of_work_has_its_bar(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The bar is drawn ten times a second; new work is drawn at once."""
+    text = shown(monkeypatch, Terminal())
+    for words in ("mask .*0 %.*-:--:--", "scene .*%", "iteration 7/90", "scene .*100 %.*0:00:00"):
+        assert re.search(words, text), (words, text)
+
+
+def test_no_bar_without_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert shown(monkeypatch, io.StringIO()) == ""
