@@ -15,12 +15,12 @@ from skimage import data as photographs
 from torch import Tensor
 
 from cases import hand
+from caustic import LensletMask, caustic_psf
 from nolens.camera import linear_from_srgb
 from nolens.evaluate import psnr, scale_fit
 from nolens.operators import CroppedConvolution, Region
 from nolens.solvers import Problem, Progress, admm
 from nolens.solvers.penalties import Balance
-from nolens.twin import LensletMask, caustic_psf
 
 SENSOR = (380, 507)
 FULL_ELECTRONS = 0.9 * 8180

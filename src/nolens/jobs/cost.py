@@ -8,10 +8,10 @@ import torch
 
 from nolens.errors import OptionError
 from nolens.jobs.reporter import Reporter
-from nolens.optics import Grid, Margin, PointSource, divergence
+from nolens.optics import Grid, Margin, PointSource
 from nolens.optics.windows import windows
 from nolens.twin import REFERENCE_NM, Light, Twin
-from nolens.twin.point import samples_per_pixel
+from nolens.twin.point import field_step, samples_per_pixel
 
 # Measured on two cores with the presets: seconds for one sample of the field behind the relief, of
 # the intensity on the sensor and of a transform, and for one point of a relief of random lenslets.
@@ -97,7 +97,7 @@ def pattern_size(
     """
     per_pixel = samples_per_pixel(twin, at_least=at_least)
     grid = Grid(*cells, twin.sensor_pitch_um * pixels).finer(per_pixel * pixels)
-    finer = _field_pitch(twin, grid.pitch_um, shortest, source.distance_um)
+    finer = field_step(twin, grid.pitch_um, shortest_nm=shortest, distance_um=source.distance_um)
     pitch = finer * grid.pitch_um
     squared = torch.tensor(source.p**2, dtype=torch.float64)
     media = twin.media(REFERENCE_NM)
@@ -116,14 +116,6 @@ def pattern_size(
         largest=max(lengths[0]) * max(lengths[1]),
         kept=grid.rows * grid.columns,
     )
-
-
-def _field_pitch(twin: Twin, pitch_um: float, shortest_nm: float, distance_um: float) -> int:
-    """Samples of the intensity for one of the field, as `nolens.twin.point.sampled` has it."""
-    limit = twin.coarsest_pitch_um(shortest_nm, divergence(pitch_um, distance_um))
-    if twin.mask.opening is not None:
-        limit = min(limit, twin.mask.relief.grid_um)
-    return max(m for m in (1, 2, 4) if m == 1 or m * pitch_um <= limit * (1 + 1e-9))
 
 
 def _sides(count: int, pitch_um: float, distance_um: float) -> list[int]:

@@ -13,7 +13,8 @@ from nolens.errors import FileError, OptionError
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import read_frame, write_dng, write_png
 from nolens.jobs.options import ReconstructOptions
-from nolens.jobs.reconstruct import Outcome, Reporter, reconstruct
+from nolens.jobs.reconstruct import Outcome, reconstruct
+from nolens.jobs.reporter import Reporter
 from nolens.optics import PointSource
 from nolens.twin import (
     Light,

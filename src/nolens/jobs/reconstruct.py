@@ -36,7 +36,7 @@ from nolens.files import (
 from nolens.jobs.device import pick_device
 from nolens.jobs.given import check_apart
 from nolens.jobs.options import Method, ReconstructOptions, parse_window
-from nolens.jobs.reporter import Reporter as Reporter
+from nolens.jobs.reporter import Reporter
 from nolens.operators import Region
 from nolens.solvers import Problem, Result, admm, fista, wiener
 from nolens.solvers.penalties import Balance

@@ -39,6 +39,14 @@ class PointSource:
         tangent = math.hypot(*self.tangent)
         return tangent / math.sqrt(1 + tangent * tangent)
 
+    def within(self, angle_deg: float) -> "PointSource":
+        """The same source, or the nearest one whose field angle is not larger."""
+        if self.angle_deg <= angle_deg:
+            return self
+        share = math.tan(math.radians(angle_deg)) / math.hypot(*self.tangent)
+        tangent = self.tangent[0] * share, self.tangent[1] * share
+        return PointSource(tangent, self.distance_um, self.diameter_um)
+
     def origin_um(self) -> tuple[float, float]:
         """Where the source stands beside the axis, in the frame of the sensor's rows.
 

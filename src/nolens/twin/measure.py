@@ -12,7 +12,7 @@ from nolens.kernels import fast_length, irfft2, rfft2
 from nolens.optics import Grid
 from nolens.twin.field import FieldMap
 from nolens.twin.light import Light
-from nolens.twin.model import Twin
+from nolens.twin.model import LARGEST_ANGLE_DEG, Twin
 from nolens.twin.point import colour_pattern, sampled, samples_per_pixel, shortest_nm
 from nolens.twin.scene import Seen
 
@@ -188,17 +188,20 @@ class _Work:
             _Edges.of(axis[::widest], length).at(index // widest)
             for axis, length, index in zip(self.at, scene.shape, node.index, strict=True)
         ]
-        source = self.field.source(*node.cell, distance_um)
+        source = self.field.source(*node.cell, distance_um).within(LARGEST_ANGLE_DEG)
         size = [count + sum(edge) for count, edge in zip(cells, edges, strict=True)]
         centre = [(after - before) / 2 * twin.cell_um for before, after in edges]
         grid = Grid(size[0], size[1], twin.cell_um, (centre[0], centre[1]))
         grid = grid.finer(twin.cell_pixels * self.per_pixel)
-        twin.check_source(source)
         twin.check_reach(source, grid)
+        vignetting = float(twin.vignetting(torch.tensor(source.p, dtype=torch.float64)))
+        if vignetting == 0:  # No pixel sees this point, but some may see cells beside it.
+            twin = twin.accepting_all()
+            vignetting = float(twin.vignetting(torch.tensor(source.p, dtype=torch.float64)))
         pattern = colour_pattern(
             twin, source, grid, colour, tick,
             average=self.per_pixel,
-        ) / float(twin.vignetting(torch.tensor(source.p, dtype=torch.float64)))  # fmt: skip
+        ).div_(vignetting)  # fmt: skip
         spectra = {step: rfft2(patch.to(pattern.device)) for step, patch in patches.items()}
         for number, phase in enumerate(self.phases):
             if phase != _GREY[0] and "RGB".index(phase) != channel:

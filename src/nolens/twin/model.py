@@ -158,6 +158,11 @@ class Twin:
 
         return accepted
 
+    def accepting_all(self) -> "Twin":
+        """The same camera with pixels that accept light from all sides alike."""
+        even = AngularCurve(source="light from all sides", angle_deg=(0.0, 90.0), response=(1, 1))
+        return replace(self, acceptance=even)
+
     def vignetting(self, p: Tensor) -> Tensor:
         """Irradiance that a point of a far plane gives, by the sine p of its angle; 1 on the axis.
 

@@ -151,19 +151,25 @@ def samples_per_pixel(twin: Twin, *, at_least: int) -> int:
     return max(at_least, math.ceil(twin.sensor_pitch_um / twin.coarsest_pitch_um()))
 
 
+def field_step(twin: Twin, pitch_um: float, *, shortest_nm: float, distance_um: float) -> int:
+    """Samples of the intensity, 1, 2 or 4, for one of the field behind the relief."""
+    limit = twin.coarsest_pitch_um(shortest_nm, divergence(pitch_um, distance_um))
+    if twin.mask.opening is not None:
+        limit = min(limit, twin.mask.relief.grid_um)
+    return max(m for m in (1, 2, 4) if m == 1 or m * pitch_um <= limit * (1 + 1e-9))
+
+
 def sampled(twin: Twin, pitch_um: float, *, shortest_nm: float, distance_um: float) -> Twin:
-    """The same camera with its relief on a grid of 1, 2 or 4 times `pitch_um`.
+    """The same camera with its relief on a grid of `field_step` times `pitch_um`.
 
     The field behind the relief is sampled there, its intensity on the sensor at `pitch_um`: the
     coarsest grid that carries the field takes the least time. Openings keep the relief's own
     grid or a finer one, for their edges.
     """
     relief, opening = twin.mask.relief, twin.mask.opening
-    limit = twin.coarsest_pitch_um(shortest_nm, divergence(pitch_um, distance_um))
-    if opening is not None:
-        limit = min(limit, relief.grid_um)
-    multiple = max(m for m in (1, 2, 4) if m == 1 or m * pitch_um <= limit * (1 + 1e-9))
-    grid_um = multiple * pitch_um
+    grid_um = pitch_um * field_step(
+        twin, pitch_um, shortest_nm=shortest_nm, distance_um=distance_um
+    )
     if math.isclose(relief.grid_um, grid_um, rel_tol=1e-9):
         return twin
     rows, columns = (max(2, math.floor(extent / grid_um) + 1) for extent in relief.extent_um)

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from nolens.errors import DataError, OptionError
 from nolens.operators import Region
+from nolens.optics import PointSource
 from nolens.twin.field import FieldMap
 from nolens.twin.model import Twin
 
@@ -113,8 +114,8 @@ def _check(twin: Twin, plane: Plane) -> None:
             f"a scene that fills {plane.angle_deg:g} deg: an angle above 0deg is needed, "
             "such as 60deg"
         )
-    source = FieldMap.covering(twin, plane.tangents).source(0, 0, plane.distance_um)
-    twin.check_source(source)
+    FieldMap.covering(twin, plane.tangents)  # Refuses a scene whose corners are too far out.
+    twin.check_source(PointSource(plane.tangents, plane.distance_um))
 
 
 def _on_cells(plane: Plane, at: tuple[Tensor, Tensor], region: Region) -> tuple[Tensor, Tensor]:
