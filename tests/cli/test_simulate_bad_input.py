@@ -146,7 +146,7 @@ SPOILT: dict[str, tuple[Callable[[str], str], list[str]]] = {
     ),
     "relief too coarse": (
         lambda text: text.replace('"0.67 mm"', '"0.05 mm"'),
-        ["a point every 1.55 um, too coarse", "a grid of 0.3", "um or finer would do"],
+        ["a point every 1.55 um, too coarse", "a grid of 0.2", "um or finer would do"],
     ),
     "lenslets finer than the grid": (
         lambda text: text.replace('"70 um"', '"2 um"'),

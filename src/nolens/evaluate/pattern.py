@@ -58,7 +58,13 @@ def pattern_figures(psf: Tensor, cell_um: float) -> PatternFigures:
     before, after = float(profile[first - 1]), float(profile[first])
     half = first - 1 + (before - 0.5) / (before - after)
     valley = _first_valley(profile, first)
-    peak = valley + int(profile[valley:].argmax())
+    # Farther neighbours can make a higher peak: the first one of at least half the height counts.
+    rest = profile[valley:]
+    high = rest >= (rest.min() + rest.max()) / 2
+    start = int(high.nonzero()[0])
+    ends = (~high[start:]).nonzero()
+    length = int(ends[0]) if len(ends) else len(rest) - start
+    peak = valley + start + int(rest[start : start + length].argmax())
     if not valley < peak < len(profile) - 1:
         raise DataError(
             "the pattern is too small to measure: its autocorrelation has no second peak"

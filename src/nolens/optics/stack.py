@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 _MOST_STEPS = 30
-_CLOSE = 1e-15
+_CLOSE = 1e-13
 
 
 @dataclass(frozen=True)

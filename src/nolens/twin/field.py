@@ -88,14 +88,17 @@ class FieldMap:
         """`Twin.vignetting` of every cell."""
         return self.twin.vignetting(self._sines())
 
-    def source(self, row: int, column: int, distance_um: float) -> PointSource:
-        """The point of light of one cell, counted from the region's first."""
-        cells = self.twin.cells
-        step = self.twin.cell_um
-        away = (
+    def place_um(self, row: int, column: int) -> tuple[float, float]:
+        """Where the chief ray of one cell, counted from the region's first, falls."""
+        cells, step = self.twin.cells, self.twin.cell_um
+        return (
             (self.region.top + row - cells[0] // 2) * step,
             (self.region.left + column - cells[1] // 2) * step,
         )
+
+    def source(self, row: int, column: int, distance_um: float) -> PointSource:
+        """The point of light of one cell, counted from the region's first."""
+        away = self.place_um(row, column)
         reach = math.hypot(*away)
         if reach == 0:
             return PointSource((0.0, 0.0), distance_um)

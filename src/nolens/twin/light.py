@@ -12,6 +12,7 @@ from nolens.errors import OptionError
 LIGHTS = ("white-led", "daylight", "equal-energy")
 """Spectra with a name."""
 _STEP_NM = 1.0
+_VISIBLE_NM = np.arange(360.0, 831.0, _STEP_NM)
 _DAYLIGHT_K = 6504.0
 _SECOND_RADIATION_NM_K = 1.438777e7
 _LUMENS_PER_WATT = 683.0
@@ -129,7 +130,7 @@ class Light:
         else:
             grid = self._grid(efficiency)
             power = self.power(grid)
-            seen = float((power * _eye(grid)).sum()) * _LUMENS_PER_WATT
+            seen = float((self.power(_VISIBLE_NM) * _eye(_VISIBLE_NM)).sum()) * _LUMENS_PER_WATT
             power = power * (luminance_cd_m2 / seen)
         photons = power * grid * 1e-9 / _PLANCK_LIGHT_J_M
         return float((photons * efficiency.at(channel, grid)).sum())

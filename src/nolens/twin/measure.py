@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 
 import torch
 from torch import Tensor
@@ -10,6 +9,7 @@ from torch import Tensor
 from nolens.errors import OptionError
 from nolens.kernels import fast_length, irfft2, rfft2
 from nolens.optics import Grid
+from nolens.twin.blending import Edges, hat, nodes
 from nolens.twin.field import FieldMap
 from nolens.twin.light import Light
 from nolens.twin.model import LARGEST_ANGLE_DEG, Twin
@@ -139,7 +139,7 @@ class _Work:
     def __init__(self, twin: Twin, field: FieldMap, field_points: int, per_pixel: int) -> None:
         self.twin, self.field, self.per_pixel = twin, field, per_pixel
         region = field.region
-        self.at = tuple(_nodes(length, field_points) for length in (region.height, region.width))
+        self.at = tuple(nodes(length, field_points) for length in (region.height, region.width))
         self.nodes = [
             _Node((i, j), (row, column))
             for i, row in enumerate(self.at[0])
@@ -148,7 +148,7 @@ class _Work:
         self.steps = (1,) if field_points == 1 else (1, 2)
         # What a field point's neighbours see of the sensor reaches beyond its own frame.
         self.edges = tuple(
-            _Edges.of(axis[:: self.steps[-1]], length)
+            Edges.of(axis[:: self.steps[-1]], length)
             for axis, length in zip(self.at, (region.height, region.width), strict=True)
         )
         self.period = tuple(
@@ -185,12 +185,17 @@ class _Work:
         twin, cells = self.twin, self.twin.cells
         widest = max(patches)
         edges = [
-            _Edges.of(axis[::widest], length).at(index // widest)
+            Edges.of(axis[::widest], length).at(index // widest)
             for axis, length, index in zip(self.at, scene.shape, node.index, strict=True)
         ]
         source = self.field.source(*node.cell, distance_um).within(LARGEST_ANGLE_DEG)
         size = [count + sum(edge) for count, edge in zip(cells, edges, strict=True)]
-        centre = [(after - before) / 2 * twin.cell_um for before, after in edges]
+        # A source that was moved in shows its pattern about another place than its cell's.
+        moved = zip(twin.shift_um(source), self.field.place_um(*node.cell), strict=True)
+        centre = [
+            (after - before) / 2 * twin.cell_um + (now - meant)
+            for (before, after), (now, meant) in zip(edges, moved, strict=True)
+        ]
         grid = Grid(size[0], size[1], twin.cell_um, (centre[0], centre[1]))
         grid = grid.finer(twin.cell_pixels * self.per_pixel)
         twin.check_reach(source, grid)
@@ -242,7 +247,7 @@ class _Work:
     def _patch(self, node: _Node, scene: Tensor, step: int) -> Tensor:
         """The scene times the node's weight, its cell at the origin of the period."""
         weights = [
-            _hat(axis[::step], index // step, length)
+            hat(axis[::step], index // step, length)
             for axis, index, length in zip(self.at, node.index, scene.shape, strict=True)
         ]
         weighted = scene * weights[0][:, None] * weights[1]
@@ -259,47 +264,3 @@ class _Work:
         )
         placed[rows[:, None], columns] = part
         return placed
-
-
-def _nodes(length: int, count: int) -> list[int]:
-    """Cells of the field points along one side: the middle, or from edge to edge."""
-    if count == 1:
-        return [length // 2]
-    cells = [round(i * (length - 1) / (count - 1)) for i in range(count)]
-    return sorted(set(cells)) if len(set(cells)) % 2 else cells[:1] + cells[-1:]
-
-
-@dataclass(frozen=True)
-class _Edges:
-    """Cells beyond the sensor, on both sides, at which the PSF of each node is needed.
-
-    A cell r before its node (r < 0) sees the sensor's last cell through the PSF's cell that lies
-    |r| beyond it; so the gap to the node before counts after the sensor, and the other way round.
-    """
-
-    before: list[int]
-    after: list[int]
-
-    @classmethod
-    def of(cls, nodes: list[int], length: int) -> "_Edges":
-        if len(nodes) == 1:
-            return cls([length - 1 - nodes[0]], [nodes[0]])
-        gaps = [after - before for before, after in pairwise(nodes)]
-        return cls([*gaps, 0], [0, *gaps])
-
-    def at(self, index: int) -> tuple[int, int]:
-        return self.before[index], self.after[index]
-
-
-def _hat(nodes: list[int], index: int, length: int) -> Tensor:
-    """Linear weight of one node: 1 at its cell, 0 from its neighbours on."""
-    if len(nodes) == 1:
-        return torch.ones(length)
-    cells = torch.arange(length, dtype=torch.float32)
-    rising = torch.ones(length)
-    if index > 0:
-        rising = (cells - nodes[index - 1]) / (nodes[index] - nodes[index - 1])
-    falling = torch.ones(length)
-    if index + 1 < len(nodes):
-        falling = (nodes[index + 1] - cells) / (nodes[index + 1] - nodes[index])
-    return torch.minimum(rising, falling).clamp(0, 1)

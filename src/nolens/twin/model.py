@@ -76,6 +76,8 @@ class Twin:
         twin = cls(camera, opened.quantum_efficiency, opened.acceptance, mask, fresnel)
         coarsest = twin.coarsest_pitch_um()
         if relief.grid_um > coarsest:
+            # Finer points show steeper slopes.
+            coarsest *= 0.75
             raise OptionError(
                 f"the relief of {camera.name!r} has a point every {relief.grid_um:g} um, too "
                 f"coarse for the light that its slopes of up to {relief.steepest:.2g} turn: a "
@@ -199,7 +201,7 @@ class Twin:
                 f"holds to {LARGEST_ANGLE_DEG:g} deg (a corner counts by its own angle): choose a "
                 "smaller angle"
             )
-        if source.distance_um < NEAREST_MM * 1e3:
+        if not source.distance_um >= NEAREST_MM * 1e3:
             raise OptionError(
                 f"a distance of {source.distance_um * 1e-3:g} mm is nearer than the mask's near "
                 f"limit: choose {NEAREST_MM:g} mm or more"
@@ -238,7 +240,7 @@ class Twin:
                 f"light of this angle reaches the pattern's edge through the mask up to "
                 f"{beyond * 1e-3:.2f} mm beyond the sensor, where the relief of "
                 f"{self.camera.name!r} has ended: give it an overhang of "
-                f"{math.ceil(beyond / 50) * 0.05:.2f} mm or more, an aperture, or choose a "
+                f"{math.ceil(beyond / 50 + 0.5) * 0.05:.2f} mm or more, an aperture, or choose a "
                 "smaller angle"
             )
 

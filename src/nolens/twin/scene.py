@@ -109,6 +109,9 @@ def _check(twin: Twin, plane: Plane) -> None:
         )
     if not bool(torch.isfinite(plane.radiance).all()) or float(plane.radiance.min()) < 0:
         raise DataError("the picture of the scene holds NaN, infinity or negative light")
+    opacity = plane.opacity
+    if opacity is not None and not bool(((opacity >= 0) & (opacity <= 1)).all()):
+        raise DataError("the picture's opacity must lie between 0 (clear) and 1 (hides all)")
     if not 0 < plane.angle_deg < 180:
         raise OptionError(
             f"a scene that fills {plane.angle_deg:g} deg: an angle above 0deg is needed, "
