@@ -87,7 +87,7 @@ def timed(name: str, device: str) -> dict[str, Any]:
 
 def correlation(one: torch.Tensor, other: torch.Tensor) -> float:
     """Of two patterns about their means."""
-    one, other = one - one.mean(), other - other.mean()
+    one, other = one.double() - one.double().mean(), other.double() - other.double().mean()
     return float((one * other).sum() / (one.norm() * other.norm()))
 
 
