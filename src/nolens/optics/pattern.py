@@ -150,34 +150,15 @@ def _window(
 
 
 def _block(heights: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
-    """Part of a surface that goes on level beyond its edges."""
+    """Part of a surface that goes on level beyond its edges; no copy where it lies within."""
     for axis, wanted in enumerate((rows, columns)):
         count = heights.shape[axis]
         first, last = int(wanted[0]), int(wanted[-1])
-        inside = heights.narrow(axis, *_overlap(first, last, count))
-        before, after = (
-            max(0, min(-first, len(wanted) - 1)),
-            max(0, min(last - count + 1, len(wanted) - 1)),
-        )
-        if before or after:
-            shape = [-1, -1]
-            parts = [inside]
-            if before:
-                shape[axis] = before
-                parts.insert(0, inside.narrow(axis, 0, 1).expand(shape))
-            if after:
-                shape[axis] = after
-                parts.append(inside.narrow(axis, inside.shape[axis] - 1, 1).expand(shape))
-            inside = torch.cat(parts, dim=axis)
-        heights = inside
+        if first >= 0 and last < count:
+            heights = heights.narrow(axis, first, len(wanted))
+        else:
+            heights = heights.index_select(axis, wanted.clamp(0, count - 1).to(heights.device))
     return heights
-
-
-def _overlap(first: int, last: int, count: int) -> tuple[int, int]:
-    """Start and length of the part of first…last that lies within count; at least one sample."""
-    start = min(max(first, 0), count - 1)
-    stop = min(max(last + 1, start + 1), count)
-    return start, stop - start
 
 
 def _field(

@@ -127,7 +127,7 @@ def check_field_points(field_points: int) -> None:
 
 @dataclass(frozen=True)
 class _Node:
-    """One field point: its cell, and the distances to its neighbours on each side."""
+    """One field point: its number among the rows and columns of them, and its cell."""
 
     index: tuple[int, int]
     cell: tuple[int, int]
