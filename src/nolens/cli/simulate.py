@@ -72,7 +72,7 @@ def simulate(
         Wavelengths that stand for a channel.  [default: 3]
     field_points
         PSFs along each side of the scene, an odd number; between them they are blended. 1 takes
-        one PSF for all of it, as a reconstruction does.  [default: 9]
+        one PSF for all of it, as a reconstruction does.  [default: 5]
     fresnel
         Light is lost at the surfaces between layers.  [default: off]
     fill

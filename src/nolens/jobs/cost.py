@@ -212,7 +212,7 @@ def announce(cost: Cost, device: torch.device, reporter: Reporter) -> None:
     """
     slow = cost.seconds > _LONG_S and device.type == "cpu"
     if slow or cost.bytes > _MUCH:
-        time = f" and {_duration(cost.seconds)} on two cores" if device.type == "cpu" else ""
+        time = f" and {duration_text(cost.seconds)} on two cores" if device.type == "cpu" else ""
         reporter.note(f"this takes about {_gigabytes(cost.bytes)} GB of memory{time}")
 
 
@@ -220,7 +220,8 @@ def _gigabytes(number: float) -> str:
     return f"{number / 1e9:.1f}" if number < _ABSURD else f"{number / 1e9:.0e}"
 
 
-def _duration(seconds: float) -> str:
+def duration_text(seconds: float) -> str:
+    """Say how long, in the unit that suits."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

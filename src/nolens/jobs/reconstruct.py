@@ -33,6 +33,7 @@ from nolens.files import (
     write_tiff32,
     write_together,
 )
+from nolens.jobs.cost import duration_text
 from nolens.jobs.device import pick_device
 from nolens.jobs.given import check_apart
 from nolens.jobs.options import Method, ReconstructOptions, parse_window
@@ -224,11 +225,11 @@ def _announce(problem: Problem, limit: int, device: torch.device, reporter: Repo
     height, width = problem.forward.geometry.period
     cells = height * width * problem.channels
     gigabytes = cells * _BYTES_PER_CELL / 1e9
-    minutes = cells * limit * _SECONDS_PER_CELL / 60
-    if gigabytes > 1 or (minutes > 1 and device.type == "cpu"):
+    seconds = cells * limit * _SECONDS_PER_CELL
+    if gigabytes > 1 or (seconds > 60 and device.type == "cpu"):
         reporter.note(
             f"{problem.channels} × {height}×{width} cells: about {gigabytes:.1f} GB of memory"
-            + (f" and {minutes:.0f} min on two cores" if device.type == "cpu" else "")
+            + (f" and {duration_text(seconds)} on two cores" if device.type == "cpu" else "")
             + f" for {limit} iterations"
         )
 

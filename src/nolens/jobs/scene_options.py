@@ -156,7 +156,7 @@ class SimulateOptions(CameraOptions):
     response: Annotated[Path, AfterValidator(expand_home)] | None = None
     distance: tuple[Distance, ...] = ()
     angle: tuple[Angle, ...] = (Angle("60", "deg"),)
-    field_points: int = 9
+    field_points: int = 5
     exposure: Annotated[Duration, _at_most("1e9 s")] | None = None
     luminance: Annotated[Luminance, _at_most("1e12 cd/m2")] = Luminance("200", "cd/m2")
 
