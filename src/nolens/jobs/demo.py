@@ -105,7 +105,9 @@ def _capture(
 ) -> tuple[Path, Path, Tensor, str]:
     """Files of the simulated camera; what its reconstruction is to show, and where."""
     light = Light("white-led")
-    reporter.note("the paper's camera: its mask, and the pattern of a point of light at 300 mm")
+    reporter.note(
+        f"the paper's camera: a point of light at 300 mm, on the middle {_size(_PSF_PIXELS)} pixels"
+    )
     wide = Twin.of(opened(preset("paper"))).reading(*_PSF_PIXELS)
     source = PointSource(distance_um=_DISTANCE_UM, diameter_um=_SOURCE_UM)
     psf = point_spread(
@@ -114,7 +116,10 @@ def _capture(
     )  # fmt: skip
     sensor = wide.camera.sensor
 
-    reporter.note(f"a scene that fills {_ANGLE_DEG:g}°, {_FIELD_POINTS}×{_FIELD_POINTS} PSFs")
+    reporter.note(
+        f"a scene that fills {_ANGLE_DEG:g}°, on the middle {_size(_SCENE_PIXELS)} pixels, with "
+        f"{_FIELD_POINTS}×{_FIELD_POINTS} PSFs"
+    )
     twin = wide.reading(*_SCENE_PIXELS)
     field, seen = arrange(twin, (Plane(photograph, _ANGLE_DEG, _DISTANCE_UM),))
     irradiated = irradiate(
@@ -134,6 +139,10 @@ def _capture(
     response = field.solid_angle() * field.vignetting()
     truth = seen[0].radiance * (response / response.max()).float()
     return *paths, truth, f"{field.region.height}x{field.region.width}"
+
+
+def _size(pixels: tuple[int, int]) -> str:
+    return f"{pixels[1]}×{pixels[0]}"
 
 
 def _photograph() -> Tensor:
