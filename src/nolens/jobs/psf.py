@@ -1,9 +1,7 @@
 """What a simulated camera shows of one point of light."""
 
 import math
-import time
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 
@@ -13,26 +11,20 @@ from torch import Tensor
 from nolens.camera import OpenCamera
 from nolens.errors import DataError, OptionError
 from nolens.files import (
-    InputFile,
-    RunRecord,
-    camera_files,
-    check_output,
-    read_camera,
     readable,
     write_record,
     write_tiff32,
     write_together,
 )
-from nolens.jobs.capture import check_raw, expose_safely, saturated_counts, write_raw
+from nolens.jobs.capture import expose_safely, saturated_counts, write_raw
 from nolens.jobs.cost import announce, check_memory, colours_of, cost_of, pattern_size
-from nolens.jobs.device import pick_device
-from nolens.jobs.given import check_apart
-from nolens.jobs.outline import distance_um, outline, relief_points
+from nolens.jobs.outline import distance_um, relief_points
 from nolens.jobs.reporter import Reporter
+from nolens.jobs.run import Run
 from nolens.jobs.scene_options import PsfOptions
 from nolens.optics import PointSource
 from nolens.quantities import Share
-from nolens.twin import Light, Twin, mosaic, photocurrents, point_spread
+from nolens.twin import Twin, mosaic, photocurrents, point_spread
 from nolens.twin.point import Frame, shortest_nm
 
 _FILL = Share("90", "%")
@@ -82,18 +74,12 @@ def simulate_psf(options: PsfOptions, reporter: Reporter) -> PsfOutcome:
     NolensError
         If an input, an option or an output cannot be used.
     """
-    started = datetime.now(UTC).astimezone().isoformat(timespec="seconds")
-    clock = time.perf_counter()
-    opened = read_camera(options.camera)
+    run = Run.begin(options)
+    opened, device, light, bare = run.opened, run.device, run.light, run.outline
     sensor = opened.camera.sensor
-    check_raw(options.output, sensor)
-    check_output(options.record, (".json",))
-    files = camera_files(options.camera, opened.camera)
-    check_apart(options, files)
     captured = options.output.suffix.lower() == ".dng"
     shape = _shape(options, opened, captured)
-    device, light = pick_device(options.device), Light(options.light)
-    bare, source = outline(opened, fresnel=options.fresnel), _source(options, opened)
+    source = _source(options, opened)
     bare.check_source(source)
     colours = colours_of(bare, light, options.wavelengths)
     size = pattern_size(
@@ -105,7 +91,7 @@ def simulate_psf(options: PsfOptions, reporter: Reporter) -> PsfOutcome:
     check_memory(cost, device, _REMEDY)
     announce(cost, device, reporter)
 
-    inputs = {role: InputFile.of(path) for role, path in files.items()}
+    inputs = run.inputs()
     reporter.advance("mask", 0.0)
     twin = Twin.of(opened, device=device, fresnel=options.fresnel)
     pattern = point_spread(
@@ -143,18 +129,8 @@ def simulate_psf(options: PsfOptions, reporter: Reporter) -> PsfOutcome:
         write = partial(write_raw, counts=counts, sensor=sensor)
     else:
         write = partial(write_tiff32, radiance=pattern)
-    summary["seconds"] = round(time.perf_counter() - clock, 3)
-    record = RunRecord(
-        started=started,
-        inputs=inputs,
-        parameters={
-            **options.model_dump(mode="json"),
-            "camera_description": opened.camera.model_dump(mode="json"),
-        },
-        result=summary,
-        history=[],
-        warnings=[],
-    )
+    summary["seconds"] = run.seconds
+    record = run.record(inputs, summary, [])
     write_together({options.record: partial(write_record, record=record), options.output: write})
     return PsfOutcome(pattern, summary)
 

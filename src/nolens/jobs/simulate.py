@@ -1,10 +1,8 @@
 """From pictures of a scene to what a simulated camera measures of them."""
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,18 +13,14 @@ from torch import Tensor
 from nolens.camera import OpenCamera, Sensor
 from nolens.errors import DataError
 from nolens.files import (
-    InputFile,
-    RunRecord,
-    camera_files,
     check_output,
-    read_camera,
     read_picture,
     readable,
     write_record,
     write_tiff32,
     write_together,
 )
-from nolens.jobs.capture import check_raw, expose_safely, saturated_counts, write_raw
+from nolens.jobs.capture import expose_safely, saturated_counts, write_raw
 from nolens.jobs.cost import (
     Cost,
     announce,
@@ -35,10 +29,9 @@ from nolens.jobs.cost import (
     cost_of,
     pattern_size,
 )
-from nolens.jobs.device import pick_device
-from nolens.jobs.given import check_apart
-from nolens.jobs.outline import distance_um, outline, relief_points
+from nolens.jobs.outline import distance_um, relief_points
 from nolens.jobs.reporter import Reporter
+from nolens.jobs.run import Run
 from nolens.jobs.scene_options import SimulateOptions
 from nolens.operators import Region
 from nolens.optics import PointSource
@@ -46,7 +39,6 @@ from nolens.quantities import Share
 from nolens.twin import (
     FieldMap,
     Irradiated,
-    Light,
     Plane,
     Twin,
     arrange,
@@ -103,20 +95,13 @@ def simulate(options: SimulateOptions, reporter: Reporter) -> SimulationOutcome:
     NolensError
         If an input, an option or an output cannot be used.
     """
-    started = datetime.now(UTC).astimezone().isoformat(timespec="seconds")
-    clock = time.perf_counter()
-    opened = read_camera(options.camera)
+    run = Run.begin(options)
+    opened, device, light, bare = run.opened, run.device, run.light, run.outline
     sensor = opened.camera.sensor
-    check_raw(options.output, sensor)
     for path in (options.truth, options.response):
         if path is not None:
             check_output(path, (".tif", ".tiff"))
-    check_output(options.record, (".json",))
-    files = {**options.inputs, **camera_files(options.camera, opened.camera)}
-    check_apart(options, files)
     check_field_points(options.field_points)
-    device, light = pick_device(options.device), Light(options.light)
-    bare = outline(opened, fresnel=options.fresnel)
     planes = _planes(options, opened)
     colours = colours_of(bare, light, options.wavelengths)
     cost = _cost(bare, planes, options.field_points, colours, relief_points(opened))
@@ -127,7 +112,7 @@ def simulate(options: SimulateOptions, reporter: Reporter) -> SimulationOutcome:
         _brightest(truth)
     announce(cost, device, reporter)
 
-    inputs = {role: InputFile.of(path) for role, path in files.items()}
+    inputs = run.inputs()
     reporter.advance("mask", 0.0)
     twin = Twin.of(opened, device=device, fresnel=options.fresnel)
     irradiated = irradiate(
@@ -160,21 +145,11 @@ def simulate(options: SimulateOptions, reporter: Reporter) -> SimulationOutcome:
         "field_points": options.field_points,
         "field_error": error,
         "largest_angle_deg": round(largest_angle, 3),
-        "seconds": round(time.perf_counter() - clock, 3),
+        "seconds": run.seconds,
         "device": str(device),
         "outputs": [readable(path) for _, path, _ in options.written],
     }
-    record = RunRecord(
-        started=started,
-        inputs=inputs,
-        parameters={
-            **options.model_dump(mode="json"),
-            "camera_description": opened.camera.model_dump(mode="json"),
-        },
-        result=summary,
-        history=[],
-        warnings=warnings,
-    )
+    record = run.record(inputs, summary, warnings)
     writers: dict[Path, Callable[[Path], None]] = {
         options.record: partial(write_record, record=record),
         options.output: partial(write_raw, counts=counts, sensor=sensor, exposure_s=exposure_s),
