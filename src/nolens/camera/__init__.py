@@ -31,7 +31,7 @@ from nolens.camera.picture import (
 )
 from nolens.camera.presets import PRESETS, preset, preset_text
 from nolens.camera.psf import PreparedPsf, prepare_psf
-from nolens.camera.sensor import Sensor
+from nolens.camera.sensor import Package, Sensor
 from nolens.camera.toml import camera_from_toml, camera_to_toml
 
 __all__ = [
@@ -49,6 +49,7 @@ __all__ = [
     "Material",
     "Measurement",
     "OpenCamera",
+    "Package",
     "PreparedPsf",
     "RandomLenslets",
     "ReliefFile",

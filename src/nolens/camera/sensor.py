@@ -10,6 +10,25 @@ from nolens.camera.part import NotNegative, Part, Positive, PositiveLength, Text
 Pixels = Annotated[int, Field(strict=True, ge=16, le=65535)]
 
 
+class Package(Part):
+    """The housing that a sensor is sold in, as a frame around it meets it.
+
+    Attributes
+    ----------
+    source
+        Where the figures come from; begins with "placeholder" where there are no public ones.
+    width, height
+        Outer size along the sensor's rows and columns.
+    glass_top
+        From the face that a frame stands on, usually the board's, up to the top of the package.
+    """
+
+    source: Text
+    width: PositiveLength
+    height: PositiveLength
+    glass_top: PositiveLength
+
+
 class Sensor(Part):
     """An image sensor.
 
@@ -39,6 +58,8 @@ class Sensor(Part):
         Electrons per photon over wavelength, for each of `channels`.
     acceptance
         Response over the angle of incidence.
+    package
+        Its housing, which the files for the workshop are made to fit; None where nobody gave it.
     """
 
     name: Text
@@ -54,6 +75,7 @@ class Sensor(Part):
     gain: Positive = 1.0
     quantum_efficiency: QuantumEfficiency
     acceptance: Acceptance
+    package: Package | None = None
 
     @model_validator(mode="after")
     def _check_fit(self) -> "Sensor":
@@ -73,6 +95,14 @@ class Sensor(Part):
                 f"the quantum efficiency is given for {', '.join(curve.values)}, but a sensor "
                 f"with the mosaic {self.mosaic} has the channels {', '.join(self.channels)}: "
                 "give exactly these"
+            )
+        package = self.package
+        if package is not None and (
+            package.width.mm < self.width_mm or package.height.mm < self.height_mm
+        ):
+            raise refusal(
+                f"the package of {package.width} × {package.height} is smaller than the sensor's "
+                f"pixels, {self.width_mm:g} × {self.height_mm:g} mm: give its outer size"
             )
         return self
 

@@ -1,0 +1,1 @@
+"""Files for the workshop, in memory: solids, layouts, height maps and the process sheet."""
