@@ -14,16 +14,17 @@ from nolens.camera import (
     MATERIALS,
     MOSAICS,
     AngularCurve,
-    Layer,
     SpectralCurve,
     camera_from_mapping,
     camera_from_toml,
     camera_to_toml,
+    material_from_toml,
+    material_to_toml,
     opened,
     preset,
     preset_text,
 )
-from nolens.errors import DataError
+from nolens.errors import DataError, OptionError
 
 SMALL = tomllib.loads(preset_text("small"))
 ABSENT = object()
@@ -72,6 +73,38 @@ def sensors(draw):
     return sensor | draw(st.fixed_dictionaries({}, optional={"gain": above_zero}))
 
 
+OWN = {
+    "name": "my-resin", "source": "a refractometer", "formula": "cauchy",
+    "coefficients": [1.5, 0.004], "range_nm": [400, 900.5],
+    "density_g_cm3": 1.15, "density_source": "a balance",
+}  # fmt: skip
+
+
+@st.composite
+def own_materials(draw):
+    """Materials whose indices are above 1 for sure, with names that none of the package has."""
+    names = draw(st.lists(st.from_regex("own-[a-z0-9]{1,9}", fullmatch=True), unique=True))
+    made = []
+    for name in names:
+        formula, coefficients = draw(
+            st.one_of(
+                st.tuples(st.just("constant"), st.tuples(st.floats(1, 4))),
+                st.tuples(st.just("abbe"), st.tuples(st.floats(1.3, 1.9), st.floats(15, 100))),
+                st.tuples(st.just("cauchy"), st.tuples(st.floats(1, 2), st.floats(0, 0.02))),
+                st.tuples(st.just("sellmeier"), st.tuples(st.floats(0, 3), st.floats(0, 0.03))),
+            )
+        )
+        one = {"name": name, "source": draw(texts), "formula": formula}
+        one |= {"coefficients": list(coefficients), "range_nm": draw(increasing(300, 2000))[:2]}
+        if draw(st.booleans()):
+            one |= {"density_g_cm3": draw(st.floats(0.5, 9)), "density_source": draw(texts)}
+        if draw(st.booleans()):
+            one |= {"cure_shrinkage_percent": draw(st.floats(0, 20))}
+            one |= {"cure_shrinkage_source": draw(texts)}
+        made.append(one)
+    return made
+
+
 layers = st.tuples(
     st.fixed_dictionaries({"thickness": lengths}, optional={"name": texts}),
     st.one_of(
@@ -101,7 +134,7 @@ cameras = st.fixed_dictionaries(
             {"surface": st.just(0), "relief": reliefs}, optional={"aperture": apertures}
         ),
     },
-    optional={"note": texts},
+    optional={"note": texts, "materials": own_materials()},
 )
 
 
@@ -112,6 +145,8 @@ def test_text_does_not_change(mapping):
     text = camera_to_toml(camera)
     again = camera_from_toml(text, "camera.toml")
     assert again == camera
+    for own in camera.materials:
+        assert material_from_toml(material_to_toml(own), "my-resin.toml") == own
     assert camera_to_toml(again) == text
     assert camera_from_mapping(camera.model_dump(), "a copy") == camera
 
@@ -126,10 +161,27 @@ def test_text_is_for_people():
 
 
 def test_an_index_holds_at_every_wavelength():
-    layer = Layer(thickness="1 mm", index=1.5)
-    assert layer.refractive_index(400) == layer.refractive_index(700) == 1.5
-    glass = Layer(thickness="1 mm", material="bk7")
-    assert glass.refractive_index(400) > glass.refractive_index(700) > 1.5
+    layers = [{"thickness": "1 mm", "index": 1.5}, {"thickness": "1 mm", "material": "bk7"}]
+    camera = camera_from_mapping(SMALL | {"layers": layers}, "camera.toml")
+    assert camera.indices(400)[0] == camera.indices(700)[0] == 1.5
+    assert camera.indices(400)[1] > camera.indices(700)[1] > 1.5
+
+
+def test_a_cameras_own_material():
+    layers = [{"thickness": "1 mm", "material": "my-resin"}, *SMALL["layers"][1:]]
+    camera = camera_from_mapping(SMALL | {"layers": layers, "materials": [OWN]}, "camera.toml")
+    assert camera.indices(500) == pytest.approx(
+        (1.5 + 0.004 / 0.25, *preset("small").indices(500)[1:])
+    )
+    assert camera.indices(400)[0] == pytest.approx(1.525)
+    text = camera_to_toml(camera)
+    assert '\n[[materials]]\nname = "my-resin"\n' in text
+    assert "coefficients = [1.5, 0.004]\nrange_nm = [400, 900.5]\n" in text
+    with pytest.raises(OptionError, match=r"my-resin .* 400 to 900\.5 nm, not at 399 nm"):
+        camera.indices(399)
+    layers[0] = layers[0] | {"material": "my-resine"}
+    with pytest.raises(DataError, match=r"layers\[0\].*did you mean 'my-resin'"):
+        camera_from_mapping(SMALL | {"layers": layers, "materials": [OWN]}, "camera.toml")
 
 
 def test_spectral_curve_is_zero_outside():
@@ -161,6 +213,17 @@ BAD = [
     ("layers.1.thicknes", "1 mm", "layers[1]: the key 'thicknes' is unknown: did you mean "
      "'thickness'?"),
     ("layers.1.material", "pdmss", "did you mean 'pdms'?"),
+    ("layers.1.material", "n-bk7", "layers[1].material is 'n-bk7': there is no material 'n-bk7'; "
+     "did you mean 'bk7'?"),
+    ("layers.1.material", 3, "layers[1].material is 3: it should be a valid string"),
+    ("materials", [OWN | {"name": "pdms"}], "materials[0].name is 'pdms': a material 'pdms' comes "
+     "with nolens: give yours another name, such as my-pdms"),
+    ("materials", [OWN, OWN], "materials[1].name is 'my-resin', as that of one before it"),
+    ("materials", [OWN | {"formula": "schott"}], "materials[0].formula is 'schott': it should be "
+     "'constant', 'abbe', 'cauchy', 'sellmeier' or 'power-series'"),
+    ("materials", [OWN | {"coefficients": [0.99]}], "materials[0]: the refractive index is 0.99 at "
+     "400 nm; it must be 1 to 4"),
+    ("materials", OWN, "materials: it should be a list"),
     ("layers.1.material", ABSENT, "layers[1]: neither material nor index is given"),
     ("layers.1.index", 1.5, "layers[1]: material and index are both given"),
     ("layers.1.index", 0.9, "layers[1].index is 0.9: it should be greater than or equal to 1"),

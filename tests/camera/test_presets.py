@@ -33,7 +33,7 @@ def test_the_papers_sensor():
 def test_the_papers_layers():
     layers = preset("paper").layers
     assert [layer.thickness.mm for layer in layers] == [1.06, 0.49, 0.235]
-    assert [layer.refractive_index(587.56) for layer in layers] == pytest.approx([1.47, 1.52, 1])
+    assert preset("paper").indices(587.56) == pytest.approx((1.47, 1.52, 1))
     film = preset("paper-film").layers
     assert [layer.thickness.mm for layer in film] == [0.305, 0.4, 0.49, 0.235]
 

@@ -66,14 +66,17 @@ def snell_um(camera: Camera, angle_deg: float, wavelength_nm: float = GREEN_NM) 
     """How far the layers move a ray sideways: thickness times tangent, layer by layer."""
     sine = math.sin(math.radians(angle_deg))
     return sum(
-        layer.thickness.um * math.tan(math.asin(sine / layer.refractive_index(wavelength_nm)))
-        for layer in camera.layers
+        layer.thickness.um * math.tan(math.asin(sine / index))
+        for layer, index in zip(camera.layers, camera.indices(wavelength_nm), strict=True)
     )
 
 
 def reduced_um(camera: Camera, wavelength_nm: float = GREEN_NM) -> float:
     """Σ thickness / index."""
-    return sum(each.thickness.um / each.refractive_index(wavelength_nm) for each in camera.layers)
+    indices = camera.indices(wavelength_nm)
+    return sum(
+        layer.thickness.um / index for layer, index in zip(camera.layers, indices, strict=True)
+    )
 
 
 def offset(picture: Tensor, template: Tensor) -> Pair:

@@ -182,7 +182,7 @@ def test_each_wavelength_has_its_own_indices_and_diffraction(wavelength_nm):
     """Against the pattern of layers whose indices are looked up here."""
     twin = twin_of(in_grey(cropped(100, 100, overhang="0.6 mm")))
     source = toward(20, 10, 300e3)
-    indices = tuple(layer.refractive_index(wavelength_nm) for layer in twin.camera.layers)
+    indices = twin.camera.indices(wavelength_nm)
     layers = Stack((1060.0, 490.0, 235.0), indices)
     light = Illumination(source, Stack((), ()), layers)
     media = Media(wavelength_nm * 1e-3, 1.0, indices[0])

@@ -63,7 +63,7 @@ def test_four_samples_to_the_fastest_turn():
     """Of the phase that a slope gives light of 400 nm at 50°: (n' cos θ' − cos θ)·slope/λ turns
     in a um."""
     twin = twin_of(cropped(128, 128, overhang="0.1 mm"))
-    index = twin.camera.layers[0].refractive_index(400.0)
+    index = twin.camera.indices(400.0)[0]
     sine = math.sin(math.radians(50))
     coupling = math.sqrt(index**2 - sine**2) - math.cos(math.radians(50))
     expected = 0.4 / (4 * coupling * twin.mask.relief.steepest)
@@ -200,8 +200,7 @@ def test_layers_above_the_mask_are_passed_first():
     assert light.before.thicknesses_um == (305.0,)
     assert light.after.thicknesses_um == (400.0, 490.0, 235.0)
     media = twin_of(below, fresnel=True).media(GREEN_NM)
-    film = twin.camera.layers[0].refractive_index(GREEN_NM)
-    glass = twin.camera.layers[2].refractive_index(GREEN_NM)
+    film, _, glass, _ = twin.camera.indices(GREEN_NM)
     assert (media.above, media.below) == (film, 1.0)
     assert media.surfaces == (1.0, film, 1.0, glass, 1.0)
     assert media.wavelength_um == pytest.approx(0.55)
@@ -291,7 +290,7 @@ def test_an_oblique_source_blurs_like_its_points(pinhole, azimuth_deg):
 
 def _fresnel(camera: Camera, angle_deg: float) -> float:
     """Share of unpolarised light that passes all surfaces, from Fresnel's tangents and sines."""
-    indices = [1.0, *(layer.refractive_index(GREEN_NM) for layer in camera.layers)]
+    indices = [1.0, *camera.indices(GREEN_NM)]
     passed = 1.0
     for before, after in pairwise(indices):
         if angle_deg == 0:

@@ -18,9 +18,9 @@ from nolens.camera.description import (
     RandomLenslets,
     ReliefFile,
 )
-from nolens.camera.explain import camera_from_mapping
+from nolens.camera.explain import camera_from_mapping, material_from_mapping
 from nolens.camera.frame import MOSAICS, Frame
-from nolens.camera.materials import MATERIALS, Material, material
+from nolens.camera.materials import LINES_NM, MATERIALS, Material, material
 from nolens.camera.measurement import Measurement, dark_corner, develop
 from nolens.camera.opened import OpenCamera, opened
 from nolens.camera.picture import (
@@ -32,9 +32,15 @@ from nolens.camera.picture import (
 from nolens.camera.presets import PRESETS, preset, preset_text
 from nolens.camera.psf import PreparedPsf, prepare_psf
 from nolens.camera.sensor import Package, Sensor
-from nolens.camera.toml import camera_from_toml, camera_to_toml
+from nolens.camera.toml import (
+    camera_from_toml,
+    camera_to_toml,
+    material_from_toml,
+    material_to_toml,
+)
 
 __all__ = [
+    "LINES_NM",
     "MATERIALS",
     "MOSAICS",
     "PRESETS",
@@ -64,6 +70,9 @@ __all__ = [
     "exposure_white",
     "linear_from_srgb",
     "material",
+    "material_from_mapping",
+    "material_from_toml",
+    "material_to_toml",
     "opened",
     "prepare_psf",
     "preset",

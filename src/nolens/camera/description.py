@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from nolens.camera.materials import material
+from nolens.camera.materials import Material, check_own_name, material
 from nolens.camera.part import Part, PositiveLength, Text, TiffFile, refusal
 from nolens.camera.sensor import Sensor
 from nolens.errors import OptionError
@@ -22,7 +22,7 @@ class Layer(Part):
     thickness
         More than zero.
     material
-        Name of a known material; or else
+        Name of a material, one of the package's or of the camera's own; or else
     index
         its refractive index from 1 to 4, the same at all wavelengths.
     """
@@ -44,16 +44,6 @@ class Layer(Part):
             )
         return thickness
 
-    @field_validator("material")
-    @classmethod
-    def _check_material(cls, name: str | None) -> str | None:
-        try:
-            if name is not None:
-                material(name)
-        except OptionError as error:
-            raise refusal(str(error)) from None
-        return name
-
     @model_validator(mode="after")
     def _check_one(self) -> "Layer":
         if (self.material is None) == (self.index is None):
@@ -67,16 +57,13 @@ class Layer(Part):
             )
         return self
 
-    def refractive_index(self, wavelength_nm: float) -> float:
-        """Refractive index at a wavelength in nm."""
-        if self.material is not None:
-            return material(self.material).index(wavelength_nm)
-        assert self.index is not None
-        return self.index
-
 
 class RandomLenslets(Part):
     """A relief of convex lenslets at random places.
+
+    They bulge out of the denser of the two media that meet at the surface, so that they gather
+    light: towards the scene on top of a resin, towards the sensor under a film that is turned
+    over, where `Mask.surface` is the layer of air behind the film.
 
     Attributes
     ----------
@@ -109,7 +96,9 @@ class ReliefFile(Part):
     Attributes
     ----------
     file
-        TIFF of heights in um, in the camera's folder; its centre lies over the sensor's.
+        TIFF of heights towards the scene in um, in the camera's folder; its centre lies over the
+        sensor's, its rows and columns are those of the camera's picture (as the mask looks from
+        the sensor, turned upright).
     grid
         Distance of its points.
     """
@@ -176,6 +165,8 @@ class Camera(Part):
         The sensor.
     layers
         From the scene to the sensor, 1 to 20.
+    materials
+        Materials that layers may name besides those of the package.
     mask
         The mask.
     """
@@ -186,7 +177,27 @@ class Camera(Part):
     reference_distance: PositiveLength
     sensor: Sensor
     layers: tuple[Layer, ...] = Field(min_length=1, max_length=20)
+    materials: tuple[Material, ...] = ()
     mask: Mask
+
+    @model_validator(mode="after")
+    def _check_materials(self) -> "Camera":
+        for place, own in enumerate(self.materials):
+            try:
+                check_own_name(own)
+            except OptionError as error:
+                raise refusal(f"materials[{place}].name is {own.name!r}: {error}") from None
+            if own.name in [other.name for other in self.materials[:place]]:
+                raise refusal(
+                    f"materials[{place}].name is {own.name!r}, as that of one before it: give "
+                    "each its own name"
+                )
+        for place, layer in enumerate(self.layers):
+            try:
+                self.material_of(layer)
+            except OptionError as error:
+                raise refusal(f"layers[{place}].material is {layer.material!r}: {error}") from None
+        return self
 
     @model_validator(mode="after")
     def _check_surface(self) -> "Camera":
@@ -196,3 +207,37 @@ class Camera(Part):
                 f"give the index of a layer, 0 to {len(self.layers) - 1}"
             )
         return self
+
+    def material_of(self, layer: Layer) -> Material | None:
+        """Material of a layer of this camera; None where the layer has a bare index.
+
+        Raises
+        ------
+        OptionError
+            If neither the camera nor the package has the material that the layer names.
+        """
+        if layer.material is None:
+            return None
+        return material(layer.material, {own.name: own for own in self.materials})
+
+    def indices(self, wavelength_nm: float) -> tuple[float, ...]:
+        """Refractive indices of all layers, from the scene to the sensor.
+
+        Parameters
+        ----------
+        wavelength_nm
+            Wavelength in vacuum, in nm.
+
+        Raises
+        ------
+        OptionError
+            If the index of a layer's material is not known at this wavelength.
+        """
+        return tuple(self._index_of(layer, wavelength_nm) for layer in self.layers)
+
+    def _index_of(self, layer: Layer, wavelength_nm: float) -> float:
+        made_of = self.material_of(layer)
+        if made_of is not None:
+            return made_of.index(wavelength_nm)
+        assert layer.index is not None
+        return layer.index

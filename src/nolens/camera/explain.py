@@ -7,7 +7,8 @@ from typing import Any
 from pydantic import ValidationError
 
 from nolens.camera.description import Camera
-from nolens.errors import DataError
+from nolens.camera.materials import Material, check_own_name
+from nolens.errors import DataError, OptionError
 
 _CHOICES = ("relief", "quantum_efficiency", "acceptance")
 _MOST = 3
@@ -33,6 +34,32 @@ def camera_from_mapping(mapping: Mapping[str, Any], source: str) -> Camera:
         return Camera.model_validate(dict(mapping))
     except ValidationError as error:
         raise DataError(f"{source}: {explain(error)}") from None
+
+
+def material_from_mapping(mapping: Mapping[str, Any], source: str) -> Material:
+    """Check the description of a person's own material.
+
+    Parameters
+    ----------
+    mapping
+        The description, as it stands in a TOML file.
+    source
+        Where it comes from, for messages.
+
+    Raises
+    ------
+    DataError
+        If it is no material, or has the name of another one; says at which key, what was given
+        and what would be accepted.
+    """
+    try:
+        own = Material.model_validate(dict(mapping))
+        check_own_name(own)
+    except ValidationError as error:
+        raise DataError(f"{source}: {explain(error)}") from None
+    except OptionError as error:
+        raise DataError(f"{source}: {error}") from None
+    return own
 
 
 def explain(error: ValidationError) -> str:

@@ -96,14 +96,6 @@ class Sensor(Part):
                 f"with the mosaic {self.mosaic} has the channels {', '.join(self.channels)}: "
                 "give exactly these"
             )
-        package = self.package
-        if package is not None and (
-            package.width.mm < self.width_mm or package.height.mm < self.height_mm
-        ):
-            raise refusal(
-                f"the package of {package.width} × {package.height} is smaller than the sensor's "
-                f"pixels, {self.width_mm:g} × {self.height_mm:g} mm: give its outer size"
-            )
         return self
 
     @property

@@ -1,4 +1,4 @@
-"""Camera descriptions as TOML text."""
+"""Descriptions of cameras and materials as TOML text."""
 
 import re
 import textwrap
@@ -8,7 +8,9 @@ from typing import Any
 import tomli_w
 
 from nolens.camera.description import Camera
-from nolens.camera.explain import camera_from_mapping
+from nolens.camera.explain import camera_from_mapping, material_from_mapping
+from nolens.camera.materials import Material
+from nolens.camera.part import Part
 from nolens.errors import DataError
 
 _WIDTH = 100
@@ -30,11 +32,25 @@ def camera_from_toml(text: str, source: str) -> Camera:
     DataError
         If it is no TOML (with line and column) or no camera.
     """
-    try:
-        mapping = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise DataError(f"{source} is no TOML file: {error}") from error
-    return camera_from_mapping(mapping, source)
+    return camera_from_mapping(_parsed(text, source), source)
+
+
+def material_from_toml(text: str, source: str) -> Material:
+    """Read the description of a person's own material from TOML text.
+
+    Parameters
+    ----------
+    text
+        The text.
+    source
+        Where it comes from, usually the path of a file, for messages.
+
+    Raises
+    ------
+    DataError
+        If it is no TOML (with line and column) or no material, or has the name of another one.
+    """
+    return material_from_mapping(_parsed(text, source), source)
 
 
 def camera_to_toml(camera: Camera) -> str:
@@ -43,7 +59,23 @@ def camera_to_toml(camera: Camera) -> str:
     Fields that have their default are left out. Reading the text and writing it again gives
     the same text.
     """
-    text = tomli_w.dumps(_plain(camera.model_dump(exclude_defaults=True)))
+    return _dumped(camera)
+
+
+def material_to_toml(material: Material) -> str:
+    """Write a material's description as TOML text, which `material_from_toml` reads."""
+    return _dumped(material)
+
+
+def _parsed(text: str, source: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise DataError(f"{source} is no TOML file: {error}") from error
+
+
+def _dumped(part: Part) -> str:
+    text = tomli_w.dumps(_plain(part.model_dump(exclude_defaults=True)))
     return _NUMBERS.sub(_in_line, text)
 
 

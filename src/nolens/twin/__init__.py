@@ -4,7 +4,7 @@ from nolens.twin.expose import expose, mosaic, photocurrents
 from nolens.twin.field import FieldMap
 from nolens.twin.light import LIGHTS, Light
 from nolens.twin.measure import Irradiated, check_field_points, irradiate
-from nolens.twin.model import LARGEST_ANGLE_DEG, NEAREST_MM, REFERENCE_NM, Twin
+from nolens.twin.model import LARGEST_ANGLE_DEG, NEAREST_MM, REFERENCE_NM, Twin, described_lenslets
 from nolens.twin.point import point_spread
 from nolens.twin.scene import Plane, Seen, arrange
 
@@ -21,6 +21,7 @@ __all__ = [
     "Twin",
     "arrange",
     "check_field_points",
+    "described_lenslets",
     "expose",
     "irradiate",
     "mosaic",

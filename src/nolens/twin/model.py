@@ -130,12 +130,12 @@ class Twin:
     def media(self, wavelength_nm: float) -> Media:
         """What lies on the two sides of the mask at a wavelength."""
         surface = self.camera.mask.surface
-        indices = [1.0, *(layer.refractive_index(wavelength_nm) for layer in self.camera.layers)]
+        indices = (1.0, *self.camera.indices(wavelength_nm))
         return Media(
             wavelength_nm * 1e-3,
             indices[surface],
             indices[surface + 1],
-            tuple(indices) if self.fresnel else (),
+            indices if self.fresnel else (),
         )
 
     def stack(self, wavelength_nm: float = REFERENCE_NM) -> Stack:
@@ -246,29 +246,40 @@ class Twin:
 
 
 def _stack(camera: Camera, first: int, last: int, wavelength_nm: float) -> Stack:
-    layers = camera.layers[first:last]
     return Stack(
-        tuple(layer.thickness.um for layer in layers),
-        tuple(layer.refractive_index(wavelength_nm) for layer in layers),
+        tuple(layer.thickness.um for layer in camera.layers[first:last]),
+        camera.indices(wavelength_nm)[first:last],
     )
 
 
+def described_lenslets(camera: Camera, size_um: tuple[float, float]) -> Relief:
+    """Surface of the random lenslets that a camera describes, over an area of (height, width).
+
+    They bulge out of the denser medium, towards the scene or the sensor.
+    """
+    relief = camera.mask.relief
+    assert isinstance(relief, RandomLenslets)
+    surface = random_lenslets(
+        radius_um=relief.radius.um,
+        pitch_um=relief.pitch.um,
+        smoothing_um=relief.smoothing.um,
+        size_um=size_um,
+        grid_um=relief.grid.um,
+        seed=relief.seed,
+    )
+    number = camera.mask.surface
+    above, below = (1.0, *camera.indices(REFERENCE_NM))[number : number + 2]
+    return surface if above <= below else Relief(-surface.height_um, surface.grid_um)
+
+
 def _relief(opened: OpenCamera) -> Relief:
-    camera = opened.camera
-    relief, sensor = camera.mask.relief, camera.sensor
+    relief, sensor = opened.camera.mask.relief, opened.camera.sensor
     if isinstance(relief, RandomLenslets):
         beyond = 2 * relief.overhang.um
-        return random_lenslets(
-            radius_um=relief.radius.um,
-            pitch_um=relief.pitch.um,
-            smoothing_um=relief.smoothing.um,
-            size_um=(
-                sensor.rows * sensor.pitch.um + beyond,
-                sensor.columns * sensor.pitch.um + beyond,
-            ),
-            grid_um=relief.grid.um,
-            seed=relief.seed,
+        height, width = (
+            count * sensor.pitch.um + beyond for count in (sensor.rows, sensor.columns)
         )
+        return described_lenslets(opened.camera, (height, width))
     if isinstance(relief, ReliefFile):
         assert opened.relief_um is not None
         return Relief(opened.relief_um, relief.grid.um)
