@@ -5,9 +5,8 @@ from dataclasses import replace
 
 from nolens.camera import OpenCamera, RandomLenslets, ReliefFile
 from nolens.errors import OptionError
-from nolens.optics import random_lenslets
 from nolens.quantities import Length
-from nolens.twin import Twin
+from nolens.twin import Twin, described_lenslets
 
 _LENSLETS = 10
 _POINTS = 500
@@ -46,14 +45,7 @@ def outline(opened: OpenCamera, *, fresnel: bool) -> Twin:
             "finer, or a larger pitch"
         )
     side_um = min(_LENSLETS * relief.pitch.um, _POINTS * relief.grid.um)
-    patch = random_lenslets(
-        radius_um=relief.radius.um,
-        pitch_um=relief.pitch.um,
-        smoothing_um=relief.smoothing.um,
-        size_um=(side_um, side_um),
-        grid_um=relief.grid.um,
-        seed=relief.seed,
-    )
+    patch = described_lenslets(opened.camera, (side_um, side_um))
     file = ReliefFile(kind="file", file="patch.tif", grid=relief.grid)
     mask = opened.camera.mask.model_copy(update={"relief": file})
     camera = opened.camera.model_copy(update={"mask": mask})

@@ -58,7 +58,36 @@ def propagate(
     Tensor
         complex64, (finer · rows, finer · columns).
     """
-    frequency = [torch.fft.fftfreq(n, pitch_um, dtype=torch.float64) for n in field.shape]
+    spectrum = pass_layers_(
+        fft2_(field), pitch_um, stack, wavelength_um,
+        carrier=carrier, offset_um=offset_um, band_per_um=band_per_um, surfaces=surfaces,
+    )  # fmt: skip
+    if finer > 1:
+        spectrum = _padded(spectrum, finer)
+    return ifft2_(spectrum)
+
+
+def pass_layers_(
+    spectrum: Tensor,
+    pitch_um: float,
+    stack: Stack,
+    wavelength_um: float,
+    *,
+    carrier: tuple[float, float] = (0.0, 0.0),
+    offset_um: tuple[float, float] = (0.0, 0.0),
+    band_per_um: float = math.inf,
+    surfaces: tuple[float, ...] = (),
+) -> Tensor:
+    """Multiply a spectrum by the transfer function of layers, in place.
+
+    Parameters
+    ----------
+    spectrum
+        Of the field, complex64, (rows, columns).
+    pitch_um, stack, wavelength_um, carrier, offset_um, band_per_um, surfaces
+        As for `propagate`.
+    """
+    frequency = [torch.fft.fftfreq(n, pitch_um, dtype=torch.float64) for n in spectrum.shape]
     p = [c + wavelength_um * f for c, f in zip(carrier, frequency, strict=True)]
     squared = carrier[0] ** 2 + carrier[1] ** 2
     central = torch.tensor(squared, dtype=torch.float64)
@@ -70,13 +99,12 @@ def propagate(
     ]
     linear[0] = linear[0] - float(stack.axial_um(central)) / wavelength_um
     limit = min((stack.critical, *surfaces)) ** 2
-    spectrum = fft2_(field)
     if surfaces:
         passed = p[0].square()[:, None] + p[1].square()
         passed = transmittance(surfaces, passed.clamp_max_(limit * (1 - 1e-9)))
         spectrum *= passed.sqrt_().to(spectrum.device, torch.float32)
     kept = [q.where(f.abs() <= band_per_um, math.inf) for q, f in zip(p, frequency, strict=True)]
-    apply_transfer_(
+    return apply_transfer_(
         spectrum,
         (kept[0].to(spectrum.device), kept[1].to(spectrum.device)),
         (linear[0].to(spectrum.device), linear[1].to(spectrum.device)),
@@ -84,9 +112,6 @@ def propagate(
         tuple(n * n for n in stack.indices),
         limit,
     )
-    if finer > 1:
-        spectrum = _padded(spectrum, finer)
-    return ifft2_(spectrum)
 
 
 def _padded(spectrum: Tensor, finer: int) -> Tensor:

@@ -1,6 +1,7 @@
 """Ray transfer matrices: what surfaces and layers do to a paraxial ray."""
 
 import math
+from collections.abc import Sequence
 from functools import reduce
 
 import torch
@@ -8,8 +9,11 @@ from torch import Tensor
 
 from nolens.optics.stack import Stack
 
+Number = float | Tensor
+"""One value, or float64 values of any one shape, for which matrices stand in the last two axes."""
 
-def translation(thickness_um: float) -> Tensor:
+
+def translation(thickness_um: Number) -> Tensor:
     """Matrix of a layer: a ray (place, angle) goes on straight.
 
     Parameters
@@ -20,12 +24,12 @@ def translation(thickness_um: float) -> Tensor:
     Returns
     -------
     Tensor
-        float64, (2, 2): [[1, t], [0, 1]] (`uvimprint`, eq. 1).
+        float64, (..., 2, 2): [[1, t], [0, 1]] (`uvimprint`, eq. 1).
     """
-    return torch.tensor([[1.0, thickness_um], [0.0, 1.0]], dtype=torch.float64)
+    return _matrix(1.0, thickness_um, 0.0, 1.0)
 
 
-def refraction(before: float, after: float, radius_um: float = math.inf) -> Tensor:
+def refraction(before: Number, after: Number, radius_um: Number = math.inf) -> Tensor:
     """Matrix of a surface between two media.
 
     Parameters
@@ -39,16 +43,54 @@ def refraction(before: float, after: float, radius_um: float = math.inf) -> Tens
     Returns
     -------
     Tensor
-        float64, (2, 2): [[1, 0], [(n₀ − n)/(R n), n₀/n]]. The paper prints the first row of it
-        garbled (`uvimprint`, eq. 1 and 4).
+        float64, (..., 2, 2): [[1, 0], [(n₀ − n)/(R n), n₀/n]]. The paper prints the first row of
+        it garbled (`uvimprint`, eq. 1 and 4).
     """
-    power = (before - after) / (radius_um * after)
-    return torch.tensor([[1.0, 0.0], [power, before / after]], dtype=torch.float64)
+    # Autograd has no slope of a quotient whose divisor is infinite.
+    plane = isinstance(radius_um, float) and math.isinf(radius_um)
+    power = 0.0 if plane else (before - after) / (radius_um * after)
+    return _matrix(1.0, 0.0, power, before / after)
 
 
 def through(matrices: list[Tensor]) -> Tensor:
     """Matrix of several parts that a ray passes in the order of the list."""
     return reduce(lambda system, part: part @ system, matrices)
+
+
+def through_layers(
+    before: Number,
+    thicknesses_um: Sequence[Number],
+    indices: Sequence[Number],
+    surface: int = 0,
+    radius_um: Number = math.inf,
+) -> Tensor:
+    """Matrix of plane layers, of which one surface is curved.
+
+    Parameters
+    ----------
+    before
+        Refractive index in front of the first surface.
+    thicknesses_um, indices
+        Of the layers, in light's order.
+    surface
+        Number of the layer in front of which the curved surface lies.
+    radius_um
+        Its radius of curvature, as in `refraction`.
+
+    Returns
+    -------
+    Tensor
+        float64, (..., 2, 2), from in front of the first surface to the end of the last layer.
+    """
+    parts = []
+    index = before
+    for number, (thickness_um, own) in enumerate(zip(thicknesses_um, indices, strict=True)):
+        parts += [
+            refraction(index, own, radius_um if number == surface else math.inf),
+            translation(thickness_um),
+        ]
+        index = own
+    return through(parts)
 
 
 def mask_to_sensor(before: float, after: Stack, radius_um: float) -> Tensor:
@@ -66,14 +108,10 @@ def mask_to_sensor(before: float, after: Stack, radius_um: float) -> Tensor:
     radius_um
         Radius of curvature of the mask's features, as in `refraction`.
     """
-    parts = []
-    index = before
-    for number, (thickness_um, own) in enumerate(
-        zip(after.thicknesses_um, after.indices, strict=True)
-    ):
-        parts += [
-            refraction(index, own, radius_um if number == 0 else math.inf),
-            translation(thickness_um),
-        ]
-        index = own
-    return through(parts)
+    return through_layers(before, after.thicknesses_um, after.indices, 0, radius_um)
+
+
+def _matrix(a: Number, b: Number, c: Number, d: Number) -> Tensor:
+    values = [torch.as_tensor(each, dtype=torch.float64) for each in (a, b, c, d)]
+    ones = torch.ones_like(values[0] + values[1] + values[2] + values[3])
+    return torch.stack([value * ones for value in values], dim=-1).reshape(*ones.shape, 2, 2)

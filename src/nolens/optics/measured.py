@@ -1,0 +1,151 @@
+"""Maps of measured heights: gaps, tilt, other grids, and continuation beyond their edges."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+from scipy.ndimage import gaussian_filter1d
+from scipy.sparse import coo_matrix
+from scipy.sparse.linalg import spsolve
+
+Heights = NDArray[np.float64]
+
+_ANTIALIAS = 0.4
+"""Standard deviation of the Gaussian before a coarser grid, in its steps."""
+
+
+@dataclass(frozen=True)
+class Tilt:
+    """How a surface lies and bends as a whole.
+
+    Parameters
+    ----------
+    rise_mrad
+        Slope of the best-fit plane in mrad, downwards along the columns' direction (rows) and to
+        the right (columns).
+    bow_um
+        Height of the middle above the corners, of the best-fit paraboloid of revolution, in um.
+    """
+
+    rise_mrad: tuple[float, float]
+    bow_um: float
+
+
+def filled(heights_um: Heights) -> Heights:
+    r"""Heights with their gaps closed, each point there being the mean of its neighbours.
+
+    That is Laplace's equation :math:`\sum_{j\sim i}(h_i-h_j)=0` on the points of the gaps, with
+    the measured points around them as they are.
+
+    Parameters
+    ----------
+    heights_um
+        (rows, columns), NaN where nothing was measured; at least one point is finite.
+    """
+    missing = np.isnan(heights_um)
+    count = int(missing.sum())
+    if count == 0:
+        return heights_um
+    number = np.full(heights_um.shape, -1)
+    number[missing] = np.arange(count)
+    diagonal, constant = np.zeros(count), np.zeros(count)
+    at: list[NDArray[np.int64]] = []
+    beside: list[NDArray[np.int64]] = []
+    for axis in (0, 1):
+        for here, there in ((slice(1, None), slice(None, -1)), (slice(None, -1), slice(1, None))):
+            one = (here, slice(None)) if axis == 0 else (slice(None), here)
+            other = (there, slice(None)) if axis == 0 else (slice(None), there)
+            gap = missing[one]
+            numbers, neighbours = number[one][gap], number[other][gap]
+            values = heights_um[other][gap]
+            np.add.at(diagonal, numbers, 1.0)
+            known = neighbours < 0
+            np.add.at(constant, numbers[known], values[known])
+            at.append(numbers[~known])
+            beside.append(neighbours[~known])
+    rows = np.concatenate([*at, np.arange(count)])
+    columns = np.concatenate([*beside, np.arange(count)])
+    weights = np.concatenate([np.full(len(rows) - count, -1.0), diagonal])
+    matrix = coo_matrix((weights, (rows, columns)), shape=(count, count)).tocsr()
+    closed = heights_um.copy()
+    closed[missing] = spsolve(matrix, constant)
+    return closed
+
+
+def levelled(heights_um: Heights, pitch_um: tuple[float, float]) -> tuple[Heights, Tilt]:
+    """Heights over their best-fit plane, and how that and the best-fit paraboloid lie.
+
+    Parameters
+    ----------
+    heights_um
+        (rows, columns), NaN where nothing was measured.
+    pitch_um
+        Distance of the rows and of the columns.
+    """
+    places = [
+        (np.arange(count) - (count - 1) / 2) * step
+        for count, step in zip(heights_um.shape, pitch_um, strict=True)
+    ]
+    known = ~np.isnan(heights_um)
+    down, right = np.broadcast_arrays(places[0][:, None], places[1])
+    reach = math.hypot(*(float(np.abs(each).max()) for each in places)) or 1.0
+    plane = np.stack([np.ones(int(known.sum())), down[known] / reach, right[known] / reach])
+    factors = _fit(plane, heights_um[known])
+    flat = heights_um - factors[0] - (factors[1] * down + factors[2] * right) / reach
+    bowl = np.vstack([plane, plane[1] ** 2 + plane[2] ** 2])
+    curved = _fit(bowl, heights_um[known])
+    slopes = (1e3 * float(factors[1]) / reach, 1e3 * float(factors[2]) / reach)
+    return flat, Tilt(slopes, -float(curved[3]))
+
+
+def resampled(heights_um: Heights, pitch_um: tuple[float, float], grid_um: float) -> Heights:
+    """Heights on a square grid with the same middle, within the area that was measured.
+
+    Cubic splines go through all points; before a coarser grid a Gaussian takes away what it
+    cannot hold.
+
+    Parameters
+    ----------
+    heights_um
+        (rows, columns), finite, at least 4 of each.
+    pitch_um
+        Distance of the rows and of the columns.
+    grid_um
+        Distance of the points of the result.
+    """
+    for axis, step in enumerate(pitch_um):
+        count = heights_um.shape[axis]
+        places = (np.arange(count) - (count - 1) / 2) * step
+        # A rounding error must not cost the last point.
+        wanted = math.floor((count - 1) * step / grid_um + 1e-9) + 1
+        at = (np.arange(wanted) - (wanted - 1) / 2) * grid_um
+        if np.array_equal(places, at):
+            continue
+        if grid_um > step:
+            heights_um = gaussian_filter1d(
+                heights_um, _ANTIALIAS * grid_um / step, axis, mode="nearest"
+            )
+        at = at.clip(places[0], places[-1])
+        heights_um = make_interp_spline(places, heights_um, k=3, axis=axis)(at)
+    return heights_um
+
+
+def mirrored_on(heights_um: Heights, size: tuple[int, int]) -> Heights:
+    """Heights continued to a larger size by reflection at the edges, again and again.
+
+    Parameters
+    ----------
+    heights_um
+        (rows, columns).
+    size
+        Rows and columns of the result; where there are as many already, they stay.
+    """
+    lacking = [max(0, wanted - count) for wanted, count in zip(size, heights_um.shape, strict=True)]
+    return np.pad(heights_um, [(each // 2, each - each // 2) for each in lacking], mode="reflect")
+
+
+def _fit(basis: Heights, values: Heights) -> Heights:
+    """Least squares by the normal equations: the basis is of size 1."""
+    return np.asarray(np.linalg.lstsq(basis @ basis.T, basis @ values)[0], np.float64)
