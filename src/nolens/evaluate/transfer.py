@@ -1,0 +1,72 @@
+"""How much contrast a pattern carries at a spatial frequency, and how much of it is dark."""
+
+import math
+
+import torch
+from torch import Tensor
+
+from nolens.errors import DataError
+from nolens.kernels import rfft2
+
+_RING_STEPS = 3.0
+
+
+def modulation_transfer(pattern: Tensor, cell_um: float, per_mm: float) -> float:
+    r"""Modulation transfer of one square millimetre of a pattern at a spatial frequency.
+
+    :math:`\sqrt{a\,\langle|\hat p_f|^2\rangle}\,/\,\hat p_0` over a ring of frequencies, with a the
+    pattern's area in mm². A pattern of random spots carries contrast in proportion to
+    :math:`1/\sqrt a`; for the area of one mm² it is the same whatever part is looked at.
+
+    Parameters
+    ----------
+    pattern
+        (rows, columns), in any unit; its mean is taken off before it is transformed.
+    cell_um
+        Distance of its cells.
+    per_mm
+        The frequency.
+
+    Raises
+    ------
+    DataError
+        If the pattern is dark, or too small or too coarse for the frequency.
+    """
+    rows, columns = pattern.shape
+    mean = float(pattern.double().mean())
+    if not mean > 0:
+        raise DataError("the pattern is dark: it has no contrast to measure")
+    spectrum = rfft2((pattern - mean).contiguous())
+    along = torch.fft.fftfreq(rows, cell_um * 1e-3, dtype=torch.float64)
+    across = torch.fft.rfftfreq(columns, cell_um * 1e-3, dtype=torch.float64)
+    radius = torch.hypot(along[:, None].expand(-1, len(across)), across.expand(len(along), -1))
+    half_width = _RING_STEPS * 1e3 / (cell_um * min(rows, columns))
+    ring = ((radius - per_mm).abs() < half_width) & (radius > 0)
+    if per_mm > 5e2 / cell_um or not ring.any():
+        raise DataError(
+            f"{per_mm:g} lines to the mm cannot be told on {rows}×{columns} cells of {cell_um:g} "
+            f"um: choose up to {5e2 / cell_um:.0f}, or a larger pattern"
+        )
+    power = float(spectrum.abs().double().square()[ring].mean())
+    area_mm2 = rows * columns * (cell_um * 1e-3) ** 2
+    return math.sqrt(area_mm2 * power) / (rows * columns * mean)
+
+
+def sparsity(pattern: Tensor) -> float:
+    r"""Share of the area without light, :math:`1 - (Σp)^2 / (N Σp^2)`: 0 for an even pattern.
+
+    Parameters
+    ----------
+    pattern
+        Of any shape, in any unit.
+
+    Raises
+    ------
+    DataError
+        If it is dark.
+    """
+    values = pattern.double()
+    squared = float(values.square().mean())
+    if not squared > 0:
+        raise DataError("the pattern is dark: it has no light to measure")
+    return 1 - float(values.mean()) ** 2 / squared
