@@ -1,0 +1,217 @@
+"""`nolens design thickness`."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from nolens.cli.app import Json, Output, Quantity
+from nolens.cli.messages import show
+from nolens.jobs import ThicknessOptions, design_thickness
+
+Sensor = Parameter(group="Sensor")
+Master = Parameter(group="Master")
+Replica = Parameter(group="Replica")
+Light = Parameter(group="Light")
+Result = Parameter(group="Result")
+
+
+def thickness(
+    *,
+    camera: Annotated[str | None, Sensor] = None,
+    glass: Annotated[str | None, Quantity, Sensor] = None,
+    glass_material: Annotated[str | None, Sensor] = None,
+    glass_index: Annotated[str | None, Quantity, Sensor] = None,
+    gap: Annotated[str | None, Quantity, Sensor] = None,
+    no_glass: Annotated[bool, Parameter(negative=(), show_default=False), Sensor] = False,
+    film: Annotated[str | None, Quantity, Master] = None,
+    film_material: Annotated[str | None, Master] = None,
+    film_index: Annotated[str | None, Quantity, Master] = None,
+    film_distance: Annotated[str | None, Quantity, Master] = None,
+    film_side: Annotated[Literal["scene", "sensor"] | None, Master] = None,
+    radius: Annotated[str | None, Quantity, Master] = None,
+    material: Annotated[tuple[str, ...] | None, Replica] = None,
+    index: Annotated[tuple[str, ...] | None, Quantity, Replica] = None,
+    pitch: Annotated[str | None, Quantity, Replica] = None,
+    wavelength: Annotated[str | None, Quantity, Light] = None,
+    distance: Annotated[str | None, Quantity, Light] = None,
+    plot: Annotated[Path | None, Result] = None,
+    output: Annotated[Path | None, Output, Result] = None,
+    json_: Annotated[bool, Json] = False,
+) -> int:
+    """How thick the resin must be on a sensor, and how far off it may be.
+
+    nolens design thickness --film 0.305mm --film-distance 0.4mm+-0.2mm --material pua311
+
+    Put the diffuser over the sensor, find the distance at which the pattern of a point of light
+    is sharpest, and say it here. Every length and index can have a ±, as in 0.4mm±0.2mm; all
+    results then have theirs.
+
+    Parameters
+    ----------
+    camera
+        Has the layers over the sensor: paper, paper-film, small, a folder with camera.toml, or a
+        .toml file.  [default: paper]
+    glass
+        Thickness of the cover glass.  [default: the camera's]
+    glass_material
+        Of the cover glass: a name (nolens material list) or a .toml file.  [default: the camera's]
+    glass_index
+        Its refractive index, in place of a material.
+    gap
+        Air between glass and sensor.  [default: the camera's]
+    no_glass
+        The sensor is bare: no glass, and no gap but that of --gap.  [default: off]
+    film
+        Thickness of the master film.  [default: 0.305mm, with which the paper's figures come out]
+    film_material
+        Of the film.  [default: polycarbonate]
+    film_index
+        Its refractive index, in place of a material.
+    film_distance
+        From the film to the cover glass, or the bare sensor, where its pattern is sharpest.
+        [default: 0.4mm±0.2mm, the paper's]
+    film_side
+        Where the film's relief faces when that is measured.  [default: scene]
+    radius
+        Radius of curvature of the lenslets, where it is known; then no film is needed.
+    material
+        Of the replica; again for more.  [default: pdms and pua311, the paper's]
+    index
+        Its refractive index, in place of a material; again for more.
+    pitch
+        Distance of neighbouring lenslets.  [default: the camera's]
+    wavelength
+        Of the light that is to be in focus.  [default: 587.56nm, where indices are given]
+    distance
+        From the camera to the point of light, in the measurement and in use, or infinity.
+        [default: infinity]
+    plot
+        Picture to write: focus by colour, width of the lines by thickness (.png).
+    output
+        Folder to write the camera with this replica into, for nolens psf --camera FOLDER.
+    json_
+        Print one JSON object on standard output.
+    """
+    given = {
+        name: value
+        for name, value in locals().items()
+        if value not in (None, (), False) and name != "json_"
+    }
+    summary = design_thickness(ThicknessOptions.gather(given)).summary
+    if json_:
+        show(json.dumps(summary))
+        return 0
+    for line in _lines(summary):
+        show(line)
+    return 0
+
+
+def _lines(summary: dict[str, Any]) -> list[str]:
+    lines = [_sensor(summary), *_master(summary)]
+    for found in summary["materials"]:
+        lines += ["", *_replica(found)]
+    lines += ["", *_colours(summary["materials"])]
+    if summary["outputs"]:
+        lines += ["", *summary["outputs"]]
+    return lines
+
+
+def _sensor(summary: dict[str, Any]) -> str:
+    layers = [
+        f"{layer['name']} {_length(layer['thickness_mm'])}"
+        + ("" if layer["index"] == 1 else f" of {_medium(layer)}")
+        for layer in summary["cover"]
+    ]
+    light = f"light of {summary['wavelength_nm']:g} nm"
+    if summary["distance_mm"] is not None:
+        light += f" from {summary['distance_mm']:g} mm"
+    return f"over the sensor: {', '.join(layers) or 'nothing'}; {light}"
+
+
+def _master(summary: dict[str, Any]) -> list[str]:
+    radius = _length(summary["radius_mm"], 3)
+    film = summary["film"]
+    if film is None:
+        return [f"lenslets with a radius of curvature of {radius}"]
+    text = (
+        f"film of {_length(film['thickness_mm'])} {_medium(film)}, relief towards the "
+        f"{film['side']}, sharpest at {_length(film['distance_mm'])}: its lenslets have a radius "
+        f"of curvature of {radius}"
+    )
+    lines = [text]
+    if film["assumed"]:
+        lines.append("  (the paper's film; say yours with --film and --film-distance, or --radius)")
+    printed = summary["printed_radius_mm"]
+    if printed is not None:
+        lines.append(f"  (the paper's eq. 3 as printed lacks a factor and says {printed:.3f} mm)")
+    return lines
+
+
+def _replica(found: dict[str, Any]) -> list[str]:
+    name = _medium({"material": found["material"], "index": found["index"]["value"]})
+    room = found["room_mm"]["value"]
+    low, high = found["sharp_mm"]
+    lines = [
+        f"{name}: pour {_length(found['thickness_mm'], 2)}; it may be off by ± {room:.2f} mm "
+        f"({low:.2f} to {high:.2f} mm) before the lines are 10 % wider"
+    ]
+    if found["printed_thickness_mm"] is not None:
+        lines.append(f"  from eq. 3 as printed: {found['printed_thickness_mm']:.2f} mm")
+    spherical = found.get("spherical_mm")
+    edge = ""
+    if spherical is not None:
+        edge = f"; light at the edge of a lenslet focuses {1e3 * spherical['value']:.1f} um nearer"
+    focal, depth = found["focal_length_mm"]["value"], found["depth_of_focus_mm"]["value"]
+    inside = found["focal_length_in_material_mm"]["value"]
+    lines += [
+        f"  lenslets: focal length {focal:.2f} mm as in air, {inside:.2f} mm in the layer; NA "
+        f"{found['aperture']['value']:.3f}; depth of focus {depth:.2f} mm as in air, "
+        f"{found['depth_of_focus_in_material_mm']['value']:.2f} mm of the layer, end to end",
+        f"  lines of the pattern about {found['line_width_um']['value']:.1f} um wide{edge}",
+    ]
+    shares = found["thickness_mm"].get("shares", {})
+    parts = found["thickness_mm"].get("parts", {})
+    if len(shares) > 0:
+        ordered = sorted(shares, key=lambda each: -shares[each])
+        lines.append(
+            "  ± of the thickness comes from: "
+            + ", ".join(
+                f"{each} {abs(parts[each]):.2g} mm ({100 * shares[each]:.3g} %)"
+                for each in ordered
+                if shares[each] > 0
+            )
+        )
+    return lines
+
+
+def _colours(materials: list[dict[str, Any]]) -> list[str]:
+    """Table of all colours and materials."""
+    heads = [f"{found['material']}" for found in materials]
+    lines = ["in other light: the thickness in focus, and lines at the thickness above"]
+    lines.append(f"  {'':8}{''.join(f'{head:>20}' for head in heads)}")
+    cells: dict[str, list[str]] = {}
+    for number, found in enumerate(materials):
+        for row in found["colours"]:
+            columns = cells.setdefault(row["light"], [""] * len(materials))
+            columns[number] = f"{row['thickness_mm']:.3f} mm {row['line_width_um']:5.1f} um"
+    lines += [
+        f"  {light:8}{''.join(f'{cell:>20}' for cell in columns)}"
+        for light, columns in cells.items()
+    ]
+    return lines
+
+
+def _length(figure: dict[str, Any], digits: int | None = None) -> str:
+    """A length with its ±; with as many digits as it was given with, or so many."""
+    form = "g" if digits is None else f".{digits}f"
+    text = f"{figure['value']:{form}} mm"
+    if figure["plus_minus"] > 0:
+        text += f" ± {figure['plus_minus']:{form}} mm"
+    return text
+
+
+def _medium(layer: dict[str, Any]) -> str:
+    index = f"n {layer['index']:.4g}"
+    return index if layer["material"].startswith("n ") else f"{layer['material']} ({index})"

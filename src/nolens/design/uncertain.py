@@ -1,0 +1,143 @@
+"""Values with their uncertainty ±, as a person writes them, and what becomes of it."""
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Self
+
+import torch
+from torch import Tensor
+
+from nolens.errors import OptionError
+from nolens.quantities import Length
+
+_BETWEEN = re.compile(r"±|\+/-|\+-")
+_NUMBER = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*")
+_LARGEST = 1e30
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """A value, and by how much it may be off.
+
+    Attributes
+    ----------
+    value
+        The value; a length in um.
+    plus_minus
+        ±, 0 or more, in the same unit: a standard uncertainty or a limit, whichever the person
+        means; what follows from it is of the same kind.
+    """
+
+    value: float
+    plus_minus: float = 0.0
+
+    @classmethod
+    def length(cls, text: str) -> Self:
+        """Read ``0.4mm``, ``0.4mm±0.2mm`` or ``0.4±0.2mm``, with ± or +-.
+
+        Raises
+        ------
+        OptionError
+            If it is no length, a unit is missing, or ± is negative.
+        """
+        middle, off = _parts(text)
+        if off is None:
+            return cls(Length.parse(middle).um)
+        spread = Length.parse(off)
+        if _NUMBER.fullmatch(middle):
+            middle = f"{middle.strip()} {spread.unit}"
+        return cls._checked(text, Length.parse(middle).um, spread.um)
+
+    @classmethod
+    def number(cls, text: str) -> Self:
+        """Read ``1.47`` or ``1.47±0.005``, with ± or +-.
+
+        Raises
+        ------
+        OptionError
+            If it is no number, or ± is negative.
+        """
+        middle, off = _parts(text)
+        for part in (middle, off):
+            if part is not None and not (_NUMBER.fullmatch(part) and abs(float(part)) < _LARGEST):
+                raise OptionError(f"{text!r} is no number: write one such as 1.47 or 1.47±0.005")
+        return cls._checked(text, float(middle), float(off or 0))
+
+    @classmethod
+    def _checked(cls, text: str, value: float, plus_minus: float) -> Self:
+        if plus_minus < 0:
+            raise OptionError(f"{text!r} has a negative ±: write how far off it may be, 0 or more")
+        return cls(value, plus_minus)
+
+
+@dataclass(frozen=True)
+class Propagated:
+    """A result with its ±, and where that comes from.
+
+    Attributes
+    ----------
+    value
+        The result.
+    plus_minus
+        Its ±.
+    parts
+        Of every input whose ± is not 0, what it contributes alone, with the sign of the slope.
+    """
+
+    value: float
+    plus_minus: float
+    parts: dict[str, float]
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Share of every input in the square of ±; they add up to 1."""
+        if self.plus_minus == 0:
+            return {}
+        return {name: (part / self.plus_minus) ** 2 for name, part in self.parts.items()}
+
+
+def propagate(
+    inputs: Mapping[str, Uncertain], results: Callable[[Mapping[str, Tensor]], Mapping[str, Tensor]]
+) -> dict[str, Propagated]:
+    r"""Carry the ± of inputs over to results, to first order.
+
+    For independent inputs :math:`u^2(y) = \sum_i (∂y/∂x_i)^2 u^2(x_i)` (`jcgm100`, 5.1.2), with
+    the slopes by automatic differentiation.
+
+    Parameters
+    ----------
+    inputs
+        By name.
+    results
+        Gives the results by name, float64 scalars, from such scalars.
+    """
+    names = list(inputs)
+    values = torch.tensor(
+        [inputs[name].value for name in names], dtype=torch.float64, requires_grad=True
+    )
+    found = results(dict(zip(names, values.unbind(), strict=True)))
+    propagated = {}
+    for name, result in found.items():
+        slopes = torch.zeros_like(values)
+        if result.requires_grad:
+            (grown,) = torch.autograd.grad(result, values, retain_graph=True, allow_unused=True)
+            slopes = slopes if grown is None else grown
+        parts = {
+            given: float(slope) * inputs[given].plus_minus
+            for given, slope in zip(names, slopes, strict=True)
+            if inputs[given].plus_minus > 0
+        }
+        propagated[name] = Propagated(float(result.detach()), math.hypot(*parts.values()), parts)
+    return propagated
+
+
+def _parts(text: object) -> tuple[str, str | None]:
+    """What stands before and behind ±."""
+    if not isinstance(text, str):
+        raise OptionError(f"{text!r} is no text: write a value such as 0.4mm±0.2mm")
+    parts = _BETWEEN.split(text)
+    if len(parts) > 2:
+        raise OptionError(f"{text!r} has ± more than once: write a value such as 0.4mm±0.2mm")
+    return (parts[0], parts[1]) if len(parts) == 2 else (text, None)

@@ -1,0 +1,196 @@
+"""What `nolens design thickness` can be told, as a frozen model."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, BeforeValidator, ValidationError
+from pydantic_core import PydanticCustomError
+
+from nolens.design.uncertain import Uncertain
+from nolens.errors import OptionError
+from nolens.files import CAMERA_FILE
+from nolens.jobs.given import JobOptions, Written, expand_home, explain
+from nolens.quantities import Length
+
+RECORD_FILE = "thickness.json"
+_LARGEST_INDEX = 4.0
+_FARTHEST_UM = 1e12
+
+
+def _reading(read: Callable[[str], Uncertain], check: Callable[[Uncertain], str]) -> Any:
+    """Read text of the command line, and refuse what `check` has a reason for."""
+
+    def convert(given: object) -> object:
+        if isinstance(given, Uncertain):
+            return given
+        try:
+            found = read(given)  # type: ignore[arg-type]
+        except OptionError as error:
+            raise PydanticCustomError("quantity", "{reason}", {"reason": str(error)}) from None
+        reason = check(found)
+        if reason:
+            raise PydanticCustomError("refused", "{reason}", {"reason": reason})
+        return found
+
+    return BeforeValidator(convert)
+
+
+def _not_negative(found: Uncertain) -> str:
+    right = 0 <= found.value <= _FARTHEST_UM
+    return "" if right else "it must be zero or more, and at most 1e6 m"
+
+
+def _above_zero(found: Uncertain) -> str:
+    right = 0 < found.value <= _FARTHEST_UM
+    return "" if right else "it must be more than zero, and at most 1e6 m"
+
+
+def _refracting(found: Uncertain) -> str:
+    if 1 <= found.value <= _LARGEST_INDEX:
+        return ""
+    return f"a refractive index is 1 to {_LARGEST_INDEX:g}, that of air 1: give one such as 1.47"
+
+
+Thickness = Annotated[Uncertain, _reading(Uncertain.length, _not_negative)]
+Size = Annotated[Uncertain, _reading(Uncertain.length, _above_zero)]
+Index = Annotated[Uncertain, _reading(Uncertain.number, _refracting)]
+_FILM = ("film", "film_material", "film_index", "film_distance", "film_side")
+_GLASS = ("glass", "glass_material", "glass_index")
+_ONE_OF = (
+    ("film_material", "film_index"),
+    ("glass_material", "glass_index"),
+    ("material", "index"),
+)
+
+
+class ThicknessOptions(JobOptions):
+    """What `nolens design thickness` can be told; lengths and indices with or without ±.
+
+    Attributes
+    ----------
+    camera
+        Preset, folder or .toml file that has the layers over the sensor.
+    glass, gap
+        Thickness of the cover glass and of the air below it, in place of the camera's.
+    glass_material, glass_index
+        What the glass is made of, in place of the camera's.
+    no_glass
+        The sensor has no cover glass; then the camera's gap counts no more, either.
+    film, film_material, film_index, film_distance, film_side
+        The master: its thickness (None: the paper's), what it is made of, where it is sharpest
+        over the cover glass or bare sensor (None: the paper's), and where its relief faces.
+    radius
+        Radius of curvature of the lenslets, in place of a film.
+    material, index
+        Of the replica: names or .toml files, or numbers; several make a table. Neither: the
+        paper's two materials.
+    pitch
+        Of the lenslets; None takes the camera's.
+    wavelength
+        Of the light.
+    distance
+        From the camera to the point of light.
+    plot
+        Picture to write.
+    output
+        Folder of the camera to write.
+    """
+
+    camera: str = "paper"
+    glass: Thickness | None = None
+    glass_material: str | None = None
+    glass_index: Index | None = None
+    gap: Thickness | None = None
+    no_glass: bool = False
+    film: Size | None = None
+    film_material: str | None = None
+    film_index: Index | None = None
+    film_distance: Thickness | None = None
+    film_side: Literal["scene", "sensor"] | None = None
+    radius: Size | None = None
+    material: tuple[str, ...] = ()
+    index: tuple[Index, ...] = ()
+    pitch: Size | None = None
+    wavelength: Length = Length("587.56", "nm")
+    distance: Length | Literal["infinity"] = "infinity"
+    plot: Annotated[Path, AfterValidator(expand_home)] | None = None
+    output: Annotated[Path, AfterValidator(expand_home)] | None = None
+
+    @classmethod
+    def gather(cls, given: dict[str, Any]) -> Self:
+        """Options as the command line gives them.
+
+        Raises
+        ------
+        OptionError
+            If a value cannot be used, or two do not go together.
+        """
+        try:
+            options = cls.model_validate(given)
+        except ValidationError as error:
+            raise OptionError(explain(error)) from None
+        options._check_together()
+        if options.wavelength.exact <= 0:
+            raise OptionError(f"--wavelength {options.wavelength}: give one such as 550nm")
+        if isinstance(options.distance, Length) and not 0 < options.distance.um <= _FARTHEST_UM:
+            raise OptionError(
+                f"--distance {options.distance}: give the distance of a point of light such as "
+                "300mm, or infinity"
+            )
+        if options.output is not None and len(options.material) + len(options.index) != 1:
+            raise OptionError(
+                "-o writes one camera, of one material: give one --material or --index"
+            )
+        return options
+
+    def _check_together(self) -> None:
+        given = [name for name in _FILM if getattr(self, name) is not None]
+        if self.radius is not None and given:
+            raise OptionError(
+                f"--radius and {_option(given[0])} are both given; the radius is either known or "
+                "follows from the film: leave one out"
+            )
+        given = [name for name in _GLASS if getattr(self, name) is not None]
+        if self.no_glass and given:
+            raise OptionError(f"--no-glass and {_option(given[0])} contradict: leave one out")
+        for one, other in _ONE_OF:
+            if getattr(self, one) and getattr(self, other):
+                raise OptionError(
+                    f"{_option(one)} and {_option(other)} are both given, and each says the "
+                    "index: leave one out"
+                )
+
+    @property
+    def source_um(self) -> float:
+        """Distance of the point of light in um."""
+        return self.distance.um if isinstance(self.distance, Length) else float("inf")
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Files of materials, by role."""
+        named = {
+            "film's material": self.film_material,
+            "glass's material": self.glass_material,
+            **{f"material {name}": name for name in self.material},
+        }
+        return {
+            role: expand_home(Path(name))
+            for role, name in named.items()
+            if name is not None and name.lower().endswith(".toml")
+        }
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """Plot, camera and record."""
+        found = [] if self.plot is None else [Written("plot", self.plot, "--plot")]
+        if self.output is not None:
+            found += [
+                Written("camera", self.output / CAMERA_FILE),
+                Written("record of the run", self.output / RECORD_FILE),
+            ]
+        return tuple(found)
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
