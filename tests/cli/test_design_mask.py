@@ -1,0 +1,139 @@
+"""`nolens design mask`: what it writes, what it says, and what it refuses."""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+import torch
+from running import command, run
+
+from nolens.camera import RandomLenslets
+from nolens.design.masks import correlation, line_target, random_contours, spread_over
+from nolens.files import read_camera
+from nolens.optics import PointSource
+from nolens.twin import Light, Twin, point_spread
+
+SMALL = ("--camera", "small", "--light", "535nm", "--overhang", "0.3mm")
+QUICK = ("--period", "0.4mm", "--iterations", 25)
+
+
+def designed(kind: str, folder: Path, *arguments: object) -> dict[str, Any]:
+    done = run("design", "mask", kind, *SMALL, *arguments, "-o", folder, "--json")
+    assert done.code == 0 and done.err == "", done
+    told: dict[str, Any] = json.loads(done.out)
+    return told
+
+
+def digest(folder: Path) -> str:
+    return hashlib.sha256((folder / "relief.tif").read_bytes()).hexdigest()
+
+
+def test_contour_mask_in_the_twin(tmp_path: Path) -> None:
+    """The written camera, simulated anew without its aperture, shows the lines it is to show."""
+    told = designed("contour", tmp_path / "c", *QUICK, "--spacing", "0.2mm")
+    assert min(told["target_correlation"]) >= 0.8
+    opened = read_camera(tmp_path / "c")
+    mask = opened.camera.mask.model_copy(update={"aperture": None})
+    open_camera = opened.camera.model_copy(update={"mask": mask})
+    twin = Twin.of(type(opened)(open_camera, opened.quantum_efficiency, opened.acceptance, opened.relief_um))  # fmt: skip  # noqa: E501
+    psf = point_spread(twin, PointSource(), twin.cells, pixels=2, light=Light("535nm"))
+    side = round(told["period_um"] / 1.55)
+    lines = random_contours(side, 1.55, 200.0, seed=0)
+    target = spread_over(line_target(lines, 12.0, 2), twin.cells)
+    found = [float(correlation(each, target)) for each in psf]
+    assert found == pytest.approx(told["target_correlation"], abs=1e-4)
+    assert float(correlation(psf[1], torch.roll(target, 20, 1))) < 0.5
+
+
+def test_record_and_files(tmp_path: Path) -> None:
+    told = designed("optimised", tmp_path / "o", *QUICK, "--levels", 241)
+    names = {"camera.toml", "relief.tif", "mask.png", "mask.json"}
+    assert {path.name for path in (tmp_path / "o").iterdir()} == names
+    assert [Path(each).name for each in told["outputs"]] == [
+        "camera.toml", "relief.tif", "mask.png", "mask.json",
+    ]  # fmt: skip
+    record = json.loads((tmp_path / "o" / "mask.json").read_text())
+    assert record["result"] == told and record["parameters"]["slope"] == "5.4 deg"
+    heights = tifffile.imread(tmp_path / "o" / "relief.tif")
+    np.testing.assert_allclose(heights * 20, np.round(heights * 20), atol=1e-3)
+    figures, papers = told["figures"], told["paper_diffuser"]
+    assert figures["height_um"] == pytest.approx(heights.max() - heights.min(), abs=1e-4)
+    assert figures["width_um"] < papers["width_um"] and figures["sparsity"] > papers["sparsity"]
+    assert all(own > theirs for own, theirs in zip(figures["mtf"], papers["mtf"], strict=True))
+    assert figures["line_um"] == pytest.approx(figures["width_um"] / 2**0.5)
+
+
+def test_masks_follow_the_seed(tmp_path: Path) -> None:
+    folders = [tmp_path / name for name in ("one", "again", "other")]
+    for folder, seed in zip(folders, (1, 1, 2), strict=True):
+        designed("optimised", folder, *QUICK, "--seed", seed)
+    one, again, other = map(digest, folders)
+    assert one == again != other
+
+
+def test_random_lenslets_stay_a_description(tmp_path: Path) -> None:
+    told = designed("random-lenslets", tmp_path / "r", "--pitch", "60um", "--seed", 7)
+    relief = read_camera(tmp_path / "r").camera.mask.relief
+    assert isinstance(relief, RandomLenslets) and not (tmp_path / "r" / "relief.tif").exists()
+    assert relief.pitch.um == 60 and relief.seed == 7 and relief.overhang.mm == 0.3
+    assert 0.55 < relief.radius.mm < 0.65
+    assert 50 < told["figures"]["pitch_um"] < 70
+
+
+@pytest.mark.parametrize(
+    ("kind", "options"), [("lenslet-array", ("--arrangement", "square")), ("diffuser", ())]
+)
+def test_simple_kinds_can_be_simulated(kind: str, options: tuple[str, ...], tmp_path: Path) -> None:
+    told = designed(kind, tmp_path / "m", *options)
+    assert told["kind"] == kind
+    done = run("psf", "--camera", tmp_path / "m", "--light", "535nm", "-o", tmp_path / "p.tif")
+    assert done.code == 0, done
+    if kind == "lenslet-array":
+        assert told["figures"]["pitch_um"] == pytest.approx(70, rel=0.05)
+
+
+def test_the_table_a_person_sees(tmp_path: Path) -> None:
+    done = command("design", "mask", "lenslet-array", *SMALL, "-o", tmp_path / "m")
+    assert done.code == 0 and done.err == ""
+    lines = done.out.splitlines()
+    assert lines[0].split() == ["this", "mask", "the", "paper's"]
+    assert any(line.startswith("MTF of 1 mm² at 40/mm, %") for line in lines)
+    assert lines[-1] == str(tmp_path / "m" / "mask.json")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((), "no kind of mask is given: random-lenslets"),
+        (("contours", "-o", "m"), "contour"),
+        (("contour",), "no output is given"),
+        (("contour", "-o", "m", "--pitch", "70um"), "does not have it; it has --radius"),
+        (("diffuser", "-o", "m", "--iterations", "5"), "it has --angle, --feature"),
+        (("contour", "-o", "m", "--line", "12"), "12 has no unit"),
+        (("contour", "-o", "m", "--line", "0um"), "more than zero"),
+        (("diffuser", "-o", "m", "--angle", "60deg"), "less than 45 deg"),
+        (("optimised", "-o", "m", "--mtf", "6%"), "6%@80/mm"),
+        (("optimised", "-o", "m", "--sparsity", "100%"), "less than 100 %"),
+        (("optimised", "-o", "m", "--levels", "8"), "more --levels"),
+        (("optimised", "-o", "m", "--levels", "1"), "levels"),
+        (("optimised", "-o", "m", "--slope", "40deg"), "smaller --slope"),
+        (("optimised", "-o", "m", "--feature", "1um"), "3.1 um or more"),
+        (("optimised", "-o", "m", "--period", "20um"), "larger --period"),
+        (("optimised", "-o", "m", "--period", "10m"), "smaller --period"),
+        (("optimised", "-o", "m", "--camera", "papr"), "Did you mean the preset 'paper'"),
+        (("lenslet-array", "-o", "m", "--radius", "20um"), "too coarse"),
+        (("diffuser", "-o", "file.txt"), "is a file"),
+    ],
+)
+def test_bad_input(arguments: tuple[str, ...], words: str, tmp_path: Path) -> None:
+    (tmp_path / "file.txt").write_text("kept")
+    given = arguments if "--camera" in arguments else (*arguments, "--camera", "small")
+    placed = [tmp_path / each if before == "-o" else each
+              for before, each in zip(("", *given), given, strict=False)]  # fmt: skip
+    done = run("design", "mask", *placed)
+    assert done.code == 2 and words in done.err and "Traceback" not in done.err, done
+    assert [path.name for path in tmp_path.iterdir()] == ["file.txt"]
