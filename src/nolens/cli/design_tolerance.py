@@ -1,0 +1,186 @@
+"""`nolens design tolerance`."""
+
+import json
+from pathlib import Path
+from types import FrameType
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from nolens.cli.app import Json, Output, Quantity, Whole
+from nolens.cli.messages import say, show
+from nolens.cli.terminal import TerminalReporter
+from nolens.jobs import ToleranceOptions, expand_home, study_tolerances, tolerances_text
+
+Criterion = Parameter(group="Criterion")
+Trials = Parameter(group="Trials")
+Asked = Parameter(group="Yield")
+Result = Parameter(group="Result")
+
+
+class TrialReporter(TerminalReporter):
+    """Also sees trials; the first Ctrl-C from the first one on ends the work after a trial."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._drawing = False
+
+    def advance(self, what: str, share: float) -> None:
+        """Show how much of a piece of work is done, from 0 to 1."""
+        self._drawing = False
+        super().advance(what, share)
+
+    def trial(self, done: int, limit: int) -> bool:
+        """Show how many cameras are done; True if the person wants to stop."""
+        self._drawing = True
+        self._show("cameras", f"camera {done}/{limit}", "", done, limit)
+        return self.interrupted
+
+    def _interrupt(self, number: int, frame: FrameType | None) -> None:
+        if not self._drawing or self.interrupted:
+            super()._interrupt(number, frame)
+            return
+        self.interrupted = True
+        say("stopping after this camera; the trials so far will be written")
+
+
+def tolerance(
+    camera: str,
+    tolerances: Path | None = None,
+    /,
+    *,
+    output: Annotated[Path | None, Output, Result] = None,
+    criterion: Annotated[str | None, Criterion] = None,
+    model: Annotated[Literal["wave", "rays"] | None, Criterion] = None,
+    light: Annotated[str | None, Criterion] = None,
+    trials: Annotated[int | None, Trials, Whole] = None,
+    seed: Annotated[int | None, Trials, Whole] = None,
+    limit: Annotated[str | None, Quantity, Asked] = None,
+    yield_: Annotated[str | None, Parameter(name="--yield"), Quantity, Asked] = None,
+    solve: Annotated[str | None, Asked] = None,
+    show_: Annotated[bool, Parameter(name="--show", negative=(), show_default=False)] = False,
+    json_: Annotated[bool, Json] = False,
+) -> int:
+    """How far off a camera may be made: what each part does, and how many cameras are good.
+
+    nolens design tolerance paper --show > tolerances.toml
+    nolens design tolerance paper tolerances.toml --limit 1.1x -o out
+
+    Parameters
+    ----------
+    camera
+        paper, paper-film, small, a folder with camera.toml, or a .toml file.
+    tolerances
+        .toml file of the parameters and their distributions.
+        [default: what --show prints, all of it assumed]
+    output
+        Folder for tolerance.json, trials.csv and tolerance.png. Needed.
+    criterion
+        line-width (at half height), contrast, or mtf@ and a frequency such as mtf@40/mm, of the
+        pattern of a point of light at the camera's reference_distance.  [default: line-width]
+    model
+        wave: the twin's wave optics on a patch of the mask; rays: ray matrices and diffraction of
+        its lenslets, quick and rough.  [default: wave]
+    light
+        white-led, daylight, equal-energy (in green), or one wavelength.  [default: 550nm]
+    trials
+        Cameras that are drawn.  [default: 1000]
+    seed
+        Of the random numbers.  [default: 0]
+    limit
+        What a good camera meets: 15um, 120% for contrast and MTF, or 1.1x the nominal figure.
+    yield_
+        Share of good cameras that --solve is for, such as 90%.
+    solve
+        Parameter whose largest tolerance for that yield is found, all others as given.
+    show_
+        Print the tolerances that would be used, to edit them, and do nothing else.
+    json_
+        Print one JSON object on standard output.
+    """
+    if show_:
+        show(tolerances_text(camera, tolerances and expand_home(tolerances)).removesuffix("\n"))
+        return 0
+    given = {
+        "camera": camera, "tolerances": tolerances, "output": output, "criterion": criterion,
+        "model": model, "light": light, "trials": trials, "seed": seed, "limit": limit,
+        "yield": yield_, "solve": solve,
+    }  # fmt: skip
+    reporter = TrialReporter()
+    with reporter:
+        options = ToleranceOptions.gather({k: v for k, v in given.items() if v is not None})
+        summary = study_tolerances(options, reporter).summary
+    if json_:
+        show(json.dumps(summary))
+    else:
+        for line in _lines(summary):
+            show(line)
+    return 130 if reporter.interrupted else 0
+
+
+def _lines(summary: dict[str, Any]) -> list[str]:
+    unit, rows = summary["unit"], summary["sensitivities"]
+    lines = [
+        f"{summary['criterion']} {summary['nominal']:.4g} {unit} with every parameter at its mean; "
+        f"change at − and + its tolerance, the worst first:"
+    ]
+    wide = max(len(row["parameter"]) for row in rows)
+    for row in rows:
+        amount = f"{row['mean']:.6g} ± {row['tolerance']:.4g} {row['unit']}".rstrip()
+        changes = (
+            "not measurable" if row[key] is None else f"{row[key]:+.3g}"
+            for key in ("change_at_minus", "change_at_plus")
+        )
+        assumed = "  assumed" if row["note"].startswith("assumed") else ""
+        lines.append(f"  {row['parameter']:<{wide}}  {amount:<22} {' / '.join(changes)}{assumed}")
+    lines += _drawn(summary)
+    if "solved" in summary:
+        lines.append(_solved(summary["solved"]))
+    return [*lines, f"{summary['seconds']:.1f} s", *summary["outputs"]]
+
+
+def _drawn(summary: dict[str, Any]) -> list[str]:
+    unit, predicted = summary["unit"], summary["prediction"]
+    lines = []
+    if predicted["second_order_sigma"] is not None:
+        lines.append(
+            f"predicted: mean {predicted['mean']:.4g} {unit}, sigma "
+            f"{predicted['second_order_sigma']:.3g} ({predicted['root_sum_square_sigma']:.3g} by "
+            "the root of the sum of squares alone)"
+        )
+    if summary["sigma"] is not None:
+        lines.append(
+            f"{summary['trials']} cameras drawn: mean {summary['mean']:.4g} {unit}, sigma "
+            f"{summary['sigma']:.3g}"
+        )
+    if summary["not_measurable"]:
+        lines.append(f"{summary['not_measurable']} of them show no lines that could be measured")
+    reached = (
+        f"{level} {'none' if value is None else f'{value:.4g} {unit}'}"
+        for level, value in summary["levels"].items()
+    )
+    lines.append(f"this good or better: {', '.join(reached)}")
+    if "yield" in summary:
+        lines.append(f"{_share(summary['yield'])} meet the limit of {summary['limit']:.4g} {unit}")
+    return lines
+
+
+def _share(found: dict[str, Any]) -> str:
+    low, high = found["interval_95"]
+    return f"{100 * found['share']:.1f} % (95 % interval {100 * low:.1f} to {100 * high:.1f} %)"
+
+
+def _solved(solved: dict[str, Any]) -> str:
+    amount = f"± {solved['tolerance']:.3g} {solved['unit']}".rstrip()
+    wanted, reached = f"{100 * solved['wanted_yield']:g} %", _share(solved["reached"])
+    if solved["verdict"] == "impossible":
+        return (
+            f"no tolerance of {solved['parameter']} gives a yield of {wanted}: even with none it "
+            f"is {reached}"
+        )
+    if solved["verdict"] == "any":
+        return (
+            f"any tolerance of {solved['parameter']} up to {amount}, the largest possible one, "
+            f"gives a yield of {wanted}: {reached}"
+        )
+    return f"{solved['parameter']} may be {amount} for a yield of {wanted}: {reached}"

@@ -1,0 +1,153 @@
+"""How sharp a pattern is, in one figure: of the pattern itself, or of a model of its spots."""
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from nolens.errors import DataError, OptionError
+from nolens.evaluate import modulation_transfer, pattern_figures
+
+_MTF = re.compile(r"mtf@([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*/\s*mm")
+_FWHM = math.sqrt(8 * math.log(2))
+_ORDERS = 12
+
+
+@dataclass(frozen=True)
+class Sharpness:
+    """A criterion.
+
+    Parameters
+    ----------
+    kind
+        ``"line-width"``: width at half height of a line of the pattern, in um, which the paper
+        takes for the width of the autocorrelation divided by √2 (`uvimprint`, fig. 5b).
+        ``"contrast"``: standard deviation over mean, in %. ``"mtf"``: modulation transfer of one
+        lenslet's spot at a frequency, in %.
+    per_mm
+        The frequency, for ``"mtf"``.
+    """
+
+    kind: Literal["line-width", "contrast", "mtf"]
+    per_mm: float = 0.0
+
+    @classmethod
+    def parse(cls, text: str) -> "Sharpness":
+        """Read a criterion such as ``line-width``, ``contrast`` or ``mtf@40/mm``.
+
+        Raises
+        ------
+        OptionError
+            If it is another text.
+        """
+        if text == "line-width":
+            return cls("line-width")
+        if text == "contrast":
+            return cls("contrast")
+        found = _MTF.fullmatch(text.strip())
+        if found is None or not 0 < float(found[1]) < 1e5:
+            raise OptionError(
+                f"criterion {text!r} is unknown: give line-width, contrast, or mtf@ and a "
+                "frequency such as mtf@40/mm"
+            )
+        return cls("mtf", float(found[1]))
+
+    @property
+    def smaller_is_better(self) -> bool:
+        """Whether a smaller figure means a sharper pattern."""
+        return self.kind == "line-width"
+
+    @property
+    def name(self) -> str:
+        """The criterion as `parse` reads it."""
+        return f"mtf@{self.per_mm:g}/mm" if self.kind == "mtf" else self.kind
+
+    @property
+    def unit(self) -> str:
+        """Unit of the figure."""
+        return "um" if self.kind == "line-width" else "%"
+
+    def check(self, cell_um: float, pitch_um: float) -> None:
+        """Refuse a frequency at which one lenslet's spot cannot be told from the arrangement.
+
+        Parameters
+        ----------
+        cell_um
+            Distance of the sensor's pixels.
+        pitch_um
+            Of the lenslets.
+
+        Raises
+        ------
+        OptionError
+            If it is below the lenslets' own or beyond what the pixels show.
+        """
+        lowest, highest = 1e3 / pitch_um, 5e2 / cell_um
+        if self.kind == "mtf" and not lowest <= self.per_mm <= highest:
+            raise OptionError(
+                f"{self.name}: between the lenslets' own frequency and the finest that "
+                f"pixels of {cell_um:g} um show, give {math.ceil(lowest)}/mm to "
+                f"{math.floor(highest)}/mm"
+            )
+
+    def of_pattern(self, pattern: Tensor, cell_um: float, lenslets: float) -> float:
+        r"""Figure of a pattern.
+
+        The modulation transfer is that of `lenslets` spots in random places, whose spectra add
+        like random numbers: :math:`\sqrt{N/a}` times `nolens.evaluate.modulation_transfer` for N
+        of them on an area a in mm².
+
+        Parameters
+        ----------
+        pattern
+            (rows, columns), in any unit.
+        cell_um
+            Distance of its cells.
+        lenslets
+            How many have made it.
+
+        Returns
+        -------
+        float
+            Infinite where the pattern has no lines to measure.
+        """
+        if self.kind == "line-width":
+            try:
+                return pattern_figures(pattern, cell_um).width_um / math.sqrt(2)
+            except DataError:
+                return math.inf
+        if self.kind == "contrast":
+            values = pattern.double()
+            return 100 * float(values.std(correction=0) / values.mean())
+        area_mm2 = math.prod(pattern.shape) * (cell_um * 1e-3) ** 2
+        whole = modulation_transfer(pattern, cell_um, self.per_mm)
+        return 100 * whole * math.sqrt(lenslets / area_mm2)
+
+    def of_spots(self, sigma_um: Tensor, pitch_um: Tensor, gathered: float) -> Tensor:
+        r"""Figure of Gaussian spots on a hexagonal arrangement, over an even background.
+
+        Width :math:`\sqrt{8 \ln 2}\,σ`; modulation :math:`η\,e^{-2π^2σ^2f^2}`; and the contrast
+        is η times the root of the sum of :math:`e^{-4π^2σ^2G^2}` over all orders G of the
+        arrangement but the zeroth.
+
+        Parameters
+        ----------
+        sigma_um
+            Standard deviation of a spot along one axis.
+        pitch_um
+            Distance of neighbouring spots; of the same shape.
+        gathered
+            Share η of the light that is in the spots.
+        """
+        if self.kind == "line-width":
+            return _FWHM * sigma_um
+        if self.kind == "mtf":
+            return 100 * gathered * torch.exp(-2 * (math.pi * sigma_um * self.per_mm * 1e-3) ** 2)
+        orders = torch.arange(-_ORDERS, _ORDERS + 1, dtype=torch.float64)
+        squared = (orders[:, None] ** 2 + orders[:, None] * orders + orders**2).flatten()
+        squared = squared[squared > 0] * (4 / 3)
+        exponent = -4 * (math.pi * sigma_um / pitch_um)[..., None] ** 2 * squared
+        return 100 * gathered * exponent.exp().sum(-1).sqrt()

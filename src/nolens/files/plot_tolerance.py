@@ -1,0 +1,144 @@
+"""Plots of a study of tolerances."""
+
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from torch import Tensor
+
+from nolens.design.tolerances import Parameter, Study
+
+_BETTER, _WORSE, _NEUTRAL, _LIMIT = "#2a7f62", "#c0562f", "#5b6b7a", "#a01c3a"
+_MOST_BARS = 10
+_LEVELS = {0.98: 0.94, 0.90: 0.80, 0.50: 0.66}
+"""Levels that are drawn, and how high their words stand."""
+
+
+def plot_tolerance(path: Path, study: Study, title: str) -> None:
+    """Draw how the figures of all cameras lie, what each parameter does, and the worst ones.
+
+    Parameters
+    ----------
+    path
+        PNG to be written.
+    study
+        What was found.
+    title
+        Over all plots.
+    """
+    with mpl.rc_context({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}):
+        figure = Figure(figsize=(11, 8), layout="constrained")
+        figure.suptitle(title)
+        above, below = figure.subfigures(2, 1, squeeze=False)[:, 0]
+        left, right = above.subplots(1, 2)
+        _draw_figures(left, study)
+        _draw_bars(right, study)
+        if study.curves:
+            places = below.subplots(1, len(study.curves), sharey=True, squeeze=False)[0]
+            for axes, name in zip(places, study.curves, strict=True):
+                _draw_curve(axes, study, name)
+            places[0].set_ylabel(_label(study))
+            places[0].legend(fontsize=7, loc="best")
+        figure.savefig(path, format="png", dpi=120)
+
+
+def _draw_figures(axes: Axes, study: Study) -> None:
+    """Histogram of all cameras, and the share of them that is better."""
+    sharpness = study.sharpness
+    figures = study.figures.numpy()
+    finite = np.sort(figures[np.isfinite(figures)])
+    if len(finite) == 0:
+        axes.set_title("no camera's pattern could be measured")
+        return
+    axes.hist(finite, bins=min(40, max(5, len(finite) // 10)), color=_NEUTRAL, alpha=0.45)
+    axes.set_xlabel(_label(study))
+    axes.set_ylabel("cameras")
+    share = axes.twinx()
+    share.spines["right"].set_visible(True)
+    places = np.arange(1, len(finite) + 1) / len(figures)
+    ordered = finite if sharpness.smaller_is_better else finite[::-1]
+    share.plot(ordered, 100 * places, color="black", linewidth=1.4)
+    share.set_ylim(0, 102)
+    share.set_ylabel("share that is this good or better, %")
+    for level, height in _LEVELS.items():
+        value = study.levels[level]
+        if np.isfinite(value):
+            share.plot([value], [100 * level], "o", color="black", markersize=4)
+            share.annotate(
+                f"{100 * level:.0f} %: {value:.4g} {sharpness.unit}",
+                (value, 100 * level), (0.03 if sharpness.smaller_is_better else 0.66, height),
+                textcoords="axes fraction", fontsize=8, annotation_clip=False,
+                arrowprops={"arrowstyle": "-", "color": "0.6", "linewidth": 0.7},
+            )  # fmt: skip
+    passed = study.passed
+    text = f"{len(figures)} cameras"
+    if study.limit is not None and passed is not None:
+        low, high = passed.interval()
+        axes.axvline(study.limit, color=_LIMIT, linestyle="--", linewidth=1.2)
+        text += (
+            f"; {100 * passed.share:.1f} % meet {study.limit:.4g} {sharpness.unit}\n"
+            f"(95 % interval {100 * low:.1f} to {100 * high:.1f} %)"
+        )
+    axes.set_title(text)
+
+
+def _draw_bars(axes: Axes, study: Study) -> None:
+    """What each parameter does at − and + its tolerance, the worst offender on top."""
+    rows = study.response.sensitivities[:_MOST_BARS][::-1]
+    for place, row in enumerate(rows):
+        for change, sign in ((row.minus, "−"), (row.plus, "+")):
+            better = (change < 0) == study.sharpness.smaller_is_better
+            if np.isfinite(change):
+                axes.barh(place, change, 0.7, color=_BETTER if better else _WORSE, alpha=0.8)
+                if abs(change) > 0.04 * rows[-1].worst:
+                    axes.annotate(
+                        sign, (change, place), (4 if change > 0 else -4, 0),
+                        textcoords="offset points", va="center",
+                        ha="left" if change > 0 else "right",
+                    )  # fmt: skip
+    axes.axvline(0, color="black", linewidth=0.8)
+    axes.margins(x=0.08)
+    axes.set_yticks(range(len(rows)), [_amount(row.parameter) for row in rows])
+    axes.set_xlabel(f"change of the {_label(study)}")
+    axes.set_title("each parameter at − and + its tolerance\n(green is better, red is worse)")
+
+
+def _draw_curve(axes: Axes, study: Study, name: str) -> None:
+    """Criterion over one parameter alone, among the cameras that were drawn."""
+    parameters = study.response.parameters
+    number = [each.name for each in parameters].index(name)
+    drawn = study.cameras[: len(study.figures), number].numpy()
+    axes.plot(
+        drawn, _measured(study.figures), ".", color=_NEUTRAL, markersize=3,
+        alpha=0.6 if len(drawn) < 300 else 0.25, label="cameras drawn",
+    )  # fmt: skip
+    values, figures = study.curves[name]
+    axes.plot(
+        values.numpy(),
+        _measured(figures),
+        color="black",
+        linewidth=1.6,
+        label="this parameter alone",
+    )
+    if study.limit is not None:
+        axes.axhline(study.limit, color=_LIMIT, linestyle="--", linewidth=1.2, label="limit")
+    unit = parameters[number].unit
+    axes.set_xlabel(f"{name}, {unit}" if unit else name)
+    axes.locator_params(axis="x", nbins=5)
+
+
+def _measured(figures: Tensor) -> NDArray[np.float64]:
+    """Figures with gaps where nothing could be measured."""
+    values: NDArray[np.float64] = figures.numpy()
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def _label(study: Study) -> str:
+    return f"{study.sharpness.name}, {study.sharpness.unit}"
+
+
+def _amount(parameter: Parameter) -> str:
+    return f"{parameter.name} ± {parameter.tolerance:g} {parameter.unit}".rstrip()
