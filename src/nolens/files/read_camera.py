@@ -1,6 +1,7 @@
 """Reading and writing cameras: a folder with camera.toml and the files it names."""
 
 import difflib
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +20,14 @@ from nolens.camera import (
     preset,
 )
 from nolens.errors import DataError, FileError
-from nolens.files.atomic import write_together
+from nolens.files.folder import write_into
 from nolens.files.read import read_frame
 from nolens.files.read_curve import read_angular_curve, read_spectral_curve
 
 CAMERA_FILE = "camera.toml"
 """Name of a camera's description in its folder."""
+HEIGHTS_IN_UM = "heights in um"
+"""Description of a TIFF that holds a camera's relief."""
 
 
 def read_camera(given: str | Path) -> OpenCamera:
@@ -72,7 +75,13 @@ def camera_files(given: str | Path, camera: Camera) -> dict[str, Path]:
     return {"camera": path} | {f"camera's {name}": file for name, file in named.items()}
 
 
-def write_camera(folder: str | Path, camera: Camera, relief_um: Tensor | None = None) -> None:
+def write_camera(
+    folder: str | Path,
+    camera: Camera,
+    relief_um: Tensor | None = None,
+    *,
+    more: Mapping[str, Callable[[Path], None]] | None = None,
+) -> None:
     """Write camera.toml, and the relief into the file that the camera names for it.
 
     Parameters
@@ -84,6 +93,9 @@ def write_camera(folder: str | Path, camera: Camera, relief_um: Tensor | None = 
     relief_um
         Heights in um, (rows, columns), for a camera whose relief is a file. They are stored as
         32-bit floats.
+    more
+        Further files, by name in the folder, with what writes each when it is given a path:
+        curves that the camera names, or a record. All are written, or none.
 
     Raises
     ------
@@ -104,18 +116,14 @@ def write_camera(folder: str | Path, camera: Camera, relief_um: Tensor | None = 
             )
         heights = _heights(relief_um[None], f"the relief of {camera.name!r}")
         writers[folder / relief.file] = lambda path: _write_heights(path, heights)
+    writers |= {folder / name: write for name, write in (more or {}).items()}
     for name in _named(camera):
         if folder / name not in writers and not (folder / name).is_file():
             raise FileError(
                 f"the camera {camera.name!r} names the file {name}, which is not in {folder}: "
                 "put it there first"
             )
-    try:
-        for path in writers:
-            path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(f"cannot make {error.filename}: {error.strerror or error}") from error
-    write_together(writers)
+    write_into(folder, writers)
 
 
 def _find(given: str | Path) -> Path:
@@ -190,7 +198,7 @@ def _write_heights(path: Path, heights: Tensor) -> None:
         path,
         np.ascontiguousarray(heights.numpy()),
         photometric="minisblack",
-        description="heights in um",
+        description=HEIGHTS_IN_UM,
         metadata=None,
         software="nolens",
     )
