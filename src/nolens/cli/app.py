@@ -44,6 +44,13 @@ _USAGE = {
     "simulate": "simulate SCENE -o raw.dng",
     "psf": "psf -o psf.tif",
     "camera show": "camera show NAME",
+    "camera relief": "camera relief CAMERA MAP -o FOLDER",
+    "material list": "material list",
+    "material show": "material show NAME",
+    "design thickness": "design thickness --film 0.305mm --film-distance 0.4mm --material pua311",
+    "design tolerance": "design tolerance CAMERA [TOLERANCES.toml] -o FOLDER",
+    "design mask": "design mask KIND -o FOLDER",
+    "fabricate": "fabricate CAMERA -o FOLDER",
     "demo": "demo -o FOLDER",
 }
 

@@ -4,10 +4,12 @@ from nolens.cli.app import app, run
 from nolens.cli.camera import camera
 from nolens.cli.demo import demo
 from nolens.cli.design import design
+from nolens.cli.fabricate import fabricate
+from nolens.cli.material import material
 from nolens.cli.reconstruct import info, reconstruct
 from nolens.cli.simulate import psf, simulate
 
 __all__ = ["run"]
 
-for command in (reconstruct, info, simulate, psf, camera, design, demo):
+for command in (reconstruct, info, simulate, psf, camera, material, design, fabricate, demo):
     app.command(command)

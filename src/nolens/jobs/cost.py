@@ -131,7 +131,8 @@ def colours_of(twin: Twin, light: Light, wavelengths: int) -> list[tuple[tuple[f
     Raises
     ------
     OptionError
-        If a channel sees nothing of a spectrum, or none sees a single wavelength.
+        If a channel sees nothing of a spectrum, none sees a single wavelength, or the index of a
+        layer is not known there.
     """
     efficiency, channels = twin.quantum_efficiency, twin.camera.sensor.channels
     if not any(light.electrons(efficiency, channel, 1.0) > 0 for channel in channels):
@@ -140,7 +141,11 @@ def colours_of(twin: Twin, light: Light, wavelengths: int) -> list[tuple[tuple[f
             f"the sensor sees nothing of the light {light.name}: its quantum efficiency is given "
             f"from {first:g} to {last:g} nm, and zero elsewhere; choose another --light"
         )
-    return [light.wavelengths(efficiency, channel, wavelengths) for channel in channels]
+    colours = [light.wavelengths(efficiency, channel, wavelengths) for channel in channels]
+    for colour in colours:
+        for wavelength_nm, _ in colour:
+            twin.media(wavelength_nm)
+    return colours
 
 
 def cost_of(

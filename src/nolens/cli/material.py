@@ -1,0 +1,95 @@
+"""`nolens material`."""
+
+import json
+from typing import Annotated, Any
+
+from cyclopts import App
+
+from nolens.camera import MATERIALS, Material, material_to_toml
+from nolens.cli.app import Json
+from nolens.cli.messages import say, show
+from nolens.files import read_material
+from nolens.jobs import material_facts
+
+material = App(name="material", help="Materials that layers of a camera are made of.")
+
+_FORMULAS = {
+    "constant": "n = n0 at all wavelengths",
+    "abbe": "n = A + B/λ², through n_d with the Abbe number V_d",
+    "cauchy": "n = A + B/λ² + C/λ⁴ + …, λ in um",
+    "sellmeier": "n² = 1 + Σ B λ²/(λ² − C), λ in um, coefficients B, C of each term",
+    "power-series": "n² = Σ a λ^p, λ in um, coefficients a, p of each term",
+}
+
+
+@material.command(name="list")
+def list_materials(*, json_: Annotated[bool, Json] = False) -> int:
+    """List the materials that come with nolens.
+
+    nolens material list
+
+    Parameters
+    ----------
+    json_
+        Print one JSON object on standard output: all materials and what follows from each.
+    """
+    if json_:
+        show(json.dumps({"materials": [_described(each) for each in MATERIALS.values()]}))
+        return 0
+    show(f"{'name':14} {'n_d':>7} {'V_d':>5}  {'g/cm³':>5}  source")
+    for each in MATERIALS.values():
+        facts = material_facts(each)
+        abbe = "" if facts["abbe"] is None else f"{facts['abbe']:.1f}"
+        density = "" if each.density_g_cm3 is None else f"{each.density_g_cm3:g}"
+        show(f"{each.name:14} {each.index_d:7.4f} {abbe:>5}  {density:>5}  {each.source}")
+    return 0
+
+
+@material.command(name="show")
+def show_material(name: str, /, *, json_: Annotated[bool, Json] = False) -> int:
+    """Print a material as TOML, and on standard error what follows from it.
+
+    nolens material show noa61 > my-resin.toml
+
+    Give the copy a name of its own and other figures; it can be named wherever a material is
+    (--material my-resin.toml), or stand in a camera.toml under [[materials]].
+
+    Parameters
+    ----------
+    name
+        One of the names of nolens material list, or a .toml file.
+    json_
+        Print one JSON object on standard output: the description and what follows from it.
+    """
+    found = read_material(name)
+    if json_:
+        show(json.dumps(_described(found)))
+        return 0
+    show(material_to_toml(found).removesuffix("\n"))
+    for line in _lines(found, material_facts(found)):
+        say(line)
+    return 0
+
+
+def _described(found: Material) -> dict[str, Any]:
+    return {"material": found.model_dump(mode="json"), **material_facts(found)}
+
+
+def _lines(found: Material, facts: dict[str, Any]) -> list[str]:
+    lines = facts["index_at_lines"]
+    at_lines = ", ".join(f"n_{line} {index:.5f}" for line, index in lines.items())
+    by_wavelength = ", ".join(f"{at} nm {n:.4f}" for at, n in facts["index_at_nm"].items())
+    told = [_FORMULAS[found.formula]]
+    if at_lines:
+        abbe = "no dispersion" if facts["abbe"] is None else f"V_d {facts['abbe']:.2f}"
+        told.append(f"{at_lines}, {abbe}" if len(lines) == 3 else at_lines)
+    if by_wavelength:
+        told.append(by_wavelength)
+    if found.cure_shrinkage_percent is not None:
+        told.append(
+            f"curing takes {found.cure_shrinkage_percent:g} % of the volume: fill "
+            f"{1 / (1 - found.cure_shrinkage_percent / 100):.3f} times what is to remain"
+        )
+    if facts["placeholders"]:
+        told.append(f"placeholders, not measured: {', '.join(facts['placeholders'])}")
+    return told

@@ -1,0 +1,216 @@
+"""The process sheet: what the maker of a camera does, step by step, with this camera's figures."""
+
+from nolens.camera import OpenCamera
+from nolens.errors import NolensError
+from nolens.fabricate.drawing_section import draw_section, material_name
+from nolens.fabricate.drawing_top import draw_top
+from nolens.fabricate.frame import FrameGeometry
+from nolens.fabricate.poured import poured_layer
+from nolens.fabricate.process import Process, ToleranceBudget
+from nolens.fabricate.resin import MouldAmount, ResinAmount
+from nolens.fabricate.sheet_focus import Lines, expected_lines, ray_budget
+from nolens.fabricate.sheet_notes import safety_section, source_section
+from nolens.fabricate.sheet_parts import Blank, Blanks, Figure, Section, Sheet, Table, Text
+from nolens.fabricate.sheet_steps import step_sections
+from nolens.fabricate.sheet_work import Work, size
+
+FILES = (
+    ("frame.stl, frame.3mf", "the frame, for the printer; in mm"),
+    ("mask.tif", "heights of the relief, 16 bit, for grey-scale or two-photon lithography"),
+    ("mask.gds, mask.oas", "the same as levels, for lithography with several masks"),
+    ("relief-….stl", "the relief as a solid, for a printer that is fine enough"),
+)
+"""Files that are written beside the sheet, and what for; each says which surface it holds."""
+_CORNERS = 4
+_ALIKE = "Cameras that are to share one PSF need the same t′ far more exactly (paper)."
+
+
+def process_sheet(
+    opened: OpenCamera,
+    frame: FrameGeometry,
+    resin: ResinAmount,
+    mould: MouldAmount,
+    tolerances: ToleranceBudget | None = None,
+) -> Sheet:
+    """Write the process sheet of a camera whose mask is moulded onto its sensor.
+
+    The process is the paper's (`uvimprint`, section II); amounts, heights, tolerances and the
+    width of the lines are computed for this camera.
+
+    Parameters
+    ----------
+    opened
+        The camera.
+    frame
+        The frame around its sensor.
+    resin, mould
+        What is poured and mixed.
+    tolerances
+        The budget; None takes a first one from rays (`ray_budget`).
+
+    Raises
+    ------
+    OptionError
+        If the camera's mask is not poured onto its glass, the frame is too large for the sheet,
+        or an index is not known at 550 nm.
+    """
+    camera = opened.camera
+    budget = tolerances or ray_budget(camera)
+    lines, no_lines = _lines(opened, budget)
+    poured = poured_layer(camera)
+    work = Work(
+        camera=camera,
+        frame=frame,
+        resin=resin,
+        mould=mould,
+        process=Process.of(poured.material),
+        budget=budget,
+        resin_name=material_name(poured),
+        lines=lines,
+        no_lines=no_lines,
+    )
+    sections = [
+        _aim(work),
+        safety_section(),
+        _materials(work),
+        *step_sections(work),
+        _record(work),
+        _budget(work),
+        source_section(work),
+    ]
+    return Sheet(
+        title=f"Process sheet: camera “{camera.name}”",
+        subtitle=(
+            f"A mask of {work.resin_name}, {work.layer} mm thick, moulded onto the sensor "
+            f"{camera.sensor.name}"
+        ),
+        sections=tuple(
+            Section(f"{number}  {section.title}", section.blocks)
+            for number, section in enumerate(sections, 1)
+        ),
+    )
+
+
+def _lines(opened: OpenCamera, budget: ToleranceBudget) -> tuple[tuple[Lines, ...], str]:
+    """Expected widths at the wanted thickness and, where they are known, at its limits."""
+    wanted = poured_layer(opened.camera).thickness.mm
+    limits: tuple[float, ...] = (wanted,)
+    if budget.layer_mm is not None:
+        thinnest = max(wanted - budget.layer_mm, wanted / 2)
+        limits = (round(thinnest, 2), wanted, round(wanted + budget.layer_mm, 2))
+    try:
+        return expected_lines(opened, limits), ""
+    except NolensError as error:
+        return (), str(error)
+
+
+def _aim(work: Work) -> Section:
+    who = Blank("made by"), Blank("date"), Blank("batch")
+    return Section(
+        "What you make",
+        (
+            Blanks(who),
+            Figure(
+                draw_section(work.camera, work.frame, work.mould),
+                "The relief on top of the resin is too low to be drawn. Measure the bar: if it is "
+                "not 10 mm long, the printer changed the scale (print at 100 %).",
+            ),
+            Figure(
+                draw_top(work.camera, work.frame),
+                "The cut corner of the frame stands at pixel (0, 0); the mould carries the same "
+                "mark on its back.",
+            ),
+        ),
+    )
+
+
+def _materials(work: Work) -> Section:
+    resin, mould = work.resin, work.mould
+    frame = work.frame
+    package = (
+        f"{size(frame.package_width_mm, frame.package_height_mm)}, the glass's top at "
+        f"{work.glass_top} mm"
+    )
+    share = f"{100 * work.process.surplus:g} %"
+    amounts = (
+        ("PDMS, base (Sylgard 184)", f"{work.base_g:.2f} g",
+         f"mould of {mould.base_g:.2f} g + {share}"),
+        ("PDMS, hardener", f"{work.hardener_g:.2f} g",
+         f"mould of {mould.hardener_g:.2f} g + {share}"),
+        (f"resin: {work.resin_name}", work.pour, _pour_note(work)),
+        ("sensor on its board", "1", f"{work.camera.sensor.name}; check its package: {package}"),
+        ("master mask", "1", "relief as in the files, or the diffuser that they model"),
+    )  # fmt: skip
+    files = tuple((name, use) for name, use in FILES)
+    tools = (
+        "Balance (0.001 g for the resin, 0.01 g for PDMS), dish, cups, syringe, vacuum "
+        f"chamber, oven ({work.process.bake_temperature_c:g} °C), ultraviolet lamp, height gauge "
+        "or micrometer (0.01 mm), printer, white LED with a pinhole."
+    )
+    if work.process.cure.temperature_c is not None:
+        tools = tools.replace(" ultraviolet lamp,", "")
+    return Section(
+        "Materials, files, tools",
+        (
+            Table("Amounts for one camera", ("what", "amount", "how it comes about"),
+                  (0.3, 0.27, 0.43), amounts),
+            *(Text(note[0].upper() + note[1:] + ".", "warning") for note in resin.notes),
+            Table("Files", ("file", "what for"), (0.3, 0.7), files),
+            Text(f"Tools: {tools}"),
+        ),
+    )  # fmt: skip
+
+
+def _pour_note(work: Work) -> str:
+    resin = work.resin
+    text = (
+        f"cavity {resin.cavity_mm3:.1f} µl, rim and vents {resin.overflow_mm3:.1f} µl; "
+        f"{100 * resin.shrinkage:.3g} % shrinkage; crown {resin.meniscus_mm3:.1f} µl"
+    )
+    if resin.cavity_mg is not None:
+        text += (
+            f"; cured, the cavity holds {resin.cavity_mg:.1f} mg at {resin.density_g_cm3:g} g/cm³"
+        )
+    return text
+
+
+def _record(work: Work) -> Section:
+    height = f"{work.height}{work.allowed}"
+    heads = "what", "target", *(f"corner {number}" for number in range(1, _CORNERS + 1))
+    four: tuple[str | Blank, ...] = tuple(Blank(unit="mm") for _ in range(_CORNERS))
+    rows: tuple[tuple[str | Blank, ...], ...] = (
+        ("1  height of the frame", height, *four),
+        ("2  wall's top over the glass", f"{work.layer}{work.allowed}", *four),
+        ("3  height when cured", height, *four),
+        (f"4  t′ = row 3 − {work.glass_top} mm", f"{work.layer}{work.allowed}",
+         *four),
+    )  # fmt: skip
+    return Section(
+        "Record of what was measured",
+        (
+            Text(
+                "Corner 1 is the one with the mark; go on clockwise, seen from the scene.", "note"
+            ),
+            Table("Heights", heads, (0.26, 0.18, 0.14, 0.14, 0.14, 0.14), rows),
+            Blanks((Blank("remarks"),)),
+        ),
+    )
+
+
+def _budget(work: Work) -> Section:
+    budget = work.budget
+    method = Text(f"{budget.method} {_ALIKE}", "note" if budget.lines else "warning")
+    if not budget.lines:
+        return Section("Tolerance budget", (method,))
+    rows = tuple(
+        (
+            line.parameter,
+            f"{line.nominal:.4g} {line.unit}".strip(),
+            f"± {line.allowed:.2g} {line.unit}".strip(),
+            line.effect,
+        )
+        for line in budget.lines
+    )
+    heads = "parameter", "wanted", "allowed", "effect"
+    table = Table("How far off each may be", heads, (0.3, 0.2, 0.2, 0.3), rows)
+    return Section("Tolerance budget", (table, method))
