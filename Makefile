@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: env demo test lint results bench bench-twin clean
+.PHONY: env demo test lint results bench bench-twin bench-design clean
 
 env: $(STAMP)
 
@@ -36,6 +36,9 @@ bench: $(STAMP)
 
 bench-twin: $(STAMP)
 	$(BIN)/python bench/twin.py
+
+bench-design: $(STAMP)
+	$(BIN)/python bench/design.py
 
 clean:
 	rm -rf $(VENV) .bench-venv
