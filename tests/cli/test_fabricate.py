@@ -299,3 +299,36 @@ def test_step_needs_its_library(tmp_path: Path) -> None:
     else:
         made("small", "-o", tmp_path / "out", "--step")
         assert (tmp_path / "out" / "frame.step").stat().st_size > 1000
+
+
+def test_budget_from_a_study(tmp_path: Path) -> None:
+    """Its lines stand on the sheet, and what it allows of t′ is the target's ±."""
+    study = tmp_path / "study"
+    done = run("design", "tolerance", "small", "--model", "rays", "--trials", 50, "-o", study)
+    assert done.code == 0, done
+    out = tmp_path / "workshop"
+    told = made("small", "--tolerances", study, "--surface", "mould", "-o", out)
+    sheet = (out / "sheet.html").read_text()
+    lines = json.loads((study / "tolerance.json").read_text())["result"]["budget"]
+    assert len(lines) > 5 and all(line["effect"] in sheet for line in lines)
+    assert "line-width by rays, 50 cameras drawn" in sheet and "1.06 ± 0.05 mm" in sheet
+    assert "relief-mould.stl" in sheet and "relief-master.stl" not in sheet
+    record = json.loads((out / "fabricate.json").read_text())
+    assert record["inputs"]["tolerances"]["path"] == str(study / "tolerance.json")
+    assert told["outputs"]
+
+
+def test_refused_studies(tmp_path: Path) -> None:
+    study, other, text = (tmp_path / name for name in ("study", "other", "notes.json"))
+    run("design", "tolerance", "paper", "--model", "rays", "--trials", 20, "-o", study)
+    run("design", "mask", "random-lenslets", "--camera", "small", "-o", other)
+    text.write_text("{}")
+    out = tmp_path / "out"
+    for given, words in (
+        (study, ["study of 'paper', not of 'small'"]),
+        (other / "mask.json", ["no study of tolerances"]),
+        (text, ["no record of a run"]),
+        (tmp_path / "none.json", ["cannot read"]),
+    ):
+        check_refused(run("fabricate", "small", "--tolerances", given, "-o", out), *words)
+        assert not out.exists()

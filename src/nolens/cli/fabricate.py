@@ -16,6 +16,7 @@ Frame = Parameter(group="Frame")
 Printer = Parameter(group="Printer")
 Amounts = Parameter(group="Resin and mould")
 Mask = Parameter(group="Mask")
+Sheet = Parameter(group="Process sheet")
 
 
 def fabricate(
@@ -47,6 +48,7 @@ def fabricate(
     levels: Annotated[int | None, Mask, Whole] = None,
     triangles: Annotated[int | None, Mask, Whole] = None,
     base: Annotated[str | None, Quantity, Mask] = None,
+    tolerances: Annotated[Path | None, Sheet] = None,
     json_: Annotated[bool, Json] = False,
 ) -> int:
     """Write the files that a camera is made from: frame, mask, process sheet.
@@ -121,6 +123,9 @@ def fabricate(
         The most that relief-SURFACE.stl has.  [default: 500000]
     base
         Thickness under the lowest point of the relief in the STL.  [default: 1mm]
+    tolerances
+        Folder that nolens design tolerance wrote for this camera, for the budget of the process
+        sheet.  [default: a budget from rays]
     json_
         Print one JSON object on standard output.
     """

@@ -18,7 +18,6 @@ FILES = (
     ("frame.stl, frame.3mf", "the frame, for the printer; in mm"),
     ("mask.tif", "heights of the relief, 16 bit, for grey-scale or two-photon lithography"),
     ("mask.gds, mask.oas", "the same as levels, for lithography with several masks"),
-    ("relief-….stl", "the relief as a solid, for a printer that is fine enough"),
 )
 """Files that are written beside the sheet, and what for; each says which surface it holds."""
 _CORNERS = 4
@@ -31,6 +30,8 @@ def process_sheet(
     resin: ResinAmount,
     mould: MouldAmount,
     tolerances: ToleranceBudget | None = None,
+    *,
+    relief_file: str = "relief-master.stl",
 ) -> Sheet:
     """Write the process sheet of a camera whose mask is moulded onto its sensor.
 
@@ -47,6 +48,8 @@ def process_sheet(
         What is poured and mixed.
     tolerances
         The budget; None takes a first one from rays (`ray_budget`).
+    relief_file
+        Name of the file that holds the relief as a solid.
 
     Raises
     ------
@@ -72,7 +75,7 @@ def process_sheet(
     sections = [
         _aim(work),
         safety_section(),
-        _materials(work),
+        _materials(work, relief_file),
         *step_sections(work),
         _record(work),
         _budget(work),
@@ -124,7 +127,7 @@ def _aim(work: Work) -> Section:
     )
 
 
-def _materials(work: Work) -> Section:
+def _materials(work: Work, relief_file: str) -> Section:
     resin, mould = work.resin, work.mould
     frame = work.frame
     package = (
@@ -141,7 +144,8 @@ def _materials(work: Work) -> Section:
         ("sensor on its board", "1", f"{work.camera.sensor.name}; check its package: {package}"),
         ("master mask", "1", "relief as in the files, or the diffuser that they model"),
     )  # fmt: skip
-    files = tuple((name, use) for name, use in FILES)
+    solid = "the relief as a solid, for a printer that is fine enough"
+    files = (*FILES, (relief_file, solid))
     tools = (
         "Balance (0.001 g for the resin, 0.01 g for PDMS), dish, cups, syringe, vacuum "
         f"chamber, oven ({work.process.bake_temperature_c:g} °C), ultraviolet lamp, height gauge "

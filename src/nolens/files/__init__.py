@@ -15,7 +15,14 @@ from nolens.files.read_camera import CAMERA_FILE, camera_files, read_camera, wri
 from nolens.files.read_material import read_material
 from nolens.files.read_picture import Picture, read_picture
 from nolens.files.read_relief import HeightMap, read_height_map
-from nolens.files.record import InputFile, RunRecord, hash_file, versions, write_record
+from nolens.files.record import (
+    InputFile,
+    RunRecord,
+    hash_file,
+    read_record,
+    versions,
+    write_record,
+)
 from nolens.files.tolerances import read_tolerances, write_trials
 from nolens.files.write import write_counts, write_png, write_tiff16, write_tiff32
 from nolens.files.write_dng import write_dng
@@ -45,6 +52,7 @@ __all__ = [
     "read_height_map",
     "read_material",
     "read_picture",
+    "read_record",
     "read_tolerances",
     "readable",
     "versions",

@@ -117,6 +117,24 @@ def write_record(path: str | Path, record: RunRecord) -> None:
         temporary.write_bytes(to_json(fields, indent=2, inf_nan_mode="null") + b"\n")
 
 
+def read_record(path: str | Path) -> RunRecord:
+    """Read the record of a run.
+
+    Raises
+    ------
+    FileError
+        If there is no such file, or it is no record.
+    """
+    try:
+        return RunRecord.model_validate_json(Path(path).read_bytes())
+    except OSError as error:
+        raise FileError(f"cannot read {path}: {error.strerror or error}") from error
+    except ValueError:
+        raise FileError(
+            f"{path} is no record of a run: give the .json file that a command wrote"
+        ) from None
+
+
 def _all_readable(value: Any) -> Any:
     """Every text in a value of JSON made `readable`: parameters and warnings hold paths."""
     if isinstance(value, dict):

@@ -51,6 +51,7 @@ from nolens.jobs.fabricate_options import FabricateOptions
 from nolens.jobs.given import check_apart
 from nolens.jobs.outline import relief_points
 from nolens.jobs.reporter import Reporter
+from nolens.jobs.study_budget import study_budget
 from nolens.optics import Relief
 from nolens.twin import Twin
 
@@ -85,19 +86,20 @@ def fabricate(options: FabricateOptions, reporter: Reporter) -> dict[str, Any]:
     started = datetime.now(UTC).astimezone().isoformat(timespec="seconds")
     clock = time.perf_counter()
     opened = read_camera(options.camera)
-    files = camera_files(options.camera, opened.camera)
+    files = {**options.inputs, **camera_files(options.camera, opened.camera)}
     check_apart(options, files)
     check_folder(options.output)
     if options.step:
         check_step()
     frame, resin, mould = _measures(options, opened)
+    budget = None if options.tolerances is None else study_budget(options.tolerances, opened.camera)
     warnings = _warnings(options, opened, resin)
     relief = _relief(opened, reporter)
     inputs = {role: InputFile.of(path) for role, path in files.items()}
     pieces = _pieces(options, opened, relief, (frame, resin, mould))
     warnings += _fit_warnings(frame, opened, relief)
     reporter.advance("process sheet", 0.0)
-    sheet = process_sheet(opened, frame, resin, mould)
+    sheet = process_sheet(opened, frame, resin, mould, budget, relief_file=options.relief_file)
     _foretell(pieces, reporter)
     library = layout(pieces.levels, pieces.levels.polygons(partial(reporter.advance, "layout")))
     summary = {

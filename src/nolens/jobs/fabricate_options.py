@@ -14,6 +14,8 @@ from nolens.fabricate.surface import SurfaceName
 from nolens.jobs.given import JobOptions, Written, expand_home, explain
 from nolens.quantities import Angle, Length, Share
 
+STUDY_FILE = "tolerance.json"
+"""Name of the record that `nolens design tolerance` writes."""
 _TWO = re.compile(r"([^x×]+)[x×]([^x×]+)")
 _BARE = re.compile(r"[0-9.]+")
 
@@ -37,6 +39,11 @@ def _not_negative(length: Length) -> Length:
         reason = "it must be zero or more"
         raise PydanticCustomError("refused", "{reason}", {"reason": reason})
     return length
+
+
+def _study(path: Path) -> Path:
+    path = expand_home(path)
+    return path / STUDY_FILE if path.is_dir() else path
 
 
 TwoLengths = Annotated[tuple[PositiveLength, PositiveLength], BeforeValidator(_two_lengths)]
@@ -81,6 +88,9 @@ class FabricateOptions(JobOptions):
         The most that the relief's STL has.
     base
         Thickness under the relief's lowest point.
+    tolerances
+        Record of a study of tolerances, or its folder, for the budget of the process sheet; None
+        takes one from rays.
     """
 
     camera: str
@@ -109,6 +119,7 @@ class FabricateOptions(JobOptions):
     levels: int = 16
     triangles: int = 500_000
     base: PositiveLength = Length("1", "mm")
+    tolerances: Annotated[Path, AfterValidator(_study)] | None = None
 
     @classmethod
     def gather(cls, given: dict[str, Any]) -> Self:
@@ -138,8 +149,8 @@ class FabricateOptions(JobOptions):
 
     @property
     def inputs(self) -> dict[str, Path]:
-        """None but the camera's own."""
-        return {}
+        """The study of tolerances, beside the camera's own files."""
+        return {} if self.tolerances is None else {"tolerances": self.tolerances}
 
     @property
     def relief_file(self) -> str:
@@ -164,22 +175,10 @@ class FabricateOptions(JobOptions):
         return tuple(Written(what, self.output / name) for what, name in names.items() if name)
 
     def package_for(self, camera: Camera) -> Package | None:
-        """The package as the options or else the camera give it.
-
-        Raises
-        ------
-        OptionError
-            If the one of the options is smaller than the sensor's pixels.
-        """
+        """The package as the options or else the camera give it."""
         if self.package is None or self.glass_top is None:
             return camera.sensor.package
         width, height = self.package
-        sensor = camera.sensor
-        if width.mm < sensor.width_mm or height.mm < sensor.height_mm:
-            raise OptionError(
-                f"--package {width} × {height} is smaller than the sensor's pixels, "
-                f"{sensor.width_mm:g} × {sensor.height_mm:g} mm: give its outer size"
-            )
         return Package(
             source="given with --package", width=width, height=height, glass_top=self.glass_top
         )

@@ -1,6 +1,7 @@
 """What a study of tolerances says, in values that JSON has."""
 
 import math
+from dataclasses import asdict
 from typing import Any
 
 from nolens.design.tolerances import Study, Yield
@@ -46,6 +47,7 @@ def summary_of(options: ToleranceOptions, ready: Ready, study: Study) -> dict[st
             }
             for row in response.sensitivities
         ],
+        "budget": [asdict(line) for line in study.budget],
         "prediction": {
             "mean": _finite_or_none(prediction.mean),
             "root_sum_square_sigma": _finite_or_none(prediction.linear_sigma),
