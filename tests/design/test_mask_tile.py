@@ -70,3 +70,18 @@ def test_a_bulge_gathers(twin):
     cap = tile.bulge * (-squared / (2 * 600.0)).clamp_min(-3.0)
     assert float(tile.pattern(cap, 0).max()) > 20
     assert float(tile.pattern(-cap, 0)[SIDE // 4, SIDE // 4]) < 0.5
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device here")
+def test_cuda_gives_the_same_pattern_and_gradient(twin):
+    heights = waves(SIDE, 1.0, seed=7)
+    weight = waves(SIDE, 1.0, seed=8)
+    found = []
+    for device in ("cpu", "cuda"):
+        tile = Tile(twin, SIDE, 1.55, (View(GREEN_NM, 1.0),), device=device)
+        leaf = heights.to(device).requires_grad_(True)
+        pattern = tile.pattern(leaf, 0)
+        gradient = torch.autograd.grad((pattern * weight.to(device)).sum(), leaf)[0]
+        found.append((pattern.detach().cpu(), gradient.cpu()))
+    for one, other in zip(*found, strict=True):
+        assert float((one - other).norm() / one.norm()) < 1e-4
