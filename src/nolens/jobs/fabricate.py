@@ -1,8 +1,6 @@
 """A camera's files for the workshop: frame, mask, amounts, process sheet."""
 
-import time
 from collections.abc import Callable
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -45,6 +43,7 @@ from nolens.files import (
     write_stl,
 )
 from nolens.files.write_sheet import write_sheet_html, write_sheet_pdf
+from nolens.jobs.clock import Clock
 from nolens.jobs.cost import Cost, announce, check_memory, duration_text
 from nolens.jobs.fabricate_figures import Workpieces, figures
 from nolens.jobs.fabricate_options import FabricateOptions
@@ -83,8 +82,7 @@ def fabricate(options: FabricateOptions, reporter: Reporter) -> dict[str, Any]:
     NolensError
         If the camera, an option or an output cannot be used.
     """
-    started = datetime.now(UTC).astimezone().isoformat(timespec="seconds")
-    clock = time.perf_counter()
+    clock = Clock()
     opened = read_camera(options.camera)
     files = {**options.inputs, **camera_files(options.camera, opened.camera)}
     check_apart(options, files)
@@ -109,9 +107,9 @@ def fabricate(options: FabricateOptions, reporter: Reporter) -> dict[str, Any]:
     }
     for warning in warnings:
         reporter.warn(warning)
-    summary["seconds"] = round(time.perf_counter() - clock, 3)
+    summary["seconds"] = clock.seconds
     record = RunRecord(
-        started=started,
+        started=clock.started,
         inputs=inputs,
         parameters={
             **options.model_dump(mode="json"),

@@ -4,14 +4,14 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
+from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
 from nolens.camera import Camera, Package
 from nolens.camera.part import PositiveLength
 from nolens.errors import OptionError
 from nolens.fabricate.surface import SurfaceName
-from nolens.jobs.given import JobOptions, Written, expand_home, explain
+from nolens.jobs.given import JobOptions, Written, expand_home
 from nolens.quantities import Angle, Length, Share
 
 STUDY_FILE = "tolerance.json"
@@ -132,10 +132,7 @@ class FabricateOptions(JobOptions):
         """
         if not given.get("output"):
             raise OptionError("no output is given; name the folder of the files (-o folder)")
-        try:
-            options = cls.model_validate(given)
-        except ValidationError as error:
-            raise OptionError(explain(error)) from None
+        options = cls.checked(given)
         if (options.package is None) != (options.glass_top is None):
             raise OptionError(
                 "--package and --glass-top belong together: give both, such as --package "

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -31,6 +31,20 @@ class JobOptions(BaseModel):
     """Options of a job: unchangeable, without unknown names."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @classmethod
+    def checked(cls, given: Mapping[str, Any]) -> Self:
+        """Options from values by name.
+
+        Raises
+        ------
+        OptionError
+            If a value cannot be used.
+        """
+        try:
+            return cls.model_validate(given)
+        except ValidationError as error:
+            raise OptionError(explain(error)) from None
 
     @property
     def inputs(self) -> dict[str, Path]:

@@ -1,9 +1,7 @@
 """A camera with another mask: regular, random, or designed for its PSF."""
 
 import math
-import time
 from dataclasses import asdict, dataclass, replace
-from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 
@@ -29,6 +27,7 @@ from nolens.files import (
 )
 from nolens.files.folder import check_folder
 from nolens.files.plot_mask import MaskPlot, plot_mask
+from nolens.jobs.clock import Clock
 from nolens.jobs.copied import copied_curves
 from nolens.jobs.device import pick_device
 from nolens.jobs.given import check_apart
@@ -82,8 +81,7 @@ def design_mask(options: MaskOptions, reporter: Reporter) -> MaskOutcome:
     NolensError
         If an option or an output cannot be used; then nothing is written.
     """
-    started = datetime.now(UTC).astimezone().isoformat(timespec="seconds")
-    clock = time.perf_counter()
+    clock = Clock()
     opened = read_camera(options.camera)
     files = camera_files(options.camera, opened.camera)
     check_apart(options, files)
@@ -117,9 +115,9 @@ def design_mask(options: MaskOptions, reporter: Reporter) -> MaskOutcome:
         psf=psf, papers_psf=papers_psf, cell_um=twin.cell_um,
         title=f"{made.opened.camera.name}: {options.kind}",
     )  # fmt: skip
-    summary["seconds"] = round(time.perf_counter() - clock, 3)
+    summary["seconds"] = clock.seconds
     record = RunRecord(
-        started=started, inputs=inputs, parameters=options.model_dump(mode="json"),
+        started=clock.started, inputs=inputs, parameters=options.model_dump(mode="json"),
         result=summary, history=[], warnings=[],
     )  # fmt: skip
     write_camera(

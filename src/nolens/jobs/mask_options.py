@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
+from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
 from nolens.camera.part import PositiveLength
@@ -13,7 +13,7 @@ from nolens.design.masks import Arrangement, Limits, PsfGoals
 from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE
 from nolens.jobs.device import DeviceName
-from nolens.jobs.given import JobOptions, Written, expand_home, explain
+from nolens.jobs.given import JobOptions, Written, expand_home
 from nolens.jobs.scene_options import Seed
 from nolens.quantities import Angle, Length, Share
 
@@ -157,10 +157,7 @@ class MaskOptions(JobOptions):
         if not given.get("output"):
             raise OptionError("no output is given; name the folder of the new camera (-o folder)")
         used = USED.get(str(given["kind"]), {})
-        try:
-            options = cls.model_validate({**used, **given})
-        except ValidationError as error:
-            raise OptionError(explain(error)) from None
+        options = cls.checked({**used, **given})
         special = {name for each in USED.values() for name in each}
         foreign = [name for name in given if name in special and name not in used]
         if foreign:

@@ -1,8 +1,6 @@
 """From a measurement and a PSF on disk to pictures on disk."""
 
-import time
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,6 +31,7 @@ from nolens.files import (
     write_tiff32,
     write_together,
 )
+from nolens.jobs.clock import Clock
 from nolens.jobs.cost import duration_text
 from nolens.jobs.device import pick_device
 from nolens.jobs.given import check_apart
@@ -84,8 +83,7 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
     NolensError
         If an input, an option or an output cannot be used.
     """
-    started = datetime.now(UTC).astimezone().isoformat(timespec="seconds")
-    clock = time.perf_counter()
+    clock = Clock()
     for path in options.output:
         check_output(path, (".png", ".tif", ".tiff"))
     check_output(options.record, (".json",))
@@ -125,12 +123,12 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
         "iterations": result.iterations,
         "stop_reason": "interrupted" if result.stop_reason == "callback" else result.stop_reason,
         "objective": result.objective,
-        "seconds": round(time.perf_counter() - clock, 3),
+        "seconds": clock.seconds,
         "device": str(device),
         "outputs": [readable(path) for path in (*options.output, options.record)],
     }
     record = RunRecord(
-        started=started,
+        started=clock.started,
         inputs=inputs,
         parameters={
             **options.model_dump(mode="json"),

@@ -1,8 +1,6 @@
 """A relief that was measured takes the place of the one that a camera describes."""
 
-import time
 from dataclasses import asdict, dataclass, replace
-from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 
@@ -23,6 +21,7 @@ from nolens.files import (
     write_record,
 )
 from nolens.files.folder import check_folder
+from nolens.jobs.clock import Clock
 from nolens.jobs.copied import copied_curves
 from nolens.jobs.given import check_apart
 from nolens.jobs.outline import outline
@@ -68,8 +67,7 @@ def replace_relief(options: ReliefOptions, reporter: Reporter) -> ReliefOutcome:
     NolensError
         If an input, an option or an output cannot be used; then nothing is written.
     """
-    started = datetime.now(UTC).astimezone().isoformat(timespec="seconds")
-    clock = time.perf_counter()
+    clock = Clock()
     opened = read_camera(options.camera)
     files = {**options.inputs, **camera_files(options.camera, opened.camera)}
     check_apart(options, files)
@@ -121,9 +119,9 @@ def replace_relief(options: ReliefOptions, reporter: Reporter) -> ReliefOutcome:
     }
     for warning in warnings:
         reporter.warn(warning)
-    summary["seconds"] = round(time.perf_counter() - clock, 3)
+    summary["seconds"] = clock.seconds
     record = RunRecord(
-        started=started, inputs=inputs, parameters=options.model_dump(mode="json"),
+        started=clock.started, inputs=inputs, parameters=options.model_dump(mode="json"),
         result=summary, history=[], warnings=warnings,
     )  # fmt: skip
     write_camera(

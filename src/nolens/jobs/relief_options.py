@@ -3,12 +3,12 @@
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, ValidationError
+from pydantic import AfterValidator
 from pydantic_core import PydanticCustomError
 
 from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE
-from nolens.jobs.given import JobOptions, Written, expand_home, explain
+from nolens.jobs.given import JobOptions, Written, expand_home
 from nolens.quantities import Length
 
 RELIEF_FILE = "relief.tif"
@@ -83,10 +83,7 @@ class ReliefOptions(JobOptions):
         """
         if not given.get("output"):
             raise OptionError("no output is given; name the folder of the new camera (-o folder)")
-        try:
-            return cls.model_validate(given)
-        except ValidationError as error:
-            raise OptionError(explain(error)) from None
+        return cls.checked(given)
 
     @property
     def inputs(self) -> dict[str, Path]:

@@ -1,8 +1,6 @@
 """What every simulation begins with, and how it is recorded."""
 
-import time
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
 
@@ -11,6 +9,7 @@ import torch
 from nolens.camera import OpenCamera
 from nolens.files import InputFile, RunRecord, camera_files, check_output, read_camera
 from nolens.jobs.capture import check_raw
+from nolens.jobs.clock import Clock
 from nolens.jobs.device import pick_device
 from nolens.jobs.given import check_apart
 from nolens.jobs.outline import outline
@@ -36,8 +35,8 @@ class Run:
         Spectrum of the light.
     outline
         The camera with a stand-in for its relief.
-    started
-        When it began, ISO 8601.
+    clock
+        When it began.
     """
 
     options: CameraOptions
@@ -46,8 +45,7 @@ class Run:
     device: torch.device
     light: Light
     outline: Twin
-    started: str
-    _clock: float
+    clock: Clock
 
     @classmethod
     def begin(cls, options: CameraOptions) -> Self:
@@ -58,8 +56,7 @@ class Run:
         NolensError
             If the camera, an option or an output cannot be used.
         """
-        started = datetime.now(UTC).astimezone().isoformat(timespec="seconds")
-        clock = time.perf_counter()
+        clock = Clock()
         opened = read_camera(options.camera)
         check_raw(options.output, opened.camera.sensor)
         check_output(options.record, (".json",))
@@ -67,12 +64,12 @@ class Run:
         check_apart(options, files)
         device, light = pick_device(options.device), Light(options.light)
         bare = outline(opened, fresnel=options.fresnel)
-        return cls(options, opened, files, device, light, bare, started, clock)
+        return cls(options, opened, files, device, light, bare, clock)
 
     @property
     def seconds(self) -> float:
         """Since the run began."""
-        return round(time.perf_counter() - self._clock, 3)
+        return self.clock.seconds
 
     def inputs(self) -> dict[str, InputFile]:
         """Hash the files that are read, while they are as they were read."""
@@ -83,7 +80,7 @@ class Run:
     ) -> RunRecord:
         """All that is needed to repeat the run."""
         return RunRecord(
-            started=self.started,
+            started=self.clock.started,
             inputs=inputs,
             parameters={
                 **self.options.model_dump(mode="json"),

@@ -4,12 +4,12 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
+from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
 from nolens.errors import OptionError
 from nolens.jobs.device import DeviceName
-from nolens.jobs.given import JobOptions, Written, expand_home, explain
+from nolens.jobs.given import JobOptions, Written, expand_home
 from nolens.quantities import Angle, Duration, Length, Luminance, Quantity, Share
 
 _CELLS = re.compile(r"(\d+)x(\d+)")
@@ -113,10 +113,7 @@ class CameraOptions(JobOptions):
         """
         if not given.get("output"):
             raise OptionError("no output is given; name the file to write (-o raw.dng, -o x.tif)")
-        try:
-            return cls.model_validate(given)
-        except ValidationError as error:
-            raise OptionError(explain(error)) from None
+        return cls.checked(given)
 
     @property
     def record(self) -> Path:

@@ -1,11 +1,9 @@
 """How thick a replica on a sensor must be, and how far off it may be."""
 
 import math
-import time
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 
@@ -27,6 +25,7 @@ from nolens.files import (
     write_record,
 )
 from nolens.files.plot_thickness import plot_thickness
+from nolens.jobs.clock import Clock
 from nolens.jobs.given import check_apart
 from nolens.jobs.thickness_camera import with_replica
 from nolens.jobs.thickness_case import Case, Medium
@@ -65,8 +64,7 @@ def design_thickness(options: ThicknessOptions) -> ThicknessOutcome:
         If an input or an option cannot be used, or a material cannot focus on this sensor; then
         nothing is written.
     """
-    started = datetime.now(UTC).astimezone().isoformat(timespec="seconds")
-    clock = time.perf_counter()
+    clock = Clock()
     case = Case.of(options)
     case.check()
     files = {**options.inputs, **camera_files(options.camera, case.opened.camera)}
@@ -91,7 +89,7 @@ def design_thickness(options: ThicknessOptions) -> ThicknessOutcome:
         "outputs": [readable(path) for _, path, _ in options.written],
     }
     camera = with_replica(case, found[0]) if options.output is not None else None
-    summary["seconds"] = round(time.perf_counter() - clock, 3)
+    summary["seconds"] = clock.seconds
     with ExitStack() as stack:
         if options.plot is not None:
             plot_thickness(
@@ -103,7 +101,7 @@ def design_thickness(options: ThicknessOptions) -> ThicknessOutcome:
             )
         if options.output is not None and camera is not None:
             record = RunRecord(
-                started=started, inputs=inputs, parameters=options.model_dump(mode="json"),
+                started=clock.started, inputs=inputs, parameters=options.model_dump(mode="json"),
                 result=summary, history=[], warnings=[],
             )  # fmt: skip
             write_camera(

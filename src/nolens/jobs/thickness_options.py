@@ -4,13 +4,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, ValidationError
+from pydantic import AfterValidator, BeforeValidator
 from pydantic_core import PydanticCustomError
 
 from nolens.design.uncertain import Uncertain
 from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE
-from nolens.jobs.given import JobOptions, Written, expand_home, explain
+from nolens.jobs.given import JobOptions, Written, expand_home
 from nolens.quantities import Length
 
 RECORD_FILE = "thickness.json"
@@ -126,10 +126,7 @@ class ThicknessOptions(JobOptions):
         OptionError
             If a value cannot be used, or two do not go together.
         """
-        try:
-            options = cls.model_validate(given)
-        except ValidationError as error:
-            raise OptionError(explain(error)) from None
+        options = cls.checked(given)
         options._check_together()
         if options.wavelength.exact <= 0:
             raise OptionError(f"--wavelength {options.wavelength}: give one such as 550nm")

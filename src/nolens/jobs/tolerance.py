@@ -5,7 +5,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
@@ -42,6 +41,7 @@ from nolens.files import (
     write_trials,
 )
 from nolens.files.folder import check_folder, write_into
+from nolens.jobs.clock import Clock
 from nolens.jobs.cost import duration_text
 from nolens.jobs.given import check_apart
 from nolens.jobs.reporter import Reporter
@@ -104,8 +104,7 @@ def study_tolerances(options: ToleranceOptions, reporter: TrialReporter) -> Tole
     NolensError
         If an input, an option or an output cannot be used; then nothing is written.
     """
-    started = datetime.now(UTC).astimezone().isoformat(timespec="seconds")
-    clock = time.perf_counter()
+    clock = Clock()
     opened = read_camera(options.camera)
     files = {**options.inputs, **camera_files(options.camera, opened.camera)}
     check_apart(options, files)
@@ -119,10 +118,10 @@ def study_tolerances(options: ToleranceOptions, reporter: TrialReporter) -> Tole
         **summary_of(options, ready, study),
         "stop_reason": "interrupted" if stopped else "finished",
         "outputs": [readable(path) for _, path, _ in options.written],
-        "seconds": round(time.perf_counter() - clock, 3),
+        "seconds": clock.seconds,
     }
     record = RunRecord(
-        started=started,
+        started=clock.started,
         inputs=inputs,
         parameters={
             **options.model_dump(mode="json", by_alias=True),

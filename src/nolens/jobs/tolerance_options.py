@@ -4,11 +4,11 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field, ValidationError
+from pydantic import AfterValidator, Field
 
 from nolens.design.tolerances import Sharpness
 from nolens.errors import OptionError
-from nolens.jobs.given import JobOptions, Written, expand_home, explain
+from nolens.jobs.given import JobOptions, Written, expand_home
 from nolens.jobs.scene_options import Seed
 from nolens.quantities import Length, Share
 
@@ -67,10 +67,7 @@ class ToleranceOptions(JobOptions):
         """
         if not given.get("output"):
             raise OptionError("no output is given; name a folder for the trials and plots (-o out)")
-        try:
-            options = cls.model_validate(given)
-        except ValidationError as error:
-            raise OptionError(explain(error)) from None
+        options = cls.checked(given)
         if not _FEWEST <= options.trials <= _MOST:
             raise OptionError(
                 f"--trials {options.trials}: give {_FEWEST} to {_MOST}; 1000 show a yield to "
