@@ -4,8 +4,11 @@ import contextlib
 import hashlib
 import io
 import os
+import re
+import select
 import subprocess
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -80,3 +83,19 @@ def check_refused(done: Done, *words: str) -> None:
     assert done.err.count("\n") == 1, done.err
     for word in words:
         assert word in done.err, f"{word!r} is missing in: {done.err}"
+
+
+def read_terminal(descriptor: int, until: str, seconds: float = 40) -> str:
+    """What was shown on a pseudo-terminal, until a pattern is seen or it is closed."""
+    shown, end = "", time.monotonic() + seconds
+    while time.monotonic() < end and not (until and re.search(until, shown)):
+        if not select.select([descriptor], [], [], 1)[0]:
+            continue
+        try:
+            data = os.read(descriptor, 65536)
+        except OSError:  # Linux says this when the other side is closed.
+            break
+        if not data:
+            break
+        shown += data.decode()
+    return shown

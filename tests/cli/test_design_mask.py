@@ -2,6 +2,9 @@
 
 import hashlib
 import json
+import os
+import pty
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +12,7 @@ import numpy as np
 import pytest
 import tifffile
 import torch
-from running import command, run
+from running import command, read_terminal, run, start
 
 from nolens.camera import RandomLenslets
 from nolens.design.masks import correlation, line_target, random_contours, spread_over
@@ -82,6 +85,21 @@ def test_random_lenslets_stay_a_description(tmp_path: Path) -> None:
     assert relief.pitch.um == 60 and relief.seed == 7 and relief.overhang.mm == 0.3
     assert 0.55 < relief.radius.mm < 0.65
     assert 50 < told["figures"]["pitch_um"] < 70
+
+
+def test_ctrl_c_keeps_the_mask_so_far(tmp_path: Path) -> None:
+    ours, theirs = pty.openpty()
+    asked = ("--period", "0.3mm", "--iterations", 50_000, "-o", tmp_path / "m", "--json")
+    with start("design", "mask", "optimised", *SMALL, *asked, stderr=theirs) as process:
+        os.close(theirs)
+        read_terminal(ours, r"step [1-9]\d/50000")
+        process.send_signal(signal.SIGINT)
+        shown = read_terminal(ours, "")
+        printed = process.communicate(timeout=40)[0]
+    os.close(ours)
+    assert process.returncode == 130 and "the mask so far will be written" in shown
+    assert json.loads(printed)["stop_reason"] == "interrupted"
+    assert len(list((tmp_path / "m").iterdir())) == 4
 
 
 @pytest.mark.parametrize(

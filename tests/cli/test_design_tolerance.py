@@ -12,8 +12,7 @@ from typing import Any
 
 import pytest
 from PIL import Image
-from running import check_refused, command, listing, run, start
-from test_stopping import read_terminal
+from running import check_refused, command, listing, read_terminal, run, start
 from torch import Tensor
 
 from nolens.camera import camera_to_toml, preset

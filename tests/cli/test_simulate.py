@@ -12,9 +12,8 @@ import pytest
 import rawpy
 import tifffile
 import torch
-from running import listing, run, start
+from running import listing, read_terminal, run, start
 from simulated import QUICK, plain, scene, simulated, values
-from test_stopping import read_terminal
 
 from nolens.camera import camera_to_toml, linear_from_srgb, preset
 from nolens.evaluate import psnr, scale_fit

@@ -5,7 +5,6 @@ import json
 import os
 import pty
 import re
-import select
 import signal
 import subprocess
 import time
@@ -14,7 +13,7 @@ from pathlib import Path
 import pytest
 import torch
 from little_camera import Camera, save
-from running import NOLENS, command, listing, run, start
+from running import NOLENS, command, listing, read_terminal, run, start
 
 from nolens.cli.terminal import TerminalReporter
 from nolens.files import read_frame
@@ -32,22 +31,6 @@ def large(tmp_path_factory: pytest.TempPathFactory) -> tuple[object, ...]:
     raw = save(folder / "raw.npy", torch.rand(1, 240, 320, generator=generator))
     asked = ("--iterations", 100_000, "--tolerance", 0)
     return "reconstruct", raw, "--psf", save(folder / "psf.npy", spots), *asked
-
-
-def read_terminal(descriptor: int, until: str, seconds: float = 40) -> str:
-    """What was shown on a pseudo-terminal, until a pattern is seen or it is closed."""
-    shown, end = "", time.monotonic() + seconds
-    while time.monotonic() < end and not (until and re.search(until, shown)):
-        if not select.select([descriptor], [], [], 1)[0]:
-            continue
-        try:
-            data = os.read(descriptor, 65536)
-        except OSError:  # Linux says this when the other side is closed.
-            break
-        if not data:
-            break
-        shown += data.decode()
-    return shown
 
 
 def test_ctrl_c_on_a_terminal_keeps_the_picture_so_far(

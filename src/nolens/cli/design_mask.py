@@ -125,7 +125,7 @@ def mask(
         summary = design_mask(MaskOptions.gather(given), reporter).summary
     if json_:
         show(json.dumps(summary))
-        return 0
+        return 130 if reporter.interrupted else 0
     for text in _table(summary):
         show(text)
     if "target_correlation" in summary:
@@ -134,7 +134,7 @@ def mask(
     show(f"{summary['seconds']:.1f} s on {summary['device']}")
     for path in summary["outputs"]:
         show(path)
-    return 0
+    return 130 if reporter.interrupted else 0
 
 
 def _table(summary: dict[str, Any]) -> list[str]:

@@ -2,13 +2,12 @@
 
 import json
 from pathlib import Path
-from types import FrameType
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from nolens.cli.app import Json, Output, Quantity, Whole
-from nolens.cli.messages import say, show
+from nolens.cli.messages import show
 from nolens.cli.terminal import TerminalReporter
 from nolens.jobs import ToleranceOptions, expand_home, study_tolerances, tolerances_text
 
@@ -16,32 +15,6 @@ Criterion = Parameter(group="Criterion")
 Trials = Parameter(group="Trials")
 Asked = Parameter(group="Yield")
 Result = Parameter(group="Result")
-
-
-class TrialReporter(TerminalReporter):
-    """Also sees trials; the first Ctrl-C from the first one on ends the work after a trial."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._drawing = False
-
-    def advance(self, what: str, share: float) -> None:
-        """Show how much of a piece of work is done, from 0 to 1."""
-        self._drawing = False
-        super().advance(what, share)
-
-    def trial(self, done: int, limit: int) -> bool:
-        """Show how many cameras are done; True if the person wants to stop."""
-        self._drawing = True
-        self._show("cameras", f"camera {done}/{limit}", "", done, limit)
-        return self.interrupted
-
-    def _interrupt(self, number: int, frame: FrameType | None) -> None:
-        if not self._drawing or self.interrupted:
-            super()._interrupt(number, frame)
-            return
-        self.interrupted = True
-        say("stopping after this camera; the trials so far will be written")
 
 
 def tolerance(
@@ -106,7 +79,7 @@ def tolerance(
         "model": model, "light": light, "trials": trials, "seed": seed, "limit": limit,
         "yield": yield_, "solve": solve,
     }  # fmt: skip
-    reporter = TrialReporter()
+    reporter = TerminalReporter()
     with reporter:
         options = ToleranceOptions.gather({k: v for k, v in given.items() if v is not None})
         summary = study_tolerances(options, reporter).summary

@@ -14,13 +14,13 @@ from nolens.solvers import Progress as Iteration
 class TerminalReporter:
     """Notes and warnings on standard error; a progress bar where that is a terminal.
 
-    The first Ctrl-C from the first iteration on ends the solver after its iteration, and the
-    picture so far is written; a second one, or one during any other work, stops at once.
+    The first Ctrl-C during work that goes in steps ends it after a step, and what is done so far
+    is written; a second one, or one during any other work, stops at once.
     """
 
     def __init__(self) -> None:
         self.interrupted = False
-        self._solving = False
+        self._promise: str | None = None
         self._bar: Progress | None = None
         self._task: TaskID | None = None
         self._work = ""
@@ -59,15 +59,18 @@ class TerminalReporter:
 
     def advance(self, what: str, share: float) -> None:
         """Show how much of a piece of work is done, from 0 to 1."""
-        self._solving = False
+        self._promise = None
         self._show(what, what, f"{100 * share:.0f} %", share, 1.0)
 
     def progress(self, progress: Iteration, limit: int) -> bool:
         """Show an iteration; True if the person wants to stop."""
-        self._solving = True
-        at = progress.iteration
         state = f"objective {progress.objective:.4g}"
-        self._show("iterations", f"iteration {at}/{limit}", state, at, limit)
+        return self.step("iteration", progress.iteration, limit, "the picture", state)
+
+    def step(self, what: str, done: int, limit: int, kept: str, state: str = "") -> bool:
+        """Show how many steps are done; True if the person wants to stop and keep what there is."""
+        self._promise = f"stopping after this {what}; {kept} so far will be written"
+        self._show(what, f"{what} {done}/{limit}", state, done, limit)
         return self.interrupted
 
     def _show(self, work: str, text: str, state: str, done: float, total: float) -> None:
@@ -82,7 +85,7 @@ class TerminalReporter:
         self._bar.update(self._task, description=text, completed=done, state=state)
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:
-        if self.interrupted or not self._solving:
+        if self.interrupted or self._promise is None:
             raise KeyboardInterrupt
         self.interrupted = True
-        say("stopping after this iteration; the picture so far will be written")
+        say(self._promise)

@@ -102,6 +102,7 @@ def design_mask(options: MaskOptions, reporter: Reporter) -> MaskOutcome:
         "figures": _plain(figures),
         "paper_diffuser": _plain(papers),
         "mtf_per_mm": list(FREQUENCIES_PER_MM),
+        "stop_reason": "interrupted" if made.stopped else "finished",
         "outputs": [readable(path) for _, path, _ in options.written],
         "device": str(device),
     }
@@ -113,7 +114,7 @@ def design_mask(options: MaskOptions, reporter: Reporter) -> MaskOutcome:
     plot = MaskPlot(
         heights_um=twin.mask.relief.height_um.cpu(), grid_um=twin.mask.relief.grid_um,
         psf=psf, papers_psf=papers_psf, cell_um=twin.cell_um,
-        title=f"{made.opened.camera.name}: {options.kind}",
+        title=made.opened.camera.name,
     )  # fmt: skip
     summary["seconds"] = clock.seconds
     record = RunRecord(

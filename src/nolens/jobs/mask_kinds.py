@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass, replace
-from functools import partial
 
 import torch
 
@@ -48,11 +47,14 @@ class MadeMask:
         Samples of the tile that a designed mask repeats.
     target
         On a contour mask the PSF that was wanted, on the cells of the tile.
+    stopped
+        Whether a person ended the descent early.
     """
 
     opened: OpenCamera
     layout: Layout | None = None
     target: torch.Tensor | None = None
+    stopped: bool = False
 
 
 def made_mask(
@@ -150,7 +152,13 @@ def _designed(
     check_memory(cost, device, "a smaller --period or --overhang needs less")
     announce(cost, device, reporter)
     tile = layout.tile(bare, light, device)
-    tick = partial(reporter.advance, "descent")
+    stopped = False
+
+    def stop(done: int) -> bool:
+        nonlocal stopped
+        stopped = reporter.step("step", done, iterations, "the mask")
+        return stopped
+
     target = None
     if options.kind == "contour":
         assert options.line is not None and options.spacing is not None
@@ -158,17 +166,17 @@ def _designed(
         target = line_target(lines, options.line.um, layout.samples_per_cell)
         heights = contour_relief(
             tile, lines.to(device), target, limits,
-            radius_um=radius_um, iterations=iterations, tick=tick,
+            radius_um=radius_um, iterations=iterations, stop=stop,
         )  # fmt: skip
     else:
         pitch_um = 2 * limits.slope * radius_um if options.pitch is None else options.pitch.um
         start = lenslet_start(tile, radius_um, pitch_um, options.seed).to(device)
         heights = optimised_relief(
-            tile, options.goals, limits, start, iterations=iterations, tick=tick
+            tile, options.goals, limits, start, iterations=iterations, stop=stop
         )
     grid = Length.of(layout.grid_um, "um")
     relief = spread_over(heights.cpu(), _size(options, opened, layout.grid_um))
-    return MadeMask(_with_heights(_named(options, opened), relief, grid), layout, target)
+    return MadeMask(_with_heights(_named(options, opened), relief, grid), layout, target, stopped)
 
 
 def _overhang(options: MaskOptions, opened: OpenCamera) -> Length:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -54,13 +54,6 @@ _POINTS = 9
 _LONG_S = 20.0
 
 
-class TrialReporter(Reporter, Protocol):
-    """Whoever watches cameras being drawn."""
-
-    def trial(self, done: int, limit: int) -> bool:
-        """See how many are done; True stops the work, and what was done is written."""
-
-
 @dataclass(frozen=True)
 class ToleranceOutcome:
     """What a study of tolerances came to.
@@ -89,7 +82,7 @@ def tolerances_text(camera: str, tolerances: Path | None) -> str:
     return parameters_to_toml(parameters_of(opened, tolerances), opened.camera)
 
 
-def study_tolerances(options: ToleranceOptions, reporter: TrialReporter) -> ToleranceOutcome:
+def study_tolerances(options: ToleranceOptions, reporter: Reporter) -> ToleranceOutcome:
     """Read a camera and its tolerances, draw cameras, and write what was found.
 
     Parameters
@@ -147,7 +140,7 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def _study(options: ToleranceOptions, ready: Ready, reporter: TrialReporter) -> tuple[Study, bool]:
+def _study(options: ToleranceOptions, ready: Ready, reporter: Reporter) -> tuple[Study, bool]:
     """Compute all, and whether a person stopped it."""
     _announce(options, ready, reporter)
     better = ready.sharpness.smaller_is_better
@@ -159,7 +152,7 @@ def _study(options: ToleranceOptions, ready: Ready, reporter: TrialReporter) -> 
     curves = _curves(ready, response)
     figures = evaluate(
         ready.criterion, ready.cameras, at_once=ready.at_once,
-        stop=lambda done: reporter.trial(done, options.trials),
+        stop=lambda done: reporter.step("camera", done, options.trials, "the trials"),
     )  # fmt: skip
     solved = None
     stopped = len(figures) < options.trials
@@ -221,7 +214,7 @@ def _curves(ready: Ready, response: Response) -> dict[str, tuple[Tensor, Tensor]
 
 
 def _solve(
-    options: ToleranceOptions, ready: Ready, limit: float, wanted: float, reporter: TrialReporter
+    options: ToleranceOptions, ready: Ready, limit: float, wanted: float, reporter: Reporter
 ) -> Allowed | None:
     """Largest tolerance of one parameter for a yield; None where a person stopped it."""
     assert options.solve is not None
@@ -248,7 +241,7 @@ def _solve(
         before = steps * options.trials
         figures = evaluate(
             ready.criterion, cameras(tolerance), at_once=ready.at_once,
-            stop=lambda done: reporter.trial(before + done, total),
+            stop=lambda done: reporter.step("camera", before + done, total, "the trials"),
         )  # fmt: skip
         if len(figures) < options.trials:
             raise _StoppedError

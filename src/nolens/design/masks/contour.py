@@ -86,7 +86,7 @@ def contour_relief(
     *,
     radius_um: float,
     iterations: int,
-    tick: Callable[[float], None] | None = None,
+    stop: Callable[[int], bool] | None = None,
 ) -> Tensor:
     r"""Relief whose PSF is a target of lines, by near-field phase retrieval in the camera's layers.
 
@@ -112,12 +112,12 @@ def contour_relief(
         Radius of curvature R that focuses on the sensor.
     iterations
         Of the descent.
-    tick
-        Called with the share that is done.
+    stop
+        See `descend`.
     """
     start = squared_um2 * (-tile.bulge / (2 * radius_um))
     target = target.to(start.device)
     return descend(
         tile, start, limits, lambda pattern: 1 - correlation(pattern, target),
-        iterations=iterations, tick=tick,
+        iterations=iterations, stop=stop,
     )  # fmt: skip

@@ -19,7 +19,7 @@ def descend(
     loss: Callable[[Tensor], Tensor],
     *,
     iterations: int,
-    tick: Callable[[float], None] | None = None,
+    stop: Callable[[int], bool] | None = None,
 ) -> Tensor:
     r"""Relief whose patterns have a small loss, within limits.
 
@@ -40,8 +40,8 @@ def descend(
         Of one view's pattern.
     iterations
         How many steps.
-    tick
-        Called with the share that is done.
+    stop
+        Called with the number of steps that are done; True ends the descent there.
 
     Returns
     -------
@@ -62,7 +62,7 @@ def descend(
             gradient = gradient + torch.autograd.grad(part, made)[0]
         raw.grad = torch.autograd.grad(surface, raw, gradient)[0]
         adam.step()
-        if tick is not None:
-            tick((number + 1) / iterations)
+        if stop is not None and stop(number + 1):
+            break
     with torch.no_grad():
         return limits.enforce(limits.smooth(raw, tile.grid_um), tile.grid_um)

@@ -44,7 +44,7 @@ def optimised_relief(
     start_um: Tensor,
     *,
     iterations: int,
-    tick: Callable[[float], None] | None = None,
+    stop: Callable[[int], bool] | None = None,
 ) -> Tensor:
     """Relief whose PSF comes as near to its goals as the limits allow (`Shortfall`, `descend`).
 
@@ -60,8 +60,8 @@ def optimised_relief(
         Surface to begin with, such as `lenslet_start`.
     iterations
         Of the descent.
-    tick
-        Called with the share that is done.
+    stop
+        See `descend`.
 
     Returns
     -------
@@ -70,4 +70,4 @@ def optimised_relief(
     """
     cells = tile.side // tile.samples_per_cell
     shortfall = Shortfall(goals, cells, tile.cell_um, start_um.device)
-    return descend(tile, start_um, limits, shortfall, iterations=iterations, tick=tick)
+    return descend(tile, start_um, limits, shortfall, iterations=iterations, stop=stop)
