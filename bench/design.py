@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+import torch.nn.functional as nnf
 from PIL import Image
 from skimage import data as photographs
 from torch import Tensor
@@ -171,11 +172,9 @@ def main() -> None:
             }
         for number, name in ((0, "papers"), (len(MASKS) - 1, "optimised")):
             row = [shown(folder / f"mask{number}" / scene) for scene, _ in SCENES.values()]
-            height = min(each.shape[1] for each in row)
-            write_png(
-                DOCS / "results" / f"design-{name}.png",
-                torch.cat([each[:, :height] for each in row], dim=-1),
-            )
+            height = max(each.shape[1] for each in row)
+            padded = [nnf.pad(each, (0, 6, 0, height - each.shape[1])) for each in row]
+            write_png(DOCS / "results" / f"design-{name}.png", torch.cat(padded, dim=-1))
         picture = (folder / f"mask{len(MASKS) - 1}" / "mask.png").read_bytes()
         (DOCS / "results" / "design-mask.png").write_bytes(picture)
     found = {

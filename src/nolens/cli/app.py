@@ -16,7 +16,7 @@ from nolens.errors import OptionError
 
 app = App(
     name="nolens",
-    help="Photographs from lensless cameras: a raw measurement and a PSF in, a picture out.",
+    help="Lensless cameras: design, simulate and make them, and reconstruct what they measure.",
     version=__version__,
     help_format="plaintext",
     suppress_keyboard_interrupt=False,
