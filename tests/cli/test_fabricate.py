@@ -332,3 +332,17 @@ def test_refused_studies(tmp_path: Path) -> None:
     ):
         check_refused(run("fabricate", "small", "--tolerances", given, "-o", out), *words)
         assert not out.exists()
+
+
+def test_levels_too_far_apart_are_said(tmp_path: Path) -> None:
+    """The sensor's shortest light, 400 nm at 50°, is turned by a quarter over 158 nm."""
+    told = made("small", "--levels", 6, "-o", tmp_path / "few")
+    record = json.loads((tmp_path / "few" / "fabricate.json").read_text())
+    step_um = told["mask"]["step_um"]
+    (said,) = (text for text in record["warnings"] if "levels lie" in text)
+    assert step_um > 0.16 and f"{step_um:.2g} um apart" in said
+    needed = int(said.split("--levels ")[1].split()[0])
+    assert needed == int(np.ceil(5 * step_um / 0.15844)) + 1
+    made("small", "--levels", needed, "-o", tmp_path / "enough")
+    record = json.loads((tmp_path / "enough" / "fabricate.json").read_text())
+    assert not any("levels lie" in text for text in record["warnings"])

@@ -1,5 +1,6 @@
 """A camera's files for the workshop: frame, mask, amounts, process sheet."""
 
+import math
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 import torch
 
 from nolens.camera import Flat, OpenCamera
+from nolens.design.masks import quarter_um
 from nolens.errors import OptionError
 from nolens.fabricate import (
     FrameGeometry,
@@ -22,6 +24,7 @@ from nolens.fabricate import (
     relief_solid,
     shading_angle_deg,
 )
+from nolens.fabricate.levels import MOST_LEVELS
 from nolens.fabricate.sheet import process_sheet
 from nolens.files import (
     InputFile,
@@ -92,10 +95,12 @@ def fabricate(options: FabricateOptions, reporter: Reporter) -> dict[str, Any]:
     frame, resin, mould = _measures(options, opened)
     budget = None if options.tolerances is None else study_budget(options.tolerances, opened.camera)
     warnings = _warnings(options, opened, resin)
-    relief = _relief(opened, reporter)
+    twin = _twin(opened, reporter)
+    relief = twin.mask.relief
     inputs = {role: InputFile.of(path) for role, path in files.items()}
     pieces = _pieces(options, opened, relief, (frame, resin, mould))
     warnings += _fit_warnings(frame, opened, relief)
+    warnings += _level_warnings(pieces.levels, quarter_um(twin))
     reporter.advance("process sheet", 0.0)
     sheet = process_sheet(opened, frame, resin, mould, budget, relief_file=options.relief_file)
     _foretell(pieces, reporter)
@@ -162,8 +167,8 @@ def _measures(
     return frame, resin, mould
 
 
-def _relief(opened: OpenCamera, reporter: Reporter) -> Relief:
-    """The camera's relief, as the twin has it."""
+def _twin(opened: OpenCamera, reporter: Reporter) -> Twin:
+    """The camera with its relief."""
     if isinstance(opened.camera.mask.relief, Flat):
         raise OptionError(
             f"the mask of {opened.camera.name!r} is flat: there is nothing to write as a mask. "
@@ -174,7 +179,7 @@ def _relief(opened: OpenCamera, reporter: Reporter) -> Relief:
     check_memory(cost, _CPU, "a coarser grid of the camera's relief, or a smaller overhang")
     announce(cost, _CPU, reporter)
     reporter.advance("mask", 0.0)
-    return Twin.of(opened).mask.relief
+    return Twin.of(opened)
 
 
 def _pieces(
@@ -233,6 +238,19 @@ def _warnings(options: FabricateOptions, opened: OpenCamera, resin: ResinAmount)
             "the camera has an aperture, which these files do not hold: make it of opaque film"
         )
     return warnings
+
+
+def _level_warnings(levels: Levels, coarsest_um: float) -> list[str]:
+    if levels.step_um <= coarsest_um:
+        return []
+    low, high = levels.surface.range_um
+    needed = math.ceil((high - low) / coarsest_um) + 1
+    return [
+        f"{levels.count} levels lie {levels.step_um:.2g} um apart, more than the "
+        f"{coarsest_um:.2g} um that turn the light by a quarter of a wavelength: a mask made of "
+        f"mask.gds or mask.oas scatters light; "
+        + (f"--levels {needed} would not" if needed <= MOST_LEVELS else "take mask.tif instead")
+    ]
 
 
 def _fit_warnings(frame: FrameGeometry, opened: OpenCamera, relief: Relief) -> list[str]:
