@@ -1,4 +1,4 @@
-"""Masks against each other, by the pictures they give: `make bench-design` writes docs/design.md.
+"""Thickness, tolerances and masks of the paper's camera: `make bench-design` writes docs/design.md.
 
 It uses the commands as a person would, files in and files out, on a quarter of the paper's sensor.
 """
@@ -28,6 +28,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 NOLENS = Path(sys.executable).with_name("nolens")
 ROWS, COLUMNS = 1520, 2028
 EXPOSURE = "12ms"
+FILM = ("--film", "0.305mm", "--film-distance", "0.4mm±0.2mm")
 SCENES = {
     "coffee at 50°": ("coffee", "50deg"),
     "astronaut at 30°": ("astronaut", "30deg"),
@@ -98,17 +99,94 @@ def shown(stem: Path) -> Tensor:
     return picture / exposure_white(picture)
 
 
+def design_figures() -> dict[str, Any]:
+    """Thickness from the paper's measurement, and what tolerances do to its camera."""
+    with tempfile.TemporaryDirectory() as scratch:
+        return {
+            "thickness": told("design", "thickness", *FILM),
+            "tolerance": told("design", "tolerance", "paper", "--limit", "1.05x", "-o", scratch),
+        }
+
+
+def thickness_table(found: dict[str, Any]) -> list[str]:
+    """Exact and printed forms beside the paper's own figures."""
+    thick = found["thickness"]
+    radius = thick["radius_mm"]
+    lines = [
+        "## Thickness of the replica",
+        "",
+        f"`nolens design thickness {' '.join(FILM)}`: the radius of curvature is "
+        f"{radius['value']:.3f} ± {radius['plus_minus']:.3f} mm by exact ray matrices, "
+        f"{thick['printed_radius_mm']:.3f} mm by the paper's eq. 3 as it is printed.",
+        "",
+        "| replica | exact | eq. 3 as printed | the paper | focal length, as in air | NA of a "
+        "lenslet | depth of focus, as in air |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    papers = {"pdms": "1.44 ± 0.41 mm", "pua311": "1.28 ± 0.37 mm"}
+    for each in thick["materials"]:
+        exact = each["thickness_mm"]
+        lines.append(
+            f"| {each['material']} | {exact['value']:.2f} ± {exact['plus_minus']:.2f} mm | "
+            f"{each['printed_thickness_mm']:.2f} mm | {papers[each['material']]} | "
+            f"{each['focal_length_mm']['value']:.2f} mm | {each['aperture']['value']:.3f} | "
+            f"{each['depth_of_focus_mm']['value']:.2f} mm |"
+        )
+    return [
+        *lines,
+        "",
+        "The paper takes 1 mm for the focal length, and so 0.035 for the NA and 0.41 mm for the "
+        "depth of focus.",
+        "",
+    ]
+
+
+def tolerance_table(found: dict[str, Any]) -> list[str]:
+    """Worst offenders, prediction and yield."""
+    study = found["tolerance"]
+    unit, passed, guess = study["unit"], study["yield"], study["prediction"]
+    lines = [
+        "## Tolerances",
+        "",
+        f"`nolens design tolerance paper --limit 1.05x`: {study['criterion']} of the PSF, nominal "
+        f"{study['nominal']:.2f} {unit}, by waves at {study['light']}; assumed tolerances (2σ).",
+        "",
+        "| parameter | tolerance | change at −, + |",
+        "|---|---|---|",
+    ]
+    for row in study["sensitivities"]:
+        lines.append(
+            f"| {row['parameter']} | {row['mean']:.4g} ± {row['tolerance']:g} {row['unit']} | "
+            f"{row['change_at_minus']:+.2g}, {row['change_at_plus']:+.2g} {unit} |"
+        )
+    low, high = passed["interval_95"]
+    return [
+        *lines,
+        "",
+        f"Predicted {guess['mean']:.2f} ± {guess['second_order_sigma']:.2f} {unit}; drawn, of "
+        f"{study['trials']} cameras, {study['mean']:.2f} ± {study['sigma']:.2f} {unit}. "
+        f"{100 * passed['share']:.1f} % (95 % interval {100 * low:.1f} to {100 * high:.1f} %) have "
+        f"lines of at most {study['limit']:.2f} {unit}.",
+        "",
+    ]
+
+
 def report(found: dict[str, Any]) -> str:
     """The page."""
     machine, others = found["machine"], found["others_cores"]
     lines = [
-        "# Masks",
+        "# Design",
         "",
         "Written by `make bench-design`; do not edit.",
         "",
         f"- Machine: {machine['cpu']}, {machine['cores']} cores, {machine['memory_gib']:.0f} GiB; "
         + ("" if others is None else f"others kept {others:.2f} cores busy during the run"),
         f"- Date: {found['date']}",
+        "",
+        *thickness_table(found),
+        *tolerance_table(found),
+        "## Masks",
+        "",
         f"- Camera: {COLUMNS}×{ROWS} pixels of the paper's sensor, its layers (1.06 mm of resin), "
         f"exposed {EXPOSURE} to every scene: equal light and noise for every mask",
         "- Reconstruction: the central PSF, 300 iterations, τ 1e-5; scenes from 5×5 PSFs over the "
@@ -182,6 +260,7 @@ def main() -> None:
         "others_cores": others.cores(),
         "date": datetime.now(UTC).date().isoformat(),
         "masks": masks,
+        **design_figures(),
     }
     (DOCS / "design.json").write_text(json.dumps(found, indent=1) + "\n")
     (DOCS / "design.md").write_text(report(found))
