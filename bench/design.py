@@ -102,10 +102,9 @@ def shown(stem: Path) -> Tensor:
 def design_figures() -> dict[str, Any]:
     """Thickness from the paper's measurement, and what tolerances do to its camera."""
     with tempfile.TemporaryDirectory() as scratch:
-        return {
-            "thickness": told("design", "thickness", *FILM),
-            "tolerance": told("design", "tolerance", "paper", "--limit", "1.05x", "-o", scratch),
-        }
+        study = told("design", "tolerance", "paper", "--limit", "1.05x", "-o", scratch)
+        del study["outputs"]
+        return {"thickness": told("design", "thickness", *FILM), "tolerance": study}
 
 
 def thickness_table(found: dict[str, Any]) -> list[str]:

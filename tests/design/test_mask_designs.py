@@ -24,7 +24,7 @@ from nolens.design.masks import (
     random_contours,
 )
 from nolens.errors import OptionError
-from nolens.evaluate import psnr, scale_fit
+from nolens.evaluate import modulation_transfer, psnr, scale_fit
 from nolens.kernels import fast_length
 from nolens.operators import Region
 from nolens.optics import mask_to_sensor, relaxed_points, smoothed, squared_distance
@@ -165,6 +165,21 @@ def test_designed_mask_gives_better_pictures(designed, tile):
         own = _psnr(tile.pattern(designed, 0), electrons, seed)
         random = _psnr(tile.pattern(papers, 0), electrons, seed)
         assert own >= random + 1.0
+
+
+def test_even_spacing_loses_large_shapes(tile, twin):
+    """The same lenslets in random places: more contrast at low frequencies, better pictures."""
+    radius, side_um = focusing_radius_um(twin), SIDE * tile.grid_um
+    even = squared_distance(relaxed_points((side_um, side_um), 70.0, 0), (SIDE, SIDE), tile.grid_um)
+    surfaces = (even / -(2 * radius), lenslet_start(tile, radius, 70.0, seed=0))
+    patterns = [
+        tile.pattern(LIMITS.enforce(LIMITS.smooth(each, tile.grid_um), tile.grid_um), 0)
+        for each in surfaces
+    ]
+    evenly, randomly = (modulation_transfer(each, tile.cell_um, 7.0) for each in patterns)
+    assert randomly > 2 * evenly
+    evenly, randomly = (_psnr(each, 3000.0, 0) for each in patterns)
+    assert randomly > evenly + 2.0
 
 
 def test_layout(twin):

@@ -5,6 +5,8 @@ from typing import Literal
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
 from nolens.camera import Layer, Mask, opened, preset
 from nolens.design.replica import Cover, Film, Replica
@@ -67,12 +69,29 @@ CASES = {
 
 @pytest.mark.parametrize("name", CASES)
 def test_brightest_where_the_matrices_say(name: str) -> None:
+    check_brightest(*CASES[name])
+
+
+@settings(max_examples=8)
+@given(
+    st.floats(1.35, 1.65), st.floats(600.0, 900.0),
+    st.lists(st.tuples(st.floats(20.0, 400.0), st.floats(1.0, 1.7)), max_size=3),
+)  # fmt: skip
+def test_brightest_over_random_layers(
+    index: float, radius_um: float, layers: list[tuple[float, float]]
+) -> None:
+    cover = Cover(tuple(t for t, _ in layers), tuple(n for _, n in layers))
+    stack = Replica(index, radius_um, cover).stack(0.0)
+    assume(float(stack.focused_thickness_um(0)) > 100.0)
+    check_brightest(stack, 0)
+
+
+def check_brightest(stack: LensletStack, layer: int) -> None:
     """To 0.3 % of the way behind the lenslet, beside the share that diffraction draws it nearer.
 
     Behind a round lenslet of the Fresnel number F the brightest place lies 12/(π²F²) nearer:
     there the falling of 1/z² outweighs the loss by defocus of sinc²(F/2 · share).
     """
-    stack, layer = CASES[name]
     focused = float(stack.focused_thickness_um(layer))
     reach = float(stack.behind_um - stack.thicknesses_um[layer] / stack.indices[layer])
     reach += focused / float(stack.indices[layer])

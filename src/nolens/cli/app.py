@@ -1,6 +1,7 @@
 """The application that the commands are part of, and what their options have in common."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from cyclopts import (
     App,
@@ -53,6 +54,15 @@ _USAGE = {
     "fabricate": "fabricate CAMERA -o FOLDER",
     "demo": "demo -o FOLDER",
 }
+
+
+def given_options(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """What a person gave of a command's arguments, but for how its result is printed."""
+    return {
+        name: value
+        for name, value in arguments.items()
+        if value is not None and value != () and name != "json_"
+    }
 
 
 def run(arguments: Sequence[str]) -> int:

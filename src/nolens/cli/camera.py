@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from cyclopts import App, Parameter
 
 from nolens.camera import PRESETS, camera_to_toml, preset_text
-from nolens.cli.app import Json, Output, Quantity, Whole
+from nolens.cli.app import Json, Output, Quantity, Whole, given_options
 from nolens.cli.messages import say, show
 from nolens.cli.terminal import TerminalReporter
 from nolens.files import read_camera
@@ -114,9 +114,7 @@ def replace_relief_of(
     json_
         Print one JSON object on standard output.
     """
-    given = {
-        name: value for name, value in locals().items() if value is not None and name != "json_"
-    }
+    given = given_options(locals())
     reporter = TerminalReporter()
     with reporter:
         summary = replace_relief(ReliefOptions.gather(given), reporter).summary

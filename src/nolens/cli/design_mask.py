@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from nolens.cli.app import Json, Output, Quantity, Whole
+from nolens.cli.app import Json, Output, Quantity, Whole, given_options
 from nolens.cli.messages import show
 from nolens.cli.terminal import TerminalReporter
 from nolens.jobs import MaskOptions, design_mask
@@ -117,9 +117,7 @@ def mask(
     json_
         Print one JSON object on standard output.
     """
-    given = {
-        name: value for name, value in locals().items() if value is not None and name != "json_"
-    }
+    given = given_options(locals())
     reporter = TerminalReporter()
     with reporter:
         summary = design_mask(MaskOptions.gather(given), reporter).summary

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from nolens.cli.app import Json, Output, Quantity, Whole
+from nolens.cli.app import Json, Output, Quantity, Whole, given_options
 from nolens.cli.messages import show
 from nolens.cli.terminal import TerminalReporter
 from nolens.jobs import PsfOptions, SimulateOptions, simulate_psf
@@ -89,11 +89,7 @@ def simulate(
     json_
         Print one JSON object on standard output.
     """
-    given = {
-        name: value
-        for name, value in locals().items()
-        if value not in (None, ()) and name != "json_"
-    }
+    given = given_options(locals())
     reporter = TerminalReporter()
     with reporter:
         summary = run_simulate(SimulateOptions.gather(given), reporter).summary
@@ -174,9 +170,7 @@ def psf(
     json_
         Print one JSON object on standard output.
     """
-    given = {
-        name: value for name, value in locals().items() if value is not None and name != "json_"
-    }
+    given = given_options(locals())
     reporter = TerminalReporter()
     with reporter:
         summary = simulate_psf(PsfOptions.gather(given), reporter).summary

@@ -18,14 +18,14 @@ _LARGEST_INDEX = 4.0
 _FARTHEST_UM = 1e12
 
 
-def _reading(read: Callable[[str], Uncertain], check: Callable[[Uncertain], str]) -> Any:
+def _reading(read: Callable[[Any], Uncertain], check: Callable[[Uncertain], str]) -> Any:
     """Read text of the command line, and refuse what `check` has a reason for."""
 
     def convert(given: object) -> object:
         if isinstance(given, Uncertain):
             return given
         try:
-            found = read(given)  # type: ignore[arg-type]
+            found = read(given)
         except OptionError as error:
             raise PydanticCustomError("quantity", "{reason}", {"reason": str(error)}) from None
         reason = check(found)
