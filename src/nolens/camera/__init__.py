@@ -31,12 +31,15 @@ from nolens.camera.picture import (
 )
 from nolens.camera.presets import PRESETS, preset, preset_text
 from nolens.camera.psf import PreparedPsf, prepare_psf
+from nolens.camera.psf_set import PsfEntry, PsfKind, PsfSet
 from nolens.camera.sensor import Package, Sensor
 from nolens.camera.toml import (
     camera_from_toml,
     camera_to_toml,
     material_from_toml,
     material_to_toml,
+    psf_set_from_toml,
+    psf_set_to_toml,
 )
 
 __all__ = [
@@ -57,6 +60,9 @@ __all__ = [
     "OpenCamera",
     "Package",
     "PreparedPsf",
+    "PsfEntry",
+    "PsfKind",
+    "PsfSet",
     "RandomLenslets",
     "ReliefFile",
     "Sensor",
@@ -77,5 +83,7 @@ __all__ = [
     "prepare_psf",
     "preset",
     "preset_text",
+    "psf_set_from_toml",
+    "psf_set_to_toml",
     "srgb_from_linear",
 ]

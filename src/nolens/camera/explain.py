@@ -8,6 +8,7 @@ from pydantic import ValidationError
 
 from nolens.camera.description import Camera
 from nolens.camera.materials import Material, check_own_name
+from nolens.camera.psf_set import PsfSet
 from nolens.errors import DataError, OptionError
 
 _CHOICES = ("relief", "quantum_efficiency", "acceptance")
@@ -60,6 +61,27 @@ def material_from_mapping(mapping: Mapping[str, Any], source: str) -> Material:
     except OptionError as error:
         raise DataError(f"{source}: {error}") from None
     return own
+
+
+def psf_set_from_mapping(mapping: Mapping[str, Any], source: str) -> PsfSet:
+    """Check the list of a camera's PSFs.
+
+    Parameters
+    ----------
+    mapping
+        The list, as it stands in a TOML file.
+    source
+        Where it comes from, for messages.
+
+    Raises
+    ------
+    DataError
+        If it is none; says at which key, what was given and what would be accepted.
+    """
+    try:
+        return PsfSet.model_validate(dict(mapping))
+    except ValidationError as error:
+        raise DataError(f"{source}: {explain(error)}") from None
 
 
 def explain(error: ValidationError) -> str:

@@ -1,4 +1,4 @@
-"""Descriptions of cameras and materials as TOML text."""
+"""Descriptions of cameras, materials and sets of PSFs as TOML text."""
 
 import re
 import textwrap
@@ -8,9 +8,14 @@ from typing import Any
 import tomli_w
 
 from nolens.camera.description import Camera
-from nolens.camera.explain import camera_from_mapping, material_from_mapping
+from nolens.camera.explain import (
+    camera_from_mapping,
+    material_from_mapping,
+    psf_set_from_mapping,
+)
 from nolens.camera.materials import Material
 from nolens.camera.part import Part
+from nolens.camera.psf_set import PsfSet
 from nolens.errors import DataError
 
 _WIDTH = 100
@@ -65,6 +70,29 @@ def camera_to_toml(camera: Camera) -> str:
 def material_to_toml(material: Material) -> str:
     """Write a material's description as TOML text, which `material_from_toml` reads."""
     return _dumped(material)
+
+
+def psf_set_from_toml(text: str, source: str) -> PsfSet:
+    """Read the list of a camera's PSFs from TOML text.
+
+    Parameters
+    ----------
+    text
+        The text.
+    source
+        Where it comes from, usually the path of a file, for messages.
+
+    Raises
+    ------
+    DataError
+        If it is no TOML (with line and column) or no list of PSFs.
+    """
+    return psf_set_from_mapping(_parsed(text, source), source)
+
+
+def psf_set_to_toml(psfs: PsfSet) -> str:
+    """Write the list of a camera's PSFs as TOML text, which `psf_set_from_toml` reads."""
+    return _dumped(psfs)
 
 
 def _parsed(text: str, source: str) -> dict[str, Any]:

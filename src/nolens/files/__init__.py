@@ -14,6 +14,7 @@ from nolens.files.read import SUFFIXES, read_frame
 from nolens.files.read_camera import CAMERA_FILE, camera_files, read_camera, write_camera
 from nolens.files.read_material import read_material
 from nolens.files.read_picture import Picture, read_picture
+from nolens.files.read_psfs import PSFS_FILE, read_psf, read_psf_set, write_psfs
 from nolens.files.read_relief import HeightMap, read_height_map
 from nolens.files.record import (
     InputFile,
@@ -33,6 +34,7 @@ from nolens.files.write_step import check_step, write_step
 
 __all__ = [
     "CAMERA_FILE",
+    "PSFS_FILE",
     "SUFFIXES",
     "HeightMap",
     "InputFile",
@@ -52,6 +54,8 @@ __all__ = [
     "read_height_map",
     "read_material",
     "read_picture",
+    "read_psf",
+    "read_psf_set",
     "read_record",
     "read_tolerances",
     "readable",
@@ -65,6 +69,7 @@ __all__ = [
     "write_into",
     "write_oasis",
     "write_png",
+    "write_psfs",
     "write_record",
     "write_step",
     "write_stl",

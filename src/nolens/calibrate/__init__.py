@@ -1,0 +1,1 @@
+"""Point spread functions from what a camera measured."""

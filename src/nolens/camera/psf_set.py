@@ -1,0 +1,116 @@
+"""The point spread functions that were measured of a camera, as they are listed in its folder."""
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field
+
+from nolens.camera.part import Part, PositiveLength, Text, TiffFile, refusal
+from nolens.quantities import Angle, Length
+
+PsfKind = Literal["captured", "stitched", "extended", "scaled", "solved"]
+"""Captured by the sensor; stitched of several captured ones; extended beyond the sensor by ordinary
+pictures; scaled from another distance's; solved from pictures of known scenes."""
+
+
+def _in_front(given: Length | str) -> Length | str:
+    if isinstance(given, Length) and given.exact <= 0:
+        raise refusal("it must be more than zero, or infinity")
+    return given
+
+
+Depth = Annotated[Length | Literal["infinity"], AfterValidator(_in_front)]
+
+
+class PsfEntry(Part):
+    """One PSF of a set.
+
+    Attributes
+    ----------
+    file
+        32-bit float TIFF in the set's folder, (channels, rows, columns), linear, not negative.
+    cell
+        Distance of its cells.
+    channels
+        Name of every channel.
+    distance
+        Of the point of light from the camera.
+    angle
+        Its field angles, to the right and up as the photographer sees it.
+    kind
+        How it came about.
+    frame
+        Whether the file's middle follows the ray through the camera's middle (zero shift is the
+        cell (rows // 2, columns // 2)), or stays on the sensor's as it was captured.
+    usable_per_mm
+        Spatial frequency to which it stands out of its noise; None where that is not known.
+    """
+
+    file: TiffFile
+    cell: PositiveLength
+    channels: tuple[Text, ...] = Field(min_length=1)
+    distance: Depth
+    angle: tuple[Angle, Angle] = (Angle("0", "deg"), Angle("0", "deg"))
+    kind: PsfKind = "captured"
+    frame: Literal["chief-ray", "sensor"] = "chief-ray"
+    usable_per_mm: Annotated[float, Field(gt=0)] | None = None
+
+    @property
+    def distance_um(self) -> float:
+        """Distance of the point of light; may be infinite."""
+        return self.distance.um if isinstance(self.distance, Length) else math.inf
+
+    @property
+    def on_axis(self) -> bool:
+        """Whether the point of light is straight ahead."""
+        return all(each.deg == 0 for each in self.angle)
+
+    def replaces(self, other: "PsfEntry") -> bool:
+        """Whether both are of the same kind and the same point of light."""
+        return (self.kind, self.distance, self.angle) == (other.kind, other.distance, other.angle)
+
+
+def _one_camera(given: tuple[PsfEntry, ...]) -> tuple[PsfEntry, ...]:
+    first = given[0]
+    names: set[str] = set()
+    for each in given:
+        if each.cell != first.cell or each.channels != first.channels:
+            raise refusal(
+                f"{each.file} has cells of {each.cell} and channels {', '.join(each.channels)}, "
+                f"but {first.file} has {first.cell} and {', '.join(first.channels)}: a set holds "
+                "the PSFs of one camera, read out in one way"
+            )
+        if each.file in names:
+            raise refusal(f"{each.file} is named twice: give every PSF its own file")
+        names.add(each.file)
+    return given
+
+
+class PsfSet(Part):
+    """All PSFs of one camera.
+
+    Attributes
+    ----------
+    schema_version
+        Of this description.
+    psf
+        They, in no particular order; all have the same cells and channels.
+    """
+
+    schema_version: Literal[1] = 1
+    psf: Annotated[tuple[PsfEntry, ...], Field(min_length=1), AfterValidator(_one_camera)]
+
+    def by_distance(self, kinds: tuple[PsfKind, ...]) -> tuple[PsfEntry, ...]:
+        """PSFs of points straight ahead, nearest first; at each distance the first kind there is.
+
+        Parameters
+        ----------
+        kinds
+            Those to take, the best first.
+        """
+        found: dict[float, PsfEntry] = {}
+        for kind in kinds:
+            for each in self.psf:
+                if each.kind == kind and each.on_axis:
+                    found.setdefault(each.distance_um, each)
+        return tuple(found[distance] for distance in sorted(found))
