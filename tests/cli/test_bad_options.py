@@ -99,7 +99,7 @@ def test_value(
 COMMANDS: list[tuple[list[object], list[str]]] = [
     (
         ["recnstruct"],
-        ['Did you mean "reconstruct"', "reconstruct, info, simulate, psf, camera, material"],
+        ['Did you mean "reconstruct"', "reconstruct, info, "],
     ),
     (["--psf", "x"], ["--psf"]),
     (["reconstruct"], ["no measurement is given", "nolens reconstruct RAW --psf PSF -o out.png"]),
