@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: env demo test lint results bench bench-twin bench-design clean
+.PHONY: env demo test lint results reproduce bench bench-twin bench-design clean
 
 env: $(STAMP)
 
@@ -31,6 +31,14 @@ lint: $(STAMP)
 DATA ?= ../shared/data
 results: $(STAMP)
 	$(BIN)/python bench/results.py --data $(DATA)
+
+# About half an hour; goes on where it was stopped.
+reproduce: $(STAMP)
+	$(BIN)/nolens reproduce -o build/reproduce
+	rm -rf docs/reproduction
+	mkdir docs/reproduction
+	cp build/reproduce/pictures/*.png docs/reproduction/
+	sed 's#](pictures/#](reproduction/#' build/reproduce/reproduction.md > docs/reproduction.md
 
 bench: $(STAMP)
 	$(PYTHON) bench/run.py

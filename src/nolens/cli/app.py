@@ -41,7 +41,13 @@ Output = Parameter(name=("--output", "-o"))
 
 _USAGE = {
     "reconstruct": "reconstruct RAW --psf PSF -o out.png (-o again for each further picture)",
+    "refocus": "refocus RAW --psfs FOLDER -o FOLDER",
     "info": "info FILE",
+    "calibrate": "calibrate FRAME... --distance 300mm -o FOLDER",
+    "calibrate distances": "calibrate distances FOLDER --at 8cm --at 20cm",
+    "calibrate plan": "calibrate plan CAMERA --angle 56deg",
+    "calibrate stitch": "calibrate stitch FOLDER",
+    "calibrate surround": "calibrate surround FOLDER RAW... --region 414x414",
     "simulate": "simulate SCENE -o raw.dng",
     "psf": "psf -o psf.tif",
     "camera show": "camera show NAME",
@@ -52,6 +58,12 @@ _USAGE = {
     "design tolerance": "design tolerance CAMERA [TOLERANCES.toml] -o FOLDER",
     "design mask": "design mask KIND -o FOLDER",
     "fabricate": "fabricate CAMERA -o FOLDER",
+    "measure field": "measure field FOLDER, --simulate CAMERA, or --dots PICTURE",
+    "measure psf": "measure psf PSF --pixel 3.1um",
+    "measure resolution two-points": "measure resolution two-points --simulate CAMERA",
+    "measure resolution siemens": "measure resolution siemens FRAME --psf PSF --camera FOLDER",
+    "measure resolution edge": "measure resolution edge FRAME --psf PSF --camera FOLDER",
+    "reproduce": "reproduce -o FOLDER",
     "demo": "demo -o FOLDER",
 }
 

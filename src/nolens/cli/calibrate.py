@@ -2,4 +2,14 @@
 
 from cyclopts import App
 
-calibrate = App(name="calibrate", help="Calibrate a camera: its PSFs, from what it measured.")
+from nolens.cli.calibrate_distances import distances
+from nolens.cli.calibrate_point import point
+from nolens.cli.calibrate_stitch import plan, stitch
+from nolens.cli.calibrate_surround import surround
+
+calibrate = App(name="calibrate")
+calibrate.default(point)
+calibrate.command(distances)
+calibrate.command(plan)
+calibrate.command(stitch)
+calibrate.command(surround)

@@ -9,11 +9,14 @@ from nolens.cli.fabricate import fabricate
 from nolens.cli.material import material
 from nolens.cli.measure import measure
 from nolens.cli.reconstruct import info, reconstruct
+from nolens.cli.refocus import refocus
+from nolens.cli.reproduce import reproduce
 from nolens.cli.simulate import psf, simulate
 
 __all__ = ["run"]
 
 for command in (
-    reconstruct, info, calibrate, measure, simulate, psf, camera, material, design, fabricate, demo,
+    reconstruct, refocus, info, calibrate, measure, simulate, psf, camera, material, design,
+    fabricate, reproduce, demo,
 ):  # fmt: skip
     app.command(command)

@@ -1,16 +1,69 @@
 """How good a picture is against the truth, and what a point spread function looks like."""
 
+from nolens.evaluate.dots import Spot, brightest_places, spots_at
+from nolens.evaluate.dots_grades import Angles, Dot, angles_of, grade
+from nolens.evaluate.field import PeakCorrelation, falls_to, peak_correlation
 from nolens.evaluate.pattern import PatternFigures, pattern_figures
 from nolens.evaluate.picture import affine_fit, psnr, scale_fit, ssim
+from nolens.evaluate.psf_figures import PsfFigures, psf_figures
+from nolens.evaluate.psf_figures_clipped import clipped_cells
+from nolens.evaluate.siemens import (
+    STAR_THRESHOLD,
+    ResolvedRadius,
+    StarContrast,
+    resolved_radii,
+    star_contrast,
+)
+from nolens.evaluate.siemens_place import StarPlace, find_star
+from nolens.evaluate.slanted_edge import EdgeResponse, edge_response
+from nolens.evaluate.targets import STAR_SHARE, angle_of_length, siemens_star, slanted_edge
 from nolens.evaluate.transfer import modulation_transfer, sparsity
+from nolens.evaluate.two_points import (
+    RAYLEIGH_DIP,
+    PointPair,
+    ResolvedSeparation,
+    point_pair,
+    resolved_separation,
+)
 
 __all__ = [
+    "RAYLEIGH_DIP",
+    "STAR_SHARE",
+    "STAR_THRESHOLD",
+    "Angles",
+    "Dot",
+    "EdgeResponse",
     "PatternFigures",
+    "PeakCorrelation",
+    "PointPair",
+    "PsfFigures",
+    "ResolvedRadius",
+    "ResolvedSeparation",
+    "Spot",
+    "StarContrast",
+    "StarPlace",
     "affine_fit",
+    "angle_of_length",
+    "angles_of",
+    "brightest_places",
+    "clipped_cells",
+    "edge_response",
+    "falls_to",
+    "find_star",
+    "grade",
     "modulation_transfer",
     "pattern_figures",
+    "peak_correlation",
+    "point_pair",
+    "psf_figures",
     "psnr",
+    "resolved_radii",
+    "resolved_separation",
     "scale_fit",
+    "siemens_star",
+    "slanted_edge",
     "sparsity",
+    "spots_at",
     "ssim",
+    "star_contrast",
 ]

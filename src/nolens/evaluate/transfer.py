@@ -52,13 +52,15 @@ def modulation_transfer(pattern: Tensor, cell_um: float, per_mm: float) -> float
     return math.sqrt(area_mm2 * power) / (rows * columns * mean)
 
 
-def sparsity(pattern: Tensor) -> float:
+def sparsity(pattern: Tensor, noise: float = 0.0) -> float:
     r"""Share of the area without light, :math:`1 - (Σp)^2 / (N Σp^2)`: 0 for an even pattern.
 
     Parameters
     ----------
     pattern
         Of any shape, in any unit.
+    noise
+        Standard deviation of the noise in it, whose square is taken off the mean of p².
 
     Raises
     ------
@@ -66,7 +68,7 @@ def sparsity(pattern: Tensor) -> float:
         If it is dark.
     """
     values = pattern.double()
-    squared = float(values.square().mean())
+    squared = float(values.square().mean()) - noise**2
     if not squared > 0:
         raise DataError("the pattern is dark: it has no light to measure")
     return 1 - float(values.mean()) ** 2 / squared

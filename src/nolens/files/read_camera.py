@@ -2,6 +2,7 @@
 
 import difflib
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -106,8 +107,10 @@ def write_camera(
         If the camera names a file that is neither written nor in the folder, or a file cannot
         be written.
     """
-    folder, text, relief = Path(folder), camera_to_toml(camera), camera.mask.relief
-    writers = {folder / CAMERA_FILE: lambda path: _write_text(path, text)}
+    folder, relief = Path(folder), camera.mask.relief
+    writers: dict[Path, Callable[[Path], None]] = {
+        folder / CAMERA_FILE: partial(write_description, camera=camera)
+    }
     if relief_um is not None:
         if not isinstance(relief, ReliefFile):
             raise DataError(
@@ -124,6 +127,11 @@ def write_camera(
                 "put it there first"
             )
     write_into(folder, writers)
+
+
+def write_description(path: Path, camera: Camera) -> None:
+    """Write camera.toml alone, where the files that it names are written beside it."""
+    path.write_text(camera_to_toml(camera), encoding="utf-8", newline="\n")
 
 
 def _find(given: str | Path) -> Path:
@@ -187,10 +195,6 @@ def _heights(values: Tensor, source: str) -> Tensor:
     if not torch.isfinite(heights).all():
         raise DataError(f"{source} holds heights that are NaN or infinite: give finite ones, in um")
     return heights
-
-
-def _write_text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8", newline="\n")
 
 
 def _write_heights(path: Path, heights: Tensor) -> None:

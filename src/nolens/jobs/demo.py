@@ -1,6 +1,5 @@
 """The demonstration: the paper's camera, simulated, and the photograph made from its files."""
 
-import importlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,13 +7,14 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
-from nolens.camera import develop, exposure_white, linear_from_srgb, opened, preset
-from nolens.errors import FileError, OptionError
+from nolens.camera import develop, exposure_white, opened, preset
+from nolens.errors import FileError
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import read_frame, write_dng, write_png
 from nolens.jobs.options import ReconstructOptions
 from nolens.jobs.reconstruct import Outcome, reconstruct
 from nolens.jobs.reporter import Reporter
+from nolens.jobs.sample_pictures import sample_picture
 from nolens.optics import PointSource
 from nolens.twin import (
     Light,
@@ -77,7 +77,7 @@ def run_demo(folder: Path, reporter: Reporter) -> DemoResult:
     FileError
         If the folder cannot be made.
     """
-    photograph = _photograph()
+    photograph = sample_picture("astronaut", "the photograph of the demonstration comes")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -143,18 +143,6 @@ def _capture(
 
 def _size(pixels: tuple[int, int]) -> str:
     return f"{pixels[1]}×{pixels[0]}"
-
-
-def _photograph() -> Tensor:
-    """scikit-image's astronaut in linear light, (3, 512, 512)."""
-    try:
-        data = importlib.import_module("skimage.data")
-    except ImportError:
-        raise OptionError(
-            "the photograph of the demonstration comes with scikit-image, which is not "
-            "installed; pip install 'nolens[demo]'"
-        ) from None
-    return linear_from_srgb(torch.from_numpy(data.astronaut()).permute(2, 0, 1).float() / 255)
 
 
 def _side_by_side(measurement: Tensor, reconstruction: Tensor, truth: Tensor) -> Tensor:

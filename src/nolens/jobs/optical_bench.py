@@ -12,8 +12,10 @@ from nolens.operators import Region
 from nolens.optics import PointSource
 from nolens.solvers import Problem, Progress, admm
 from nolens.twin import (
+    FieldMap,
     Light,
     Plane,
+    Seen,
     Twin,
     arrange,
     irradiate,
@@ -39,12 +41,15 @@ class Photographed:
         Radiance on them, (channels, height, width).
     response
         How much of it each cell gives, (height, width), 1 for the brightest.
+    exposure_cd_s_m2
+        Luminance of what has the radiance 1, times the exposure time.
     """
 
     frame: Frame
     region: Region
     truth: Tensor
     response: Tensor
+    exposure_cd_s_m2: float
 
 
 @dataclass(frozen=True)
@@ -117,13 +122,16 @@ class OpticalBench:
         tick
             Called with the share that is done.
         """
+        return self.exposed(self.light_of(source, tick), fill, seed)
+
+    def light_of(self, source: PointSource, tick: Tick | None = None) -> Tensor:
+        """Light of one point on every pixel, in the pixel's colour; points add up."""
         pattern = point_spread(
             self.twin, source, (self.sensor.rows, self.sensor.columns),
             light=self.light, wavelengths=self.wavelengths, frame="sensor", tick=tick,
         ).cpu()  # fmt: skip
         seen = photocurrents(self.twin, self.light, 1.0)
-        image = mosaic(pattern * (seen / seen.max())[:, None, None], self.sensor.mosaic)
-        return self._exposed(image, fill, seed)
+        return mosaic(pattern * (seen / seen.max())[:, None, None], self.sensor.mosaic)
 
     def photograph(
         self, planes: tuple[Plane, ...], *, fill: float = 0.9, seed: int = 0,
@@ -142,7 +150,13 @@ class OpticalBench:
         tick
             Called with the share that is done.
         """
-        field, seen = arrange(self.twin, planes)
+        return self.seen(*arrange(self.twin, planes), fill=fill, seed=seed, tick=tick)
+
+    def seen(
+        self, field: FieldMap, seen: tuple[Seen, ...], *, fill: float = 0.9, seed: int = 0,
+        tick: Tick | None = None,
+    ) -> Photographed:  # fmt: skip
+        """The sensor's frame of what is seen on the cells of a map; the rest as `photograph`."""
         found = irradiate(
             self.twin, replace(field, twin=self.twin), seen, field_points=self.field_points,
             light=self.light, wavelengths=self.wavelengths, tick=tick,
@@ -151,13 +165,15 @@ class OpticalBench:
         image = found.light * mosaic(currents.expand(-1, *found.light.shape), self.sensor.mosaic)
         response = field.solid_angle() * field.vignetting()
         return Photographed(
-            self._exposed(image, fill, seed),
+            self.exposed(image, fill, seed),
             field.region,
             torch.stack([plane.radiance for plane in seen]).sum(dim=0),
             (response / response.max()).float(),
+            fill * self.sensor.clip_electrons / float(image.max()),
         )
 
-    def _exposed(self, image: Tensor, fill: float, seed: int) -> Frame:
+    def exposed(self, image: Tensor, fill: float, seed: int) -> Frame:
+        """The sensor's frame of light on every pixel, its brightest exposed to `fill`."""
         electrons = image * (fill * self.sensor.clip_electrons / float(image.max()))
         counts = expose_safely(electrons, self.sensor, seed=seed).float()[None]
         pattern = None if self.sensor.mosaic == "none" else self.sensor.mosaic

@@ -1,5 +1,6 @@
 """From a measurement and a PSF on disk to pictures on disk."""
 
+import math
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -32,7 +33,7 @@ from nolens.files import (
     write_together,
 )
 from nolens.jobs.clock import Clock
-from nolens.jobs.cost import duration_text
+from nolens.jobs.cost import Cost, duration_text
 from nolens.jobs.device import pick_device
 from nolens.jobs.given import check_apart
 from nolens.jobs.options import Method, ReconstructOptions, parse_window
@@ -94,7 +95,7 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
     psf, warnings = prepared.values, list(prepared.warnings)
     inputs = {role: InputFile.of(path) for role, path in options.inputs.items()}
     sensor = (measurement.values.shape[-2], measurement.values.shape[-1])
-    region = None if options.region is None else _region(options.region, sensor, psf)
+    region = None if options.region is None else region_within(options.region, sensor, psf)
     for text in warnings:
         reporter.warn(text)
 
@@ -115,7 +116,7 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
     )
     top, left, height, width = window
     scene = result.scene[:, top : top + height, left : left + width].cpu()
-    picture = _orient(scene, options.flip)
+    picture = oriented(scene, options.flip)
     exposure_white(picture)  # An empty picture is an error before anything is written.
 
     summary = {
@@ -186,8 +187,23 @@ def _read_psf(options: ReconstructOptions) -> Frame:
     return frame
 
 
-def _region(text: str, sensor: tuple[int, int], psf: Tensor) -> Region:
-    """Cells that light can come from; by far more than can be seen would only fill the memory."""
+def region_within(text: str, sensor: tuple[int, int], psf: Tensor) -> Region:
+    """Cells that light can come from; by far more than can be seen would only fill the memory.
+
+    Parameters
+    ----------
+    text
+        As --region has it.
+    sensor
+        (rows, columns) of the measurement.
+    psf
+        That it is reconstructed with.
+
+    Raises
+    ------
+    OptionError
+        If the text is no region, or one larger than can be seen.
+    """
     region = parse_window(text, sensor, "--region")
     height, width = sensor[0] + psf.shape[-2], sensor[1] + psf.shape[-1]
     if region.height > height or region.width > width:
@@ -218,12 +234,17 @@ def _solve(problem: Problem, options: ReconstructOptions, limit: int, callback: 
     )
 
 
+def solving_cost(problem: Problem, iterations: float) -> Cost:
+    """What ADMM needs for a problem, as `make bench` saw it on two cores."""
+    cells = math.prod(problem.forward.geometry.period) * problem.channels
+    return Cost(cells * _BYTES_PER_CELL, cells * iterations * _SECONDS_PER_CELL)
+
+
 def _announce(problem: Problem, limit: int, device: torch.device, reporter: Reporter) -> None:
     """Say beforehand what will take minutes or gigabytes."""
     height, width = problem.forward.geometry.period
-    cells = height * width * problem.channels
-    gigabytes = cells * _BYTES_PER_CELL / 1e9
-    seconds = cells * limit * _SECONDS_PER_CELL
+    cost = solving_cost(problem, limit)
+    gigabytes, seconds = cost.bytes / 1e9, cost.seconds
     if gigabytes > 1 or (seconds > 60 and device.type == "cpu"):
         reporter.note(
             f"{problem.channels} × {height}×{width} cells: about {gigabytes:.1f} GB of memory"
@@ -254,7 +275,8 @@ def _crop_window(
     return top, left, wanted.height, wanted.width
 
 
-def _orient(picture: Tensor, flip: str) -> Tensor:
+def oriented(picture: Tensor, flip: str) -> Tensor:
+    """Picture (…, rows, columns) turned over as --flip asks for."""
     axes = {"none": (), "vertical": (-2,), "horizontal": (-1,), "both": (-2, -1)}[flip]
     return torch.flip(picture, axes) if axes else picture
 

@@ -65,6 +65,10 @@ def _less_than_right(angles: tuple[Angle, Angle]) -> tuple[Angle, Angle]:
     return angles
 
 
+FieldAngles = Annotated[
+    tuple[Angle, Angle], BeforeValidator(_two_angles), AfterValidator(_less_than_right)
+]
+"""Of a point of light, to the right and up as the photographer sees it."""
 Distance = Length | Literal["infinity"]
 """Of a scene or a point of light from the camera."""
 Seed = Annotated[int, _at_least(0), Field(lt=2**63)]
@@ -222,9 +226,7 @@ class PsfOptions(CameraOptions):
         the sensor's; None takes the first for TIFF and the second for DNG.
     """
 
-    at: Annotated[
-        tuple[Angle, Angle], BeforeValidator(_two_angles), AfterValidator(_less_than_right)
-    ] = (Angle("0", "deg"), Angle("0", "deg"))
+    at: FieldAngles = (Angle("0", "deg"), Angle("0", "deg"))
     depth: Distance | None = None
     size: Length | None = None
     bin: Annotated[int, _at_least(1)] | None = None

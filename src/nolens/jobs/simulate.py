@@ -32,6 +32,7 @@ from nolens.jobs.cost import (
 from nolens.jobs.outline import distance_um, relief_points
 from nolens.jobs.reporter import Reporter
 from nolens.jobs.run import Run
+from nolens.jobs.scene_channels import in_channels
 from nolens.jobs.scene_options import SimulateOptions
 from nolens.operators import Region
 from nolens.optics import PointSource
@@ -50,8 +51,6 @@ from nolens.twin import (
 from nolens.twin.point import shortest_nm
 
 _FILL = Share("90", "%")
-_GREY = (0.2126, 0.7152, 0.0722)
-"""Luminance of linear sRGB (IEC 61966-2-1)."""
 _REMEDY = (
     "a camera with fewer or larger pixels, a coarser grid of its relief or a smaller --angle needs "
     "less"
@@ -182,9 +181,7 @@ def _planes(options: SimulateOptions, opened: OpenCamera) -> tuple[Plane, ...]:
     planes = []
     for number, path in enumerate(options.scenes):
         picture = read_picture(path)
-        radiance = picture.radiance
-        if len(opened.camera.sensor.channels) == 1:
-            radiance = (radiance * torch.tensor(_GREY)[:, None, None]).sum(dim=0, keepdim=True)
+        radiance = in_channels(picture.radiance, len(opened.camera.sensor.channels))
         planes.append(
             Plane(
                 radiance,

@@ -1,0 +1,151 @@
+"""What a PSF wider than the sensor is worth to a camera without an aperture.
+
+`make bench-stitch` runs the paper's camera at its full size in the twin, takes frames of a point
+of light at nine angles that are half a degree off what is written down, stitches them as a person
+would (`nolens calibrate stitch`), and reconstructs a photograph that fills 56 degrees; it writes
+docs/results/stitch.json and stitch.png.
+"""
+
+import argparse
+import json
+import math
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from machine import describe
+from nolens.calibrate.surround import filled
+from nolens.camera import PsfEntry, develop
+from nolens.evaluate import psnr, scale_fit
+from nolens.files import read_camera, write_camera, write_png, write_psfs
+from nolens.jobs import CalibrateStitchOptions, calibrate_stitch
+from nolens.jobs.optical_bench import OpticalBench, Photographed, solved
+from nolens.jobs.sample_pictures import sample_picture
+from nolens.operators import Geometry, Region
+from nolens.optics import PointSource
+from nolens.twin import Plane
+
+OUT = Path(__file__).parents[1] / "docs" / "results"
+SCENE_DEG, MORE_DEG, OFF_DEG = 56.0, 1.0, 0.5
+DISTANCE_UM = 300e3
+FRAMES, ITERATIONS, TAU = 4, 200, 1e-5
+
+
+class Quiet:
+    """Passes warnings on, and nothing else."""
+
+    def note(self, text: str) -> None:
+        """Leave it."""
+
+    def warn(self, text: str) -> None:
+        """Show it."""
+        print(f"warning: {text}", file=sys.stderr)
+
+    def advance(self, what: str, share: float) -> None:
+        """Go on."""
+
+
+def captures(bench: OpticalBench) -> dict[PsfEntry, Tensor]:
+    """PSFs of nine lights, each the mean of some frames; all angles but one are off."""
+    generator = torch.Generator().manual_seed(1)
+    edge = SCENE_DEG / 2 + MORE_DEG
+    found = {}
+    for up in (edge, 0.0, -edge):
+        for right in (-edge, 0.0, edge):
+            off = OFF_DEG * torch.randn(2, generator=generator) * (1.0 if up or right else 0.0)
+            tangents = [
+                math.tan(math.radians(stated + float(error)))
+                for stated, error in zip((right, up), off, strict=True)
+            ]
+            source = PointSource((-tangents[1], tangents[0]), DISTANCE_UM, 50.0)
+            image = bench.light_of(source)
+            frames = [develop(bench.exposed(image, 0.9, seed)) for seed in range(FRAMES)]
+            psf = torch.stack([frame.values for frame in frames]).mean(dim=0).clamp_min(0)
+            entry = PsfEntry.model_validate({
+                "file": f"psf-300mm-{right:g}deg-{up:g}deg.tif",
+                "cell": f"{bench.twin.cell_um:g} um",
+                "channels": bench.sensor.channels,
+                "distance": "300 mm",
+                "angle": (f"{right:g} deg", f"{up:g} deg"),
+                "frame": "sensor" if up or right else "chief-ray",
+            })  # fmt: skip
+            found[entry] = psf
+    return found
+
+
+def scene_of(shot: Photographed, psf: Tensor, region: Region | None) -> tuple[Tensor, float]:
+    """The reconstruction on the scene's cells, and the seconds it took."""
+    start = time.perf_counter()
+    seen = solved(shot.frame, psf, region, iterations=ITERATIONS, tau=TAU)
+    seconds = time.perf_counter() - start
+    if region is None:
+        sensor = develop(shot.frame).values.shape[-2:]
+        size = (psf.shape[-2], psf.shape[-1])
+        origin = Geometry.lay_out((sensor[0], sensor[1]), size, None).origin
+        top, left = shot.region.top - origin[0], shot.region.left - origin[1]
+        seen = seen[:, top : top + shot.region.height, left : left + shot.region.width]
+    return seen, seconds
+
+
+def main() -> None:
+    """Measure, write and show."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--camera", default="paper")
+    parser.add_argument("--out", type=Path, default=OUT)
+    arguments = parser.parse_args()
+    opened = read_camera(arguments.camera)
+    bench = OpticalBench.of(opened)
+    picture = sample_picture("astronaut", "the benchmark")
+    shot = bench.photograph((Plane(picture, SCENE_DEG, DISTANCE_UM),), seed=1)
+    psfs = captures(bench)
+    ahead = next(psf for entry, psf in psfs.items() if entry.on_axis)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name) / "camera"
+        write_camera(folder, opened.camera)
+        write_psfs(folder, psfs)
+        made = calibrate_stitch(CalibrateStitchOptions(folder=folder), Quiet())
+    size = (made.psf.shape[-2], made.psf.shape[-1])
+    source = PointSource(distance_um=DISTANCE_UM, diameter_um=50.0)
+    region = shot.region
+    cases: dict[str, tuple[Tensor, Region | None]] = {
+        "captured": (ahead, None),
+        "captured, region": (ahead, region),
+        "captured, mean light around it, region": (filled(ahead, region), region),
+        "stitched, region": (made.psf, region),
+        "the twin's wide PSF of straight ahead, region": (bench.psf(source, size), region),
+    }
+    truth = shot.truth * shot.response
+    rows: list[dict[str, Any]] = []
+    pictures = [truth]
+    for name, (psf, confined) in cases.items():
+        seen, seconds = scene_of(shot, psf, confined)
+        fitted = scale_fit(seen, truth)
+        rows.append({
+            "psf": name, "psnr_db": round(psnr(fitted, truth, 1.0), 2),
+            "seconds": round(seconds, 1),
+        })  # fmt: skip
+        print(rows[-1], flush=True)
+        pictures.append(fitted)
+    report = {
+        "machine": describe(),
+        "camera": opened.camera.name, "scene_deg": SCENE_DEG,
+        "frames_per_capture": FRAMES, "angles_off_deg": OFF_DEG,
+        "iterations": ITERATIONS, "tau": TAU,
+        "region": [region.height, region.width], "cases": rows,
+        "stitch": {key: made.summary[key] for key in (
+            "cells", "region", "known_share", "misfit_cells", "captures", "seconds", "warnings",
+        )},
+    }  # fmt: skip
+    for row in report["stitch"]["captures"]:  # type: ignore[index]
+        print(row, flush=True)
+    (arguments.out / "stitch.json").write_text(json.dumps(report, indent=1) + "\n")
+    write_png(arguments.out / "stitch.png", torch.cat(pictures, dim=-1))
+
+
+if __name__ == "__main__":
+    main()

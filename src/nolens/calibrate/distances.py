@@ -1,0 +1,208 @@
+"""From a PSF that was measured at one distance to those of other distances."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy import ndimage
+from torch import Tensor
+
+from nolens.camera import Camera
+from nolens.errors import OptionError
+from nolens.optics import Stack
+from nolens.quantities import Angle
+from nolens.twin import REFERENCE_NM
+
+Values = NDArray[np.float64]
+
+_TABLE = 512
+_SPLINE = 5
+_NEIGHBOURHOOD = 12.0
+"""Width of the Gaussian, in cells, that unknown light is the mean over."""
+
+
+@dataclass(frozen=True)
+class Layers:
+    """What light passes on its way to the sensor.
+
+    Parameters
+    ----------
+    before
+        Layers between the air in front of the camera and the mask.
+    after
+        Layers between mask and sensor.
+    """
+
+    before: Stack
+    after: Stack
+
+    @classmethod
+    def of_camera(cls, camera: Camera) -> "Layers":
+        """The layers of a camera, at the wavelength that stands for all."""
+        thicknesses = tuple(layer.thickness.um for layer in camera.layers)
+        indices, surface = camera.indices(REFERENCE_NM), camera.mask.surface
+        return cls(
+            Stack(thicknesses[:surface], indices[:surface]),
+            Stack(thicknesses[surface:], indices[surface:]),
+        )
+
+    @classmethod
+    def of_air(cls, reduced_um: float) -> "Layers":
+        """Layers of which only the reduced thickness Σ t/n is known, as air of that thickness."""
+        return cls(Stack((), ()), Stack((reduced_um,), (1.0,)))
+
+    def magnification(self, distance_um: float) -> float:
+        """How large the pattern of a source is beside that of a far one: 1 + D / (z + b).
+
+        D and b are the reduced thicknesses behind and before the mask (`uvimprint`, sec. 3.5).
+        """
+        return 1 + self.after.reduced_um / (distance_um + self.before.reduced_um)
+
+    def shift_um(self, angle: tuple[Angle, Angle]) -> tuple[float, float]:
+        """Where the ray through the camera's middle falls, to the right and up, by Snell's law.
+
+        Parameters
+        ----------
+        angle
+            Field angles of the point of light, to the right and up.
+        """
+        tangents = [math.tan(each.rad) for each in angle]
+        size = math.hypot(*tangents)
+        if size == 0:
+            return 0.0, 0.0
+        p = torch.tensor(size / math.sqrt(1 + size * size), dtype=torch.float64)
+        reach = float(self.before.then(self.after).displacement_um(p))
+        return reach * tangents[0] / size, reach * tangents[1] / size
+
+    def on_sensor(self, mask_um: Tensor, distance_um: float) -> Tensor:
+        """Where a ray from a source on the axis falls that passes the mask in a place.
+
+        Parameters
+        ----------
+        mask_um
+            Distances from the axis, float64.
+        distance_um
+            Of the source; may be infinite.
+        """
+        if math.isinf(distance_um):
+            return mask_um
+        ray = self._front(distance_um).ray(mask_um)
+        return mask_um + self.after.displacement_um(ray)
+
+    def on_mask(self, sensor_um: Tensor, distance_um: float) -> Tensor:
+        """Where a ray passes the mask that falls on a place of the sensor: the inverse."""
+        if math.isinf(distance_um):
+            return sensor_um
+        front = self._front(distance_um)
+        ray = front.then(self.after).ray(sensor_um)
+        return front.displacement_um(ray)
+
+    def _front(self, distance_um: float) -> Stack:
+        return Stack((distance_um,), (1.0,)).then(self.before)
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """A PSF of another distance.
+
+    Parameters
+    ----------
+    psf
+        (channels, rows, columns).
+    magnification
+        How large its pattern is beside that of the measured one, near the axis.
+    unknown_share
+        Share of its cells whose light comes from beyond the measured PSF; they have the mean
+        light of their neighbourhood.
+    """
+
+    psf: Tensor
+    magnification: float
+    unknown_share: float
+
+
+def scaled_psf(
+    psf: Tensor, cell_um: float, layers: Layers, *, measured_um: float, wanted_um: float
+) -> Scaled:
+    r"""PSF of a point of light on the axis at another distance than the measured one's.
+
+    The mask's pattern moves with the rays that carry it. The ray that falls on the radius
+    :math:`r_1` from the wanted distance passes the mask at m; from the measured distance the one
+    through the same m falls on :math:`r_0(r_1)` (Snell's law in every layer). The light goes with
+    them: :math:`p_1(r_1) = p_0(r_0)\,\frac{r_0}{r_1}\frac{dr_0}{dr_1}`. Near the axis that is a
+    magnification by :math:`M_1/M_0`, :math:`M = 1 + D/z`. What the distance does to the focus is
+    left out: it is small against the depth of focus from a few cm on.
+
+    Parameters
+    ----------
+    psf
+        (channels, rows, columns); its middle is the axis.
+    cell_um
+        Distance of its cells.
+    layers
+        What the light passes.
+    measured_um, wanted_um
+        Distances of the points of light; may be infinite.
+
+    Raises
+    ------
+    OptionError
+        If nothing of the measured pattern is left at the wanted distance.
+    """
+    rows, columns = psf.shape[-2:]
+    places = [(torch.arange(n, dtype=torch.float64) - (n - 1) / 2) for n in (rows, columns)]
+    radius = torch.hypot(places[0][:, None].expand(-1, columns), places[1].expand(rows, -1))
+    table = torch.linspace(0, float(radius.max()) * cell_um, _TABLE, dtype=torch.float64)
+    there = layers.on_sensor(layers.on_mask(table, wanted_um), measured_um)
+    near = layers.magnification(measured_um) / layers.magnification(wanted_um)
+    ratio = np.append(near, (there[1:] / table[1:]).numpy())
+    density = ratio * np.gradient(there.numpy(), table.numpy(), edge_order=2)
+    share = _along(radius, cell_um, table, ratio)
+    light = _along(radius, cell_um, table, density)
+    at = [places[0][:, None].numpy() * share, places[1].numpy() * share]
+    unknown = (np.abs(at[0]) > (rows - 1) / 2) | (np.abs(at[1]) > (columns - 1) / 2)
+    if unknown.all():
+        raise OptionError("nothing of the pattern is left at that distance: choose a nearer one")
+    where = np.stack([at[0] + (rows - 1) / 2, at[1] + (columns - 1) / 2])
+    planes = [
+        ndimage.map_coordinates(plane, where, order=_SPLINE, mode="nearest") * light
+        for plane in psf.double().numpy()
+    ]
+    result = torch.from_numpy(np.stack(planes)).clamp_min(0)
+    known = torch.from_numpy(~unknown)
+    return Scaled(
+        with_mean_light(result, known).to(psf.dtype), 1 / near, float((~known).double().mean())
+    )
+
+
+def with_mean_light(psf: Tensor, known: Tensor) -> Tensor:
+    """Give cells that are not known the mean light of the known ones around them.
+
+    Parameters
+    ----------
+    psf
+        (channels, rows, columns).
+    known
+        Bool, (rows, columns); at least one of them.
+    """
+    if bool(known.all()):
+        return psf
+    mask = known.double().numpy()
+    # Beyond the reach of the Gaussian the nearest known light is what there is.
+    nearest = ndimage.distance_transform_edt(mask == 0, return_distances=False, return_indices=True)
+    weight = ndimage.gaussian_filter(mask, _NEIGHBOURHOOD)
+    filled = []
+    for plane in psf.double().numpy():
+        total = ndimage.gaussian_filter(plane * mask, _NEIGHBOURHOOD)
+        mean = total / np.where(weight > 1e-3, weight, 1)
+        around = np.where(weight > 1e-3, mean, mean[tuple(nearest)])
+        filled.append(np.where(mask > 0, plane, around))
+    return torch.from_numpy(np.stack(filled)).to(psf.dtype)
+
+
+def _along(radius: Tensor, cell_um: float, table: Tensor, values: Values) -> Values:
+    """Values of a table of radii, at each cell's radius."""
+    found: Values = np.interp((radius * cell_um).numpy(), table.numpy(), values)
+    return found

@@ -1,0 +1,101 @@
+"""A pattern of light made larger or smaller: what another distance of its source does to a PSF."""
+
+import math
+
+import torch
+from torch import Tensor
+
+from nolens.errors import OptionError
+
+_LOBES = 4
+"""Zeros of the sinc to each side that the kernel has."""
+
+
+def magnified(psf: Tensor, factor: float, *, moved: tuple[float, float] = (0.0, 0.0)) -> Tensor:
+    r"""Pattern magnified about its zero shift, with its energy kept: :math:`p(x / M) / M^2`.
+
+    The mask throws a shadow of its own pattern: a source at the distance z magnifies it by
+    :math:`M = 1 + D / z`, with :math:`D = Σ t_j / n_j` of the layers down to the sensor
+    (`uvimprint`, sec. 3.5). Values between cells come from a sinc under the main lobe of a wider
+    one (`duchon1979`), stretched where the pattern shrinks so that nothing is missed between
+    samples; what it undershoots is cut off at zero.
+
+    Parameters
+    ----------
+    psf
+        (..., rows, columns), not negative; zero shift is the cell (rows // 2, columns // 2).
+    factor
+        M, more than zero.
+    moved
+        Cells by which the result is moved down and to the right.
+
+    Returns
+    -------
+    Tensor
+        Of the same shape and type. Places that lie beyond the pattern have no light; `covered`
+        says which.
+
+    Raises
+    ------
+    OptionError
+        If the factor is not a finite number above zero.
+    """
+    if not 0 < factor < math.inf:
+        raise OptionError(
+            f"a magnification of {factor:g}: it must be a number above 0, such as 1.01"
+        )
+    if factor == 1 and moved == (0.0, 0.0):
+        return psf.clone()
+    result = psf
+    for axis, shift in zip((-2, -1), moved, strict=True):
+        result = _resampled(result, axis, factor, shift)
+    return result.div_(factor * factor).clamp_min_(0)
+
+
+def covered(
+    cells: tuple[int, int], factor: float, *, moved: tuple[float, float] = (0.0, 0.0)
+) -> Tensor:
+    """Cells of a `magnified` pattern that lie within what was there; bool, (rows, columns).
+
+    Parameters
+    ----------
+    cells
+        (rows, columns) of the pattern.
+    factor, moved
+        As for `magnified`.
+    """
+    inside = []
+    for count, shift in zip(cells, moved, strict=True):
+        place = _places(count, factor, shift)
+        inside.append((place >= 0) & (place <= count - 1))
+    return inside[0][:, None] & inside[1]
+
+
+def _places(count: int, factor: float, shift: float) -> Tensor:
+    """Where in the pattern each cell of the result looks; float64."""
+    middle = count // 2
+    return (torch.arange(count, dtype=torch.float64) - middle - shift) / factor + middle
+
+
+def _resampled(psf: Tensor, axis: int, factor: float, shift: float) -> Tensor:
+    """The pattern at `_places` along one axis."""
+    count = psf.shape[axis]
+    place = _places(count, factor, shift)
+    stretch = max(1.0, 1 / factor)
+    reach = math.ceil(_LOBES * stretch)
+    first = place.floor().long() - reach + 1
+    taps = first[:, None] + torch.arange(2 * reach)
+    weight = _kernel((place[:, None] - taps) / stretch)
+    weight /= weight.sum(dim=1, keepdim=True)
+    weight *= (taps >= 0) & (taps < count)
+    shape = [1] * psf.ndim
+    shape[axis] = count
+    result = torch.zeros_like(psf)
+    for tap, each in zip(taps.clamp(0, count - 1).T, weight.T, strict=True):
+        result += psf.index_select(axis, tap) * each.to(psf.dtype).reshape(shape)
+    return result
+
+
+def _kernel(distance: Tensor) -> Tensor:
+    inside = distance.abs() < _LOBES
+    return torch.where(inside, torch.sinc(distance) * torch.sinc(distance / _LOBES), 0.0)

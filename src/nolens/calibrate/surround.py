@@ -1,0 +1,186 @@
+"""What a PSF is beyond the sensor's edge, found together with ordinary pictures."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from nolens.calibrate.pairs_model import ManyScenes
+from nolens.camera.measurement import Measurement
+from nolens.operators import Region
+from nolens.solvers import Problem, admm
+
+SCENE_STEPS = 60
+"""Of ADMM, for each scene and round."""
+PSF_STEPS = 40
+"""Of FISTA, for each round."""
+LEAST_SHOWN = 0.1
+"""Share of the misfit that the first round must explain: less is noise, and harms."""
+
+
+@dataclass(frozen=True)
+class Extended:
+    """A PSF wider than the sensor.
+
+    Parameters
+    ----------
+    psf
+        (channels, rows, columns), zero shift in the cell (rows // 2, columns // 2); the
+        captured one in its middle.
+    found
+        Whether the pictures show what lies outside; if not, it is the mean light.
+    misfit
+        Root mean square of what the pictures' reconstructions leave over, as a share of the
+        measurements', before the first round and after each.
+    """
+
+    psf: Tensor
+    found: bool
+    misfit: tuple[float, ...]
+
+
+def filled(captured: Tensor, region: Region) -> Tensor:
+    """The captured PSF with its mean light around it, as far as a scene's light comes from.
+
+    Parameters
+    ----------
+    captured
+        (channels, rows, columns), as large as the sensor.
+    region
+        Cells that light comes from.
+    """
+    rows, columns = captured.shape[-2:]
+    size = (
+        2 * max(region.top + region.height, rows - region.top),
+        2 * max(region.left + region.width, columns - region.left),
+    )
+    wide = captured.mean(dim=(-2, -1), keepdim=True).expand(-1, *size).clone()
+    wide[_inside(size, (rows, columns))] = captured
+    return wide
+
+
+def extend(
+    captured: Tensor, pictures: list[Measurement], region: Region, *, rounds: int, tau: float,
+    step: Callable[[int], bool] | None = None,
+) -> Extended:  # fmt: skip
+    r"""Estimate the PSF beyond the sensor's edge from pictures of unknown scenes.
+
+    Minimises :math:`\sum_k ½‖b_k - C(h * v_k)‖^2 + τ R(v_k)` over scenes :math:`v_k \ge 0` in the
+    region and the PSF :math:`h \ge 0` outside what was captured, in turns, as blind deconvolution
+    does (`ayers1988`; convex in each of the two): the scenes by ADMM (`nolens.solvers.admm`), the
+    PSF by FISTA (`beck2009`), from a surround of the pattern's mean light. What makes it
+    possible is that the largest part of h is known and the sensor has many times more cells than
+    the scenes.
+
+    Where the scenes are so wide that their light averages the surround's pattern out, the
+    measurements show nothing of it above noise, and what the first round finds is worse than the
+    mean light. Then that is what is given (docs/decisions/0005-beyond-the-sensor.md).
+
+    Parameters
+    ----------
+    captured
+        PSF straight ahead, (channels, rows, columns), as large as the sensor.
+    pictures
+        What the sensor measured, with the PSF's channels.
+    region
+        Cells that their light comes from.
+    rounds
+        Turns of both.
+    tau
+        Weight of the prior, as `nolens reconstruct` takes it.
+    step
+        Called with the number of steps that are done, of `steps`; stops by returning True.
+    """
+    psf, found = filled(captured, region), False
+    misfit: list[float] = []
+    done = 0
+
+    def stopped() -> bool:
+        nonlocal done
+        done += 1
+        return step is not None and step(done)
+
+    for _ in range(rounds):
+        scenes = []
+        for picture in pictures:
+            scenes.append(_scene(psf, picture, region, tau))
+            if stopped():
+                return Extended(psf, found, tuple(misfit))
+        following, before, after = _surround(psf, captured, pictures, scenes, region)
+        misfit += [after] if misfit else [before, after]
+        if misfit[1] > (1 - LEAST_SHOWN) * misfit[0]:
+            break
+        psf, found = following, True
+        if stopped():
+            break
+    return Extended(psf, found, tuple(misfit))
+
+
+def steps(rounds: int, pictures: int) -> int:
+    """How many steps `extend` takes."""
+    return rounds * (pictures + 1)
+
+
+def _inside(size: tuple[int, int], sensor: tuple[int, int]) -> tuple[slice, slice, slice]:
+    """Where the captured PSF lies in the wide one: zero shift on zero shift."""
+    top, left = (whole // 2 - part // 2 for whole, part in zip(size, sensor, strict=True))
+    return slice(None), slice(top, top + sensor[0]), slice(left, left + sensor[1])
+
+
+def _scene(psf: Tensor, picture: Measurement, region: Region, tau: float) -> Tensor:
+    problem = Problem.pose(psf, picture.values, valid=picture.valid, region=region, tau=tau)
+    return admm(problem, iterations=SCENE_STEPS, tolerance=0.0).scene
+
+
+def _maps(
+    psf: Tensor, scenes: list[Tensor], picture: Measurement, region: Region
+) -> list[ManyScenes]:
+    """All pictures' measurements as a linear map of the PSF, channel by channel."""
+    sensor = (picture.values.shape[-2], picture.values.shape[-1])
+    size = (psf.shape[-2], psf.shape[-1])
+    return [
+        ManyScenes(torch.stack(planes), region, sensor, size)
+        for planes in zip(*scenes, strict=True)
+    ]
+
+
+def _residual(
+    forward: ManyScenes, plane: Tensor, pictures: list[Measurement], channel: int
+) -> Tensor:
+    """What the map of a channel's PSF leaves of all pictures, (pictures, rows, columns)."""
+    values = torch.stack([each.values[channel] for each in pictures])
+    valid = torch.stack([each.valid[channel] for each in pictures])
+    return torch.where(valid, forward(plane) - values, 0)
+
+
+def _surround(
+    psf: Tensor, captured: Tensor, pictures: list[Measurement], scenes: list[Tensor],
+    region: Region,
+) -> tuple[Tensor, float, float]:  # fmt: skip
+    """Non-negative least squares for the PSF outside what was captured, given the scenes.
+
+    Also the misfits that it begins and ends with.
+    """
+    inside = _inside((psf.shape[-2], psf.shape[-1]), (captured.shape[-2], captured.shape[-1]))[1:]
+    planes, first, last = [], 0.0, 0.0
+    for channel, forward in enumerate(_maps(psf, scenes, pictures[0], region)):
+        lipschitz = float(forward.transfer.abs().square().sum(dim=0).max())
+        plane, ahead, momentum = psf[channel], psf[channel], 1.0
+        for number in range(PSF_STEPS):
+            residual = _residual(forward, ahead, pictures, channel)
+            if number == 0:
+                first += float(residual.double().square().sum())
+            slope = forward.adjoint(residual)
+            slope[inside] = 0
+            before, plane = plane, (ahead - slope / lipschitz).clamp_min(0)
+            following = (1 + math.sqrt(1 + 4 * momentum**2)) / 2
+            ahead = plane + (momentum - 1) / following * (plane - before)
+            momentum = following
+        last += float(_residual(forward, plane, pictures, channel).double().square().sum())
+        planes.append(plane)
+    light = sum(
+        float(torch.where(each.valid, each.values, 0).double().square().sum()) for each in pictures
+    )
+    return torch.stack(planes), math.sqrt(first / light), math.sqrt(last / light)

@@ -1,0 +1,102 @@
+"""`nolens measure psf`."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from nolens.cli.app import Json, Quantity, given_options
+from nolens.cli.messages import show
+from nolens.cli.terminal import TerminalReporter
+from nolens.jobs import MeasurePsfOptions
+from nolens.jobs import measure_psf as run_measure_psf
+
+Source = Parameter(group="PSF")
+Result = Parameter(group="Result")
+
+
+def psf(
+    psf: Path,
+    /,
+    *,
+    pixel: Annotated[str | None, Quantity, Source] = None,
+    camera: Annotated[str | None, Source] = None,
+    channels: Annotated[str | None, Source] = None,
+    black: Annotated[float | None, Source] = None,
+    noise: Annotated[float | None, Source] = None,
+    plot: Annotated[Path | None, Result] = None,
+    json_: Annotated[bool, Json] = False,
+) -> int:
+    """Measure a PSF: width of its lines, pitch, modulation transfer, contrast, noise.
+
+    nolens measure psf psf.tif --pixel 3.1um --plot psf.png
+
+    The same figures as in the paper's Fig. 5, from the autocorrelation and the spectrum.
+
+    Parameters
+    ----------
+    psf
+        Picture of a point of light: camera raw, .tif, .png or .npy, or one of the PSFs in a
+        folder of nolens calibrate.
+    pixel
+        Distance of the file's pixels, such as 3.1um. In a raw file behind a colour mosaic four of
+        them make a cell: give the sensor's own pitch.  [default: what psfs.toml beside it says]
+    camera
+        Tells angles in the scene, the aperture of a lenslet and its depth of focus: paper,
+        paper-film, small, a folder with camera.toml, or a .toml file.
+        [default: camera.toml beside the PSF, if there is one]
+    channels
+        grey (mean of all), r, g or b.  [default: grey]
+    black
+        Count that stands for no light.  [default: what the file says]
+    noise
+        Standard deviation of the noise of a cell, in counts; 0 for a PSF without noise.
+        [default: the power at the frequencies where it is least]
+    plot
+        Picture to write (.png): PSF, autocorrelation, modulation transfer. The record of the run
+        goes beside it, as .json.
+    json_
+        Print one JSON object on standard output: all figures and curves.
+    """
+    given = given_options(locals())
+    reporter = TerminalReporter()
+    with reporter:
+        summary = run_measure_psf(MeasurePsfOptions.gather(given), reporter).summary
+    if json_:
+        show(json.dumps(summary))
+        return 0
+    for line in _lines(summary):
+        show(line)
+    return 0
+
+
+def _lines(found: dict[str, Any]) -> list[str]:
+    rows, columns = found["cells"]
+    pitch, row = found["pitch_um"], found["row_pitch_um"]
+    lines = [
+        f"{rows}×{columns} cells of {found['cell_um']:g} um, {found['channel']}",
+        f"autocorrelation: FWHM {found['fwhm_um']:.2f} um, half way to its lowest value before the "
+        f"second peak; {found['fwhm_over_mean_um']:.2f} um half way to the mean",
+        f"line width {found['line_width_um']:.2f} um (FWHM/√2)",
+        "pitch "
+        + ("unknown" if pitch is None else f"{pitch:.2f} um")
+        + ("" if row is None else f"; {row:.2f} um along the rows"),
+        f"contrast {found['contrast']:.3g}, {100 * found['sparsity']:.1f} % of the area is dark, "
+        f"{100 * found['background_share']:.1f} % of the light is background",
+        f"modulation transfer at least {found['lowest_transfer']:.2g} up to the lines' "
+        f"{found['line_per_mm']:.1f}/mm; noise {found['noise_transfer']:.2g}, "
+        + ("given" if found["noise_given"] else "estimated"),
+        f"above the noise up to {found['usable_per_mm']:.1f} lines/mm",
+    ]
+    if found["line_deg"] is not None:
+        lines.append(
+            f"expected resolution: a line is {found['line_deg']:.2f}° wide, and half a period of "
+            f"the highest frequency above the noise {found['usable_deg']:.2f}°"
+        )
+    if found.get("lenslet_aperture") is not None:
+        lines.append(
+            f"lenslets: NA {found['lenslet_aperture']:.4f}, depth of focus "
+            f"{found['depth_of_focus_mm']:.2f} mm"
+        )
+    return [*lines, *found["outputs"]]

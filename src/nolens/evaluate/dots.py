@@ -1,0 +1,181 @@
+"""Dots of a picture: each one's place, width and light."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.ndimage
+from numpy.typing import NDArray
+from torch import Tensor
+
+_FINER = 6
+_BEYOND = 2
+"""Values along a cell when a dot is looked at, and cells around it for their interpolation."""
+_HALF = 0.5
+_CLEAR = 0.38
+_AROUND = 1.6
+_LEAST_CLEAR = 12
+_ROSE = 5.0
+_FAINTEST = 1e-6
+"""Share of the brightest value from which on it is more than rounding."""
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A dot as it is in a picture.
+
+    Parameters
+    ----------
+    place
+        Row and column of its middle.
+    width
+        Diameter of a circle with the area in which it is brighter than half its height, in cells.
+    light
+        Sum over its part of the grid, above what lies between the dots.
+    peak
+        Height above that.
+    """
+
+    place: tuple[float, float]
+    width: float
+    light: float
+    peak: float
+
+
+def spots_at(
+    picture: Tensor, places: Sequence[tuple[float, float]], spacings: Sequence[float]
+) -> list[Spot | None]:
+    """Look for a dot near each of some places.
+
+    A dot is found where the brightest value within half a spacing stands five times as high
+    above what lies between the dots around it as that is uneven (`rose1948`).
+
+    Parameters
+    ----------
+    picture
+        (rows, columns), linear.
+    places
+        Row and column where each dot should be, in cells.
+    spacings
+        Distance of neighbouring dots around each, in cells.
+
+    Returns
+    -------
+    list
+        One for each place; None where there is no dot, or its part of the grid is not in the
+        picture.
+    """
+    values = picture.double().numpy()
+    faintest = _FAINTEST * float(abs(values).max())
+    clear = np.ones(values.shape, dtype=bool)
+    for place, spacing in zip(places, spacings, strict=True):
+        window = _window(place, _CLEAR * spacing, values.shape)
+        rows, columns = np.ogrid[window]
+        away = (rows - place[0]) ** 2 + (columns - place[1]) ** 2
+        clear[window] &= away > (_CLEAR * spacing) ** 2
+    return [
+        _spot(values, clear, place, spacing, faintest)
+        for place, spacing in zip(places, spacings, strict=True)
+    ]
+
+
+def brightest_places(picture: Tensor, share: float = 0.25) -> list[tuple[float, float]]:
+    """Places of cells, not at the edge, that are the highest of their 3×3 and not faint.
+
+    Parameters
+    ----------
+    picture
+        (rows, columns).
+    share
+        Of the very highest one's height over the median, down to which they count.
+
+    Returns
+    -------
+    list
+        Row and column, between the cells by parabolas.
+    """
+    values = picture.double().numpy()
+    above = np.clip(values - np.median(values), 0, None)
+    top = (scipy.ndimage.maximum_filter(above, 3) == above) & (above >= share * above.max())
+    top &= above > 0
+    found = []
+    # At the very edge, what is highest may be the side of a dot beyond it.
+    for row, column in np.argwhere(top[1:-1, 1:-1]) + 1:
+        near = above[row - 1 : row + 2, column - 1 : column + 2]
+        found.append((float(row + _vertex(near[:, 1])), float(column + _vertex(near[1]))))
+    return found
+
+
+def _spot(
+    values: NDArray[np.float64],
+    clear: NDArray[np.bool_],
+    place: tuple[float, float],
+    spacing: float,
+    faintest: float,
+) -> Spot | None:
+    rows, columns = values.shape
+    if not (0 <= place[0] <= rows - 1 and 0 <= place[1] <= columns - 1):
+        return None
+    around = _window(place, max(_AROUND * spacing, 3.0), values.shape)
+    between = values[around][clear[around]]
+    if len(between) < _LEAST_CLEAR:
+        between = np.sort(values[around], axis=None)[: max(1, values[around].size // 4)]
+    level = float(np.median(between))
+    uneven = float(np.sqrt(np.mean((between - level) ** 2)))
+    at, fine = _finer(values, place, spacing / 2)
+    away = np.hypot(at[0][:, None] - place[0], at[1] - place[1])
+    fine = np.where(away <= spacing / 2, fine - level, -np.inf)
+    top = np.unravel_index(int(np.argmax(fine)), fine.shape)
+    peak = float(fine[top])
+    if not peak > max(_ROSE * uneven, faintest):
+        return None
+    labels, _ = scipy.ndimage.label(fine >= _HALF * peak)
+    own = labels == labels[top]
+    weight = np.where(own, fine - _HALF * peak, 0.0)
+    weight[top] += 1e-12 * peak
+    whole = _window(place, spacing / 2, values.shape)
+    light = float((values[whole] - level).sum())
+    return Spot(
+        place=(
+            float((weight.sum(axis=1) * at[0]).sum() / weight.sum()),
+            float((weight.sum(axis=0) * at[1]).sum() / weight.sum()),
+        ),
+        width=2 * math.sqrt(float(own.sum()) / math.pi) / _FINER,
+        light=light,
+        peak=peak,
+    )
+
+
+def _vertex(three: NDArray[np.float64]) -> float:
+    """Where a parabola through three values has its top, from the middle one."""
+    before, middle, after = (float(each) for each in three)
+    bend = 2 * middle - before - after
+    return 0.5 * (after - before) / bend if bend > 0 else 0.0
+
+
+def _finer(
+    values: NDArray[np.float64], place: tuple[float, float], reach: float
+) -> tuple[tuple[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]:
+    """Rows, columns and cubic interpolation between the cells around a place."""
+    at = []
+    for middle, count in zip(place, values.shape, strict=True):
+        low = max(0.0, math.floor(middle - reach))
+        high = min(count - 1.0, math.ceil(middle + reach))
+        at.append(np.arange(low, high + 0.5 / _FINER, 1 / _FINER))
+    start = [max(0, int(each[0]) - _BEYOND) for each in at]
+    stop = [int(each[-1]) + _BEYOND + 1 for each in at]
+    part = values[start[0] : stop[0], start[1] : stop[1]]
+    grid = np.meshgrid(at[0] - start[0], at[1] - start[1], indexing="ij")
+    fine: NDArray[np.float64] = scipy.ndimage.map_coordinates(part, grid, order=3, mode="nearest")
+    return (at[0], at[1]), fine
+
+
+def _window(
+    place: tuple[float, float], reach: float, shape: tuple[int, ...]
+) -> tuple[slice, slice]:
+    rows, columns = (
+        slice(max(0, math.ceil(middle - reach)), min(count, math.floor(middle + reach) + 1))
+        for middle, count in zip(place, shape, strict=True)
+    )
+    return rows, columns

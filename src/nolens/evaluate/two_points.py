@@ -1,0 +1,223 @@
+"""Two points of light in a picture: how deep the dip between them is, and what is resolved."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy import ndimage
+from torch import Tensor
+
+from nolens.errors import DataError
+
+RAYLEIGH_DIP = 0.265
+"""Dip of the light between two equal points that the Rayleigh criterion asks for."""
+
+_STEP = 0.05
+_EQUAL = 0.3
+_DARK = 0.2
+_Array = NDArray[np.float64]
+_Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class PointPair:
+    """What a picture shows of two points.
+
+    Parameters
+    ----------
+    dip
+        :math:`1 - I_v / I_p` of the valley between the peaks and the fainter of them; 0 where
+        there is one peak only.
+    separation
+        Distance of the peaks in cells; 0 where there is one only.
+    direction_deg
+        Of the line through them, from the right towards up.
+    at
+        Places along that line in cells, 0 midway between the ends of the trace.
+    trace
+        Light at these places, 1 at the brighter peak.
+    """
+
+    dip: float
+    separation: float
+    direction_deg: float
+    at: Tensor
+    trace: Tensor
+
+
+@dataclass(frozen=True)
+class ResolvedSeparation:
+    """The smallest separation that is resolved.
+
+    Parameters
+    ----------
+    value
+        Interpolated between the largest unresolved separation and the next one; None where all
+        are resolved, or the largest is not.
+    plus_minus
+        Half the way between those two, and the noise of their dips, added as squares.
+    unresolved, resolved
+        Those two; None where there is none.
+    """
+
+    value: float | None
+    plus_minus: float | None
+    unresolved: float | None
+    resolved: float | None
+
+
+def point_pair(picture: Tensor, separation: float) -> PointPair:
+    r"""Measure the dip between two points of light.
+
+    The trace runs through the two brightest maxima that are as far apart as they should be, or,
+    where there is only one, along the longer axis of its light (second moments). It is read off a
+    spline of order 5. Where two images of a round opening just meet Rayleigh's criterion
+    (`rayleigh1879`), the dip is 26.5 %.
+
+    Parameters
+    ----------
+    picture
+        (height, width), linear, in any unit.
+    separation
+        Distance of the points in cells, as it should be. Peaks count that are nearer to it than
+        35 % or 1.5 cells.
+
+    Raises
+    ------
+    DataError
+        If the picture is dark or not finite, bright beside the points, or shows two points
+        at another distance.
+    """
+    values = picture.double().cpu().numpy()
+    if not np.isfinite(values).all() or not values.max() > 0:
+        raise DataError("the picture is dark or not finite: it shows no two points of light")
+    main = _brightest(values, np.isfinite(values))
+    assert main is not None
+    grid: _Array = np.indices(values.shape, dtype=np.float64)
+    away = np.hypot(grid[0] - main[0], grid[1] - main[1])
+    off = max(1.5, 0.35 * separation)
+    maxima = values == ndimage.maximum_filter(values, size=3, mode="constant", cval=-np.inf)
+    _check_only_two(values, away, maxima, separation + off)
+    fitting = maxima & (values >= _EQUAL * values.max()) & (np.abs(away - separation) <= off)
+    other = _brightest(values, fitting & (away >= 2))
+    if other is None:
+        near = np.where(away <= separation / 2 + 3, values, 0).clip(min=0)
+        centre, unit = _longer_axis(near, grid)
+    else:
+        ends = [_finer(values, each) for each in (main, other)]
+        centre = (ends[0] + ends[1]) / 2
+        unit = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    if unit[1] < 0 or (unit[1] == 0 and unit[0] > 0):
+        unit = -unit
+    half = separation / 2 + off + 3
+    at = np.arange(-math.ceil(half / _STEP), math.ceil(half / _STEP) + 1) * _STEP
+    places = centre[:, None] + unit[:, None] * at
+    trace = ndimage.map_coordinates(values, places, order=5, mode="constant")
+    dip, apart = _dip(trace, separation, off)
+    return PointPair(
+        dip, apart, math.degrees(math.atan2(0.0 - unit[0], unit[1])),
+        torch.from_numpy(at), torch.from_numpy(trace / trace.max()),
+    )  # fmt: skip
+
+
+def resolved_separation(
+    separations: tuple[float, ...],
+    dips: tuple[float, ...],
+    noise: tuple[float, ...],
+    *,
+    threshold: float = RAYLEIGH_DIP,
+) -> ResolvedSeparation:
+    """Find from which separation on every dip is deep enough.
+
+    Parameters
+    ----------
+    separations
+        In any unit, each once, in any order.
+    dips
+        Of each.
+    noise
+        Standard error of each dip.
+    threshold
+        The dip that counts as resolved.
+    """
+    found = sorted(zip(separations, dips, noise, strict=True))
+    unresolved = [number for number, (_, dip, _) in enumerate(found) if dip < threshold]
+    if not unresolved:
+        return ResolvedSeparation(None, None, None, found[0][0])
+    last = unresolved[-1]
+    if last == len(found) - 1:
+        return ResolvedSeparation(None, None, found[last][0], None)
+    (below, low, low_noise), (above, high, high_noise) = found[last : last + 2]
+    share = (threshold - low) / (high - low)
+    slope = (above - below) / (high - low)
+    scatter = slope * math.hypot((1 - share) * low_noise, share * high_noise)
+    return ResolvedSeparation(
+        below + share * (above - below), math.hypot((above - below) / 2, scatter), below, above
+    )
+
+
+def _check_only_two(values: _Array, away: _Array, maxima: _Mask, reach: float) -> None:
+    """Refuse a picture of something else than two points."""
+    beside, peak = values[away > reach], values.max()
+    if beside.size > 0 and beside.mean() > _DARK * peak:
+        raise DataError(
+            f"beside its brightest point the picture is {100 * beside.mean() / peak:.0f} % as "
+            "bright on average: it shows no two points of light in the dark. Check the file, or "
+            "cut it to the points (--region)"
+        )
+    far = _brightest(values, maxima & (away > reach) & (values > peak / 2))
+    if far is not None:
+        raise DataError(
+            f"the picture shows points of light {away[far]:.1f} cells apart, and two at most "
+            f"{reach:.1f} cells apart were expected: check the separation, the distance and the "
+            "angle of a cell, or cut it to the points (--region)"
+        )
+
+
+def _brightest(values: _Array, where: _Mask) -> tuple[int, int] | None:
+    """Row and column of the brightest of some cells."""
+    if not where.any():
+        return None
+    row, column = divmod(int(np.where(where, values, -np.inf).argmax()), values.shape[1])
+    return row, column
+
+
+def _finer(values: _Array, cell: tuple[int, int]) -> _Array:
+    """Where the top of a maximum lies, by a parabola along rows and columns."""
+    place = np.array(cell, dtype=np.float64)
+    for axis, line in enumerate((values[:, cell[1]], values[cell[0]])):
+        at = cell[axis]
+        if 0 < at < len(line) - 1:
+            before, top, after = line[at - 1 : at + 2]
+            bend = before - 2 * top + after
+            place[axis] += (before - after) / (2 * bend) if bend < 0 else 0.0
+    return place
+
+
+def _longer_axis(light: _Array, grid: _Array) -> tuple[_Array, _Array]:
+    """Centre of mass, and unit vector along which the light reaches farthest."""
+    weight = light / light.sum()
+    centre = (weight * grid).sum((1, 2))
+    row, column = grid - centre[:, None, None]
+    mixed = (weight * row * column).sum()
+    moments = np.array([[(weight * row**2).sum(), mixed], [mixed, (weight * column**2).sum()]])
+    return centre, np.linalg.eigh(moments)[1][:, -1]
+
+
+def _dip(trace: _Array, separation: float, off: float) -> tuple[float, float]:
+    """Dip between the highest peak and the highest other one at about the right distance."""
+    inner = trace[1:-1]
+    peaks = 1 + np.flatnonzero((inner >= trace[:-2]) & (inner > trace[2:]))
+    if len(peaks) == 0:
+        return 0.0, 0.0
+    main = peaks[trace[peaks].argmax()]
+    apart = np.abs(peaks - main) * _STEP
+    fitting = (np.abs(apart - separation) <= off) & (trace[peaks] >= _EQUAL * trace[main])
+    others = peaks[fitting & (peaks != main)]
+    if len(others) == 0:
+        return 0.0, 0.0
+    other = others[trace[others].argmax()]
+    between = trace[min(main, other) : max(main, other) + 1]
+    return float(1 - max(between.min(), 0.0) / trace[other]), float(abs(other - main) * _STEP)

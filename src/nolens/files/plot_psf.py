@@ -1,0 +1,186 @@
+"""Plot of a point spread function, as the paper's Fig. 5."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from nolens.evaluate import PsfFigures
+from nolens.files.atomic import atomic_write
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_MARK = "#c23b2e"
+_COLOURS = {0: "#3557c9", 90: "#2f9140", 180: "#e08a1e", 270: "#8a4fb0"}
+_MOST_CELLS = 1200
+_ZOOM_PITCHES = 7.0
+_SHOWN_PITCHES = 2.6
+_BRIGHTEST = 99.7
+_DECADES = 1e-4
+
+
+def write_psf_plot(path: str | Path, figures: PsfFigures, psf: Tensor, cell_um: float) -> None:
+    """Draw a PSF with a part of it enlarged, its autocorrelation, and its modulation transfer.
+
+    Parameters
+    ----------
+    path
+        PNG to be written.
+    figures
+        Of `nolens.evaluate.psf_figures`.
+    psf
+        (rows, columns).
+    cell_um
+        Distance of its cells.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    # It takes a third of a second, which other commands need not wait.
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    values = psf.detach().cpu().double().numpy()
+    with mpl.rc_context({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}):
+        figure = Figure(figsize=(15, 4.6), layout="constrained")
+        left, middle, right = figure.subplots(1, 3, width_ratios=(1.15, 1, 1))
+        _draw_pattern(left, values, figures, cell_um)
+        _draw_autocorrelation(middle, figures)
+        _draw_transfer(right, values, figures)
+        with atomic_write(path) as temporary:
+            figure.savefig(temporary, format="png", dpi=120)
+
+
+def _draw_pattern(
+    axes: "Axes", values: NDArray[np.float64], figures: PsfFigures, cell_um: float
+) -> None:
+    """All of it, and a few pitches of its middle in the corner."""
+    rows, columns = values.shape
+    low, high = np.percentile(values, [1, _BRIGHTEST])
+    shades = {"cmap": "gray", "vmin": low, "vmax": high}
+    step = max(1, -(-max(rows, columns) // _MOST_CELLS))
+    height, width = rows * cell_um * 1e-3, columns * cell_um * 1e-3
+    coarse = values[: rows // step * step, : columns // step * step]
+    coarse = coarse.reshape(rows // step, step, columns // step, step).mean(axis=(1, 3))
+    axes.imshow(coarse, extent=(0, width, height, 0), **shades)
+    axes.set_xlabel("mm")
+    axes.set_ylabel("mm")
+    axes.set_title(f"(a) PSF, {rows}×{columns} cells of {cell_um:.4g} um")
+    pitch_um = figures.pitch_um or 5 * figures.fwhm_um
+    half = min(round(_ZOOM_PITCHES / 2 * pitch_um / cell_um), rows // 4, columns // 4)
+    if half < 4:
+        return
+    top, left = rows // 2 - half, columns // 2 - half
+    inset = axes.inset_axes((0.56, 0.5, 0.44, 0.5))
+    inset.imshow(
+        values[top : top + 2 * half, left : left + 2 * half], interpolation="nearest", **shades
+    )
+    inset.set_xticks([])
+    inset.set_yticks([])
+    inset.set_aspect("equal", anchor="NE")
+    for spine in inset.spines.values():
+        spine.set(visible=True, edgecolor=_MARK, linewidth=1.4)
+    side = 2 * half * cell_um
+    box = ((left * cell_um) * 1e-3, (top * cell_um) * 1e-3)
+    from matplotlib.patches import Rectangle
+
+    axes.add_patch(
+        Rectangle(box, side * 1e-3, side * 1e-3, fill=False, edgecolor=_MARK, linewidth=1.4)
+    )
+    inset.text(
+        0.03, 0.97, f"{side:.0f} um", transform=inset.transAxes, color="white", fontsize=8,
+        va="top",
+        bbox={"facecolor": _MARK, "edgecolor": "none", "pad": 2},
+    )  # fmt: skip
+
+
+def _draw_autocorrelation(axes: "Axes", figures: PsfFigures) -> None:
+    """Over all directions and along the rows, with width and pitch."""
+    lag = np.array(figures.lag_um)
+    pitch = figures.pitch_um
+    shown = min(lag[-1], _SHOWN_PITCHES * pitch if pitch else 8 * figures.fwhm_um)
+    for values, colour, style, label in (
+        (figures.row_autocorrelation, "0.65", "-", "along the rows"),
+        (figures.autocorrelation, "black", "-", "all directions"),
+    ):
+        axes.plot(
+            np.concatenate([-lag[::-1], lag]), np.concatenate([values[::-1], values]),
+            color=colour, linestyle=style, linewidth=1.3, label=label,
+        )  # fmt: skip
+    axes.set_xlim(-shown, shown)
+    axes.axhline(0, color="0.85", linewidth=0.8, zorder=0)
+    half = (1 + figures.level) / 2
+    width = figures.fwhm_um
+    axes.annotate(
+        "", (-width / 2, half), (width / 2, half),
+        arrowprops={"arrowstyle": "<->", "color": _MARK, "shrinkA": 0, "shrinkB": 0},
+    )  # fmt: skip
+    axes.annotate(
+        f"FWHM {width:.2f} um\nline {figures.line_width_um:.2f} um",
+        (width / 2, half), (10, 0), textcoords="offset points", color=_MARK, va="center",
+    )  # fmt: skip
+    axes.axhline(figures.level, color=_MARK, linewidth=0.7, linestyle=":", zorder=0)
+    if pitch is not None:
+        top = float(np.interp(pitch, lag, figures.autocorrelation))
+        axes.plot([pitch, pitch], [figures.level, top], color=_MARK, linewidth=0.9)
+        axes.annotate(
+            f"pitch {pitch:.2f} um", (pitch, top), (0, 14), textcoords="offset points",
+            color=_MARK, ha="center",
+        )  # fmt: skip
+    axes.set_xlabel("distance, um")
+    axes.set_ylabel("autocorrelation, mean taken off")
+    axes.set_title("(b) autocorrelation")
+    axes.legend(fontsize=8, loc="upper right", frameon=False)
+
+
+def _draw_transfer(axes: "Axes", values: NDArray[np.float64], figures: PsfFigures) -> None:
+    """In four directions, over all of them, and the noise; the spectrum in the corner."""
+    lowest = max(_DECADES * max(figures.transfer), figures.noise_transfer / 2)
+    for angle, (at, transfer) in figures.direction_transfer.items():
+        axes.plot(
+            at, np.maximum(transfer, lowest / 10), color=_COLOURS[angle], linewidth=0.8,
+            linestyle="-" if angle < 180 else (0, (3, 3)), label=f"{angle}°",
+        )  # fmt: skip
+    axes.plot(figures.per_mm, figures.transfer, color="black", linewidth=1.4, label="mean")
+    if figures.noise_transfer > lowest:
+        axes.axhline(figures.noise_transfer, color="0.5", linestyle="--", linewidth=0.9)
+        axes.annotate(
+            "noise", (0, figures.noise_transfer), (4, 3),
+            textcoords="offset points", color="0.4", fontsize=8,
+        )  # fmt: skip
+    axes.axvline(figures.line_per_mm, color=_MARK, linewidth=0.8)
+    axes.annotate(
+        f" line {figures.line_per_mm:.3g}/mm", (figures.line_per_mm, 0.02),
+        xycoords=("data", "axes fraction"), color=_MARK, fontsize=8,
+    )  # fmt: skip
+    axes.set_yscale("log")
+    axes.set_ylim(lowest, 1.3)
+    axes.set_xlim(0, 500 / figures.cell_um)
+    axes.set_xlabel("spatial frequency on the sensor, lines/mm")
+    axes.set_ylabel("modulation transfer")
+    axes.set_title("(c) modulation transfer")
+    axes.legend(fontsize=8, loc="upper center", frameon=False, ncols=1)
+    spectrum = np.abs(np.fft.fftshift(np.fft.fft2(values - values.mean())))
+    spectrum = _in_blocks(spectrum, 240)
+    inset = axes.inset_axes((0.62, 0.58, 0.38, 0.42))
+    shown = np.log10(np.maximum(spectrum, spectrum.max() * _DECADES))
+    inset.imshow(shown, cmap="inferno", aspect="auto")
+    inset.set_box_aspect(1)
+    inset.set_xticks([])
+    inset.set_yticks([])
+    inset.set_xlabel("spectrum", fontsize=8, labelpad=2)
+
+
+def _in_blocks(values: NDArray[np.float64], most: int) -> NDArray[np.float64]:
+    """Root of the mean square over blocks, so that at most so many rows and columns are left."""
+    steps = [max(1, -(-count // most)) for count in values.shape]
+    rows, columns = (count // step for count, step in zip(values.shape, steps, strict=True))
+    cut = values[: rows * steps[0], : columns * steps[1]]
+    squares = (cut**2).reshape(rows, steps[0], columns, steps[1]).mean(axis=(1, 3))
+    root: NDArray[np.float64] = np.sqrt(squares)
+    return root

@@ -1,0 +1,124 @@
+"""Plots of the reproduction: films of several thicknesses, and the PSF at several distances."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+from torch import Tensor
+
+from nolens.errors import DataError
+
+STYLE: dict[Any, Any] = {
+    "font.size": 9, "axes.spines.top": False, "axes.spines.right": False,
+}  # fmt: skip
+DPI = 160
+_SHOWN = 5
+_OURS, _PAPER, _PREDICTED = "#2a5f7f", "#c0562f", "#2a7f62"
+
+
+def plot_films(
+    path: Path,
+    widths_um: dict[float, float],
+    patterns: dict[float, Tensor],
+    *,
+    predicted_mm: tuple[float, float],
+    paper: tuple[float, float],
+    cell_um: float,
+) -> None:
+    """Draw the width of the autocorrelation over the thickness of films, and some of their PSFs.
+
+    Parameters
+    ----------
+    path
+        PNG to be written.
+    widths_um
+        By thickness in mm.
+    patterns
+        The middle of each film's PSF, (rows, columns).
+    predicted_mm
+        Thickness in focus by rays, and its ±.
+    paper
+        Thickness in mm and width in um of the paper's sharpest film.
+    cell_um
+        Distance of the patterns' cells.
+    """
+    thicknesses = sorted(widths_um)
+    chosen = np.linspace(0, len(thicknesses) - 1, min(_SHOWN, len(thicknesses))).round().astype(int)
+    shown = [thicknesses[place] for place in chosen]
+    with rc_context(STYLE):
+        figure = Figure(figsize=(8.2, 5.0), layout="constrained")
+        above, below = figure.subfigures(2, 1, height_ratios=(2, 3), squeeze=False)[:, 0]
+        axes = below.subplots()
+        middle, off = predicted_mm
+        axes.axvspan(middle - off, middle + off, color=_PREDICTED, alpha=0.10, linewidth=0)
+        axes.axvline(
+            middle, color=_PREDICTED, linewidth=1, label=f"by rays: {middle:.2f} ± {off:.2f} mm"
+        )
+        axes.plot(
+            thicknesses, [widths_um[each] for each in thicknesses], "o-", color=_OURS,
+            label="films, simulated",
+        )  # fmt: skip
+        axes.plot(*paper, "D", color=_PAPER, label=f"the paper's sharpest film: {paper[0]:g} mm")
+        axes.set_xlabel("thickness of the PDMS film, mm")
+        axes.set_ylabel("FWHM of the\nautocorrelation, µm")
+        axes.set_xlim(thicknesses[0] - 0.1, thicknesses[-1] + 0.1)
+        axes.legend(fontsize=8)
+        places = np.atleast_1d(above.subplots(1, len(shown)))
+        for place, thickness in zip(places, shown, strict=True):
+            picture = patterns[thickness].numpy()
+            side = picture.shape[-1] * cell_um
+            place.imshow(picture, cmap="gray", vmin=0, extent=(0, side, 0, side))
+            place.set_title(f"{thickness:g} mm", fontsize=9)
+            place.set_xticks([])
+            place.set_yticks([])
+        places[0].set_ylabel(f"{side:.0f} µm", fontsize=8)
+        save(figure, path)
+
+
+def plot_overlay(path: Path, patterns: Tensor, names: tuple[str, str, str], cell_um: float) -> None:
+    """Draw three patterns in red, blue and green over each other, binarised as in fig. 8a.
+
+    Parameters
+    ----------
+    path
+        PNG to be written.
+    patterns
+        (3, rows, columns).
+    names
+        Of the three.
+    cell_um
+        Distance of the cells.
+
+    Raises
+    ------
+    DataError
+        If they are not three.
+    """
+    if patterns.ndim != 3 or len(patterns) != 3:
+        raise DataError(f"three patterns are drawn over each other, not {tuple(patterns.shape)}")
+    levels = np.quantile(patterns.numpy(), 0.88, axis=(1, 2))
+    bright = patterns.numpy() > levels[:, None, None]
+    # On white, each pattern takes away the two colours that are not its own.
+    picture = np.ones((*patterns.shape[1:], 3))
+    for number, own in enumerate((0, 2, 1)):
+        for plane in {0, 1, 2} - {own}:
+            picture[..., plane] -= 0.85 * bright[number]
+    side_mm = [count * cell_um * 1e-3 for count in patterns.shape[1:]]
+    with rc_context(STYLE):
+        figure = Figure(figsize=(4.6, 4.8), layout="constrained")
+        axes = figure.subplots()
+        axes.imshow(
+            picture.clip(0, 1), extent=(0, side_mm[1], 0, side_mm[0]), interpolation="nearest"
+        )
+        for name, colour in zip(names, ("red", "blue", "green"), strict=True):
+            axes.plot([], [], "s", color=colour, label=name)
+        axes.set_xlabel("mm")
+        figure.legend(loc="outside upper center", ncols=3, fontsize=8, frameon=False)
+        save(figure, path)
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG whose bytes depend on what is drawn alone."""
+    figure.savefig(path, format="png", dpi=DPI, metadata={"Software": None})

@@ -1,0 +1,140 @@
+"""What `nolens calibrate` can be told, as a frozen model."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, Field
+from pydantic_core import PydanticCustomError
+
+from nolens.calibrate.point import StrayLight
+from nolens.camera.part import PositiveLength
+from nolens.camera.psf_set import Depth
+from nolens.errors import OptionError
+from nolens.files import PSFS_FILE
+from nolens.jobs.given import JobOptions, Written, expand_home
+from nolens.jobs.scene_options import FieldAngles
+from nolens.quantities import Angle, Duration, Length
+
+_MOSAIC = Literal["RGGB", "BGGR", "GRBG", "GBRG"]
+
+
+def _lasting(given: Duration) -> Duration:
+    if not 0 < given.s <= 1e6:
+        reason = f"it must be more than zero and at most 1e6 s, such as {given.usual}"
+        raise PydanticCustomError("refused", "{reason}", {"reason": reason})
+    return given
+
+
+class CalibratePointOptions(JobOptions):
+    """What `nolens calibrate` can be told.
+
+    Attributes
+    ----------
+    frames
+        Pictures of one point of light.
+    output
+        Folder of the camera's PSFs.
+    distance, angle
+        Of the point of light; the angles are to the right and up as the photographer sees it.
+    dark
+        Pictures with the light off.
+    camera
+        Preset, folder or .toml file; None takes that of the folder, if it has one.
+    pixel
+        Distance of the pixels in the frames; None takes the camera's.
+    exposure
+        Exposure time of all frames or of each one; none takes what the files say.
+    mosaic
+        Of frames whose files do not say it.
+    stray_light
+        What is taken away as light of other sources.
+    """
+
+    frames: tuple[Annotated[Path, AfterValidator(expand_home)], ...] = Field(min_length=1)
+    output: Annotated[Path, AfterValidator(expand_home)]
+    distance: Depth
+    angle: FieldAngles = (Angle("0", "deg"), Angle("0", "deg"))
+    dark: tuple[Annotated[Path, AfterValidator(expand_home)], ...] = ()
+    camera: str | None = None
+    pixel: PositiveLength | None = None
+    exposure: tuple[Annotated[Duration, AfterValidator(_lasting)], ...] = ()
+    mosaic: _MOSAIC | None = None
+    stray_light: StrayLight = "auto"
+
+    @classmethod
+    def gather(cls, given: dict[str, Any]) -> Self:
+        """Options as the command line gives them.
+
+        Raises
+        ------
+        OptionError
+            If one is missing, or its value cannot be used, or two do not go together.
+        """
+        if not given.get("frames"):
+            raise OptionError(
+                "no frame is given: nolens calibrate FRAME... --distance 300mm -o FOLDER"
+            )
+        if not given.get("output"):
+            raise OptionError(
+                "no output is given; name the folder of the camera's PSFs (-o folder)"
+            )
+        if not given.get("distance"):
+            raise OptionError(
+                "no distance is given: say how far the point of light was from the camera "
+                "(--distance 300mm, or infinity)"
+            )
+        options = cls.checked(given)
+        if len(options.exposure) not in (0, 1, len(options.frames)):
+            raise OptionError(
+                f"--exposure is given {len(options.exposure)} times for {len(options.frames)} "
+                "frames: give it once, for all of them, or once for each in their order"
+            )
+        twice = [path for path in options.frames if options.frames.count(path) > 1]
+        both = [path for path in options.dark if path in options.frames]
+        if twice or both:
+            raise OptionError(
+                f"{(twice or both)[0]} is given twice: a frame counts once, as a frame or as a "
+                "dark frame"
+            )
+        return options
+
+    @property
+    def suffix(self) -> str:
+        """Distance and angle, as the names of files have them."""
+        text = distance_name(self.distance)
+        if any(each.deg != 0 for each in self.angle):
+            text += "".join(f"-{each.deg:.6g}deg" for each in self.angle)
+        return text
+
+    @property
+    def psf(self) -> Path:
+        """File of the PSF."""
+        return self.output / f"psf-{self.suffix}.tif"
+
+    @property
+    def record(self) -> Path:
+        """File of the run's record."""
+        return self.output / f"calibrate-{self.suffix}.json"
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Frames and dark frames, by role."""
+        return {
+            f"{role} {number}": path
+            for role, paths in (("frame", self.frames), ("dark frame", self.dark))
+            for number, path in enumerate(paths, start=1)
+        }
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """PSF, list and record."""
+        return (
+            Written("PSF", self.psf),
+            Written("list of PSFs", self.output / PSFS_FILE),
+            Written("record of the run", self.record),
+        )
+
+
+def distance_name(distance: Length | Literal["infinity"]) -> str:
+    """A distance as the names of files have it, the same for 30 cm and 300 mm."""
+    return f"{distance.mm:.6g}mm" if isinstance(distance, Length) else distance

@@ -1,0 +1,145 @@
+"""What `nolens measure field` can be told."""
+
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import AfterValidator, BeforeValidator
+
+from nolens.camera.part import PositiveLength, refusal
+from nolens.errors import OptionError
+from nolens.jobs.given import JobOptions, Written, expand_home
+from nolens.jobs.scene_options import Distance, Seed
+from nolens.quantities import Angle, Length
+
+_TELLS = {
+    "PSFS": ("psfs", "camera", "plot"),
+    "--dots": ("dots", "dot_pitch", "distance", "reach", "camera", "plot"),
+    "--simulate": (
+        "simulate", "angles", "dot_pitch", "distance", "reach", "seed", "plot", "output",
+    ),
+}  # fmt: skip
+_OF_DOTS = ("reach", "output")
+
+
+def _angles(given: Any) -> Any:
+    return given.split(",") if isinstance(given, str) else given
+
+
+def _rising(angles: tuple[Angle, ...]) -> tuple[Angle, ...]:
+    degrees = [angle.deg for angle in angles]
+    if degrees != sorted(set(degrees)) or not degrees or degrees[0] < 0 or degrees[-1] >= 90:
+        raise refusal("give rising angles from 0deg on, such as 0deg,10deg,20deg")
+    return angles
+
+
+def _reach(angle: Angle) -> Angle:
+    if not 0 < angle.deg < 90:
+        raise refusal("it must be more than 0deg and less than 90deg, such as 50deg")
+    return angle
+
+
+class MeasureFieldOptions(JobOptions):
+    """Options of `nolens measure field`.
+
+    Attributes
+    ----------
+    psfs
+        Folder with PSFs that were captured at angles.
+    simulate
+        Camera that captures them in a simulation, or a grid of dots.
+    dots
+        Picture of a grid of dots.
+    angles
+        Of the points of light that are simulated.
+    dot_pitch, distance
+        Of the grid; the distance also of the points of light (None: the camera's own).
+    reach
+        Half angle up to which there are dots.
+    camera
+        That the PSFs or the picture are from; None takes the one in the PSFs' folder, or for a
+        picture the paper's.
+    seed
+        Of the noise.
+    plot, output
+        Plot, and the picture of the simulated grid.
+    """
+
+    psfs: Annotated[Path, AfterValidator(expand_home)] | None = None
+    simulate: str | None = None
+    dots: Annotated[Path, AfterValidator(expand_home)] | None = None
+    angles: Annotated[tuple[Angle, ...], BeforeValidator(_angles), AfterValidator(_rising)] = tuple(
+        Angle(str(5 * number), "deg") for number in range(11)
+    )
+    dot_pitch: PositiveLength | None = None
+    distance: Distance | None = None
+    reach: Annotated[Angle, AfterValidator(_reach)] = Angle("50", "deg")
+    camera: str | None = None
+    seed: Seed = 0
+    plot: Annotated[Path, AfterValidator(expand_home)] | None = None
+    output: Annotated[Path, AfterValidator(expand_home)] | None = None
+
+    @classmethod
+    def gather(cls, given: dict[str, Any]) -> Self:
+        """Options as the command line gives them.
+
+        Raises
+        ------
+        OptionError
+            If a value cannot be used, or two do not go together.
+        """
+        options = cls.checked(given)
+        named = {"PSFS": options.psfs, "--simulate": options.simulate, "--dots": options.dots}
+        sources = [name for name, value in named.items() if value is not None]
+        if len(sources) != 1:
+            found = "nothing is" if not sources else f"{' and '.join(sources)} are"
+            raise OptionError(
+                f"{found} given to measure: give one of a folder of PSFs, --simulate CAMERA, or "
+                "--dots PICTURE"
+            )
+        source = sources[0]
+        for name in given:
+            if name not in _TELLS[source]:
+                raise OptionError(f"{_option(name)} means nothing with {source}: leave it out")
+        grid = options.dots is not None or options.dot_pitch is not None
+        for name in _OF_DOTS:
+            if not grid and name in given:
+                raise OptionError(f"{_option(name)} is about a grid of dots: give --dot-pitch too")
+        if grid and "angles" in given:
+            raise OptionError(
+                "--angles and --dot-pitch are two things to measure: give one of them at a time"
+            )
+        if options.dots is not None:
+            missing = [each for each in ("dot_pitch", "distance") if getattr(options, each) is None]
+            if missing:
+                raise OptionError(
+                    f"{options.dots} is a grid of dots of unknown size: give "
+                    + " and ".join(map(_option, missing))
+                    + ", such as --dot-pitch 20mm --distance 300mm"
+                )
+        if grid and options.distance is not None and not isinstance(options.distance, Length):
+            raise OptionError("--distance infinity: a grid of dots needs one, such as 300mm")
+        if isinstance(options.distance, Length) and options.distance.exact <= 0:
+            raise OptionError(f"--distance {options.distance}: give more than zero, such as 300mm")
+        return options
+
+    @property
+    def record(self) -> Path | None:
+        """File of the run's record, beside the plot or the picture."""
+        beside = self.plot or self.output
+        return None if beside is None else beside.with_suffix(".json")
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Files that are read, by role, but for the camera's and a folder's."""
+        return {} if self.dots is None else {"picture": self.dots}
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """Plot, picture and record."""
+        named = (("plot", self.plot, "--plot"), ("picture", self.output, "-o"),
+                 ("record of the run", self.record, "--plot"))  # fmt: skip
+        return tuple(Written(what, path, option) for what, path, option in named if path)
+
+
+def _option(name: str) -> str:
+    return "-o" if name == "output" else f"--{name.replace('_', '-')}"

@@ -1,0 +1,77 @@
+"""What `nolens measure psf` can be told."""
+
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import AfterValidator, Field
+
+from nolens.camera.part import PositiveLength
+from nolens.errors import OptionError
+from nolens.jobs.given import JobOptions, Written, expand_home
+
+
+class MeasurePsfOptions(JobOptions):
+    """Options of `nolens measure psf`.
+
+    Attributes
+    ----------
+    psf
+        File of the PSF.
+    pixel
+        Distance of the file's pixels; None takes what the list of its folder says.
+    camera
+        Preset, folder or .toml file; None takes the camera in the PSF's folder, if there is one.
+    channels
+        ``grey`` for the mean of all, or one letter.
+    black
+        Count that stands for no light, in place of the file's own.
+    noise
+        Standard deviation of the noise of a cell, in the file's counts; None has it estimated.
+    plot
+        Picture to write.
+    """
+
+    psf: Annotated[Path, AfterValidator(expand_home)]
+    pixel: PositiveLength | None = None
+    camera: str | None = None
+    channels: str = "grey"
+    black: float | None = None
+    noise: Annotated[float, Field(ge=0)] | None = None
+    plot: Annotated[Path, AfterValidator(expand_home)] | None = None
+
+    @classmethod
+    def gather(cls, given: dict[str, Any]) -> Self:
+        """Options as the command line gives them.
+
+        Raises
+        ------
+        OptionError
+            If a value cannot be used.
+        """
+        options = cls.checked(given)
+        if options.channels.lower() not in ("grey", "r", "g", "b"):
+            raise OptionError(
+                f"--channels {options.channels}: the figures are those of one plane; give grey, "
+                "the mean of all channels, or one of r, g and b"
+            )
+        return options
+
+    @property
+    def record(self) -> Path | None:
+        """File of the run's record, beside the plot."""
+        return None if self.plot is None else self.plot.with_suffix(".json")
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """The PSF."""
+        return {"PSF": self.psf}
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """Plot and record."""
+        if self.plot is None or self.record is None:
+            return ()
+        return (
+            Written("plot", self.plot, "--plot"),
+            Written("record of the run", self.record, "--plot"),
+        )

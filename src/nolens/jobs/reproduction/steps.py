@@ -1,0 +1,187 @@
+"""Steps of a long job whose results are kept, so that it goes on where it was interrupted."""
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+from pydantic_core import to_json
+from torch import Tensor
+
+import nolens
+from nolens.errors import FileError, NolensError
+from nolens.files import read_frame, versions, write_into, write_tiff32
+from nolens.jobs.cost import duration_text
+from nolens.jobs.reporter import Reporter
+
+Tick = Callable[[float], None]
+"""Is told what share of a step is done, from 0 to 1."""
+
+_FOUND, _TIMING = "found.json", "timing.json"
+_NO_PART_OF_RESULTS = ("cli", "fabricate", "files", "jobs/reproduction/tell")
+"""Rooms of nolens whose code shows results and does not change them."""
+_WORK = "the paper's figures"
+
+
+@dataclass(frozen=True)
+class Found:
+    """What came of a step.
+
+    Parameters
+    ----------
+    figures
+        Numbers, texts and lists of them, by name: values that JSON has.
+    arrays
+        (1 or 3, rows, columns), float32, by name.
+    seconds
+        What parts of it took, where that is a result.
+    refused
+        Why it could not be done with this camera; None where it was.
+    """
+
+    figures: Mapping[str, Any] = field(default_factory=dict)
+    arrays: Mapping[str, Tensor] = field(default_factory=dict)
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    refused: str | None = None
+
+
+@dataclass(frozen=True)
+class Step:
+    """A piece of work whose result is kept.
+
+    Parameters
+    ----------
+    name
+        Of its folder.
+    what
+        For the person who waits.
+    parameters
+        All that the result follows from, besides the code: values that JSON has.
+    seconds
+        That it takes on two cores, foretold.
+    run
+        Does it.
+    """
+
+    name: str
+    what: str
+    parameters: Mapping[str, Any]
+    seconds: float
+    run: Callable[[Tick], Found]
+
+    @property
+    def key(self) -> str:
+        """SHA-256 of parameters, nolens's code and the versions of what it computes with."""
+        known = versions()
+        del known["platform"]
+        given = {"name": self.name, "parameters": self.parameters, "versions": known}
+        text = to_json({**given, "code": code_digest()})
+        return hashlib.sha256(text).hexdigest()
+
+
+def carry_out(steps: Sequence[Step], folder: Path, reporter: Reporter) -> dict[str, Found]:
+    """Do all steps, each of which is written when it is done; what is there already is taken.
+
+    Parameters
+    ----------
+    steps
+        In their order.
+    folder
+        Gets a folder for each of them.
+    reporter
+        Is told what is done and how long the rest will take.
+
+    Returns
+    -------
+    dict
+        What was found by name, as it is read from its files.
+
+    Raises
+    ------
+    FileError
+        If a result cannot be written.
+    """
+    kept = {step.name: _load(folder / step.name, step.key) for step in steps}
+    there = [name for name, found in kept.items() if found is not None]
+    if there:
+        reporter.note(f"{len(there)} of {len(steps)} parts are there from an earlier run")
+    todo = [step for step in steps if kept[step.name] is None]
+    whole, done, spent = sum(step.seconds for step in todo), 0.0, 0.0
+    for number, step in enumerate(todo, 1):
+        # The machine may be slower or faster than the one that the forecast was made on.
+        pace = spent / done if done > 0 else 1.0
+        left = duration_text((whole - done) * pace)
+        reporter.note(f"{step.what} ({number} of {len(todo)}; about {left} left)")
+
+        def tick(share: float, before: float = done, step: Step = step) -> None:
+            reporter.advance(_WORK, (before + share * step.seconds) / whole)
+
+        tick(0.0)
+        start = time.perf_counter()
+        try:
+            found = step.run(tick)
+        except NolensError as error:
+            found = Found(refused=str(error))
+            reporter.warn(f"{step.what} cannot be made with this camera: {error}")
+        taken = time.perf_counter() - start
+        _write(folder / step.name, step.key, found, taken)
+        done, spent = done + step.seconds, spent + taken
+        kept[step.name] = _load(folder / step.name, step.key)
+    return {name: found for name, found in kept.items() if found is not None}
+
+
+def within(tick: Tick, start: float, length: float) -> Tick:
+    """What a part of a step tells its share to, which begins and is as long as said."""
+    return lambda share: tick(start + length * share)
+
+
+@cache
+def code_digest() -> str:
+    """SHA-256 of the files of nolens that results follow from."""
+    digest = hashlib.sha256()
+    root = Path(nolens.__file__).parent
+    for path in sorted(root.rglob("*")):
+        name = path.relative_to(root).as_posix()
+        shows = any(name.startswith(f"{room}/") for room in _NO_PART_OF_RESULTS)
+        if path.suffix in (".py", ".toml") and not shows:
+            digest.update(f"{name}\0".encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+def _write(folder: Path, key: str, found: Found, taken: float) -> None:
+    """Files of a step, all or none."""
+    told = {
+        "key": key,
+        "figures": found.figures,
+        "arrays": sorted(found.arrays),
+        "refused": found.refused,
+    }
+    seconds = {"all": round(taken, 3), **{name: round(s, 3) for name, s in found.seconds.items()}}
+    writers: dict[Path, Callable[[Path], None]] = {
+        folder / f"{name}.tif": partial(write_tiff32, radiance=array)
+        for name, array in found.arrays.items()
+    }
+    writers[folder / _TIMING] = partial(_write_json, value=seconds)
+    writers[folder / _FOUND] = partial(_write_json, value=told)
+    write_into(folder, writers)
+
+
+def _write_json(path: Path, value: dict[str, Any]) -> None:
+    path.write_bytes(to_json(value, indent=1, inf_nan_mode="null") + b"\n")
+
+
+def _load(folder: Path, key: str) -> Found | None:
+    """A result of the same parameters and code; None where there is none, or it is damaged."""
+    try:
+        told = json.loads((folder / _FOUND).read_text())
+        if told["key"] != key:
+            return None
+        seconds = json.loads((folder / _TIMING).read_text())
+        arrays = {name: read_frame(folder / f"{name}.tif").counts for name in told["arrays"]}
+        return Found(told["figures"], arrays, seconds, told["refused"])
+    except (OSError, ValueError, KeyError, FileError):
+        return None

@@ -1,0 +1,116 @@
+"""How far apart two depths must be to be told, and depths in steps that the eye sees as even."""
+
+import math
+
+import torch
+from torch import Tensor
+
+from nolens.errors import DataError
+from nolens.kernels import irfft2, rfft2
+
+
+def per_m(depth_um: float) -> float:
+    """1/z in 1/m (dioptres); 0 for infinity. Magnification is linear in it."""
+    return 1e6 / depth_um
+
+
+def depth_um(vergence_per_m: float) -> float:
+    """Inverse of `per_m`."""
+    return 1e6 / vergence_per_m if vergence_per_m > 0 else math.inf
+
+
+def even_depths(near_um: float, far_um: float, steps: int) -> tuple[float, ...]:
+    """Depths from near to far, in equal steps of 1/z.
+
+    Parameters
+    ----------
+    near_um, far_um
+        The first and the last; the last may be infinite.
+    steps
+        How many, 2 or more.
+    """
+    first, last = per_m(near_um), per_m(far_um)
+    between = [first + (last - first) * step / (steps - 1) for step in range(1, steps - 1)]
+    return (near_um, *(depth_um(each) for each in between), far_um)
+
+
+def line_cells(psf: Tensor) -> float:
+    r"""Width of a pattern's lines: half-width of its autocorrelation, divided by √2.
+
+    Autocorrelation :math:`F^{-1}|F(p - \bar p)|^2`, full width at half maximum, mean of rows and
+    columns (`uvimprint`, fig. 5b).
+
+    Parameters
+    ----------
+    psf
+        (channels, rows, columns).
+
+    Returns
+    -------
+    float
+        In cells.
+
+    Raises
+    ------
+    DataError
+        If the pattern is even, or its lines are wider than half of it.
+    """
+    plane = psf.mean(dim=0)
+    spectrum = rfft2((plane - plane.mean()).contiguous())
+    correlation = irfft2(
+        spectrum.abs().square().to(spectrum.dtype), (plane.shape[0], plane.shape[1])
+    )
+    if not float(correlation[0, 0]) > 0:
+        raise DataError("the PSF is even: it has no lines that tell depths apart")
+    halves = [_half(line / line[0]) for line in (correlation[:, 0], correlation[0])]
+    return math.sqrt(2) * sum(halves) / len(halves)
+
+
+def _half(profile: Tensor) -> float:
+    """Where a profile that starts at 1 falls below a half."""
+    below = (profile[: len(profile) // 2] < 0.5).nonzero()
+    if len(below) == 0:
+        raise DataError("the PSF is blurred: its lines are wider than half of it")
+    first = int(below[0])
+    before, after = float(profile[first - 1]), float(profile[first])
+    return first - 1 + (before - 0.5) / (before - after)
+
+
+def lit_cells(psf: Tensor, sensor: tuple[int, int]) -> float:
+    """Half of the longer side of what a PSF lights on the sensor, in cells.
+
+    Parameters
+    ----------
+    psf
+        (channels, rows, columns), its zero shift in the middle.
+    sensor
+        (rows, columns) of the sensor.
+    """
+    plane = psf.mean(dim=0)
+    lit = []
+    for axis, count in enumerate(sensor):
+        profile = plane.sum(dim=1 - axis).double()
+        away = (torch.arange(len(profile)) - len(profile) // 2).abs()
+        bright = away[profile > 0.05 * profile.max()]
+        lit.append(min(count / 2, float(bright.max()) + 0.5))
+    return max(lit)
+
+
+def depth_of_focus_per_m(line_um: float, reduced_um: float, lit_um: float) -> float:
+    r"""Difference of 1/z by which the pattern's edge moves by one line: :math:`w / (D\,r)`.
+
+    A source at z magnifies the pattern by :math:`1 + D/z` (`uvimprint`, sec. 3.5), so what lies r
+    from the middle moves by :math:`r D\,Δ(1/z)`. A depth that is off by this much blurs a point
+    over two lines' width: it is the depth of field of a camera whose lens is as wide as the lit
+    part of the sensor.
+
+    Parameters
+    ----------
+    line_um
+        Width w of the pattern's lines.
+    reduced_um
+        D, the reduced distance of mask and sensor, Σ thickness / index.
+    lit_um
+        Half of the lit part's longer side, r.
+    """
+    return 1e6 * line_um / (reduced_um * lit_um)

@@ -1,0 +1,145 @@
+"""The PSF of any depth, from those of a few."""
+
+from bisect import bisect_left
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Self
+
+import torch
+from torch import Tensor
+
+from nolens.calibrate.magnify import covered, magnified
+from nolens.calibrate.point_register import register
+from nolens.refocus.depth_of_focus import line_cells, per_m
+
+_LARGEST_UM = 20e3
+"""Reduced distance of mask and sensor beyond which none is sought."""
+_LEAST_LINES = 0.25
+"""Lines by which the edge must move between two PSFs for them to tell the magnification."""
+
+
+@dataclass(frozen=True)
+class PsfAt:
+    """A PSF and the distance of its point of light.
+
+    Parameters
+    ----------
+    psf
+        (channels, rows, columns), not negative; zero shift is the cell (rows // 2, columns // 2).
+    distance_um
+        May be infinite.
+    """
+
+    psf: Tensor
+    distance_um: float
+
+
+@dataclass(frozen=True)
+class PsfBetween:
+    """PSFs at some distances, and what leads from one to another.
+
+    Parameters
+    ----------
+    known
+        The farthest first.
+    reduced_um
+        Reduced distance D of mask and sensor: a source at z magnifies the pattern by 1 + D/z.
+    moved
+        Cells by which each is moved down and to the right against the first one.
+    brightness
+        Of each, beside the first one.
+    alike
+        Correlation of each with the next one, once it is magnified to its distance.
+    """
+
+    known: tuple[PsfAt, ...]
+    reduced_um: float
+    moved: tuple[tuple[float, float], ...]
+    brightness: tuple[float, ...]
+    alike: tuple[float, ...]
+
+    @classmethod
+    def of(cls, known: Sequence[PsfAt], reduced_um: float) -> Self:
+        """Bring PSFs into one place and to one brightness.
+
+        Parameters
+        ----------
+        known
+            Of one camera, alike in shape, each at its own distance.
+        reduced_um
+            D; `measured_reduced_um` finds it.
+        """
+        ordered = tuple(sorted(known, key=lambda each: -each.distance_um))
+        moved, brightness, alike = [(0.0, 0.0)], [1.0], []
+        for one, two in pairwise(ordered):
+            factor = _factor(reduced_um, one.distance_um, two.distance_um)
+            found = register(two.psf, one.psf, magnification=factor)
+            here = moved[-1]
+            moved.append((here[0] + found.shift[0], here[1] + found.shift[1]))
+            cells = (one.psf.shape[-2], one.psf.shape[-1])
+            both = covered(cells, factor, moved=found.shift)
+            shown = magnified(one.psf, factor, moved=found.shift)
+            shown, wanted = (each.mean(dim=0)[both].double() for each in (shown, two.psf))
+            brightness.append(brightness[-1] * float(wanted.sum() / shown.sum()))
+            alike.append(float(torch.corrcoef(torch.stack([shown, wanted]))[0, 1]))
+        return cls(ordered, reduced_um, tuple(moved), tuple(brightness), tuple(alike))
+
+    def at(self, depth_um: float) -> Tensor:
+        r"""The PSF of a depth: its neighbours, magnified to it and blended linearly in 1/z.
+
+        Beyond the ends the last one is magnified: :math:`M = (1 + D/z) / (1 + D/z_i)`.
+
+        Parameters
+        ----------
+        depth_um
+            May be infinite.
+        """
+        places = [per_m(each.distance_um) for each in self.known]
+        place = per_m(depth_um)
+        upper = bisect_left(places, place)
+        if upper in (0, len(places)) or places[upper] == place:
+            return self._from(min(upper, len(places) - 1), depth_um)[0]
+        share = (place - places[upper - 1]) / (places[upper] - places[upper - 1])
+        one, one_covers = self._from(upper - 1, depth_um)
+        two, two_covers = self._from(upper, depth_um)
+        weights = (1 - share) * one_covers, share * two_covers
+        return (weights[0] * one + weights[1] * two) / (weights[0] + weights[1]).clamp_min(1e-9)
+
+    def _from(self, number: int, depth_um: float) -> tuple[Tensor, Tensor]:
+        """One of the PSFs magnified to a depth, and the cells that it covers there."""
+        known, away = self.known[number], self.moved[number]
+        factor = _factor(self.reduced_um, known.distance_um, depth_um)
+        moved = (-away[0] * factor if away[0] else 0.0, -away[1] * factor if away[1] else 0.0)
+        cells = (known.psf.shape[-2], known.psf.shape[-1])
+        shown = magnified(known.psf, factor, moved=moved).div_(self.brightness[number])
+        return shown, covered(cells, factor, moved=moved).float()
+
+
+def measured_reduced_um(known: Sequence[PsfAt]) -> float | None:
+    """D from how much larger the nearest source's PSF is than the farthest one's.
+
+    Parameters
+    ----------
+    known
+        PSFs of one camera, alike in shape.
+
+    Returns
+    -------
+    float or None
+        None where there is one distance only, or the sizes are too alike to tell.
+    """
+    near = min(known, key=lambda each: each.distance_um)
+    far = max(known, key=lambda each: each.distance_um)
+    if near.distance_um == far.distance_um:
+        return None
+    line = line_cells(far.psf)
+    largest = _factor(_LARGEST_UM, far.distance_um, near.distance_um)
+    factor = register(near.psf, far.psf, magnification=(1.0, largest)).magnification
+    if (factor - 1) * max(far.psf.shape[-2:]) / 2 < _LEAST_LINES * line:
+        return None
+    return 1e6 * (factor - 1) / (per_m(near.distance_um) - factor * per_m(far.distance_um))
+
+
+def _factor(reduced_um: float, from_um: float, to_um: float) -> float:
+    return (1 + reduced_um / to_um) / (1 + reduced_um / from_um)

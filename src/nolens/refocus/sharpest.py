@@ -1,0 +1,236 @@
+"""The depth at which a scene, or a place in it, is sharpest."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from torch import Tensor
+
+from nolens.camera.measurement import bin_mean
+from nolens.refocus.depth_of_focus import depth_um, line_cells, per_m
+from nolens.refocus.solving import Solving, gradient_energy, sharpness
+from nolens.solvers import Progress
+
+Step = Callable[[int, int], bool]
+"""Sees how many iterations are done, of how many; True ends the search."""
+
+_ITERATIONS = 60
+_LEAST_STEPS = 4
+_FINE = 0.05
+"""Share of the depth of focus to which the depth is refined."""
+_GOLDEN = (math.sqrt(5) - 1) / 2
+_WORST = 2.0
+"""Objective over the least one beyond which a depth's edges are not believed."""
+_LINES, _SHARE = 3.0, 1 / 16
+"""The window around a place: so many lines wide, and so much of the picture's shorter side."""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A depth that was tried.
+
+    Parameters
+    ----------
+    depth_um
+        May be infinite.
+    objective
+        ½‖b − CMv‖² + τ R(v) of the scene that is found there, in unit norms: how badly it
+        explains the measurement.
+    sharpness
+        Energy of the gradient around the place, or of the whole picture.
+    """
+
+    depth_um: float
+    objective: float
+    sharpness: float
+
+
+@dataclass(frozen=True)
+class Sharpest:
+    """Where a scene is sharpest.
+
+    Parameters
+    ----------
+    depth_um
+        May be infinite.
+    tried
+        All depths that were tried, the nearest first.
+    at_end
+        Whether it is the first or last depth that was allowed: the true one may lie beyond.
+    finished
+        False where the search was ended before.
+    """
+
+    depth_um: float
+    tried: tuple[Tried, ...]
+    at_end: bool
+    finished: bool
+
+
+@dataclass(frozen=True)
+class Search:
+    """How the sharpest depth is sought.
+
+    Depths one depth of focus apart come first. Of these the best is the one whose PSF explains the
+    measurement best, by the objective of the reconstruction, which noise does not mislead; or, at a
+    place, the sharpest one there, but for those that explain the measurement twice as badly as the
+    best: their edges come of what is not explained. Between its neighbours golden sections follow
+    the sharpness, of the whole picture over the objective. All on cells as coarse as the PSF's
+    lines allow.
+
+    Parameters
+    ----------
+    solving
+        How every depth is reconstructed.
+    psf_at
+        PSF of a depth in um, (channels, rows, columns).
+    near_um, far_um
+        Depths between which it lies; the far one may be infinite.
+    depth_of_focus_per_m
+        See `nolens.refocus.depth_of_focus_per_m`.
+    """
+
+    solving: Solving
+    psf_at: Callable[[float], Tensor]
+    near_um: float
+    far_um: float
+    depth_of_focus_per_m: float
+
+    @property
+    def coarse(self) -> int:
+        """Depths that are tried first."""
+        span = per_m(self.near_um) - per_m(self.far_um)
+        return max(_LEAST_STEPS, math.ceil(span / self.depth_of_focus_per_m)) + 1
+
+    @property
+    def step_per_m(self) -> float:
+        """From one of them to the next."""
+        return (per_m(self.near_um) - per_m(self.far_um)) / (self.coarse - 1)
+
+    @property
+    def fine(self) -> int:
+        """Depths that are tried then, at most."""
+        wanted = _FINE * self.depth_of_focus_per_m / (2 * self.step_per_m)
+        return 1 + max(1, math.ceil(math.log(min(wanted, 0.5)) / math.log(_GOLDEN)))
+
+    @property
+    def iterations(self) -> int:
+        """Of all depths, at most."""
+        return (self.coarse + self.fine) * min(_ITERATIONS, self.solving.iterations)
+
+    def bin_by(self, psf: Tensor) -> int:
+        """Cells along one of the coarser cells: two of them still are less than a line."""
+        return max(1, int(line_cells(psf) / 2))
+
+    def run(self, place: tuple[float, float] | None = None, step: Step | None = None) -> Sharpest:
+        """Find the sharpest depth.
+
+        Parameters
+        ----------
+        place
+            Row and column in the picture (`Solving.framed`); None for all of it.
+        step
+            Called after every iteration.
+        """
+        bin_by = self.bin_by(self.psf_at(self.far_um))
+        trial = _Trial(self, self.solving.coarser(bin_by, _ITERATIONS), bin_by, place, step)
+        low, high = per_m(self.far_um), per_m(self.near_um)
+        first = [low + number * self.step_per_m for number in range(self.coarse)]
+        first[-1] = high
+        finished = all(trial.add(each) for each in first)
+        best = trial.best_coarse()
+        if finished:
+            best, finished = self._refined(trial, best)
+        at_end = min(best - low, high - best) <= 2 * _FINE * self.depth_of_focus_per_m
+        return Sharpest(trial.found[best].depth_um, trial.sorted(), at_end, finished)
+
+    def _refined(self, trial: "_Trial", best: float) -> tuple[float, bool]:
+        """Golden sections between the neighbours of a depth; False if they were ended."""
+        ends = per_m(self.far_um), per_m(self.near_um)
+        low, high = max(ends[0], best - self.step_per_m), min(ends[1], best + self.step_per_m)
+        bounds = low, high
+        inner = [high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)]
+        if not all(trial.add(each) for each in inner):
+            return best, False
+        finished = True
+        for _ in range(self.fine - 2):
+            if trial.focus(inner[0]) > trial.focus(inner[1]):
+                high, inner = inner[1], [inner[1] - _GOLDEN * (inner[1] - low), inner[0]]
+                new = inner[0]
+            else:
+                low, inner = inner[0], [inner[1], inner[0] + _GOLDEN * (high - inner[0])]
+                new = inner[1]
+            if not trial.add(new):
+                finished = False
+                break
+        within = [each for each in trial.found if bounds[0] <= each <= bounds[1]]
+        peak = max(within, key=trial.focus)
+        edge = 2 * _FINE * self.depth_of_focus_per_m
+        # Where it only rises towards a neighbour that is worse, it is noise that rises.
+        inside = [abs(peak - end) > edge or end in ends for end in bounds]
+        return (peak if all(inside) else best), finished
+
+
+class _Trial:
+    """Depths that have been tried so far."""
+
+    def __init__(
+        self,
+        search: Search,
+        solving: Solving,
+        bin_by: int,
+        place: tuple[float, float] | None,
+        step: Step | None,
+    ) -> None:
+        self.search, self.solving, self.bin_by = search, solving, bin_by
+        self.place, self.step = place, step
+        self.found: dict[float, Tried] = {}
+        self.done = 0
+
+    def add(self, vergence_per_m: float) -> bool:
+        """Try a depth; False if the search is to end."""
+        depth = depth_um(vergence_per_m)
+        psf = bin_mean(self.search.psf_at(depth), self.bin_by)
+        ended = False
+
+        def advance(progress: Progress) -> bool:
+            nonlocal ended
+            done = self.done + progress.iteration
+            ended = self.step is not None and self.step(done, self.search.iterations)
+            return ended
+
+        result = self.solving.solve(psf, advance)
+        if ended and self.found:
+            return False
+        self.done += self.solving.iterations
+        picture = self.solving.framed(result.scene, psf)
+        rows, columns = picture.shape[-2:]
+        if self.place is None:
+            sharp = float(gradient_energy(picture).mean())
+        else:
+            width = max(_LINES * line_cells(psf), _SHARE * min(rows, columns))
+            row, column = (
+                min(int(at / self.bin_by), count - 1)
+                for at, count in zip(self.place, (rows, columns), strict=True)
+            )
+            sharp = float(sharpness(picture, width)[row, column])
+        self.found[vergence_per_m] = Tried(depth, result.objective, sharp)
+        return not ended
+
+    def sorted(self) -> tuple[Tried, ...]:
+        """The nearest first."""
+        return tuple(sorted(self.found.values(), key=lambda each: each.depth_um))
+
+    def best_coarse(self) -> float:
+        """The best 1/z of all depths so far: see `Search`."""
+        if self.place is None:
+            return min(self.found, key=lambda each: self.found[each].objective)
+        least = min(each.objective for each in self.found.values())
+        explained = [at for at, each in self.found.items() if each.objective <= _WORST * least]
+        return max(explained, key=self.focus)
+
+    def focus(self, vergence_per_m: float) -> float:
+        """How sharp a depth is that was tried: see `Search`."""
+        tried = self.found[vergence_per_m]
+        # At a place the objective would follow what is brighter elsewhere.
+        return tried.sharpness / (tried.objective if self.place is None else 1.0)

@@ -1,0 +1,187 @@
+"""Simulated frames of a point of light give back the true PSF."""
+
+import pytest
+import torch
+from point_light import Shot, bench, decibels, light_of, rms, warm_pixels
+
+from nolens.calibrate.point import PointPsf, StrayLight, point_psf
+from nolens.calibrate.point_frames import FrameMean
+from nolens.calibrate.point_merge import Exposure, merge
+from nolens.calibrate.point_noise import Noise
+from nolens.calibrate.point_stray import dark_area, stray_light
+from nolens.camera import Frame
+from nolens.errors import DataError
+from nolens.evaluate import scale_fit
+
+OPEN = ("paper", (256, 320))
+SMALL = ("small", None)
+
+
+@pytest.fixture(autouse=True)
+def _few_threads(one_thread: None) -> None:
+    """A quarter of a megapixel at most."""
+
+
+def shot(camera: tuple[str, tuple[int, int] | None], **more: object) -> Shot:
+    return Shot(bench(*camera), light_of(*camera), **more)  # type: ignore[arg-type]
+
+
+def calibrated(
+    taken: Shot, fills: dict[float, float], count: int = 8, darks: int = 8,
+    stray: StrayLight = "auto",
+) -> PointPsf:  # fmt: skip
+    """Frames by exposure time, each with its fill of the brightest pixel."""
+    frames = {time: taken.frames(count, fill, time) for time, fill in fills.items()}
+    dark = dict.fromkeys(fills, taken.darks(darks)) if darks else {}
+    return point_psf(frames, dark, cell_um=3.1, stray=stray)
+
+
+@pytest.mark.parametrize("camera", [SMALL, OPEN], ids=["aperture", "open"])
+def test_noisy_clipped_frames_give_back_the_psf(
+    camera: tuple[str, tuple[int, int] | None],
+) -> None:
+    """Two exposures, one of which clips, pixels that differ in the dark: far above 40 dB."""
+    size = (bench(*camera).sensor.rows, bench(*camera).sensor.columns)
+    taken = shot(camera, warm=warm_pixels(size))
+    found = calibrated(taken, {0.01: 0.5, 0.04: 2.0}, darks=1)
+    assert decibels(found.psf, taken.truth) > 60
+    assert found.saturated_share == 0
+    assert found.ratios == pytest.approx((1, 1), abs=2e-3)
+    # The rest is the noise that was foretold, and no more.
+    truth = taken.truth
+    rest = scale_fit(found.psf, truth) - truth
+    scale = float(truth.double().sum() / found.psf.double().sum())
+    foretold = rms(torch.tensor(found.noise_rms)) * scale
+    assert rms(rest) == pytest.approx(foretold, rel=0.08)
+    assert found.noise.known_from == "frames"
+    assert found.noise.counts_per_electron == pytest.approx(0.47, rel=0.15)
+    assert found.noise.read_variance == pytest.approx((3 * 0.47) ** 2 + 1 / 12, rel=0.25)
+    # Without the short exposure, or without dark frames, it is much worse.
+    alone = {0.04: taken.frames(8, 2.0, 0.04)}
+    with pytest.raises(DataError, match="saturated in every exposure"):
+        point_psf(alone, {}, cell_um=3.1)
+    worse = calibrated(taken, {0.01: 0.5, 0.04: 2.0}, darks=0)
+    assert decibels(worse.psf, truth) < decibels(found.psf, truth) - 6
+
+
+def test_several_exposures_are_better_than_each() -> None:
+    taken = shot(SMALL)
+    both = calibrated(taken, {0.01: 0.5, 0.04: 2.0}, count=4)
+    short = calibrated(taken, {0.01: 0.5}, count=8)
+    assert decibels(both.psf, taken.truth) > decibels(short.psf, taken.truth) + 3
+
+
+def test_counts_near_white_are_not_cut() -> None:
+    """Of pixels that are nearly full, only the darker readings do not clip."""
+    noise, white = Noise(2.0, 0.5, "camera"), 3800.0
+    spread = float(noise.variance(torch.tensor(white)).sqrt())
+    level = torch.full((1, 200, 200), white / 2)
+    level[:, :20] = white - spread
+    generator = torch.Generator().manual_seed(0)
+    parts = []
+    for time in (0.01, 0.02):
+        mean = level * time / 0.02
+        drawn = mean + noise.variance(mean).sqrt() * torch.randn(mean.shape, generator=generator)
+        clipped = drawn >= white
+        assert bool(clipped.any()) == (time == 0.02)
+        parts.append(Exposure(drawn.clamp(max=white), clipped, 1, time, torch.tensor(white)))
+    merged = merge(parts, noise)
+    assert not merged.saturated.any()
+    off = float((merged.rate * 0.02 - level)[:, :20].double().mean())
+    assert abs(off) < 0.08 * spread
+
+
+def test_wrong_exposure_times_are_corrected_or_refused() -> None:
+    taken = shot(SMALL)
+    found = calibrated(taken, {0.01: 0.5, 0.0412: 2.0})
+    assert found.ratios == pytest.approx((1, 4 / 4.12), abs=1e-3)
+    assert decibels(found.psf, taken.truth) > 60
+    with pytest.raises(DataError, match=r"times as bright as .* not 6 times"):
+        calibrated(taken, {0.01: 0.5, 0.06: 2.0})
+
+
+def test_one_frame_tells_its_noise() -> None:
+    taken = shot(OPEN)
+    for sensor, known in ((None, "picture"), (taken.camera.sensor, "camera")):
+        found = point_psf({1.0: taken.frames(1, 0.9)}, {}, cell_um=3.1, sensor=sensor)
+        assert found.noise.known_from == known
+        assert found.noise.counts_per_electron == pytest.approx(0.47, rel=0.15)
+        assert decibels(found.psf, taken.truth) > 48
+
+
+def veil(size: tuple[int, int], even: float, slope: float) -> torch.Tensor:
+    return even + slope * torch.linspace(-1, 1, size[1])[None].expand(size)
+
+
+def test_stray_light_is_taken_away_beside_an_aperture() -> None:
+    taken = shot(SMALL, veil=veil((256, 320), 0.03, 0.005))
+    found = calibrated(taken, {0.01: 0.5, 0.04: 2.0})
+    assert found.area is not None and 0.3 < found.area.share < 0.8
+    assert decibels(found.psf, taken.truth) > 60
+    peaks = found.psf.amax(dim=(-2, -1))
+    green = float(found.stray[1] / peaks[1])
+    assert green == pytest.approx(0.03, rel=0.1)
+    kept = calibrated(taken, {0.01: 0.5, 0.04: 2.0}, stray="none")
+    assert decibels(kept.psf, taken.truth) < 35
+    assert kept.floor[1] / float(kept.psf[1].max()) == pytest.approx(0.025, abs=0.005)
+
+
+def test_the_patterns_own_wings_are_no_stray_light() -> None:
+    """Without noise and without other light, next to nothing may be taken away."""
+    truth = shot(SMALL).truth
+    area = dark_area(truth)
+    assert area is not None
+    taken = stray_light(truth, area).mean(dim=(-2, -1)) / truth.amax(dim=(-2, -1))
+    assert float(taken.abs().max()) < 1.3e-4
+
+
+def test_an_open_pattern_keeps_its_floor() -> None:
+    """Nothing tells it from stray light, unless somebody says so."""
+    taken = shot(OPEN)
+    found = calibrated(taken, {0.01: 0.5})
+    assert found.area is None and found.stray == (0, 0, 0)
+    peaks = found.psf.amax(dim=(-2, -1)).tolist()
+    assert all(0.01 < each / top < 0.02 for each, top in zip(found.floor, peaks, strict=True))
+    dimmer = calibrated(taken, {0.01: 0.5}, stray="floor")
+    assert dimmer.stray == pytest.approx(found.floor)
+    assert dimmer.floor == pytest.approx((0, 0, 0), abs=1e-4 * float(found.psf.max()))
+
+
+def test_dark_frames_with_the_room_take_stray_light_away() -> None:
+    """The room stays as it was, and the point is covered: what is left is the point's."""
+    taken = shot(OPEN, veil=veil((256, 320), 0.05, 0.02))
+    assert taken.veil is not None
+    room = Shot(taken.camera, taken.veil.clone()).frames(8, 0.5 * float(taken.veil.max()))
+    found = point_psf({0.01: taken.frames(8, 0.5, 0.01)}, {0.01: room}, cell_um=3.1)
+    assert decibels(found.psf, taken.truth) > 52
+    assert decibels(calibrated(taken, {0.01: 0.5}).psf, taken.truth) < 40
+
+
+def test_no_point_of_light_is_refused() -> None:
+    taken = shot(OPEN)
+    with pytest.raises(DataError, match="nothing above its noise"):
+        point_psf({1.0: taken.darks(8)}, {}, cell_um=3.1)
+    with pytest.raises(DataError, match="nothing above its noise"):
+        point_psf({1.0: taken.darks(8)}, {1.0: taken.darks(8)}, cell_um=3.1)
+    rows, columns = (torch.linspace(-1, 1, n) for n in (256, 320))
+    scene = torch.exp(-(rows[:, None].square() + columns.square()) / 0.3)
+    with pytest.raises(DataError, match="shows no point of light"):
+        point_psf({1.0: Shot(taken.camera, scene).frames(8, 0.9)}, {}, cell_um=3.1)
+
+
+def test_dark_frames_brighter_than_the_frames_are_refused() -> None:
+    taken = shot(SMALL)
+    with pytest.raises(DataError, match="brighter than"):
+        point_psf({1.0: taken.darks(2)}, {1.0: taken.frames(2, 0.9)}, cell_um=3.1)
+
+
+def test_grey_frames_and_frames_in_colour() -> None:
+    """Cells of 2×2 pixels where there is a mosaic, pixels where there is none."""
+    generator = torch.Generator().manual_seed(0)
+    truth = shot(SMALL).truth
+    counts = 100 + 1000 * truth / truth.max() + torch.randn(truth.shape, generator=generator)
+    for plane, names in ((counts, ("R", "G", "B")), (counts[:1], ("grey",))):
+        frame = Frame(plane.round(), names, None, (100.0,), 4095.0, "uint16", "a.tif")
+        found = point_psf({1.0: FrameMean(frame)}, {}, cell_um=3.1, stray="none")
+        assert found.psf.shape == plane.shape
+        assert decibels(found.psf, truth[: len(plane)]) > 46

@@ -1,0 +1,69 @@
+"""Shift and magnification of patterns that are drawn in their places."""
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from point_light import bench, spots
+
+from nolens.calibrate.distances import Layers
+from nolens.calibrate.point_centre import centroid
+from nolens.calibrate.point_register import NEARBY, register
+from nolens.optics import PointSource
+
+CELLS = (150, 180)
+
+
+@pytest.fixture(autouse=True)
+def _few_threads(one_thread: None) -> None:
+    """Patterns of a few hundred cells."""
+
+
+@settings(max_examples=4)
+@given(
+    scale=st.floats(0.96, 1.05),
+    moved=st.tuples(st.floats(-15, 15), st.floats(-15, 15)),
+    known=st.booleans(),
+)
+def test_spots(scale: float, moved: tuple[float, float], known: bool) -> None:
+    generator = torch.Generator().manual_seed(0)
+    pattern = 5 + 3 * spots(CELLS, scale, moved)
+    pattern = pattern + 0.02 * torch.randn(pattern.shape, generator=generator)
+    found = register(pattern, spots(CELLS), magnification=scale * 1.002 if known else NEARBY)
+    assert found.shift == pytest.approx(moved, abs=0.02)
+    assert found.magnification == pytest.approx(scale, abs=2e-4)
+    assert found.correlation > 0.98
+
+
+def test_unlike_patterns() -> None:
+    found = register(spots(CELLS, seed=3), spots(CELLS, seed=4), magnification=1.0)
+    assert found.correlation < 0.4
+
+
+def test_large_patterns_are_averaged() -> None:
+    found = register(
+        spots((300, 900), 1.01, (3.3, -7.6), width=6.0), spots((300, 900), width=6.0),
+        magnification=1.01,
+    )  # fmt: skip
+    assert found.shift == pytest.approx((3.3, -7.6), abs=0.05)
+    assert found.magnification == pytest.approx(1.01, abs=2e-4)
+
+
+@pytest.mark.parametrize("distance_mm", [80.0, 200.0])
+def test_the_twin_magnifies_as_the_layers_say(distance_mm: float) -> None:
+    """Of M − 1, the twin's patterns show within 2 % what 1 + D/z says."""
+    camera = bench("paper", (512, 640))
+    near, far = (camera.psf(PointSource(distance_um=z * 1e3)) for z in (distance_mm, 300.0))
+    layers = Layers.of_camera(camera.twin.camera)
+    expected = layers.magnification(distance_mm * 1e3) / layers.magnification(300e3)
+    found = register(near, far, magnification=1.0)
+    assert found.magnification - 1 == pytest.approx(expected - 1, rel=0.02)
+    assert found.shift == pytest.approx((0, 0), abs=0.01)
+
+
+def test_centroid() -> None:
+    psf = torch.zeros(2, 9, 12)
+    psf[0, 2, 3], psf[1, 4, 3], psf[0, 8, 11] = 1.0, 3.0, 100.0
+    dark = torch.zeros(9, 12, dtype=torch.bool)
+    dark[8, 11] = True
+    assert centroid(psf, dark) == pytest.approx((3.5 - 4, 3 - 5.5))

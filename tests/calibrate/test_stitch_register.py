@@ -1,0 +1,81 @@
+"""Shifts of one pattern against another one, and of many together."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from nolens.calibrate.register import fine_structure, matched
+from nolens.calibrate.stitch_place import place
+
+Plane = NDArray[np.float64]
+LARGE = 400
+
+
+def canvas(seed: int = 0) -> Plane:
+    """Lines about 4 cells wide without end: white noise under a Gaussian, on a period."""
+    white = np.random.default_rng(seed).standard_normal((LARGE, LARGE))
+    return 10 + 40 * ndimage.gaussian_filter(white, 2.0, mode="wrap")
+
+
+def view(pattern: Plane, moved: tuple[float, float], rows: int = 120, columns: int = 150) -> Plane:
+    """What a sensor sees of a pattern that is moved: exact, by the shift theorem."""
+    rowed, columned = (np.fft.fftfreq(n) for n in pattern.shape)
+    turn = np.exp(-2j * np.pi * (rowed[:, None] * moved[0] + columned * moved[1]))
+    whole = np.fft.ifft2(np.fft.fft2(pattern) * turn).real
+    top, left = (LARGE - rows) // 2, (LARGE - columns) // 2
+    return np.asarray(whole[top : top + rows, left : left + columns])
+
+
+@settings(max_examples=8, deadline=None)
+@given(
+    moved=st.tuples(st.floats(-50, 50), st.floats(-60, 60)),
+    off=st.tuples(st.floats(-9, 9), st.floats(-9, 9)),
+)
+def test_parts_of_a_cell(moved: tuple[float, float], off: tuple[float, float]) -> None:
+    one, other = (fine_structure(view(canvas(), each)) for each in ((0.0, 0.0), moved))
+    found = matched(one, other, (moved[0] + off[0], moved[1] + off[1]), 10)
+    assert found is not None
+    assert math.dist(found.moved, moved) < 0.03
+    assert found.correlation > 0.98
+
+
+def test_smooth_light_is_no_landmark() -> None:
+    glow = 100 * np.exp(-(((np.arange(150) - 40) / 120) ** 2)) * np.ones((120, 1))
+    one, other = view(canvas(), (0, 0)) + glow, view(canvas(), (7.3, -11.6)) + glow
+    found = matched(fine_structure(one), fine_structure(other), (6.0, -10.0), 8)
+    assert found is not None and math.dist(found.moved, (7.3, -11.6)) < 0.1
+
+
+def test_other_patterns_are_not_alike() -> None:
+    one, other = fine_structure(view(canvas(), (0, 0))), fine_structure(view(canvas(1), (0, 0)))
+    found = matched(one, other, (0.0, 0.0), 20)
+    assert found is not None and abs(found.correlation) < 0.15
+    assert matched(one, other, (110.0, 0.0), 2) is None
+
+
+def test_all_shifts_together() -> None:
+    """One overlap that leads astray is outvoted; a pattern that fits none has no shift."""
+    truth = [(0.0, 0.0), (31.4, 2.2), (-28.7, 5.9), (3.3, 40.1), (-4.4, -38.8)]
+    patterns = [view(canvas(), each) for each in truth]
+    expected = [(a + 4.0, b - 3.0) if (a, b) != (0.0, 0.0) else (a, b) for a, b in truth]
+    shares: list[float] = []
+    found = place(patterns, expected, 0, [0.0, 6.0, 6.0, 6.0, 6.0], shares.append)
+    assert shares[-1] == 1 and shares == sorted(shares)
+    for shift, wanted in zip(found.shifts, truth, strict=True):
+        assert shift is not None and math.dist(shift, wanted) < 0.05
+    assert found.misfit < 0.1 and len(found.pairs) == 10
+    twice = found.scaled(2)
+    assert twice.shifts[1] == pytest.approx((62.8, 4.4), abs=0.1)
+    assert twice.pairs[0].match.moved == pytest.approx(
+        [2 * each for each in found.pairs[0].match.moved]
+    )
+
+    patterns[3] = view(canvas(1), truth[3])
+    found = place(patterns, expected, 0, [0.0, 6.0, 6.0, 6.0, 6.0])
+    assert found.shifts[3] is None and found.correlations[3] < 0.25
+    assert all(each is not None for number, each in enumerate(found.shifts) if number != 3)

@@ -1,0 +1,115 @@
+"""The PSF beyond the sensor, from ordinary pictures: judged by pictures that were left out."""
+
+import pytest
+import torch
+from captured_at_angles import DISTANCE_UM, grey_camera
+from skimage.data import astronaut, camera, coffee
+from torch import Tensor
+
+from nolens.calibrate.surround import extend, filled, steps
+from nolens.camera import develop
+from nolens.evaluate import psnr, scale_fit
+from nolens.jobs.optical_bench import OpticalBench, Photographed, solved
+from nolens.operators import Region
+from nolens.optics import PointSource
+from nolens.twin import Plane
+
+ROWS, COLUMNS, SCENE_DEG = 128, 160, 5.5
+
+
+@pytest.fixture(scope="module")
+def bench() -> OpticalBench:
+    return OpticalBench.of(grey_camera(ROWS, COLUMNS), field_points=3)
+
+
+@pytest.fixture(scope="module")
+def captured(bench: OpticalBench) -> Tensor:
+    return bench.psf(PointSource(distance_um=DISTANCE_UM, diameter_um=50.0))
+
+
+def photograph(bench: OpticalBench, picture: Tensor, seed: int) -> Photographed:
+    return bench.photograph((Plane(picture[None], SCENE_DEG, DISTANCE_UM),), seed=seed)
+
+
+@pytest.fixture(scope="module")
+def shots(bench: OpticalBench) -> list[Photographed]:
+    pictures = [astronaut()[..., 1], camera(), coffee()[:, 100:500, 1]]
+    return [
+        photograph(bench, (torch.from_numpy(each.copy()).float() / 255).square(), seed)
+        for seed, each in enumerate(pictures)
+    ]
+
+
+def quality(shot: Photographed, psf: Tensor) -> float:
+    seen = solved(shot.frame, psf, shot.region, iterations=60)
+    truth = shot.truth * shot.response
+    return psnr(scale_fit(seen, truth), truth, 1.0)
+
+
+def test_pictures_that_were_left_out(
+    bench: OpticalBench, captured: Tensor, shots: list[Photographed]
+) -> None:
+    region = shots[0].region
+    mean = filled(captured, region)
+    told: list[int] = []
+
+    def step(done: int) -> bool:
+        told.append(done)
+        return False
+
+    found = extend(
+        captured, [develop(each.frame) for each in shots[:2]], region, rounds=3, tau=1e-5, step=step
+    )
+    assert found.found and told == list(range(1, steps(3, 2) + 1))
+    assert all(b < a for a, b in zip(found.misfit, found.misfit[1:], strict=False))
+    top, left = (mean.shape[-2] - ROWS) // 2, (mean.shape[-1] - COLUMNS) // 2
+    inner = (..., slice(top, top + ROWS), slice(left, left + COLUMNS))
+    assert torch.equal(found.psf[inner], captured) and torch.equal(mean[inner], captured)
+    assert float(found.psf.min()) >= 0 and found.psf.shape == mean.shape
+    # What the first two pictures tell serves the third.
+    with_mean = quality(shots[2], mean)
+    assert with_mean > quality(shots[2], captured) + 5
+    assert quality(shots[2], found.psf) > with_mean + 3
+    wide = bench.psf(PointSource(distance_um=DISTANCE_UM, diameter_um=50.0), mean.shape[-2:])
+    outside = torch.ones(mean.shape, dtype=torch.bool)
+    outside[inner] = False
+    pattern, estimate = (each[outside] - each[outside].mean() for each in (wide, found.psf))
+    assert float((pattern * estimate).sum() / (pattern.norm() * estimate.norm())) > 0.5
+
+
+def test_noise_shows_nothing(bench: OpticalBench, captured: Tensor) -> None:
+    """What a dark picture does not tell is not made up."""
+    picture = (torch.from_numpy(astronaut()[..., 1].copy()).float() / 255).square()
+    plane = Plane(picture[None], SCENE_DEG, DISTANCE_UM)
+    shot = bench.photograph((plane,), seed=3, fill=0.01)
+    found = extend(captured, [develop(shot.frame)], shot.region, rounds=3, tau=1e-5)
+    assert not found.found and len(found.misfit) == 2
+    assert torch.equal(found.psf, filled(captured, shot.region))
+
+
+def test_stopped(captured: Tensor, shots: list[Photographed]) -> None:
+    measured = [develop(shots[0].frame)]
+    region = shots[0].region
+    at_once = extend(captured, measured, region, rounds=3, tau=1e-5, step=lambda done: True)
+    assert not at_once.found and at_once.misfit == ()
+    assert torch.equal(at_once.psf, filled(captured, region))
+    later = extend(captured, measured, region, rounds=3, tau=1e-5, step=lambda done: done == 3)
+    assert later.found and len(later.misfit) == 2
+
+
+@pytest.mark.parametrize("rows", [20, 21])
+@pytest.mark.parametrize(
+    "region", [Region(5, 6, 10, 12), Region(-3, 4, 9, 11), Region(14, 20, 9, 7)]
+)
+def test_wide_enough(rows: int, region: Region) -> None:
+    """All cells from any place of the region to any pixel, and zero shift stays."""
+    captured = torch.rand(2, rows, 25)
+    wide = filled(captured, region)
+    for size, count, start, length in (
+        (wide.shape[1], rows, region.top, region.height),
+        (wide.shape[2], 25, region.left, region.width),
+    ):
+        assert -(size // 2) <= -(start + length - 1)
+        assert size - 1 - size // 2 >= count - 1 - start
+    assert torch.equal(wide[:, wide.shape[1] // 2, wide.shape[2] // 2], captured[:, rows // 2, 12])
+    assert float(wide.mean()) == pytest.approx(float(captured.mean()), rel=1e-4)

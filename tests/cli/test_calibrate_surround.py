@@ -1,0 +1,92 @@
+"""`nolens calibrate surround`: a captured PSF that goes on beyond the sensor."""
+
+import json
+from pathlib import Path
+
+import torch
+from captured_scene import SENSOR, captured_set, raw
+from running import check_refused, listing, run
+
+from nolens.files import read_psf, read_psf_set
+from nolens.jobs import CalibrateSurroundOptions, calibrate_surround
+
+
+def test_mean_light_without_pictures(tmp_path: Path) -> None:
+    made = captured_set(tmp_path / "made")
+    done = run("calibrate", "surround", made, "--region", "20x24", "--json")
+    assert done.code == 0 and done.err == "", done
+    told = json.loads(done.out)
+    assert told["surround"] == "mean light" and told["rounds"] == 0
+    assert told["cells"] == [SENSOR[0] + 20, SENSOR[1] + 24]
+    listed = read_psf_set(made)
+    (wide,) = listed.by_distance(("extended",))
+    assert wide.file == "extended-300mm.tif" and wide.frame == "chief-ray"
+    psf, captured = read_psf(made, wide), read_psf(made, listed.psf[0])
+    assert torch.equal(psf[:, 10:-10, 12:-12], captured)
+    assert torch.allclose(psf[:, :10], captured.mean(dim=(-2, -1), keepdim=True))
+    record = json.loads((made / "extend-300mm.json").read_text())
+    assert record["result"] == told and record["parameters"]["region"] == "20x24"
+
+
+def test_pictures(tmp_path: Path) -> None:
+    made = captured_set(tmp_path / "made")
+    pictures = [raw(tmp_path / f"{seed}.tif", seed) for seed in (1, 2)]
+    done = run("calibrate", "surround", made, *pictures, "--region", "20x24", "--rounds", 2)
+    assert done.code == 0 and done.err == "", done
+    assert "extended to 68×88 cells by pictures" in done.out and "2 rounds" in done.out
+    record = json.loads((made / "extend-300mm.json").read_text())
+    told = record["result"]
+    assert told["misfit"][-1] < 0.8 * told["misfit"][0] and len(told["misfit"]) == 3
+    assert sorted(record["inputs"]) == ["PSF psf.tif", "picture 1", "picture 2"]
+
+
+def test_bad_input(tmp_path: Path) -> None:
+    made = captured_set(tmp_path / "made")
+    good = raw(tmp_path / "good.tif", 1)
+    before = listing(made)
+    for words, arguments in (
+        (("no region is given", "--region 414x414"), (good,)),
+        (("--region", "400x400"), (good, "--region", "wide")),
+        (("given twice",), (good, good, "--region", "20x24")),
+        (
+            ("46×64 cells", "same camera"),
+            (raw(tmp_path / "cut.tif", 1, (46, 64)), "--region", "20x24"),
+        ),
+        (("no file",), (tmp_path / "none.tif", "--region", "20x24")),
+        (("--distance 1 m", "300 mm"), ("--distance", "1m", "--region", "20x24")),
+        (("rounds",), ("--rounds", 0, "--region", "20x24")),
+        (("from cell 900 on", "48 cells"), (good, "--region", "4x4+900+0")),
+        (("65 cells",), (good, "--region", "20x65")),
+        (("0 everywhere",), (raw(tmp_path / "dark.tif", 1, light=0.0), "--region", "20x24")),
+    ):
+        check_refused(run("calibrate", "surround", made, *arguments), *words)
+        assert listing(made) == before
+    check_refused(run("calibrate", "surround"), "no folder is given")
+    check_refused(run("calibrate", "surround", tmp_path, "--region", "4x4"), "psfs.toml")
+
+
+class Impatient:
+    """Ends the work at its second step."""
+
+    def __init__(self) -> None:
+        self.notes: list[str] = []
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
+
+    warn = note
+
+    def step(self, what: str, done: int, limit: int, kept: str) -> bool:
+        assert (what, limit, kept) == ("step", 8, "the PSF")
+        return done >= 2
+
+
+def test_interrupted(tmp_path: Path) -> None:
+    """Ctrl-C after the first round: what it found is written."""
+    made = captured_set(tmp_path / "made")
+    options = CalibrateSurroundOptions(
+        folder=made, pictures=(raw(tmp_path / "raw.tif", 1),), region="20x24"
+    )
+    told = calibrate_surround(options, Impatient()).summary  # type: ignore[arg-type]
+    assert told["interrupted"] and told["rounds"] == 1 and told["surround"] == "pictures"
+    assert (made / told["file"]).exists()

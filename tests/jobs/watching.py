@@ -1,0 +1,27 @@
+"""Whoever watches a job run, and remembers what it was told."""
+
+from nolens.solvers import Progress
+
+
+class Watcher:
+    """Remembers what it is told."""
+
+    def __init__(self) -> None:
+        self.notes: list[str] = []
+        self.warnings: list[str] = []
+        self.shares: list[float] = []
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
+
+    def warn(self, text: str) -> None:
+        self.warnings.append(text)
+
+    def advance(self, what: str, share: float) -> None:
+        self.shares.append(share)
+
+    def step(self, what: str, done: int, limit: int, kept: str) -> bool:
+        return False
+
+    def progress(self, progress: Progress, limit: int) -> bool:
+        return False
