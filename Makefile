@@ -49,5 +49,8 @@ bench-twin: $(STAMP)
 bench-design: $(STAMP)
 	$(BIN)/python bench/design.py
 
+bench-stitch: $(STAMP)
+	$(BIN)/python bench/stitch.py
+
 clean:
 	rm -rf $(VENV) .bench-venv
