@@ -9,6 +9,7 @@ import torch
 from suite import CPU, EVERYWHERE, ONCE, Case
 
 import nolens.operators
+from nolens.calibrate.many_scenes import ManyScenes
 from nolens.operators import CroppedConvolution, FiniteDifference, LinearOperator, Region
 
 Make = Callable[[torch.dtype, torch.device], LinearOperator]
@@ -33,6 +34,11 @@ def difference(height: int, width: int) -> Make:
     return lambda _dtype, _device: FiniteDifference((height, width))
 
 
+def many_scenes(region: tuple[int, int, int, int], psf: tuple[int, int]) -> Make:
+    cells = torch.rand((2, *region[2:]), generator=torch.Generator().manual_seed(2)).double()
+    return lambda dtype, device: ManyScenes(cells.to(device, dtype), Region(*region), (6, 7), psf)
+
+
 RGB = (3,)
 TABLE = [
     Case("convolution", convolution((4, 6), (4, 6)), RGB),
@@ -48,6 +54,8 @@ TABLE = [
     Case("convolution, region is larger", convolution((4, 4), (9, 8), (-3, -2, 10, 9)), RGB),
     Case("convolution, region beside", convolution((5, 4), (14, 15), (-5, 6, 3, 2)), RGB),
     Case("convolution, region of a cell", convolution((5, 6), (5, 6), (4, 0, 1, 1), 1), RGB),
+    Case("many scenes", many_scenes((1, 2, 4, 5), (6, 7)), (2,)),
+    Case("many scenes, wide psf", many_scenes((-1, 2, 5, 6), (11, 12)), (2,)),
     Case("difference", difference(4, 6)),
     Case("difference, odd", difference(5, 7)),
     Case("difference, one row", difference(1, 5)),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from nolens.calibrate.pairs_model import ManyScenes
+from nolens.calibrate.many_scenes import ManyScenes
 from nolens.camera.measurement import Measurement
 from nolens.operators import Region
 from nolens.solvers import Problem, admm
