@@ -99,7 +99,7 @@ def test_value(
 COMMANDS: list[tuple[list[object], list[str]]] = [
     (
         ["recnstruct"],
-        ['Did you mean "reconstruct"', "reconstruct, info, "],
+        ['Did you mean "reconstruct"', "reconstruct, refocus, "],
     ),
     (["--psf", "x"], ["--psf"]),
     (["reconstruct"], ["no measurement is given", "nolens reconstruct RAW --psf PSF -o out.png"]),

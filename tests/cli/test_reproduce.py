@@ -83,7 +83,9 @@ def test_ctrl_c_keeps_the_parts_that_are_done(tmp_path: Path) -> None:
     folder = tmp_path / "report"
     with start("reproduce", "-o", folder, "--camera", "small", "--quick") as process:
         end = time.monotonic() + 120
-        while not (folder / "steps" / "thickness").exists() and time.monotonic() < end:
+        while (
+            not (folder / "steps" / "thickness" / "found.json").exists() and time.monotonic() < end
+        ):
             time.sleep(0.05)
         process.send_signal(signal.SIGINT)
         err = process.communicate(timeout=60)[1]
