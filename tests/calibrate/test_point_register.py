@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from point_light import bench, spots
 
+from nolens.calibrate import point_register
 from nolens.calibrate.distances import Layers
 from nolens.calibrate.point_centre import centroid
 from nolens.calibrate.point_register import NEARBY, register
@@ -59,6 +60,21 @@ def test_the_twin_magnifies_as_the_layers_say(distance_mm: float) -> None:
     found = register(near, far, magnification=1.0)
     assert found.magnification - 1 == pytest.approx(expected - 1, rel=0.02)
     assert found.shift == pytest.approx((0, 0), abs=0.01)
+
+
+@pytest.mark.parametrize("expected", [1.009517, NEARBY])
+def test_structure_as_fine_as_the_widest_blur(
+    expected: float | tuple[float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the paper's caustic, averaged as much as at its full size, the widest blur leaves nothing
+    to lay over."""
+    monkeypatch.setattr(point_register, "_LONGEST", 267)
+    camera = bench("paper", (1200, 1600))
+    near, far = (camera.psf(PointSource(distance_um=z * 1e3)) for z in (80.0, 200.0))
+    found = register(near, far, magnification=expected)
+    assert found.magnification == pytest.approx(1.009517, abs=1e-4)
+    assert found.shift == pytest.approx((0, 0), abs=0.02)
+    assert found.correlation > 0.99
 
 
 def test_centroid() -> None:

@@ -57,7 +57,8 @@ def register(
     the highest one over all in a range. From there on shift and the logarithm of
     the magnification are refined together by Gauss–Newton steps on the squared difference
     (`baker2004`), on patterns blurred less and less, so that neither the fine structure's many
-    minima nor the blur decide.
+    minima nor the blur decide. What a blur found counts only if the patterns are more alike there
+    under the next smaller blur too: a blur as wide as the structure leaves nothing to lay over.
 
     Parameters
     ----------
@@ -75,14 +76,12 @@ def register(
         height, shift = _whole_shift(one, _warped(other, np.zeros(2), log_scale))
         peaks.append((height, *shift, log_scale))
     found = np.array(max(peaks)[1:], dtype=float)
-    for blur in _BLURS:
-        found = _refined(ndimage.gaussian_filter(one, blur), ndimage.gaussian_filter(other, blur),
-                         found)  # fmt: skip
-    warped = _warped(other, found[:2], found[2])
-    inside = _inside(one.shape, found[:2], found[2])
-    a, b = one[inside], warped[inside]
-    size = math.sqrt(float((a * a).sum() * (b * b).sum()))
-    correlation = float((a * b).sum()) / size if size > 0 else 0.0
+    blurred = [[ndimage.gaussian_filter(each, blur) for each in (one, other)] for blur in _BLURS]
+    for this, finer in zip(blurred, [*blurred[1:], blurred[-1]], strict=True):
+        refined = _refined(this[0], this[1], found)
+        if _alike(finer[0], finer[1], refined) >= _alike(finer[0], finer[1], found):
+            found = refined
+    correlation = _alike(one, other, found)
     larger = math.exp(found[2])
     # Both were magnified about the middle of the averaged cells.
     beside = [
@@ -140,6 +139,14 @@ def _inside(shape: tuple[int, ...], shift: NDArray[Any], log_scale: float) -> ND
         lines.append(kept & (cell >= _EDGE) & (cell < count - _EDGE))
     both: NDArray[np.bool_] = np.logical_and.outer(lines[0], lines[1])
     return both
+
+
+def _alike(pattern: Plane, reference: Plane, found: NDArray[Any]) -> float:
+    """Correlation of a pattern and the reference as it was found to lie."""
+    inside = _inside(pattern.shape, found[:2], found[2])
+    a, b = pattern[inside], _warped(reference, found[:2], found[2])[inside]
+    size = math.sqrt(float((a * a).sum() * (b * b).sum()))
+    return float((a * b).sum()) / size if size > 0 else 0.0
 
 
 def _refined(pattern: Plane, reference: Plane, start: NDArray[Any]) -> NDArray[Any]:
