@@ -31,6 +31,7 @@ lint: $(STAMP)
 DATA ?= ../shared/data
 results: $(STAMP)
 	$(BIN)/python bench/results.py --data $(DATA)
+	$(BIN)/python bench/pairs.py --data $(DATA)
 
 # About half an hour; goes on where it was stopped.
 reproduce: $(STAMP)

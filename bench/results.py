@@ -56,14 +56,19 @@ def hand(data: Path) -> Outcome:
     )
 
 
-def pair(data: Path, name: str, scratch: Path) -> tuple[Outcome, Tensor]:
-    """Reconstruct one of the five pairs; its picture and what the lensed camera saw."""
+def pair(
+    data: Path, name: str, scratch: Path, psf: Path | None = None
+) -> tuple[Outcome, Tensor]:  # fmt: skip
+    """Reconstruct one of the five pairs; its picture and what the lensed camera saw.
+
+    With the estimate of the PSF beside the data, or with another one.
+    """
     folder = data / "diffusercam-pairs"
     top, left, height, width = SCREEN
     outcome = reconstruct(
         ReconstructOptions(
             measurement=folder / "diffuser" / f"{name}.npy",
-            psf=folder / "psf_estimate.npy",
+            psf=psf or folder / "psf_estimate.npy",
             psf_wider=True,
             bgr=True,
             crop=f"{height}x{width}+{top}+{left}",
@@ -152,6 +157,8 @@ def table(rows: list[dict[str, object]]) -> str:
         "camera below.",
         "",
         "![pairs](pairs.png)",
+        "",
+        "[A PSF from four pairs, judged on the fifth](pairs-psf.md)",
         "",
     ]
     return "\n".join(lines)

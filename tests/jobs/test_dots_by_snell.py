@@ -9,10 +9,10 @@ from torch import Tensor
 from nolens.camera import OpenCamera
 from nolens.errors import DataError, OptionError
 from nolens.files import read_camera
-from nolens.jobs.measure_field_angles import off_axis
-from nolens.jobs.measure_field_dots import dot_grid
-from nolens.jobs.measure_field_found import found_grid, grid_tangents
-from nolens.jobs.measure_field_rays import Rays, between_deg
+from nolens.jobs.measuring.field_angles import off_axis
+from nolens.jobs.measuring.field_dots import dot_grid
+from nolens.jobs.measuring.field_found import found_grid, grid_tangents
+from nolens.jobs.measuring.field_rays import Rays, between_deg
 from nolens.jobs.optical_bench import OpticalBench
 from nolens.jobs.outline import outline
 from nolens.twin import Twin

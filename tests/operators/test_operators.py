@@ -9,7 +9,7 @@ import torch
 from suite import CPU, EVERYWHERE, ONCE, Case
 
 import nolens.operators
-from nolens.calibrate.many_scenes import ManyScenes
+from nolens.calibrate.many_scenes import ManyScenes, ManyScenesAslant
 from nolens.operators import CroppedConvolution, FiniteDifference, LinearOperator, Region
 
 Make = Callable[[torch.dtype, torch.device], LinearOperator]
@@ -39,6 +39,16 @@ def many_scenes(region: tuple[int, int, int, int], psf: tuple[int, int]) -> Make
     return lambda dtype, device: ManyScenes(cells.to(device, dtype), Region(*region), (6, 7), psf)
 
 
+def many_scenes_aslant(region: tuple[int, int, int, int], psf: tuple[int, int]) -> Make:
+    cells = torch.rand((5, *region[2:]), generator=torch.Generator().manual_seed(3)).double()
+
+    def make(dtype: torch.dtype, device: torch.device) -> LinearOperator:
+        scenes = cells.to(device, dtype)
+        return ManyScenesAslant(scenes[:2], Region(*region), (6, 7), psf, scenes[2:])
+
+    return make
+
+
 RGB = (3,)
 TABLE = [
     Case("convolution", convolution((4, 6), (4, 6)), RGB),
@@ -56,6 +66,7 @@ TABLE = [
     Case("convolution, region of a cell", convolution((5, 6), (5, 6), (4, 0, 1, 1), 1), RGB),
     Case("many scenes", many_scenes((1, 2, 4, 5), (6, 7)), (2,)),
     Case("many scenes, wide psf", many_scenes((-1, 2, 5, 6), (11, 12)), (2,)),
+    Case("many scenes aslant", many_scenes_aslant((-1, 1, 5, 4), (10, 11))),
     Case("difference", difference(4, 6)),
     Case("difference, odd", difference(5, 7)),
     Case("difference, one row", difference(1, 5)),

@@ -45,6 +45,7 @@ _USAGE = {
     "info": "info FILE",
     "calibrate": "calibrate FRAME... --distance 300mm -o FOLDER",
     "calibrate distances": "calibrate distances FOLDER --at 8cm --at 20cm",
+    "calibrate pairs": "calibrate pairs MEASURED PICTURES --distance 300mm -o FOLDER",
     "calibrate plan": "calibrate plan CAMERA --angle 56deg",
     "calibrate stitch": "calibrate stitch FOLDER",
     "calibrate surround": "calibrate surround FOLDER RAW... --region 414x414",

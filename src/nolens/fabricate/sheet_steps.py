@@ -236,7 +236,7 @@ def _lines(work: Work) -> tuple[Block, ...]:
         for each in work.lines
     )
     table = Table(
-        "Simulated width of the lines; nolens.evaluate.pattern_figures measures it",
+        "Simulated width of the lines; nolens measure psf gives that of a captured PSF",
         ("t′", "FWHM of the autocorrelation", "FWHM of a line (÷ √2)"),
         (0.3, 0.35, 0.35),
         rows,

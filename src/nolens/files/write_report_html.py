@@ -2,10 +2,10 @@
 
 import base64
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 
 from nolens.files.atomic import atomic_write
+from nolens.files.html_page import html_page
 from nolens.files.report import COLUMNS, Report, ReportPicture, ReportRow, ReportSection
 
 _WIDE_MM = 120.0
@@ -32,36 +32,20 @@ def write_report_html(path: str | Path, report: Report) -> None:
 
 def report_html(report: Report) -> str:
     """Write a report as an HTML document with everything in it."""
-    style = (files("nolens.files") / "write_report.css").read_text(encoding="utf-8")
-    title = escape(report.title)
     links = "\n".join(
         f'<a href="#{escape(section.name)}">{escape(section.title)}</a>'
         for section in report.sections
     )
-    return f"""<!DOCTYPE html>
-<html lang="en-GB">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="color-scheme" content="light">
-<title>{title}</title>
-<style>
-{style}</style>
-</head>
-<body>
-<main>
-<header>
-<h1>{title}</h1>
+    body = f"""<header>
+<h1>{escape(report.title)}</h1>
 <p class="subtitle">{escape(report.subtitle)}</p>
 {_paragraphs(report.texts)}
 <nav aria-label="figures">
 {links}
 </nav>
 </header>
-{"".join(map(_section, report.sections))}</main>
-</body>
-</html>
-"""
+{"".join(map(_section, report.sections))}"""
+    return html_page(report.title, body, style="write_report.css", scheme="light")
 
 
 def _paragraphs(texts: tuple[str, ...]) -> str:

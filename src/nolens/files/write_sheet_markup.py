@@ -1,7 +1,6 @@
 """A process sheet as HTML."""
 
 from html import escape
-from importlib.resources import files
 
 from nolens.fabricate.sheet_parts import (
     Blank,
@@ -15,6 +14,7 @@ from nolens.fabricate.sheet_parts import (
     Table,
     Text,
 )
+from nolens.files.html_page import html_page
 from nolens.files.write_sheet_svg import drawing_svg
 
 
@@ -24,32 +24,16 @@ def sheet_html(sheet: Sheet) -> str:
     Boxes can be ticked and lines written on, on a screen as on paper; what is entered is kept
     by printing.
     """
-    style = (files("nolens.files") / "write_sheet.css").read_text(encoding="utf-8")
-    title = escape(sheet.title)
     sections = "\n".join(
         _section(section, number) for number, section in enumerate(sheet.sections, 1)
     )
-    return f"""<!DOCTYPE html>
-<html lang="en-GB">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="color-scheme" content="light dark">
-<title>{title}</title>
-<style>
-{style}</style>
-</head>
-<body>
-<main>
-<header>
-<h1>{title}</h1>
+    body = f"""<header>
+<h1>{escape(sheet.title)}</h1>
 <p class="subtitle">{escape(sheet.subtitle)}</p>
 </header>
 {sections}
-</main>
-</body>
-</html>
 """
+    return html_page(sheet.title, body, style="write_sheet.css", scheme="light dark")
 
 
 def _section(section: Section, number: int) -> str:

@@ -11,10 +11,14 @@ from pathlib import Path
 from torch import Tensor
 
 from nolens.files.atomic import atomic_write
+from nolens.files.html_page import html_page
 from nolens.files.write_stack import depth_text
 from nolens.files.write_sweep import page_png
 
 _GRID = 64
+_POLICY = """<meta http-equiv="Content-Security-Policy"
+ content="default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'">
+"""
 
 
 @dataclass(frozen=True)
@@ -71,11 +75,8 @@ def write_slider(path: str | Path, page: SliderPage) -> None:
 
 
 def _html(page: SliderPage) -> str:
-    style, script = (
-        (files("nolens.files") / f"write_slider.{kind}").read_text(encoding="utf-8")
-        for kind in ("css", "js")
-    )
-    title, count = escape(page.title), len(page.depths_um)
+    script = (files("nolens.files") / "write_slider.js").read_text(encoding="utf-8")
+    count = len(page.depths_um)
     texts = [depth_text(each) for each in page.depths_um]
     rows, columns = page.everywhere.shape[-2:]
     step = max(1, -(-max(rows, columns) // _GRID))
@@ -91,21 +92,7 @@ def _html(page: SliderPage) -> str:
         f'<span style="left:{100 * place:.2f}%" title="{escape(text)}"></span>'
         for place, text in zip(page.places, texts, strict=True)
     )
-    return f"""<!DOCTYPE html>
-<html lang="en-GB">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="color-scheme" content="dark">
-<meta http-equiv="Content-Security-Policy"
- content="default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'">
-<title>{title}</title>
-<style>
-{style}</style>
-</head>
-<body>
-<main>
-<h1>{title}</h1>
+    body = f"""<h1>{escape(page.title)}</h1>
 <div class="frame" style="max-width:calc(72vh * {columns} / {rows})">
 <img id="picture" src="{told["everywhere"]}" width="{columns}" height="{rows}"
  alt="The scene, sharp everywhere">
@@ -129,13 +116,11 @@ def _html(page: SliderPage) -> str:
 <p id="help">Drag the slider or use the arrow keys. Click on what is to be sharp.</p>
 <noscript><p>This page needs JavaScript to change the depth; the picture is sharp everywhere.</p>
 </noscript>
-</main>
-<script>
-const told = {data};
-{script}</script>
-</body>
-</html>
 """
+    return html_page(
+        page.title, body, style="write_slider.css", scheme="dark", head=_POLICY,
+        end=f"<script>\nconst told = {data};\n{script}</script>\n",
+    )  # fmt: skip
 
 
 def _embedded(page: Tensor, white: float) -> str:

@@ -1,60 +1,62 @@
 """Whole jobs, from files to files: what the command line runs, and programs can call."""
 
-from nolens.jobs.calibrate_distances import CalibrateDistancesOutcome, calibrate_distances
-from nolens.jobs.calibrate_distances_options import CalibrateDistancesOptions
-from nolens.jobs.calibrate_plan import CalibratePlanOutcome, calibrate_plan
-from nolens.jobs.calibrate_point import CalibratePointOutcome, calibrate_point
-from nolens.jobs.calibrate_point_options import CalibratePointOptions
-from nolens.jobs.calibrate_stitch import CalibrateStitchOutcome, calibrate_stitch
-from nolens.jobs.calibrate_stitch_options import CalibratePlanOptions, CalibrateStitchOptions
-from nolens.jobs.calibrate_surround import CalibrateSurroundOutcome, calibrate_surround
-from nolens.jobs.calibrate_surround_options import CalibrateSurroundOptions
+from nolens.jobs.calibration.distances import CalibrateDistancesOutcome, calibrate_distances
+from nolens.jobs.calibration.distances_options import CalibrateDistancesOptions
+from nolens.jobs.calibration.folder import CalibratedPsf
+from nolens.jobs.calibration.pairs import calibrate_pairs
+from nolens.jobs.calibration.pairs_options import CalibratePairsOptions
+from nolens.jobs.calibration.plan import CalibratePlanOutcome, calibrate_plan
+from nolens.jobs.calibration.point import calibrate_point
+from nolens.jobs.calibration.point_options import CalibratePointOptions
+from nolens.jobs.calibration.stitch import calibrate_stitch
+from nolens.jobs.calibration.stitch_options import CalibratePlanOptions, CalibrateStitchOptions
+from nolens.jobs.calibration.surround import calibrate_surround
+from nolens.jobs.calibration.surround_options import CalibrateSurroundOptions
 from nolens.jobs.camera_facts import camera_facts
 from nolens.jobs.demo import DemoResult, run_demo
-from nolens.jobs.fabricate import fabricate
-from nolens.jobs.fabricate_options import FabricateOptions
+from nolens.jobs.designing.mask import MaskOutcome, design_mask
+from nolens.jobs.designing.mask_options import MaskOptions
+from nolens.jobs.designing.thickness import ThicknessOutcome, design_thickness
+from nolens.jobs.designing.thickness_options import ThicknessOptions
+from nolens.jobs.designing.tolerance import ToleranceOutcome, study_tolerances, tolerances_text
+from nolens.jobs.designing.tolerance_options import ToleranceOptions
+from nolens.jobs.fabrication.fabricate import fabricate
+from nolens.jobs.fabrication.options import FabricateOptions
 from nolens.jobs.given import expand_home
-from nolens.jobs.mask import MaskOutcome, design_mask
-from nolens.jobs.mask_options import MaskOptions
 from nolens.jobs.material_facts import material_facts
-from nolens.jobs.measure_field import MeasureFieldOutcome, measure_field
-from nolens.jobs.measure_field_options import MeasureFieldOptions
-from nolens.jobs.measure_psf import MeasurePsfOutcome, measure_psf
-from nolens.jobs.measure_psf_options import MeasurePsfOptions
-from nolens.jobs.measure_resolution import (
+from nolens.jobs.measuring.field import MeasureFieldOutcome, measure_field
+from nolens.jobs.measuring.field_options import MeasureFieldOptions
+from nolens.jobs.measuring.psf import MeasurePsfOutcome, measure_psf
+from nolens.jobs.measuring.psf_options import MeasurePsfOptions
+from nolens.jobs.measuring.resolution import (
     ResolutionOutcome,
     measure_edge,
     measure_siemens,
     measure_two_points,
 )
-from nolens.jobs.measure_resolution_options import EdgeOptions, SiemensOptions, TwoPointOptions
+from nolens.jobs.measuring.resolution_options import EdgeOptions, SiemensOptions, TwoPointOptions
 from nolens.jobs.options import Method, ReconstructOptions
 from nolens.jobs.psf import PsfOutcome, simulate_psf
 from nolens.jobs.reconstruct import Outcome, reconstruct
-from nolens.jobs.refocus import RefocusOutcome, refocus
-from nolens.jobs.refocus_options import RefocusOptions
+from nolens.jobs.refocusing.options import RefocusOptions
+from nolens.jobs.refocusing.refocus import RefocusOutcome, refocus
 from nolens.jobs.relief import ReliefOutcome, replace_relief
 from nolens.jobs.relief_options import ReliefOptions
 from nolens.jobs.reporter import Reporter
 from nolens.jobs.reproduction import ReproduceOptions, ReproduceOutcome, reproduce
 from nolens.jobs.scene_options import PsfOptions, SimulateOptions
 from nolens.jobs.simulate import SimulationOutcome, simulate
-from nolens.jobs.thickness import ThicknessOutcome, design_thickness
-from nolens.jobs.thickness_options import ThicknessOptions
-from nolens.jobs.tolerance import ToleranceOutcome, study_tolerances, tolerances_text
-from nolens.jobs.tolerance_options import ToleranceOptions
 
 __all__ = [
     "CalibrateDistancesOptions",
     "CalibrateDistancesOutcome",
+    "CalibratePairsOptions",
     "CalibratePlanOptions",
     "CalibratePlanOutcome",
     "CalibratePointOptions",
-    "CalibratePointOutcome",
     "CalibrateStitchOptions",
-    "CalibrateStitchOutcome",
     "CalibrateSurroundOptions",
-    "CalibrateSurroundOutcome",
+    "CalibratedPsf",
     "DemoResult",
     "EdgeOptions",
     "FabricateOptions",
@@ -86,6 +88,7 @@ __all__ = [
     "ToleranceOutcome",
     "TwoPointOptions",
     "calibrate_distances",
+    "calibrate_pairs",
     "calibrate_plan",
     "calibrate_point",
     "calibrate_stitch",

@@ -5,8 +5,8 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from nolens.errors import NolensError
-from nolens.jobs.measure_field_angles import off_axis
-from nolens.jobs.measure_field_dots import dot_grid
+from nolens.jobs.measuring.field_angles import off_axis
+from nolens.jobs.measuring.field_dots import dot_grid
 from nolens.jobs.reproduction.steps import Found, Step, Tick, within
 from nolens.jobs.reproduction.workbench import PINHOLE_UM, SCREEN_UM, Workbench
 from nolens.operators import Region

@@ -6,13 +6,13 @@ from typing import Any
 import torch
 
 from nolens.evaluate import PointPair, ResolvedSeparation
-from nolens.jobs.measure_resolution_bench import (
+from nolens.jobs.measuring.resolution_bench import (
     SolverSettings,
     siemens_resolution,
     two_point_resolution,
 )
-from nolens.jobs.measure_resolution_found import SeenPair, StarResolution, TwoPoints
-from nolens.jobs.measure_resolution_scale import FlatPicture
+from nolens.jobs.measuring.resolution_found import SeenPair, StarResolution, TwoPoints
+from nolens.jobs.measuring.resolution_scale import FlatPicture
 from nolens.jobs.optical_bench import OpticalBench
 from nolens.jobs.reproduction.steps import Found, Step, Tick
 from nolens.jobs.reproduction.workbench import SCREEN_UM, TAU, Workbench

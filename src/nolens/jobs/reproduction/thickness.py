@@ -8,11 +8,11 @@ from torch import Tensor
 
 from nolens.camera import Camera
 from nolens.evaluate import pattern_figures
+from nolens.jobs.designing.thickness import design_thickness
+from nolens.jobs.designing.thickness_options import ThicknessOptions
 from nolens.jobs.optical_bench import OpticalBench
 from nolens.jobs.reproduction.steps import Found, Step, Tick, within
 from nolens.jobs.reproduction.workbench import SECONDS_OF_RELIEF, Workbench
-from nolens.jobs.thickness import design_thickness
-from nolens.jobs.thickness_options import ThicknessOptions
 from nolens.quantities import Length
 
 _FILM = {"film": "0.305mm", "film_distance": "0.4mm±0.2mm", "film_material": "polycarbonate"}

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from functools import partial
 
-from nolens.jobs.measure_resolution_draw import draw_star, draw_two_points
+from nolens.jobs.measuring.resolution_draw import draw_star, draw_two_points
 from nolens.jobs.reproduction.resolution import PERIODS, POINTS_UM, STAR_DEG, read_points, read_star
 from nolens.jobs.reproduction.rows import Row
 from nolens.jobs.reproduction.steps import Found

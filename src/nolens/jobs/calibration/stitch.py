@@ -1,0 +1,221 @@
+"""From the captured PSFs of a folder to one that is wider than the sensor."""
+
+import math
+from functools import partial
+from typing import Any
+
+from torch import Tensor
+
+from nolens.calibrate.distances import Layers
+from nolens.calibrate.stitch import Capture, Stitched, locate, stitch
+from nolens.calibrate.stitch_place import Placement
+from nolens.camera import PsfEntry
+from nolens.errors import DataError
+from nolens.files import (
+    CAMERA_FILE,
+    PSFS_FILE,
+    InputFile,
+    RunRecord,
+    read_psf,
+    read_psf_set,
+    readable,
+    write_psfs,
+    write_record,
+)
+from nolens.jobs.calibration.folder import CalibratedPsf
+from nolens.jobs.calibration.point_options import distance_name
+from nolens.jobs.calibration.stitch_captures import Captured, chosen, stack_of
+from nolens.jobs.calibration.stitch_options import CalibrateStitchOptions
+from nolens.jobs.clock import Clock
+from nolens.jobs.cost import duration_text
+from nolens.jobs.reporter import Reporter
+from nolens.quantities import Angle
+
+_SECONDS_PER_CELL = 5e-7
+"""For two captures that overlap, as seen on two cores; finer ones than that are averaged."""
+_LONG_S = 20
+_STATED_DEG = 3.0
+"""Error of an angle that is put up with; half a degree is what a ruler gives."""
+_STEEPEST_DEG = 85.0
+_OFF_DEG = 1.5
+_MISFIT_CELLS = 1.0
+_UNKNOWN_SHARE = 0.1
+
+
+def calibrate_stitch(options: CalibrateStitchOptions, reporter: Reporter) -> CalibratedPsf:
+    """Register the captured PSFs of one distance, merge them, and add the result to their folder.
+
+    Parameters
+    ----------
+    options
+        Which folder, which distance.
+    reporter
+        Sees warnings and how far the work is.
+
+    Raises
+    ------
+    NolensError
+        If the folder or an option cannot be used; then nothing is written.
+    """
+    clock = Clock()
+    captured = chosen(options, read_psf_set(options.folder))
+    layers, inexact = stack_of(options)
+    files = {f"PSF {each.file}": options.folder / each.file for each in captured.entries}
+    if (options.folder / CAMERA_FILE).is_file():
+        files["camera"] = options.folder / CAMERA_FILE
+    inputs = {role: InputFile.of(path) for role, path in files.items()}
+    captures = [
+        _capture(read_psf(options.folder, each), each, layers, inexact) for each in captured.entries
+    ]
+    _check_sizes(captures, captured)
+    _announce(captures, reporter)
+    placement = locate(captures, captured.reference, partial(reporter.advance, "overlaps"))
+    _check_placement(placement, captured)
+    reporter.advance("merging", 0.0)
+    found = stitch(captures, placement, captured.reference)
+    reporter.advance("merging", 1.0)
+
+    first = captured.entries[0]
+    usable = [each.usable_per_mm for each in captured.entries]
+    name = distance_name(captured.distance)
+    entry = PsfEntry(
+        file=f"stitched-{name}.tif", cell=first.cell, channels=first.channels,
+        distance=captured.distance, kind="stitched",
+        usable_per_mm=min((each for each in usable if each is not None), default=None),
+    )  # fmt: skip
+    rows = _rows(captures, captured, found, layers)
+    warnings = _doubts(rows, found)
+    for text in warnings:
+        reporter.warn(text)
+    record_file = f"stitch-{name}.json"
+    written = (entry.file, PSFS_FILE, record_file)
+    sensor = captures[0].psf.shape[-2:]
+    summary = {
+        "folder": readable(options.folder),
+        "distance": str(captured.distance),
+        "file": entry.file,
+        "sensor_cells": list(sensor),
+        "cells": list(found.psf.shape[-2:]),
+        "region": list(found.region),
+        "known_share": round(found.known_share, 6),
+        "misfit_cells": round(placement.misfit, 4),
+        "captures": rows,
+        "warnings": warnings,
+        "outputs": [readable(options.folder / each) for each in written],
+        "seconds": clock.seconds,
+    }
+    record = RunRecord(
+        started=clock.started, inputs=inputs, parameters=options.model_dump(mode="json"),
+        result=summary, history=[], warnings=warnings,
+    )  # fmt: skip
+    write_psfs(
+        options.folder, {entry: found.psf},
+        more={record_file: partial(write_record, record=record)},
+    )  # fmt: skip
+    return CalibratedPsf(found.psf, entry, summary)
+
+
+def _capture(psf: Tensor, entry: PsfEntry, layers: Layers, inexact: float) -> Capture:
+    """A PSF with the place where its angle puts it; `inexact` is the share that may be off."""
+    right, up = layers.shift_um(entry.angle)
+    cell = entry.cell.um
+    search = 0.0
+    if not entry.on_axis:
+        search = (_search_um(entry, layers) + inexact * math.hypot(right, up)) / cell
+    return Capture(psf, (-up / cell, right / cell), search)
+
+
+def _search_um(entry: PsfEntry, layers: Layers) -> float:
+    """How far the pattern moves with a few degrees more."""
+    angle = math.degrees(math.atan(math.hypot(*(math.tan(each.rad) for each in entry.angle))))
+    return _reach_um(layers, min(angle + _STATED_DEG, _STEEPEST_DEG)) - _reach_um(layers, angle)
+
+
+def _reach_um(layers: Layers, angle_deg: float) -> float:
+    return layers.shift_um((Angle.of(angle_deg, "deg"), Angle.of(0, "deg")))[0]
+
+
+def _check_sizes(captures: list[Capture], captured: Captured) -> None:
+    first = captures[0].psf.shape
+    for capture, entry in zip(captures, captured.entries, strict=True):
+        if capture.psf.shape != first:
+            raise DataError(
+                f"{entry.file} has {capture.psf.shape[-2]}×{capture.psf.shape[-1]} cells, but "
+                f"{captured.entries[0].file} {first[-2]}×{first[-1]}: stitch PSFs of one camera "
+                "and setting; calibrate the other one again"
+            )
+        if not float(capture.psf.sum()) > 0:
+            raise DataError(f"{entry.file} is dark: calibrate it again")
+
+
+def _announce(captures: list[Capture], reporter: Reporter) -> None:
+    count = len(captures)
+    cells = min(captures[0].psf[0].numel(), 10**6)
+    seconds = count * (count - 1) / 2 * cells * _SECONDS_PER_CELL
+    if seconds > _LONG_S:
+        reporter.note(f"this takes about {duration_text(seconds)} on two cores")
+
+
+def _check_placement(placement: Placement, captured: Captured) -> None:
+    for shift, correlation, entry in zip(
+        placement.shifts, placement.correlations, captured.entries, strict=True
+    ):
+        if shift is None:
+            raise DataError(
+                f"{entry.file} does not fit the others: where it should overlap them by its angle "
+                f"({entry.angle[0]}, {entry.angle[1]}), the best correlation is {correlation:.2f}. "
+                "Its angle or its sign is wrong, or it is of another camera: calibrate it again, "
+                f"or take it out of {PSFS_FILE}"
+            )
+
+
+def _rows(
+    captures: list[Capture], captured: Captured, found: Stitched, layers: Layers
+) -> list[dict[str, Any]]:
+    """Figures of each capture; lengths and angles to the right and up."""
+    rows: list[dict[str, Any]] = []
+    for number, (capture, entry) in enumerate(zip(captures, captured.entries, strict=True)):
+        shift = found.placement.shifts[number]
+        assert shift is not None
+        cell = entry.cell.um
+        stated = capture.expected[1] * cell, -capture.expected[0] * cell
+        seen = shift[1] * cell, -shift[0] * cell
+        off = math.dist(stated, seen)
+        slope = _search_um(entry, layers) / _STATED_DEG
+        rows.append({
+            "file": entry.file,
+            "angle": [str(each) for each in entry.angle],
+            "stated_shift_um": [round(each, 2) + 0.0 for each in stated],
+            "shift_um": [round(each, 2) + 0.0 for each in seen],
+            "off_um": round(off, 2),
+            "off_deg": round(off / slope, 3),
+            "gain": [round(each, 5) for each in found.gains[number]],
+            "correlation": round(found.placement.correlations[number], 5),
+        })  # fmt: skip
+    return rows
+
+
+def _doubts(rows: list[dict[str, Any]], found: Stitched) -> list[str]:
+    doubts = [
+        f"{row['file']} lies {row['off_um']:.0f} um beside where its angle of "
+        f"{', '.join(row['angle'])} puts it, about {row['off_deg']:.1f}°: check the angle, and "
+        "the layers of the camera if others are off alike"
+        for row in rows
+        if row["off_deg"] > _OFF_DEG
+    ]
+    if found.placement.misfit > _MISFIT_CELLS:
+        doubts.append(
+            f"the overlaps disagree by {found.placement.misfit:.1f} cells about where the PSFs "
+            "lie: was the camera moved or turned between the captures?"
+        )
+    if 0 in found.region:
+        doubts.append(
+            "no scene around the middle has its whole PSF seen: capture the opposite angles too, "
+            "and the corners"
+        )
+    if found.known_share < 1 - _UNKNOWN_SHARE:
+        doubts.append(
+            f"{100 * (1 - found.known_share):.0f} % of the stitched PSF was seen by none, and has "
+            "the mean light around it: capture more angles, also in the corners"
+        )
+    return doubts

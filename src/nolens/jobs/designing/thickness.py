@@ -1,0 +1,223 @@
+"""How thick a replica on a sensor must be, and how far off it may be."""
+
+import math
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from nolens.design.closed_forms import printed_radius_um, replica_thickness_um
+from nolens.design.replica import WIDER
+from nolens.design.uncertain import Propagated, Uncertain, propagate
+from nolens.errors import FileError
+from nolens.files import (
+    InputFile,
+    RunRecord,
+    atomic_write,
+    camera_files,
+    check_output,
+    readable,
+    write_camera,
+    write_record,
+)
+from nolens.files.plot_thickness import plot_thickness
+from nolens.jobs.clock import Clock
+from nolens.jobs.designing.thickness_camera import with_replica
+from nolens.jobs.designing.thickness_case import Case, Medium
+from nolens.jobs.designing.thickness_colours import colours, curves
+from nolens.jobs.designing.thickness_options import RECORD_FILE, ThicknessOptions
+from nolens.jobs.given import check_apart
+
+_UM_TO_MM = 1e-3
+_IN_UM = ("line_width",)
+_PURE = ("aperture",)
+
+
+@dataclass(frozen=True)
+class ThicknessOutcome:
+    """What the design came to.
+
+    Parameters
+    ----------
+    summary
+        All figures, in values that JSON has.
+    """
+
+    summary: dict[str, Any]
+
+
+def design_thickness(options: ThicknessOptions) -> ThicknessOutcome:
+    """Find the thickness of each replica, and write what was asked for.
+
+    Parameters
+    ----------
+    options
+        What is known of sensor, master and materials, and where to write.
+
+    Raises
+    ------
+    NolensError
+        If an input or an option cannot be used, or a material cannot focus on this sensor; then
+        nothing is written.
+    """
+    clock = Clock()
+    case = Case.of(options)
+    case.check()
+    files = {**options.inputs, **camera_files(options.camera, case.opened.camera)}
+    check_apart(options, files)
+    if options.plot is not None:
+        check_output(options.plot, (".png",))
+    if options.output is not None and options.output.exists() and not options.output.is_dir():
+        raise FileError(f"{options.output} is a file: give the name of a folder (-o)")
+    inputs = {role: InputFile.of(path) for role, path in files.items()}
+    found = [_figures(case, medium) for medium in case.replicas]
+    summary = {
+        "camera": case.opened.camera.name,
+        "wavelength_nm": options.wavelength.nm,
+        "distance_mm": None if math.isinf(options.source_um) else options.source_um * _UM_TO_MM,
+        **_given(case),
+        "radius_mm": _told(found[0]["radius"], _UM_TO_MM),
+        "printed_radius_mm": _printed(case),
+        "materials": [
+            _material(case, medium, figures)
+            for medium, figures in zip(case.replicas, found, strict=True)
+        ],
+        "outputs": [readable(path) for _, path, _ in options.written],
+    }
+    camera = with_replica(case, found[0]) if options.output is not None else None
+    summary["seconds"] = clock.seconds
+    with ExitStack() as stack:
+        if options.plot is not None:
+            plot_thickness(
+                stack.enter_context(atomic_write(options.plot)),
+                [
+                    curves(case, medium, figures)
+                    for medium, figures in zip(case.replicas, found, strict=True)
+                ],
+            )
+        if options.output is not None and camera is not None:
+            record = RunRecord(
+                started=clock.started, inputs=inputs, parameters=options.model_dump(mode="json"),
+                result=summary, history=[], warnings=[],
+            )  # fmt: skip
+            write_camera(
+                options.output, camera, more={RECORD_FILE: partial(write_record, record=record)}
+            )
+    return ThicknessOutcome(summary)
+
+
+def _figures(case: Case, medium: Medium) -> dict[str, Propagated]:
+    """All figures of one replica with their ±, in um, and the radius."""
+    wavelength_nm = case.options.wavelength.nm
+    inputs = case.inputs(wavelength_nm, medium)
+    nominal = {name: torch.tensor(each.value, dtype=torch.float64) for name, each in inputs.items()}
+    case.replica_of(nominal).check(medium.name, wavelength_nm)
+
+    def results(values: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        replica = case.replica_of(values)
+        radius = torch.as_tensor(replica.radius_um, dtype=torch.float64)
+        figures = replica.figures(wavelength_nm * 1e-3, values["pitch"], case.rounding)
+        return {"radius": radius, **figures}
+
+    return propagate(inputs, results)
+
+
+def _material(case: Case, medium: Medium, figures: dict[str, Propagated]) -> dict[str, Any]:
+    """Figures of one replica, in values that JSON has."""
+    told: dict[str, Any] = {
+        "material": medium.name,
+        "index": _told(_plain(medium.at(case.options.wavelength.nm)), 1.0),
+    }
+    for name, figure in figures.items():
+        if name == "radius":
+            continue
+        unit, scale = ("_mm", _UM_TO_MM)
+        if name in _IN_UM:
+            unit, scale = "_um", 1.0
+        elif name in _PURE:
+            unit, scale = "", 1.0
+        told[f"{name}{unit}"] = _told(figure, scale)
+    thickness, room = figures["thickness"].value, figures["room"].value
+    told["sharp_mm"] = [max(0.0, thickness - room) * _UM_TO_MM, (thickness + room) * _UM_TO_MM]
+    told["sharp_means"] = f"lines at most {100 * (WIDER - 1):.0f} % wider than in focus"
+    printed = _printed(case)
+    told["printed_thickness_mm"] = None
+    if printed is not None:
+        told["printed_thickness_mm"] = _printed_thickness(case, medium, printed)
+    told["colours"] = colours(case, medium, figures)
+    return told
+
+
+def _given(case: Case) -> dict[str, Any]:
+    """Film and cover as they were taken."""
+    wavelength_nm = case.options.wavelength.nm
+    film = None
+    if case.film is not None:
+        medium, thickness, distance = case.film
+        film = {
+            "material": medium.name,
+            "index": medium.at(wavelength_nm).value,
+            "thickness_mm": _told(_plain(thickness), _UM_TO_MM),
+            "distance_mm": _told(_plain(distance), _UM_TO_MM),
+            "side": case.options.film_side or "scene",
+            "assumed": case.options.film is None and case.options.film_distance is None,
+        }
+    cover = [
+        {
+            "name": layer.name,
+            "material": layer.medium.name,
+            "index": layer.medium.at(wavelength_nm).value,
+            "thickness_mm": _told(_plain(layer.thickness), _UM_TO_MM),
+        }
+        for layer in case.cover
+    ]
+    return {"film": film, "cover": cover, "pitch_um": _told(_plain(case.pitch), 1.0)}
+
+
+def _printed(case: Case) -> float | None:
+    """Radius in mm by the paper's eq. 3 as printed, where that is about a camera like this."""
+    names = tuple(layer.name for layer in case.cover)
+    scene = (case.options.film_side or "scene") == "scene"
+    if case.film is None or names != ("glass", "gap") or not scene:
+        return None
+    if not math.isinf(case.options.source_um):
+        return None
+    medium, thickness, distance = case.film
+    index = medium.at(case.options.wavelength.nm).value
+    glass, gap = (layer.thickness.value for layer in case.cover)
+    radius_um = printed_radius_um(thickness.value, index, distance.value, glass, gap)
+    return float(radius_um) * _UM_TO_MM
+
+
+def _printed_thickness(case: Case, medium: Medium, radius_mm: float) -> float:
+    """Thickness in mm by eq. 5 from that radius."""
+    wavelength_nm = case.options.wavelength.nm
+    glass, gap = case.cover
+    thickness_um = replica_thickness_um(
+        radius_mm / _UM_TO_MM,
+        medium.at(wavelength_nm).value,
+        glass.thickness.value,
+        glass.medium.at(wavelength_nm).value,
+        gap.thickness.value,
+    )
+    return float(thickness_um) * _UM_TO_MM
+
+
+def _plain(given: Uncertain) -> Propagated:
+    return Propagated(given.value, given.plus_minus, {})
+
+
+def _told(figure: Propagated, scale: float) -> dict[str, Any]:
+    """A figure in the unit it is told in, and what its ± is made of."""
+    told: dict[str, Any] = {
+        "value": figure.value * scale,
+        "plus_minus": figure.plus_minus * scale,
+    }
+    if figure.parts:
+        told["parts"] = {name: part * scale for name, part in figure.parts.items()}
+        told["shares"] = figure.shares
+    return told

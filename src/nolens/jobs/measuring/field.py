@@ -1,0 +1,314 @@
+"""How far to the side a camera sees: from its PSFs, or from a picture of a grid of dots."""
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from nolens.camera import OpenCamera, develop
+from nolens.errors import OptionError
+from nolens.evaluate import falls_to
+from nolens.files import (
+    CAMERA_FILE,
+    PSFS_FILE,
+    InputFile,
+    RunRecord,
+    camera_files,
+    check_output,
+    read_camera,
+    read_frame,
+    readable,
+    write_png,
+    write_record,
+    write_tiff32,
+    write_together,
+)
+from nolens.files.plot_field import write_angles_plot, write_dots_plot
+from nolens.jobs.clock import Clock
+from nolens.jobs.cost import announce, check_memory, colours_of, cost_of, pattern_size
+from nolens.jobs.given import check_apart
+from nolens.jobs.measuring.field_angles import OffAxis, captured_off_axis, off_axis
+from nolens.jobs.measuring.field_dots import dot_grid
+from nolens.jobs.measuring.field_found import DotGrid, found_grid, grid_tangents
+from nolens.jobs.measuring.field_options import MeasureFieldOptions
+from nolens.jobs.optical_bench import OpticalBench
+from nolens.jobs.outline import distance_um, outline, relief_points
+from nolens.jobs.reporter import Reporter
+from nolens.optics import PointSource
+from nolens.quantities import Length
+from nolens.twin import Light, Twin
+from nolens.twin.point import shortest_nm
+
+CORRELATIONS = (0.6, 0.3)
+"""Down to the first a picture is good, below the second it is lost (`uvimprint`)."""
+_FIELD_STEP_DEG = 12.5
+"""From one field point to the next, between which PSFs are blended."""
+_ITERATIONS = 300
+_SIZE_UM = 50.0
+"""The paper's light: a pinhole of 50 um."""
+_REMEDY = "a camera with fewer pixels or a coarser grid of its relief needs less"
+
+
+@dataclass(frozen=True)
+class MeasureFieldOutcome:
+    """What the measurement came to.
+
+    Parameters
+    ----------
+    angles
+        PSFs from the side, if those were measured.
+    grid
+        Dots, if those were.
+    summary
+        All figures, in values that JSON has.
+    """
+
+    angles: list[OffAxis] | None
+    grid: DotGrid | None
+    summary: dict[str, Any]
+
+
+def measure_field(options: MeasureFieldOptions, reporter: Reporter) -> MeasureFieldOutcome:
+    """Measure the field of view, and write the plot and picture that are asked for.
+
+    Parameters
+    ----------
+    options
+        What to measure, and where to write.
+    reporter
+        Sees notes, warnings and how far the work is.
+
+    Raises
+    ------
+    NolensError
+        If an input, an option or an output cannot be used, or a target is not what it was said to
+        be; then nothing is written.
+    """
+    clock = Clock()
+    given = _camera(options)
+    opened = None if given is None else read_camera(given)
+    files = {} if given is None or opened is None else camera_files(given, opened.camera)
+    files |= options.inputs
+    if options.psfs is not None:
+        files["PSFs"] = options.psfs / PSFS_FILE
+    check_apart(options, files)
+    for path, suffixes in (
+        (options.plot, (".png",)), (options.output, (".png", ".tif", ".tiff")),
+        (options.record, (".json",)),
+    ):  # fmt: skip
+        if path is not None:
+            check_output(path, suffixes)
+    warnings: list[str] = []
+    if options.dots is not None:
+        assert opened is not None
+        outcome = _of_picture(options, opened)
+    elif options.psfs is not None:
+        outcome, warnings = _of_folder(options, opened, reporter)
+    else:
+        assert opened is not None
+        outcome = _of_twin(options, opened, reporter)
+    # A folder's list is only known to be there once it has been read.
+    inputs = {role: InputFile.of(path) for role, path in files.items()}
+    for text in warnings:
+        reporter.warn(text)
+    summary = {
+        **outcome.summary,
+        "camera": None if opened is None else opened.camera.name,
+        "warnings": warnings,
+        "outputs": [readable(path) for _, path, _ in options.written],
+        "seconds": clock.seconds,
+    }
+    if options.record is not None:
+        record = RunRecord(
+            started=clock.started, inputs=inputs, parameters=options.model_dump(mode="json"),
+            result=summary, history=[], warnings=warnings,
+        )  # fmt: skip
+        write_together(
+            {options.record: partial(write_record, record=record), **_writers(options, outcome)}
+        )
+    return MeasureFieldOutcome(outcome.angles, outcome.grid, summary)
+
+
+def told_angles(found: list[OffAxis]) -> dict[str, Any]:
+    """Figures of PSFs from the side, in values that JSON has."""
+    at = [each.angle_deg for each in found]
+    told: dict[str, Any] = {"angles": [_rounded(asdict(each)) for each in found]}
+    for name in ("correlation", "correlation_overlap"):
+        values = [getattr(each, name) for each in found]
+        told[f"{name}_falls_to_deg"] = {
+            f"{level:g}": _rounded(falls_to(level, at, values)) for level in CORRELATIONS
+        }
+    return told
+
+
+def told_grid(grid: DotGrid) -> dict[str, Any]:
+    """Figures of a grid of dots, in values that JSON has."""
+    return {
+        "good_deg": _rounded(grid.good_deg),
+        "distorted_deg": _rounded(grid.distorted_deg),
+        "lost_deg": _rounded(grid.lost_deg),
+        "pitch_found_mm": _rounded(grid.pose.pitch_mm),
+        "turned_deg": _rounded(grid.pose.turned_deg),
+        "cell_deg": _rounded(grid.cell_deg),
+        "dots": [_rounded(asdict(dot)) for dot in grid.dots],
+    }
+
+
+def _of_picture(options: MeasureFieldOptions, opened: OpenCamera) -> MeasureFieldOutcome:
+    assert options.dots is not None and options.dot_pitch is not None
+    frame = read_frame(options.dots)
+    if frame.mosaic is not None:
+        raise OptionError(
+            f"{options.dots} is a raw file: reconstruct it first (nolens reconstruct), and give "
+            "the picture as .tif"
+        )
+    picture = develop(frame, channels="all" if len(frame.channels) == 1 else "grey").values[0]
+    assert isinstance(options.distance, Length)
+    grid = found_grid(
+        picture, outline(opened, fresnel=False), pitch_um=options.dot_pitch.um,
+        distance_um=options.distance.um, reach_deg=options.reach.deg,
+    )  # fmt: skip
+    return MeasureFieldOutcome(None, grid, told_grid(grid))
+
+
+def _of_folder(
+    options: MeasureFieldOptions, opened: OpenCamera | None, reporter: Reporter
+) -> tuple[MeasureFieldOutcome, list[str]]:
+    assert options.psfs is not None
+    twin = None if opened is None else outline(opened, fresnel=False)
+    found, distance, doubts = captured_off_axis(
+        options.psfs, twin, partial(reporter.advance, "PSFs")
+    )
+    told = {"distance_mm": _millimetres(distance), **told_angles(found)}
+    return MeasureFieldOutcome(found, None, told), doubts
+
+
+def _of_twin(
+    options: MeasureFieldOptions, opened: OpenCamera, reporter: Reporter
+) -> MeasureFieldOutcome:
+    bare = outline(opened, fresnel=False)
+    away = distance_um(options.distance, opened)
+    if options.dot_pitch is not None:
+        at = grid_tangents(options.dot_pitch.um, away, options.reach.deg)
+        farthest = PointSource((0.0, math.tan(options.reach.rad)), away)
+        bare.check_source(farthest)
+        points = 2 * math.ceil(options.reach.deg / _FIELD_STEP_DEG) + 1
+        patterns = points**2
+        tick: Callable[[float], None] = partial(reporter.advance, f"{len(at)} dots")
+    else:
+        farthest = PointSource((0.0, math.tan(options.angles[-1].rad)), away)
+        bare.check_source(farthest)
+        points, patterns = 1, len(options.angles) + 1
+        tick = partial(reporter.advance, f"{len(options.angles)} points of light")
+    _foretell(opened, bare, farthest, patterns, options, reporter)
+    reporter.advance("mask", 0.0)
+    bench = OpticalBench.of(opened, field_points=points)
+    if options.dot_pitch is not None:
+        grid = dot_grid(
+            bench, pitch_um=options.dot_pitch.um, distance_um=away, reach_deg=options.reach.deg,
+            iterations=_ITERATIONS, seed=options.seed, tick=tick,
+        )  # fmt: skip
+        told = {"distance_mm": _millimetres(away), **told_grid(grid)}
+        return MeasureFieldOutcome(None, grid, told)
+    found = off_axis(
+        bench, [angle.deg for angle in options.angles], distance_um=away,
+        diameter_um=0.0 if math.isinf(away) else _SIZE_UM, seed=options.seed, tick=tick,
+    )  # fmt: skip
+    told = {"distance_mm": _millimetres(away), **told_angles(found)}
+    return MeasureFieldOutcome(found, None, told)
+
+
+def _foretell(
+    opened: OpenCamera,
+    bare: Twin,
+    farthest: PointSource,
+    patterns: int,
+    options: MeasureFieldOptions,
+    reporter: Reporter,
+) -> None:
+    """Say what the patterns will need; a reconstruction takes about as long as those of its dots.
+
+    Patterns of a grid's field points have one sample to the pixel and are wider by a part of the
+    region; those of single lights have two.
+    """
+    sensor = opened.camera.sensor
+    light = Light("white-led")
+    colours = colours_of(bare, light, 1)
+    grid = options.dot_pitch is not None
+    pixels = bare.cell_pixels if grid else 1
+    rows, columns = sensor.rows // pixels, sensor.columns // pixels
+    more = 0
+    if grid:
+        reach = bare.shift_um(PointSource(farthest.tangent))[1] / bare.cell_um
+        more = math.ceil(4 * reach / (math.isqrt(patterns) - 1))
+    size = pattern_size(
+        bare, farthest, (rows + more, columns + more), pixels, at_least=1 if grid else 2,
+        shortest=shortest_nm(colours),
+    )  # fmt: skip
+    cost = cost_of(
+        size, patterns * len(colours) * (2 if grid else 1), points=relief_points(opened),
+        held=8 * sensor.rows * sensor.columns * (patterns if not grid else 12),
+    )  # fmt: skip
+    device = torch.device("cpu")
+    check_memory(cost, device, _REMEDY)
+    announce(cost, device, reporter)
+
+
+def _camera(options: MeasureFieldOptions) -> str | Path | None:
+    """The camera that is named, or the one in the PSFs' folder; for a picture the paper's."""
+    if options.simulate is not None:
+        return options.simulate
+    if options.psfs is None:
+        return options.camera or "paper"
+    if options.camera is None and (options.psfs / CAMERA_FILE).is_file():
+        return options.psfs
+    return options.camera
+
+
+def _writers(
+    options: MeasureFieldOptions, outcome: MeasureFieldOutcome
+) -> dict[Path, Callable[[Path], None]]:
+    writers: dict[Path, Callable[[Path], None]] = {}
+    grid = outcome.grid
+    if options.plot is not None and grid is not None:
+        writers[options.plot] = partial(
+            write_dots_plot, dots=grid.dots, picture=grid.picture, good_deg=grid.good_deg,
+            lost_deg=grid.lost_deg,
+        )  # fmt: skip
+    elif options.plot is not None and outcome.angles is not None:
+        writers[options.plot] = partial(
+            write_angles_plot,
+            curves={
+                name: [getattr(each, name) for each in outcome.angles]
+                for name in (
+                    "angle_deg", "correlation", "correlation_overlap", "overlap_width",
+                    "overlap_height", "light", "expected_light",
+                )
+            },
+            levels=CORRELATIONS,
+        )  # fmt: skip
+    if options.output is not None and grid is not None:
+        writers[options.output] = partial(_write_picture, picture=grid.picture[None])
+    return writers
+
+
+def _write_picture(path: Path, picture: Tensor) -> None:
+    (write_png if path.suffix.lower() == ".png" else write_tiff32)(path, picture)
+
+
+def _millimetres(away_um: float) -> float | None:
+    return None if math.isinf(away_um) else away_um * 1e-3
+
+
+def _rounded(value: Any) -> Any:
+    """Six digits of every number."""
+    if isinstance(value, float):
+        return float(f"{value:.6g}")
+    if isinstance(value, dict):
+        return {key: _rounded(each) for key, each in value.items()}
+    return [_rounded(each) for each in value] if isinstance(value, list | tuple) else value

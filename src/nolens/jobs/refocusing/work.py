@@ -1,0 +1,247 @@
+"""The depths that a refocusing goes through."""
+
+import math
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from nolens.camera import arrange_rgb, exposure_white
+from nolens.errors import OptionError
+from nolens.jobs.cost import Cost
+from nolens.jobs.reconstruct import oriented, solving_cost
+from nolens.jobs.refocusing.options import RefocusOptions, depth_um
+from nolens.jobs.refocusing.psfs import DepthPsfs
+from nolens.jobs.refocusing.stack import Pages
+from nolens.jobs.reporter import Reporter
+from nolens.refocus import (
+    Search,
+    Sharpest,
+    Solving,
+    all_in_focus,
+    even_depths,
+    focal_stack,
+    line_cells,
+    per_m,
+)
+from nolens.refocus import depth_um as depth_of
+
+# Two PSFs magnified and blended, as measured on one core for the paper's camera.
+_SECONDS_PER_PSF_CELL = 4e-7
+_WINDOW_LINES = 1.5
+"""Width of the smallest window that tells depths, in lines of the PSF."""
+
+
+@dataclass(frozen=True)
+class RefocusWork:
+    """All that has been checked before the first depth is reconstructed.
+
+    Parameters
+    ----------
+    options
+        What was asked for.
+    psfs
+        Of any depth.
+    solving
+        How every depth is reconstructed.
+    reporter
+        Sees every iteration.
+
+    Raises
+    ------
+    OptionError
+        If a place lies beside the picture, or nothing says where to look for the sharpest depth.
+    """
+
+    options: RefocusOptions
+    psfs: DepthPsfs
+    solving: Solving
+    reporter: Reporter
+
+    def __post_init__(self) -> None:
+        self.place()
+        if self.options.focused and self.options.depth is None:
+            self.range_um()
+
+    def range_um(self) -> tuple[float, float]:
+        """Depths between which the sharpest one is sought."""
+        if self.options.search is not None:
+            near, far = self.options.search
+            return depth_um(near), depth_um(far)
+        near_um, far_um = self.psfs.distances_um[0], self.psfs.distances_um[-1]
+        if near_um == far_um:
+            raise OptionError(
+                f"the folder {self.options.psfs} has PSFs of one distance only: say between which "
+                "depths the sharpest is to be found (--search 8cm,infinity), or the depth (--depth "
+                "8cm)"
+            )
+        return near_um, far_um
+
+    def depths_um(self) -> tuple[float, ...]:
+        """Depths of the stack."""
+        assert self.options.stack is not None
+        near, far = self.options.stack
+        return even_depths(depth_um(near), depth_um(far), self.options.steps)
+
+    def search(self) -> Search:
+        """For the sharpest depth."""
+        return Search(self.solving, self.psfs.at, *self.range_um(), self.psfs.depth_of_focus_per_m)
+
+    def shown(self) -> tuple[int, int]:
+        """(rows, columns) of the picture."""
+        region = self.solving.region
+        return self.solving.sensor if region is None else (region.height, region.width)
+
+    def place(self) -> tuple[float, float] | None:
+        """The place that is to be sharp, in a picture that is not turned over.
+
+        Raises
+        ------
+        OptionError
+            If it lies beside the picture.
+        """
+        if self.options.at is None:
+            return None
+        (row, column), (rows, columns) = self.options.at, self.shown()
+        if row >= rows or column >= columns:
+            raise OptionError(
+                f"--at {row},{column} lies beside the picture, which has {rows}×{columns} pixels: "
+                f"give a row up to {rows - 1} and a column up to {columns - 1}"
+            )
+        flip = self.options.flip
+        return (
+            rows - 1.0 - row if flip in ("vertical", "both") else float(row),
+            columns - 1.0 - column if flip in ("horizontal", "both") else float(column),
+        )
+
+    def cost(self) -> Cost:
+        """Memory and time of all depths."""
+        psf = self.psfs.at(self.psfs.distances_um[-1])
+        iterations, depths = 0.0, 0
+        if self.options.focused:
+            iterations, depths = float(self.solving.iterations), 1
+            if self.options.depth is None:
+                search = self.search()
+                iterations += search.iterations / search.bin_by(psf) ** 2
+                depths += search.coarse + search.fine
+        if self.options.stack is not None:
+            iterations += self.options.steps * self.solving.iterations
+            depths += self.options.steps
+        solving = solving_cost(self.solving.pose(psf), iterations)
+        cells = self.psfs.between.known[0].psf.numel()
+        return replace(solving, seconds=solving.seconds + depths * cells * _SECONDS_PER_PSF_CELL)
+
+    def depth_um(self, found: Sharpest | None) -> float:
+        """What is asked for, or what was found."""
+        if found is not None:
+            return found.depth_um
+        assert self.options.depth is not None
+        return depth_um(self.options.depth)
+
+    def focused(self) -> tuple[Tensor, Sharpest | None]:
+        """Picture at the depth that is asked for, or at the sharpest one."""
+        found = None
+        if self.options.depth is None:
+            found = self.search().run(self.place(), partial(self._step, kept="the sharpest depth"))
+        psf = self.psfs.at(self.depth_um(found))
+        limit = self.solving.iterations
+
+        def advance(iteration: int) -> bool:
+            # After a search that was ended the picture at what it found is still wanted.
+            stop = self._step(iteration, limit, kept="the picture")
+            return stop and (found is None or found.finished)
+
+        scene = self.solving.solve(psf, lambda progress: advance(progress.iteration)).scene
+        picture = self._picture(self.solving.framed(scene, psf).cpu())
+        exposure_white(picture)  # An empty picture is an error before anything is written.
+        return picture, found
+
+    def stacked(self) -> tuple[Pages, bool]:
+        """All depths of the stack, and whether it was ended before the last one."""
+        depths = self.depths_um()
+        made = focal_stack(
+            self.solving, self.psfs.at, depths, partial(self._step, kept="the depths")
+        )
+        pages = torch.stack([self._picture(page) for page in made.pages])
+        line = line_cells(self.psfs.between.known[0].psf) / self.psfs.bin_by
+        stack = replace(made, pages=pages)
+        together = all_in_focus(stack, _WINDOW_LINES * line)
+        exposure_white(together.picture)  # As above.
+        return Pages(stack, together), len(pages) < len(depths)
+
+    def told(self, found: Sharpest | None) -> dict[str, Any]:
+        """Figures of the picture at one depth."""
+        depth = self.depth_um(found)
+        half = self.psfs.depth_of_focus_per_m / 2
+        nearest, farthest = depth_of(per_m(depth) + half), depth_of(max(0, per_m(depth) - half))
+        summary: dict[str, Any] = {
+            "depth_mm": in_mm(depth),
+            "sharp_from_mm": in_mm(nearest),
+            "sharp_to_mm": in_mm(farthest),
+        }
+        if found is not None:
+            summary["tried"] = [
+                {
+                    "depth_mm": in_mm(each.depth_um),
+                    "objective": each.objective,
+                    "sharpness": each.sharpness,
+                }
+                for each in found.tried
+            ]
+        return summary
+
+    def warnings(self) -> list[str]:
+        """What can be said before the work begins."""
+        texts = list(self.psfs.warnings)
+        wanted = []
+        if self.options.depth is not None:
+            wanted.append(depth_um(self.options.depth))
+        elif self.options.focused:
+            near, far = self.range_um()
+            wanted += [near, far]
+            if per_m(near) - per_m(far) < self.psfs.depth_of_focus_per_m:
+                texts.append(
+                    "all depths that are looked at lie within one depth of focus "
+                    f"({self.psfs.depth_of_focus_per_m:.3g}/m in 1/z): they look alike, and "
+                    "which one is found means little"
+                )
+        if self.options.stack is not None:
+            wanted += [depth_um(each) for each in self.options.stack]
+        least, most = (per_m(self.psfs.distances_um[end]) for end in (-1, 0))
+        room = self.psfs.depth_of_focus_per_m
+        beyond = [each for each in wanted if not least - room <= per_m(each) <= most + room]
+        if beyond:
+            have = " to ".join(
+                f"{in_mm(each)} mm" if math.isfinite(each) else "infinity"
+                for each in dict.fromkeys((self.psfs.distances_um[0], self.psfs.distances_um[-1]))
+            )
+            texts.append(
+                f"the PSFs are of {have}; beyond, they are magnified as rays are, which leaves out "
+                "what the distance does to the mask's focus: calibrate at such a distance for more"
+            )
+        return texts
+
+    def doubts(self, found: Sharpest | None) -> list[str]:
+        """What the search left open."""
+        if found is None or not found.at_end or not found.finished:
+            return []
+        if math.isinf(found.depth_um):
+            return []
+        return [
+            f"the sharpest depth is the end of those that were looked at, {in_mm(found.depth_um)} "
+            "mm: the true one may lie beyond (--search)"
+        ]
+
+    def _picture(self, scene: Tensor) -> Tensor:
+        shown = arrange_rgb(scene, self.solving.measurement.channels)
+        return oriented(shown, self.options.flip)
+
+    def _step(self, done: int, limit: int, *, kept: str) -> bool:
+        return self.reporter.step("iteration", done, limit, kept)
+
+
+def in_mm(depth: float) -> float | str:
+    """A depth in um as JSON has it: mm, or the word infinity."""
+    return "infinity" if math.isinf(depth) else round(depth * 1e-3, 3)
