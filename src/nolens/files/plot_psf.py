@@ -121,7 +121,8 @@ def _draw_autocorrelation(axes: "Axes", figures: PsfFigures) -> None:
         arrowprops={"arrowstyle": "<->", "color": _MARK, "shrinkA": 0, "shrinkB": 0},
     )  # fmt: skip
     axes.annotate(
-        f"FWHM {width:.2f} um\nline {figures.line_width_um:.2f} um",
+        f"FWHM {width:.2f} um\nline {figures.line_width_um:.2f} um\n"
+        f"half way to 0: {figures.fwhm_over_mean_um:.2f} um",
         (width / 2, half), (10, 0), textcoords="offset points", color=_MARK, va="center",
     )  # fmt: skip
     axes.axhline(figures.level, color=_MARK, linewidth=0.7, linestyle=":", zorder=0)

@@ -15,6 +15,7 @@ STYLE: dict[Any, Any] = {
 }  # fmt: skip
 DPI = 160
 _SHOWN = 5
+_INK = 0.85
 _OURS, _PAPER, _PREDICTED = "#2a5f7f", "#c0562f", "#2a7f62"
 
 
@@ -104,7 +105,7 @@ def plot_overlay(path: Path, patterns: Tensor, names: tuple[str, str, str], cell
     picture = np.ones((*patterns.shape[1:], 3))
     for number, own in enumerate((0, 2, 1)):
         for plane in {0, 1, 2} - {own}:
-            picture[..., plane] -= 0.85 * bright[number]
+            picture[..., plane] -= _INK * bright[number]
     side_mm = [count * cell_um * 1e-3 for count in patterns.shape[1:]]
     with rc_context(STYLE):
         figure = Figure(figsize=(4.6, 4.8), layout="constrained")
@@ -112,7 +113,8 @@ def plot_overlay(path: Path, patterns: Tensor, names: tuple[str, str, str], cell
         axes.imshow(
             picture.clip(0, 1), extent=(0, side_mm[1], 0, side_mm[0]), interpolation="nearest"
         )
-        for name, colour in zip(names, ("red", "blue", "green"), strict=True):
+        for name, own in zip(names, (0, 2, 1), strict=True):
+            colour = [1.0 if plane == own else 1 - _INK for plane in range(3)]
             axes.plot([], [], "s", color=colour, label=name)
         axes.set_xlabel("mm")
         figure.legend(loc="outside upper center", ncols=3, fontsize=8, frameon=False)
