@@ -17,8 +17,8 @@ from nolens.operators import Region
 from nolens.solvers import Problem, Progress, admm
 from nolens.twin import FieldMap, Plane
 
-_PAPERS_TAU = 1e-4
-_PAPERS_PENALTIES = (1e-6, 1e-5, 4e-5)
+PAPERS_TAU = 1e-4
+PAPERS_PENALTIES = (1e-6, 1e-5, 4e-5)
 """Fixed penalties such as published ADMM codes for such cameras use; the paper tunes by hand."""
 _SHOWN_ROWS = 400
 
@@ -114,14 +114,14 @@ def _as_the_paper(work: Workbench, shot: Photographed, tick: Tick) -> Tensor:
     captured = develop(work.bench.point(work.source, seed=work.seed + 1))
     seen = develop(shot.frame)
     problem = Problem.pose(
-        captured.values.clamp_min(0), seen.values, valid=seen.valid, tau=_PAPERS_TAU
+        captured.values.clamp_min(0), seen.values, valid=seen.valid, tau=PAPERS_TAU
     )
 
     def advance(progress: Progress) -> None:
         tick(progress.iteration / limit)
 
     result = admm(
-        problem, iterations=limit, tolerance=0.0, penalties=_PAPERS_PENALTIES, balance=None,
+        problem, iterations=limit, tolerance=0.0, penalties=PAPERS_PENALTIES, balance=None,
         callback=advance,
     )  # fmt: skip
     return _cut(result.scene, problem, shot.region)
