@@ -76,6 +76,16 @@ def test_false_edges_do_not_mislead() -> None:
     assert per_m(most.depth_um) - per_m(NEAR_UM) > FOCUS
 
 
+def test_a_brighter_object_elsewhere_does_not_mislead() -> None:
+    """At the near object's depth more than twice as much is unexplained as at the other's."""
+    left, right = objects()
+    found = search(noisy(light({NEAR_UM: left, FAR_UM: 2 * right}), 0.001)).run(PLACES[NEAR_UM])
+    assert per_m(found.depth_um) == pytest.approx(per_m(NEAR_UM), abs=0.5 * FOCUS)
+    least = min(each.objective for each in found.tried)
+    own = next(each for each in found.tried if each.depth_um == found.depth_um)
+    assert own.objective > 2 * least
+
+
 def test_noise_does_not_mislead_the_whole_picture() -> None:
     left, right = objects()
     found = search(noisy(light({33e3: left + right}), 0.04)).run()

@@ -19,8 +19,6 @@ _LEAST_STEPS = 4
 _FINE = 0.05
 """Share of the depth of focus to which the depth is refined."""
 _GOLDEN = (math.sqrt(5) - 1) / 2
-_WORST = 2.0
-"""Objective over the least one beyond which a depth's edges are not believed."""
 _LINES, _SHARE = 3.0, 1 / 16
 """The window around a place: so many lines wide, and so much of the picture's shorter side."""
 
@@ -73,10 +71,9 @@ class Search:
 
     Depths one depth of focus apart come first. Of these the best is the one whose PSF explains the
     measurement best, by the objective of the reconstruction, which noise does not mislead; or, at a
-    place, the sharpest one there, but for those that explain the measurement twice as badly as the
-    best: their edges come of what is not explained. Between its neighbours golden sections follow
-    the sharpness, of the whole picture over the objective. All on cells as coarse as the PSF's
-    lines allow.
+    place, the one that is sharpest there for what it leaves unexplained, as edges come of that,
+    too. Between its neighbours golden sections follow the sharpness, of the whole picture over the
+    objective. All on cells as coarse as the PSF's lines allow.
 
     Parameters
     ----------
@@ -225,9 +222,9 @@ class _Trial:
         """The best 1/z of all depths so far: see `Search`."""
         if self.place is None:
             return min(self.found, key=lambda each: self.found[each].objective)
-        least = min(each.objective for each in self.found.values())
-        explained = [at for at, each in self.found.items() if each.objective <= _WORST * least]
-        return max(explained, key=self.focus)
+        # Edges that come of what is not explained have energy in proportion to it.
+        tried = self.found.items()
+        return max(tried, key=lambda each: each[1].sharpness / each[1].objective)[0]
 
     def focus(self, vergence_per_m: float) -> float:
         """How sharp a depth is that was tried: see `Search`."""

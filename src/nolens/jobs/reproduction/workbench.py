@@ -88,7 +88,7 @@ FULL = Size(
     dot_field_points=9, dot_reach_deg=48.0,
 )  # fmt: skip
 QUICK = Size(
-    pixels=(1014, 1352), field_points=3, iterations=60, papers_iterations=20,
+    pixels=(1014, 1352), field_points=3, iterations=50, papers_iterations=20,
     films_mm=(0.65, 1.05, 1.25, 1.45, 1.65, 2.05), films_pixels=(760, 1014),
     point_draws=1, point_iterations=60, angle_steps=4, dot_field_points=3,
     dot_reach_deg=48.0,
