@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,6 @@ from torch import Tensor
 
 from nolens.camera import OpenCamera, develop
 from nolens.errors import OptionError
-from nolens.evaluate import falls_to
 from nolens.files import (
     CAMERA_FILE,
     PSFS_FILE,
@@ -36,6 +35,7 @@ from nolens.jobs.measuring.field_angles import OffAxis, captured_off_axis, off_a
 from nolens.jobs.measuring.field_dots import dot_grid
 from nolens.jobs.measuring.field_found import DotGrid, found_grid, grid_tangents
 from nolens.jobs.measuring.field_options import MeasureFieldOptions
+from nolens.jobs.measuring.field_tell import CORRELATIONS, told_angles, told_grid
 from nolens.jobs.optical_bench import OpticalBench
 from nolens.jobs.outline import distance_um, outline, relief_points
 from nolens.jobs.reporter import Reporter
@@ -44,8 +44,6 @@ from nolens.quantities import Length
 from nolens.twin import Light, Twin
 from nolens.twin.point import shortest_nm
 
-CORRELATIONS = (0.6, 0.3)
-"""Down to the first a picture is good, below the second it is lost (`uvimprint`)."""
 _FIELD_STEP_DEG = 12.5
 """From one field point to the next, between which PSFs are blended."""
 _ITERATIONS = 300
@@ -132,31 +130,6 @@ def measure_field(options: MeasureFieldOptions, reporter: Reporter) -> MeasureFi
             {options.record: partial(write_record, record=record), **_writers(options, outcome)}
         )
     return MeasureFieldOutcome(outcome.angles, outcome.grid, summary)
-
-
-def told_angles(found: list[OffAxis]) -> dict[str, Any]:
-    """Figures of PSFs from the side, in values that JSON has."""
-    at = [each.angle_deg for each in found]
-    told: dict[str, Any] = {"angles": [_rounded(asdict(each)) for each in found]}
-    for name in ("correlation", "correlation_overlap"):
-        values = [getattr(each, name) for each in found]
-        told[f"{name}_falls_to_deg"] = {
-            f"{level:g}": _rounded(falls_to(level, at, values)) for level in CORRELATIONS
-        }
-    return told
-
-
-def told_grid(grid: DotGrid) -> dict[str, Any]:
-    """Figures of a grid of dots, in values that JSON has."""
-    return {
-        "good_deg": _rounded(grid.good_deg),
-        "distorted_deg": _rounded(grid.distorted_deg),
-        "lost_deg": _rounded(grid.lost_deg),
-        "pitch_found_mm": _rounded(grid.pose.pitch_mm),
-        "turned_deg": _rounded(grid.pose.turned_deg),
-        "cell_deg": _rounded(grid.cell_deg),
-        "dots": [_rounded(asdict(dot)) for dot in grid.dots],
-    }
 
 
 def _of_picture(options: MeasureFieldOptions, opened: OpenCamera) -> MeasureFieldOutcome:
@@ -303,12 +276,3 @@ def _write_picture(path: Path, picture: Tensor) -> None:
 
 def _millimetres(away_um: float) -> float | None:
     return None if math.isinf(away_um) else away_um * 1e-3
-
-
-def _rounded(value: Any) -> Any:
-    """Six digits of every number."""
-    if isinstance(value, float):
-        return float(f"{value:.6g}")
-    if isinstance(value, dict):
-        return {key: _rounded(each) for key, each in value.items()}
-    return [_rounded(each) for each in value] if isinstance(value, list | tuple) else value

@@ -30,13 +30,13 @@ from nolens.files.plot_psf import write_psf_plot
 from nolens.jobs.clock import Clock
 from nolens.jobs.given import check_apart
 from nolens.jobs.measuring.psf_options import MeasurePsfOptions
+from nolens.jobs.measuring.rounded import rounded
 from nolens.jobs.outline import outline
 from nolens.jobs.reporter import Reporter
 from nolens.optics import PointSource
 from nolens.twin import REFERENCE_NM
 
 _CLOSE = 0.01
-_DIGITS = 6
 _CURVES = (
     "lag_um", "autocorrelation", "row_autocorrelation", "per_mm", "transfer", "direction_transfer",
 )  # fmt: skip
@@ -217,8 +217,8 @@ def _doubts(figures: PsfFigures, frame: Frame, plane: Tensor) -> list[str]:
 def _told(figures: PsfFigures) -> dict[str, Any]:
     """All figures by name, the curves last."""
     named = asdict(figures)
-    curves = {name: _rounded(named.pop(name)) for name in _CURVES}
-    return {**_rounded(named), "curves": curves}
+    curves = {name: rounded(named.pop(name)) for name in _CURVES}
+    return {**rounded(named), "curves": curves}
 
 
 def _lenslets(figures: PsfFigures, reduced_um: float | None) -> dict[str, Any]:
@@ -227,22 +227,13 @@ def _lenslets(figures: PsfFigures, reduced_um: float | None) -> dict[str, Any]:
         return {}
     told: dict[str, Any] = {
         "reduced_thickness_mm": round(reduced_um * 1e-3, 5),
-        "one_per_mm_in_per_degree": _rounded(reduced_um * 1e-3 * math.pi / 180),
+        "one_per_mm_in_per_degree": rounded(reduced_um * 1e-3 * math.pi / 180),
         "lenslet_aperture": None,
         "depth_of_focus_mm": None,
     }
     if figures.pitch_um is not None:
         aperture = lenslet_aperture(figures.pitch_um, reduced_um)
         depth_um = depth_of_focus_um(REFERENCE_NM * 1e-3, aperture)
-        told["lenslet_aperture"] = _rounded(float(aperture))
-        told["depth_of_focus_mm"] = _rounded(float(depth_um) * 1e-3)
+        told["lenslet_aperture"] = rounded(float(aperture))
+        told["depth_of_focus_mm"] = rounded(float(depth_um) * 1e-3)
     return told
-
-
-def _rounded(value: Any) -> Any:
-    """Six digits of every number: more is neither known nor worth the paper."""
-    if isinstance(value, float):
-        return float(f"{value:.{_DIGITS}g}")
-    if isinstance(value, dict):
-        return {str(key): _rounded(each) for key, each in value.items()}
-    return [_rounded(each) for each in value] if isinstance(value, list | tuple) else value
