@@ -24,6 +24,9 @@ from nolens.evaluate import affine_fit, psnr, ssim
 from nolens.files import write_png, write_tiff32
 from results import OUT, PAIRS, pair
 
+SHOWN = 160
+"""Cells to each side of the middle."""
+
 
 def read(data: Path, kind: str, name: str) -> Tensor:
     """A measurement or a picture, (B, G, R)."""
@@ -54,6 +57,13 @@ def judged(data: Path, name: str, scratch: Path, psf: Tensor) -> tuple[dict[str,
     return figures, shown
 
 
+def middle(psf: Tensor) -> Tensor:
+    """The part of a PSF that has light, as bright as its brightest lines, (1, rows, columns)."""
+    rows, columns = (length // 2 for length in psf.shape)
+    part = psf[rows - SHOWN : rows + SHOWN, columns - SHOWN : columns + SHOWN]
+    return (part / torch.quantile(part, 0.995)).clamp(0, 1)[None]
+
+
 def main() -> None:
     """Write the figures and the pictures."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -77,6 +87,8 @@ def main() -> None:
                 "support_share": float(found.support.double().mean()),
             })  # fmt: skip
             print(json.dumps(rows[-1]), flush=True)
+    every = psf_from_scenes(known(data, PAIRS)).psf
+    write_png(OUT / "pairs-psf-patterns.png", torch.cat([middle(every), middle(supplied)], dim=-1))
     mean = {
         which: {key: float(np.mean([row[which][key] for row in rows])) for key in rows[0][which]}
         for which in ("solved", "supplied")
@@ -118,6 +130,10 @@ Above with the supplied estimate, in the middle with the PSF of the other four p
 the lensed camera saw:
 
 ![the five pairs](pairs-psf.png)
+
+The PSF of all five pairs, and the supplied one:
+
+![the two PSFs](pairs-psf-patterns.png)
 """
 
 
