@@ -137,19 +137,19 @@ def _solve_pair(here, j, there, opposite, transfer, mu, rest):  # type: ignore[n
     there[opposite, 1] = m_re - v_im
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
 def _add(sums, which, values):  # type: ignore[no-untyped-def]
     for k in range(6):
         sums[3 * k + which] += values[k]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
 def _add_variation(sums, values):  # type: ignore[no-untyped-def]
     _add(sums, 1, values)
     sums[19] += values[6]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
 def _split_row(row, v, image):  # type: ignore[no-untyped-def]
     """Real and imaginary part of a row; v goes on periodically by one cell."""
     width = image.size
@@ -159,7 +159,7 @@ def _split_row(row, v, image):  # type: ignore[no-untyped-def]
     v[width] = v[0]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
 def _divergence_row(r, above, qy, qx):  # type: ignore[no-untyped-def]
     """Add Ψᵀq: what flows in from the left and from above, less what leaves."""
     width = qx.size
@@ -168,7 +168,7 @@ def _divergence_row(r, above, qy, qx):  # type: ignore[no-untyped-def]
         r[j] += qx[j - 1] - qx[j] + above[j] - qy[j]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
 def _sweep_measured(image, a, b, valid, q, k, span, sums):  # type: ignore[no-untyped-def]
     """Split x = Mv of a row; `span` is where the sensor begins and ends in it."""
     width = image.size
@@ -183,7 +183,7 @@ def _sweep_measured(image, a, b, valid, q, k, span, sums):  # type: ignore[no-un
     q[stop:] = a[stop:]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
 def _sweep_scene(v, a, r, k, span, sums):  # type: ignore[no-untyped-def]
     """Split w = v of a row; `span` is where the region begins and ends in it."""
     width = r.size
@@ -196,7 +196,7 @@ def _sweep_scene(v, a, r, k, span, sums):  # type: ignore[no-untyped-def]
         sums[20] += values[6]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
 def _span(i, window):  # type: ignore[no-untyped-def]
     """Columns of a window in row i; none in rows beside it."""
     top, left, rows, columns = window

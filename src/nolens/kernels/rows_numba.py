@@ -3,9 +3,11 @@
 Every function updates the state of one split along a row, hands q = 2x − a on in a buffer, and
 returns its sums over the row: primal, field, split, change, multiplier, multiplier change (see
 `nolens.kernels.admm.PassSums`), and a seventh where there is one. Rows are contiguous float32,
-so that the compiler vectorises them; a row's sum in float32 is exact enough, sums over rows are
-kept in float64 by the caller. The constants k are μ of (x, u, w), their following values,
-their ratios, α, τ and λ.
+so that the compiler vectorises them. They are inlined by force: a function that is called may be
+the copy compiled for itself or the one compiled with its caller, depending on what the cache had,
+and sums of the two differ in their last bit. A row's sum in float32 is exact enough, sums over
+rows are kept in float64 by the caller. The constants k are μ of (x, u, w), their following
+values, their ratios, α, τ and λ.
 """
 
 import numba
@@ -14,7 +16,7 @@ import numpy as np
 FASTMATH = {"reassoc", "contract", "nsz"}
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
 def row_outside(image, a, alpha, start, stop):  # type: ignore[no-untyped-def]
     """Cells beside the sensor: nothing was measured there, so x = a and q = a."""
     primal = np.float32(0)
@@ -35,7 +37,7 @@ def row_outside(image, a, alpha, start, stop):  # type: ignore[no-untyped-def]
     return primal, field, split, change, none, none
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
 def row_sensor(image, a, b, valid, q, k, start, stop):  # type: ignore[no-untyped-def]
     """Cells on the sensor: x = (b + μa)/(1 + μ) where the pixel is valid, else x = a."""
     mu, rescale, alpha = k[0], k[6], k[9]
@@ -71,7 +73,7 @@ def row_sensor(image, a, b, valid, q, k, start, stop):  # type: ignore[no-untype
     return primal, field, split, change, multiplier, turned, misfit
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
 def row_scene(v, a, r, k, start, stop, inside):  # type: ignore[no-untyped-def]
     """Split w = v: x = max(a - λ/μ, 0) inside the region, 0 outside."""
     mu, later, rescale, alpha, l1 = k[2], k[5], k[8], k[9], k[11]
@@ -106,20 +108,20 @@ def row_scene(v, a, r, k, start, stop, inside):  # type: ignore[no-untyped-def]
     return primal, field, split, change, multiplier, turned, magnitude
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
 def _shrink(a, threshold):  # type: ignore[no-untyped-def]
     zero = np.float32(0)
     return max(a - threshold, zero) - max(-a - threshold, zero)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
 def _shrink_pair(a, b, threshold):  # type: ignore[no-untyped-def]
     size = np.sqrt(a * a + b * b)
     scale = max(size - threshold, np.float32(0)) / max(size, np.float32(1e-30))
     return scale * a, scale * b
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
 def row_difference(v, neighbour, a, q, k):  # type: ignore[no-untyped-def]
     """One direction of the split u = Ψv: each difference shrinks by τ/μ.
 
@@ -156,7 +158,7 @@ def row_difference(v, neighbour, a, q, k):  # type: ignore[no-untyped-def]
     return primal, field, split, change, multiplier, turned, variation
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
 def row_gradient(v, below, ay, ax, qy, qx, k):  # type: ignore[no-untyped-def]
     """Both directions of the split u = Ψv: the pair shrinks by τ/μ in its Euclidean length."""
     mu, later, rescale, alpha, tv = k[1], k[4], k[7], k[9], k[10]
