@@ -114,18 +114,6 @@ class KnownScenes:
             region=region,
         )  # fmt: skip
 
-    def without(self, rows: Sequence[int]) -> Self:
-        """All measurements but these."""
-        kept = [each for each in range(len(self.scenes)) if each not in set(rows)]
-        return self.only(kept)
-
-    def only(self, rows: Sequence[int]) -> Self:
-        """These measurements alone."""
-        index = list(rows)
-        return replace(
-            self, scenes=self.scenes[index], measured=self.measured[index], valid=self.valid[index]
-        )
-
     def _check_light(self) -> None:
         for name, given in (("scene", self.scenes), ("measurement", self.measured)):
             if not bool(torch.isfinite(given).all()):

@@ -71,9 +71,9 @@ def register(
     one, other = (_fine_structure(each, bin_by) for each in (pattern, reference))
     least, largest = magnification if isinstance(magnification, tuple) else (magnification,) * 2
     ends = math.log(least), math.log(largest)
-    peaks = []
+    spectrum, peaks = _spectrum(one), []
     for log_scale in np.linspace(*ends, 1 + math.ceil((ends[1] - ends[0]) / _STEP)).tolist():
-        height, shift = _whole_shift(one, _warped(other, np.zeros(2), log_scale))
+        height, shift = _whole_shift(spectrum, _warped(other, np.zeros(2), log_scale))
         peaks.append((height, *shift, log_scale))
     found = np.array(max(peaks)[1:], dtype=float)
     blurred = [[ndimage.gaussian_filter(each, blur) for each in (one, other)] for blur in _BLURS]
@@ -103,14 +103,16 @@ def _fine_structure(psf: Tensor, bin_by: int) -> Plane:
     return rest / max(float(np.abs(rest).max()), 1e-300)
 
 
-def _whole_shift(pattern: Plane, reference: Plane) -> tuple[float, tuple[int, int]]:
-    """Peak of the cross-correlation, and the cells by which the pattern is moved there."""
-    rows, columns = (2 * n for n in pattern.shape)
-    spectra = [
-        rfft2(nnf.pad(torch.from_numpy(each).float(), (0, columns // 2, 0, rows // 2)))
-        for each in (pattern, reference)
-    ]
-    correlation = irfft2(spectra[0] * spectra[1].conj(), (rows, columns))
+def _spectrum(plane: Plane) -> Tensor:
+    """On twice its size, so that nothing comes round."""
+    rows, columns = plane.shape
+    return rfft2(nnf.pad(torch.from_numpy(plane).float(), (0, columns, 0, rows)))
+
+
+def _whole_shift(pattern: Tensor, reference: Plane) -> tuple[float, tuple[int, int]]:
+    """Peak of the cross-correlation with a pattern's spectrum, and the cells it is moved by."""
+    rows, columns = (2 * n for n in reference.shape)
+    correlation = irfft2(pattern * _spectrum(reference).conj(), (rows, columns))
     row, column = divmod(int(correlation.argmax()), columns)
     half = rows // 2, columns // 2
     shift = (row + half[0]) % rows - half[0], (column + half[1]) % columns - half[1]

@@ -112,7 +112,7 @@ def calibrate_surround(options: CalibrateSurroundOptions, reporter: Reporter) ->
 
 def _source(options: CalibrateSurroundOptions, psfs: PsfSet) -> PsfEntry:
     """The captured PSF that is extended."""
-    there = [each for each in psfs.by_distance(("captured", "solved")) if each.frame == "chief-ray"]
+    there = [each for each in psfs.by_distance(("captured",)) if each.frame == "chief-ray"]
     if not there:
         raise DataError(
             f"{options.folder} has no captured PSF of a light straight ahead: add one first, with "
