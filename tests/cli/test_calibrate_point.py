@@ -48,7 +48,7 @@ def decibels(found: torch.Tensor, wanted: torch.Tensor) -> float:
 def test_depths_and_angles(tmp_path: Path) -> None:
     """Two depths share one centre, though the light stood elsewhere; one from the side stays."""
     folder, frames = tmp_path / "camera", tmp_path / "frames"
-    darks = [part for each in dark_frames(frames) for part in ("--dark", each)]
+    darks = ["--dark", *dark_frames(frames)]  # As a shell makes it of --dark dark*.dng.
     far = captured(frames, "far", light_of(300.0, OFF_AXIS_DEG))
     told = calibrate(
         folder, *far, *darks, "--distance", "300mm", "--camera", "small",

@@ -20,7 +20,7 @@ def point(
     *frames: Path,
     distance: Annotated[str | None, Quantity, Source] = None,
     angle: Annotated[str | None, Quantity, Source] = None,
-    dark: Annotated[tuple[Path, ...] | None, Frames] = None,
+    dark: Annotated[tuple[Path, ...] | None, Frames, Parameter(consume_multiple=True)] = None,
     exposure: Annotated[tuple[str, ...] | None, Quantity, Frames] = None,
     camera: Annotated[str | None, Frames] = None,
     pixel: Annotated[str | None, Quantity, Frames] = None,
@@ -47,8 +47,8 @@ def point(
         Field angles of the light, to the right and up as the photographer sees it, such as
         20deg,-10deg.  [default: 0deg,0deg]
     dark
-        Frame with the light off, again for more; those of each exposure time are subtracted from
-        its frames.  [default: none, and the black level of the files]
+        Frames with the light off, after the others; those of each exposure time are subtracted
+        from its frames.  [default: none, and the black level of the files]
     exposure
         Exposure time, such as 10ms: once for all frames, or once for each in their order.
         [default: what the files say]
