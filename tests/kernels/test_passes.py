@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 import torch
 
-from nolens.kernels import SplitState, admm_numba, admm_torch, fft2_, ifft2_, update_splits_
+from nolens.kernels import (
+    SplitState,
+    admm_numba,
+    admm_torch,
+    fft2_,
+    ifft2_,
+    solve_numba,
+    update_splits_,
+)
 from nolens.kernels.admm import solve_normal_equation_
 from nolens.operators import Geometry, Region
 from reference import Reference
@@ -110,7 +118,7 @@ def test_compiled_update_is_the_torch_update(case):
         torch.testing.assert_close(
             getattr(state, name), getattr(state_2, name), rtol=1e-5, atol=2e-5, msg=name
         )
-    assert len(sums) == len(sums_2) == 21
+    assert len(sums) == len(sums_2) == 15
     np.testing.assert_allclose(sums, sums_2, rtol=2e-5, atol=1e-6)
 
 
@@ -146,7 +154,7 @@ def test_update_does_not_depend_on_the_number_of_threads(set_threads, isotropic)
 
 @pytest.mark.parametrize("penalties", [MU, (1e-4, 3.0, 1e-2)])
 @pytest.mark.parametrize("size", [(8, 10), (7, 9), (5, 8), (6, 5), (1, 6), (4, 1), (2, 2)])
-@pytest.mark.parametrize("module", [admm_numba, admm_torch], ids=["numba", "torch"])
+@pytest.mark.parametrize("module", [solve_numba, admm_torch], ids=["numba", "torch"])
 def test_normal_equation(module, size, penalties, set_threads):
     """(μ₁MᵀM + μ₂ΨᵀΨ + μ₃) v = μ₁Mᵀq + r at every frequency, against numpy."""
     rng = np.random.default_rng(2)
@@ -226,10 +234,8 @@ def test_iterations_and_sums_follow_the_equations(prior, region, relaxation):
             )
             for got, part in (
                 (sums.primal, kv - x),
-                (sums.field, kv),
                 (sums.split, x),
                 (sums.change, x - before),
-                (sums.multiplier, d),
                 (sums.multiplier_change, d - d_before),
             ):
                 assert got[k] == pytest.approx(part @ part, rel=1e-3, abs=1e-6)

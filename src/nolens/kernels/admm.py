@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from nolens.kernels import admm_numba, admm_torch
+from nolens.kernels import admm_numba, admm_torch, solve_numba
 
 Window = tuple[int, int, int, int]
 """top, left, height, width of a rectangle inside the period"""
@@ -68,16 +68,14 @@ class SplitState:
 class PassSums:
     """Sums over all cells that `update_splits_` gathers, each a tuple (x, u, w) by split.
 
-    `primal` is Σ(Kv - x)², `field` Σ(Kv)², `split` Σx², `change` Σ(x - x_before)²,
-    `multiplier` Σd² and `multiplier_change` Σ(d - d_before)²; `misfit` is Σ(b - CMv)² over the
+    `primal` is Σ(Kv - x)², `split` Σx², `change` Σ(x - x_before)² and `multiplier_change`
+    Σ(d - d_before)²; `misfit` is Σ(b - CMv)² over the
     valid pixels, `variation` ‖Ψv‖₁ and `magnitude` ‖v‖₁.
     """
 
     primal: tuple[float, float, float]
-    field: tuple[float, float, float]
     split: tuple[float, float, float]
     change: tuple[float, float, float]
-    multiplier: tuple[float, float, float]
     multiplier_change: tuple[float, float, float]
     misfit: float
     variation: float
@@ -100,7 +98,7 @@ def solve_normal_equation_(
         μ₁, μ₂, μ₃.
     """
     if spectrum.device.type == "cpu":
-        return admm_numba.solve_normal_equation_(spectrum, transfer, penalties)
+        return solve_numba.solve_normal_equation_(spectrum, transfer, penalties)
     return admm_torch.solve_normal_equation_(spectrum, transfer, penalties)
 
 
@@ -135,17 +133,15 @@ def update_splits_(
         (state.tv, state.isotropic, state.l1),
         (penalties, next_penalties, relaxation),
     )
-    primal, field, split, change, multiplier, multiplier_change = (
-        (sums[k], sums[k + 1], sums[k + 2]) for k in range(0, 18, 3)
+    primal, split, change, multiplier_change = (
+        (sums[k], sums[k + 1], sums[k + 2]) for k in range(0, 12, 3)
     )
     return pair, PassSums(
         primal=primal,
-        field=field,
         split=split,
         change=change,
-        multiplier=multiplier,
         multiplier_change=multiplier_change,
-        misfit=sums[18],
-        variation=sums[19],
-        magnitude=sums[20],
+        misfit=sums[12],
+        variation=sums[13],
+        magnitude=sums[14],
     )

@@ -6,13 +6,12 @@ was, so a copy of those rows is taken first. The number of blocks is fixed, whic
 sum independent of the number of threads.
 """
 
-from typing import Any
-
 import numba
 import numpy as np
 import torch
 from torch import Tensor
 
+from nolens.kernels.prefetch_numba import prefetch_row
 from nolens.kernels.rows_numba import (
     FASTMATH,
     row_difference,
@@ -21,28 +20,11 @@ from nolens.kernels.rows_numba import (
     row_scene,
     row_sensor,
 )
-from nolens.kernels.threads import for_each_block
+from nolens.kernels.threads import BLOCKS, block_rows, for_each_block
 
-_BLOCKS = 32
-_SUMS = 21
+_SUMS = 15
 
 Triple = tuple[float, float, float]
-
-
-def solve_normal_equation_(spectrum: Tensor, transfer: Tensor, penalties: Triple) -> Tensor:
-    """See `nolens.kernels.admm.solve_normal_equation_`."""
-    height, width = spectrum.shape
-    laplacians = _laplacian(height), _laplacian(width)[: width // 2 + 1]
-    reals = torch.view_as_real(spectrum).numpy(), torch.view_as_real(transfer).numpy()
-    arrays = (*reals, *laplacians)
-    mu = np.array(penalties, dtype=np.float32)
-    blocks = min(_BLOCKS, height)
-
-    def solve(block: int) -> None:
-        _solve_rows(*arrays, mu, *_rows(block, blocks, height))
-
-    for_each_block(solve, blocks, spectrum.numel())
-    return spectrum
 
 
 def update_splits_(
@@ -62,19 +44,19 @@ def update_splits_(
     ]
     constants = np.array([*penalties, *following, *rescale, relaxation, tv, l1], dtype=np.float32)
     height, width = pair.shape
-    blocks = min(_BLOCKS, height)
+    blocks = min(BLOCKS, height)
     sums = np.zeros((blocks, _SUMS))
     z = torch.view_as_real(pair).flatten(1).numpy()
     data = tuple(each.numpy() for each in measurement)
     states = tuple(each.numpy() for each in arrays)
     places = np.array(windows, dtype=np.int64)
     kind = (tv > 0, isotropic)
-    starts = [_rows(block, blocks, height)[0] for block in range(blocks)]
+    starts = [block_rows(block, blocks, height)[0] for block in range(blocks)]
     heads = z[starts, ::2]
     last = np.empty((blocks, width), np.float32)
 
     def sweep(block: int) -> None:
-        rows = _rows(block, blocks, height)
+        rows = block_rows(block, blocks, height)
         following = heads[(block + 1) % blocks]
         last[block] = _sweep_block(
             z, following, data, states, places, constants, kind, rows, sums[block]
@@ -87,69 +69,19 @@ def update_splits_(
     return pair, [float(value) for value in sums.sum(axis=0)]
 
 
-def _rows(block: int, blocks: int, height: int) -> tuple[int, int]:
-    """First and last + 1 of a block's rows."""
-    return block * height // blocks, (block + 1) * height // blocks
-
-
-def _laplacian(length: int) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """Spectrum of one direction's ΨᵀΨ: 4 sin²(πk/length)."""
-    return (4 * np.sin(np.pi * np.arange(length) / length) ** 2).astype(np.float32)
-
-
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
-def _solve_rows(z, transfer, lap_rows, lap_columns, mu, first, stop):  # type: ignore[no-untyped-def]
-    height, width, _ = z.shape
-    for i in range(first, stop):
-        mirror = (height - i) % height
-        here, there = z[i], z[mirror]
-        half = (width + 1) // 2
-        mu_row = np.float32(mu[1] * lap_rows[i] + mu[2])
-        for j in range(1, half):
-            _solve_pair(here, j, there, width - j, transfer[i], mu, mu_row + mu[1] * lap_columns[j])
-        # Columns 0 and width/2 hold both ends of a pair: the first row of the two acts.
-        if i <= mirror:
-            _solve_pair(here, 0, there, 0, transfer[i], mu, mu_row)
-            if width % 2 == 0:
-                _solve_pair(
-                    here, half, there, half, transfer[i], mu, mu_row + mu[1] * lap_columns[half]
-                )
-
-
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, inline="always")
-def _solve_pair(here, j, there, opposite, transfer, mu, rest):  # type: ignore[no-untyped-def]
-    """Unpack two real fields at k and -k, solve, and pack v + i Mv."""
-    half = np.float32(0.5)
-    h_re, h_im = transfer[j, 0], transfer[j, 1]
-    # here and there are A + iB and conj(A) + i conj(B).
-    a_re = half * (here[j, 0] + there[opposite, 0])
-    a_im = half * (here[j, 1] - there[opposite, 1])
-    b_re = half * (here[j, 1] + there[opposite, 1])
-    b_im = half * (there[opposite, 0] - here[j, 0])
-    scale = np.float32(1) / (mu[0] * (h_re * h_re + h_im * h_im) + rest)
-    v_re = (mu[0] * (h_re * a_re + h_im * a_im) + b_re) * scale
-    v_im = (mu[0] * (h_re * a_im - h_im * a_re) + b_im) * scale
-    m_re = h_re * v_re - h_im * v_im
-    m_im = h_re * v_im + h_im * v_re
-    here[j, 0] = v_re - m_im
-    here[j, 1] = v_im + m_re
-    there[opposite, 0] = v_re + m_im
-    there[opposite, 1] = m_re - v_im
-
-
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
 def _add(sums, which, values):  # type: ignore[no-untyped-def]
-    for k in range(6):
+    for k in range(4):
         sums[3 * k + which] += values[k]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
 def _add_variation(sums, values):  # type: ignore[no-untyped-def]
     _add(sums, 1, values)
-    sums[19] += values[6]
+    sums[13] += values[4]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
 def _split_row(row, v, image):  # type: ignore[no-untyped-def]
     """Real and imaginary part of a row; v goes on periodically by one cell."""
     width = image.size
@@ -159,7 +91,7 @@ def _split_row(row, v, image):  # type: ignore[no-untyped-def]
     v[width] = v[0]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
 def _divergence_row(r, above, qy, qx):  # type: ignore[no-untyped-def]
     """Add Ψᵀq: what flows in from the left and from above, less what leaves."""
     width = qx.size
@@ -168,22 +100,21 @@ def _divergence_row(r, above, qy, qx):  # type: ignore[no-untyped-def]
         r[j] += qx[j - 1] - qx[j] + above[j] - qy[j]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
 def _sweep_measured(image, a, b, valid, q, k, span, sums):  # type: ignore[no-untyped-def]
     """Split x = Mv of a row; `span` is where the sensor begins and ends in it."""
-    width = image.size
     start, stop = span
-    _add(sums, 0, row_outside(image, a, k[9], 0, start))
+    _add(sums, 0, row_outside(image[:start], a[:start], k[9]))
     q[:start] = a[:start]
     if stop > start:
-        values = row_sensor(image, a, b, valid, q, k, start, stop)
+        values = row_sensor(image[start:stop], a[start:stop], b, valid, q[start:stop], k)
         _add(sums, 0, values)
-        sums[18] += values[6]
-    _add(sums, 0, row_outside(image, a, k[9], stop, width))
+        sums[12] += values[4]
+    _add(sums, 0, row_outside(image[stop:], a[stop:], k[9]))
     q[stop:] = a[stop:]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
 def _sweep_scene(v, a, r, k, span, sums):  # type: ignore[no-untyped-def]
     """Split w = v of a row; `span` is where the region begins and ends in it."""
     width = r.size
@@ -191,12 +122,12 @@ def _sweep_scene(v, a, r, k, span, sums):  # type: ignore[no-untyped-def]
     for part in range(3):
         begin = (0, start, stop)[part]
         end = (start, stop, width)[part]
-        values = row_scene(v, a, r, k, begin, end, part == 1)
+        values = row_scene(v[begin:end], a[begin:end], r[begin:end], k, part == 1)
         _add(sums, 2, values)
-        sums[20] += values[6]
+        sums[14] += values[4]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
 def _span(i, window):  # type: ignore[no-untyped-def]
     """Columns of a window in row i; none in rows beside it."""
     top, left, rows, columns = window
@@ -205,7 +136,7 @@ def _span(i, window):  # type: ignore[no-untyped-def]
     return 0, 0
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy")
 def _sweep_block(z, following, measurement, arrays, windows, k, kind, rows, sums):  # type: ignore[no-untyped-def]
     """Rows first … stop − 1; `following` is v of row `stop`. Returns q_y of the last row."""
     b, valid = measurement
@@ -230,6 +161,11 @@ def _sweep_block(z, following, measurement, arrays, windows, k, kind, rows, sums
             _split_row(z[i + 1], below, image_below)
         else:
             below[:width] = following
+        if i + 2 < stop:
+            prefetch_row(z[i + 2])
+        if i + 1 < stop:
+            for row_ahead in (a_x[i + 1], a_w[i + 1], a_y[i + 1], a_h[i + 1]):
+                prefetch_row(row_ahead)
         line = max(0, min(i - windows[0, 0], b.shape[0] - 1))
         on_sensor = _span(i, windows[0])
         _sweep_measured(image, a_x[i], b[line], valid[line], q, k, on_sensor, sums)

@@ -43,7 +43,7 @@ def update_splits_(
     mu, later, alpha = step
     rescale = [now / next_ if next_ > 0 else 1.0 for now, next_ in zip(mu, later, strict=True)]
     v, mv = pair.real.clone(), pair.imag.clone()
-    table = torch.zeros(6, 3, dtype=torch.float64, device=pair.device)
+    table = torch.zeros(4, 3, dtype=torch.float64, device=pair.device)
 
     top, left, height, width = windows[0]
     data = torch.zeros_like(mv)
@@ -108,7 +108,7 @@ def _store(
     q = []
     for kv, a, x_old, a_new, x in zip(field, state, old, new, split, strict=True):
         multiplier = a_new - x
-        parts = (kv - x, kv, x, x - x_old, multiplier, multiplier - (a - x_old))
+        parts = (kv - x, x, x - x_old, multiplier - (a - x_old))
         for k, part in enumerate(parts):
             sums[k] += part.double().square().sum()
         a.copy_(x + rescale * multiplier)

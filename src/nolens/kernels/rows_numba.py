@@ -1,8 +1,8 @@
 """What the passes of ADMM do to one row, compiled by numba.
 
 Every function updates the state of one split along a row, hands q = 2x − a on in a buffer, and
-returns its sums over the row: primal, field, split, change, multiplier, multiplier change (see
-`nolens.kernels.admm.PassSums`), and a seventh where there is one. Rows are contiguous float32,
+returns its sums over the row: primal, split, change, multiplier change (see
+`nolens.kernels.admm.PassSums`), and a fifth where there is one. Rows are contiguous float32,
 so that the compiler vectorises them. They are inlined by force: a function that is called may be
 the copy compiled for itself or the one compiled with its caller, depending on what the cache had,
 and sums of the two differ in their last bit. A row's sum in float32 is exact enough, sums over
@@ -16,46 +16,45 @@ import numpy as np
 FASTMATH = {"reassoc", "contract", "nsz"}
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
-def row_outside(image, a, alpha, start, stop):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
+def row_outside(image, a, alpha):  # type: ignore[no-untyped-def]
     """Cells beside the sensor: nothing was measured there, so x = a and q = a."""
     primal = np.float32(0)
-    field = np.float32(0)
     split = np.float32(0)
     change = np.float32(0)
-    for j in range(start, stop):
+    for j in range(a.size):
         mv = image[j]
         old = a[j]
         step = alpha * (mv - old)
         new = old + step
         a[j] = new
         primal += (mv - new) * (mv - new)
-        field += mv * mv
         split += new * new
         change += step * step
     none = np.float32(0)
-    return primal, field, split, change, none, none
+    return primal, split, change, none
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
-def row_sensor(image, a, b, valid, q, k, start, stop):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
+def row_sensor(image, a, b, valid, q, k):  # type: ignore[no-untyped-def]
     """Cells on the sensor: x = (b + μa)/(1 + μ) where the pixel is valid, else x = a."""
     mu, rescale, alpha = k[0], k[6], k[9]
     primal = np.float32(0)
-    field = np.float32(0)
     split = np.float32(0)
     change = np.float32(0)
-    multiplier = np.float32(0)
     turned = np.float32(0)
     misfit = np.float32(0)
-    for j in range(start, stop):
-        c = np.float32(valid[j - start])
-        cb = c * b[j - start]
+    among_valid = np.float32(1) / (np.float32(1) + mu)
+    among_others = np.float32(1) / mu
+    for j in range(a.size):
+        c = np.float32(valid[j])
+        cb = c * b[j]
+        share = among_valid if valid[j] else among_others
         mv = image[j]
         old = a[j]
-        x_old = (cb + mu * old) / (c + mu)
+        x_old = (cb + mu * old) * share
         new = old + alpha * (mv - x_old)
-        x = (cb + mu * new) / (c + mu)
+        x = (cb + mu * new) * share
         d = new - x
         d_change = d - (old - x_old)
         # The multiplier μd is kept while the penalty changes.
@@ -64,30 +63,26 @@ def row_sensor(image, a, b, valid, q, k, start, stop):  # type: ignore[no-untype
         q[j] = np.float32(2) * x - stored
         miss = c * mv - cb
         primal += (mv - x) * (mv - x)
-        field += mv * mv
         split += x * x
         change += (x - x_old) * (x - x_old)
-        multiplier += d * d
         turned += d_change * d_change
         misfit += miss * miss
-    return primal, field, split, change, multiplier, turned, misfit
+    return primal, split, change, turned, misfit
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
-def row_scene(v, a, r, k, start, stop, inside):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
+def row_scene(v, a, r, k, inside):  # type: ignore[no-untyped-def]
     """Split w = v: x = max(a - λ/μ, 0) inside the region, 0 outside."""
     mu, later, rescale, alpha, l1 = k[2], k[5], k[8], k[9], k[11]
     shift = l1 / mu
     keep = np.float32(1) if inside else np.float32(0)
     primal = np.float32(0)
-    field = np.float32(0)
     split = np.float32(0)
     change = np.float32(0)
-    multiplier = np.float32(0)
     turned = np.float32(0)
     magnitude = np.float32(0)
     zero = np.float32(0)
-    for j in range(start, stop):
+    for j in range(a.size):
         here = v[j]
         old = a[j]
         x_old = keep * max(old - shift, zero)
@@ -99,29 +94,27 @@ def row_scene(v, a, r, k, start, stop, inside):  # type: ignore[no-untyped-def]
         a[j] = stored
         r[j] = later * (np.float32(2) * x - stored)
         primal += (here - x) * (here - x)
-        field += here * here
         split += x * x
         change += (x - x_old) * (x - x_old)
-        multiplier += d * d
         turned += d_change * d_change
         magnitude += abs(here)
-    return primal, field, split, change, multiplier, turned, magnitude
+    return primal, split, change, turned, magnitude
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
 def _shrink(a, threshold):  # type: ignore[no-untyped-def]
     zero = np.float32(0)
     return max(a - threshold, zero) - max(-a - threshold, zero)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
 def _shrink_pair(a, b, threshold):  # type: ignore[no-untyped-def]
     size = np.sqrt(a * a + b * b)
     scale = max(size - threshold, np.float32(0)) / max(size, np.float32(1e-30))
     return scale * a, scale * b
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
 def row_difference(v, neighbour, a, q, k):  # type: ignore[no-untyped-def]
     """One direction of the split u = Ψv: each difference shrinks by τ/μ.
 
@@ -131,10 +124,8 @@ def row_difference(v, neighbour, a, q, k):  # type: ignore[no-untyped-def]
     mu, later, rescale, alpha, tv = k[1], k[4], k[7], k[9], k[10]
     threshold = tv / mu
     primal = np.float32(0)
-    field = np.float32(0)
     split = np.float32(0)
     change = np.float32(0)
-    multiplier = np.float32(0)
     turned = np.float32(0)
     variation = np.float32(0)
     for j in range(a.size):
@@ -149,26 +140,22 @@ def row_difference(v, neighbour, a, q, k):  # type: ignore[no-untyped-def]
         a[j] = stored
         q[j] = later * (np.float32(2) * u - stored)
         primal += (g - u) * (g - u)
-        field += g * g
         split += u * u
         change += (u - u_old) * (u - u_old)
-        multiplier += d * d
         turned += d_change * d_change
         variation += abs(g)
-    return primal, field, split, change, multiplier, turned, variation
+    return primal, split, change, turned, variation
 
 
-@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, forceinline=True)
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
 def row_gradient(v, below, ay, ax, qy, qx, k):  # type: ignore[no-untyped-def]
     """Both directions of the split u = Ψv: the pair shrinks by τ/μ in its Euclidean length."""
     mu, later, rescale, alpha, tv = k[1], k[4], k[7], k[9], k[10]
     threshold = tv / mu
     two = np.float32(2)
     primal = np.float32(0)
-    field = np.float32(0)
     split = np.float32(0)
     change = np.float32(0)
-    multiplier = np.float32(0)
     turned = np.float32(0)
     variation = np.float32(0)
     for j in range(ay.size):
@@ -191,10 +178,8 @@ def row_gradient(v, below, ay, ax, qy, qx, k):  # type: ignore[no-untyped-def]
         qy[j] = later * (two * uy - stored_y)
         qx[j] = later * (two * ux - stored_x)
         primal += (gy - uy) * (gy - uy) + (gx - ux) * (gx - ux)
-        field += gy * gy + gx * gx
         split += uy * uy + ux * ux
         change += (uy - uy_old) * (uy - uy_old) + (ux - ux_old) * (ux - ux_old)
-        multiplier += dy * dy + dx * dx
         turned += dy_change * dy_change + dx_change * dx_change
         variation += np.sqrt(gy * gy + gx * gx)
-    return primal, field, split, change, multiplier, turned, variation
+    return primal, split, change, turned, variation

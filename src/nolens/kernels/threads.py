@@ -12,6 +12,9 @@ import torch
 
 _CELLS_PER_THREAD = 32768
 
+BLOCKS = 32
+"""Blocks of rows that a pass is cut into: fixed, so that no sum depends on the threads."""
+
 
 def threads_for(cells: int) -> int:
     """Threads that are worth their start for a field of so many cells, up to torch's number."""
@@ -27,3 +30,8 @@ def for_each_block(work: Callable[[int], None], blocks: int, cells: int) -> None
         return
     with ThreadPoolExecutor(threads) as pool:
         list(pool.map(work, range(blocks)))
+
+
+def block_rows(block: int, blocks: int, height: int) -> tuple[int, int]:
+    """First and last + 1 of a block's rows."""
+    return block * height // blocks, (block + 1) * height // blocks

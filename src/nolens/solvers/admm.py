@@ -52,7 +52,7 @@ def admm(
     iterations
         Limit, ≥ 1.
     tolerance
-        Stops when, for every split, ‖Kv − x‖ ≤ tolerance · max(‖Kv‖, ‖x‖) (primal) and
+        Stops when, for every split, ‖Kv − x‖ ≤ tolerance · ‖x‖ (primal) and
         ‖x − x_before‖ ≤ tolerance · ‖x‖ (dual). 0 runs to the limit.
     penalties
         μ₁, μ₂, μ₃ to start with, > 0; None leaves the choice to the program.
@@ -211,8 +211,7 @@ def _residuals(problem: Problem, sums: list[PassSums]) -> tuple[float, float]:
     primal = dual = 0.0
     for k in splits:
         split = sum(each.split[k] for each in sums)
-        size = max(sum(each.field[k] for each in sums), split)
-        primal = max(primal, _ratio(sum(each.primal[k] for each in sums), size))
+        primal = max(primal, _ratio(sum(each.primal[k] for each in sums), split))
         dual = max(dual, _ratio(sum(each.change[k] for each in sums), split))
     return primal, dual
 
