@@ -1,8 +1,9 @@
 """The problems both sides are timed on, as .npy files that both read.
 
-Run by run.py with nolens's Python: `cases.py synthetic FOLDER HEIGHT WIDTH CHANNELS` or
-`cases.py hand FOLDER DATA BIN`. Each writes psf.npy and data.npy into FOLDER, float32
-(channels, height, width), every channel with unit l2 norm.
+Run by run.py with nolens's Python: `cases.py KIND FOLDER ...`, where KIND and the rest are one of
+`synthetic HEIGHT WIDTH CHANNELS`, `random HEIGHT WIDTH CHANNELS`, `photograph HEIGHT WIDTH CHANNELS
+SIDE` or `hand DATA BIN`. Each writes psf.npy and data.npy into FOLDER, float32 (channels, height,
+width), every channel with unit l2 norm, and the photograph its truth.npy, whose peak is 1.
 """
 
 from __future__ import annotations
@@ -13,8 +14,10 @@ from pathlib import Path
 import numpy as np
 import tifffile
 from scipy import fft, ndimage
+from skimage import data as photographs
 
 from objective import Array, unit_norm, window
+from photographed import COLOURS, GREEN_ALONE, linear_light, mask_psf, shot
 
 SEED = 20240229
 
@@ -82,13 +85,34 @@ def binned(frame: Array, factor: int) -> Array:
     return cells.mean(axis=(1, 3))
 
 
+def random(height: int, width: int, channels: int) -> tuple[Array, Array]:
+    """Numbers alone, quickly made, for what does not depend on them."""
+    rng = np.random.default_rng(SEED)
+    psf, data = (rng.random((channels, height, width), np.float32) for _ in range(2))
+    return psf, data
+
+
+def photograph(
+    height: int, width: int, channels: int, side: int
+) -> tuple[Array, Array, Array]:  # fmt: skip
+    """PSF of the sensor's size, measurement and truth of a photograph on a part of the view."""
+    truth = linear_light(photographs.astronaut(), side, channels)
+    psf = mask_psf((height, width), GREEN_ALONE if channels == 1 else COLOURS)
+    seen = shot(truth, psf, (height, width))
+    return seen.psf.numpy(), seen.data.numpy(), seen.truth.numpy()
+
+
 def main(kind: str, folder: str, *rest: str) -> None:
-    if kind == "hand":
-        psf, data = hand(Path(rest[0]), int(rest[1]))
-    else:
-        psf, data = synthetic(*(int(number) for number in rest))
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
+    if kind == "hand":
+        psf, data = hand(Path(rest[0]), int(rest[1]))
+    elif kind == "photograph":
+        psf, data, truth = photograph(*(int(number) for number in rest))
+        np.save(target / "truth.npy", truth)
+    else:
+        make = {"synthetic": synthetic, "random": random}[kind]
+        psf, data = make(*(int(number) for number in rest))
     np.save(target / "psf.npy", unit_norm(psf).astype(np.float32))
     np.save(target / "data.npy", unit_norm(data).astype(np.float32))
 

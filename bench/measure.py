@@ -1,78 +1,24 @@
-"""What is measured, in which order: rounds A B C A B C, memory, objective against seconds."""
+"""How it is measured: rounds A B C A B C, memory, objective against seconds, sizes, parts."""
 
 from __future__ import annotations
 
-import sys
+import json
 import tempfile
-import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 from subprocess import run
 from typing import Any
 
+from clock import PER_SECOND, Clock
+from plan import COST, MORE, NOLENS, SCICO, SIDES, Case, Part, Race
 from protocol import Worker
 
 HERE = Path(__file__).parent
-NOLENS, NUMPY, TORCH = "nolens", "peer numpy", "peer torch"
-SIDES = (NOLENS, NUMPY, TORCH)
-# Rough costs of an iteration, which only the time left is guessed from.
-COST = {NOLENS: 1.0, NUMPY: 7.0, TORCH: 10.0}
-# nolens is faster: it does more iterations, so that each side is timed over about as many seconds.
-MORE = {NOLENS: 4, NUMPY: 1, TORCH: 1}
 WARM_UP = 6  # iterations of the warm-up and the set-up, roughly
-PAUSE = 0.3  # seconds between sides, for the threads of the last one to go to sleep
-
-
-@dataclass(frozen=True)
-class Case:
-    """A problem that lies in a folder as psf.npy and data.npy."""
-
-    name: str
-    height: int
-    width: int
-    channels: int
-    make: tuple[str, ...]
-
-    @property
-    def values(self) -> int:
-        """How many numbers the measurement holds."""
-        return self.height * self.width * self.channels
-
-    def about(self) -> dict[str, Any]:
-        """Name and size, as the results have them."""
-        size = {"height": self.height, "width": self.width, "channels": self.channels}
-        return {"name": self.name, **size}
-
-
-@dataclass(frozen=True)
-class Race:
-    """A case to be solved until its end by some sides, and for how many iterations each."""
-
-    case: Case
-    iterations: dict[str, int]
-
-
-class Clock:
-    """Progress lines with the time left."""
-
-    def __init__(self, total: float) -> None:
-        self._total, self._done, self._start = total, 0.0, time.monotonic()
-
-    @contextmanager
-    def step(self, label: str, weight: float) -> Iterator[None]:
-        """Say what is done now, then how long it took and what is left."""
-        print(f"{label} ...", end="", file=sys.stderr, flush=True)
-        start = time.monotonic()
-        yield
-        now = time.monotonic()
-        self._done += weight
-        left = (now - self._start) * (self._total / self._done - 1)
-        known = self._done > 0.05 * self._total
-        ahead = f", about {spoken(left)} left" if known else ""
-        print(f" {now - start:.1f} s{ahead}", file=sys.stderr, flush=True)
-        time.sleep(PAUSE)
+REPEATS = 3  # timings for each size
+SIZED = 3e7  # values that nolens alone goes over for one of them, in about two seconds
 
 
 @dataclass
@@ -82,6 +28,8 @@ class Bench:
     pythons: dict[str, Path]
     cases: list[Case]
     races: list[Race]
+    sizes: list[Case]
+    parts: list[Part]
     rounds: int
     iterations: int
 
@@ -96,7 +44,12 @@ class Bench:
                 timing = [self._time(case, workers) for case in self.cases]
                 races = [self._race(race, workers) for race in self.races]
             memory = [self._memory(case) for case in self.cases]
-        return {"versions": about, "timing": timing, "memory": memory, "races": races}
+            sizes = [self._size(case) for case in self.sizes]
+        parts = {part.name: self._part(part) for part in self.parts}
+        return {
+            "versions": about, "timing": timing, "memory": memory, "races": races,
+            "sizes": sizes, "parts": parts,
+        }  # fmt: skip
 
     def _time(self, case: Case, workers: dict[str, Worker]) -> dict[str, Any]:
         files = self._make(case)
@@ -107,7 +60,7 @@ class Bench:
                 found[side] = {"setup_s": self._set_up(worker, files), "s_per_iteration": []}
         for number in range(self.rounds):
             for side, worker in workers.items():
-                count = self.iterations * MORE[side]
+                count = counted(self.iterations, side)
                 label = f"{case.name}, round {number + 1} of {self.rounds}"
                 with self._step(side, label, case.values * count):
                     seconds = worker.ask("iterate", iterations=count)["s_per_iteration"]
@@ -118,7 +71,7 @@ class Bench:
 
     def _set_up(self, worker: Worker, files: dict[str, str]) -> float:
         """Seconds of what comes before the first iteration."""
-        posed: float = worker.ask("load", **files)["setup_s"]
+        posed: float = worker.ask("load", psf=files["psf"], data=files["data"])["setup_s"]
         first: float = worker.ask("iterate", iterations=1).get("setup_s", 0.0)
         return posed + first
 
@@ -142,18 +95,46 @@ class Bench:
             with self._step(side, label, race.case.values * count * 1.2):
                 self._set_up(worker, files)
                 worker.ask("drop")
-                found[side] = worker.ask("trace", **files, tau=1e-4, iterations=count)
+                found[side] = worker.ask(
+                    "trace", **files, tau=race.tau, iterations=count, count=race.looks
+                )
                 worker.ask("drop")
-        return {**race.case.about(), "tau": 1e-4, "sides": found}
+        return {**race.case.about(), "tau": race.tau, "looks": race.looks, "sides": found}
+
+    def _size(self, case: Case) -> dict[str, Any]:
+        """One size of sensor, by nolens alone in a process of its own."""
+        files = self._make(case)
+        count = sized(case)
+        step = self._step(NOLENS, case.name, case.values * (REPEATS * count + WARM_UP))
+        with step, self._worker(NOLENS) as worker:
+            period = worker.ask("load", **files)["period"]
+            worker.ask("iterate", iterations=1)
+            seconds = [
+                worker.ask("iterate", iterations=count)["s_per_iteration"] for _ in range(REPEATS)
+            ]
+            peak = worker.ask("peak")["peak_mib"]
+        each = {"s_per_iteration": median(seconds), "min": min(seconds), "max": max(seconds)}
+        return {**case.about(), "period": period, "iterations": count, **each, "peak_mib": peak}
+
+    def _part(self, part: Part) -> dict[str, Any]:
+        """What a script prints, or why there is nothing."""
+        command = [self.pythons[NOLENS], HERE / part.script, *part.arguments]
+        with self._clock.step(part.name, part.seconds * PER_SECOND):
+            done = run([str(word) for word in command], capture_output=True, text=True)
+        if done.returncode:
+            lines = done.stderr.strip().splitlines()
+            return {"failed": lines[-1] if lines else f"ended with {done.returncode}"}
+        return {"found": json.loads(done.stdout)}
 
     def _step(self, side: str, label: str, values: float) -> Any:
         return self._clock.step(f"{side}: {label}", values * COST[side])
 
     def _weight(self) -> float:
         """What all the steps together weigh."""
-        total = 0.0
+        total = sum(part.seconds * PER_SECOND for part in self.parts)
+        total += sum(case.values * (REPEATS * sized(case) + WARM_UP) for case in self.sizes)
         for side in SIDES:
-            count = WARM_UP + 3 + self.rounds * self.iterations * MORE[side]
+            count = WARM_UP + 3 + self.rounds * counted(self.iterations, side)
             total += COST[side] * count * sum(case.values for case in self.cases)
             for race in self.races:
                 total += COST[side] * 1.2 * race.case.values * race.iterations.get(side, 0)
@@ -166,15 +147,24 @@ class Bench:
             kind, *rest = case.make
             script = [self.pythons[NOLENS], HERE / "cases.py", kind, folder, *rest]
             run([str(word) for word in script], check=True)
-        return {"psf": str(folder / "psf.npy"), "data": str(folder / "data.npy")}
+        return {path.stem: str(path) for path in folder.glob("*.npy")}
 
     def _worker(self, side: str) -> Worker:
+        python = self.pythons[side]
         if side == NOLENS:
-            return Worker(side, [self.pythons[side], HERE / "worker_nolens.py"], {})
-        backend = side.split()[1]
+            return Worker(side, [python, HERE / "worker_nolens.py"], {})
+        if side == SCICO:
+            # jax on the processor, and no search for another device.
+            return Worker(side, [python, HERE / "worker_scico.py"], {"JAX_PLATFORMS": "cpu"})
         script = HERE / "worker_peer.py"
-        return Worker(side, [self.pythons[side], script, backend], {"MPLBACKEND": "Agg"})
+        return Worker(side, [python, script, side.split()[1]], {"MPLBACKEND": "Agg"})
 
 
-def spoken(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
+def counted(iterations: int, side: str) -> int:
+    """A side's iterations in a round."""
+    return max(1, round(iterations * MORE[side]))
+
+
+def sized(case: Case) -> int:
+    """Iterations of a timing of nolens alone."""
+    return min(40, max(8, round(SIZED / case.values)))

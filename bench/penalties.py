@@ -10,21 +10,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 import torch
-import torch.nn.functional as nnf
 from skimage import data as photographs
 from torch import Tensor
 
 from cases import hand
-from caustic import LensletMask, caustic_psf
-from nolens.camera import linear_from_srgb
 from nolens.evaluate import psnr, scale_fit
-from nolens.operators import CroppedConvolution, Region
 from nolens.solvers import Problem, Progress, admm
 from nolens.solvers.penalties import Balance
+from photographed import GREEN_ALONE, linear_light, mask_psf, shot
 
 SENSOR = (380, 507)
-FULL_ELECTRONS = 0.9 * 8180
-READ_ELECTRONS = 3.0
 MARKS = (20, 40, 60, 100)
 LONG = 600
 
@@ -47,20 +42,9 @@ RULES: dict[str, dict[str, object]] = {
 
 def full_view(side: int, tau: float, photograph: Callable[[], object]) -> tuple[Problem, Tensor]:
     """A photograph on side×side cells through a mask that is wider than the sensor."""
-    encoded = torch.as_tensor(photograph()).permute(2, 0, 1)[1:2].float() / 255
-    truth = nnf.interpolate(
-        linear_from_srgb(encoded)[None], size=(side, side), mode="bilinear", antialias=True
-    )[0]
-    wide = (SENSOR[0] + side, SENSOR[1] + side)
-    fine = caustic_psf(LensletMask(), (2 * wide[0], 2 * wide[1]), 1.55, (500.0, 530.0, 560.0))
-    psf = nnf.avg_pool2d(fine.mean(dim=0, keepdim=True)[None], 2)[0]
-    region = Region.centred(side, side, SENSOR)
-    light = CroppedConvolution(psf, SENSOR, region)(truth).clamp_min(0)
-    electrons = light * (FULL_ELECTRONS / float(light.max()))
-    generator = torch.Generator().manual_seed(3)
-    data = torch.poisson(electrons, generator=generator)
-    data += READ_ELECTRONS * torch.randn(data.shape, generator=generator)
-    return Problem.pose(psf, data, region=region, tau=tau), truth
+    psf = mask_psf((SENSOR[0] + side, SENSOR[1] + side), GREEN_ALONE)
+    seen = shot(linear_light(photograph(), side, channels=1), psf, SENSOR)
+    return Problem.pose(seen.psf, seen.data, region=seen.region, tau=tau), seen.truth
 
 
 def run(

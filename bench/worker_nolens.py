@@ -1,9 +1,10 @@
 """nolens's side of the benchmark, run by `.venv/bin/python`.
 
 How it is timed. `admm` is called from a cold start as anybody calls it, with its own choice of
-penalties and everything that it checks on the way; its callback reads the clock. Seconds per
-iteration are those between the callbacks of the first and the last iteration; what comes before
-the first one, less one iteration, counts as set-up, and so does posing the problem.
+penalties and everything that it checks on the way; its callback, which it calls every few
+iterations and after the last, reads the clock. Seconds per iteration are those between its first
+and its last call, over the iterations between them; what comes before the first call, less its
+iterations, counts as set-up, and so does posing the problem.
 """
 
 from __future__ import annotations
@@ -16,11 +17,11 @@ from typing import Any
 import numpy as np
 import torch
 
-from curve import Trace
+from curve import Trace, judges, looks
 from nolens.solvers import Problem, admm
-from objective import Objective
 from protocol import peak_mib, serve
 
+LEAST = 9  # iterations; the callback is called at least twice in so many
 AGREE = 0.1  # share; v and its splits differ by less, a misread layout by far more
 
 
@@ -46,24 +47,27 @@ class Side:
         frames = read(psf), read(data)
         start = perf_counter()
         self.problem = Problem.pose(*frames, tau=1e-4)
-        return {"setup_s": perf_counter() - start}
+        seconds = perf_counter() - start
+        return {"setup_s": seconds, "period": self.problem.forward.geometry.period}
 
     def iterate(self, iterations: int) -> dict[str, Any]:
-        """Seconds per iteration after the first, and what `admm` did before that."""
-        ticks = [perf_counter()]
+        """Seconds per iteration after the first ones, and what `admm` did before that."""
+        calls: list[tuple[int, float]] = []
+        start = perf_counter()
         admm(
             self.problem,
-            iterations=1 + iterations,
+            iterations=max(LEAST, 1 + iterations),
             tolerance=0.0,
-            callback=lambda _: ticks.append(perf_counter()),
+            callback=lambda now: calls.append((now.iteration, perf_counter())),
         )
-        each = (ticks[-1] - ticks[1]) / iterations
-        return {"s_per_iteration": each, "setup_s": max(0.0, ticks[1] - ticks[0] - each)}
+        (early, before), (late, after) = calls[0], calls[-1]
+        each = (after - before) / (late - early)
+        return {"s_per_iteration": each, "setup_s": max(0.0, before - start - early * each)}
 
-    def trace(self, psf: str, data: str, tau: float, iterations: int) -> dict[str, Any]:
+    def trace(self, tau: float, iterations: int, count: int | None, **files: str) -> dict[str, Any]:
         """Objective against seconds, set-up included; both ways to compute it must agree."""
-        frames = read(psf), read(data)
-        trace = Trace(Objective(np.load(psf), np.load(data), tau), iterations)
+        frames = read(files["psf"]), read(files["data"])
+        trace = Trace(*judges(files, tau), looks(iterations, count))
         problem = Problem.pose(*frames, tau=tau)
         result = admm(
             problem,

@@ -33,8 +33,7 @@ import numpy as np
 import torch
 from lensless.recon import admm as peer
 
-from curve import Trace
-from objective import Objective
+from curve import Trace, judges, looks
 from protocol import peak_mib, serve
 
 Stack = Any  # numpy array or torch tensor, as the backend has it
@@ -68,10 +67,10 @@ class Side:
         short = self._apply(1)
         return {"s_per_iteration": (self._apply(1 + iterations) - short) / iterations}
 
-    def trace(self, psf: str, data: str, tau: float, iterations: int) -> dict[str, Any]:
+    def trace(self, tau: float, iterations: int, count: int | None, **files: str) -> dict[str, Any]:
         """Objective against seconds, set-up included."""
-        frames = self._read(psf)[None], self._read(data)
-        trace = Trace(Objective(np.load(psf), np.load(data), tau), iterations)
+        frames = self._read(files["psf"])[None], self._read(files["data"])
+        trace = Trace(*judges(files, tau), looks(iterations, count))
         observed = Observed(trace)
         gram = partial(peer.finite_diff_gram, is_torch=self.torch)
         self.solver = lensless.ADMM(

@@ -9,7 +9,7 @@ import torch
 from posed import Case, pose
 
 from nolens.operators import Region
-from nolens.solvers import Problem, Progress, admm
+from nolens.solvers import AdmmState, Problem, Progress, admm
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -63,15 +63,12 @@ def test_follows_the_plain_algorithm(case):
     def callback(progress: Progress) -> None:
         seen.append((progress.objective, progress.scene()))
 
-    result = admm(
-        posed.problem,
-        iterations=steps,
-        tolerance=0,
-        penalties=PENALTIES,
-        balance=None,
-        relaxation=1.0,
-        callback=callback,
-    )
+    plain = {"tolerance": 0, "balance": None, "relaxation": 1.0}
+    # A run that is taken up again after every iteration is looked at after every one.
+    state = AdmmState.cold(posed.problem, PENALTIES)
+    for step in range(1, steps + 1):
+        admm(posed.problem, iterations=step, state=state, callback=callback, **plain)
+    result = admm(posed.problem, iterations=steps, penalties=PENALTIES, **plain)
     assert len(seen) == steps
     for step, (objective, scene) in enumerate(seen):
         iterates = [run[step] for run in runs]

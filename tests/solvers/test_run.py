@@ -17,12 +17,14 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 CASE = Case(channels=2, region=Region(1, 2, 4, 5), saturated=0.1)
 FIXED = {"penalties": (0.5, 0.5, 0.5), "balance": None}
 SOLVERS = {"admm": admm, "fista": fista}
+LOOKS = {"admm": [4, 8, 9], "fista": [1, 2, 3, 4, 5, 6, 7, 8, 9]}
+"""Iterations, of nine, after which a run is looked at."""
 # The package shows the function of that name, so the module has to be asked for.
 ADMM_MODULE = importlib.import_module("nolens.solvers.admm")
 
 
 @pytest.mark.parametrize("solve", SOLVERS.values(), ids=SOLVERS.keys())
-def test_callback_sees_every_iteration(solve):
+def test_callback_sees_every_look(solve):
     problem = pose(CASE).problem
     seen: list[Progress] = []
     scenes: list[torch.Tensor] = []
@@ -31,9 +33,9 @@ def test_callback_sees_every_iteration(solve):
         seen.append(progress)
         scenes.append(progress.scene())
 
-    result = solve(problem, iterations=7, tolerance=0, callback=callback)
-    assert [progress.iteration for progress in seen] == [1, 2, 3, 4, 5, 6, 7]
-    assert (result.iterations, result.stop_reason) == (7, "iteration limit")
+    result = solve(problem, iterations=9, tolerance=0, callback=callback)
+    assert [progress.iteration for progress in seen] == LOOKS[solve.__name__]
+    assert (result.iterations, result.stop_reason) == (9, "iteration limit")
     assert [progress.row() for progress in seen] == result.history
     assert torch.equal(problem.unscale(scenes[-1]), result.scene)
     assert all((scene >= 0).all() for scene in scenes)
@@ -54,7 +56,7 @@ def test_admm_stops_where_residuals_are_small(prior):
     problem = pose(replace(CASE, prior=prior)).problem
     result = admm(problem, iterations=3000, tolerance=1e-3, **FIXED)
     assert result.stop_reason == "converged"
-    assert len(result.history) == result.iterations
+    assert result.history[-1]["iteration"] == result.iterations
     *before, last = result.history
     assert max(last["primal_residual"], last["dual_residual"]) <= 1e-3
     assert all(max(row["primal_residual"], row["dual_residual"]) > 1e-3 for row in before)
@@ -70,8 +72,8 @@ def test_residuals_are_those_of_the_splits():
     level, share = reference.uniform()
     assert share < 0.85
     result = admm(posed.problem, iterations=6, tolerance=0, relaxation=1.3, **FIXED)
-    run = reference.admm([(0.5, 0.5, 0.5)] * 6, 0 * level, 1.3)
-    for row, each in zip(result.history, run, strict=True):
+    run = list(reference.admm([(0.5, 0.5, 0.5)] * 6, 0 * level, 1.3))
+    for row, each in zip(result.history, [run[3], run[5]], strict=True):
         primal, dual = [], []
         for kv, x, before in zip(each.fields, each.splits, each.splits_before, strict=True):
             size = math.sqrt(x @ x)
@@ -92,7 +94,7 @@ def test_fista_stops_where_the_scene_stands():
 @pytest.mark.parametrize("prior", [prior.value for prior in Prior])
 def test_history_is_finite_and_complete(solve, prior):
     result = solve(pose(replace(CASE, prior=prior)).problem, iterations=9, tolerance=0)
-    assert [row["iteration"] for row in result.history] == list(range(1, 10))
+    assert [row["iteration"] for row in result.history] == LOOKS[solve.__name__]
     for row in result.history:
         assert {"objective", "primal_residual", "dual_residual", "penalty_1"} <= row.keys()
         assert all(math.isfinite(value) for value in row.values())
@@ -111,7 +113,7 @@ def test_what_breaks_while_iterating_is_an_error(solve, value, monkeypatch):
             nonlocal calls
             calls += 1
             field = inverse(spectrum)
-            if calls == 5:  # the first of the two channels in iteration 3
+            if calls == 1:  # of the first channel, in the iteration that is looked at
                 field[0, 0] = value
             return field
 
@@ -125,7 +127,7 @@ def test_what_breaks_while_iterating_is_an_error(solve, value, monkeypatch):
             return adjoint(y) if calls != 3 else adjoint(y) * value
 
         monkeypatch.setattr(problem.forward, "adjoint", broken_adjoint)
-    with pytest.raises(DivergenceError, match="step 3"):
+    with pytest.raises(DivergenceError, match="step 4" if solve is admm else "step 3"):
         solve(problem, iterations=10, tolerance=0)
 
 
@@ -134,6 +136,7 @@ OPTIONS = [
     (admm, {"iterations": -5}, "-5"),
     (admm, {"tolerance": -0.5}, "-0.5"),
     (admm, {"tolerance": math.nan}, "nan"),
+    (admm, {"scene_tolerance": -0.25}, "-0.25"),
     (admm, {"penalties": (0.1, 0.0, 1.0)}, "0.1, 0.0, 1.0"),
     (admm, {"penalties": (0.1, 1.0, -2.0)}, "-2.0"),
     (admm, {"penalties": (math.inf, 1.0, 1.0)}, "inf"),

@@ -13,12 +13,18 @@ The two real fields that go into the transforms ride as real and imaginary part 
 field: (q_x, μ₂Ψᵀq_u + μ₃q_w) on the way there and (v, Mv) on the way back.
 """
 
+import functools
+import importlib.util
+import warnings
 from dataclasses import dataclass
+from types import ModuleType
 
 import torch
 from torch import Tensor
 
 from nolens.kernels import admm_numba, admm_torch, solve_numba
+
+Triple = tuple[float, float, float]
 
 Window = tuple[int, int, int, int]
 """top, left, height, width of a rectangle inside the period"""
@@ -63,6 +69,11 @@ class SplitState:
         out[top : top + height, left : left + width] = (inside - self.l1 / penalty).clamp_min(0)
         return out
 
+    def rescale_(self, penalties: Triple, following: Triple) -> None:
+        """Write the state for other penalties: the splits and the multipliers μd are kept."""
+        still = torch.zeros_like(self.scene, dtype=torch.complex64)
+        update_splits_(still, self, penalties, following, 0.0, counted=False)
+
 
 @dataclass(frozen=True)
 class PassSums:
@@ -73,18 +84,24 @@ class PassSums:
     valid pixels, `variation` ‖Ψv‖₁ and `magnitude` ‖v‖₁.
     """
 
-    primal: tuple[float, float, float]
-    split: tuple[float, float, float]
-    change: tuple[float, float, float]
-    multiplier_change: tuple[float, float, float]
+    primal: Triple
+    split: Triple
+    change: Triple
+    multiplier_change: Triple
     misfit: float
     variation: float
     magnitude: float
 
+    @classmethod
+    def of(cls, sums: list[float]) -> "PassSums":
+        """Sums in the order of the passes: four of (x, u, w), then the last three."""
+        primal, split, change, multiplier_change = (
+            (sums[k], sums[k + 1], sums[k + 2]) for k in range(0, 12, 3)
+        )
+        return cls(primal, split, change, multiplier_change, *sums[12:])
 
-def solve_normal_equation_(
-    spectrum: Tensor, transfer: Tensor, penalties: tuple[float, float, float]
-) -> Tensor:
+
+def solve_normal_equation_(spectrum: Tensor, transfer: Tensor, penalties: Triple) -> Tensor:
     r"""Solve (μ₁MᵀM + μ₂ΨᵀΨ + μ₃) v = μ₁Mᵀq_x + r at every frequency, in place.
 
     Parameters
@@ -99,16 +116,20 @@ def solve_normal_equation_(
     """
     if spectrum.device.type == "cpu":
         return solve_numba.solve_normal_equation_(spectrum, transfer, penalties)
-    return admm_torch.solve_normal_equation_(spectrum, transfer, penalties)
+    constants = _on_device([*penalties], spectrum.device)
+    solved: Tensor = device_passes(spectrum).solve_normal_equation_(spectrum, transfer, constants)
+    return solved
 
 
 def update_splits_(
     pair: Tensor,
     state: SplitState,
-    penalties: tuple[float, float, float],
-    next_penalties: tuple[float, float, float],
+    penalties: Triple,
+    next_penalties: Triple,
     relaxation: float,
-) -> tuple[Tensor, PassSums]:
+    *,
+    counted: bool = True,
+) -> tuple[Tensor, PassSums | None]:
     """Update every split from (v, Mv), and prepare (q_x, r) of the next iteration, in place.
 
     Parameters
@@ -123,25 +144,81 @@ def update_splits_(
         Those of the next iteration; the multipliers are rescaled so that μd is unchanged.
     relaxation
         α in (0, 2); 1 is plain ADMM.
+    counted
+        Whether the sums are wanted: they are a third of the work, and on CUDA the wait for them.
     """
-    implementation = admm_numba if pair.device.type == "cpu" else admm_torch
-    pair, sums = implementation.update_splits_(
+    prior = (state.tv, state.isotropic, state.l1)
+    step = (penalties, next_penalties, relaxation)
+    if pair.device.type == "cpu":
+        pair, sums = admm_numba.update_splits_(
+            pair,
+            (state.data, state.valid),
+            (state.measured, state.rows, state.columns, state.scene),
+            (state.sensor, state.region),
+            prior,
+            step,
+            counted=counted,
+        )
+    else:
+        constants = _on_device(admm_torch.step_constants(prior, step), pair.device)
+        sums = update_on_device_(pair, state, constants, counted=counted, out=pair)
+    return pair, None if sums is None else PassSums.of(sums)
+
+
+def update_on_device_(
+    pair: Tensor, state: SplitState, constants: Tensor, *, counted: bool, out: Tensor
+) -> list[float] | None:
+    """`update_splits_` by `device_passes`.
+
+    Parameters
+    ----------
+    pair
+        v + i Mv over the period.
+    state
+        Arrays of this channel, updated.
+    constants
+        `admm_torch.step_constants`, float32, on the pair's device.
+    counted
+        Whether the sums are wanted.
+    out
+        Where q_x + i r goes; `pair` itself may be.
+    """
+    sums: list[float] | None = device_passes(pair).update_splits_(
         pair,
         (state.data, state.valid),
         (state.measured, state.rows, state.columns, state.scene),
         (state.sensor, state.region),
-        (state.tv, state.isotropic, state.l1),
-        (penalties, next_penalties, relaxation),
+        (state.tv > 0, state.isotropic),
+        constants,
+        counted=counted,
+        out=out,
     )
-    primal, split, change, multiplier_change = (
-        (sums[k], sums[k + 1], sums[k + 2]) for k in range(0, 12, 3)
-    )
-    return pair, PassSums(
-        primal=primal,
-        split=split,
-        change=change,
-        multiplier_change=multiplier_change,
-        misfit=sums[12],
-        variation=sums[13],
-        magnitude=sums[14],
-    )
+    return sums
+
+
+def device_passes(field: Tensor) -> ModuleType:
+    """Passes with constants on the field's device: Triton's where it runs, else torch's."""
+    # Triton's offsets are 32 bits wide, and a complex cell is two numbers.
+    if field.device.type == "cuda" and field.numel() < 2**30 and _triton_runs(field.device):
+        return importlib.import_module("nolens.kernels.admm_triton")
+    return admm_torch
+
+
+def _on_device(constants: list[float], device: torch.device) -> Tensor:
+    """Constants on their way to the device, without waiting for what it still computes."""
+    return torch.tensor(constants, dtype=torch.float32).to(device, non_blocking=True)
+
+
+@functools.cache
+def _triton_runs(device: torch.device) -> bool:
+    """Whether Triton is installed and can compile for the device; it needs a C compiler too."""
+    if importlib.util.find_spec("triton") is None:
+        return False
+    field = torch.zeros(1, 1, dtype=torch.complex64, device=device)
+    try:
+        passes = importlib.import_module("nolens.kernels.admm_triton")
+        passes.solve_normal_equation_(field, field.clone(), torch.ones(3, device=device))
+    except Exception as error:
+        warnings.warn(f"Triton does not run here, torch's passes do: {error}", stacklevel=2)
+        return False
+    return True

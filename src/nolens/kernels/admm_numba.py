@@ -34,7 +34,9 @@ def update_splits_(
     windows: tuple[tuple[int, int, int, int], tuple[int, int, int, int]],
     prior: tuple[float, bool, float],
     step: tuple[Triple, Triple, float],
-) -> tuple[Tensor, list[float]]:
+    *,
+    counted: bool,
+) -> tuple[Tensor, list[float] | None]:
     """See `nolens.kernels.admm.update_splits_`."""
     tv, isotropic, l1 = prior
     penalties, following, relaxation = step
@@ -59,26 +61,34 @@ def update_splits_(
         rows = block_rows(block, blocks, height)
         following = heads[(block + 1) % blocks]
         last[block] = _sweep_block(
-            z, following, data, states, places, constants, kind, rows, sums[block]
-        )
+            z, following, data, states, places, constants, kind, rows,
+            sums[block] if counted else None,
+        )  # fmt: skip
 
     for_each_block(sweep, blocks, pair.numel())
     if tv > 0:
         # The first row of every block still lacks what flows in from the block above it.
         z[starts, 1::2] += np.roll(last, 1, axis=0)
-    return pair, [float(value) for value in sums.sum(axis=0)]
+    return pair, [float(value) for value in sums.sum(axis=0)] if counted else None
 
 
 @numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
 def _add(sums, which, values):  # type: ignore[no-untyped-def]
-    for k in range(4):
-        sums[3 * k + which] += values[k]
+    if sums is not None:
+        for k in range(4):
+            sums[3 * k + which] += values[k]
+
+
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
+def _add_one(sums, where, value):  # type: ignore[no-untyped-def]
+    if sums is not None:
+        sums[where] += value
 
 
 @numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
 def _add_variation(sums, values):  # type: ignore[no-untyped-def]
     _add(sums, 1, values)
-    sums[13] += values[4]
+    _add_one(sums, 13, values[4])
 
 
 @numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
@@ -104,13 +114,13 @@ def _divergence_row(r, above, qy, qx):  # type: ignore[no-untyped-def]
 def _sweep_measured(image, a, b, valid, q, k, span, sums):  # type: ignore[no-untyped-def]
     """Split x = Mv of a row; `span` is where the sensor begins and ends in it."""
     start, stop = span
-    _add(sums, 0, row_outside(image[:start], a[:start], k[9]))
+    _add(sums, 0, row_outside(image[:start], a[:start], k[9], sums))
     q[:start] = a[:start]
     if stop > start:
-        values = row_sensor(image[start:stop], a[start:stop], b, valid, q[start:stop], k)
+        values = row_sensor(image[start:stop], a[start:stop], b, valid, q[start:stop], k, sums)
         _add(sums, 0, values)
-        sums[12] += values[4]
-    _add(sums, 0, row_outside(image[stop:], a[stop:], k[9]))
+        _add_one(sums, 12, values[4])
+    _add(sums, 0, row_outside(image[stop:], a[stop:], k[9], sums))
     q[stop:] = a[stop:]
 
 
@@ -122,9 +132,9 @@ def _sweep_scene(v, a, r, k, span, sums):  # type: ignore[no-untyped-def]
     for part in range(3):
         begin = (0, start, stop)[part]
         end = (start, stop, width)[part]
-        values = row_scene(v[begin:end], a[begin:end], r[begin:end], k, part == 1)
+        values = row_scene(v[begin:end], a[begin:end], r[begin:end], k, part == 1, sums)
         _add(sums, 2, values)
-        sums[14] += values[4]
+        _add_one(sums, 14, values[4])
 
 
 @numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
@@ -172,10 +182,10 @@ def _sweep_block(z, following, measurement, arrays, windows, k, kind, rows, sums
         _sweep_scene(v, a_w[i], r, k, _span(i, windows[1]), sums)
         if tv:
             if isotropic:
-                _add_variation(sums, row_gradient(v, below, a_y[i], a_h[i], qy, qx, k))
+                _add_variation(sums, row_gradient(v, below, a_y[i], a_h[i], qy, qx, k, sums))
             else:
-                _add_variation(sums, row_difference(v, below, a_y[i], qy, k))
-                _add_variation(sums, row_difference(v, v[1:], a_h[i], qx, k))
+                _add_variation(sums, row_difference(v, below, a_y[i], qy, k, sums))
+                _add_variation(sums, row_difference(v, v[1:], a_h[i], qx, k, sums))
             _divergence_row(r, above, qy, qx)
             above, qy = qy, above
         row = z[i]

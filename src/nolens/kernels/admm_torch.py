@@ -1,4 +1,4 @@
-"""The passes of ADMM as torch operations: what runs on CUDA, and the check on the CPU's."""
+"""The passes of ADMM as torch operations: CUDA without Triton, and the check on the others."""
 
 import math
 
@@ -8,9 +8,30 @@ from torch import Tensor
 Triple = tuple[float, float, float]
 
 
-def solve_normal_equation_(spectrum: Tensor, transfer: Tensor, penalties: Triple) -> Tensor:
-    """See `nolens.kernels.admm.solve_normal_equation_`."""
-    mu_x, mu_u, mu_w = penalties
+def step_constants(
+    prior: tuple[float, bool, float], step: tuple[Triple, Triple, float]
+) -> list[float]:
+    """Constants of an update: μ of (x, u, w), their following values, their ratios, α, τ and λ.
+
+    Parameters
+    ----------
+    prior
+        τ, whether it is isotropic, λ.
+    step
+        Penalties, those of the next iteration, α.
+    """
+    tv, _, l1 = prior
+    penalties, following, relaxation = step
+    # With no penalty on a split its multiplier is absent, and 0/0 would be the rescaling.
+    rescale = [
+        now / later if later > 0 else 1.0 for now, later in zip(penalties, following, strict=True)
+    ]
+    return [*penalties, *following, *rescale, relaxation, tv, l1]
+
+
+def solve_normal_equation_(spectrum: Tensor, transfer: Tensor, constants: Tensor) -> Tensor:
+    """See `nolens.kernels.admm.solve_normal_equation_`; the constants begin with μ₁, μ₂, μ₃."""
+    mu_x, mu_u, mu_w = constants[:3]
     height, width = spectrum.shape
     columns = width // 2 + 1
     here = spectrum[:, :columns]
@@ -35,15 +56,38 @@ def update_splits_(
     measurement: tuple[Tensor, Tensor],
     arrays: tuple[Tensor, Tensor, Tensor, Tensor],
     windows: tuple[tuple[int, int, int, int], tuple[int, int, int, int]],
-    prior: tuple[float, bool, float],
-    step: tuple[Triple, Triple, float],
-) -> tuple[Tensor, list[float]]:
-    """See `nolens.kernels.admm.update_splits_`."""
-    tv, isotropic, l1 = prior
-    mu, later, alpha = step
-    rescale = [now / next_ if next_ > 0 else 1.0 for now, next_ in zip(mu, later, strict=True)]
+    kind: tuple[bool, bool],
+    constants: Tensor,
+    *,
+    counted: bool,
+    out: Tensor,
+) -> list[float] | None:
+    """Update every split as `nolens.kernels.admm.update_splits_` says; returns the sums.
+
+    Parameters
+    ----------
+    pair
+        v + i Mv.
+    measurement
+        Data, and 1 where they are valid.
+    arrays
+        State of the splits x, u (two directions, empty without total variation) and w.
+    windows
+        Where the sensor and the region lie.
+    kind
+        Whether there is a total variation, and whether it is isotropic.
+    constants
+        `step_constants` on the device, so that a CUDA graph reads what they are at its replay.
+    counted
+        Whether the sums are wanted.
+    out
+        Where q_x + i r goes; `pair` itself may be.
+    """
+    tv, isotropic = kind
+    mu, later, rescale = constants[0:3], constants[3:6], constants[6:9]
+    alpha, tau, l1 = constants[9:]
     v, mv = pair.real.clone(), pair.imag.clone()
-    table = torch.zeros(4, 3, dtype=torch.float64, device=pair.device)
+    table = torch.zeros(4, 3, dtype=torch.float64, device=pair.device) if counted else None
 
     top, left, height, width = windows[0]
     data = torch.zeros_like(mv)
@@ -54,8 +98,7 @@ def update_splits_(
     old = [(data + mu[0] * arrays[0]) / (weight + mu[0])]
     new = [arrays[0] + alpha * (mv - old[0])]
     split = [(data + mu[0] * new[0]) / (weight + mu[0])]
-    q = _store([mv], [arrays[0]], old, new, split, rescale[0], table[:, 0])[0]
-    misfit = (weight * mv - data).double().square().sum()
+    q = _store([mv], [arrays[0]], old, new, split, rescale[0], _column(table, 0))[0]
 
     top, left, height, width = windows[1]
     inside = torch.zeros_like(v)
@@ -63,23 +106,24 @@ def update_splits_(
     old = [inside * (arrays[3] - l1 / mu[2]).clamp_min(0)]
     new = [arrays[3] + alpha * (v - old[0])]
     split = [inside * (new[0] - l1 / mu[2]).clamp_min(0)]
-    r = later[2] * _store([v], [arrays[3]], old, new, split, rescale[2], table[:, 2])[0]
-    magnitude = v.double().abs().sum()
+    r = later[2] * _store([v], [arrays[3]], old, new, split, rescale[2], _column(table, 2))[0]
 
-    variation = torch.zeros((), dtype=torch.float64, device=pair.device)
-    if tv > 0:
-        gradient = [torch.roll(v, -1, 0) - v, torch.roll(v, -1, 1) - v]
+    gradient = [torch.roll(v, -1, 0) - v, torch.roll(v, -1, 1) - v] if tv else []
+    if tv:
         state = [arrays[1], arrays[2]]
-        old = _shrink(state, tv / mu[1], isotropic)
+        old = _shrink(state, tau / mu[1], isotropic)
         new = [a + alpha * (g - u) for a, g, u in zip(state, gradient, old, strict=True)]
-        split = _shrink(new, tv / mu[1], isotropic)
-        q_y, q_x = _store(gradient, state, old, new, split, rescale[1], table[:, 1])
+        split = _shrink(new, tau / mu[1], isotropic)
+        q_y, q_x = _store(gradient, state, old, new, split, rescale[1], _column(table, 1))
         r += later[1] * (torch.roll(q_y, 1, 0) - q_y + torch.roll(q_x, 1, 1) - q_x)
-        size = torch.hypot(*gradient) if isotropic else gradient[0].abs() + gradient[1].abs()
-        variation = size.double().sum()
-    extra = torch.stack([misfit, variation, magnitude])
-    sums = torch.cat([table.flatten(), extra]).tolist()
-    return torch.complex(q, r), sums
+    torch.complex(q, r, out=out)
+    if table is None:
+        return None
+    misfit = (weight * mv - data).double().square().sum()
+    magnitude = v.double().abs().sum()
+    extra = torch.stack([misfit, _variation(gradient, isotropic, like=misfit), magnitude])
+    sums: list[float] = torch.cat([table.flatten(), extra]).tolist()
+    return sums
 
 
 def _laplacian(length: int, like: Tensor) -> Tensor:
@@ -87,12 +131,23 @@ def _laplacian(length: int, like: Tensor) -> Tensor:
     return (4 * torch.sin(math.pi * k / length) ** 2).to(like.real.dtype)
 
 
-def _shrink(arrays: list[Tensor], threshold: float, isotropic: bool) -> list[Tensor]:
+def _shrink(arrays: list[Tensor], threshold: Tensor, isotropic: bool) -> list[Tensor]:
     if isotropic:
         size = torch.hypot(*arrays)
         scale = (size - threshold).clamp_min(0) / size.clamp_min(1e-30)
         return [scale * a for a in arrays]
     return [a.sign() * (a.abs() - threshold).clamp_min(0) for a in arrays]
+
+
+def _variation(gradient: list[Tensor], isotropic: bool, like: Tensor) -> Tensor:
+    if not gradient:
+        return torch.zeros_like(like)
+    size = torch.hypot(*gradient) if isotropic else gradient[0].abs() + gradient[1].abs()
+    return size.double().sum()
+
+
+def _column(table: Tensor | None, k: int) -> Tensor | None:
+    return None if table is None else table[:, k]
 
 
 def _store(
@@ -101,16 +156,17 @@ def _store(
     old: list[Tensor],
     new: list[Tensor],
     split: list[Tensor],
-    rescale: float,
-    sums: Tensor,
+    rescale: Tensor,
+    sums: Tensor | None,
 ) -> list[Tensor]:
     """Write the state of the next iteration, add up the sums, return q = 2x - a."""
     q = []
     for kv, a, x_old, a_new, x in zip(field, state, old, new, split, strict=True):
         multiplier = a_new - x
-        parts = (kv - x, x, x - x_old, multiplier - (a - x_old))
-        for k, part in enumerate(parts):
-            sums[k] += part.double().square().sum()
+        if sums is not None:
+            parts = (kv - x, x, x - x_old, multiplier - (a - x_old))
+            for k, part in enumerate(parts):
+                sums[k] += part.double().square().sum()
         a.copy_(x + rescale * multiplier)
         q.append(2 * x - a)
     return q

@@ -8,22 +8,21 @@ from torch import Tensor
 from nolens.errors import DataError, DivergenceError, OptionError
 from nolens.kernels import (
     PassSums,
-    SplitState,
+    Repeater,
     fft2_,
     ifft2_,
     in_large_pages,
-    irfft2,
-    rfft2,
     solve_normal_equation_,
     update_splits_,
 )
-from nolens.operators import FiniteDifference
-from nolens.solvers.penalties import START, Balance, Penalties
+from nolens.solvers.admm_state import AdmmState
+from nolens.solvers.penalties import LOOK, Balance, Penalties
 from nolens.solvers.problem import Prior, Problem
 from nolens.solvers.result import Callback, Progress, Result, StopReason
+from nolens.solvers.smooth_part import SmoothPart
 
-_UNIFORM_START = 0.9
-"""Share of the data that a uniform scene must explain for the iteration to start from it."""
+_SMOOTH_AT = 12
+"""Look at which the smooth part is solved for: detail is there, and penalties are still small."""
 
 
 def admm(
@@ -31,9 +30,12 @@ def admm(
     *,
     iterations: int = 100,
     tolerance: float = 3e-4,
+    scene_tolerance: float = 0.0,
+    smooth_part: bool = False,
     penalties: Penalties | None = None,
     balance: Balance | None = Balance(),  # noqa: B008 (frozen)
     relaxation: float = 1.8,
+    state: AdmmState | None = None,
     callback: Callback | None = None,
 ) -> Result:
     r"""Minimise ½‖b − CMv‖² + τ R(v), v ≥ 0, by the alternating direction method of multipliers.
@@ -45,23 +47,33 @@ def admm(
     of the data (a scene that fills the view: the glow is then right from the start), and from
     zero otherwise.
 
+    Every fourth iteration, and the last, is looked at: its residuals decide whether to stop and
+    how the penalties go on, and the callback sees it.
+
     Parameters
     ----------
     problem
         In unit norms; all channels are solved at once with the same penalties.
     iterations
-        Limit, ≥ 1.
+        Limit, ≥ 1; those that `state` has behind it count.
     tolerance
         Stops when, for every split, ‖Kv − x‖ ≤ tolerance · ‖x‖ (primal) and
-        ‖x − x_before‖ ≤ tolerance · ‖x‖ (dual). 0 runs to the limit.
+        ‖x − x_before‖ ≤ tolerance · ‖x‖ (dual). 0 never stops for it.
+    scene_tolerance
+        Stops when ‖w − w_before‖ ≤ scene_tolerance · ‖w‖: when the picture stands. 0 never does.
+    smooth_part
+        Whether, where the scene fills the view, its smooth part is solved for directly
+        (`SmoothPart`): once on the way, which saves hundreds of iterations, and in the end.
     penalties
         μ₁, μ₂, μ₃ to start with, > 0; None leaves the choice to the program.
     balance
         How the penalties are balanced as it runs; None keeps them.
     relaxation
         α in (0, 2).
+    state
+        Where to start from, advanced in place; it has its own penalties. None starts cold.
     callback
-        Called after every iteration; stops the run by returning True.
+        Called after every look; stops the run by returning True.
 
     Raises
     ------
@@ -72,45 +84,87 @@ def admm(
     DivergenceError
         If an iterate is NaN or infinite.
     """
-    mu = START if penalties is None else penalties
-    _check(problem, iterations, tolerance, mu, relaxation)
-    states = _start(problem)
-    if states[0].tv == 0:
-        mu = (mu[0], 0.0, mu[2])  # There is no split u.
-    pairs = [_first_pair(state, mu) for state in states]
-    sums: list[PassSums] = []
+    _check(problem, iterations, tolerance, scene_tolerance, penalties, relaxation)
+    if state is None:
+        state = AdmmState.cold(problem, penalties)
+    smooth = SmoothPart(problem) if smooth_part and state.fills_view else None
+    transfers = [problem.transfer(channel) for channel in range(problem.channels)]
+    repeater = Repeater(state.splits, transfers, relaxation)
+    pairs = _first_pairs(state)
     history: list[dict[str, float]] = []
     stop_reason: StopReason = "iteration limit"
-    for iteration in range(1, iterations + 1):
-        following = balance.next(mu, sums, iteration) if balance is not None else mu
-        sums = []
-        for channel, state in enumerate(states):
-            pair = fft2_(pairs[channel])
-            pair = solve_normal_equation_(pair, problem.transfer(channel), mu)
-            pair = ifft2_(pair)
-            pairs[channel], channel_sums = update_splits_(pair, state, mu, following, relaxation)
-            sums.append(channel_sums)
-        progress = _progress(problem, states, sums, iteration, mu, following)
-        mu = following
+    while state.iteration < iterations:
+        mu = state.penalties
+        following = mu
+        if balance is not None and state.sums:
+            following = balance.next(mu, state.sums, state.iteration)
+        last = min(iterations, state.iteration - state.iteration % LOOK + LOOK)
+        if following != mu and state.iteration + 1 < last:
+            pairs = _iterate(problem, state, pairs, following, relaxation, look=False)
+        pairs = repeater.run(pairs, state.penalties, last - 1 - state.iteration)
+        state.iteration = last - 1
+        pairs = _iterate(problem, state, pairs, following, relaxation, look=True)
+        progress = _progress(problem, state)
         history.append(progress.row())
         if callback is not None and callback(progress):
             stop_reason = "callback"
             break
-        if max(progress.primal_residual, progress.dual_residual) <= tolerance:
+        if progress.scene_change <= scene_tolerance or progress.residual <= tolerance:
             stop_reason = "converged"
             break
-    scene = _scene(problem, states, mu)
+        if smooth is not None and state.iteration == _SMOOTH_AT:
+            before = state.scene(problem)
+            after, better = smooth.improved(before)
+            if better:
+                state.move_(problem, after - before)
+                pairs = _first_pairs(state)
+            else:
+                smooth = None  # The model is not that exact: ADMM's own way is the better one.
+    scene = state.scene(problem)
+    if smooth is not None:
+        scene, _ = smooth.improved(scene)
     return Result(
         scene=problem.unscale(scene),
         objective=problem.objective(scene),
-        iterations=len(history),
+        iterations=state.iteration,
         stop_reason=stop_reason,
         history=history,
     )
 
 
+def _iterate(
+    problem: Problem,
+    state: AdmmState,
+    pairs: list[Tensor],
+    following: Penalties,
+    relaxation: float,
+    *,
+    look: bool,
+) -> list[Tensor]:
+    """One iteration of every channel, after which the penalties are `following`."""
+    mu, sums, done = state.penalties, [], []
+    for channel, split in enumerate(state.splits):
+        pair = fft2_(pairs[channel])
+        pair = solve_normal_equation_(pair, problem.transfer(channel), mu)
+        pair = ifft2_(pair)
+        pair, counted = update_splits_(pair, split, mu, following, relaxation, counted=look)
+        done.append(pair)
+        if counted is not None:
+            sums.append(counted)
+    state.penalties = following
+    state.iteration += 1
+    if look:
+        state.sums = sums
+    return done
+
+
 def _check(
-    problem: Problem, iterations: int, tolerance: float, mu: Penalties, relaxation: float
+    problem: Problem,
+    iterations: int,
+    tolerance: float,
+    scene_tolerance: float,
+    mu: Penalties | None,
+    relaxation: float,
 ) -> None:
     if problem.data.dtype != torch.float32:
         raise DataError(
@@ -119,83 +173,45 @@ def _check(
         )
     if iterations < 1:
         raise OptionError(f"iterations is {iterations}; it must be 1 or more")
-    if not tolerance >= 0:
-        raise OptionError(f"tolerance is {tolerance:g}; it must be 0 or more")
-    if not all(math.isfinite(each) and each > 0 for each in mu):
+    for name, value in (("tolerance", tolerance), ("scene_tolerance", scene_tolerance)):
+        if not value >= 0:
+            raise OptionError(f"{name} is {value:g}; it must be 0 or more")
+    if mu is not None and not all(math.isfinite(each) and each > 0 for each in mu):
         raise OptionError(f"penalties are {mu}; each must be above 0")
     if not 0 < relaxation < 2:
         raise OptionError(f"relaxation is {relaxation:g}; it must lie between 0 and 2")
 
 
-def _start(problem: Problem) -> list[SplitState]:
-    """State of every channel, at a uniform scene or at zero."""
-    levels = _uniform_levels(problem)
-    geometry = problem.forward.geometry
-    tv = problem.tau if problem.prior in (Prior.TV, Prior.ISOTROPIC_TV) else 0.0
-    states = []
-    for channel in range(problem.channels):
-        data = problem.data[channel]
-        scene = problem.forward.embed(data.new_full(geometry.scene[2:], levels[channel]))
-        measured = irfft2(rfft2(scene) * problem.transfer(channel), geometry.period)
-        gradient = FiniteDifference(geometry.period)(scene) if tv > 0 else data.new_empty(2, 0, 0)
-        states.append(
-            SplitState(
-                data=data.contiguous(),
-                valid=problem.valid[channel].to(torch.uint8).contiguous(),
-                sensor=geometry.sensor,
-                region=geometry.scene,
-                tv=tv,
-                isotropic=problem.prior is Prior.ISOTROPIC_TV,
-                l1=problem.tau if problem.prior is Prior.L1 else 0.0,
-                measured=in_large_pages(measured),
-                rows=in_large_pages(gradient[0]),
-                columns=in_large_pages(gradient[1]),
-                scene=in_large_pages(scene),
-            )
+def _first_pairs(state: AdmmState) -> list[Tensor]:
+    """(q_x, r) of every channel's splits: an update that does not move."""
+    pairs = []
+    for split in state.splits:
+        still = in_large_pages(torch.zeros_like(split.scene, dtype=torch.complex64))
+        pairs.append(
+            update_splits_(still, split, state.penalties, state.penalties, 0.0, counted=False)[0]
         )
-    return states
+    return pairs
 
 
-def _uniform_levels(problem: Problem) -> list[float]:
-    """Level c of each channel that minimises ‖b − c·CM1‖², or zeros where that explains little."""
-    ones = problem.data.new_ones(problem.scene_shape)
-    glow = torch.where(problem.valid, problem.forward(ones), 0).double()
-    overlap = (glow * problem.data).sum(dim=(-2, -1))
-    levels = overlap / glow.square().sum(dim=(-2, -1)).clamp_min(1e-300)
-    explained = float((levels * overlap).mean())  # of ‖b‖² = 1
-    return levels.tolist() if explained > _UNIFORM_START else [0.0] * problem.channels
-
-
-def _first_pair(state: SplitState, mu: Penalties) -> Tensor:
-    """(q_x, r) of the start: an update that does not move."""
-    still = in_large_pages(torch.zeros_like(state.scene, dtype=torch.complex64))
-    pair, _ = update_splits_(still, state, mu, mu, 0.0)
-    return pair
-
-
-def _progress(
-    problem: Problem,
-    states: list[SplitState],
-    sums: list[PassSums],
-    iteration: int,
-    mu: Penalties,
-    following: Penalties,
-) -> Progress:
+def _progress(problem: Problem, state: AdmmState) -> Progress:
+    sums, iteration = state.sums, state.iteration
     primal, dual = _residuals(problem, sums)
+    moved = _ratio(sum(each.change[2] for each in sums), sum(each.split[2] for each in sums))
     values = [0.5 * each.misfit + problem.tau * _regulariser(problem.prior, each) for each in sums]
     objective = sum(values) / len(values)
     if not math.isfinite(objective + primal + dual):
         raise DivergenceError(
-            f"the iteration gave NaN or infinity at step {iteration} (penalties {mu}); "
-            "start from smaller penalties or a relaxation nearer 1"
+            f"the iteration gave NaN or infinity by step {iteration} (penalties "
+            f"{state.penalties}); start from smaller penalties or a relaxation nearer 1"
         )
     return Progress(
         iteration=iteration,
         objective=objective,
         primal_residual=primal,
         dual_residual=dual,
-        penalties=mu,
-        scene=lambda: _scene(problem, states, following),
+        scene_change=moved,
+        penalties=state.penalties,
+        scene=lambda: state.scene(problem),
     )
 
 
@@ -221,10 +237,3 @@ def _ratio(part: float, whole: float) -> float:
     if part == 0:
         return 0.0
     return math.sqrt(part / whole) if whole > 0 else 1.0
-
-
-def _scene(problem: Problem, states: list[SplitState], mu: Penalties) -> Tensor:
-    """The split w of every channel: non-negative, zero outside the region."""
-    top, left, height, width = problem.forward.geometry.scene
-    estimates = [state.estimate(mu[2])[top : top + height, left : left + width] for state in states]
-    return torch.stack(estimates)

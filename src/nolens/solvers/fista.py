@@ -72,6 +72,7 @@ def fista(
             objective=problem.objective(v),
             primal_residual=0.0,
             dual_residual=relative,
+            scene_change=relative,
             penalties=(lipschitz,),
             scene=lambda v=v: v,  # type: ignore[misc]
         )

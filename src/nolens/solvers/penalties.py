@@ -8,6 +8,9 @@ from nolens.kernels import PassSums
 Penalties = tuple[float, float, float]
 """μ₁, μ₂, μ₃ of the splits x = Mv, u = Ψv, w = v."""
 
+LOOK = 4
+"""Iterations from one look to the next: residuals, balance, stop."""
+
 START: Penalties = (0.02, 2.0, 1.0)
 
 
@@ -18,7 +21,7 @@ class Balance:
     For each split, Rᵢ = ‖Δdᵢ‖ / ‖Δxᵢ‖ compares the way that its scaled multiplier went in an
     iteration with the way that the split itself went, and R does so for all of them, in the
     metric of the penalties: R² = Σμᵢ‖Δdᵢ‖² / Σμᵢ‖Δxᵢ‖². Residual balancing (`boyd2011`,
-    § 3.4.1; `he2000`) keeps such a ratio near one. Here, after every iteration,
+    § 3.4.1; `he2000`) keeps such a ratio near one. Here, after every look,
 
     - all penalties grow by `growth` while R exceeds `target`: they start small, where the
       measurement is met at once, and end where the splits agree;
@@ -28,10 +31,10 @@ class Balance:
     converge (`he2000`). `docs/decisions/0002-penalties.md` has what was measured.
     """
 
-    growth: float = 1.07
+    growth: float = 1.31
     target: float = 0.7
-    rate: float = 0.1
-    limit: float = 1.1
+    rate: float = 0.34
+    limit: float = 1.46
     span: int = 100
 
     def next(self, penalties: Penalties, sums: list[PassSums], iteration: int) -> Penalties:

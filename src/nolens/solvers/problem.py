@@ -1,6 +1,6 @@
 """The reconstruction problem of eq. 7, posed so that no constant factor matters."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import torch
@@ -44,6 +44,7 @@ class Problem:
     prior: Prior
     scale: Tensor
     """Measurement's norm over PSF's norm, for each channel."""
+    psf_norm: Tensor
 
     @classmethod
     def pose(
@@ -100,7 +101,33 @@ class Problem:
             tau=float(tau),
             prior=prior,
             scale=data_norm / psf_norm,
+            psf_norm=psf_norm,
         )
+
+    def measuring(self, data: Tensor, valid: Tensor | None = None) -> "Problem":
+        """The same problem for another measurement: no transform is laid out again.
+
+        Parameters
+        ----------
+        data, valid
+            As `pose` takes them, of the same sizes.
+
+        Raises
+        ------
+        DataError
+            If they do not fit, or hold NaN or nothing but zeros.
+        """
+        valid = torch.ones_like(data, dtype=torch.bool) if valid is None else valid
+        if data.shape != self.data.shape or valid.shape != data.shape:
+            raise DataError(
+                f"the measurement is {tuple(data.shape)}, and those before it were "
+                f"{tuple(self.data.shape)}: (channels, height, width) must be the same"
+            )
+        if not bool(torch.isfinite(data[valid]).all()):
+            raise DataError("the measurement holds NaN or infinity; give finite values")
+        data = torch.where(valid, data, 0)
+        norm = _norm(data, "the measurement (without saturated pixels)")
+        return replace(self, data=data / norm, valid=valid, scale=norm / self.psf_norm)
 
     @property
     def channels(self) -> int:
@@ -116,7 +143,11 @@ class Problem:
         """Half spectrum of a channel's PSF; a single PSF serves all channels."""
         return self.forward.transfer[channel % self.forward.channels]
 
-    def objective(self, scene: Tensor) -> float:
+    def residual(self, scene: Tensor) -> Tensor:
+        """B − CMv on the valid pixels, zero on others; unit norms."""
+        return torch.where(self.valid, self.data - self.forward(scene), 0)
+
+    def objective(self, scene: Tensor, residual: Tensor | None = None) -> float:
         """Value of the objective, mean over channels, of a scene in unit norms.
 
         Parameters
@@ -124,8 +155,10 @@ class Problem:
         scene
             `(channels, height, width)` of the scene's cells; it is the caller's to make it
             non-negative.
+        residual
+            Of this scene, where it is known.
         """
-        misfit = torch.where(self.valid, self.data - self.forward(scene), 0)
+        misfit = self.residual(scene) if residual is None else residual
         value = 0.5 * misfit.double().square().sum() + self.tau * self.regulariser(scene)
         return float(value) / self.channels
 
@@ -136,11 +169,17 @@ class Problem:
         if self.prior is Prior.L1:
             return scene.abs().sum(dtype=torch.float64)
         # One channel at a time: differences of all of them are the most that a run would hold.
-        channels = [self._variation(self.forward.embed(channel)) for channel in scene]
+        channels = [self._variation(channel) for channel in scene]
         return torch.stack(channels).sum()
 
-    def _variation(self, period: Tensor) -> Tensor:
-        difference = FiniteDifference(self.forward.geometry.period)(period)
+    def _variation(self, scene: Tensor) -> Tensor:
+        # Differences of the whole period are zero further than a cell from the scene.
+        whole = self.forward.geometry.period
+        size = [min(n + 2, period) for n, period in zip(scene.shape, whole, strict=True)]
+        framed = scene.new_zeros(size)
+        top, left = (int(n < m) for n, m in zip(scene.shape, size, strict=True))
+        framed[top : top + scene.shape[0], left : left + scene.shape[1]] = scene
+        difference = FiniteDifference((size[0], size[1]))(framed)
         if self.prior is Prior.ISOTROPIC_TV:
             difference = torch.linalg.vector_norm(difference, dim=-3)
         return difference.abs().sum(dtype=torch.float64)

@@ -11,7 +11,7 @@ StopReason = Literal["converged", "iteration limit", "callback", "one shot"]
 
 @dataclass(frozen=True)
 class Progress:
-    """One iteration, as a callback sees it.
+    """A run at one of its looks, as a callback sees it.
 
     Parameters
     ----------
@@ -23,6 +23,8 @@ class Progress:
         the minimum; `Problem.objective(progress.scene())` is exact and costs two transforms.
     primal_residual, dual_residual
         Relative, as the stopping rule sees them.
+    scene_change
+        ‖w − w_before‖ / ‖w‖ of the last iteration: how far the picture still moves.
     penalties
         μ₁, μ₂, μ₃ of the iteration (ADMM; the step size for FISTA).
     scene
@@ -33,8 +35,14 @@ class Progress:
     objective: float
     primal_residual: float
     dual_residual: float
+    scene_change: float
     penalties: tuple[float, ...]
     scene: Callable[[], Tensor]
+
+    @property
+    def residual(self) -> float:
+        """The larger of the two residuals."""
+        return max(self.primal_residual, self.dual_residual)
 
     def row(self) -> dict[str, float]:
         """The iteration as a row of the run record."""
@@ -43,12 +51,13 @@ class Progress:
             "objective": self.objective,
             "primal_residual": self.primal_residual,
             "dual_residual": self.dual_residual,
+            "scene_change": self.scene_change,
             **{f"penalty_{k}": value for k, value in enumerate(self.penalties, start=1)},
         }
 
 
 Callback = Callable[[Progress], bool | None]
-"""Sees every iteration; returns True to stop."""
+"""Sees a run at every look; returns True to stop."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +74,7 @@ class Result:
     iterations, stop_reason
         How far it went, and why it stopped.
     history
-        A row for each iteration (`Progress.row`).
+        A row for each look (`Progress.row`).
     """
 
     scene: Tensor

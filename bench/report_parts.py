@@ -1,0 +1,182 @@
+"""Sections of the report that are no comparison of sides. Standard library only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import prod
+from statistics import median
+
+from report_text import Json, label, met, table, times
+
+PASSES_TARGET = 0.3
+DENSE_DB, DENSE_NEAR_DB, DENSE_SECONDS = 23.0, 0.3, 3.0
+PHOTO_SECONDS, PHOTO_GB, DRAFT_SECONDS = 15.0, 2.5, 1.5
+
+
+def parts_sections(run: Json) -> list[str]:
+    """All of them, in the order of the report."""
+    sections = ["## nolens alone: cost against size", sizes_section(run["sizes"])]
+    written: dict[str, tuple[str, Callable[[Json], str]]] = {
+        "passes": ("What an iteration spends its time on", passes_section),
+        "dense": ("A photograph that fills the view", dense_section),
+        "presets": ("The installed command", presets_section),
+        "cuda": ("CUDA", cuda_section),
+    }
+    for name, (title, section) in written.items():
+        part = run["parts"][name]
+        text = f"Not measured: {part['failed']}" if "failed" in part else section(part["found"])
+        sections += [f"## {title}", text]
+    return sections
+
+
+def sizes_section(sizes: list[Json]) -> str:
+    rows = [
+        [
+            f"{case['height'] * case['width'] / 1e6:.1f} MP, {label(case)}",
+            times(case["period"]),
+            f"{case['s_per_iteration']:.4f}",
+            f"{case['min']:.4f}–{case['max']:.4f}",
+            f"{1e9 * case['s_per_iteration'] / (prod(case['period']) * case['channels']):.1f}",
+            f"{case['peak_mib']:.0f}",
+        ]
+        for case in sizes
+    ]
+    head = ["sensor", "period", "s per iteration", "min–max", "ns per cell", "peak MiB"]
+    return f"{table(head, rows)}\n\n{SIZES_NOTE}"
+
+
+def passes_section(found: Json) -> str:
+    seconds = found["median_s"]
+    whole = sum(seconds.values())
+    rows = [[name, f"{1e3 * each:.1f}", f"{each / whole:.1%}"] for name, each in seconds.items()]
+    return "\n\n".join(
+        [
+            table(["pass", "median ms", "share"], rows),
+            f"Target: at most {PASSES_TARGET:.0%} of an iteration is not transforms (solve and "
+            f"update together): {found['share']:.1%}, {met(found['share'] <= PASSES_TARGET)}.",
+            f"One channel, period {times(found['period'])}, {found['threads']} threads; medians "
+            f"of {found['turns']} turns, in which the passes follow one another. The update, which "
+            f"gathers sums once in {found['look']} iterations, is the mean over so many.",
+        ]
+    )
+
+
+def dense_section(found: Json) -> str:
+    best, photo = found["best"], found["photo"]
+    rows = [
+        [f"{run['tau']:g}", f"{run['psnr_db']:.2f} dB", f"{run['objective']:.4g}"]
+        for run in found["converged"]
+    ]
+    short = best["psnr_db"] - photo["psnr_db"]
+    seconds = photo["seconds"]
+    quick = short <= DENSE_NEAR_DB and photo["median_s"] <= DENSE_SECONDS
+    return "\n\n".join(
+        [
+            f"Sensor {times(found['sensor'])}, one channel, region {found['side']}×{found['side']},"
+            f" period {times(found['period'])}: skimage's astronaut (green, linear light) fills "
+            "the region, through a random mask (`bench/caustic.py`) whose PSF is known wherever "
+            "light from the region reaches the sensor; shot noise at 90 % of the paper's full "
+            "well, and read noise. PSNR after one scale factor.",
+            table(["τ", f"PSNR after {found['iterations']} iterations", "objective"], rows),
+            f"Converged here means {found['iterations']} iterations with tolerance 0; the best of "
+            f"the three is τ = {best['tau']:g}, {best['psnr_db']:.2f} dB.",
+            "\n".join(
+                [
+                    f"- Target: at least {DENSE_DB:g} dB: {met(best['psnr_db'] >= DENSE_DB)}.",
+                    f"- Target: from a cold start with quality `photo`, within {DENSE_NEAR_DB:g} "
+                    f"dB of that in at most {DENSE_SECONDS:g} s: {photo['psnr_db']:.2f} dB "
+                    f"({short:.2f} dB short) after {photo['iterations']} iterations in "
+                    f"{photo['median_s']:.2f} s (median of {len(seconds)}: {min(seconds):.2f}–"
+                    f"{max(seconds):.2f}), posing included: {met(quick)}.",
+                ]
+            ),
+        ]
+    )
+
+
+def presets_section(found: Json) -> str:
+    height, width, channels, side = found["size"]
+    rows = []
+    for quality, runs in found["runs"].items():
+        wall, own = ([run[key] for run in runs] for key in ("seconds", "own_seconds"))
+        rows.append(
+            [
+                f"`{quality}`",
+                *(f"{f(wall):.2f}" for f in (min, median, max)),
+                *(f"{f(own):.2f}" for f in (min, median, max)),
+                f"{max(run['peak_gb'] for run in runs):.2f}",
+                f"{runs[-1]['iterations']} ({runs[-1]['stop_reason']})",
+            ]
+        )
+    head = ["quality", "command s: min", "median", "max", "own s: min", "median", "max",
+            "peak GB", "iterations"]  # fmt: skip
+    draft, photo = (found["runs"][quality] for quality in ("draft", "photo"))
+    photo_s, draft_s = (median(run["seconds"] for run in runs) for runs in (photo, draft))
+    draft_own_s = median(run["own_seconds"] for run in draft)
+    peak = max(run["peak_gb"] for run in photo)
+    return "\n\n".join(
+        [
+            f"`nolens reconstruct m.npy --psf p.npy -o out.png --quality … --json`, "
+            f"{len(draft)} runs of each, one after the other: {height}×{width} pixels in {channels}"
+            f" channels, no region; a photograph on {side}×{side} cells through a random mask.",
+            table(head, rows),
+            "\n".join(
+                [
+                    f"- Target: `photo` in at most {PHOTO_SECONDS:g} s (the command) and "
+                    f"{PHOTO_GB:g} GB: {photo_s:.2f} s and {peak:.2f} GB: "
+                    f"{met(photo_s <= PHOTO_SECONDS and peak <= PHOTO_GB)}.",
+                    f"- Target: `draft` in at most {DRAFT_SECONDS:g} s: "
+                    f"{draft_s:.2f} s the command, {met(draft_s <= DRAFT_SECONDS)}; "
+                    f"{draft_own_s:.2f} s by its own clock, {met(draft_own_s <= DRAFT_SECONDS)}.",
+                ]
+            ),
+            "Command seconds are those on the wall from the start of Python to its end; own "
+            "seconds those that the command says: files and solver, without the imports. Peak "
+            "memory is the whole process's (`ru_maxrss`).",
+        ]
+    )
+
+
+def cuda_section(found: Json | None) -> str:
+    if found is None:
+        return (
+            "Not measured: this machine has no CUDA device. `make bench` on a machine with one "
+            "measures it."
+        )
+    height, width, channels = found["size"]
+    each = found["seconds"] / found["iterations"]
+    floor = found["bytes_per_iteration"] / found["bytes_per_s"]
+    return "\n\n".join(
+        [
+            f"{found['device']}; {height}×{width}, {channels} channels, period "
+            f"{times(found['period'])}, random numbers.",
+            "\n".join(
+                [
+                    f"- {found['iterations']} iterations: {found['seconds']:.2f} s, "
+                    f"{1e3 * each:.2f} ms each.",
+                    f"- Floor by memory: {found['bytes_per_iteration'] / 1e9:.2f} GB an iteration "
+                    f"at {found['bytes_per_s'] / 1e12:.2f} TB/s take {1e3 * floor:.2f} ms, "
+                    f"{found['share_of_floor']:.0%} of the time it takes.",
+                    f"- Quality `photo`, frame to the device and picture back: "
+                    f"{found['photo_s']:.2f} s.",
+                    f"- Stream of {times(found['stream_size'][:2])}, {channels} channels, every "
+                    f"frame posed and solved anew with quality `photo`: "
+                    f"{found['frames_per_s']:.1f} frames/s.",
+                ]
+            ),
+            CUDA_NOTE,
+        ]
+    )
+
+
+SIZES_NOTE = """\
+Full domain, PSF of the sensor's size, random numbers: what an iteration takes does not depend on \
+them. Every case in a process of its own; medians of three timings. ns per cell are those of the \
+period, for one channel; peak memory has the imports in it."""
+
+CUDA_NOTE = """\
+The bandwidth is that of copies within the device, read and written bytes together. Bytes are \
+counted from the sizes of the arrays, each moved once by every pass: both transforms read and \
+write the complex pair along rows and along columns; the solve reads and writes it and reads the \
+PSF's half spectrum; the update reads and writes it and the four real arrays of the splits, and \
+reads the measurement and which of its pixels are valid."""

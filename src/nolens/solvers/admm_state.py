@@ -1,0 +1,192 @@
+"""Where a run of ADMM stands: what the next iteration needs, and what a state file holds."""
+
+from dataclasses import dataclass, fields
+
+import torch
+from torch import Tensor
+
+from nolens.errors import DataError
+from nolens.kernels import PassSums, SplitState, in_large_pages, irfft2, rfft2
+from nolens.operators import FiniteDifference
+from nolens.solvers.penalties import START, Penalties
+from nolens.solvers.problem import Prior, Problem
+
+_UNIFORM_START = 0.9
+"""Share of the data that a uniform scene must explain for the iteration to start from it."""
+_ARRAYS = ("measured", "rows", "columns", "scene")
+_SUMS = tuple(field.name for field in fields(PassSums))
+
+
+@dataclass
+class AdmmState:
+    """The splits of every channel, the penalties and the sums that the balance goes by.
+
+    `admm` advances the state that it is given, in place. A state fits every problem of the same
+    sizes and prior: it is in unit norms, so that of one frame is a start for the next.
+
+    Parameters
+    ----------
+    splits
+        Of every channel.
+    penalties
+        μ₁, μ₂, μ₃ of the next solve.
+    sums
+        Of every channel, from the last iteration that was looked at; empty before the first.
+    iteration
+        How many were done.
+    fills_view
+        Whether a uniform scene explains most of the measurement.
+    """
+
+    splits: list[SplitState]
+    penalties: Penalties
+    sums: list[PassSums]
+    iteration: int = 0
+    fills_view: bool = False
+
+    @classmethod
+    def cold(cls, problem: Problem, penalties: Penalties | None = None) -> "AdmmState":
+        """Start of a run: the uniform scene that fits best where that explains most, or zero."""
+        geometry = problem.forward.geometry
+        splits = []
+        levels = _uniform_levels(problem)
+        for channel, level in enumerate(levels):
+            data = problem.data[channel]
+            scene = problem.forward.embed(data.new_full(geometry.scene[2:], level))
+            measured = irfft2(rfft2(scene) * problem.transfer(channel), geometry.period)
+            splits.append(_split(problem, channel, measured, scene))
+        mu = START if penalties is None else penalties
+        if splits[0].tv == 0:
+            mu = (mu[0], 0.0, mu[2])  # There is no split u.
+        return cls(splits, mu, [], fills_view=min(levels) > 0)
+
+    def renew(self, problem: Problem, penalties: Penalties) -> None:
+        """Go on from here with another measurement of the same sizes, and count anew.
+
+        Parameters
+        ----------
+        problem
+            With the measurement.
+        penalties
+            To go on with; the multipliers μd are kept.
+        """
+        for channel, split in enumerate(self.splits):
+            split.data, split.valid = _measurement(problem, channel)
+            split.rescale_(self.penalties, penalties)
+        self.penalties, self.sums, self.iteration = penalties, [], 0
+
+    def move_(self, problem: Problem, change: Tensor) -> None:
+        """Add to the scene what another method found: to every split, with its multiplier kept.
+
+        On the sensor x stays: it is held by the measurement, and v comes to it.
+
+        Parameters
+        ----------
+        problem
+            Of this state.
+        change
+            `(channels, height, width)` of the scene's cells, unit norms.
+        """
+        geometry = problem.forward.geometry
+        top, left, height, width = geometry.sensor
+        for channel, split in enumerate(self.splits):
+            scene = problem.forward.embed(change[channel])
+            image = irfft2(rfft2(scene) * problem.transfer(channel), geometry.period)
+            image[top : top + height, left : left + width] = 0
+            split.measured += image
+            split.scene += scene
+            if split.tv > 0:
+                rows, columns = FiniteDifference(geometry.period)(scene)
+                split.rows += rows
+                split.columns += columns
+
+    def scene(self, problem: Problem) -> Tensor:
+        """The split w of every channel: non-negative, zero outside the region; unit norms."""
+        top, left, height, width = problem.forward.geometry.scene
+        weight = self.penalties[2]
+        return torch.stack(
+            [each.estimate(weight)[top : top + height, left : left + width] for each in self.splits]
+        )
+
+    def arrays(self) -> dict[str, Tensor]:
+        """All of it as named tensors, for a state file."""
+        held = {
+            f"{name}_{channel}": getattr(split, name)
+            for channel, split in enumerate(self.splits)
+            for name in _ARRAYS
+        }
+        sums = [
+            torch.cat([torch.tensor(getattr(each, name), dtype=torch.float64).reshape(-1)
+                       for name in _SUMS])
+            for each in self.sums
+        ]  # fmt: skip
+        return {
+            **held,
+            "penalties": torch.tensor(self.penalties, dtype=torch.float64),
+            "sums": torch.stack(sums) if sums else torch.zeros(0, dtype=torch.float64),
+            "iteration": torch.tensor(self.iteration),
+            "fills_view": torch.tensor(self.fills_view),
+        }
+
+    @classmethod
+    def restored(cls, problem: Problem, arrays: dict[str, Tensor]) -> "AdmmState":
+        """State that `arrays` gave, for the same problem.
+
+        Raises
+        ------
+        DataError
+            If it is not the state of a problem of these sizes.
+        """
+        state = cls.cold(problem)
+        for channel, split in enumerate(state.splits):
+            for name in _ARRAYS:
+                saved, here = arrays.get(f"{name}_{channel}"), getattr(split, name)
+                if saved is None or saved.shape != here.shape:
+                    was = "none" if saved is None else "×".join(str(n) for n in saved.shape)
+                    raise DataError(
+                        f"the state's array {name} of channel {channel} is {was}, and the problem "
+                        f"needs {'×'.join(str(n) for n in here.shape)}: it is the state of "
+                        "another problem"
+                    )
+                here.copy_(saved)
+        first, second, third = arrays["penalties"].tolist()
+        state.penalties = first, second, third
+        state.sums = [PassSums.of(row.tolist()) for row in arrays["sums"]]
+        state.iteration = int(arrays["iteration"])
+        state.fills_view = bool(arrays["fills_view"])
+        return state
+
+
+def _split(problem: Problem, channel: int, measured: Tensor, scene: Tensor) -> SplitState:
+    geometry = problem.forward.geometry
+    tv = problem.tau if problem.prior in (Prior.TV, Prior.ISOTROPIC_TV) else 0.0
+    gradient = FiniteDifference(geometry.period)(scene) if tv > 0 else scene.new_empty(2, 0, 0)
+    data, valid = _measurement(problem, channel)
+    return SplitState(
+        data=data,
+        valid=valid,
+        sensor=geometry.sensor,
+        region=geometry.scene,
+        tv=tv,
+        isotropic=problem.prior is Prior.ISOTROPIC_TV,
+        l1=problem.tau if problem.prior is Prior.L1 else 0.0,
+        measured=in_large_pages(measured),
+        rows=in_large_pages(gradient[0]),
+        columns=in_large_pages(gradient[1]),
+        scene=in_large_pages(scene),
+    )
+
+
+def _measurement(problem: Problem, channel: int) -> tuple[Tensor, Tensor]:
+    valid = problem.valid[channel].to(torch.uint8)
+    return problem.data[channel].contiguous(), valid.contiguous()
+
+
+def _uniform_levels(problem: Problem) -> list[float]:
+    """Level c of each channel that minimises ‖b − c·CM1‖², or zeros where that explains little."""
+    ones = problem.data.new_ones(problem.scene_shape)
+    glow = torch.where(problem.valid, problem.forward(ones), 0).double()
+    overlap = (glow * problem.data).sum(dim=(-2, -1))
+    levels = overlap / glow.square().sum(dim=(-2, -1)).clamp_min(1e-300)
+    explained = float((levels * overlap).mean())  # of ‖b‖² = 1
+    return levels.tolist() if explained > _UNIFORM_START else [0.0] * problem.channels

@@ -1,0 +1,116 @@
+"""A stream: follows what moves, ends in time, drops nothing on the floor, holds its memory."""
+
+import time
+
+import psutil
+import pytest
+import torch
+
+from nolens.errors import DataError, OptionError
+from nolens.operators import CroppedConvolution, Region
+from nolens.solvers import Problem, Stream, admm
+
+SENSOR = (64, 72)
+REGION = Region.centred(32, 32, SENSOR)
+
+
+def camera() -> tuple[torch.Tensor, CroppedConvolution]:
+    generator = torch.Generator().manual_seed(1)
+    psf = (torch.rand(1, 96, 104, generator=generator) > 0.97).float()
+    return psf, CroppedConvolution(psf, SENSOR, REGION)
+
+
+def scene(step: int) -> torch.Tensor:
+    """A bright square that moves by a cell a step, over a grey one."""
+    picture = torch.zeros(1, 32, 32)
+    picture[:, 4:28, 4:28] = 0.2
+    place = 5 + step % 12
+    picture[:, place : place + 8, 8:16] = 1.0
+    return picture
+
+
+def error(found: torch.Tensor, truth: torch.Tensor) -> float:
+    return float(torch.linalg.vector_norm(found - truth) / torch.linalg.vector_norm(truth))
+
+
+def test_follows_what_moves_with_a_few_iterations():
+    psf, blur = camera()
+    stream = Stream(Problem.pose(psf, blur(scene(0)), region=REGION, tau=1e-5))
+    stream.solve(blur(scene(0)))
+    for step in range(1, 8):
+        frame = stream.solve(blur(scene(step)))
+        assert frame.iterations <= 8
+    problem = Problem.pose(psf, blur(scene(7)), region=REGION, tau=1e-5)
+    cold = admm(problem, iterations=frame.iterations, tolerance=0).scene
+    assert error(frame.scene, scene(7)) < 0.2
+    assert error(frame.scene, scene(7)) < 0.5 * error(cold, scene(7))
+
+
+def test_brightness_may_change():
+    psf, blur = camera()
+    stream = Stream(Problem.pose(psf, blur(scene(0)), region=REGION, tau=1e-5))
+    stream.solve(blur(scene(0)))
+    assert error(stream.solve(30 * blur(scene(0))).scene, 30 * scene(0)) < 0.1
+
+
+def test_standing_scene_converges():
+    psf, blur = camera()
+    data = blur(scene(0)) + 0.02 * torch.rand(
+        1, *SENSOR, generator=torch.Generator().manual_seed(3)
+    )
+    problem = Problem.pose(psf, data, region=REGION, tau=1e-4)
+    best = admm(problem, iterations=3000, tolerance=0)
+    stream = Stream(problem)
+    frames = [stream.solve(data) for _ in range(40)]
+    assert problem.objective(frames[-1].scene / problem.scale) < 1.01 * best.objective
+
+
+def test_frames_end_in_time():
+    psf, blur = camera()
+    problem = Problem.pose(psf, blur(scene(0)), region=REGION, tau=1e-5)
+    slow = Stream(problem, iterations=100_000, latency_s=0.3)
+    stopped = []
+    for step in range(4):
+        begun = time.perf_counter()
+        frame = slow.solve(blur(scene(step)))
+        stopped.append(time.perf_counter() - begun)
+        assert frame.iterations < 100_000
+    # The machine may be busy; a frame of that many iterations would take minutes.
+    assert min(stopped[1:]) < 0.6
+
+
+def test_bad_frame_leaves_the_stream_as_it_was():
+    psf, blur = camera()
+    problem = Problem.pose(psf, blur(scene(0)), region=REGION, tau=1e-5)
+    streams = [Stream(problem) for _ in range(2)]
+    for stream in streams:
+        stream.solve(blur(scene(0)))
+    for bad in (torch.zeros(1, *SENSOR), torch.ones(1, 5, 5), blur(scene(0)) * torch.nan):
+        with pytest.raises(DataError):
+            streams[0].solve(bad)
+    first, second = (stream.solve(blur(scene(1))).scene for stream in streams)
+    assert torch.equal(first, second)
+
+
+def test_memory_is_flat_over_500_frames():
+    psf, blur = camera()
+    data = [blur(scene(step)) for step in range(12)]
+    stream = Stream(Problem.pose(psf, data[0], region=REGION), iterations=4)
+    process = psutil.Process()
+    held = []
+    for step in range(500):
+        stream.solve(data[step % 12])
+        if step % 50 == 49:
+            held.append(process.memory_info().rss)
+    # Forty frames of this size would be a megabyte; the first fifty settle the allocators.
+    assert held[-1] - held[1] < 4e6
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"iterations": 0}, "iterations is 0"), ({"latency_s": 0.0}, "latency_s is 0")],
+)
+def test_bad_options(options, message):
+    psf, blur = camera()
+    with pytest.raises(OptionError, match=message):
+        Stream(Problem.pose(psf, blur(scene(0)), region=REGION), **options)
