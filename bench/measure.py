@@ -39,7 +39,7 @@ class Bench:
         with tempfile.TemporaryDirectory(prefix="nolens-bench-") as folder:
             self._folder = Path(folder)
             with ExitStack() as stack:
-                workers = {side: stack.enter_context(self._worker(side)) for side in SIDES}
+                workers = {side: stack.enter_context(self._worker(side)) for side in self.pythons}
                 about = {side: worker.ask("about") for side, worker in workers.items()}
                 timing = [self._time(case, workers) for case in self.cases]
                 races = [self._race(race, workers) for race in self.races]
@@ -133,7 +133,7 @@ class Bench:
         """What all the steps together weigh."""
         total = sum(part.seconds * PER_SECOND for part in self.parts)
         total += sum(case.values * (REPEATS * sized(case) + WARM_UP) for case in self.sizes)
-        for side in SIDES:
+        for side in self.pythons:
             count = WARM_UP + 3 + self.rounds * counted(self.iterations, side)
             total += COST[side] * count * sum(case.values for case in self.cases)
             for race in self.races:

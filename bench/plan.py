@@ -110,27 +110,30 @@ def plan_sizes(quick: bool, memory_gib: float) -> tuple[list[Case], list[str]]:
 
 
 def plan_races(options: argparse.Namespace) -> tuple[list[Race], list[str]]:
-    """The hand, binned and at full size as asked for, the photograph, and what is left out."""
-    races, skipped = [], []
-    folder = options.data
-    if (folder / "diffusercam-hand").is_dir():
-        folder = folder / "diffusercam-hand"
-    full = {NOLENS: options.ours, NUMPY: options.peers_full}
-    if (folder / "psf_sample.tif").exists():
-        peers = min(options.peers, 50) if options.quick else options.peers
-        small = {NOLENS: options.ours, **dict.fromkeys((NUMPY, TORCH, SCICO), peers)}
-        races.append(Race(hand(folder, 4), small))
-        if options.full_size:
-            races.append(Race(hand(folder, 1), full, looks=LOOKS))
-    else:
-        skipped.append(
-            f"the hand: there is no psf_sample.tif in {folder} (name its folder with --data)."
-        )
-    if options.full_size:
-        races.append(photograph(options.quick, {**full, NOLENS: OURS}))
-    else:
-        skipped.append("the hand and a photograph at full size: done with `--full-size`.")
+    """The hand, binned, and what is left out."""
+    folder = _hand_folder(options.data)
+    if folder is None:
+        return [], [f"the hand: not in {options.data} (name its folder with --data)."]
+    peers = min(options.peers, 50) if options.quick else options.peers
+    counts = {NOLENS: options.ours, **dict.fromkeys((NUMPY, TORCH, SCICO), peers)}
+    return [Race(hand(folder, 4), counts)], []
+
+
+def plan_full_size(data: Path, quick: bool) -> tuple[list[Race], list[str]]:
+    """A photograph whose truth is known, the hand, and what is left out."""
+    peers = 20 if quick else 1000
+    races, skipped = [photograph(quick, {NUMPY: peers, NOLENS: OURS})], []
+    folder = _hand_folder(data)
+    if folder is None:
+        skipped.append(f"the hand: not in {data} (name its folder with --data).")
+    elif not quick:
+        races.append(Race(hand(folder, 1), {NUMPY: peers, NOLENS: OURS}, looks=LOOKS))
     return races, skipped
+
+
+def _hand_folder(data: Path) -> Path | None:
+    there = (folder for folder in (data, data / "diffusercam-hand"))
+    return next((folder for folder in there if (folder / "psf_sample.tif").exists()), None)
 
 
 def hand(folder: Path, factor: int) -> Case:

@@ -12,6 +12,11 @@ Row = list[float]
 """iteration, seconds, objective, PSNR (None where there is no truth)"""
 
 
+def render_race(run: Json) -> str:
+    """docs/benchmarks-race.md from the numbers of a run."""
+    return "draft\n"
+
+
 def race_section(race: Json) -> str:
     """What came of one race."""
     sides = race["sides"]

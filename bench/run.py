@@ -13,7 +13,6 @@ import shlex
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import machine
 from measure import Bench
@@ -64,7 +63,8 @@ def main() -> None:
         **found,
         "skipped": [*skipped, *too_large],
     }
-    write(options.out, run)
+    texts = {"benchmarks.md": render(run), "benchmarks.json": json.dumps(run, indent=1) + "\n"}
+    write(options.out, texts)
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:
@@ -76,23 +76,20 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     add("--rounds", type=int, default=5, help="rounds of taking turns (default 5)")
     add("--iterations", type=int, default=5, help="the peer's timed iterations per round (5)")
     add("--data", type=Path, default=ROOT.parent / "shared" / "data", help="folder with the hand")
-    add("--full-size", action="store_true", help="races at full size too (about 40 minutes more)")
     add("--ours", type=int, default=60, help="nolens's iterations on the hand (60)")
     add("--peers", type=int, default=1000, help="the peer's iterations on the binned hand (1000)")
-    add("--peers-full", type=int, default=1000, help="the peer's iterations at full size (1000)")
     add("--out", type=Path, help="folder for the results (default docs/; build/bench/ if --quick)")
     options = parser.parse_args(arguments)
-    if min(options.rounds, options.iterations, options.ours, options.peers, options.peers_full) < 1:
+    if min(options.rounds, options.iterations, options.ours, options.peers) < 1:
         parser.error("counts must be at least 1")
     if options.out is None:
         options.out = ROOT / "build" / "bench" if options.quick else ROOT / "docs"
     return options
 
 
-def write(folder: Path, run: dict[str, Any]) -> None:
-    """Both files, each whole or not at all."""
+def write(folder: Path, texts: dict[str, str]) -> None:
+    """Files of a run, each whole or not at all."""
     folder.mkdir(parents=True, exist_ok=True)
-    texts = {"benchmarks.md": render(run), "benchmarks.json": json.dumps(run, indent=1) + "\n"}
     for name, text in texts.items():
         part = folder / f".{name}.part"
         part.write_text(text, encoding="utf-8")

@@ -106,7 +106,7 @@ COMMANDS: list[tuple[list[object], list[str]]] = [
     (["reconstruct", "raw.dng"], ["no psf is given", "--psf FILE"]),
     (["reconstruct", "raw.dng", "--psf", "p.dng"], ["no output is given", "-o out.png"]),
     (["reconstruct", "raw.dng", "--psf"], ["--psf requires an argument"]),
-    (["reconstruct", "", "--psf", "p.dng", "-o", "x.png"], ["is a folder"]),
+    (["reconstruct", "", "--psf", "p.dng", "-o", "x.png"], ["give the name of a folder"]),
     (["info"], ["no FILE is given", "nolens info FILE"]),
     (["info", "a.dng", "b.dng"], ["'b.dng' is more than info takes"]),
     (["info", "."], ["is a folder", "name of a file in it"]),

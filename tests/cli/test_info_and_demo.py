@@ -64,7 +64,8 @@ def test_help_tells_defaults_and_what_is_needed() -> None:
     for words in (
         "Needed, here or in --config",
         "[default: 1e-4; wiener 0.1]",
-        "[default: 100; fista 300]",
+        "[default: 200; exact 5000; fista 300; in a sequence 8]",
+        "[default: photo] [choices: draft, photo, exact]",
         "[default: admm] [choices: admm, fista, wiener]",
         "[default: auto] [choices: auto, cpu, cuda]",
         "HEIGHTxWIDTH+TOP+LEFT",

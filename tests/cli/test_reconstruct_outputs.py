@@ -107,7 +107,7 @@ def test_record(camera: Camera, tmp_path: Path) -> None:
     assert parameters["relaxation"] == 1.8 and parameters["penalties"] is None
     assert parameters["channel_names"] == ["R", "G", "B"]
     history = record["history"]
-    assert [row["iteration"] for row in history] == list(range(1, 13))
+    assert [row["iteration"] for row in history] == [4, 8, 12]
     for row in history:
         assert row["objective"] > 0
         assert row["primal_residual"] > 0 and row["dual_residual"] > 0
@@ -118,7 +118,7 @@ def test_record(camera: Camera, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("method", "tau", "limit"), [("admm", 1e-4, 100), ("fista", 1e-4, 300), ("wiener", 0.1, 1)]
+    ("method", "tau", "limit"), [("admm", 1e-4, 200), ("fista", 1e-4, 300), ("wiener", 0.1, 1)]
 )
 def test_record_resolves_what_each_method_takes(
     method: str, tau: float, limit: int, camera: Camera, tmp_path: Path

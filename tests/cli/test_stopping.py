@@ -18,7 +18,7 @@ from running import NOLENS, command, listing, read_terminal, run, start
 from nolens.cli.terminal import TerminalReporter
 from nolens.files import read_frame
 
-JOB = importlib.import_module("nolens.jobs.reconstruct")
+JOB = importlib.import_module("nolens.jobs.reconstruction.job")
 """The module; its name in the package is the function's."""
 
 
@@ -55,8 +55,14 @@ def test_ctrl_c_on_a_terminal_keeps_the_picture_so_far(
     assert read_frame(png).counts.shape == (1, 240, 320)
     record = json.loads((tmp_path / "out.json").read_text())
     assert record["result"] == summary
-    assert len(record["history"]) == summary["iterations"]
-    assert sorted(listing(tmp_path)) == ["out.json", "out.png"]
+    assert record["history"][-1]["iteration"] == summary["iterations"]
+    state = tmp_path / "out.state.npz"
+    assert sorted(listing(tmp_path)) == ["out.json", "out.png", state.name]
+    assert summary["outputs"][-1] == str(state)
+    limit = summary["iterations"] + 5
+    done = run(*large[:4], "--iterations", limit, "--tolerance", 0, "-o", png, "--resume", state)
+    assert done.code == 0, done.err
+    assert json.loads((tmp_path / "out.json").read_text())["result"]["iterations"] == limit
 
 
 @pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="sees by /proc what is loaded")
@@ -115,7 +121,7 @@ def test_bug_is_raised(camera: Camera, tmp_path: Path, monkeypatch: pytest.Monke
     def broken(*_: object, **__: object) -> None:
         raise RuntimeError("a bug")
 
-    monkeypatch.setattr(JOB, "admm", broken)
+    monkeypatch.setattr(JOB, "solve", broken)
     with pytest.raises(RuntimeError, match="a bug"):
         run("reconstruct", camera.raw, "--psf", camera.psf, "-o", tmp_path / "out.png")
     assert listing(tmp_path) == {}

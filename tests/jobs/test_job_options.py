@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from nolens.errors import OptionError
 from nolens.jobs import Method, ReconstructOptions
-from nolens.jobs.options import check_apart, parse_window
+from nolens.jobs.reconstruction.options import check_apart, parse_window
 from nolens.operators import Region
 
 FILES = {"measurement": Path("raw.dng"), "psf": Path("psf.dng"), "output": (Path("o.png"),)}

@@ -78,12 +78,24 @@ def test_follows_the_plain_algorithm(case):
             [r.objective(each.v) for r, each in zip(references, iterates, strict=True)]
         )
         assert objective == pytest.approx(expected, rel=1e-4)
+    if case.view:
+        # The result is brought to the level that fits best, where that is better.
+        level = [_levelled(r, run[-1].splits[2]) for r, run in zip(references, runs, strict=True)]
+        ends_level = [r.objective(r.embed(each)) for r, each in zip(references, level, strict=True)]
+    ends = [r.objective(run[-1].splits[2]) for r, run in zip(references, runs, strict=True)]
+    if case.view and np.mean(ends_level) < np.mean(ends):
+        w, ends = level, ends_level
     scales = np.array([r.scale for r in references])[:, None, None]
     np.testing.assert_allclose(
         result.scene.numpy(), np.array(w) * scales, rtol=1e-4, atol=1e-5 * np.max(w * scales)
     )
-    ends = [r.objective(run[-1].splits[2]) for r, run in zip(references, runs, strict=True)]
     assert result.objective == pytest.approx(np.mean(ends), rel=1e-4)
+
+
+def _levelled(reference, split) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """Scene of a split, times what fits the measurement best."""
+    seen = reference.weight * (reference.blur @ split)
+    return reference.scene(split) * (seen @ reference.b) / (seen @ seen)
 
 
 @cache

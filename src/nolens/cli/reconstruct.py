@@ -12,7 +12,7 @@ from nolens.cli.terminal import TerminalReporter
 from nolens.files import describe, read_frame
 from nolens.jobs import Method, ReconstructOptions, expand_home
 from nolens.jobs import reconstruct as run_reconstruct
-from nolens.solvers import Prior
+from nolens.solvers import Prior, Quality
 
 Input = Parameter(group="Input")
 Model = Parameter(group="Model and solver")
@@ -36,11 +36,15 @@ def reconstruct(
     psf_scale: Annotated[int | None, Input, Whole] = None,
     psf_wider: Annotated[bool | None, Input] = None,
     region: Annotated[str | None, Model] = None,
+    quality: Annotated[Quality | None, Model] = None,
     method: Annotated[Method | None, Model] = None,
     tau: Annotated[float | None, Model] = None,
     prior: Annotated[Prior | None, Model] = None,
     iterations: Annotated[int | None, Model, Whole] = None,
     tolerance: Annotated[float | None, Model] = None,
+    smooth_part: Annotated[bool | None, Model] = None,
+    resume: Annotated[Path | None, Model] = None,
+    latency: Annotated[str | None, Model] = None,
     penalties: Annotated[tuple[float, float, float] | None, Model] = None,
     balance: Annotated[bool | None, Model] = None,
     relaxation: Annotated[float | None, Model] = None,
@@ -50,20 +54,24 @@ def reconstruct(
     tiff_bits: Annotated[Literal[16, 32] | None, Picture] = None,
     json_: Annotated[bool, Json] = False,
 ) -> int:
-    """Reconstruct a photograph from a measurement and a PSF.
+    """Reconstruct a photograph from a measurement and a PSF, or a sequence of them.
 
     nolens reconstruct raw.dng --psf psf.dng -o out.png
+
+    nolens reconstruct frames/ --psf psf.dng -o pictures
 
     Parameters
     ----------
     measurement
-        What the sensor measured: camera raw, .png, .tif or .npy. Needed, here or in --config.
+        What the sensor measured: camera raw, .png, .tif or .npy; or a sequence of frames: a folder
+        of such files, a .tif of many pages, a .npy of (frames, height, width[, 1 or 3]). Needed,
+        here or in --config.
     psf
         What the sensor measures of a point of light: the same kinds of file. Needed too.
     output
         Picture to write: .png (8-bit sRGB; the 99.5th percentile is white) or .tif (linear).
         Needed, and may be given several times. The record of the run goes beside the first,
-        as .json.
+        as .json. For a sequence, a folder: a .png for every frame, with one white for all.
     config
         TOML file that holds any of these options, with _ or - in their names. Relative paths
         in it start from its folder; what is given here wins.
@@ -90,6 +98,9 @@ def reconstruct(
     region
         Cells that light can come from: HEIGHTxWIDTH around the middle of the sensor, or
         HEIGHTxWIDTH+TOP+LEFT in cells of the sensor's frame.  [default: no limit]
+    quality
+        draft: one pass of the Wiener filter. photo: until the picture no longer changes visibly.
+        exact: until all relative residuals are below 1e-4.  [default: photo]
     method
         How to solve.  [default: admm]
     tau
@@ -97,9 +108,18 @@ def reconstruct(
     prior
         What the scene is assumed to be like.  [default: tv]
     iterations
-        Limit of the iterations.  [default: 100; fista 300]
+        Limit of the iterations; in a sequence, those of a frame after the first.
+        [default: 200; exact 5000; fista 300; in a sequence 8]
     tolerance
-        Relative residual at which to stop.  [default: 3e-4; fista 1e-4]
+        Relative residual at which to stop, instead of the preset's rule.
+    smooth_part
+        Solve directly for the shading of a scene that fills the view. It needs a PSF that is
+        exactly the camera's.  [default: with exact]
+    resume
+        State that an interrupted run left (.state.npz): goes on with it, given the same files
+        and options.
+    latency
+        Longest time for a frame of a sequence, such as 200ms.  [default: no bound]
     penalties
         Three penalties of ADMM to start with, as three numbers.
     balance
@@ -130,14 +150,22 @@ def reconstruct(
     if json_:
         show(json.dumps(summary))
     else:
-        show(
-            f"{summary['method']}: {summary['iterations']} iterations "
-            f"({summary['stop_reason']}), objective {summary['objective']:.4g}, "
-            f"{summary['seconds']:.1f} s on {summary['device']}"
-        )
+        show(_told(summary))
         for path in summary["outputs"]:
             show(path)
     return 130 if reporter.interrupted else 0
+
+
+def _told(summary: dict[str, Any]) -> str:
+    """What came of it, in a line."""
+    end = f"{summary['seconds']:.1f} s on {summary['device']}"
+    if "frames" in summary:
+        dropped = f", {len(summary['dropped'])} dropped" if summary["dropped"] else ""
+        return f"{summary['frames']} frames{dropped} ({summary['stop_reason']}), {end}"
+    return (
+        f"{summary['method']}: {summary['iterations']} iterations ({summary['stop_reason']}), "
+        f"objective {summary['objective']:.4g}, {end}"
+    )
 
 
 def info(

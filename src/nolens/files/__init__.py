@@ -9,6 +9,7 @@ what was found and what would be accepted.
 from nolens.files.atomic import atomic_write, check_output, write_together
 from nolens.files.describe import describe
 from nolens.files.folder import check_folder, write_into
+from nolens.files.frames import FrameSequence, is_sequence, open_sequence
 from nolens.files.names import readable
 from nolens.files.read import SUFFIXES, read_frame
 from nolens.files.read_camera import CAMERA_FILE, camera_files, read_camera, write_camera
@@ -24,6 +25,7 @@ from nolens.files.record import (
     versions,
     write_record,
 )
+from nolens.files.state import read_state, write_state
 from nolens.files.tolerances import read_tolerances, write_trials
 from nolens.files.write import write_counts, write_png, write_tiff16, write_tiff32
 from nolens.files.write_dng import write_dng
@@ -36,6 +38,7 @@ __all__ = [
     "CAMERA_FILE",
     "PSFS_FILE",
     "SUFFIXES",
+    "FrameSequence",
     "HeightMap",
     "InputFile",
     "Picture",
@@ -48,7 +51,9 @@ __all__ = [
     "check_step",
     "describe",
     "hash_file",
+    "is_sequence",
     "layout",
+    "open_sequence",
     "read_camera",
     "read_frame",
     "read_height_map",
@@ -57,6 +62,7 @@ __all__ = [
     "read_psf",
     "read_psf_set",
     "read_record",
+    "read_state",
     "read_tolerances",
     "readable",
     "versions",
@@ -71,6 +77,7 @@ __all__ = [
     "write_png",
     "write_psfs",
     "write_record",
+    "write_state",
     "write_step",
     "write_stl",
     "write_tiff16",

@@ -54,14 +54,24 @@ def read_frame(path: str | Path, *, mosaic: str | None = None, bgr: bool = False
     if suffix not in _READERS:
         raise FileError(f"{path}: the suffix {suffix or '(none)'} is not known. {_accepted()}")
     check_content(path, _CONTENT.get(suffix, ("TIFF", None)), _accepted())
-    frame = _READERS[suffix](path)
+    return declared(_READERS[suffix](path), mosaic=mosaic, bgr=bgr)
+
+
+def declared(frame: Frame, *, mosaic: str | None, bgr: bool) -> Frame:
+    """Frame with what a person says of it, as `read_frame` takes it.
+
+    Raises
+    ------
+    OptionError
+        If that does not fit the frame.
+    """
     if mosaic is not None:
         frame = _declare_mosaic(frame, mosaic)
     if bgr:
         if len(frame.channels) != 3:
             raise OptionError(
-                f"{path} has one channel ({frame.channels[0]}), whose order cannot be B, G, R: "
-                "leave out --bgr"
+                f"{frame.source} has one channel ({frame.channels[0]}), whose order cannot be "
+                "B, G, R: leave out --bgr"
             )
         frame = replace(frame, counts=frame.counts.flip(0))
     return frame

@@ -1,8 +1,10 @@
 """Arrays of numpy."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nolens.camera import Frame
 from nolens.errors import FileError
@@ -19,28 +21,49 @@ def read_npy(path: Path) -> Frame:
     FileError
         If the file is damaged or holds something else.
     """
+    return frame_of_npy(open_npy(path), str(path))
+
+
+def open_npy(path: Path) -> NDArray[Any]:
+    """Map an npy file into memory.
+
+    Raises
+    ------
+    FileError
+        If the file is damaged.
+    """
     try:
         # A map of the file is refused where the file is shorter than its header says.
-        array = np.load(path, mmap_mode="r", allow_pickle=False)
+        array: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
     # The header is text that numpy evaluates: damage can raise nearly anything.
     except Exception as error:
         raise FileError(
             f"{path} cannot be read as an npy file: it is damaged, incomplete, or holds objects "
             f"instead of numbers ({error}). Write it again with numpy.save"
         ) from error
-    source = str(path)
+    return array
+
+
+def frame_of_npy(array: NDArray[Any], source: str) -> Frame:
+    """Frame of an array that came from `source`.
+
+    Raises
+    ------
+    FileError
+        If its shape or its kind of numbers is not that of a frame.
+    """
     if array.ndim == 2:
         return frame_from_array(array[None], source)
     if array.ndim == 3:
         first, last = array.shape[0] in _CHANNEL_COUNTS, array.shape[2] in _CHANNEL_COUNTS
         if first and last:
             raise FileError(
-                f"{path} has the shape {array.shape}, whose channels can be the first axis or "
+                f"{source} has the shape {array.shape}, whose channels can be the first axis or "
                 "the last: save it as (height, width)"
             )
         if first or last:
             return frame_from_array(array if first else np.moveaxis(array, -1, 0), source)
     raise FileError(
-        f"{path} has the shape {array.shape}; accepted are (height, width), "
+        f"{source} has the shape {array.shape}; accepted are (height, width), "
         "(height, width, 1 or 3) and (1 or 3, height, width)"
     )

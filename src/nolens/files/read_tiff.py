@@ -26,8 +26,15 @@ _LOSSY = (
 _MOST_COMPRESSED = 10_000
 
 
-def read_tiff(path: Path) -> Frame:
+def read_tiff(path: Path, page: int | None = None) -> Frame:
     """Read one page of grey or colour, in strips or tiles, interleaved or planar.
+
+    Parameters
+    ----------
+    path
+        The file.
+    page
+        Which of several, from 0; None where there is to be one.
 
     Raises
     ------
@@ -35,7 +42,7 @@ def read_tiff(path: Path) -> Frame:
         If the file is damaged or incomplete, has several pages, or holds values or a coding
         that cannot be read.
     """
-    found = read_tiff_samples(path)
+    found = read_tiff_samples(path, page)
     values = found.values[: len(found.values) - len(found.alphas)]
     return found.note.applied(frame_from_array(values, str(path)))
 
@@ -58,8 +65,8 @@ class TiffSamples(NamedTuple):
     note: TiffNote
 
 
-def read_tiff_samples(path: Path) -> TiffSamples:
-    """Read all channels, alpha included.
+def read_tiff_samples(path: Path, number: int | None = None) -> TiffSamples:
+    """Read all channels of a page, alpha included.
 
     Raises
     ------
@@ -68,7 +75,7 @@ def read_tiff_samples(path: Path) -> TiffSamples:
     """
     try:
         with quiet_logger("tifffile"), tifffile.TiffFile(path) as tiff:
-            page = _only_page(path, tiff)
+            page = _page(path, tiff, number)
             _check_kind(path, page)
             _check_complete(path, page)
             return TiffSamples(
@@ -90,13 +97,28 @@ def read_tiff_samples(path: Path) -> TiffSamples:
         ) from error
 
 
-def _only_page(path: Path, tiff: tifffile.TiffFile) -> tifffile.TiffPage:
+def count_pages(path: Path) -> int:
+    """Pictures in a TIFF; 1 where it cannot be read, as `read_tiff` says why."""
+    try:
+        with quiet_logger("tifffile"), tifffile.TiffFile(path) as tiff:
+            return len(_pages(tiff))
+    except Exception:  # Damaged tags can raise nearly anything.
+        return 1
+
+
+def _pages(tiff: tifffile.TiffFile) -> list[tifffile.TiffPage]:
     # Counting walks the chain of directories, and raises where damage makes it endless;
     # iterating alone would follow it for ever.
     every = tiff.pages[: len(tiff.pages)]
-    pages = [p for p in every if isinstance(p, tifffile.TiffPage) and not p.is_reduced]
+    return [p for p in every if isinstance(p, tifffile.TiffPage) and not p.is_reduced]
+
+
+def _page(path: Path, tiff: tifffile.TiffFile, number: int | None) -> tifffile.TiffPage:
+    pages = _pages(tiff)
     if not pages:
         raise FileError(f"{path} is a TIFF without a picture in it")
+    if number is not None:
+        return pages[number]
     count = max(len(pages), pages[0].imagedepth)
     if count == 1 and tiff.is_imagej:
         # ImageJ writes a whole stack behind the directory of its first page.

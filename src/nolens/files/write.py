@@ -16,10 +16,8 @@ from nolens.files.atomic import atomic_write
 from nolens.files.tiff_note import SOFTWARE
 
 
-def write_png(path: str | Path, radiance: Tensor) -> None:
+def write_png(path: str | Path, radiance: Tensor, white: float | None = None) -> None:
     """Write a picture as 8-bit PNG with the sRGB curve.
-
-    White is `exposure_white` of the radiance (its 99.5th percentile); what is brighter clips.
 
     Parameters
     ----------
@@ -27,6 +25,9 @@ def write_png(path: str | Path, radiance: Tensor) -> None:
         The file to write.
     radiance
         Linear radiance, (1 or 3, height, width).
+    white
+        Radiance that is white; what is brighter clips. None takes `exposure_white` of the picture
+        (its 99.5th percentile).
 
     Raises
     ------
@@ -35,10 +36,11 @@ def write_png(path: str | Path, radiance: Tensor) -> None:
     FileError
         If the file cannot be written.
     """
-    white = exposure_white(radiance)
+    exposed = "99.5th percentile" if white is None else "of a sequence"
+    white = exposure_white(radiance) if white is None else white
     pixels = _pixels(srgb_from_linear(radiance / white) * 255).round().astype(np.uint8)
     note = PngImagePlugin.PngInfo()
-    note.add_text("Description", f"sRGB; the radiance {white:.9g} (99.5th percentile) is white")
+    note.add_text("Description", f"sRGB; the radiance {white:.9g} ({exposed}) is white")
     with atomic_write(path) as temporary:
         Image.fromarray(pixels).save(temporary, pnginfo=note)
 

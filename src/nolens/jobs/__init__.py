@@ -35,9 +35,9 @@ from nolens.jobs.measuring.resolution import (
     measure_two_points,
 )
 from nolens.jobs.measuring.resolution_options import EdgeOptions, SiemensOptions, TwoPointOptions
-from nolens.jobs.options import Method, ReconstructOptions
 from nolens.jobs.psf import PsfOutcome, simulate_psf
-from nolens.jobs.reconstruct import Outcome, reconstruct
+from nolens.jobs.reconstruction.job import Outcome, reconstruct
+from nolens.jobs.reconstruction.options import Method, ReconstructOptions
 from nolens.jobs.refocusing.options import RefocusOptions
 from nolens.jobs.refocusing.refocus import RefocusOutcome, refocus
 from nolens.jobs.relief import ReliefOutcome, replace_relief

@@ -11,8 +11,8 @@ from nolens.camera import develop, exposure_white, opened, preset
 from nolens.errors import FileError
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import read_frame, write_dng, write_png
-from nolens.jobs.options import ReconstructOptions
-from nolens.jobs.reconstruct import Outcome, reconstruct
+from nolens.jobs.reconstruction.job import Outcome, reconstruct
+from nolens.jobs.reconstruction.options import ReconstructOptions
 from nolens.jobs.reporter import Reporter
 from nolens.jobs.sample_pictures import sample_picture
 from nolens.optics import PointSource

@@ -5,8 +5,10 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic_core import PydanticCustomError
 
 from nolens.errors import OptionError
+from nolens.quantities import Duration
 
 
 class Written(NamedTuple):
@@ -93,6 +95,14 @@ def check_apart(options: JobOptions, read: Mapping[str, Path]) -> None:
                 f"the {what} {path} is given twice: give each its own name ({option})"
             )
         before.append(path)
+
+
+def lasting(given: Duration) -> Duration:
+    """Refuse a duration that is zero, below it, or beyond 1e6 s: a validator of options."""
+    if not 0 < given.s <= 1e6:
+        reason = f"it must be more than zero and at most 1e6 s, such as {given.usual}"
+        raise PydanticCustomError("refused", "{reason}", {"reason": reason})
+    return given
 
 
 def explain(error: ValidationError, sources: Mapping[str, Path | None] | None = None) -> str:

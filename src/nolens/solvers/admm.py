@@ -60,7 +60,9 @@ def admm(
         Stops when, for every split, ‖Kv − x‖ ≤ tolerance · ‖x‖ (primal) and
         ‖x − x_before‖ ≤ tolerance · ‖x‖ (dual). 0 never stops for it.
     scene_tolerance
-        Stops when ‖w − w_before‖ ≤ scene_tolerance · ‖w‖: when the picture stands. 0 never does.
+        Stops when the picture has at most scene_tolerance · ‖w‖ still to go, as its last steps
+        foretell (`still_to_go`), and no residual is above a third of it: the steps alone can be
+        short while the penalties grow. 0 never stops for it.
     smooth_part
         Whether, where the scene fills the view, its smooth part is solved for directly
         (`SmoothPart`): once on the way, which saves hundreds of iterations, and in the end.
@@ -109,7 +111,10 @@ def admm(
         if callback is not None and callback(progress):
             stop_reason = "callback"
             break
-        if progress.scene_change <= scene_tolerance or progress.residual <= tolerance:
+        stands = (
+            still_to_go(history) <= scene_tolerance and progress.residual <= scene_tolerance / 3
+        )
+        if stands or progress.residual <= tolerance:
             stop_reason = "converged"
             break
         if smooth is not None and state.iteration == _SMOOTH_AT:
@@ -123,13 +128,57 @@ def admm(
     scene = state.scene(problem)
     if smooth is not None:
         scene, _ = smooth.improved(scene)
+    scene, objective = _levelled(problem, scene) if state.fills_view else (scene, None)
     return Result(
         scene=problem.unscale(scene),
-        objective=problem.objective(scene),
+        objective=problem.objective(scene) if objective is None else objective,
         iterations=state.iteration,
         stop_reason=stop_reason,
         history=history,
     )
+
+
+def _levelled(problem: Problem, scene: Tensor) -> tuple[Tensor, float]:
+    """Every channel times the factor that fits the data best, and the objective, if that falls.
+
+    The iterate's mean is held by all cells that it is seen through, and comes to rest last: it can
+    be some per cent off, each channel in its own way, when the picture has long been there.
+    """
+    residual = problem.residual(scene)
+    objective = problem.objective(scene, residual)
+    seen = torch.where(problem.valid, problem.data - residual, 0).double()
+    norms = seen.square().sum(dim=(-2, -1)).clamp_min(1e-300)
+    factor = ((seen * problem.data).sum(dim=(-2, -1)) / norms).to(scene.dtype)[:, None, None]
+    if bool((factor > 0).all()):
+        level = factor * scene
+        there = problem.objective(level, problem.data - factor * (problem.data - residual))
+        if there < objective:
+            return level, there
+    return scene, objective
+
+
+def still_to_go(history: list[dict[str, float]]) -> float:
+    """Distance that the picture still has to go, relative to ‖w‖, if it goes on as it did.
+
+    Steps c that shrink by the factor ρ from iteration to iteration have cρ/(1 − ρ) before them. ρ
+    is taken from the last look and the one two before, as single looks scatter. Infinite where
+    the steps do not shrink, or fewer looks were taken.
+
+    Parameters
+    ----------
+    history
+        Rows of the looks (`Progress.row`).
+    """
+    if len(history) < 3:
+        return math.inf
+    before, now = history[-3], history[-1]
+    if now["scene_change"] == 0:
+        return 0.0
+    if before["scene_change"] <= now["scene_change"]:
+        return math.inf
+    span = now["iteration"] - before["iteration"]
+    rate = math.pow(now["scene_change"] / before["scene_change"], 1 / span)
+    return now["scene_change"] * rate / (1 - rate)
 
 
 def _iterate(

@@ -11,7 +11,7 @@ from nolens.camera import Frame, Measurement, develop
 from nolens.errors import DataError, OptionError
 from nolens.files import read_frame, read_picture
 from nolens.jobs.calibration.pairs_options import CalibratePairsOptions
-from nolens.jobs.options import parse_window
+from nolens.jobs.reconstruction.options import parse_window
 from nolens.operators import Region
 
 _LARGEST = 3

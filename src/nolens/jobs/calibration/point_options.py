@@ -4,25 +4,17 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field
-from pydantic_core import PydanticCustomError
 
 from nolens.calibrate.point import StrayLight
 from nolens.camera.part import PositiveLength
 from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
 from nolens.files import PSFS_FILE
-from nolens.jobs.given import JobOptions, Written, expand_home
+from nolens.jobs.given import JobOptions, Written, expand_home, lasting
 from nolens.jobs.scene_options import FieldAngles
 from nolens.quantities import Angle, Duration, Length
 
 _MOSAIC = Literal["RGGB", "BGGR", "GRBG", "GBRG"]
-
-
-def _lasting(given: Duration) -> Duration:
-    if not 0 < given.s <= 1e6:
-        reason = f"it must be more than zero and at most 1e6 s, such as {given.usual}"
-        raise PydanticCustomError("refused", "{reason}", {"reason": reason})
-    return given
 
 
 class CalibratePointOptions(JobOptions):
@@ -57,7 +49,7 @@ class CalibratePointOptions(JobOptions):
     dark: tuple[Annotated[Path, AfterValidator(expand_home)], ...] = ()
     camera: str | None = None
     pixel: PositiveLength | None = None
-    exposure: tuple[Annotated[Duration, AfterValidator(_lasting)], ...] = ()
+    exposure: tuple[Annotated[Duration, AfterValidator(lasting)], ...] = ()
     mosaic: _MOSAIC | None = None
     stray_light: StrayLight = "auto"
 

@@ -24,7 +24,7 @@ from nolens.jobs.calibration.point_options import distance_name
 from nolens.jobs.calibration.surround_options import CalibrateSurroundOptions
 from nolens.jobs.clock import Clock
 from nolens.jobs.cost import duration_text
-from nolens.jobs.options import parse_window
+from nolens.jobs.reconstruction.options import parse_window
 from nolens.jobs.reporter import Reporter
 from nolens.operators import Region
 

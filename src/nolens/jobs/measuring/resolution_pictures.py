@@ -14,8 +14,8 @@ from nolens.jobs.measuring.resolution_bench import TAU
 from nolens.jobs.measuring.resolution_options import ResolutionOptions
 from nolens.jobs.measuring.resolution_scale import AngularScale
 from nolens.jobs.optical_bench import Tick, solved
-from nolens.jobs.options import parse_window
 from nolens.jobs.outline import outline
+from nolens.jobs.reconstruction.options import parse_window
 from nolens.operators import Region
 
 

@@ -25,7 +25,7 @@ from nolens.jobs.clock import Clock
 from nolens.jobs.cost import announce
 from nolens.jobs.device import pick_device
 from nolens.jobs.given import check_apart
-from nolens.jobs.reconstruct import region_within
+from nolens.jobs.reconstruction.window import region_within
 from nolens.jobs.refocusing.options import FOCUSED_FILES, RefocusOptions
 from nolens.jobs.refocusing.psfs import DepthPsfs, read_depth_psfs
 from nolens.jobs.refocusing.stack import Pages, stack_writers

@@ -11,7 +11,8 @@ from torch import Tensor
 from nolens.camera import arrange_rgb, exposure_white
 from nolens.errors import OptionError
 from nolens.jobs.cost import Cost
-from nolens.jobs.reconstruct import oriented, solving_cost
+from nolens.jobs.reconstruction.solve import solving_cost
+from nolens.jobs.reconstruction.window import oriented
 from nolens.jobs.refocusing.options import RefocusOptions, depth_um
 from nolens.jobs.refocusing.psfs import DepthPsfs
 from nolens.jobs.refocusing.stack import Pages

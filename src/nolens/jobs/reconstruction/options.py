@@ -5,15 +5,16 @@ import re
 import tomllib
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field, ValidationError, field_validator
+from pydantic import AfterValidator, BaseModel, Field, ValidationError, field_validator
 
 from nolens.errors import FileError, OptionError
 from nolens.jobs.device import DeviceName
-from nolens.jobs.given import JobOptions, Written, check_apart, expand_home, explain
+from nolens.jobs.given import JobOptions, Written, check_apart, expand_home, explain, lasting
 from nolens.operators import Region
-from nolens.solvers import Prior
+from nolens.quantities import Duration
+from nolens.solvers import Prior, Quality
 
 _WINDOW = re.compile(r"(\d+)x(\d+)(?:([+-]\d+)([+-]\d+))?")
 
@@ -50,6 +51,8 @@ class ReconstructOptions(JobOptions):
         The files' channels are in the order B, G, R.
     psf_scale, psf_wider
         Which of the two a larger PSF file is: finer by this factor, or wider.
+    quality
+        draft, photo or exact: how to solve and when to stop. None is photo, or what `method` says.
     method
         Solver.
     tau
@@ -57,7 +60,14 @@ class ReconstructOptions(JobOptions):
     prior
         What the scene is assumed to be like.
     iterations, tolerance
-        Limit, and relative residual at which to stop. None takes the method's own.
+        Limit, and relative residual at which to stop. None takes the preset's own. In a sequence,
+        the iterations of every frame after the first.
+    smooth_part
+        Whether ADMM solves for the smooth part of a full view directly. None takes the preset's.
+    resume
+        State file of an interrupted run to go on with.
+    latency
+        Longest time for a frame of a sequence.
     penalties
         μ₁, μ₂, μ₃ of ADMM to start with. None leaves them to the program.
     balance
@@ -92,11 +102,15 @@ class ReconstructOptions(JobOptions):
     bgr: bool = False
     psf_scale: int | None = None
     psf_wider: bool = False
+    quality: Quality | None = None
     method: Method = Method.ADMM
     tau: float | None = None
     prior: Prior = Prior.TV
     iterations: int | None = None
     tolerance: float | None = None
+    smooth_part: bool | None = None
+    resume: Path | None = None
+    latency: Annotated[Duration, AfterValidator(lasting)] | None = None
     penalties: tuple[float, float, float] | None = None
     balance: bool = True
     relaxation: float = 1.8
@@ -148,7 +162,7 @@ class ReconstructOptions(JobOptions):
             check_apart(options, {"configuration": config})
         return options
 
-    @field_validator("measurement", "psf", "output", "dark", "flat")
+    @field_validator("measurement", "psf", "output", "dark", "flat", "resume")
     @classmethod
     def _from_home(cls, value: Any) -> Any:
         if isinstance(value, tuple):
@@ -167,6 +181,25 @@ class ReconstructOptions(JobOptions):
     def record(self) -> Path:
         """File of the run's record."""
         return self.output[0].with_suffix(".json")
+
+    @property
+    def state(self) -> Path:
+        """File of the state that an interrupted run leaves."""
+        return self.output[0].with_suffix(".state.npz")
+
+    def check_single(self) -> None:
+        """Refuse what only a sequence can be told.
+
+        Raises
+        ------
+        OptionError
+            If there is such an option.
+        """
+        if self.latency is not None:
+            raise OptionError(
+                f"--latency {self.latency} bounds the frames of a sequence, and {self.measurement} "
+                "is one frame: leave it out, or give a folder or a stack of frames"
+            )
 
     @property
     def written(self) -> tuple[Written, ...]:
@@ -207,7 +240,7 @@ def _read_config(path: Path) -> dict[str, Any]:
     if twice:
         raise OptionError(f"{path} has the key {twice} twice, with _ and with -: leave one out")
     values = dict(zip(names, values.values(), strict=True))
-    for name in ("measurement", "psf", "dark", "flat"):
+    for name in ("measurement", "psf", "dark", "flat", "resume"):
         if isinstance(values.get(name), str):
             values[name] = path.parent / expand_home(Path(values[name]))
     if "output" in values:

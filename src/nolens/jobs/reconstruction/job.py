@@ -1,0 +1,168 @@
+"""From a measurement and a PSF on disk to pictures on disk."""
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from nolens.camera import arrange_rgb, exposure_white
+from nolens.files import (
+    InputFile,
+    RunRecord,
+    check_output,
+    is_sequence,
+    readable,
+    write_png,
+    write_record,
+    write_state,
+    write_tiff16,
+    write_tiff32,
+    write_together,
+)
+from nolens.jobs.clock import Clock
+from nolens.jobs.device import pick_device
+from nolens.jobs.given import check_apart
+from nolens.jobs.reconstruction.options import Method, ReconstructOptions
+from nolens.jobs.reconstruction.read import Developing
+from nolens.jobs.reconstruction.resume import about_run, resumed
+from nolens.jobs.reconstruction.sequence import reconstruct_sequence
+from nolens.jobs.reconstruction.solve import announce_solving, method_of, solve, stop_of, tau_of
+from nolens.jobs.reconstruction.window import crop_window, oriented, region_within
+from nolens.jobs.reporter import Reporter
+from nolens.solvers import AdmmState, Problem, Progress
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a reconstruction came to.
+
+    Parameters
+    ----------
+    picture
+        Radiance of the part that was written, `(channels, height, width)`; the last one's of a
+        sequence.
+    summary
+        Method, iterations, stop_reason, objective, seconds, device, outputs; of a sequence, frames
+        and dropped frames.
+    """
+
+    picture: Tensor
+    summary: dict[str, Any]
+
+
+def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
+    """Read, solve and write; nothing is written unless all of it went well.
+
+    Where the measurement is a sequence of frames (a folder, a stack), see `reconstruct_sequence`.
+
+    Parameters
+    ----------
+    options
+        What to read, how to solve, where to write.
+    reporter
+        Sees notes, warnings and every look.
+
+    Raises
+    ------
+    NolensError
+        If an input, an option or an output cannot be used.
+    """
+    if is_sequence(options.measurement):
+        return Outcome(*reconstruct_sequence(options, reporter))
+    clock = Clock()
+    for path in options.output:
+        check_output(path, (".png", ".tif", ".tiff"))
+    check_output(options.record, (".json",))
+    check_apart(options, options.inputs)
+    options.check_single()
+    stop, tau, device = stop_of(options), tau_of(options), pick_device(options.device)
+
+    developing = Developing.read(options)
+    measurement = developing.measurement(developing.frame(options.measurement))
+    prepared = developing.prepared(measurement)
+    psf, warnings = prepared.values, list(prepared.warnings)
+    inputs = {role: InputFile.of(path) for role, path in options.inputs.items()}
+    sensor = (measurement.values.shape[-2], measurement.values.shape[-1])
+    region = None if options.region is None else region_within(options.region, sensor, psf)
+    for text in warnings:
+        reporter.warn(text)
+
+    problem = Problem.pose(
+        psf.to(device),
+        measurement.values.to(device),
+        valid=measurement.valid.to(device),
+        region=region,
+        tau=tau,
+        prior=options.prior,
+    )
+    window = crop_window(options, problem, region)
+    announce_solving(problem, stop.iterations, device, reporter)
+    state, about = None, about_run(options, inputs, tau)
+    if method_of(options) is Method.ADMM:
+        state = resumed(problem, options, about)
+
+    def watch(progress: Progress) -> bool:
+        return reporter.progress(progress, stop.iterations)
+
+    result = solve(problem, options, state, watch)
+    top, left, height, width = window
+    scene = result.scene[:, top : top + height, left : left + width].cpu()
+    picture = oriented(scene, options.flip)
+    exposure_white(picture)  # An empty picture is an error before anything is written.
+
+    interrupted = result.stop_reason == "callback"
+    shown = arrange_rgb(picture, measurement.channels)
+    writers = {path: partial(_write, picture=shown, options=options) for path in options.output}
+    kept = [options.state] if interrupted and state is not None else []
+    summary = {
+        "method": method_of(options).value,
+        "iterations": result.iterations,
+        "stop_reason": "interrupted" if interrupted else result.stop_reason,
+        "objective": result.objective,
+        "seconds": clock.seconds,
+        "device": str(device),
+        "outputs": [readable(path) for path in (*options.output, options.record, *kept)],
+    }
+    record = RunRecord(
+        started=clock.started,
+        inputs=inputs,
+        parameters={
+            **options.model_dump(mode="json"),
+            "black": developing.black,
+            "tau": tau,
+            "iterations": stop.iterations,
+            "tolerance": stop.tolerance,
+            "scene_tolerance": stop.scene_tolerance,
+            "smooth_part": stop.smooth_part,
+            "period": list(problem.forward.geometry.period),
+            "channel_names": list(measurement.channels),
+            "threads": torch.get_num_threads(),
+        },
+        result=summary,
+        history=result.history,
+        warnings=warnings,
+    )
+    write_together(
+        {
+            options.record: partial(write_record, record=record),
+            **writers,
+            **{path: partial(write_state, arrays=_arrays(state), about=about) for path in kept},
+        }
+    )
+    return Outcome(picture=picture, summary=summary)
+
+
+def _arrays(state: AdmmState | None) -> dict[str, Tensor]:
+    return {} if state is None else state.arrays()
+
+
+def _write(path: Path, picture: Tensor, options: ReconstructOptions) -> None:
+    if path.suffix.lower() == ".png":
+        write_png(path, picture)
+    elif options.tiff_bits == 16:
+        write_tiff16(path, picture)
+    else:
+        write_tiff32(path, picture)

@@ -1,0 +1,59 @@
+"""Going on with a run that was interrupted."""
+
+from typing import Any
+
+from nolens.errors import DataError, OptionError
+from nolens.files import InputFile, read_state
+from nolens.jobs.reconstruction.options import ReconstructOptions
+from nolens.solvers import AdmmState, Problem
+
+_POSING = (
+    "black", "white", "mosaic", "bgr", "psf_scale", "psf_wider", "prior", "bin", "channels",
+    "region",
+)  # fmt: skip
+"""Options that decide what problem is solved; how long and where may change."""
+
+
+def about_run(
+    options: ReconstructOptions, inputs: dict[str, InputFile], tau: float
+) -> dict[str, Any]:
+    """What a run must have in common with the one that it goes on with.
+
+    Parameters
+    ----------
+    options, inputs
+        Of the run.
+    tau
+        Weight of the prior.
+    """
+    values = options.model_dump(mode="json")
+    return {
+        **{role: file.sha256 for role, file in inputs.items()},
+        "tau": tau,
+        **{name: values[name] for name in _POSING},
+    }
+
+
+def resumed(problem: Problem, options: ReconstructOptions, about: dict[str, Any]) -> AdmmState:
+    """Where to start: from the state file that --resume names, or cold.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read.
+    OptionError
+        If it was written by a run with other files or options.
+    """
+    if options.resume is None:
+        return AdmmState.cold(problem, options.penalties)
+    arrays, before = read_state(options.resume)
+    changed = sorted(name for name in {*about, *before} if about.get(name) != before.get(name))
+    if changed:
+        raise OptionError(
+            f"{options.resume} is the state of a run with another {' and '.join(changed)}; give "
+            "the same files and options again, or leave out --resume"
+        )
+    try:
+        return AdmmState.restored(problem, arrays)
+    except (DataError, KeyError) as error:
+        raise OptionError(f"{options.resume} does not fit this run: {error}") from None

@@ -1,0 +1,202 @@
+"""Frame after frame through one camera: folders and stacks of measurements."""
+
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from nolens.camera import Measurement, arrange_rgb, exposure_white
+from nolens.errors import FileError, NolensError, OptionError
+from nolens.files import (
+    FrameSequence,
+    InputFile,
+    RunRecord,
+    check_folder,
+    check_output,
+    open_sequence,
+    readable,
+    write_into,
+    write_png,
+    write_record,
+)
+from nolens.jobs.clock import Clock
+from nolens.jobs.device import pick_device
+from nolens.jobs.given import check_apart
+from nolens.jobs.reconstruction.options import Method, ReconstructOptions
+from nolens.jobs.reconstruction.read import Developing
+from nolens.jobs.reconstruction.solve import announce_solving, method_of, stop_of, tau_of
+from nolens.jobs.reconstruction.window import crop_window, oriented, region_within
+from nolens.jobs.reporter import Reporter
+from nolens.solvers import Problem, Stream
+
+
+def reconstruct_sequence(
+    options: ReconstructOptions, reporter: Reporter
+) -> tuple[Tensor, dict[str, Any]]:
+    """Reconstruct every frame of a folder or stack into a folder of pictures.
+
+    The PSF, and all that follows from it, are laid out once, with the first frame that can be used;
+    every later frame starts from the one before (`Stream`). A frame that cannot be used is
+    dropped, with a warning. Pictures are written as they come, and share the white of the first.
+
+    Parameters
+    ----------
+    options
+        `measurement` is the sequence, `output` the folder.
+    reporter
+        Sees notes, warnings and every frame; what was written stays if it wants to stop.
+
+    Returns
+    -------
+    tuple
+        The last picture, and the summary.
+
+    Raises
+    ------
+    NolensError
+        If an input, an option or an output cannot be used, or no frame can.
+    """
+    clock = Clock()
+    folder = _folder(options)
+    check_apart(options, options.inputs)
+    device = pick_device(options.device)
+    frames = open_sequence(options.measurement, mosaic=options.mosaic, bgr=options.bgr)
+    inputs = {
+        **{role: InputFile.of(path) for role, path in options.inputs.items()
+           if role != "measurement"},
+        **{f"frame {path.name}": InputFile.of(path) for path in frames.sources},
+    }  # fmt: skip
+    work = _Work(options, Developing.read(options), device, reporter)
+    count, interrupted = len(frames.names), False
+    for number in range(count):
+        work.take(frames, number, folder)
+        if reporter.step("frame", number + 1, count, "the pictures"):
+            interrupted = True
+            break
+    picture = work.picture
+    if picture is None:
+        raise FileError(
+            f"none of the {count} frames of {options.measurement} can be used: {work.dropped[0][1]}"
+        )
+    summary = {
+        "method": Method.ADMM.value,
+        "frames": len(work.rows),
+        "dropped": [name for name, _ in work.dropped],
+        "stop_reason": "interrupted" if interrupted else "end of the sequence",
+        "seconds": clock.seconds,
+        "device": str(device),
+        "outputs": [readable(path) for path in (folder, options.record)],
+    }
+    record = RunRecord(
+        started=clock.started,
+        inputs=inputs,
+        parameters={
+            **options.model_dump(mode="json"),
+            "black": work.developing.black,
+            "tau": tau_of(options),
+            "white_radiance": work.white,
+            "names": [name for name in frames.names if (folder / f"{name}.png").exists()],
+            "threads": torch.get_num_threads(),
+        },
+        result=summary,
+        history=work.rows,
+        warnings=work.warnings,
+    )
+    write_into(folder, {options.record: partial(write_record, record=record)})
+    return picture, summary
+
+
+def _folder(options: ReconstructOptions) -> Path:
+    """The folder to write into, once the options are known to suit a sequence."""
+    if len(options.output) != 1 or options.output[0].suffix:
+        given = " ".join(str(path) for path in options.output)
+        raise OptionError(
+            f"{options.measurement} is a sequence of frames, whose pictures go into a folder; "
+            f"given is -o {given}: give the name of a folder, such as -o pictures"
+        )
+    if method_of(options) is not Method.ADMM or options.resume is not None:
+        raise OptionError(
+            "a sequence is solved by ADMM, each frame from the one before: leave out --method, "
+            "--quality draft and --resume"
+        )
+    folder = options.output[0]
+    check_folder(folder)
+    check_output(options.record, (".json",))
+    return folder
+
+
+@dataclass
+class _Work:
+    """What is carried from frame to frame."""
+
+    options: ReconstructOptions
+    developing: Developing
+    device: torch.device
+    reporter: Reporter
+    rows: list[dict[str, float]] = field(default_factory=list)
+    dropped: list[tuple[str, str]] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    picture: Tensor | None = None
+    white: float | None = None
+    _stream: Stream | None = None
+    _window: tuple[int, int, int, int] = (0, 0, 0, 0)
+
+    def take(self, frames: FrameSequence, number: int, folder: Path) -> None:
+        """Solve for a frame and write its picture, or drop it."""
+        name = frames.names[number]
+        try:
+            measurement = self.developing.measurement(frames.read(number))
+            if self._stream is None:
+                self._stream = self._begin(measurement)
+            solved = self._stream.solve(
+                measurement.values.to(self.device), measurement.valid.to(self.device)
+            )
+            top, left, height, width = self._window
+            scene = solved.scene[:, top : top + height, left : left + width].cpu()
+            picture = oriented(scene, self.options.flip)
+            if self.white is None:
+                self.white = exposure_white(picture)
+        except (NolensError, ArithmeticError) as error:
+            if self._stream is None and isinstance(error, OptionError):
+                raise
+            self.dropped.append((name, str(error)))
+            self._warn(f"{name} is dropped: {error}")
+            return
+        shown = arrange_rgb(picture, measurement.channels)
+        write_into(folder, {folder / f"{name}.png": partial(_write, shown, self.white)})
+        self.picture = picture
+        row = {"frame": number + 1, "iterations": solved.iterations, "seconds": solved.seconds}
+        self.rows.append(row)
+
+    def _begin(self, measurement: Measurement) -> Stream:
+        options = self.options
+        prepared = self.developing.prepared(measurement)
+        for text in prepared.warnings:
+            self._warn(text)
+        sensor = (measurement.values.shape[-2], measurement.values.shape[-1])
+        psf = prepared.values
+        region = None if options.region is None else region_within(options.region, sensor, psf)
+        problem = Problem.pose(
+            psf.to(self.device),
+            measurement.values.to(self.device),
+            valid=measurement.valid.to(self.device),
+            region=region,
+            tau=tau_of(options),
+            prior=options.prior,
+        )
+        self._window = crop_window(options, problem, region)
+        announce_solving(problem, stop_of(options).iterations, self.device, self.reporter)
+        latency = None if options.latency is None else options.latency.s
+        each = {} if options.iterations is None else {"iterations": options.iterations}
+        return Stream(problem, latency_s=latency, **each)
+
+    def _warn(self, text: str) -> None:
+        self.warnings.append(text)
+        self.reporter.warn(text)
+
+
+def _write(picture: Tensor, white: float, path: Path) -> None:
+    write_png(path, picture, white)

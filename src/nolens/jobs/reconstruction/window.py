@@ -1,0 +1,70 @@
+"""Parts of the scene: what is solved for, and what is written."""
+
+import torch
+from torch import Tensor
+
+from nolens.errors import OptionError
+from nolens.jobs.reconstruction.options import ReconstructOptions, parse_window
+from nolens.operators import Region
+from nolens.solvers import Problem
+
+
+def region_within(text: str, sensor: tuple[int, int], psf: Tensor) -> Region:
+    """Cells that light can come from; by far more than can be seen would only fill the memory.
+
+    Parameters
+    ----------
+    text
+        As --region has it.
+    sensor
+        (rows, columns) of the measurement.
+    psf
+        That it is reconstructed with.
+
+    Raises
+    ------
+    OptionError
+        If the text is no region, or one larger than can be seen.
+    """
+    region = parse_window(text, sensor, "--region")
+    height, width = sensor[0] + psf.shape[-2], sensor[1] + psf.shape[-1]
+    if region.height > height or region.width > width:
+        raise OptionError(
+            f"--region {text} is larger than what the sensor can see through this PSF; give at "
+            f"most {height}x{width}, or leave it out for no limit"
+        )
+    return region
+
+
+def crop_window(
+    options: ReconstructOptions, problem: Problem, region: Region | None
+) -> tuple[int, int, int, int]:
+    """Rows and columns of the scene that are written: (top, left, height, width).
+
+    Raises
+    ------
+    OptionError
+        If --crop reaches beyond the scene.
+    """
+    geometry = problem.forward.geometry
+    height, width = geometry.scene[2:]
+    if options.crop == "all" or (options.crop is None and region is not None):
+        return 0, 0, height, width
+    wanted = (
+        Region(0, 0, *problem.forward.sensor)
+        if options.crop is None
+        else parse_window(options.crop, problem.forward.sensor, "--crop")
+    )
+    top, left = wanted.top - geometry.origin[0], wanted.left - geometry.origin[1]
+    if min(top, left) < 0 or top + wanted.height > height or left + wanted.width > width:
+        raise OptionError(
+            f"--crop {options.crop} reaches beyond the scene, which is {height}×{width} cells "
+            f"from {geometry.origin[0]:+d}{geometry.origin[1]:+d}; give a part of that, or all"
+        )
+    return top, left, wanted.height, wanted.width
+
+
+def oriented(picture: Tensor, flip: str) -> Tensor:
+    """Picture (…, rows, columns) turned over as --flip asks for."""
+    axes = {"none": (), "vertical": (-2,), "horizontal": (-1,), "both": (-2, -1)}[flip]
+    return torch.flip(picture, axes) if axes else picture

@@ -1,0 +1,120 @@
+"""Presets of `nolens reconstruct`, and going on with a run."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from little_camera import REGION, Camera, quality
+from running import check_refused, run
+
+from nolens.files import read_frame, read_state
+from nolens.jobs import ReconstructOptions, reconstruct
+from nolens.solvers import Progress
+
+
+def solved(camera: Camera, out: Path, *asked: object) -> dict[str, object]:
+    done = run(
+        "reconstruct", camera.raw, "--psf", camera.psf, "--region", REGION, "-o", out, *asked
+    )
+    assert done.code == 0, done.err
+    record: dict[str, object] = json.loads(out.with_suffix(".json").read_text())
+    return record
+
+
+def test_presets_cost_more_and_give_more(camera: Camera, tmp_path: Path) -> None:
+    out = tmp_path / "o.tif"
+    found = {}
+    for preset in ("draft", "photo", "exact"):
+        record = solved(camera, out, "--quality", preset, "--tiff-bits", 32)
+        result = record["result"]
+        assert isinstance(result, dict)
+        found[preset] = result["iterations"], quality(read_frame(out).counts)
+        assert result["method"] == ("wiener" if preset == "draft" else "admm")
+        assert result["stop_reason"] == ("one shot" if preset == "draft" else "converged")
+    assert found["draft"][0] == 1 < found["photo"][0] < found["exact"][0]
+    assert found["draft"][1] < found["photo"][1]
+    assert found["exact"][1] > 40
+
+
+def test_photo_is_the_default(camera: Camera, tmp_path: Path) -> None:
+    parameters = [
+        solved(camera, tmp_path / "o.png", *asked)["parameters"]
+        for asked in ((), ("--quality", "photo"))
+    ]
+    for each in parameters:
+        assert isinstance(each, dict)
+        del each["quality"]
+    assert parameters[0] == parameters[1]
+
+
+@pytest.mark.parametrize("method", ["fista", "wiener"])
+def test_preset_against_method(method: str, camera: Camera, tmp_path: Path) -> None:
+    asked = ("-o", tmp_path / "o.png", "--quality", "exact", "--method", method)
+    done = run("reconstruct", camera.raw, "--psf", camera.psf, *asked)
+    check_refused(done, "--quality exact", f"--method {method}", "leave one out")
+
+
+def _options(camera: Camera, out: Path, **more: object) -> ReconstructOptions:
+    return ReconstructOptions.model_validate(
+        {"measurement": camera.raw, "psf": camera.psf, "region": REGION, "output": (out,),
+         "iterations": 40, "tolerance": 0.0, "tiff_bits": 32, **more}
+    )  # fmt: skip
+
+
+class Watcher:
+    """Stops a run at an iteration; hears nothing."""
+
+    def __init__(self, until: float) -> None:
+        self._until = until
+
+    def note(self, text: str) -> None: ...
+
+    def warn(self, text: str) -> None: ...
+
+    def advance(self, what: str, share: float) -> None: ...
+
+    def step(self, what: str, done: int, limit: int, kept: str) -> bool:
+        return False
+
+    def progress(self, progress: Progress, limit: int) -> bool:
+        return progress.iteration >= self._until
+
+
+def test_interrupted_run_goes_on(camera: Camera, tmp_path: Path) -> None:
+    whole, out = tmp_path / "whole.tif", tmp_path / "out.tif"
+    reconstruct(_options(camera, whole), Watcher(math.inf))
+    outcome = reconstruct(_options(camera, out), Watcher(12))
+    assert outcome.summary["iterations"] == 12
+    state = tmp_path / "out.state.npz"
+    assert outcome.summary["outputs"][-1] == str(state)
+    reconstruct(_options(camera, out, resume=state), Watcher(math.inf))
+    a, b = read_frame(whole).counts, read_frame(out).counts
+    torch.testing.assert_close(a, b, rtol=1e-3, atol=1e-3 * float(a.max()))
+
+
+def test_state_of_another_run_is_refused(camera: Camera, tmp_path: Path) -> None:
+    out = tmp_path / "out.tif"
+    reconstruct(_options(camera, out), Watcher(12))
+    state = tmp_path / "out.state.npz"
+    asked = ("reconstruct", camera.raw, "--psf", camera.psf, "-o", tmp_path / "x.png")
+    done = run(*asked, "--region", REGION, "--tau", 1e-3, "--resume", state)
+    check_refused(done, "another tau", "leave out --resume")
+    done = run(*asked, "--resume", state)
+    check_refused(done, "another region")
+    done = run(*asked, "--region", REGION, "--resume", camera.psf)
+    check_refused(done, "is no state file")
+    assert not (tmp_path / "x.png").exists()
+
+
+def test_damaged_state_is_refused(camera: Camera, tmp_path: Path) -> None:
+    out = tmp_path / "out.tif"
+    reconstruct(_options(camera, out), Watcher(12))
+    state = tmp_path / "out.state.npz"
+    arrays, about = read_state(state)
+    np.savez(state, about=np.array(json.dumps(about)), scene_0=arrays["scene_0"].numpy())
+    asked = ("reconstruct", camera.raw, "--psf", camera.psf, "-o", tmp_path / "x.png")
+    done = run(*asked, "--region", REGION, "--resume", state)
+    check_refused(done, "does not fit this run")

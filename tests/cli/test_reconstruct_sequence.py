@@ -1,0 +1,174 @@
+"""`nolens reconstruct` on sequences: folders, stacks, frames that cannot be used."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+import torch
+from little_camera import (
+    REGION,
+    SCENE,
+    SENSOR,
+    measured,
+    quality,
+    save,
+    spots,
+    truth,
+)
+from PIL import Image
+from running import check_refused, listing, run
+
+from nolens.camera import linear_from_srgb
+
+
+def scenes(count: int) -> list[torch.Tensor]:
+    """The scene as it moves to the right, a cell a frame."""
+    return [torch.roll(truth(), step, -1) for step in range(count)]
+
+
+def light(count: int) -> torch.Tensor:
+    """What is measured of them, with one factor for all."""
+    psf = spots()
+    return torch.stack([measured(psf, scene) for scene in scenes(count)])
+
+
+@pytest.fixture(scope="module")
+def psf(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return save(tmp_path_factory.mktemp("psf") / "psf.npy", spots())
+
+
+def pictures(folder: Path) -> dict[str, torch.Tensor]:
+    """Linear radiance of the PNGs, by name."""
+    return {
+        path.stem: linear_from_srgb(
+            torch.from_numpy(np.asarray(Image.open(path)).copy()).movedim(-1, 0).float() / 255
+        )
+        for path in sorted(folder.glob("*.png"))
+    }
+
+
+def check_follows(found: list[torch.Tensor]) -> None:
+    """Every picture shows its own scene better than the one before it."""
+    expected = scenes(len(found))
+    for step, picture in enumerate(found):
+        assert picture.shape == (3, *SCENE)
+        good = quality(picture, expected[step].clamp(0, 0.9))
+        assert good > 20, step
+        assert step == 0 or good > quality(picture, expected[step - 1].clamp(0, 0.9)) + 3
+
+
+def test_folder(psf: Path, tmp_path: Path) -> None:
+    """In the order of the numbers in their names, with a record; what is no frame is left alone."""
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    for step, each in enumerate(light(11)):
+        save(frames / f"take {step}.npy", each)
+    (frames / "notes.txt").write_text("none")
+    out = tmp_path / "pictures"
+    done = run("reconstruct", frames, "--psf", psf, "-o", out, "--region", REGION, "--json")
+    assert done.code == 0, done.err
+    found = pictures(out)
+    check_follows([found[f"take {step}"] for step in range(11)])
+    summary = json.loads(done.out)
+    assert (summary["frames"], summary["dropped"]) == (11, [])
+    record = json.loads((tmp_path / "pictures.json").read_text())
+    assert record["result"] == summary
+    assert [row["frame"] for row in record["history"]] == list(range(1, 12))
+    assert all(row["iterations"] == 8 for row in record["history"][1:])
+    assert record["parameters"]["names"][:3] == ["take 0", "take 1", "take 2"]
+    assert set(record["inputs"]) == {"psf", *(f"frame take {step}.npy" for step in range(11))}
+
+
+@pytest.mark.parametrize("kind", ["npy", "npy, channels last", "tif"])
+def test_stack(kind: str, psf: Path, tmp_path: Path) -> None:
+    stack = light(4)
+    path = tmp_path / ("raw.tif" if kind == "tif" else "raw.npy")
+    if kind == "tif":
+        counts = (60_000 * stack / stack.max()).round().movedim(1, -1).numpy()
+        tifffile.imwrite(path, counts.astype(np.uint16), photometric="rgb")
+    else:
+        np.save(path, (stack if kind == "npy" else stack.movedim(1, -1)).numpy())
+    asked = ("--psf", psf, "-o", tmp_path / "out", "--region", REGION)
+    done = run("reconstruct", path, *asked)
+    assert done.code == 0, done.err
+    found = pictures(tmp_path / "out")
+    assert list(found) == [f"frame-{number}" for number in range(1, 5)]
+    check_follows(list(found.values()))
+
+
+def test_grey_stack_of_many(tmp_path: Path) -> None:
+    stack = light(5)[:, 1]
+    np.save(tmp_path / "raw.npy", stack.numpy())
+    psf = save(tmp_path / "psf.npy", spots()[1:2])
+    asked = ("--psf", psf, "-o", tmp_path / "out", "--region", REGION, "--iterations", 4)
+    assert run("reconstruct", tmp_path / "raw.npy", *asked).code == 0
+    assert len(list((tmp_path / "out").glob("*.png"))) == 5
+
+
+def test_bad_frames_are_dropped(psf: Path, tmp_path: Path) -> None:
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    for step, each in enumerate(light(5)):
+        save(frames / f"{step}.npy", each)
+    save(frames / "1.npy", torch.zeros(3, *SENSOR))
+    save(frames / "2.npy", torch.ones(3, 5, 5))
+    (frames / "0.npy").write_bytes(b"none")
+    asked = ("--psf", psf, "-o", tmp_path / "out", "--region", REGION)
+    done = run("reconstruct", frames, *asked)
+    assert done.code == 0, done.err
+    assert "2 frames, 3 dropped" in done.out
+    assert done.err.count("is dropped") == 3
+    assert sorted(pictures(tmp_path / "out")) == ["3", "4"]
+    record = json.loads((tmp_path / "out.json").read_text())
+    assert record["result"]["dropped"] == ["0", "1", "2"] and len(record["warnings"]) == 3
+
+
+def test_latency_bounds_a_frame(psf: Path, tmp_path: Path) -> None:
+    np.save(tmp_path / "raw.npy", light(3).numpy())
+    asked = ("--psf", psf, "-o", tmp_path / "out", "--iterations", 100_000, "--latency", "300ms")
+    assert run("reconstruct", tmp_path / "raw.npy", *asked).code == 0
+    rows = json.loads((tmp_path / "out.json").read_text())["history"]
+    assert all(row["iterations"] < 100_000 for row in rows)
+
+
+REFUSED = {
+    "picture": (["-o", "x.png"], ["x.png", "name of a folder"]),
+    "two": (["-o", "x", "-o", "y"], ["x y", "name of a folder"]),
+    "method": (["-o", "x", "--method", "fista"], ["leave out --method"]),
+    "draft": (["-o", "x", "--quality", "draft"], ["--quality draft"]),
+    "latency": (["-o", "x", "--latency", "0s"], ["latency", "more than zero"]),
+    "no unit": (["-o", "x", "--latency", "3"], ["latency"]),
+    "region": (["-o", "x", "--region", "9000x9000"], ["--region 9000x9000"]),
+}
+
+
+@pytest.mark.parametrize(("asked", "words"), REFUSED.values(), ids=REFUSED.keys())
+def test_refused(
+    asked: list[str], words: list[str], psf: Path, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    np.save(tmp_path / "raw.npy", light(2).numpy())
+    before = listing(tmp_path)
+    done = run("reconstruct", "raw.npy", "--psf", psf, *asked)
+    check_refused(done, *words)
+    assert listing(tmp_path) == before
+
+
+def test_no_usable_frame(psf: Path, tmp_path: Path) -> None:
+    np.save(tmp_path / "raw.npy", np.zeros((4, *SENSOR, 3), np.float32))
+    done = run("reconstruct", tmp_path / "raw.npy", "--psf", psf, "-o", tmp_path / "out")
+    assert done.code == 2 and not (tmp_path / "out").exists()
+    assert done.err.count("is dropped") == 4
+    assert "none of the 4 frames" in done.err.splitlines()[-1]
+    (tmp_path / "empty").mkdir()
+    done = run("reconstruct", tmp_path / "empty", "--psf", psf, "-o", tmp_path / "out")
+    check_refused(done, "holds no frame")
+
+
+def test_latency_is_for_sequences(psf: Path, tmp_path: Path) -> None:
+    raw = save(tmp_path / "raw.npy", light(1)[0])
+    asked = ("--psf", psf, "-o", tmp_path / "o.png", "--latency", "1s")
+    check_refused(run("reconstruct", raw, *asked), "--latency", "one frame")
