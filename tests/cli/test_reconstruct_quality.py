@@ -7,12 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from little_camera import REGION, Camera, quality
+from little_camera import REGION, Camera, quality, save
 from running import check_refused, run
 
-from nolens.files import read_frame, read_state
+from nolens.camera import preset
+from nolens.files import read_camera, read_frame, read_state
 from nolens.jobs import ReconstructOptions, reconstruct
+from nolens.jobs.outline import outline
 from nolens.solvers import Progress
+from nolens.twin import FieldMap
 
 
 def solved(camera: Camera, out: Path, *asked: object) -> dict[str, object]:
@@ -27,13 +30,13 @@ def solved(camera: Camera, out: Path, *asked: object) -> dict[str, object]:
 def test_presets_cost_more_and_give_more(camera: Camera, tmp_path: Path) -> None:
     out = tmp_path / "o.tif"
     found = {}
-    for preset in ("draft", "photo", "exact"):
-        record = solved(camera, out, "--quality", preset, "--tiff-bits", 32)
+    for each in ("draft", "photo", "exact"):
+        record = solved(camera, out, "--quality", each, "--tiff-bits", 32)
         result = record["result"]
         assert isinstance(result, dict)
-        found[preset] = result["iterations"], quality(read_frame(out).counts)
-        assert result["method"] == ("wiener" if preset == "draft" else "admm")
-        assert result["stop_reason"] == ("one shot" if preset == "draft" else "converged")
+        found[each] = result["iterations"], quality(read_frame(out).counts)
+        assert result["method"] == ("wiener" if each == "draft" else "admm")
+        assert result["stop_reason"] == ("one shot" if each == "draft" else "converged")
     assert found["draft"][0] == 1 < found["photo"][0] < found["exact"][0]
     assert found["draft"][1] < found["photo"][1]
     assert found["exact"][1] > 40
@@ -118,3 +121,29 @@ def test_damaged_state_is_refused(camera: Camera, tmp_path: Path) -> None:
     asked = ("reconstruct", camera.raw, "--psf", camera.psf, "-o", tmp_path / "x.png")
     done = run(*asked, "--region", REGION, "--resume", state)
     check_refused(done, "does not fit this run")
+
+
+def test_field_is_the_region_that_the_camera_sees(tmp_path: Path) -> None:
+    """Of the small preset: the region that its own simulation names for a scene of that angle."""
+    generator = torch.Generator().manual_seed(1)
+    sensor = preset("small").sensor
+    rows, columns = sensor.rows // 2, sensor.columns // 2
+    raw = save(tmp_path / "raw.npy", torch.rand(1, rows, columns, generator=generator))
+    psf = save(
+        tmp_path / "psf.npy", (torch.rand(1, rows, columns, generator=generator) > 0.99).float()
+    )
+    asked = ("reconstruct", raw, "--psf", psf, "-o", tmp_path / "o.png", "--iterations", 2)
+    done = run(*asked, "--field", "30deg", "--camera", "small")
+    assert done.code == 0, done.err
+    twin = outline(read_camera("small"), fresnel=False)
+    tangent = math.tan(math.radians(15))
+    region = FieldMap.covering(twin, (tangent, tangent)).region
+    assert read_frame(tmp_path / "o.png").counts.shape[1:] == (region.height, region.width)
+    for more, words in (
+        (("--field", "30deg"), "--field needs --camera"),
+        (("--camera", "small"), "--field needs --camera"),
+        (("--field", "30deg", "--camera", "paper"), "the measurement's camera"),
+        (("--field", "30deg", "--camera", "small", "--region", "9x9"), "leave one out"),
+        (("--field", "0deg", "--camera", "small"), "--field is 0 deg"),
+    ):
+        check_refused(run(*asked, *more), words)

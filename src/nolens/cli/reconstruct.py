@@ -36,6 +36,8 @@ def reconstruct(
     psf_scale: Annotated[int | None, Input, Whole] = None,
     psf_wider: Annotated[bool | None, Input] = None,
     region: Annotated[str | None, Model] = None,
+    field: Annotated[str | None, Model] = None,
+    camera: Annotated[str | None, Model] = None,
     quality: Annotated[Quality | None, Model] = None,
     method: Annotated[Method | None, Model] = None,
     tau: Annotated[float | None, Model] = None,
@@ -98,6 +100,10 @@ def reconstruct(
     region
         Cells that light can come from: HEIGHTxWIDTH around the middle of the sensor, or
         HEIGHTxWIDTH+TOP+LEFT in cells of the sensor's frame.  [default: no limit]
+    field
+        The same as an angle from side to side, such as 56deg; needs --camera.
+    camera
+        paper, paper-film, small, a folder with camera.toml, or a .toml file: for --field.
     quality
         draft: one pass of the Wiener filter. photo: until the picture no longer changes visibly.
         exact: until all relative residuals are below 1e-4.  [default: photo]

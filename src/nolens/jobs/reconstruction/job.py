@@ -30,7 +30,7 @@ from nolens.jobs.reconstruction.read import Developing
 from nolens.jobs.reconstruction.resume import about_run, resumed
 from nolens.jobs.reconstruction.sequence import reconstruct_sequence
 from nolens.jobs.reconstruction.solve import announce_solving, method_of, solve, stop_of, tau_of
-from nolens.jobs.reconstruction.window import crop_window, oriented, region_within
+from nolens.jobs.reconstruction.window import asked_region, crop_window, oriented
 from nolens.jobs.reporter import Reporter
 from nolens.solvers import AdmmState, Problem, Progress
 
@@ -86,7 +86,7 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
     psf, warnings = prepared.values, list(prepared.warnings)
     inputs = {role: InputFile.of(path) for role, path in options.inputs.items()}
     sensor = (measurement.values.shape[-2], measurement.values.shape[-1])
-    region = None if options.region is None else region_within(options.region, sensor, psf)
+    region = asked_region(options, sensor, psf)
     for text in warnings:
         reporter.warn(text)
 

@@ -13,7 +13,7 @@ from nolens.errors import FileError, OptionError
 from nolens.jobs.device import DeviceName
 from nolens.jobs.given import JobOptions, Written, check_apart, expand_home, explain, lasting
 from nolens.operators import Region
-from nolens.quantities import Duration
+from nolens.quantities import Angle, Duration
 from nolens.solvers import Prior, Quality
 
 _WINDOW = re.compile(r"(\d+)x(\d+)(?:([+-]\d+)([+-]\d+))?")
@@ -81,6 +81,9 @@ class ReconstructOptions(JobOptions):
     region
         Cells that light can come from: HEIGHTxWIDTH around the middle of the sensor, or
         HEIGHTxWIDTH+TOP+LEFT in the cells of the sensor's frame.
+    field, camera
+        Angle from side to side that light can come from, and the camera (preset, folder, .toml)
+        whose layers make cells of it.
     crop
         Part of the scene that is written, in the same notation, or "all". None takes the
         region, or without one the sensor's frame.
@@ -117,6 +120,8 @@ class ReconstructOptions(JobOptions):
     bin: int = 1
     channels: str = "all"
     region: str | None = None
+    field: Angle | None = None
+    camera: str | None = None
     crop: str | None = None
     flip: Literal["none", "vertical", "horizontal", "both"] = "none"
     device: DeviceName = "auto"

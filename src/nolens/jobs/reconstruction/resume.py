@@ -9,7 +9,7 @@ from nolens.solvers import AdmmState, Problem
 
 _POSING = (
     "black", "white", "mosaic", "bgr", "psf_scale", "psf_wider", "prior", "bin", "channels",
-    "region",
+    "region", "field", "camera",
 )  # fmt: skip
 """Options that decide what problem is solved; how long and where may change."""
 

@@ -28,7 +28,7 @@ from nolens.jobs.given import check_apart
 from nolens.jobs.reconstruction.options import Method, ReconstructOptions
 from nolens.jobs.reconstruction.read import Developing
 from nolens.jobs.reconstruction.solve import announce_solving, method_of, stop_of, tau_of
-from nolens.jobs.reconstruction.window import crop_window, oriented, region_within
+from nolens.jobs.reconstruction.window import asked_region, crop_window, oriented
 from nolens.jobs.reporter import Reporter
 from nolens.solvers import Problem, Stream
 
@@ -178,7 +178,7 @@ class _Work:
             self._warn(text)
         sensor = (measurement.values.shape[-2], measurement.values.shape[-1])
         psf = prepared.values
-        region = None if options.region is None else region_within(options.region, sensor, psf)
+        region = asked_region(options, sensor, psf)
         problem = Problem.pose(
             psf.to(self.device),
             measurement.values.to(self.device),

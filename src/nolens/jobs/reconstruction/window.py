@@ -1,12 +1,65 @@
 """Parts of the scene: what is solved for, and what is written."""
 
+import math
+
 import torch
 from torch import Tensor
 
 from nolens.errors import OptionError
+from nolens.files import read_camera
+from nolens.jobs.outline import outline
 from nolens.jobs.reconstruction.options import ReconstructOptions, parse_window
 from nolens.operators import Region
 from nolens.solvers import Problem
+from nolens.twin import FieldMap
+
+
+def asked_region(
+    options: ReconstructOptions, sensor: tuple[int, int], psf: Tensor
+) -> Region | None:
+    """Cells that light can come from: --region, or --field through the --camera; None for all.
+
+    Parameters
+    ----------
+    options
+        What was asked for.
+    sensor
+        (rows, columns) of the measurement.
+    psf
+        That it is reconstructed with.
+
+    Raises
+    ------
+    OptionError
+        If they contradict each other, or do not fit the measurement.
+    """
+    if options.region is not None and options.field is not None:
+        raise OptionError(
+            f"--region {options.region} and --field {options.field} both say where light can come "
+            "from: leave one out"
+        )
+    if (options.field is None) != (options.camera is None):
+        raise OptionError(
+            "--field needs --camera, and --camera is for --field: an angle becomes cells by the "
+            "camera's layers. Give both, such as --field 56deg --camera paper"
+        )
+    if options.field is None or options.camera is None:
+        return None if options.region is None else region_within(options.region, sensor, psf)
+    camera = outline(read_camera(options.camera), fresnel=False)
+    cells = tuple(count // options.bin for count in camera.cells)
+    if cells != sensor:
+        raise OptionError(
+            f"the camera {options.camera} has {cells[0]}×{cells[1]} cells (height × width), and "
+            f"the measurement {sensor[0]}×{sensor[1]}: give the measurement's camera, or --region"
+        )
+    if not 0 < options.field.deg < 180:
+        raise OptionError(
+            f"--field is {options.field}; give the angle from side to side, such as 56deg"
+        )
+    tangent = math.tan(math.radians(options.field.deg) / 2)
+    whole = FieldMap.covering(camera, (tangent, tangent)).region
+    side = -(-whole.height // options.bin), -(-whole.width // options.bin)
+    return region_within(f"{side[0]}x{side[1]}", sensor, psf)
 
 
 def region_within(text: str, sensor: tuple[int, int], psf: Tensor) -> Region:
