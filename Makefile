@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: env demo test lint results reproduce bench bench-twin bench-design clean
+.PHONY: env demo test lint results reproduce bench bench-race bench-twin bench-design clean
 
 env: $(STAMP)
 
@@ -43,6 +43,10 @@ reproduce: $(STAMP)
 
 bench: $(STAMP)
 	$(PYTHON) bench/run.py
+
+# Three quarters of an hour, nearly all of it the peer's.
+bench-race: $(STAMP)
+	$(PYTHON) bench/race.py
 
 bench-twin: $(STAMP)
 	$(BIN)/python bench/twin.py

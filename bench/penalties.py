@@ -34,7 +34,7 @@ RULES: dict[str, dict[str, object]] = {
     "constant (0.01, 10, 0.1)": {"penalties": (0.01, 10.0, 0.1), "balance": None},
     "growth alone": {"balance": Balance(rate=0.0)},
     "balance alone": {"balance": Balance(growth=1.0)},
-    "faster growth, 1.15": {"balance": Balance(growth=1.15)},
+    "faster growth, 1.75 a look": {"balance": Balance(growth=1.75)},
     "α = 1": {"relaxation": 1.0},
     "the program's own": {},
 }

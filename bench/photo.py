@@ -1,10 +1,25 @@
-"""What quality `photo` of `nolens reconstruct` does, for those parts of the benchmark in Python."""
+"""How the benchmark solves: quality `photo` of `nolens reconstruct`, and the quickest full view."""
 
 from __future__ import annotations
 
-from nolens.solvers import Problem, Result, admm
+from nolens.solvers import STOPS, Problem, Quality, Result, admm
+
+QUICK = 24
+"""Iterations with which, and the smooth part, a full view is near its end."""
 
 
 def photo(problem: Problem) -> Result:
     """Solve as `--quality photo` does."""
-    return admm(problem, iterations=40, tolerance=0.0)
+    stop = STOPS[Quality.PHOTO]
+    return admm(
+        problem,
+        iterations=stop.iterations,
+        tolerance=stop.tolerance,
+        scene_tolerance=stop.scene_tolerance,
+        smooth_part=stop.smooth_part,
+    )
+
+
+def quick(problem: Problem) -> Result:
+    """Solve as `--smooth-part --iterations 24 --tolerance 0` does."""
+    return admm(problem, iterations=QUICK, tolerance=0.0, smooth_part=True)

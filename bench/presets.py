@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).parent
-QUALITIES = ("draft", "photo")
 RUNS = 3
+DRAFT, PHOTO, EVERYWHERE = "draft", "photo, with its region", "photo, light from everywhere"
 
 
 def measured(command: list[str], folder: Path) -> dict[str, Any]:
@@ -51,9 +51,15 @@ def main(nolens: str, *size: str) -> None:
         subprocess.run([str(word) for word in make], check=True)
         inputs = [str(folder / "data.npy"), "--psf", str(folder / "psf.npy")]
         command = [nolens, "reconstruct", *inputs, "-o", str(folder / "out.png"), "--json"]
+        confined = ("--region", f"{size[-1]}x{size[-1]}")
+        ways = {
+            DRAFT: ("--quality", "draft"),
+            PHOTO: ("--quality", "photo", *confined),
+            EVERYWHERE: ("--quality", "photo"),
+        }
         runs = {
-            quality: [measured([*command, "--quality", quality], folder) for _ in range(RUNS)]
-            for quality in QUALITIES
+            name: [measured([*command, *way], folder) for _ in range(RUNS)]
+            for name, way in ways.items()
         }
     print(json.dumps({"size": [int(number) for number in size], "runs": runs}))
 

@@ -48,16 +48,18 @@ def test_wiener_is_the_formula(case, tau):
     """v = F⁻¹[conj(H) F(Cᵀb) / (|H|² + τ)], clipped."""
     posed = pose(replace(case, tau=tau))
     result = wiener(posed.problem)
+    objectives = []
     for k in range(case.channels):
         reference = posed.reference(k)
         h = np.fft.fft2(reference.blur[:, 0].reshape(reference.period))
         data = np.fft.fft2(reference.b.reshape(reference.period))
         v = np.fft.ifft2(h.conj() * data / (np.abs(h) ** 2 + tau)).real
+        misfit = reference.b - reference.blur @ v.ravel()
+        objectives.append(0.5 * misfit @ misfit + 0.5 * tau * v.ravel() @ v.ravel())
         scene = np.maximum(reference.scene(v.ravel()), 0)
         expected = scene * reference.scale
         np.testing.assert_allclose(
             result.scene[k].numpy(), expected, rtol=0, atol=1e-5 * expected.max()
         )
     assert (result.iterations, result.stop_reason, result.history) == (1, "one shot", [])
-    unit = result.scene / posed.problem.scale
-    assert result.objective == pytest.approx(posed.problem.objective(unit), rel=1e-5)
+    assert result.objective == pytest.approx(np.mean(objectives), rel=1e-4)
