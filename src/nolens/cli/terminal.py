@@ -20,6 +20,7 @@ class TerminalReporter:
 
     def __init__(self) -> None:
         self.interrupted = False
+        self._stopped = False
         self._promise: str | None = None
         self._bar: Progress | None = None
         self._task: TaskID | None = None
@@ -75,6 +76,8 @@ class TerminalReporter:
 
     def _show(self, work: str, text: str, state: str, done: float, total: float) -> None:
         """Move the bar; a new one, with a clock of its own, for other work than before."""
+        if self._stopped:  # Where Python could not raise it, as in a destructor, it was lost.
+            raise KeyboardInterrupt
         if self._bar is None:
             return
         if self._task is None or work != self._work:
@@ -86,6 +89,7 @@ class TerminalReporter:
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:
         if self.interrupted or self._promise is None:
+            self._stopped = True
             raise KeyboardInterrupt
         self.interrupted = True
         say(self._promise)
