@@ -22,7 +22,7 @@ def shown(monkeypatch: pytest.MonkeyPatch, stream: io.StringIO) -> str:
         reporter.advance("mask", 0.0)
         for share in (0.25, 0.5):
             reporter.advance("scene", share)
-        step = Progress(7, 0.125, 0.1, 0.1, (1.0,), lambda: torch.zeros(1))
+        step = Progress(7, 0.125, 0.1, 0.1, 0.1, (1.0,), lambda: torch.zeros(1))
         assert reporter.progress(step, 90) is False
         reporter.advance("scene", 1.0)
     return stream.getvalue()

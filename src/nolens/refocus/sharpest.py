@@ -127,7 +127,7 @@ class Search:
         place
             Row and column in the picture (`Solving.framed`); None for all of it.
         step
-            Called after every iteration.
+            Called after every look.
         """
         bin_by = self.bin_by(self.psf_at(self.far_um))
         trial = _Trial(self, self.solving.coarser(bin_by, _ITERATIONS), bin_by, place, step)

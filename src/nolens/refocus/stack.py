@@ -46,7 +46,7 @@ def focal_stack(
     depths_um
         From the nearest on.
     step
-        Called after every iteration with those that are done and all there are; True ends the
+        Called after every look with the iterations that are done and all there are; True ends the
         work, and the stack has the depths that are done.
     """
     pages: list[Tensor] = []

@@ -61,7 +61,7 @@ def admm(
         ‖x − x_before‖ ≤ tolerance · ‖x‖ (dual). 0 never stops for it.
     scene_tolerance
         Stops when the picture has at most scene_tolerance · ‖w‖ still to go, as its last steps
-        foretell (`still_to_go`), and no residual is above half of it: the steps alone can be
+        foretell (`still_to_go`), and no residual is above a third of it: the steps alone can be
         short while the penalties grow. 0 never stops for it.
     smooth_part
         Whether, where the scene fills the view, its smooth part is solved for directly
@@ -112,7 +112,7 @@ def admm(
             stop_reason = "callback"
             break
         stands = (
-            still_to_go(history) <= scene_tolerance and progress.residual <= scene_tolerance / 2
+            still_to_go(history) <= scene_tolerance and progress.residual <= scene_tolerance / 3
         )
         if stands or progress.residual <= tolerance:
             stop_reason = "converged"

@@ -61,7 +61,7 @@ def refocus(options: RefocusOptions, reporter: Reporter) -> RefocusOutcome:
     options
         What to read, which depths, where to write.
     reporter
-        Sees notes, warnings and every iteration.
+        Sees notes, warnings and every look.
 
     Raises
     ------

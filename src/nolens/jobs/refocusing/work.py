@@ -48,7 +48,7 @@ class RefocusWork:
     solving
         How every depth is reconstructed.
     reporter
-        Sees every iteration.
+        Sees every look.
 
     Raises
     ------
