@@ -29,7 +29,8 @@ def noisy(signal: Tensor, gain: float, read: float, seed: int) -> Tensor:
 @settings(max_examples=8)
 @given(gain=st.floats(0.2, 1.5), read=st.floats(1, 6), count=st.integers(2, 5))
 def test_noise_of_frames(gain: float, read: float, count: int) -> None:
-    signal = torch.linspace(0, 1500, 200)[None, :, None].expand(1, 200, 240).clone()
+    # Read noise is an intercept below shot noise: with fewer pixels its spread is the tolerance's.
+    signal = torch.linspace(0, 1500, 400)[None, :, None].expand(1, 400, 480).clone()
     mean = FrameMean(frame(noisy(signal, gain, read, 0)))
     for seed in range(1, count):
         mean.add(frame(noisy(signal, gain, read, seed)))
@@ -37,7 +38,7 @@ def test_noise_of_frames(gain: float, read: float, count: int) -> None:
     assert halves is not None
     found = noise_of_samples([mean.mean - 64], [halves.square()], Noise(1.0, 0.0, "frames"))
     assert found.counts_per_electron == pytest.approx(gain, rel=0.06)
-    assert found.read_variance == pytest.approx(read**2 + 1 / 12, rel=0.2, abs=gain + 0.3)
+    assert found.read_variance == pytest.approx(read**2 + 1 / 12, rel=0.2, abs=0.5 * gain + 0.3)
     assert float((mean.mean - 64 - signal).double().mean()) == pytest.approx(0, abs=1)
 
 
