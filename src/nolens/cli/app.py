@@ -15,14 +15,17 @@ from cyclopts import (
 from nolens import __version__
 from nolens.errors import OptionError
 
-app = App(
-    name="nolens",
-    help="Lensless cameras: design, simulate and make them, and reconstruct what they measure.",
-    version=__version__,
-    help_format="plaintext",
-    suppress_keyboard_interrupt=False,
-    default_parameter=Parameter(negative_iterable=()),
-)
+
+def application() -> App:
+    """The command without its commands."""
+    return App(
+        name="nolens",
+        help="Lensless cameras: design, simulate and make them, and reconstruct what they measure.",
+        version=__version__,
+        help_format="plaintext",
+        suppress_keyboard_interrupt=False,
+        default_parameter=Parameter(negative_iterable=()),
+    )
 
 
 def _whole(kind: type, tokens: Sequence[Token]) -> int:
@@ -78,8 +81,8 @@ def given_options(arguments: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def run(arguments: Sequence[str]) -> int:
-    """Run one command and return its exit code.
+def run(app: App, arguments: Sequence[str]) -> int:
+    """Run one command of an application and return its exit code.
 
     Raises
     ------

@@ -1,0 +1,79 @@
+from .atomic import atomic_write, check_output, write_together
+from .description import describe
+from .folder import check_folder, write_into
+from .frames import FrameSequence, is_sequence, open_sequence
+from .names import readable
+from .read import SUFFIXES, read_frame
+from .read_camera import CAMERA_FILE, camera_files, read_camera, write_camera
+from .read_material import read_material
+from .read_picture import Picture, read_picture
+from .read_psfs import PSFS_FILE, read_psf, read_psf_set, write_psfs
+from .read_relief import HeightMap, read_height_map
+from .record import (
+    InputFile,
+    RunRecord,
+    hash_file,
+    read_record,
+    versions,
+    write_record,
+)
+from .state import read_state, write_state
+from .tolerances import read_tolerances, write_trials
+from .write import write_counts, write_png, write_tiff16, write_tiff32
+from .write_dng import write_dng
+from .write_layout import layout, write_gds, write_oasis
+from .write_relief import check_height_map, write_height_map
+from .write_solid import write_3mf, write_stl
+from .write_step import check_step, write_step
+
+__all__ = [
+    "CAMERA_FILE",
+    "PSFS_FILE",
+    "SUFFIXES",
+    "FrameSequence",
+    "HeightMap",
+    "InputFile",
+    "Picture",
+    "RunRecord",
+    "atomic_write",
+    "camera_files",
+    "check_folder",
+    "check_height_map",
+    "check_output",
+    "check_step",
+    "describe",
+    "hash_file",
+    "is_sequence",
+    "layout",
+    "open_sequence",
+    "read_camera",
+    "read_frame",
+    "read_height_map",
+    "read_material",
+    "read_picture",
+    "read_psf",
+    "read_psf_set",
+    "read_record",
+    "read_state",
+    "read_tolerances",
+    "readable",
+    "versions",
+    "write_3mf",
+    "write_camera",
+    "write_counts",
+    "write_dng",
+    "write_gds",
+    "write_height_map",
+    "write_into",
+    "write_oasis",
+    "write_png",
+    "write_psfs",
+    "write_record",
+    "write_state",
+    "write_step",
+    "write_stl",
+    "write_tiff16",
+    "write_tiff32",
+    "write_together",
+    "write_trials",
+]

@@ -1,0 +1,114 @@
+from .calibration.distances import CalibrateDistancesOutcome, calibrate_distances
+from .calibration.distances_options import CalibrateDistancesOptions
+from .calibration.folder import CalibratedPsf
+from .calibration.pairs import calibrate_pairs
+from .calibration.pairs_options import CalibratePairsOptions
+from .calibration.plan import CalibratePlanOutcome, calibrate_plan
+from .calibration.point import calibrate_point
+from .calibration.point_options import CalibratePointOptions
+from .calibration.stitch import calibrate_stitch
+from .calibration.stitch_options import CalibratePlanOptions, CalibrateStitchOptions
+from .calibration.surround import calibrate_surround
+from .calibration.surround_options import CalibrateSurroundOptions
+from .camera_facts import camera_facts
+from .demo import DemoResult, run_demo
+from .designing.mask import MaskOutcome, design_mask
+from .designing.mask_options import MaskOptions
+from .designing.thickness import ThicknessOutcome, design_thickness
+from .designing.thickness_options import ThicknessOptions
+from .designing.tolerance import ToleranceOutcome, study_tolerances, tolerances_text
+from .designing.tolerance_options import ToleranceOptions
+from .fabrication.fabricate import fabricate
+from .fabrication.options import FabricateOptions
+from .given import expand_home
+from .material_facts import material_facts
+from .measuring.field import MeasureFieldOutcome, measure_field
+from .measuring.field_options import MeasureFieldOptions
+from .measuring.psf import MeasurePsfOutcome, measure_psf
+from .measuring.psf_options import MeasurePsfOptions
+from .measuring.resolution import (
+    ResolutionOutcome,
+    measure_edge,
+    measure_siemens,
+    measure_two_points,
+)
+from .measuring.resolution_options import EdgeOptions, SiemensOptions, TwoPointOptions
+from .psf import PsfOutcome, simulate_psf
+from .reconstruction.job import Outcome, reconstruct
+from .reconstruction.options import Method, ReconstructOptions
+from .refocusing.options import RefocusOptions
+from .refocusing.refocus import RefocusOutcome, refocus
+from .relief import ReliefOutcome, replace_relief
+from .relief_options import ReliefOptions
+from .reporter import Reporter
+from .reproduction import ReproduceOptions, ReproduceOutcome, reproduce
+from .scene_options import PsfOptions, SimulateOptions
+from .simulation import SimulationOutcome, simulate
+
+__all__ = [
+    "CalibrateDistancesOptions",
+    "CalibrateDistancesOutcome",
+    "CalibratePairsOptions",
+    "CalibratePlanOptions",
+    "CalibratePlanOutcome",
+    "CalibratePointOptions",
+    "CalibrateStitchOptions",
+    "CalibrateSurroundOptions",
+    "CalibratedPsf",
+    "DemoResult",
+    "EdgeOptions",
+    "FabricateOptions",
+    "MaskOptions",
+    "MaskOutcome",
+    "MeasureFieldOptions",
+    "MeasureFieldOutcome",
+    "MeasurePsfOptions",
+    "MeasurePsfOutcome",
+    "Method",
+    "Outcome",
+    "PsfOptions",
+    "PsfOutcome",
+    "ReconstructOptions",
+    "RefocusOptions",
+    "RefocusOutcome",
+    "ReliefOptions",
+    "ReliefOutcome",
+    "Reporter",
+    "ReproduceOptions",
+    "ReproduceOutcome",
+    "ResolutionOutcome",
+    "SiemensOptions",
+    "SimulateOptions",
+    "SimulationOutcome",
+    "ThicknessOptions",
+    "ThicknessOutcome",
+    "ToleranceOptions",
+    "ToleranceOutcome",
+    "TwoPointOptions",
+    "calibrate_distances",
+    "calibrate_pairs",
+    "calibrate_plan",
+    "calibrate_point",
+    "calibrate_stitch",
+    "calibrate_surround",
+    "camera_facts",
+    "design_mask",
+    "design_thickness",
+    "expand_home",
+    "fabricate",
+    "material_facts",
+    "measure_edge",
+    "measure_field",
+    "measure_psf",
+    "measure_siemens",
+    "measure_two_points",
+    "reconstruct",
+    "refocus",
+    "replace_relief",
+    "reproduce",
+    "run_demo",
+    "simulate",
+    "simulate_psf",
+    "study_tolerances",
+    "tolerances_text",
+]
