@@ -13,7 +13,7 @@ from typing import Any
 
 from clock import PER_SECOND, Clock
 from plan import COST, MORE, NOLENS, SCICO, SIDES, Case, Part, Race
-from protocol import Worker
+from protocol import Worker, WorkerKilledError
 
 HERE = Path(__file__).parent
 WARM_UP = 6  # iterations of the warm-up and the set-up, roughly
@@ -36,30 +36,37 @@ class Bench:
     def all(self) -> dict[str, Any]:
         """Measure everything."""
         self._clock = Clock(self._weight())
+        self._lost: list[str] = []
         with tempfile.TemporaryDirectory(prefix="nolens-bench-") as folder:
             self._folder = Path(folder)
             with ExitStack() as stack:
                 workers = {side: stack.enter_context(self._worker(side)) for side in self.pythons}
                 about = {side: worker.ask("about") for side, worker in workers.items()}
-                timing = [self._time(case, workers) for case in self.cases]
+                timing = [self._time(case, workers, stack) for case in self.cases]
                 races = [self._race(race, workers) for race in self.races]
             memory = [self._memory(case) for case in self.cases]
             sizes = [self._size(case) for case in self.sizes]
         parts = {part.name: self._part(part) for part in self.parts}
         return {
             "versions": about, "timing": timing, "memory": memory, "races": races,
-            "sizes": sizes, "parts": parts,
+            "sizes": sizes, "parts": parts, "lost": self._lost,
         }  # fmt: skip
 
-    def _time(self, case: Case, workers: dict[str, Worker]) -> dict[str, Any]:
+    def _time(self, case: Case, workers: dict[str, Worker], stack: ExitStack) -> dict[str, Any]:
         files = self._make(case)
         found: dict[str, dict[str, Any]] = {}
-        for side, worker in workers.items():
-            with self._step(side, f"{case.name}, warm-up and set-up", case.values * WARM_UP):
-                self._set_up(worker, files)  # compiles, fills caches
-                found[side] = {"setup_s": self._set_up(worker, files), "s_per_iteration": []}
+        for side, worker in list(workers.items()):
+            label = f"{case.name}, warm-up and set-up"
+            try:
+                with self._step(side, label, case.values * WARM_UP):
+                    self._set_up(worker, files)  # compiles, fills caches
+                    found[side] = {"setup_s": self._set_up(worker, files), "s_per_iteration": []}
+            except WorkerKilledError as error:
+                self._lost.append(f"{case.name}: {error}, with all sides loaded.")
+                workers[side] = stack.enter_context(self._worker(side))
         for number in range(self.rounds):
-            for side, worker in workers.items():
+            for side in found:
+                worker = workers[side]
                 count = counted(self.iterations, side)
                 label = f"{case.name}, round {number + 1} of {self.rounds}"
                 with self._step(side, label, case.values * count):
@@ -71,6 +78,7 @@ class Bench:
 
     def _set_up(self, worker: Worker, files: dict[str, str]) -> float:
         """Seconds of what comes before the first iteration."""
+        worker.ask("drop")  # two problems at once may be more than there is memory for
         posed: float = worker.ask("load", psf=files["psf"], data=files["data"])["setup_s"]
         first: float = worker.ask("iterate", iterations=1).get("setup_s", 0.0)
         return posed + first
@@ -80,10 +88,13 @@ class Bench:
         found = {}
         for side in SIDES:
             step = self._step(side, f"{case.name}, memory", case.values * 3)
-            with step, self._worker(side) as worker:
-                worker.ask("load", **files)
-                worker.ask("iterate", iterations=2)
-                found[side] = worker.ask("peak")
+            try:
+                with step, self._worker(side) as worker:
+                    worker.ask("load", **files)
+                    worker.ask("iterate", iterations=2)
+                    found[side] = worker.ask("peak")
+            except WorkerKilledError as error:
+                self._lost.append(f"Memory of {case.name}: {error}, by itself.")
         return {**case.about(), "sides": found}
 
     def _race(self, race: Race, workers: dict[str, Worker]) -> dict[str, Any]:

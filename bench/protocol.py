@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import resource
+import signal
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -17,6 +18,10 @@ COMMANDS = frozenset({"about", "load", "iterate", "trace", "peak", "drop"})
 
 class WorkerError(RuntimeError):
     """A worker answered with an error or stopped."""
+
+
+class WorkerKilledError(WorkerError):
+    """A worker was killed from outside, as Linux does where memory runs out."""
 
 
 class Worker:
@@ -41,7 +46,10 @@ class Worker:
             self._process.stdin.flush()
         line = self._process.stdout.readline()
         if not line:
-            raise WorkerError(f"{self.name} stopped with code {self._process.wait()} at {do!r}")
+            code = self._process.wait()
+            if code == -signal.SIGKILL:
+                raise WorkerKilledError(f"{self.name} was killed at {do!r}: out of memory")
+            raise WorkerError(f"{self.name} stopped with code {code} at {do!r}")
         answer: dict[str, Any] = json.loads(line)
         if "error" in answer:
             raise WorkerError(f"{self.name} at {do!r}: {answer['error']}")

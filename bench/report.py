@@ -5,12 +5,11 @@ from __future__ import annotations
 from statistics import median
 
 from measure import counted
-from plan import NOLENS, PAPER, SCICO, SIDES
+from plan import NOLENS, PAPER, SCICO
 from report_parts import parts_sections
 from report_race import race_section
 from report_text import Json, busy, label, met, on_what, table
 
-PEERS = SIDES[1:]
 TARGET = 6.0
 
 
@@ -52,8 +51,7 @@ def intro(run: Json) -> str:
 def timing_table(timing: list[Json]) -> str:
     rows = []
     for case in timing:
-        for side in SIDES:
-            found = case["sides"][side]
+        for side, found in case["sides"].items():
             each = found["s_per_iteration"]
             cells = [label(case), side, *(f"{f(each):.4f}" for f in (median, min, max))]
             cells += ["", ""] if side == NOLENS else [ratio(case, side), span(case, side)]
@@ -84,7 +82,8 @@ def span(case: Json, side: str) -> str:
 
 def faster(case: Json) -> str:
     """The other side with the lowest median."""
-    return min(PEERS, key=lambda side: median(case["sides"][side]["s_per_iteration"]))
+    peers = [side for side in case["sides"] if side != NOLENS]
+    return min(peers, key=lambda side: median(case["sides"][side]["s_per_iteration"]))
 
 
 def verdict(timing: list[Json]) -> str:
@@ -107,8 +106,7 @@ def memory_table(memory: list[Json]) -> str:
     rows = []
     for case in memory:
         ours = case["sides"][NOLENS]["peak_mib"]
-        for side in SIDES:
-            found = case["sides"][side]
+        for side, found in case["sides"].items():
             peak, imports = found["peak_mib"], found["baseline_mib"]
             cells = [label(case), side, f"{peak:.0f}", f"{imports:.0f}"]
             rows.append([*cells, "" if side == NOLENS else f"{peak / ours:.2f}×"])

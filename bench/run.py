@@ -53,6 +53,7 @@ def main() -> None:
         found = bench.all()
     except WorkerError as error:
         raise SystemExit(f"make bench: {error}") from None
+    skipped += [*too_large, *found.pop("lost")]
     settings = {"rounds": options.rounds, "iterations": options.iterations, "quick": options.quick}
     run = {
         "date": time.strftime("%Y-%m-%d"),
@@ -61,7 +62,7 @@ def main() -> None:
         "machine": {**here, "others": others.cores()},
         "settings": settings,
         **found,
-        "skipped": [*skipped, *too_large],
+        "skipped": skipped,
     }
     texts = {"benchmarks.md": render(run), "benchmarks.json": json.dumps(run, indent=1) + "\n"}
     write(options.out, texts)

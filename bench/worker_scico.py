@@ -18,6 +18,7 @@ posing compiles remains in the set-up.
 
 from __future__ import annotations
 
+import gc
 import os
 from importlib.metadata import version
 from platform import python_version
@@ -92,6 +93,7 @@ class Side:
     def drop(self) -> dict[str, Any]:
         """Let go of the problem and its memory."""
         self.solver = None
+        gc.collect()  # the solver's parts hold one another
         return {}
 
 

@@ -81,8 +81,10 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
     stop, tau, device = stop_of(options), tau_of(options), pick_device(options.device)
 
     developing = Developing.read(options)
-    measurement = developing.measurement(developing.frame(options.measurement))
-    prepared = developing.prepared(measurement)
+    developing, measurement, prepared = developing.fitted(
+        developing.frame(options.measurement), reporter
+    )
+    options = developing.options
     psf, warnings = prepared.values, list(prepared.warnings)
     inputs = {role: InputFile.of(path) for role, path in options.inputs.items()}
     sensor = (measurement.values.shape[-2], measurement.values.shape[-1])
@@ -131,6 +133,7 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
         inputs=inputs,
         parameters={
             **options.model_dump(mode="json"),
+            "bin": options.bin_by,
             "black": developing.black,
             "tau": tau,
             "iterations": stop.iterations,

@@ -75,7 +75,7 @@ class ReconstructOptions(JobOptions):
     relaxation
         α of ADMM, between 0 and 2.
     bin
-        Cells of bin × bin pixels.
+        Cells of bin × bin pixels. None makes them no finer than the PSF carries.
     channels
         all, grey, or letters such as g or rg.
     region
@@ -117,7 +117,7 @@ class ReconstructOptions(JobOptions):
     penalties: tuple[float, float, float] | None = None
     balance: bool = True
     relaxation: float = 1.8
-    bin: int = 1
+    bin: int | None = None
     channels: str = "all"
     region: str | None = None
     field: Angle | None = None
@@ -181,6 +181,11 @@ class ReconstructOptions(JobOptions):
             "measurement": self.measurement, "psf": self.psf, "dark": self.dark, "flat": self.flat,
         }  # fmt: skip
         return {role: path for role, path in roles.items() if path is not None}
+
+    @property
+    def bin_by(self) -> int:
+        """Pixels along a cell, as far as it is said."""
+        return 1 if self.bin is None else self.bin
 
     @property
     def record(self) -> Path:

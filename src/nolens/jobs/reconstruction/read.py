@@ -1,6 +1,6 @@
 """Measurement, PSF, dark frame and flat field of a reconstruction, read and developed."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from nolens.camera import (
@@ -11,8 +11,10 @@ from nolens.camera import (
     develop,
     prepare_psf,
 )
+from nolens.evaluate.psf_detail import carried_cells
 from nolens.files import read_frame
 from nolens.jobs.reconstruction.options import ReconstructOptions
+from nolens.jobs.reporter import Reporter
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ class Developing:
         """A frame, developed."""
         return develop(
             frame, dark=self.dark, flat=self.flat, black=self.black, white=self.options.white,
-            bin_by=self.options.bin, channels=self.options.channels,
+            bin_by=self.options.bin_by, channels=self.options.channels,
         )  # fmt: skip
 
     def prepared(self, measurement: Measurement) -> PreparedPsf:
@@ -75,10 +77,48 @@ class Developing:
         grey = self.psf.mosaic is None and len(self.psf.channels) == 1
         psf = develop(
             self.psf, dark=dark, black=self.black, white=self.options.white,
-            bin_by=self.options.bin, channels="all" if grey else self.options.channels,
+            bin_by=self.options.bin_by, channels="all" if grey else self.options.channels,
         )  # fmt: skip
         options = self.options
         return prepare_psf(psf, measurement, scale=options.psf_scale, wider=options.psf_wider)
+
+    def fitted(
+        self, frame: Frame, reporter: Reporter
+    ) -> tuple["Developing", Measurement, PreparedPsf]:
+        """A frame and the PSF, developed to cells no finer than the PSF carries, unless asked.
+
+        Parameters
+        ----------
+        frame
+            Of the measurement.
+        reporter
+            Is told where cells are made larger, or could be.
+
+        Returns
+        -------
+        tuple
+            How it was developed, what came of the frame, and of the PSF.
+        """
+        options = self.options
+        measurement = self.measurement(frame)
+        prepared = self.prepared(measurement)
+        side = 1 if options.bin is not None else carried_cells(prepared.values)
+        if side == 1:
+            return self, measurement, prepared
+        if options.region is not None or options.crop not in (None, "all"):
+            # They name cells, and would name others.
+            reporter.note(
+                f"the PSF carries no detail finer than {side} cells: --bin {side}, with --region "
+                f"and --crop in such cells, would be about {side * side} times faster"
+            )
+            return self, measurement, prepared
+        reporter.note(
+            f"the PSF carries no detail finer than {side} cells, so {side}×{side} of them are made "
+            "one; --bin 1 keeps them apart"
+        )
+        coarse = replace(self, options=options.model_copy(update={"bin": side}))
+        measurement = coarse.measurement(frame)
+        return coarse, measurement, coarse.prepared(measurement)
 
 
 def _read_psf(options: ReconstructOptions) -> Frame:

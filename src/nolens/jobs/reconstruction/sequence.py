@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from nolens.camera import Measurement, arrange_rgb, exposure_white
+from nolens.camera import Frame, Measurement, arrange_rgb, exposure_white
 from nolens.errors import FileError, NolensError, OptionError
 from nolens.files import (
     FrameSequence,
@@ -94,7 +94,8 @@ def reconstruct_sequence(
         started=clock.started,
         inputs=inputs,
         parameters={
-            **options.model_dump(mode="json"),
+            **work.options.model_dump(mode="json"),
+            "bin": work.options.bin_by,
             "black": work.developing.black,
             "tau": tau_of(options),
             "white_radiance": work.white,
@@ -148,9 +149,11 @@ class _Work:
         """Solve for a frame and write its picture, or drop it."""
         name = frames.names[number]
         try:
-            measurement = self.developing.measurement(frames.read(number))
+            frame = frames.read(number)
             if self._stream is None:
-                self._stream = self._begin(measurement)
+                self._stream, measurement = self._begin(frame)
+            else:
+                measurement = self.developing.measurement(frame)
             solved = self._stream.solve(
                 measurement.values.to(self.device), measurement.valid.to(self.device)
             )
@@ -171,9 +174,9 @@ class _Work:
         row = {"frame": number + 1, "iterations": solved.iterations, "seconds": solved.seconds}
         self.rows.append(row)
 
-    def _begin(self, measurement: Measurement) -> Stream:
-        options = self.options
-        prepared = self.developing.prepared(measurement)
+    def _begin(self, frame: Frame) -> tuple[Stream, Measurement]:
+        self.developing, measurement, prepared = self.developing.fitted(frame, self.reporter)
+        options = self.options = self.developing.options
         for text in prepared.warnings:
             self._warn(text)
         sensor = (measurement.values.shape[-2], measurement.values.shape[-1])
@@ -191,7 +194,7 @@ class _Work:
         announce_solving(problem, stop_of(options).iterations, self.device, self.reporter)
         latency = None if options.latency is None else options.latency.s
         each = {} if options.iterations is None else {"iterations": options.iterations}
-        return Stream(problem, latency_s=latency, **each)
+        return Stream(problem, latency_s=latency, **each), measurement
 
     def _warn(self, text: str) -> None:
         self.warnings.append(text)

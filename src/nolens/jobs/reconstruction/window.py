@@ -46,7 +46,7 @@ def asked_region(
     if options.field is None or options.camera is None:
         return None if options.region is None else region_within(options.region, sensor, psf)
     camera = outline(read_camera(options.camera), fresnel=False)
-    cells = tuple(count // options.bin for count in camera.cells)
+    cells = tuple(count // options.bin_by for count in camera.cells)
     if cells != sensor:
         raise OptionError(
             f"the camera {options.camera} has {cells[0]}×{cells[1]} cells (height × width), and "
@@ -58,7 +58,8 @@ def asked_region(
         )
     tangent = math.tan(math.radians(options.field.deg) / 2)
     whole = FieldMap.covering(camera, (tangent, tangent)).region
-    side = -(-whole.height // options.bin), -(-whole.width // options.bin)
+    by = options.bin_by
+    side = -(-whole.height // by), -(-whole.width // by)
     return region_within(f"{side[0]}x{side[1]}", sensor, psf)
 
 
