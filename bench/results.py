@@ -50,6 +50,7 @@ def hand(data: Path) -> Outcome:
             measurement=folder / "rawdata_hand_sample.tif",
             psf=folder / "psf_sample.tif",
             black="auto",
+            bin=1,
             output=(OUT / "hand.png",),
         ),
         Quiet(),

@@ -92,8 +92,8 @@ def reconstruct(
     channels
         all, grey, or letters such as g or rg.  [default: all]
     bin
-        Average N×N cells into one.  [default: as many as the PSF has no finer detail than;
-        1 beside --region or --crop]
+        Average N×N cells into one.  [default: to what the PSF carries with draft, to a quarter of
+        that otherwise; 1 beside --region or --crop]
     psf_scale
         The PSF file is finer: N×N of its cells are one of the measurement's.
     psf_wider

@@ -29,7 +29,14 @@ from nolens.jobs.reconstruction.options import Method, ReconstructOptions
 from nolens.jobs.reconstruction.read import Developing
 from nolens.jobs.reconstruction.resume import about_run, resumed
 from nolens.jobs.reconstruction.sequence import reconstruct_sequence
-from nolens.jobs.reconstruction.solve import announce_solving, method_of, solve, stop_of, tau_of
+from nolens.jobs.reconstruction.solve import (
+    announce_solving,
+    method_of,
+    solve,
+    spare_of,
+    stop_of,
+    tau_of,
+)
 from nolens.jobs.reconstruction.window import asked_region, crop_window, oriented
 from nolens.jobs.reporter import Reporter
 from nolens.solvers import AdmmState, Problem, Progress
@@ -82,7 +89,7 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
 
     developing = Developing.read(options)
     developing, measurement, prepared = developing.fitted(
-        developing.frame(options.measurement), reporter
+        developing.frame(options.measurement), reporter, spare_of(options)
     )
     options = developing.options
     psf, warnings = prepared.values, list(prepared.warnings)

@@ -11,10 +11,10 @@ from nolens.camera import (
     develop,
     prepare_psf,
 )
-from nolens.evaluate.psf_detail import carried_cells
 from nolens.files import read_frame
 from nolens.jobs.reconstruction.options import ReconstructOptions
 from nolens.jobs.reporter import Reporter
+from nolens.operators.psf_detail import finest_detail
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Developing:
         return prepare_psf(psf, measurement, scale=options.psf_scale, wider=options.psf_wider)
 
     def fitted(
-        self, frame: Frame, reporter: Reporter
+        self, frame: Frame, reporter: Reporter, spare: int
     ) -> tuple["Developing", Measurement, PreparedPsf]:
         """A frame and the PSF, developed to cells no finer than the PSF carries, unless asked.
 
@@ -93,6 +93,8 @@ class Developing:
             Of the measurement.
         reporter
             Is told where cells are made larger, or could be.
+        spare
+            How much finer than what the PSF carries the cells are to be.
 
         Returns
         -------
@@ -102,23 +104,25 @@ class Developing:
         options = self.options
         measurement = self.measurement(frame)
         prepared = self.prepared(measurement)
-        side = 1 if options.bin is not None else carried_cells(prepared.values)
-        if side == 1:
+        if options.bin is not None:
             return self, measurement, prepared
-        if options.region is not None or options.crop not in (None, "all"):
-            # They name cells, and would name others.
+        carried = int(0.5 / finest_detail(prepared.values))
+        side = carried // spare
+        # Parts of the scene name cells, and would name others.
+        if side > 1 and options.region is None and options.crop in (None, "all"):
             reporter.note(
-                f"the PSF carries no detail finer than {side} cells: --bin {side}, with --region "
-                f"and --crop in such cells, would be about {side * side} times faster"
+                f"the PSF carries no detail finer than {carried} cells: {side}×{side} of them are "
+                "made one (--bin 1 keeps them apart)"
             )
-            return self, measurement, prepared
-        reporter.note(
-            f"the PSF carries no detail finer than {side} cells, so {side}×{side} of them are made "
-            "one; --bin 1 keeps them apart"
-        )
-        coarse = replace(self, options=options.model_copy(update={"bin": side}))
-        measurement = coarse.measurement(frame)
-        return coarse, measurement, coarse.prepared(measurement)
+            coarse = replace(self, options=options.model_copy(update={"bin": side}))
+            measurement = coarse.measurement(frame)
+            return coarse, measurement, coarse.prepared(measurement)
+        if carried > 1:
+            reporter.note(
+                f"the PSF carries no detail finer than {carried} cells: --bin {carried} would be "
+                f"about {carried * carried} times faster"
+            )
+        return self, measurement, prepared
 
 
 def _read_psf(options: ReconstructOptions) -> Frame:

@@ -27,7 +27,7 @@ from nolens.jobs.device import pick_device
 from nolens.jobs.given import check_apart
 from nolens.jobs.reconstruction.options import Method, ReconstructOptions
 from nolens.jobs.reconstruction.read import Developing
-from nolens.jobs.reconstruction.solve import announce_solving, method_of, stop_of, tau_of
+from nolens.jobs.reconstruction.solve import announce_solving, method_of, spare_of, stop_of, tau_of
 from nolens.jobs.reconstruction.window import asked_region, crop_window, oriented
 from nolens.jobs.reporter import Reporter
 from nolens.solvers import Problem, Stream
@@ -175,7 +175,9 @@ class _Work:
         self.rows.append(row)
 
     def _begin(self, frame: Frame) -> tuple[Stream, Measurement]:
-        self.developing, measurement, prepared = self.developing.fitted(frame, self.reporter)
+        self.developing, measurement, prepared = self.developing.fitted(
+            frame, self.reporter, spare_of(self.options)
+        )
         options = self.options = self.developing.options
         for text in prepared.warnings:
             self._warn(text)

@@ -19,6 +19,8 @@ _OTHERS = {
     Method.WIENER: Stop(1, tolerance=0.0, scene_tolerance=0.0, smooth_part=False),
 }
 
+_SPARE = 4
+
 # Per cell of the period and channel, as `make bench` saw them on two cores: the most memory that a
 # run holds (in its first and last step), and what one iteration takes.
 _BYTES_PER_CELL = 60
@@ -41,6 +43,14 @@ def method_of(options: ReconstructOptions) -> Method:
             f"{options.method}: leave one out"
         )
     return Method.WIENER if options.quality is Quality.DRAFT else Method.ADMM
+
+
+def spare_of(options: ReconstructOptions) -> int:
+    """How many times finer than what the PSF carries the cells of the scene are worth to be.
+
+    What is assumed of a scene finds edges between what the PSF carries; Wiener's filter does not.
+    """
+    return 1 if method_of(options) is Method.WIENER else _SPARE
 
 
 def tau_of(options: ReconstructOptions) -> float:

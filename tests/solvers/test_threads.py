@@ -1,0 +1,28 @@
+"""Results do not depend on how many threads compute them, but for rounding."""
+
+import pytest
+import torch
+from posed import Case, pose
+
+from nolens.operators import Region
+from nolens.solvers import admm
+
+CASES = {
+    "a view": Case(sensor=(67, 90), psf=(67, 90), channels=3, view=True, saturated=0.02),
+    "a region": Case(sensor=(80, 61), psf=(80, 61), region=Region(20, 10, 40, 45), channels=2),
+}
+
+
+@pytest.mark.parametrize("smooth_part", [False, True])
+@pytest.mark.parametrize("prior", ["tv", "isotropic-tv", "l1"])
+@pytest.mark.parametrize("name", CASES)
+def test_one_and_two_threads(name, prior, smooth_part, set_threads):
+    case = CASES[name]
+    problem = pose(Case(**{**vars(case), "prior": prior})).problem
+    pictures = []
+    for threads in (1, 2):
+        set_threads(threads)
+        result = admm(problem, iterations=40, tolerance=0.0, smooth_part=smooth_part)
+        pictures.append(result.scene)
+    one, two = pictures
+    assert float(torch.linalg.vector_norm(one - two)) <= 1e-5 * float(torch.linalg.vector_norm(one))
