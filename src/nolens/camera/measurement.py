@@ -7,6 +7,7 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
+from nolens.camera.finite import all_finite
 from nolens.camera.frame import Frame, size_text
 from nolens.errors import DataError, OptionError
 
@@ -179,8 +180,8 @@ def _cells(values: Tensor) -> Iterator[Tensor]:
 
 def _check_data(frame: Frame) -> None:
     counts = frame.counts
-    unusable = int((~torch.isfinite(counts)).sum())
-    if unusable:
+    if not all_finite(counts):
+        unusable = int((~torch.isfinite(counts)).sum())
         raise DataError(
             f"{frame.source} holds {unusable} values that are NaN or infinite, of "
             f"{counts.numel()}: repair them before, for example by the mean of their neighbours"
@@ -205,7 +206,7 @@ def _check_fit(other: Frame, role: str, frame: Frame) -> None:
             f"the {role} {other.source} has the colour mosaic {other.mosaic}, but "
             f"{frame.source} has {frame.mosaic}: take both with the same camera settings"
         )
-    if not torch.isfinite(other.counts).all():
+    if not all_finite(other.counts):
         raise DataError(f"the {role} {other.source} holds values that are NaN or infinite")
 
 

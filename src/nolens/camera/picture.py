@@ -5,6 +5,7 @@ import math
 import torch
 from torch import Tensor
 
+from nolens.camera.finite import all_finite
 from nolens.errors import DataError
 
 _EXPOSED = 0.995
@@ -28,7 +29,7 @@ def exposure_white(radiance: Tensor) -> float:
     DataError
         If the radiance holds NaN or infinity, or is nowhere above zero.
     """
-    if not torch.isfinite(radiance).all():
+    if not all_finite(radiance):
         raise DataError("the picture holds NaN or infinity and cannot be shown or written")
     brightest = radiance.amax(dim=0).flatten()
     rank = math.ceil(_EXPOSED * brightest.numel())

@@ -6,6 +6,7 @@ from enum import StrEnum
 import torch
 from torch import Tensor
 
+from nolens.camera.finite import all_finite
 from nolens.errors import DataError, OptionError
 from nolens.operators import CroppedConvolution, FiniteDifference, Region
 
@@ -123,9 +124,9 @@ class Problem:
                 f"the measurement is {tuple(data.shape)}, and those before it were "
                 f"{tuple(self.data.shape)}: (channels, height, width) must be the same"
             )
-        if not bool(torch.isfinite(data[valid]).all()):
-            raise DataError("the measurement holds NaN or infinity; give finite values")
         data = torch.where(valid, data, 0)
+        if not all_finite(data):
+            raise DataError("the measurement holds NaN or infinity; give finite values")
         norm = _norm(data, "the measurement (without saturated pixels)")
         return replace(self, data=data / norm, valid=valid, scale=norm / self.psf_norm)
 
@@ -210,8 +211,9 @@ def _check_shapes(psf: Tensor, data: Tensor, valid: Tensor | None) -> None:
             f"the mask of valid pixels is {tuple(valid.shape)} of {valid.dtype}; it must have the "
             f"measurement's shape, {tuple(data.shape)}, and be torch.bool"
         )
-    for name, tensor in (("PSF", psf), ("measurement", data if valid is None else data[valid])):
-        if not bool(torch.isfinite(tensor).all()):
+    seen = data if valid is None else torch.where(valid, data, 0)
+    for name, tensor in (("PSF", psf), ("measurement", seen)):
+        if not all_finite(tensor):
             raise DataError(f"the {name} holds NaN or infinity; give finite values")
 
 

@@ -3,6 +3,7 @@
 import torch
 from torch import Tensor
 
+from nolens.camera.finite import all_finite
 from nolens.errors import DataError
 from nolens.kernels import fft2_, ifft2_, in_large_pages, solve_normal_equation_
 from nolens.solvers.problem import Problem
@@ -24,9 +25,11 @@ def wiener(problem: Problem) -> Result:
     """
     if problem.tau == 0:
         raise DataError("tau is 0, and the Wiener filter then divides by zero; 0.01 to 1 is common")
-    solved = [_channel(problem, channel) for channel in range(problem.channels)]
+    period, device = problem.forward.geometry.period, problem.data.device
+    field = in_large_pages(torch.zeros(period, dtype=torch.complex64, device=device))
+    solved = [_channel(problem, channel, field) for channel in range(problem.channels)]
     scene = torch.stack([part for part, _ in solved])
-    if not bool(torch.isfinite(scene).all()):
+    if not all_finite(scene):
         raise DataError("the Wiener filter gave NaN or infinity; give a larger tau")
     return Result(
         scene=problem.unscale(scene),
@@ -36,11 +39,11 @@ def wiener(problem: Problem) -> Result:
     )
 
 
-def _channel(problem: Problem, channel: int) -> tuple[Tensor, float]:
-    """Scene of a channel, and its objective."""
+def _channel(problem: Problem, channel: int, field: Tensor) -> tuple[Tensor, float]:
+    """Scene of a channel, and its objective; `field`, of the period's size, is overwritten."""
     geometry, data = problem.forward.geometry, problem.data[channel]
     top, left, height, width = geometry.sensor
-    field = in_large_pages(torch.zeros(geometry.period, dtype=torch.complex64, device=data.device))
+    field.zero_()
     sensor = field[top : top + height, left : left + width]
     sensor.real[...] = data
     spectrum = fft2_(field)
