@@ -24,3 +24,7 @@ class OptionError(NolensError):
 
 class DivergenceError(NolensError):
     """An iteration that produced NaN or infinity."""
+
+
+class CameraError(NolensError):
+    """A camera that is not there, is in use, or stopped giving frames."""

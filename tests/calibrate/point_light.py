@@ -12,8 +12,8 @@ from nolens.calibrate.point import on_cells
 from nolens.calibrate.point_frames import FrameMean
 from nolens.camera import Frame, opened, preset
 from nolens.evaluate import psnr, scale_fit
-from nolens.jobs.capture import write_raw
 from nolens.jobs.optical_bench import OpticalBench
+from nolens.jobs.raw import write_raw
 from nolens.optics import PointSource
 
 DARK = 1e-9

@@ -10,8 +10,8 @@ from torch import Tensor
 
 from nolens.calibrate.point import on_cells
 from nolens.camera import opened, preset
-from nolens.jobs.capture import write_raw
 from nolens.jobs.optical_bench import OpticalBench
+from nolens.jobs.raw import write_raw
 from nolens.optics import PointSource
 
 OFF_AXIS_DEG = (0.2, -0.1)

@@ -25,7 +25,7 @@ from nolens.calibrate.point import on_cells
 from nolens.camera import camera_to_toml, preset
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import read_camera, read_psf, read_psf_set
-from nolens.jobs.capture import write_raw
+from nolens.jobs.raw import write_raw
 from nolens.quantities import Angle
 
 

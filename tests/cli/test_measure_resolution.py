@@ -15,9 +15,9 @@ from torch import Tensor
 from nolens.camera import develop
 from nolens.evaluate import siemens_star, slanted_edge, star_contrast
 from nolens.files import read_camera, write_png, write_tiff32
-from nolens.jobs.capture import write_raw
 from nolens.jobs.measuring.resolution_scale import AngularScale
 from nolens.jobs.optical_bench import OpticalBench, solved
+from nolens.jobs.raw import write_raw
 from nolens.operators import Region
 from nolens.optics import PointSource
 from nolens.twin import FieldMap, Twin

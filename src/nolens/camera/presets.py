@@ -7,7 +7,7 @@ from nolens.camera.description import Camera
 from nolens.camera.toml import camera_from_toml
 from nolens.errors import OptionError
 
-PRESETS = ("paper", "paper-film", "small")
+PRESETS = ("paper", "paper-film", "small", "live")
 """Names of the cameras that come with the package."""
 
 

@@ -123,3 +123,9 @@ class Sensor(Part):
         """Electrons from which a pixel is saturated: it is full, or at the largest count."""
         per_electron = self.counts_per_electron * self.gain
         return min(self.full_well_electrons, (self.white_counts - self.black_counts) / per_electron)
+
+    @property
+    def saturated_counts(self) -> int:
+        """Count from which a pixel is saturated: it is full, or at the largest count."""
+        full = self.clip_electrons * self.counts_per_electron * self.gain
+        return min(self.white_counts, round(self.black_counts + full))

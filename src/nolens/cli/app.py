@@ -45,6 +45,7 @@ Output = Parameter(name=("--output", "-o"))
 _USAGE = {
     "reconstruct": "reconstruct RAW --psf PSF -o out.png (-o again for each further picture)",
     "refocus": "refocus RAW --psfs FOLDER -o FOLDER",
+    "capture": "capture -o shot.dng",
     "info": "info FILE",
     "calibrate": "calibrate FRAME... --distance 300mm -o FOLDER",
     "calibrate distances": "calibrate distances FOLDER --at 8cm --at 20cm",
@@ -68,6 +69,7 @@ _USAGE = {
     "measure resolution siemens": "measure resolution siemens FRAME --psf PSF --camera FOLDER",
     "measure resolution edge": "measure resolution edge FRAME --psf PSF --camera FOLDER",
     "reproduce": "reproduce -o FOLDER",
+    "studio": "studio [FOLDER...]",
     "demo": "demo -o FOLDER",
 }
 

@@ -53,8 +53,8 @@ def point(
         Exposure time, such as 10ms: once for all frames, or once for each in their order.
         [default: what the files say]
     camera
-        paper, paper-film, small, a folder with camera.toml, or a .toml file; it is copied into the
-        folder.  [default: that of the folder, if it has one]
+        paper, paper-film, small, live, a folder with camera.toml, or a .toml file; it is copied
+        into the folder.  [default: that of the folder, if it has one]
     pixel
         Distance of the pixels in the frames, such as 1.55um, where no camera is known.
     mosaic

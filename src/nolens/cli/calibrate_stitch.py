@@ -73,7 +73,8 @@ def plan(
     Parameters
     ----------
     camera
-        paper, paper-film, small, a folder with camera.toml, or a .toml file.  [default: paper]
+        paper, paper-film, small, live, a folder with camera.toml, or a .toml file.  [default:
+        paper]
     angle
         Which angle the scene fills, or its width and height, such as 56deg,42deg. Needed.
     json_

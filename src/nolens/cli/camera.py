@@ -29,7 +29,7 @@ def show_camera(name: str, /, *, json_: Annotated[bool, Json] = False) -> int:
     Parameters
     ----------
     name
-        paper, paper-film, small, a folder with camera.toml, or a .toml file.
+        paper, paper-film, small, live, a folder with camera.toml, or a .toml file.
     json_
         Print one JSON object on standard output: the description and what follows from it.
     """
@@ -81,8 +81,8 @@ def replace_relief_of(
     Parameters
     ----------
     camera
-        paper, paper-film, small, a folder with camera.toml, or a .toml file. All but the relief
-        stays.
+        paper, paper-film, small, live, a folder with camera.toml, or a .toml file. All but the
+        relief stays.
     map
         Heights: .tif (grey, whole numbers or floats), or text: a table of heights, points x y z
         on a grid (y downwards), Gwyddion's data matrix, or .sdf (ISO 25178-71, ASCII). nan, Bad

@@ -9,6 +9,8 @@ COMMANDS = {
     "reconstruct:reconstruct": "Reconstruct a photograph "
     "from a measurement and a PSF, or a sequence of them.",
     "refocus:refocus": "Focus a photograph at any depth, after it was taken.",
+    "capture:capture": "Take raw frames with a camera: "
+    "one, many, averaged, bracketed, or over a long time.",
     "reconstruct:info": "Say what a file holds: size, channels, mosaic, levels, range.",
     "calibrate:calibrate": "Make a PSF of "
     "pictures of one point of light, and add it to a camera's folder.",
@@ -22,6 +24,8 @@ COMMANDS = {
     "frame, mask, process sheet.",
     "reproduce:reproduce": "Make every figure of the paper again that simulation can give, "
     "beside the paper's values.",
+    "studio:studio": "Open a page on which to see through a camera, design it, calibrate it and "
+    "take pictures.",
     "demo:demo": "Simulate a small lensless camera, and reconstruct a photograph from its files.",
 }
 """Every command by file and name, and the first sentence of its help.

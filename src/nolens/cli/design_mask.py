@@ -65,7 +65,7 @@ def mask(
         Folder of the new camera: camera.toml, relief.tif, mask.png (a picture of relief and PSF)
         and mask.json (the record). Needed.
     camera
-        paper, paper-film, small, a folder with camera.toml, or a .toml file: its layers and
+        paper, paper-film, small, live, a folder with camera.toml, or a .toml file: its layers and
         sensor are kept.  [default: paper]
     light
         white-led, daylight, equal-energy, or one wavelength such as 535nm.  [default: white-led]

@@ -51,8 +51,8 @@ def thickness(
     Parameters
     ----------
     camera
-        Has the layers over the sensor: paper, paper-film, small, a folder with camera.toml, or a
-        .toml file.  [default: paper]
+        Has the layers over the sensor: paper, paper-film, small, live, a folder with camera.toml,
+        or a .toml file.  [default: paper]
     glass
         Thickness of the cover glass.  [default: the camera's]
     glass_material

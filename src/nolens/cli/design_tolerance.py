@@ -42,7 +42,7 @@ def tolerance(
     Parameters
     ----------
     camera
-        paper, paper-film, small, a folder with camera.toml, or a .toml file.
+        paper, paper-film, small, live, a folder with camera.toml, or a .toml file.
     tolerances
         .toml file of the parameters and their distributions.
         [default: what --show prints, all of it assumed]

@@ -52,7 +52,8 @@ def field(
     psfs
         Folder with PSFs captured at angles (nolens calibrate).
     simulate
-        Camera to simulate: paper, paper-film, small, a folder with camera.toml, or a .toml file.
+        Camera to simulate: paper, paper-film, small, live, a folder with camera.toml, or a .toml
+        file.
     dots
         Reconstructed picture of a grid of dots, its middle cell on the camera's axis, as
         nolens reconstruct --region writes it: float .tif.

@@ -44,7 +44,7 @@ def psf(
         them make a cell: give the sensor's own pitch.  [default: what psfs.toml beside it says]
     camera
         Tells angles in the scene, the aperture of a lenslet and its depth of focus: paper,
-        paper-film, small, a folder with camera.toml, or a .toml file.
+        paper-film, small, live, a folder with camera.toml, or a .toml file.
         [default: camera.toml beside the PSF, if there is one]
     channels
         grey (mean of all), r, g or b.  [default: grey]

@@ -47,12 +47,12 @@ class Common:
         Cells that light can come from, as nolens reconstruct takes it; of pictures, the cells
         that they show.  [default: the sensor's; of pictures, as many around its middle]
     camera
-        That took the frames: paper, paper-film, small, a folder with camera.toml, or a .toml
+        That took the frames: paper, paper-film, small, live, a folder with camera.toml, or a .toml
         file. It tells the angles of cells.  [default: camera.toml beside the PSF]
     cell_angle
         The angle of a cell, in place of a camera, such as 0.138deg.
     simulate
-        Camera to simulate in place of frames: paper, paper-film, small, a folder with
+        Camera to simulate in place of frames: paper, paper-film, small, live, a folder with
         camera.toml, or a .toml file.
     light
         white-led, daylight, equal-energy, or one wavelength such as 535nm.  [default: white-led]

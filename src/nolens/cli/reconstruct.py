@@ -104,7 +104,7 @@ def reconstruct(
     field
         The same as an angle from side to side, such as 56deg; needs --camera.
     camera
-        paper, paper-film, small, a folder with camera.toml, or a .toml file: for --field.
+        paper, paper-film, small, live, a folder with camera.toml, or a .toml file: for --field.
     quality
         draft: one pass of the Wiener filter. photo: until the picture no longer changes visibly.
         exact: until all relative residuals are below 1e-4.  [default: photo]

@@ -65,7 +65,8 @@ def simulate(
         Field angle of the picture's longer side, from edge to edge; once, or once for each.
         [default: 60deg]
     camera
-        paper, paper-film, small, a folder with camera.toml, or a .toml file.  [default: paper]
+        paper, paper-film, small, live, a folder with camera.toml, or a .toml file.  [default:
+        paper]
     light
         white-led, daylight, equal-energy, or one wavelength such as 535nm.  [default: white-led]
     wavelengths
@@ -153,7 +154,8 @@ def psf(
         The middle of the result follows the ray through the middle of the camera, or stays on
         the sensor's.  [default: chief-ray; for .dng sensor]
     camera
-        paper, paper-film, small, a folder with camera.toml, or a .toml file.  [default: paper]
+        paper, paper-film, small, live, a folder with camera.toml, or a .toml file.  [default:
+        paper]
     light
         white-led, daylight, equal-energy, or one wavelength such as 535nm.  [default: white-led]
     wavelengths

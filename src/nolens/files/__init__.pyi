@@ -6,7 +6,7 @@ from .names import readable
 from .read import SUFFIXES, read_frame
 from .read_camera import CAMERA_FILE, camera_files, read_camera, write_camera
 from .read_material import read_material
-from .read_picture import Picture, read_picture
+from .read_picture import PICTURE_SUFFIXES, Picture, read_picture
 from .read_psfs import PSFS_FILE, read_psf, read_psf_set, write_psfs
 from .read_relief import HeightMap, read_height_map
 from .record import (
@@ -21,6 +21,7 @@ from .state import read_state, write_state
 from .tolerances import read_tolerances, write_trials
 from .write import write_counts, write_png, write_tiff16, write_tiff32
 from .write_dng import write_dng
+from .write_frame import FRAME_SUFFIXES, check_holds, write_frame
 from .write_layout import layout, write_gds, write_oasis
 from .write_relief import check_height_map, write_height_map
 from .write_solid import write_3mf, write_stl
@@ -28,6 +29,8 @@ from .write_step import check_step, write_step
 
 __all__ = [
     "CAMERA_FILE",
+    "FRAME_SUFFIXES",
+    "PICTURE_SUFFIXES",
     "PSFS_FILE",
     "SUFFIXES",
     "FrameSequence",
@@ -39,6 +42,7 @@ __all__ = [
     "camera_files",
     "check_folder",
     "check_height_map",
+    "check_holds",
     "check_output",
     "check_step",
     "describe",
@@ -62,6 +66,7 @@ __all__ = [
     "write_camera",
     "write_counts",
     "write_dng",
+    "write_frame",
     "write_gds",
     "write_height_map",
     "write_into",

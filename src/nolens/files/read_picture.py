@@ -20,6 +20,8 @@ from nolens.files.read_tiff import read_tiff_samples
 _KINDS = {
     ".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".tif": "TIFF", ".tiff": "TIFF", ".npy": "npy",
 }  # fmt: skip
+PICTURE_SUFFIXES = tuple(_KINDS)
+"""Suffixes of the files that `read_picture` reads."""
 _ACCEPTED = (
     "A scene is a .png, .jpg or .tif of 8 or 16 bits (sRGB), or a float .tif or .npy (linear, "
     "1 is white)"

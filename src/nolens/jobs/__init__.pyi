@@ -11,6 +11,8 @@ from .calibration.stitch_options import CalibratePlanOptions, CalibrateStitchOpt
 from .calibration.surround import calibrate_surround
 from .calibration.surround_options import CalibrateSurroundOptions
 from .camera_facts import camera_facts
+from .capturing.job import CaptureOutcome, CaptureReporter, capture_frames
+from .capturing.options import CaptureOptions
 from .demo import DemoResult, run_demo
 from .designing.mask import MaskOutcome, design_mask
 from .designing.mask_options import MaskOptions
@@ -55,6 +57,9 @@ __all__ = [
     "CalibrateStitchOptions",
     "CalibrateSurroundOptions",
     "CalibratedPsf",
+    "CaptureOptions",
+    "CaptureOutcome",
+    "CaptureReporter",
     "DemoResult",
     "EdgeOptions",
     "FabricateOptions",
@@ -92,6 +97,7 @@ __all__ = [
     "calibrate_stitch",
     "calibrate_surround",
     "camera_facts",
+    "capture_frames",
     "design_mask",
     "design_thickness",
     "expand_home",

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from nolens.camera import Frame, Measurement, OpenCamera, Sensor, develop
-from nolens.jobs.capture import expose_safely, saturated_counts
+from nolens.jobs.raw import expose_safely
 from nolens.operators import Region
 from nolens.optics import PointSource
 from nolens.solvers import Problem, Progress, admm
@@ -179,7 +179,7 @@ class OpticalBench:
         pattern = None if self.sensor.mosaic == "none" else self.sensor.mosaic
         return Frame(
             counts, ("grey",) if pattern is None else ("mosaic",), pattern,
-            (self.sensor.black_counts,), saturated_counts(self.sensor),
+            (self.sensor.black_counts,), self.sensor.saturated_counts,
             "uint16", f"simulated by {self.twin.camera.name}", black_stated=True,
         )  # fmt: skip
 

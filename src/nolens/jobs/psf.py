@@ -16,9 +16,9 @@ from nolens.files import (
     write_tiff32,
     write_together,
 )
-from nolens.jobs.capture import expose_safely, saturated_counts, write_raw
 from nolens.jobs.cost import announce, check_memory, colours_of, cost_of, pattern_size
 from nolens.jobs.outline import distance_um, relief_points
+from nolens.jobs.raw import expose_safely, write_raw
 from nolens.jobs.reporter import Reporter
 from nolens.jobs.run import Run
 from nolens.jobs.scene_options import PsfOptions
@@ -125,7 +125,7 @@ def simulate_psf(options: PsfOptions, reporter: Reporter) -> PsfOutcome:
         fill = (options.fill or _FILL).value
         electrons = image * (fill * sensor.clip_electrons / float(image.max()))
         counts = expose_safely(electrons, sensor, seed=options.seed)
-        summary["saturated_share"] = float((counts >= saturated_counts(sensor)).double().mean())
+        summary["saturated_share"] = float((counts >= sensor.saturated_counts).double().mean())
         write = partial(write_raw, counts=counts, sensor=sensor)
     else:
         write = partial(write_tiff32, radiance=pattern)

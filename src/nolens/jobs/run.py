@@ -8,11 +8,11 @@ import torch
 
 from nolens.camera import OpenCamera
 from nolens.files import InputFile, RunRecord, camera_files, check_output, read_camera
-from nolens.jobs.capture import check_raw
 from nolens.jobs.clock import Clock
 from nolens.jobs.device import pick_device
 from nolens.jobs.given import check_apart
 from nolens.jobs.outline import outline
+from nolens.jobs.raw import check_raw
 from nolens.jobs.scene_options import CameraOptions
 from nolens.twin import Light, Twin
 

@@ -20,7 +20,6 @@ from nolens.files import (
     write_tiff32,
     write_together,
 )
-from nolens.jobs.capture import expose_safely, saturated_counts, write_raw
 from nolens.jobs.cost import (
     Cost,
     announce,
@@ -30,6 +29,7 @@ from nolens.jobs.cost import (
     pattern_size,
 )
 from nolens.jobs.outline import distance_um, relief_points
+from nolens.jobs.raw import expose_safely, write_raw
 from nolens.jobs.reporter import Reporter
 from nolens.jobs.run import Run
 from nolens.jobs.scene_channels import in_channels
@@ -140,7 +140,7 @@ def simulate(options: SimulateOptions, reporter: Reporter) -> SimulationOutcome:
         "psf_cells": _psf_cells(field.region, twin),
         "exposure_s": exposure_s,
         "brightest_electrons": float(electrons.max()),
-        "saturated_share": float((counts >= saturated_counts(sensor)).double().mean()),
+        "saturated_share": float((counts >= sensor.saturated_counts).double().mean()),
         "field_points": options.field_points,
         "field_error": error,
         "largest_angle_deg": round(largest_angle, 3),

@@ -5,6 +5,7 @@ from nolens.twin.field import FieldMap
 from nolens.twin.light import LIGHTS, Light
 from nolens.twin.measure import Irradiated, check_field_points, irradiate
 from nolens.twin.model import LARGEST_ANGLE_DEG, NEAREST_MM, REFERENCE_NM, Twin, described_lenslets
+from nolens.twin.plain import PlainModel, aperture_room_um
 from nolens.twin.point import point_spread
 from nolens.twin.scene import Plane, Seen, arrange
 
@@ -16,9 +17,11 @@ __all__ = [
     "FieldMap",
     "Irradiated",
     "Light",
+    "PlainModel",
     "Plane",
     "Seen",
     "Twin",
+    "aperture_room_um",
     "arrange",
     "check_field_points",
     "described_lenslets",

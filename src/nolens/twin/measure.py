@@ -78,13 +78,31 @@ def irradiate(
     OptionError
         If `field_points` is even or less than 1, or light passes beyond the relief.
     """
+    sums = summed(
+        twin, field, seen, field_points=field_points, light=light, wavelengths=wavelengths,
+        tick=tick,
+    )  # fmt: skip
+    return sums.finish()
+
+
+def summed(
+    twin: Twin,
+    field: FieldMap,
+    seen: tuple[Seen, ...],
+    *,
+    field_points: int,
+    light: Light,
+    wavelengths: int = 3,
+    tick: Callable[[float], None] | None = None,
+) -> "PatternSums":
+    """Spectra of the light on the pixels; parameters and errors as for `irradiate`."""
     check_field_points(field_points)
     pitch = twin.sensor_pitch_um
     if twin.cell_pixels == 1:
         per_pixel = samples_per_pixel(twin, at_least=2)
     else:
         per_pixel = samples_per_pixel(twin, at_least=1)
-    work = _Work(twin, field, field_points, per_pixel)
+    work = PatternSums(twin, field, field_points, per_pixel)
     weights = (field.solid_angle() * field.vignetting()).float()
     total = len(seen) * len(work.nodes) * len(twin.camera.sensor.channels)
     colours = [
@@ -107,7 +125,7 @@ def irradiate(
                 patch = plane.radiance[channel] * weights
                 work.add(node, channel, patch, plane.distance_um, colour, part_tick)
                 done += 1
-    return work.finish()
+    return work
 
 
 def check_field_points(field_points: int) -> None:
@@ -133,7 +151,7 @@ class _Node:
     cell: tuple[int, int]
 
 
-class _Work:
+class PatternSums:
     """Spectra of the sum so far: over all field points, and over every second one."""
 
     def __init__(self, twin: Twin, field: FieldMap, field_points: int, per_pixel: int) -> None:
@@ -151,10 +169,11 @@ class _Work:
             Edges.of(axis[:: self.steps[-1]], length)
             for axis, length in zip(self.at, (region.height, region.width), strict=True)
         )
-        self.period = tuple(
+        rows, columns = (
             fast_length(count + max(edges.before) + max(edges.after), of_rows=number == 1)
             for number, (count, edges) in enumerate(zip(twin.cells, self.edges, strict=True))
         )
+        self.period = rows, columns
         mosaic = twin.camera.sensor.mosaic
         self.phases = _GREY if mosaic == "none" else tuple(mosaic)
         spectrum = (self.period[0], self.period[1] // 2 + 1)
@@ -239,7 +258,7 @@ class _Work:
         out = torch.empty(rows * per_cell, columns * per_cell)
         for number in range(len(self.phases)):
             row, column = divmod(number, 2)
-            plane = irfft2(self.sums[step][number], (self.period[0], self.period[1]))
+            plane = irfft2(self.sums[step][number], self.period)
             plane = plane[top : top + rows, left : left + columns].clamp_min(0)
             out[row::per_cell, column::per_cell] = plane.cpu()
         return out
@@ -255,7 +274,7 @@ class _Work:
         first = [int(each[0]) for each in kept]
         last = [int(each[-1]) + 1 for each in kept]
         part = weighted[first[0] : last[0], first[1] : last[1]]
-        placed = scene.new_zeros((self.period[0], self.period[1]))
+        placed = scene.new_zeros(self.period)
         rows, columns = (
             (torch.arange(n) + (start - cell)) % period
             for n, start, cell, period in zip(

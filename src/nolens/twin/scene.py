@@ -94,7 +94,7 @@ def arrange(twin: Twin, planes: tuple[Plane, ...]) -> tuple[FieldMap, tuple[Seen
     clear = torch.ones(field.region.height, field.region.width)
     seen = []
     for plane in sorted(planes, key=lambda each: each.distance_um):
-        radiance, opacity = _on_cells(plane, at, field.region)
+        radiance, opacity = on_cells(plane, at, field.region)
         seen.append(Seen(radiance * (opacity * clear), plane.distance_um))
         clear = clear * (1 - opacity)
     return field, tuple(seen)
@@ -121,8 +121,18 @@ def _check(twin: Twin, plane: Plane) -> None:
     twin.check_source(PointSource(plane.tangents, plane.distance_um))
 
 
-def _on_cells(plane: Plane, at: tuple[Tensor, Tensor], region: Region) -> tuple[Tensor, Tensor]:
-    """Radiance and opacity on the cells, the picture averaged over about a cell."""
+def on_cells(plane: Plane, at: tuple[Tensor, Tensor], region: Region) -> tuple[Tensor, Tensor]:
+    """Radiance and opacity on the cells, the picture averaged over about a cell.
+
+    Parameters
+    ----------
+    plane
+        The picture.
+    at
+        Tangents of the field angle of every cell (`FieldMap.tangents`).
+    region
+        The cells.
+    """
     height, width = plane.radiance.shape[-2:]
     opacity = plane.opacity if plane.opacity is not None else torch.ones(height, width)
     # Colours count as much as they cover, so that what is clear does not bleed into edges.

@@ -9,7 +9,6 @@ from nolens.camera import Frame, Sensor
 from nolens.errors import DataError
 from nolens.files import read_frame
 from nolens.jobs.calibration.point_options import CalibratePointOptions
-from nolens.jobs.capture import saturated_counts
 from nolens.jobs.reporter import Reporter
 
 _SAME_TIME = 2e-3
@@ -119,7 +118,7 @@ def _read(path: Path, options: CalibratePointOptions, sensor: Sensor | None) -> 
     if frame.channels == ("grey",) and sensor.mosaic != "none" and whole:
         frame = replace(frame, channels=("mosaic",), mosaic=sensor.mosaic)
     if not frame.black_stated and len(frame.channels) == 1:
-        white = min(saturated_counts(sensor), math.inf if frame.white is None else frame.white)
+        white = min(sensor.saturated_counts, math.inf if frame.white is None else frame.white)
         frame = replace(frame, black=(sensor.black_counts,), white=white, black_stated=True)
     return frame
 

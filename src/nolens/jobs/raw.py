@@ -61,12 +61,6 @@ def expose_safely(electrons: Tensor, sensor: Sensor, *, seed: int) -> Tensor:
     return expose(electrons.clamp(max=10 * sensor.full_well_electrons + 1000), sensor, seed=seed)
 
 
-def saturated_counts(sensor: Sensor) -> int:
-    """Count from which a pixel is saturated: it is full, or at the largest count."""
-    full = sensor.clip_electrons * sensor.counts_per_electron * sensor.gain
-    return min(sensor.white_counts, round(sensor.black_counts + full))
-
-
 def write_raw(path: Path, counts: Tensor, sensor: Sensor, exposure_s: float | None = None) -> None:
     """Write counts as DNG or as 16-bit TIFF, by the suffix.
 
@@ -75,7 +69,7 @@ def write_raw(path: Path, counts: Tensor, sensor: Sensor, exposure_s: float | No
     FileError
         If the file cannot be written.
     """
-    white = saturated_counts(sensor)
+    white = sensor.saturated_counts
     if path.suffix.lower() == ".dng":
         write_dng(
             path, counts, pattern=sensor.mosaic, black=int(sensor.black_counts), white=white,

@@ -1,0 +1,1 @@
+"""Taking frames with a camera: one, many, averaged, bracketed, or over a long time."""

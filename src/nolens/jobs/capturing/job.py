@@ -1,0 +1,263 @@
+"""From a camera to files, frame by frame."""
+
+import math
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass, field
+from itertools import count
+from typing import Any, Protocol
+
+from nolens.capture import (
+    CameraSource,
+    Levels,
+    Shot,
+    TwinSource,
+    available_sources,
+    open_source,
+)
+from nolens.errors import NolensError
+from nolens.files import InputFile, readable
+from nolens.jobs.capturing.exposures import exposures
+from nolens.jobs.capturing.keep import Burst, keep
+from nolens.jobs.capturing.naming import Naming
+from nolens.jobs.capturing.options import CaptureOptions, Kind
+from nolens.jobs.capturing.scenes import Stage
+from nolens.jobs.clock import Clock
+from nolens.jobs.given import check_apart
+from nolens.jobs.reporter import Reporter
+
+_LOOK_S = 0.1
+_DARK = 0.02
+"""Mean of a dark frame, as a share of its range, from which on light must have reached it."""
+_FAINT = 0.2
+_CLIPPED = 1e-3
+
+
+class CaptureReporter(Reporter, Protocol):
+    """Whoever watches frames being taken."""
+
+    def levels(self, levels: Levels) -> None:
+        """See how bright the newest frame is."""
+
+
+@dataclass(frozen=True)
+class CaptureOutcome:
+    """What a capture came to.
+
+    Parameters
+    ----------
+    summary
+        Figures of the run, in values that JSON has.
+    """
+
+    summary: dict[str, Any]
+
+
+def capture_frames(options: CaptureOptions, reporter: CaptureReporter) -> CaptureOutcome:
+    """Take frames and write each one as soon as it is taken.
+
+    Parameters
+    ----------
+    options
+        What to take, with what, and where to write it.
+    reporter
+        Sees notes, warnings, how bright the frames are, and how many are done.
+
+    Raises
+    ------
+    NolensError
+        If the camera, an option or an output cannot be used. What was written before stays.
+    """
+    clock = Clock()
+    check_apart(options, options.inputs)
+    naming = Naming.of(options)
+    stage = Stage(options)
+    inputs = stage.inputs()
+    source = open_source(
+        options.source, existing=options.existing, mosaic=options.mosaic, tell=reporter.warn
+    )
+    if isinstance(source, TwinSource) and options.source == "auto":
+        reporter.note(f"a simulated camera takes the frames, as {available_sources()[0].why}")
+    run = _Run(options, reporter, source, stage, naming, clock, inputs)
+    with closing(source):
+        if isinstance(source, TwinSource):
+            stage.prepare(source, reporter)
+        elif options.scene is not None:
+            reporter.warn(f"{options.scene} is not shown: {source.name} sees its own scene")
+        source.open()
+        run.times = exposures(source, options, reporter)
+        try:
+            run.all_rounds()
+        except NolensError as error:
+            if run.files:
+                many = "files written before are" if run.files > 1 else "file written before is"
+                kept = f"the {run.files} {many} kept, in {naming.folder}"
+                raise type(error)(f"{error} ({kept})") from error
+            raise
+    return CaptureOutcome(run.summary())
+
+
+@dataclass
+class _Run:
+    """All rounds of a capture, and what has been written so far."""
+
+    options: CaptureOptions
+    reporter: CaptureReporter
+    source: CameraSource
+    stage: Stage
+    naming: Naming
+    clock: Clock
+    inputs: dict[str, InputFile]
+    times: tuple[float, ...] = ()
+    taken: int = 0
+    files: int = 0
+    outputs: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    last: Shot | None = None
+    exposures: dict[float, dict[str, float]] = field(default_factory=dict)
+    _stopped: bool = False
+
+    def all_rounds(self) -> None:
+        """Take every frame, until all are taken or a person wants to stop."""
+        for _ in self._rounds():
+            for exposure_s in self.times:
+                if not math.isnan(exposure_s):
+                    self.source.set(exposure_s=exposure_s, gain=self.options.gain)
+                self._burst(exposure_s)
+                if self._stopped:
+                    return
+
+    def summary(self) -> dict[str, Any]:
+        """Figures of the run; for each exposure time, the levels of its last frame."""
+        assert self.last is not None
+        return {
+            "source": self.source.name,
+            "kind": self.options.kind,
+            "frames": self.taken,
+            "files": self.files,
+            "asked": {
+                "exposure_s": None if math.isnan(self.times[0]) else self.times[0],
+                "gain": self.options.gain,
+                "bracket": self.options.bracket,
+                "factor": self.options.factor,
+            },
+            "gain": self.last.gain,
+            "size": list(self.last.frame.counts.shape[-2:]),
+            "exposures": list(self.exposures.values()),
+            "warnings": self.warnings,
+            "seconds": self.clock.seconds,
+            "outputs": self.outputs,
+        }
+
+    def _rounds(self) -> Iterator[int]:
+        """Numbers of the rounds, each given when it is due."""
+        if self.options.every is None:
+            yield 0
+            return
+        begun, every_s = time.monotonic(), self.options.every.s
+        for number in count() if self.options.count is None else range(self.options.count):
+            left = begun + number * every_s - time.monotonic()
+            if left < -every_s:
+                self._warn(
+                    f"a round takes longer than {self.options.every}: the next one begins as soon "
+                    "as it can"
+                )
+            while left > 0:
+                time.sleep(min(left, _LOOK_S))
+                if self._step():
+                    return
+                left = begun + number * every_s - time.monotonic()
+            yield number
+
+    def _burst(self, exposure_s: float) -> None:
+        burst = Burst()
+        try:
+            for _ in range(self.options.frames):
+                if self.source.limits is None:  # Files may never come: Ctrl-C is to end that.
+                    self.reporter.advance("waiting for a file", 0.0)
+                if isinstance(self.source, TwinSource):
+                    self.stage.turn(self.source)
+                shot = self.source.shot()
+                levels = self._look(shot, exposure_s)
+                if self.options.average:
+                    burst.add(shot)
+                else:
+                    self._write(shot, levels, exposure_s, 1)
+                self.taken += 1
+                self._stopped = self._step()
+                if self._stopped:
+                    break
+        finally:
+            # Also where the camera fails: what was taken is not lost.
+            if burst.frames:
+                mean = burst.mean()
+                self._write(mean, Levels.of(mean.frame), exposure_s, burst.frames)
+
+    def _look(self, shot: Shot, exposure_s: float) -> Levels:
+        levels = Levels.of(shot.frame)
+        self.last = shot
+        self.exposures[exposure_s] = {
+            "exposure_s": shot.exposure_s,
+            "bright": levels.brightest if self.options.kind == "psf" else levels.bright,
+            "clipped_share": levels.clipped_share,
+        }
+        self.reporter.levels(levels)
+        if not self.taken:
+            for text in _doubts(levels, self.options.kind):
+                self._warn(text)
+            if shot.details.get("defect_correction") and self.options.kind == "psf":
+                self._warn(
+                    "the sensor corrects what it takes for defect pixels, and changes bright "
+                    "points: switch that off (docs/pi.md, Defect correction)"
+                )
+        return levels
+
+    def _write(self, shot: Shot, levels: Levels, exposure_s: float, frames: int) -> None:
+        named_s = shot.exposure_s if math.isnan(exposure_s) else exposure_s
+        path = self.naming.next(named_s, _suffix(shot, self.options.average))
+        keep(
+            path, shot, levels, frames,
+            options=self.options, started=self.clock.started, inputs=self.inputs,
+            warnings=self.warnings,
+        )  # fmt: skip
+        self.files += 1
+        self.outputs.append(readable(path))
+
+    def _step(self) -> bool:
+        total = self.options.total or self.taken + 1
+        return self.reporter.step("frame", self.taken, total, "the frames")
+
+    def _warn(self, text: str) -> None:
+        if text not in self.warnings:
+            self.warnings.append(text)
+            self.reporter.warn(text)
+
+
+def _suffix(shot: Shot, average: bool) -> str:
+    """Kind of file for a frame, where nobody asked for one."""
+    if len(shot.frame.counts) > 1:
+        return ".npy"
+    return ".tif" if average or shot.frame.mosaic is None else ".dng"
+
+
+def _doubts(levels: Levels, kind: Kind) -> list[str]:
+    """What may be wrong with the frames, told by the first one."""
+    clipped = f"{100 * levels.clipped_share:.2g} % of the pixels are saturated"
+    if kind == "dark":
+        if levels.mean > _DARK:
+            return [
+                f"light reaches the sensor: the mean of this dark frame is {100 * levels.mean:.2g} "
+                "% of the range above black. Cover the camera"
+            ]
+        return []
+    if kind == "psf" and levels.clipped_share > 0:
+        return [f"{clipped}, and the PSF's peaks are cut off there: take a shorter --exposure"]
+    if levels.clipped_share > _CLIPPED:
+        return [f"{clipped}: take a shorter --exposure"]
+    if levels.bright < _FAINT:
+        return [
+            f"the frame is faint: 99.9 % of its pixels lie below {100 * levels.bright:.2g} % of "
+            "the range. Take a longer --exposure, or more light"
+        ]
+    return []

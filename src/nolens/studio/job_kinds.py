@@ -1,0 +1,174 @@
+"""The kinds of jobs: which command each is, and which of its options are files."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from nolens.errors import OptionError
+from nolens.studio.schemas import JobKind
+from nolens.studio.workspace import Workspace
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A command as the page can start it.
+
+    Parameters
+    ----------
+    title
+        What it does, for people; the name of what it works on follows.
+    options, run
+        Class of its options and its function, as ``"module:name"`` (they load the numerics).
+    about
+        Options that name what it works on, the first that is given counts.
+    files
+        Options that are paths, or lists of them.
+    cameras
+        Options that are a preset, or the path of a camera's folder or .toml file.
+    materials
+        Options that are names of materials, or paths of .toml files.
+    chosen
+        Options that the studio chooses: what is written, and where.
+    own
+        Options of the studio's, beside those of the command.
+    brief
+        Whether it answers a person who waits: it goes before others, and is not kept for long.
+    """
+
+    title: str
+    options: str
+    run: str
+    about: tuple[str, ...]
+    files: tuple[str, ...] = ()
+    cameras: tuple[str, ...] = ()
+    materials: tuple[str, ...] = ()
+    chosen: tuple[str, ...] = ("output",)
+    own: tuple[str, ...] = ()
+    brief: bool = False
+
+
+_JOBS = "nolens.jobs"
+KINDS: dict[JobKind, Kind] = {
+    "reconstruct": Kind(
+        "Reconstruct", f"{_JOBS}.reconstruction.options:ReconstructOptions",
+        f"{_JOBS}.reconstruction.job:reconstruct", about=("measurement",),
+        files=("measurement", "psf", "dark", "flat", "resume"), cameras=("camera",),
+    ),
+    "refocus": Kind(
+        "Refocus", f"{_JOBS}.refocusing.options:RefocusOptions",
+        f"{_JOBS}.refocusing.refocus:refocus", about=("measurement",),
+        files=("measurement", "psfs", "dark", "flat"),
+    ),
+    "simulate": Kind(
+        "Simulate", f"{_JOBS}.scene_options:SimulateOptions", f"{_JOBS}.simulation:simulate",
+        about=("scenes",), files=("scenes",), cameras=("camera",),
+        chosen=("output", "truth", "response"),
+    ),
+    "psf": Kind(
+        "PSF of", f"{_JOBS}.scene_options:PsfOptions", f"{_JOBS}.psf:simulate_psf",
+        about=("camera",), cameras=("camera",),
+    ),
+    "calibrate": Kind(
+        "Calibrate", f"{_JOBS}.calibration.point_options:CalibratePointOptions",
+        f"{_JOBS}.calibration.point:calibrate_point", about=("name", "frames"),
+        files=("frames", "dark"), cameras=("camera",), own=("name",),
+    ),
+    "design-thickness": Kind(
+        "Thickness for", f"{_JOBS}.designing.thickness_options:ThicknessOptions",
+        f"{_JOBS}.designing.thickness:design_thickness", about=("camera", "material"),
+        cameras=("camera",), materials=("material", "film_material", "glass_material"),
+        chosen=("output", "plot"), own=("name",),
+    ),
+    "design-look": Kind(
+        "Look at", f"{_JOBS}.designing.look_options:LookOptions",
+        f"{_JOBS}.designing.look:look_at_design", about=("camera",), cameras=("camera",),
+        brief=True,
+    ),
+    "fabricate": Kind(
+        "Fabricate", f"{_JOBS}.fabrication.options:FabricateOptions",
+        f"{_JOBS}.fabrication.fabricate:fabricate", about=("camera",), files=("tolerances",),
+        cameras=("camera",), own=("thickness",),
+    ),
+    "measure-psf": Kind(
+        "Measure", f"{_JOBS}.measuring.psf_options:MeasurePsfOptions",
+        f"{_JOBS}.measuring.psf:measure_psf", about=("psf",), files=("psf",), cameras=("camera",),
+        chosen=("plot",),
+    ),
+    "measure-two-points": Kind(
+        "Two points by", f"{_JOBS}.measuring.resolution_options:TwoPointOptions",
+        f"{_JOBS}.measuring.resolution:measure_two_points", about=("simulate", "frames"),
+        files=("frames", "psf", "dark"), cameras=("camera", "simulate"), chosen=("plot",),
+    ),
+    "measure-field": Kind(
+        "Field of view of", f"{_JOBS}.measuring.field_options:MeasureFieldOptions",
+        f"{_JOBS}.measuring.field:measure_field", about=("simulate", "psfs", "dots"),
+        files=("psfs", "dots"), cameras=("camera", "simulate"), chosen=("plot", "output"),
+    ),
+    "preview": Kind(
+        "Preview", f"{_JOBS}.preview:PreviewOptions", f"{_JOBS}.preview:preview",
+        about=("path",), files=("path",), brief=True,
+    ),
+}  # fmt: skip
+
+
+def title_of(kind: JobKind, given: Mapping[str, Any]) -> str:
+    """What a job is called, such as "Reconstruct raw.dng"."""
+    about = next((given[name] for name in KINDS[kind].about if given.get(name)), None)
+    count = len(about) if isinstance(about, list) else 1
+    first = about[0] if isinstance(about, list) else about
+    if not isinstance(first, str):
+        return KINDS[kind].title.removesuffix(" of").removesuffix(" for").removesuffix(" by")
+    more = f" and {count - 1} more" if count > 1 else ""
+    return f"{KINDS[kind].title} {first.rstrip('/').rsplit('/', 1)[-1][:100]}{more}"
+
+
+def with_paths(kind: JobKind, given: Mapping[str, Any], workspace: Workspace) -> dict[str, Any]:
+    """Options with real paths in place of the page's, each checked to lie in a named folder.
+
+    Raises
+    ------
+    OptionError
+        If a path is none, or the option is not the page's to choose.
+    FileError
+        If there is no such file.
+    """
+    about = KINDS[kind]
+    presets = workspace.presets()
+
+    def camera(text: str) -> str:
+        if text in presets:
+            return text
+        if "/" not in text:
+            raise OptionError(
+                f"there is no camera {text!r}: give one of {', '.join(presets)}, or the path of a "
+                "camera's folder such as work/cameras/mine"
+            )
+        return str(workspace.resolve(text))
+
+    def material(text: str) -> str:
+        is_file = "/" in text or text.lower().endswith(".toml")
+        return str(workspace.resolve(text)) if is_file else text
+
+    found: dict[str, Any] = {}
+    for name, value in given.items():
+        if value is None:
+            continue
+        if name in about.chosen or name == "record":
+            raise OptionError(f"{name} is chosen by the studio: leave it out")
+        if name in about.files:
+            value = _each(name, value, lambda text: str(workspace.resolve(text)))
+        elif name in about.cameras:
+            value = _each(name, value, camera)
+        elif name in about.materials:
+            value = _each(name, value, material)
+        found[name] = value
+    return found
+
+
+def _each(name: str, value: Any, change: Callable[[str], str]) -> Any:
+    """A text, or all texts of a list, changed."""
+    if isinstance(value, str):
+        return change(value)
+    if isinstance(value, list) and all(isinstance(each, str) for each in value):
+        return [change(each) for each in value]
+    raise OptionError(f"{name} is {value!r}: give a path, or a list of them")

@@ -1,0 +1,268 @@
+"""The queue of jobs: what was asked for, how far it is, and what came of it."""
+
+import asyncio
+import json
+import secrets
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from nolens.errors import NolensError, OptionError
+from nolens.studio.job_kinds import KINDS, title_of, with_paths
+from nolens.studio.schemas import ENDED, Job, JobProgress, JobRequest, JobShort, Status
+from nolens.studio.worker import RefusedError, Told, Worker
+from nolens.studio.workspace import JOBS, Workspace
+
+_TARGET = "nolens.studio.job_process:main"
+_RECORD = "job.json"
+_GRACE_S = 5.0
+_CHECK_S = 60.0
+_MOST_JOBS = 300
+_MOST_BRIEF = 20
+_MOST_QUEUED = 50
+_MOST_ROWS = 5000
+_MOST_TEXTS = 200
+
+
+class NoSuchJobError(NolensError):
+    """A job that nobody knows."""
+
+
+class JobQueue:
+    """Jobs of one studio, one running at a time in a process of their own.
+
+    Parameters
+    ----------
+    workspace
+        Where they read and write.
+    """
+
+    def __init__(self, workspace: Workspace) -> None:
+        self._workspace = workspace
+        self._jobs: dict[str, Job] = {}
+        self._resolved: dict[str, dict[str, Any]] = {}
+        self._queue: list[str] = []
+        self._running: str | None = None
+        self._cancelling = False
+        self._worker: Worker | None = None
+        self._grace: asyncio.TimerHandle | None = None
+        self._load()
+
+    def all(self) -> list[JobShort]:
+        """Every job, the newest first."""
+        return [JobShort.model_validate(dict(each)) for each in reversed(self._jobs.values())]
+
+    def job(self, identity: str) -> Job:
+        """One of them.
+
+        Raises
+        ------
+        NoSuchJobError
+            If there is none of this name.
+        """
+        if identity not in self._jobs:
+            raise NoSuchJobError(f"there is no job {identity[:100]!r}")
+        return self._jobs[identity]
+
+    @property
+    def pid(self) -> int | None:
+        """Number of the process, while there is one."""
+        return None if self._worker is None else self._worker.pid
+
+    async def submit(self, request: JobRequest) -> Job:
+        """Check what is asked for as the command would, and put it into the queue.
+
+        Raises
+        ------
+        NolensError
+            If an option cannot be used; the text is the command's.
+        """
+        if len(self._queue) >= _MOST_QUEUED:
+            raise OptionError(f"{len(self._queue)} jobs are waiting already: cancel some of them")
+        given = with_paths(request.kind, request.options, self._workspace)
+        identity = self._new_id(request.kind)
+        await self._working().ask(
+            "check", identity, request.kind, given, str(self._workspace.work), seconds=_CHECK_S
+        )
+        job = Job(
+            id=identity, kind=request.kind, title=title_of(request.kind, request.options),
+            status="queued", options=dict(request.options),
+        )  # fmt: skip
+        self._jobs[identity], self._resolved[identity] = job, given
+        brief = KINDS[request.kind].brief
+        place = len(self._queue)
+        if brief:  # Before the first that is not.
+            waiting = [KINDS[self._kind(each)].brief for each in self._queue]
+            place = waiting.index(False) if False in waiting else place
+        self._queue.insert(place, identity)
+        self._next()
+        return job
+
+    def cancel(self, identity: str) -> Job:
+        """End a job: one that runs keeps what it keeps, and is killed if it does not end.
+
+        Raises
+        ------
+        NoSuchJobError
+            If there is none of this name.
+        """
+        job = self.job(identity)
+        if job.status == "queued":
+            self._queue.remove(identity)
+            self._end(job, "cancelled")
+        elif identity == self._running and not self._cancelling and self._worker is not None:
+            self._cancelling = True
+            with suppress(RefusedError):
+                self._worker.tell("cancel", identity)
+            self._grace = asyncio.get_running_loop().call_later(_GRACE_S, self._worker.kill)
+        return job
+
+    def start(self) -> None:
+        """Start the process before there is a job for it: it takes seconds."""
+        self._working()
+
+    async def close(self) -> None:
+        """End the process; a job that runs is lost, and told to be."""
+        worker, self._worker = self._worker, None
+        if self._running is not None:
+            self._end(self._jobs[self._running], "failed", "the studio was stopped while it ran")
+        for identity in self._queue:
+            self._end(self._jobs[identity], "cancelled")
+        self._queue = []
+        if worker is not None:
+            await worker.stop(0.2)
+
+    def _working(self) -> Worker:
+        if self._worker is None:
+            loop = asyncio.get_running_loop()
+
+            def hear(message: Told) -> None:
+                with suppress(RuntimeError):  # The loop is closed.
+                    loop.call_soon_threadsafe(self._heard, *message)
+
+            self._worker = Worker("nolens-jobs", _TARGET, hear, self._died)
+        return self._worker
+
+    def _next(self) -> None:
+        if self._running is not None or not self._queue:
+            return
+        job = self._jobs[self._queue.pop(0)]
+        given = self._resolved[job.id]
+        job.status, job.started = "running", time.time()
+        self._running, self._cancelling = job.id, False
+        self._store(job)
+        try:
+            self._working().tell("run", job.id, job.kind, given, str(self._workspace.work))
+        except (RefusedError, OSError) as error:
+            self._end(job, "failed", f"the process for jobs cannot be started: {error}")
+
+    def _heard(self, about: str, identity: str, *what: Any) -> None:
+        """A message of the process; of a job that has ended meanwhile it means nothing."""
+        if identity != self._running:
+            return
+        job = self._jobs[identity]
+        tell: dict[str, Callable[..., None]] = {
+            "progress": self._progress,
+            "rows": self._rows,
+            "note": lambda job, text: _keep(job.notes, text),
+            "warning": lambda job, text: _keep(job.warnings, text),
+            "done": self._done,
+            "cancelled": lambda job, summary: self._done(job, summary, "cancelled"),
+            "failed": lambda job, text: self._end(job, "failed", text),
+        }
+        tell[about](job, *what)
+
+    def _progress(self, job: Job, progress: dict[str, Any]) -> None:
+        job.progress = JobProgress(**progress)
+
+    def _rows(self, job: Job, rows: list[dict[str, float | None]]) -> None:
+        job.history.extend(rows[: _MOST_ROWS - len(job.history)])
+
+    def _done(self, job: Job, summary: dict[str, Any] | None, status: Status = "done") -> None:
+        if summary is not None:
+            job.summary = self._workspace.named(summary)
+            outputs = [self._workspace.name_of(Path(each)) for each in summary.get("outputs", [])]
+            job.outputs = [each for each in outputs if each is not None]
+        self._end(job, status)
+
+    def _end(self, job: Job, status: Status, error: str | None = None) -> None:
+        job.status, job.error, job.ended = status, error, time.time()
+        self._resolved.pop(job.id, None)
+        if self._grace is not None and job.id == self._running:
+            self._grace.cancel()
+            self._grace = None
+        if job.id == self._running:
+            self._running = None
+        self._store(job)
+        self._prune()
+        self._next()
+
+    def _died(self, reason: str) -> None:
+        if self._worker is None:  # It was ended on purpose.
+            return
+        self._worker = None
+        if self._running is None:
+            return
+        job = self._jobs[self._running]
+        if self._cancelling:
+            _keep(job.notes, f"it did not end within {_GRACE_S:g} s, and was killed")
+            self._end(job, "cancelled")
+        else:
+            self._end(job, "failed", f"the process that worked on it {reason}")
+
+    def _kind(self, identity: str) -> Any:
+        return self._jobs[identity].kind
+
+    def _new_id(self, kind: str) -> str:
+        while True:
+            now = datetime.now().astimezone()
+            identity = f"{now:%Y%m%d-%H%M%S}-{kind}-{secrets.token_hex(2)}"
+            if identity not in self._jobs:
+                return identity
+
+    def _prune(self) -> None:
+        """Forget the oldest jobs, and take away what looks and previews wrote long ago."""
+        brief = [
+            each.id for each in self._jobs.values()
+            if each.status in ENDED and KINDS[self._kind(each.id)].brief
+        ]  # fmt: skip
+        for identity in brief[:-_MOST_BRIEF]:
+            del self._jobs[identity]
+            self._workspace.remove_job(identity)
+        ended = [each.id for each in self._jobs.values() if each.status in ENDED]
+        for identity in ended[: max(0, len(self._jobs) - _MOST_JOBS)]:
+            del self._jobs[identity]
+
+    def _store(self, job: Job) -> None:
+        """Write what is known of a job, so that the studio finds it when it is started again."""
+        try:
+            folder = self._workspace.make(f"{JOBS}/{job.id}")
+            temporary = folder / f".{_RECORD}"
+            temporary.write_text(job.model_dump_json(indent=1), encoding="utf-8")
+            temporary.replace(folder / _RECORD)
+        except (NolensError, OSError) as error:
+            _keep(job.warnings, f"this job is not kept beyond this run of the studio: {error}")
+
+    def _load(self) -> None:
+        folder = self._workspace.work / JOBS
+        names = [each.name for each in folder.iterdir()] if folder.is_dir() else []
+        for name in sorted(names):
+            path = folder / name / _RECORD
+            try:
+                job = Job.model_validate(json.loads(path.read_bytes()))
+            except (OSError, ValueError):
+                continue
+            if job.id != name or job.kind not in KINDS:
+                continue
+            if job.status not in ENDED:
+                job.status, job.error = "failed", "the studio was stopped while it ran"
+            self._jobs[name] = job
+        self._prune()
+
+
+def _keep(texts: list[str], text: str) -> None:
+    if len(texts) < _MOST_TEXTS:
+        texts.append(text)

@@ -1,0 +1,175 @@
+"""Keeping the frame that is shown: its raw counts, its picture, and the record."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from torch import Tensor
+
+from nolens.camera import Frame, OpenCamera, PsfEntry, arrange_rgb
+from nolens.capture import Shot
+from nolens.errors import DataError, NolensError, OptionError
+from nolens.files import (
+    InputFile,
+    RunRecord,
+    check_holds,
+    read_psf_set,
+    write_frame,
+    write_into,
+    write_png,
+    write_psfs,
+    write_record,
+    write_tiff16,
+)
+from nolens.jobs.calibration.folder import cell_of, folder_camera, folder_psfs
+from nolens.jobs.copied import copied_camera
+from nolens.studio.live_solver import Solved
+from nolens.studio.schemas import Settings
+from nolens.studio.workspace import CAMERAS, SHOTS, unused
+
+
+@dataclass(frozen=True)
+class Shown:
+    """The frame that is shown.
+
+    Parameters
+    ----------
+    shot
+        What the camera gave.
+    solved
+        Its reconstruction, if there is one.
+    white
+        Radiance that is white in it.
+    settings
+        It was reconstructed with.
+    source
+        Text of the source.
+    """
+
+    shot: Shot
+    solved: Solved | None
+    white: float
+    settings: Settings
+    source: str
+
+
+def save_shown(work: Path, shown: Shown, formats: list[str], psf: Path | None) -> list[Path]:
+    """Write a frame into the folder of shots; no file is written over.
+
+    Parameters
+    ----------
+    work
+        The workspace.
+    shown
+        The frame.
+    formats
+        png, tiff and raw, or some of them.
+    psf
+        File that it was reconstructed with.
+
+    Returns
+    -------
+    list
+        What was written, the record last.
+
+    Raises
+    ------
+    NolensError
+        If there is no picture, or a file cannot be written.
+    """
+    folder, shot, solved = work / SHOTS, shown.shot, shown.solved
+    stem = unused(folder, f"{shot.taken.astimezone():%Y-%m-%d-%H%M%S}")
+    writers: dict[Path, Callable[[Path], None]] = {}
+    if "raw" in formats:
+        writers[folder / f"{stem}{_raw_suffix(shot.frame)}"] = partial(_raw, shot)
+    if {"png", "tiff"} & set(formats):
+        if solved is None:
+            raise DataError("there is no reconstruction to save: choose a PSF, or save the raw")
+        picture = arrange_rgb(solved.radiance, solved.channels)
+        if "png" in formats:
+            writers[folder / f"{stem}.png"] = partial(_png, picture, shown.white)
+        if "tiff" in formats:
+            # A TIFF of counts would have the same name where the raw frame is no DNG.
+            name = f"{stem}-picture.tif" if folder / f"{stem}.tif" in writers else f"{stem}.tif"
+            writers[folder / name] = partial(_tiff, picture)
+    record = folder / f"{stem}.json"
+    files = [*writers, record]
+    writers[record] = partial(write_record, record=_record(shown, files, psf))
+    write_into(folder, writers)
+    return files
+
+
+def kept_psf(work: Path, given: str, opened: OpenCamera, psf: Tensor, shot: Shot) -> Path:
+    """File of a simulated camera's PSF in its folder, written where it is not there yet.
+
+    Raises
+    ------
+    NolensError
+        If it cannot be written.
+    """
+    name = f"twin-{opened.camera.name}".replace("/", "-")
+    folder = work / CAMERAS / name
+    try:
+        psfs, known = folder_psfs(folder), folder_camera(folder)
+    except NolensError:
+        psfs, known = None, None
+    if psfs is not None and known is not None and known.camera == opened.camera:
+        return folder / read_psf_set(folder).psf[0].file
+    folder = work / CAMERAS / unused(work / CAMERAS, name)
+    distance = opened.camera.reference_distance
+    entry = PsfEntry(
+        file=f"psf-{distance.mm:g}mm.tif", cell=cell_of(shot.frame, opened, None, None),
+        channels=opened.camera.sensor.channels, distance=distance,
+    )  # fmt: skip
+    write_psfs(folder, {entry: psf}, more=copied_camera(given, opened))
+    return folder / entry.file
+
+
+def _raw_suffix(frame: Frame) -> str:
+    """Of a file that holds a frame as it is: DNG, or for sensors without colours TIFF, or npy."""
+    for suffix in (".dng", ".tif"):
+        try:
+            check_holds(Path(f"raw{suffix}"), frame)
+        except OptionError:
+            continue
+        return suffix
+    return ".npy"
+
+
+def _raw(shot: Shot, path: Path) -> None:
+    write_frame(path, shot.frame, model=shot.camera.encode("ascii", "replace").decode())
+
+
+def _png(picture: Tensor, white: float, path: Path) -> None:
+    write_png(path, picture, white)
+
+
+def _tiff(picture: Tensor, path: Path) -> None:
+    write_tiff16(path, picture)
+
+
+def _record(shown: Shown, files: list[Path], psf: Path | None) -> RunRecord:
+    shot, solved = shown.shot, shown.solved
+    parameters: dict[str, Any] = {
+        "source": shown.source,
+        "camera": shot.camera,
+        "taken": shot.taken.isoformat(),
+        "exposure_s": shot.exposure_s,
+        "gain": shot.gain,
+        "details": shot.details,
+        "white_radiance": shown.white,
+        **shown.settings.model_dump(include={"method", "tau"}),
+    }
+    return RunRecord(
+        started=shot.taken.isoformat(timespec="seconds"),
+        inputs={} if psf is None else {"psf": InputFile.of(psf)},
+        parameters=parameters,
+        result={
+            "iterations": None if solved is None else solved.iterations,
+            "outputs": [str(path) for path in files],
+        },
+        history=[],
+        warnings=[],
+    )

@@ -1,0 +1,142 @@
+"""Frame after frame through one PSF, with settings that may change between two of them."""
+
+from dataclasses import dataclass, replace
+
+from torch import Tensor
+
+from nolens.camera import Frame, Measurement, develop, prepare_psf
+from nolens.errors import DataError
+from nolens.operators import Region
+from nolens.solvers import Problem, Stream, wiener
+from nolens.studio.schemas import Settings
+
+_MOST_ROWS = 400
+_LATENCY_S = 0.25
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A picture of the live view.
+
+    Parameters
+    ----------
+    radiance
+        (channels, height, width), as bright as the scene, whatever the exposure was.
+    channels
+        Their names.
+    iterations
+        That it took.
+    """
+
+    radiance: Tensor
+    channels: tuple[str, ...]
+    iterations: int
+
+
+@dataclass(frozen=True)
+class Psf:
+    """What frames are reconstructed with.
+
+    Parameters
+    ----------
+    cells
+        A PSF on the cells of the reconstruction, (channels, rows, columns); or else
+    frame
+        the sensor's own frame of a point of light.
+    region
+        Cells that light comes from; None for no limit.
+    """
+
+    cells: Tensor | None = None
+    frame: Frame | None = None
+    region: Region | None = None
+
+
+class LiveSolver:
+    """Solves what is given it, warm-started where the settings stay.
+
+    Parameters
+    ----------
+    psf
+        What to solve with.
+    """
+
+    def __init__(self, psf: Psf) -> None:
+        self._psf = psf
+        self._problem: Problem | None = None
+        self._channels: tuple[str, ...] = ()
+        self._stream: Stream | None = None
+        self._posed: tuple[object, ...] = ()
+
+    def solve(self, seen: Measurement, settings: Settings, brightness: float) -> Solved:
+        """Reconstruct the next frame.
+
+        Parameters
+        ----------
+        seen
+            It, developed to the cells of the live view.
+        settings
+            How.
+        brightness
+            Exposure time times gain, which the picture is divided by.
+
+        Raises
+        ------
+        NolensError
+            If the frame or the PSF cannot be used; the next frame may be better.
+        """
+        problem = self._posed_for(seen)
+        if settings.method == "wiener":
+            self._stream, self._posed = None, ()
+            found = wiener(replace(problem.measuring(seen.values, seen.valid), tau=settings.tau))
+            scene, iterations = found.scene, found.iterations
+        else:
+            posed = (settings.tau, settings.iterations)
+            if self._stream is None or self._posed != posed:
+                self._posed = posed
+                self._stream = Stream(
+                    replace(problem, tau=settings.tau), iterations=settings.iterations,
+                    latency_s=_LATENCY_S,
+                )  # fmt: skip
+            solved = self._stream.solve(seen.values, seen.valid)
+            scene, iterations = solved.scene, solved.iterations
+        return Solved(self._shown(scene) / brightness, seen.channels, iterations)
+
+    def _posed_for(self, seen: Measurement) -> Problem:
+        """The problem of this PSF, laid out anew where the frames have become others."""
+        problem = self._problem
+        if (
+            problem is None
+            or problem.data.shape != seen.values.shape
+            or self._channels != seen.channels
+        ):
+            problem = Problem.pose(
+                self._prepared(seen), seen.values, valid=seen.valid, region=self._psf.region
+            )
+            self._problem, self._channels, self._stream = problem, seen.channels, None
+        return problem
+
+    def _shown(self, scene: Tensor) -> Tensor:
+        """The region, or without one what lies in the sensor's frame."""
+        problem = self._problem
+        if problem is None or self._psf.region is not None:
+            return scene
+        top, left = (-at for at in problem.forward.geometry.origin)
+        rows, columns = problem.forward.sensor
+        return scene[:, top : top + rows, left : left + columns]
+
+    def _prepared(self, seen: Measurement) -> Tensor:
+        if self._psf.cells is not None:
+            return self._psf.cells
+        frame = self._psf.frame
+        if frame is None:
+            raise DataError("no PSF is chosen")
+        rows = seen.values.shape[-2]
+        own = frame.counts.shape[-2] // (1 if frame.mosaic is None else 2)
+        psf = develop(frame, bin_by=max(1, own // rows))
+        return prepare_psf(psf, seen).values
+
+
+def cells_in_one(rows: int) -> int:
+    """Cells of a sensor along one of the live view, which has at most 400 rows of them."""
+    return max(1, -(-rows // _MOST_ROWS))

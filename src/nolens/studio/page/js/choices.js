@@ -1,0 +1,82 @@
+// @ts-check
+/** Files and cameras to choose from. */
+
+import { fileUrl, list, studio } from "./api.js";
+import { h } from "./dom.js";
+import { folderOf } from "./format.js";
+
+/** @typedef {{value: string, label: string}} Choice */
+/** @typedef {{name: string, path: string, kind: string, bytes: number, changed: number}} Entry */
+/** @typedef {{id: string, name: string, note: string, psfs: {path: string, distance: string, angle: string[]}[]}} Camera */
+
+/** A folder's entries, none where it is not there yet. @param {string} path @returns {Promise<Entry[]>} */
+async function entries(path) {
+  try {
+    return await list(path);
+  } catch {
+    return [];
+  }
+}
+
+/** Folders in which files are looked for: those of the workspace, and the ones that were named. */
+async function places() {
+  const { folders } = await studio();
+  const [work, ...more] = folders.map((/** @type {any} */ each) => each.id);
+  const named = await Promise.all(more.map(async (/** @type {string} */ id) =>
+    [id, ...(await entries(id)).filter((each) => each.kind === "folder").map((each) => each.path)]));
+  return [`${work}/shots`, `${work}/uploads`, `${work}/pictures`, ...named.flat()];
+}
+
+/** The newest first. @param {Entry} one @param {Entry} other */
+const byTime = (one, other) => other.changed - one.changed || other.name.localeCompare(one.name);
+
+/** Files of some kinds, by folder. @param {(entry: Entry) => boolean} fits @returns {Promise<{place: string, files: Entry[]}[]>} */
+export async function filesBy(fits) {
+  const found = await Promise.all((await places()).map(async (place) =>
+    ({ place, files: (await entries(place)).filter(fits).sort(byTime) })));
+  return found.filter(({ files }) => files.length > 0);
+}
+
+/** @param {HTMLSelectElement} select @param {{place: string, files: Entry[]}[]} groups @param {string} none */
+export function offerFiles(select, groups, none) {
+  const before = select.value;
+  select.replaceChildren(h("option", { value: "" }, none), ...groups.map(({ place, files }) => {
+    const element = h("optgroup", {}, ...files.map((each) => h("option", { value: each.path }, each.name)));
+    element.label = place;
+    return element;
+  }));
+  select.value = before;
+  if (select.selectedIndex < 0) select.value = "";
+}
+
+/** All cameras: presets and folders. @returns {Promise<Camera[]>} */
+export const cameras = async () => (await studio(true)).cameras;
+
+/** A description to choose from. @param {Camera} camera @returns {Choice} */
+export const cameraChoice = ({ id, name }) => ({ value: id, label: id.includes("/") ? `${name} (${id})` : name });
+
+/** PSFs in the folders of cameras. @returns {Promise<Choice[]>} */
+export const psfChoices = async () => (await cameras()).flatMap((camera) =>
+  camera.psfs.map(({ path, distance, angle }) => {
+    const aside = angle.some((each) => Number.parseFloat(each) !== 0) ? ` at ${angle.join(", ")}` : "";
+    return { value: path, label: `${camera.id.split("/").pop()}: ${distance}${aside}` };
+  }));
+
+/** Folders of cameras that have a PSF. @returns {Promise<Choice[]>} */
+export const calibratedCameras = async () => (await cameras()).filter(({ psfs }) => psfs.length > 0)
+  .map(({ id, psfs }) => ({ value: id, label: `${id.split("/").pop()} (${psfs.length} ${psfs.length === 1 ? "PSF" : "PSFs"})` }));
+
+/**
+ * The PSF that a saved frame was reconstructed with, as its record says.
+ *
+ * @param {string} raw path of the frame
+ * @param {Choice[]} psfs
+ * @returns {Promise<Choice | undefined>}
+ */
+export async function psfOf(raw, psfs) {
+  const record = raw.replace(/\.[^./]+$/, ".json");
+  if (!(await entries(folderOf(raw))).some(({ path }) => path === record)) return undefined;
+  const { inputs } = await (await fetch(fileUrl(record))).json();
+  // The record has the path on the disk, and a path here begins with the name of its folder.
+  return psfs.find(({ value }) => inputs?.psf?.path?.endsWith(value.slice(value.indexOf("/"))));
+}

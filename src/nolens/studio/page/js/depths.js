@@ -1,0 +1,87 @@
+// @ts-check
+/** A focal stack: a slider for the depth, and a click on what is to be sharp. */
+
+import { fileUrl } from "./api.js";
+import { button, h, slider } from "./dom.js";
+
+/** @typedef {{depths: string[], pages: string[], everywhere: string, sharpest: number[][]}} FocalStack */
+
+/**
+ * What the page of `nolens refocus --stack` holds: its pictures, and which of them is the sharpest at each place.
+ *
+ * @param {string} html
+ * @returns {FocalStack}
+ */
+export function stackOf(html) {
+  const begin = html.indexOf("const told = ");
+  const end = html.indexOf(";\n", begin);
+  if (begin < 0 || end < 0) throw new Error("The focal stack cannot be read: make it again.");
+  return JSON.parse(html.slice(begin + "const told = ".length, end));
+}
+
+export class Depths {
+  constructor() {
+    /** @type {FocalStack | null} */
+    this.stack = null;
+    this.picture = h("img", { id: "depth-picture", alt: "", hidden: true, onclick: (/** @type {MouseEvent} */ event) => this.click(event) });
+    this.mark = h("span", { class: "focus-mark", hidden: true });
+    this.empty = h("p", {}, "Make a focal stack of a raw file: then click on what is to be sharp.");
+    this.frame = h("div", { class: "frame" }, this.picture, this.mark, this.empty);
+    this.depth = slider({ label: "Depth", min: 0, max: 1, value: 0, step: 1,
+      text: (page) => this.stack?.depths[page] ?? "–", input: (page) => { this.mark.hidden = true; this.show(page); } });
+    this.all = button("Sharp everywhere", () => this.everywhere(), { "aria-pressed": "true", disabled: true });
+    this.said = h("span", { role: "status" });
+    this.depth.input.disabled = true;
+    this.element = h("div", { class: "stage", hidden: true },
+      h("figure", { class: "view" }, this.frame, h("figcaption", {}, h("b", {}, "Focal stack"), this.said)),
+      this.depth.element, h("div", { class: "row" }, this.all, h("small", {}, "Click on the picture to focus there.")));
+  }
+
+  /** Show the stack that a job made. @param {string[]} outputs */
+  async open(outputs) {
+    const page = outputs.find((path) => path.endsWith("sweep.html"));
+    if (!page) throw new Error("The job wrote no focal stack.");
+    const answer = await fetch(fileUrl(page));
+    if (!answer.ok) throw new Error("The focal stack is not there any more: make it again.");
+    this.stack = stackOf(await answer.text());
+    this.depth.limit(0, this.stack.pages.length - 1);
+    this.depth.input.disabled = this.all.disabled = false;
+    this.empty.hidden = true;
+    this.picture.hidden = false;
+    this.everywhere();
+  }
+
+  /** @param {number} page */
+  show(page) {
+    if (!this.stack) return;
+    this.picture.src = this.stack.pages[page];
+    this.picture.alt = `The scene, sharp at ${this.stack.depths[page]}`;
+    this.depth.set(page);
+    this.said.textContent = `Sharp at ${this.stack.depths[page]}`;
+    this.all.setAttribute("aria-pressed", "false");
+  }
+
+  everywhere() {
+    if (!this.stack) return;
+    this.picture.src = this.stack.everywhere;
+    this.picture.alt = "The scene, sharp everywhere";
+    this.mark.hidden = true;
+    this.said.textContent = "Sharp everywhere";
+    this.all.setAttribute("aria-pressed", "true");
+  }
+
+  /** @param {MouseEvent} event */
+  click(event) {
+    if (!this.stack) return;
+    const outer = this.picture.getBoundingClientRect();
+    const scale = Math.min(outer.width / this.picture.naturalWidth, outer.height / this.picture.naturalHeight);
+    const across = (event.clientX - outer.left - outer.width / 2) / (this.picture.naturalWidth * scale) + 0.5;
+    const down = (event.clientY - outer.top - outer.height / 2) / (this.picture.naturalHeight * scale) + 0.5;
+    if (across < 0 || across >= 1 || down < 0 || down >= 1) return;
+    const grid = this.stack.sharpest;
+    this.show(grid[Math.floor(down * grid.length)][Math.floor(across * grid[0].length)]);
+    this.mark.style.left = `${event.clientX - outer.left}px`;
+    this.mark.style.top = `${event.clientY - outer.top}px`;
+    this.mark.hidden = false;
+  }
+}

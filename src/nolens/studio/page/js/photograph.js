@@ -1,0 +1,225 @@
+// @ts-check
+/** Photograph: from a raw file to a picture that is kept. */
+
+import { fileUrl, upload } from "./api.js";
+import { calibratedCameras, filesBy, offerFiles, psfChoices, psfOf } from "./choices.js";
+import { Compare } from "./compare.js";
+import { Depths } from "./depths.js";
+import { button, field, fill, group, h, segments, setOptions, slider, tick } from "./dom.js";
+import { folderOf, number, percent } from "./format.js";
+import { fileLinks, JobView, run } from "./jobs.js";
+import { live } from "./live.js";
+import { told } from "./notices.js";
+import { curve, noCurve } from "./plots.js";
+import { Tone } from "./tone.js";
+
+/** @typedef {import("./jobs.js").Job} Job */
+
+const TAU = 1e-4;
+const OWN_PSF = "A file of mine…";
+
+class Photograph {
+  /** @param {HTMLElement} place */
+  constructor(place) {
+    this.place = place;
+    this.tone = new Tone();
+    this.compare = new Compare();
+    this.depths = new Depths();
+    this.raw = h("select", { onchange: told(() => this.look()) });
+    this.rawFile = h("input", { type: "file", onchange: told(() => this.bring(this.rawFile, this.raw)) });
+    this.preview = h("img", { alt: "Preview of the raw file", hidden: true });
+    this.previewNote = h("span", { role: "status" });
+    this.psf = h("select", { onchange: () => this.follow() });
+    this.psfFile = h("input", { type: "file", onchange: told(() => this.bring(this.psfFile, this.psf)) });
+    this.quality = segments("Quality", [["draft", "Draft"], ["photo", "Photo"], ["exact", "Exact"]], "photo", () => {});
+    this.tauOwn = tick("Choose τ", false, (on) => { this.tau.element.hidden = !on; });
+    this.tau = slider({ label: "τ, weight of the prior", min: 1e-6, max: 1e-1, value: TAU, log: true, text: (value) => number(value, 2) });
+    this.tau.element.hidden = true;
+    this.iterations = h("input", { type: "number", min: 1, max: 100000, placeholder: "by quality" });
+    this.flip = h("select", {}, ...[["none", "As it is"], ["vertical", "Upside down"], ["horizontal", "Mirrored"], ["both", "Turned by 180°"]]
+      .map(([value, label]) => h("option", { value }, label)));
+    this.field = h("input", { type: "text", placeholder: "all that reaches the sensor", spellcheck: false });
+    this.maker = button("Reconstruct", told(() => this.reconstruct()), { class: "primary" });
+    this.curve = h("div", { class: "objective" }, noCurve());
+    this.job = new JobView({ keep: "reconstruct", seen: (job) => this.draw(job) });
+    this.cameras = h("select", {});
+    this.near = h("input", { type: "text", value: "10cm", spellcheck: false });
+    this.far = h("input", { type: "text", value: "100cm", spellcheck: false });
+    this.steps = h("input", { type: "number", min: 2, max: 60, value: 7 });
+    this.refocuser = button("Make the focal stack", told(() => this.refocus()));
+    this.stackJob = new JobView({ keep: "refocus" });
+    this.mode = segments("View", [["picture", "Picture"], ["compare", "Compare"], ["depths", "Depths"]], "picture", (mode) => this.view(mode));
+    this.picture = h("div", { class: "stage" }, this.tone.view, this.tone.controls);
+    this.asked = 0;
+    fill(place, h("h1", { class: "unseen" }, "Photograph"), h("div", { class: "bench" },
+      h("div", { class: "stage" }, this.mode.element, this.picture, this.compare.element, this.depths.element),
+      h("div", { class: "side" },
+        group("Raw file", field("In the workspace", this.raw), h("div", { class: "drop" }, field("Or bring one: choose it, or drop it here", this.rawFile)),
+          h("figure", { class: "view" }, h("div", { class: "frame" }, this.preview), h("figcaption", {}, this.previewNote))),
+        group("PSF", field("Of a calibrated camera", this.psf), h("details", {}, h("summary", {}, OWN_PSF), field("PSF file", this.psfFile))),
+        group("Reconstruction", this.quality.element,
+          h("details", {}, h("summary", {}, "More"), this.tauOwn.element, this.tau.element, field("Iterations, at most", this.iterations),
+            field("Field of view from side to side, such as 40deg", this.field), field("Turn the picture", this.flip)),
+          h("div", { class: "row" }, this.maker), this.job.element, this.curve),
+        group("Refocus", field("Camera", this.cameras), h("div", { class: "row" },
+          h("div", { class: "grow" }, field("Nearest", this.near)), h("div", { class: "grow" }, field("Farthest", this.far)),
+          h("div", { class: "narrow" }, field("Depths", this.steps))), h("div", { class: "row" }, this.refocuser), this.stackJob.element))));
+    this.dropHere();
+    told(async () => this.finish(await this.job.again()))();
+    told(async () => this.focused(await this.stackJob.again(), false))();
+  }
+
+  enter() {
+    told(() => this.list())();
+  }
+
+  async list() {
+    const [files, psfs, cameras] = await Promise.all([
+      filesBy((entry) => entry.kind === "raw" || /\.tiff?$/i.test(entry.name)), psfChoices(), calibratedCameras()]);
+    const own = [...this.psf.options].filter((each) => each.dataset.own).map((each) => ({ value: each.value, label: each.label }));
+    offerFiles(this.raw, files, "Choose a raw file");
+    setOptions(this.psf, [{ value: "", label: psfs.length ? "Choose a PSF" : "None yet: calibrate, or bring a file" }, ...psfs, ...own]);
+    for (const option of this.psf.options) if (own.some(({ value }) => value === option.value)) option.dataset.own = "true";
+    setOptions(this.cameras, cameras.length ? cameras : [{ value: "", label: "None yet: calibrate one" }]);
+    const newest = files.find(({ place }) => place.endsWith("/shots"))?.files.find((each) => each.kind === "raw");
+    if (!this.raw.value && newest) {
+      this.raw.value = newest.path;
+      told(() => this.look())();
+    }
+    const likely = psfs.find(({ value }) => value === live.state?.psf_path) ?? psfs[0];
+    if (!this.psf.value && likely) this.psf.value = likely.value;
+  }
+
+  /** Store a file of the visitor's and choose it. @param {HTMLInputElement} input @param {HTMLSelectElement} select @param {File} [given] */
+  async bring(input, select, given) {
+    const file = given ?? input.files?.[0];
+    if (!file) return;
+    this.previewNote.textContent = `Storing ${file.name}…`;
+    try {
+      const path = await upload(file);
+      const option = h("option", { value: path }, file.name);
+      option.dataset.own = "true";
+      select.append(option);
+      select.value = path;
+    } finally {
+      this.previewNote.textContent = "";
+      input.value = "";
+    }
+    if (select === this.raw) await this.look();
+  }
+
+  dropHere() {
+    const files = (/** @type {DragEvent} */ event) => event.dataTransfer?.types.includes("Files");
+    this.place.addEventListener("dragover", (event) => { if (files(event)) { event.preventDefault(); this.place.classList.add("dropping"); } });
+    this.place.addEventListener("dragleave", () => this.place.classList.remove("dropping"));
+    this.place.addEventListener("drop", told(async (event) => {
+      this.place.classList.remove("dropping");
+      const file = event.dataTransfer?.files[0];
+      if (!file) return;
+      event.preventDefault();
+      await this.bring(this.rawFile, this.raw, file);
+    }));
+  }
+
+  /** Show what the chosen file holds. */
+  async look() {
+    const asked = ++this.asked;
+    const path = this.raw.value;
+    this.preview.hidden = true;
+    this.previewNote.textContent = path ? "Looking at it…" : "";
+    if (!path) return;
+    try {
+      const [{ summary, outputs }, known] = await Promise.all([run("preview", { path }), psfOf(path, [...this.psf.options])]);
+      if (asked !== this.asked) return;
+      if (known) this.psf.value = known.value;
+      this.follow();
+      this.preview.src = fileUrl(outputs?.[0] ?? "");
+      this.preview.hidden = false;
+      const clipped = typeof summary.clipped_share === "number" ? `, ${percent(summary.clipped_share)} clipped` : "";
+      this.previewNote.textContent = `${summary.columns} × ${summary.rows} pixels${clipped}`;
+    } catch (error) {
+      if (asked === this.asked) this.previewNote.textContent = "";
+      throw error;
+    }
+  }
+
+  /** Refocus with the camera of the PSF that is chosen. */
+  follow() {
+    const folder = folderOf(this.psf.value);
+    if ([...this.cameras.options].some(({ value }) => value === folder)) this.cameras.value = folder;
+  }
+
+  async reconstruct() {
+    if (!this.raw.value) throw new Error("No raw file is chosen: choose one, or save one on the Viewfinder (key s).");
+    if (!this.psf.value) throw new Error("No PSF is chosen: calibrate the camera (key 3), or bring a PSF file.");
+    this.maker.disabled = true;
+    fill(this.curve, noCurve());
+    try {
+      this.finish(await this.job.run("reconstruct", {
+        measurement: this.raw.value, psf: this.psf.value, quality: this.quality.value(),
+        tau: this.tauOwn.box.checked ? this.tau.value() : undefined,
+        iterations: this.iterations.value ? Number(this.iterations.value) : undefined,
+        flip: this.flip.value === "none" ? undefined : this.flip.value,
+        ...this.seen(),
+      }));
+    } finally {
+      this.maker.disabled = false;
+    }
+  }
+
+  /** The field of view, which takes the layers of the PSF's camera. */
+  seen() {
+    const angle = this.field.value.trim();
+    return angle ? { field: angle, camera: folderOf(this.psf.value) } : {};
+  }
+
+  /** The objective by iteration. @param {Job} job */
+  draw(job) {
+    const history = (job.history ?? []).filter(({ objective }) => objective > 0);
+    if (history.length < 2) return;
+    fill(this.curve, curve({ x: history.map(({ iteration }) => iteration), y: history.map(({ objective }) => objective),
+      log: true, xLabel: "iteration", yLabel: "objective", title: "Objective by iteration" }));
+  }
+
+  /** @param {Job | null} job */
+  finish(job) {
+    const picture = job?.outputs?.find((path) => path.endsWith(".png"));
+    if (!job || !picture) return;
+    this.view("picture");
+    told(() => this.tone.open(picture, fileLinks(job.outputs ?? [])))();
+    told(() => this.compare.refresh(picture))();
+  }
+
+  async refocus() {
+    if (!this.raw.value) throw new Error("No raw file is chosen: choose one, or save one on the Viewfinder (key s).");
+    if (!this.cameras.value) throw new Error("There is no calibrated camera yet: calibrate one (key 3).");
+    this.refocuser.disabled = true;
+    try {
+      this.focused(await this.stackJob.run("refocus", {
+        measurement: this.raw.value, psfs: this.cameras.value,
+        stack: `${this.near.value.trim()},${this.far.value.trim()}`, steps: Number(this.steps.value),
+      }), true);
+    } finally {
+      this.refocuser.disabled = false;
+    }
+  }
+
+  /** @param {Job | null} job @param {boolean} shown */
+  focused(job, shown) {
+    if (!job) return;
+    told(() => this.depths.open(job.outputs ?? []))();
+    if (shown) this.view("depths");
+  }
+
+  /** @param {"picture" | "compare" | "depths"} mode */
+  view(mode) {
+    this.mode.set(mode);
+    this.picture.hidden = mode !== "picture";
+    this.compare.element.hidden = mode !== "compare";
+    this.depths.element.hidden = mode !== "depths";
+    if (mode === "compare") told(() => this.compare.refresh())();
+  }
+}
+
+/** @param {HTMLElement} place */
+export const photographPanel = (place) => new Photograph(place);

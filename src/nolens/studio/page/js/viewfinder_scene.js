@@ -1,0 +1,152 @@
+// @ts-check
+/** What the twin looks at: a built-in picture, one of the visitor's, or the webcam. */
+
+import { post, showScene, studio } from "./api.js";
+import { button, field, fill, group, h, setOptions } from "./dom.js";
+import { live } from "./live.js";
+import { told } from "./notices.js";
+
+const WEBCAM = { width: 320, height: 240 };
+const BETWEEN_MS = 1000 / 15;
+const QUALITY = 0.85;
+const READABLE = ["image/jpeg", "image/png"];
+const LONGEST = 2048;
+
+export class SceneControls {
+  constructor() {
+    this.select = h("select", { onchange: told(() => this.choose(this.select.value)) });
+    this.file = h("input", { type: "file", accept: "image/*", onchange: told(async () => {
+      const [picture] = this.file.files ?? [];
+      if (picture) await this.drop(picture);
+      this.file.value = "";
+    }) });
+    this.webcam = button("Use my webcam", told(async () => (this.stream ? this.stop() : this.watch())), { "aria-pressed": "false" });
+    this.said = h("p", { class: "pale", role: "status" });
+    this.element = group("Scene", field("Built-in picture", this.select),
+      h("div", { class: "drop" }, field("A picture of yours: choose it, or drop it on the page", this.file)),
+      this.webcam, this.said);
+    this.element.hidden = true;
+    /** @type {MediaStream | null} */
+    this.stream = null;
+    this.video = h("video", { muted: true, playsInline: true });
+    this.canvas = h("canvas", WEBCAM);
+    this.sent_ms = 0;
+    this.ready = true;
+    this.listed = false;
+    this.dropHere();
+  }
+
+  /** @param {any} state */
+  follow(state) {
+    this.element.hidden = !String(state.source ?? "").startsWith("twin");
+    if (this.element.hidden) return;
+    if (!this.listed) {
+      this.listed = true;
+      told(() => this.list())();
+    }
+    if (state.scene && document.activeElement !== this.select) this.select.value = state.scene;
+  }
+
+  async list() {
+    const { scenes } = await studio();
+    setOptions(this.select, [
+      ...scenes.map((/** @type {any} */ each) => ({ value: each.id, label: each.label })),
+      { value: "picture", label: "A picture of yours", disabled: true },
+      { value: "webcam", label: "The webcam", disabled: true },
+    ]);
+    if (live.state?.scene) this.select.value = live.state.scene;
+  }
+
+  /** @param {string} builtin */
+  async choose(builtin) {
+    this.stop();
+    await post("api/live/scene", { builtin });
+    this.said.textContent = "";
+  }
+
+  /** @param {File} picture */
+  async drop(picture) {
+    this.stop();
+    if (!picture.type.startsWith("image/")) throw new Error(`${picture.name} is no picture: give a JPEG or PNG file.`);
+    await showScene(await suited(picture));
+    this.select.value = "picture";
+    this.said.textContent = `The camera looks at ${picture.name}.`;
+  }
+
+  /** Pictures that are dropped anywhere on the viewfinder. */
+  dropHere() {
+    const onto = (/** @type {DragEvent} */ event) => this.element.checkVisibility() && event.dataTransfer?.types.includes("Files");
+    document.addEventListener("dragover", (event) => {
+      if (!onto(event)) return;
+      event.preventDefault();
+      this.element.classList.add("dropping");
+    });
+    document.addEventListener("dragleave", () => this.element.classList.remove("dropping"));
+    document.addEventListener("drop", told(async (event) => {
+      this.element.classList.remove("dropping");
+      const picture = event.dataTransfer?.files[0];
+      if (!onto(event) || !picture) return;
+      event.preventDefault();
+      await this.drop(picture);
+    }));
+  }
+
+  async watch() {
+    if (!navigator.mediaDevices) {
+      throw new Error("This browser gives webcams to pages of this machine only: open the studio at http://127.0.0.1.");
+    }
+    try {
+      this.stream = await navigator.mediaDevices.getUserMedia({ video: WEBCAM, audio: false });
+    } catch (error) {
+      const name = error instanceof DOMException ? error.name : "";
+      throw new Error(name === "NotFoundError" ? "No webcam was found: plug one in, or choose a picture."
+        : name === "NotAllowedError" ? "The browser does not let this page use the webcam: allow it beside the address."
+          : "The webcam cannot be used: another program may have it.");
+    }
+    this.video.srcObject = this.stream;
+    await this.video.play();
+    this.webcam.setAttribute("aria-pressed", "true");
+    this.webcam.textContent = "Stop the webcam";
+    this.said.textContent = "The camera looks at what your webcam sees. Nothing leaves this machine.";
+    this.select.value = "webcam";
+    this.stream.getVideoTracks()[0].addEventListener("ended", () => this.stop());
+    this.acknowledged();
+  }
+
+  stop() {
+    for (const track of this.stream?.getTracks() ?? []) track.stop();
+    this.stream = null;
+    this.webcam.setAttribute("aria-pressed", "false");
+    this.webcam.textContent = "Use my webcam";
+    fill(this.said);
+  }
+
+  /** A frame came back, so the next picture of the webcam may go. */
+  acknowledged() {
+    const now = performance.now();
+    if (!this.stream || !this.ready || now - this.sent_ms < BETWEEN_MS) return;
+    this.sent_ms = now;
+    this.ready = false;
+    this.canvas.getContext("2d")?.drawImage(this.video, 0, 0, WEBCAM.width, WEBCAM.height);
+    this.canvas.toBlob((picture) => {
+      this.ready = true;
+      if (picture && this.stream) live.send(picture);
+    }, "image/jpeg", QUALITY);
+  }
+}
+
+/** A picture as the studio takes it: JPEG or PNG of a moderate size. @param {File} picture @returns {Promise<Blob>} */
+async function suited(picture) {
+  let bitmap;
+  try {
+    bitmap = await createImageBitmap(picture);
+  } catch {
+    throw new Error(`${picture.name} cannot be read as a picture: give a JPEG or PNG file.`);
+  }
+  const share = Math.min(1, LONGEST / Math.max(bitmap.width, bitmap.height));
+  if (share === 1 && READABLE.includes(picture.type)) return picture;
+  const canvas = h("canvas", { width: Math.round(bitmap.width * share), height: Math.round(bitmap.height * share) });
+  canvas.getContext("2d")?.drawImage(bitmap, 0, 0, canvas.width, canvas.height);
+  return new Promise((done, failed) => canvas.toBlob(
+    (made) => (made ? done(made) : failed(new Error(`${picture.name} is too large to be shown.`))), "image/jpeg", 0.95));
+}

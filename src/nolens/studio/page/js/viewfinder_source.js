@@ -1,0 +1,57 @@
+// @ts-check
+/** Which camera is looked through, and with which PSF. */
+
+import { post, studio } from "./api.js";
+import { button, field, fill, group, h, setOptions } from "./dom.js";
+import { live } from "./live.js";
+import { told } from "./notices.js";
+import { psfChoices } from "./choices.js";
+
+export class SourceControls {
+  constructor() {
+    this.select = h("select", { onchange: () => this.ask() });
+    this.folder = h("input", { type: "text", placeholder: "work/uploads", spellcheck: false });
+    this.folderField = field("Folder to watch", this.folder);
+    this.psf = h("select", {});
+    this.psfField = field("PSF", this.psf);
+    this.starter = button("Start this camera", told(() => this.start()));
+    this.why = h("ul", { class: "files pale" });
+    this.element = group("Camera", field("Source", this.select), this.folderField, this.psfField, this.starter, this.why);
+    this.listed = false;
+    this.ask();
+  }
+
+  /** @param {any} state */
+  follow(state) {
+    if (this.listed) return;
+    this.listed = true;
+    told(() => this.list(state.source))();
+  }
+
+  /** @param {string | null} running */
+  async list(running) {
+    const { sources, folders } = await studio();
+    setOptions(this.select, sources.map((/** @type {any} */ each) =>
+      ({ value: each.id, label: each.label, disabled: !each.available })));
+    const chosen = sources.find((/** @type {any} */ each) => running === each.id || running?.startsWith(`${each.id}:`));
+    if (chosen) this.select.value = chosen.id;
+    this.folder.placeholder = `${folders[0].id}/uploads`;
+    fill(this.why, sources.filter((/** @type {any} */ each) => !each.available).map((/** @type {any} */ each) =>
+      h("li", {}, `${each.label}: ${each.why}`)));
+    setOptions(this.psf, [{ value: "", label: "None: the raw frames alone" }, ...await psfChoices()]);
+    this.ask();
+  }
+
+  /** Show what the chosen source has to be told. */
+  ask() {
+    this.folderField.hidden = this.select.value !== "folder";
+    this.psfField.hidden = this.select.value.startsWith("twin") || this.select.value === "";
+  }
+
+  async start() {
+    const { value } = this.select;
+    const source = value === "folder" ? `folder:${this.folder.value.trim() || this.folder.placeholder}` : value;
+    const psf = this.psfField.hidden ? null : this.psf.value || null;
+    live.tell(await post("api/live/start", { source, psf }));
+  }
+}

@@ -1,0 +1,11 @@
+"""Names of the built-in scenes, for who does not load pictures."""
+
+SCENES = {
+    "chart": "Chart",
+    "astronaut": "Astronaut",
+    "coffee": "Coffee",
+    "camera": "Cameraman",
+    "point": "Point of light",
+    "dark": "No light",
+}
+"""By id, what they are called."""

@@ -1,0 +1,244 @@
+"""What the page and the server tell each other, as models: they make the OpenAPI document."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Method = Literal["wiener", "admm"]
+EntryKind = Literal["folder", "raw", "picture", "camera", "record", "other"]
+Status = Literal["queued", "running", "done", "failed", "cancelled"]
+JobKind = Literal[
+    "reconstruct", "refocus", "simulate", "psf", "calibrate", "design-thickness", "design-look",
+    "fabricate", "measure-psf", "measure-two-points", "measure-field", "preview",
+]  # fmt: skip
+ENDED: tuple[Status, ...] = ("done", "failed", "cancelled")
+
+
+class _Given(BaseModel):
+    """What the page sends: without unknown names."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class Trouble(BaseModel):
+    """What went wrong, for a person."""
+
+    detail: str
+
+
+class Folder(BaseModel):
+    """A folder that a person named."""
+
+    id: str
+    path: str
+    writable: bool
+
+
+class PsfInfo(BaseModel):
+    """A PSF in a camera's folder."""
+
+    path: str
+    distance: str
+    angle: list[str]
+
+
+class CameraInfo(BaseModel):
+    """A camera: a preset, or a folder with its description or PSFs."""
+
+    id: str
+    name: str
+    note: str
+    psfs: list[PsfInfo]
+
+
+class SourceInfo(BaseModel):
+    """Something that frames come from."""
+
+    id: str
+    label: str
+    available: bool
+    why: str
+
+
+class SceneInfo(BaseModel):
+    """A scene that the twin can be shown."""
+
+    id: str
+    label: str
+
+
+class About(BaseModel):
+    """What there is to work with."""
+
+    version: str
+    folders: list[Folder]
+    cameras: list[CameraInfo]
+    sources: list[SourceInfo]
+    scenes: list[SceneInfo]
+    upload_bytes: int
+    kinds: list[str]
+
+
+class Entry(BaseModel):
+    """A file or folder; `changed` in seconds since 1970."""
+
+    name: str
+    path: str
+    kind: EntryKind
+    bytes: int
+    changed: float
+
+
+class Entries(BaseModel):
+    """What lies in a folder."""
+
+    entries: list[Entry]
+
+
+class Uploaded(BaseModel):
+    """Where an upload was put."""
+
+    path: str
+
+
+class Settings(BaseModel):
+    """How the live view is exposed and reconstructed; no exposure time means automatic."""
+
+    method: Method = "admm"
+    tau: float = 1e-4
+    iterations: int = 2
+    exposure_s: float | None = None
+    gain: float = 1.0
+    frozen: bool = False
+
+
+class SettingsChange(_Given):
+    """Some settings; what is left out stays."""
+
+    method: Method | None = None
+    tau: Annotated[float, Field(ge=1e-8, le=10)] | None = None
+    iterations: Annotated[int, Field(ge=1, le=40)] | None = None
+    exposure_s: Annotated[float, Field(gt=0, le=1000)] | None = None
+    gain: Annotated[float, Field(gt=0, le=1000)] | None = None
+    frozen: bool | None = None
+
+
+class LiveLimits(BaseModel):
+    """What the camera can be set to."""
+
+    exposure_s: tuple[float, float]
+    gain: tuple[float, float]
+
+
+class CameraName(BaseModel):
+    """The camera that frames come from; its id is the `camera` option of jobs, where it has one."""
+
+    id: str | None
+    name: str
+
+
+class LiveState(BaseModel):
+    """How the live view is."""
+
+    running: bool = False
+    source: str | None = None
+    camera: CameraName | None = None
+    settings: Settings = Field(default_factory=Settings)
+    error: str | None = None
+    fps: float = 0.0
+    dropped: int = 0
+    psf_path: str | None = None
+    limits: LiveLimits | None = None
+    scene: str | None = None
+
+
+class LiveStart(_Given):
+    """Which source to look through; a PSF where the source brings none."""
+
+    source: Annotated[str, Field(max_length=1000)]
+    psf: Annotated[str, Field(max_length=1000)] | None = None
+    settings: SettingsChange | None = None
+
+
+class BuiltinScene(_Given):
+    """One of the scenes that the studio brings."""
+
+    builtin: Annotated[str, Field(max_length=100)]
+
+
+class SceneShown(BaseModel):
+    """What the twin sees now."""
+
+    scene: str
+
+
+class SaveRequest(_Given):
+    """What to write of the frame that is shown; the record is always written."""
+
+    model_config = ConfigDict(extra="forbid", populate_by_name=True)
+
+    formats: Annotated[list[Literal["png", "tiff", "raw"]], Field(alias="as", min_length=1)] = [
+        "png",
+        "tiff",
+        "raw",
+    ]
+
+
+class Saved(BaseModel):
+    """Files that were written, and the PSF that belongs to the raw frame."""
+
+    files: list[str]
+    psf_path: str | None = None
+
+
+class JobRequest(_Given):
+    """A command and its options, by the names that the command line has."""
+
+    kind: JobKind
+    options: dict[str, Any] = Field(default_factory=dict)
+
+
+class JobId(BaseModel):
+    """The name of a new job."""
+
+    id: str
+
+
+class JobProgress(BaseModel):
+    """How far a job is."""
+
+    what: str
+    share: float
+    done: int | None = None
+    limit: int | None = None
+    seconds_left: float | None = None
+
+
+class JobShort(BaseModel):
+    """A job in a list; `outputs` are paths of files, times are seconds since 1970."""
+
+    id: str
+    kind: str
+    title: str
+    status: Status
+    progress: JobProgress | None = None
+    error: str | None = None
+    outputs: list[str] = Field(default_factory=list)
+    started: float | None = None
+    ended: float | None = None
+
+
+class Job(JobShort):
+    """All that is known of a job."""
+
+    history: list[dict[str, float | None]] = Field(default_factory=list)
+    notes: list[str] = Field(default_factory=list)
+    warnings: list[str] = Field(default_factory=list)
+    summary: dict[str, Any] | None = None
+    options: dict[str, Any] = Field(default_factory=dict)
+
+
+class Jobs(BaseModel):
+    """All jobs, the newest first."""
+
+    jobs: list[JobShort]

@@ -1,0 +1,287 @@
+"""A process beside the server: it is told and asked things, tells things, and may die."""
+
+import asyncio
+import faulthandler
+import importlib
+import os
+import queue
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from typing import Any
+
+from nolens.errors import NolensError
+
+Told = tuple[Any, ...]
+"""A message: plain values, the first of which says what it is about."""
+
+_CONTEXT = get_context("spawn")
+_LAST_LINES = 8
+_MOST_WAITING = 1000
+
+
+class RefusedError(NolensError):
+    """What a worker answers to what it cannot do; its text is for a person."""
+
+
+class WorkerDiedError(RefusedError):
+    """A worker ended before it answered."""
+
+
+class NoAnswerError(RefusedError):
+    """A worker did not answer in time."""
+
+
+class Worker:
+    """A process with a channel in both directions. Make it where an event loop runs.
+
+    Parameters
+    ----------
+    name
+        Of the process.
+    target
+        ``"module:function"``, imported in the process alone; called with its `Channel`.
+    hear
+        Called with every message of its own accord, in a thread of the worker's.
+    ended
+        Called in the event loop with the reason, once, when it is gone.
+    """
+
+    def __init__(
+        self, name: str, target: str, hear: Callable[[Told], None], ended: Callable[[str], None]
+    ) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._hear, self._ended = hear, ended
+        self._asked: dict[int, asyncio.Future[Any]] = {}
+        self._number = 0
+        self._waiting: deque[tuple[str | None, Told]] = deque()
+        self._changed = threading.Condition()
+        self._gone = threading.Event()
+        self._errors: deque[str] = deque(maxlen=_LAST_LINES)
+        self._channel, theirs = _CONTEXT.Pipe()
+        self._stderr, their_stderr = _CONTEXT.Pipe(duplex=False)
+        self._process = _CONTEXT.Process(
+            target=_begin, args=(target, theirs, their_stderr), name=name, daemon=True
+        )
+        with _ctrl_c_kept_out():
+            self._process.start()
+        theirs.close()
+        their_stderr.close()
+        complaints = threading.Thread(target=self._complaints, daemon=True)
+        complaints.start()
+        threading.Thread(target=self._speak, daemon=True).start()
+        threading.Thread(target=self._listen, args=(complaints,), daemon=True).start()
+
+    @property
+    def pid(self) -> int | None:
+        """Number of the process."""
+        return self._process.pid
+
+    def tell(self, *message: Any, instead: str | None = None) -> None:
+        """Send a message, without waiting.
+
+        Parameters
+        ----------
+        message
+            Plain values.
+        instead
+            A name: the message takes the place of one with the same name that was not sent yet.
+
+        Raises
+        ------
+        RefusedError
+            If the process does not take its messages any more.
+        """
+        with self._changed:
+            if instead is not None:
+                self._waiting = deque(each for each in self._waiting if each[0] != instead)
+            if len(self._waiting) >= _MOST_WAITING:
+                raise RefusedError("it has not answered for long; stop it and start it again")
+            self._waiting.append((instead, message))
+            self._changed.notify()
+
+    async def ask(self, *message: Any, seconds: float) -> Any:
+        """Send a message, and wait for what the process answers.
+
+        Raises
+        ------
+        RefusedError
+            With what it answers instead.
+        NoAnswerError, WorkerDiedError
+            If it does not answer in time, or ends.
+        """
+        if self._gone.is_set():
+            raise WorkerDiedError("it has ended")
+        self._number += 1
+        number, future = self._number, self._loop.create_future()
+        self._asked[number] = future
+        try:
+            self.tell("asked", number, *message)
+            async with asyncio.timeout(seconds):
+                return await future
+        except TimeoutError:
+            raise NoAnswerError(f"no answer within {seconds:g} s: try again, or stop it") from None
+        finally:
+            del self._asked[number]
+
+    async def stop(self, grace_s: float) -> None:
+        """Ask the process to end, and kill it where it does not."""
+        with suppress(RefusedError):
+            self.tell("end")
+        if not await asyncio.to_thread(self._gone.wait, grace_s):
+            self.kill()
+            await asyncio.to_thread(self._gone.wait, 2.0)
+
+    def kill(self) -> None:
+        """End the process at once."""
+        with suppress(ValueError, OSError):
+            self._process.kill()
+
+    def _speak(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or self._gone.is_set())
+                if self._gone.is_set():
+                    return
+                _, message = self._waiting.popleft()
+            try:
+                self._channel.send(message)
+            except OSError:
+                return
+
+    def _listen(self, complaints: threading.Thread) -> None:
+        # Whatever cannot be read, as what a killed process had half sent, is the end too.
+        with suppress(Exception):
+            while True:
+                message = self._channel.recv()
+                if message[0] == "answer":
+                    self._in_loop(self._answered, *message[1:])
+                else:
+                    self._hear(message)
+        self._process.join(2.0)
+        if self._process.exitcode is None:
+            self._process.kill()
+            self._process.join()
+        complaints.join(1.0)
+        with self._changed:
+            self._gone.set()
+            self._changed.notify()
+        self._channel.close()
+        self._in_loop(self._over, self._reason())
+
+    def _complaints(self) -> None:
+        """Keep the last lines of its standard error."""
+        rest = b""
+        with suppress(OSError):
+            while data := os.read(self._stderr.fileno(), 65536):
+                *lines, rest = (rest + data).split(b"\n")
+                rest = rest[-1000:]
+                self._errors.extend(_line(each) for each in lines if each.strip())
+        if rest.strip():
+            self._errors.append(_line(rest))
+        self._stderr.close()
+
+    def _reason(self) -> str:
+        code = self._process.exitcode or 0
+        if code < 0:
+            text = f"was killed ({signal.Signals(-code).name})"
+            if -code == signal.SIGKILL:
+                text += ", as the system does where memory runs out"
+        else:
+            text = f"ended (exit code {code})"
+        said = "; ".join(self._errors)
+        return f"{text}: {said}" if said else text
+
+    def _in_loop(self, call: Callable[..., None], *arguments: Any) -> None:
+        with suppress(RuntimeError):  # The loop is closed: nobody waits any more.
+            self._loop.call_soon_threadsafe(call, *arguments)
+
+    def _answered(self, number: int, result: Any, refused: str | None) -> None:
+        future = self._asked.get(number)
+        if future is None or future.done():
+            return
+        if refused is None:
+            future.set_result(result)
+        else:
+            future.set_exception(RefusedError(refused))
+
+    def _over(self, reason: str) -> None:
+        for future in self._asked.values():
+            if not future.done():
+                future.set_exception(WorkerDiedError(f"the process {reason}"))
+        self._ended(reason)
+
+
+class Channel:
+    """The worker's end: what it is told, and how it answers. Threads may share it.
+
+    Parameters
+    ----------
+    connection
+        To the server.
+    """
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._lock = threading.Lock()
+        self._heard: queue.SimpleQueue[Told | None] = queue.SimpleQueue()
+        threading.Thread(target=self._listen, name="channel", daemon=True).start()
+
+    def tell(self, *message: Any) -> None:
+        """Send a message to the server; a server that is gone ends the process."""
+        try:
+            with self._lock:
+                self._connection.send(message)
+        except OSError:
+            os._exit(0)
+
+    def answer(self, number: int, result: Any = None, *, refused: str | None = None) -> None:
+        """Answer what was asked under a number."""
+        self.tell("answer", number, result, refused)
+
+    def messages(self) -> Iterator[Told]:
+        """What the server tells, to its end; what it asks is ``("asked", number, ...)``."""
+        while (message := self._heard.get()) is not None:
+            yield message
+
+    def _listen(self) -> None:
+        """From the first moment on, so that the process goes with the server."""
+        try:
+            while (message := self._connection.recv())[0] != "end":
+                self._heard.put(message)
+        except (EOFError, OSError):
+            os._exit(0)
+        self._heard.put(None)
+
+
+def _begin(target: str, connection: Connection, stderr: Connection) -> None:
+    """What the process does first and last."""
+    os.dup2(stderr.fileno(), 2)
+    stderr.close()
+    faulthandler.enable()
+    # Threads that wait for each other must not keep a core busy that the other process needs.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    module, name = target.split(":")
+    getattr(importlib.import_module(module), name)(Channel(connection))
+
+
+@contextmanager
+def _ctrl_c_kept_out() -> Iterator[None]:
+    """What is started here never sees the terminal's Ctrl-C: the server ends it."""
+    block = getattr(signal, "pthread_sigmask", None)
+    if block is None:  # Windows
+        yield
+        return
+    before = block(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        block(signal.SIG_SETMASK, before)
+
+
+def _line(data: bytes) -> str:
+    return data.decode("utf-8", "replace").strip()[:300]

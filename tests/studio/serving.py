@@ -1,0 +1,120 @@
+"""A studio that runs: in this process, or by its command in one of its own."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+import psutil
+import uvicorn
+from fastapi import FastAPI
+
+from nolens.studio.app import Studio, create_app
+from nolens.studio.serve import listen
+from nolens.studio.workspace import Workspace
+
+NOLENS = Path(sys.executable).with_name("nolens")
+
+
+@dataclass
+class Running:
+    """A studio that answers."""
+
+    url: str
+    work: Path
+    said: list[str] = field(default_factory=list)
+    app: FastAPI | None = None
+
+    @property
+    def frames(self) -> str:
+        """Address of the live view's frames."""
+        return self.url.replace("http", "ws", 1) + "/api/live/frames"
+
+    def get(self, path: str, **how: Any) -> Any:
+        """JSON of a GET that must succeed."""
+        answer = httpx.get(f"{self.url}/api/{path}", timeout=30, **how)
+        assert answer.status_code == 200, answer.text
+        return answer.json()
+
+    def post(self, path: str, given: Any = None, status: int = 200, **how: Any) -> Any:
+        """JSON of a POST with this outcome."""
+        answer = httpx.post(f"{self.url}/api/{path}", json=given, timeout=90, **how)
+        assert answer.status_code == status, answer.text
+        return answer.json()
+
+    def job(self, kind: str, options: dict[str, Any]) -> str:
+        """Start a job."""
+        return str(self.post("jobs", {"kind": kind, "options": options}, 201)["id"])
+
+    def ended(self, identity: str, seconds: float = 60) -> dict[str, Any]:
+        """A job, once it has ended."""
+        return self.until(
+            f"jobs/{identity}",
+            lambda job: job["status"] in ("done", "failed", "cancelled"),
+            seconds,
+        )
+
+    def until(self, path: str, true: Any, seconds: float = 60) -> dict[str, Any]:
+        """What a path answers, once something is true of it."""
+        end = time.monotonic() + seconds
+        while True:
+            found: dict[str, Any] = self.get(path)
+            if true(found):
+                return found
+            assert time.monotonic() < end, found
+            time.sleep(0.05)
+
+
+@contextlib.contextmanager
+def serving(work: Path, *more: Path, source: str | None = None, **how: Any) -> Iterator[Running]:
+    """A studio in this process, on a port of its own."""
+    said: list[str] = []
+    studio = Studio(Workspace([work, *more]), source=source, say=said.append, **how)
+    app = create_app(studio)
+    socket = listen("127.0.0.1", 0, said.append)
+    config = uvicorn.Config(
+        app, log_level="error", ws_per_message_deflate=False, timeout_graceful_shutdown=1,
+        ws_max_size=2_000_000, lifespan="on",
+    )  # fmt: skip
+    server = uvicorn.Server(config)
+    thread = threading.Thread(target=server.run, args=([socket],))
+    thread.start()
+    try:
+        while not server.started:
+            time.sleep(0.01)
+        yield Running(f"http://127.0.0.1:{socket.getsockname()[1]}", work, said, app)
+    finally:
+        server.should_exit = True
+        thread.join(20)
+        assert not thread.is_alive()
+
+
+@contextlib.contextmanager
+def command(*arguments: object) -> "Iterator[subprocess.Popen[str]]":
+    """`nolens studio` in a process of its own."""
+    with subprocess.Popen(
+        [NOLENS, "studio", "--no-browser", *map(str, arguments)], stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"},
+    ) as process:  # fmt: skip
+        try:
+            yield process
+        finally:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                for child in psutil.Process(process.pid).children(recursive=True):
+                    child.kill()
+            process.kill()
+
+
+def stop(process: "subprocess.Popen[str]", seconds: float) -> tuple[int, str]:
+    """Press Ctrl-C; exit code and standard error."""
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=seconds)
+    return process.returncode, err

@@ -1,0 +1,212 @@
+"""Jobs in a process of their own: they run, are cancelled, die, and are found again."""
+
+import json
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+from PIL import Image
+from serving import Running, serving
+
+from nolens.files import read_frame, read_record
+
+
+@pytest.fixture(scope="module")
+def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    work = tmp_path_factory.mktemp("studio")
+    random = np.random.default_rng(0)
+    (work / "uploads").mkdir()
+    spots = (random.random((64, 80)) < 0.01).astype(np.float32)
+    np.save(work / "uploads/psf.npy", spots)
+    scene = np.zeros((64, 80), np.float32)
+    scene[20:40, 30:60] = 1
+    spread = np.fft.irfft2(np.fft.rfft2(scene) * np.fft.rfft2(np.fft.ifftshift(spots)), (64, 80))
+    np.save(work / "uploads/raw.npy", spread.clip(0).astype(np.float32))
+    np.save(work / "uploads/long.npy", random.random((480, 640), np.float32))
+    np.save(work / "uploads/long-psf.npy", (random.random((480, 640)) < 1e-3).astype(np.float32))
+    with serving(work) as running:
+        yield running
+
+
+RECONSTRUCT = {"measurement": "work/uploads/raw.npy", "psf": "work/uploads/psf.npy"}
+LONG = {
+    "measurement": "work/uploads/long.npy", "psf": "work/uploads/long-psf.npy",
+    "iterations": 100_000, "tolerance": 0,
+}  # fmt: skip
+
+
+def test_reconstruction_runs_with_its_curve_and_files(studio: Running) -> None:
+    identity = studio.job("reconstruct", {**RECONSTRUCT, "iterations": 40, "tolerance": 0})
+    job = studio.ended(identity)
+    assert job["status"] == "done", job
+    assert job["title"] == "Reconstruct raw.npy"
+    assert [each.rsplit(".", 1)[1] for each in job["outputs"]] == ["png", "tif", "json"]
+    rows = job["history"]
+    assert [row["iteration"] for row in rows] == list(range(4, 41, 4))
+    assert rows[-1]["objective"] < rows[0]["objective"]
+    assert job["summary"]["iterations"] == 40
+    answer = httpx.get(f"{studio.url}/api/file", params={"path": job["outputs"][0]})
+    assert answer.headers["content-disposition"].startswith("inline")
+    with Image.open(answer_file(studio, answer)) as picture:
+        light = np.asarray(picture.convert("L"), float)
+    assert light[20:40, 30:60].mean() > 3 * light[:15].mean() + 1
+    record = read_record(studio.work / job["outputs"][2].removeprefix("work/"))
+    assert record.result["iterations"] == 40
+    again = studio.ended(studio.job("reconstruct", {**RECONSTRUCT, "iterations": 4}))
+    assert again["outputs"][0] != job["outputs"][0]
+
+
+def answer_file(studio: Running, answer: httpx.Response) -> Path:
+    path = studio.work / "answer.png"
+    path.write_bytes(answer.content)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "words"),
+    [
+        ("reconstruct", {"measurement": "work/uploads/raw.npy"}, "no psf is given"),
+        ("reconstruct", {**RECONSTRUCT, "iterations": "many"}, "iterations is 'many'"),
+        ("reconstruct", {**RECONSTRUCT, "iteration": 3}, "there is no option 'iteration'"),
+        ("reconstruct", {**RECONSTRUCT, "output": "work/x.png"}, "chosen by the studio"),
+        ("reconstruct", {**RECONSTRUCT, "psf": "work/no.npy"}, "there is no work/no.npy"),
+        ("reconstruct", {**RECONSTRUCT, "psf": "../x.npy"}, "is no path here"),
+        ("reconstruct", {**RECONSTRUCT, "psf": "work/uploads/../../x"}, "is no path here"),
+        ("reconstruct", {**RECONSTRUCT, "psf": {"a": 1}}, "give a path"),
+        ("design-look", {"camera": "/etc"}, "is no path here"),
+        ("design-look", {"camera": "etc"}, "there is no camera 'etc'"),
+        ("design-look", {"thickness": {"resin": "1"}}, "1 has no unit"),
+        ("design-thickness", {"material": ["../../x.toml"]}, "is no path here"),
+        ("calibrate", {"frames": ["work/uploads/raw.npy"], "distance": "30cm", "name": "../x"},
+         "name is '../x'"),
+        ("refocus", {"measurement": "work/uploads/raw.npy"}, "no psfs is given"),
+        ("measure-field", {}, "nothing is given to measure"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_used_is_told_in_the_commands_words(
+    studio: Running, kind: str, options: dict[str, object], words: str
+) -> None:
+    before = len(studio.get("jobs")["jobs"])
+    answer = studio.post("jobs", {"kind": kind, "options": options}, 422)
+    assert words in answer["detail"], answer
+    assert len(studio.get("jobs")["jobs"]) == before
+
+
+def test_a_job_that_cannot_go_on_says_why(studio: Running) -> None:
+    (studio.work / "uploads/dark.npy").write_bytes(b"no npy")
+    job = studio.ended(studio.job("preview", {"path": "work/uploads/dark.npy"}))
+    assert job["status"] == "failed"
+    assert "dark.npy" in job["error"]
+
+
+def test_cancelled_job_keeps_the_picture_so_far(studio: Running) -> None:
+    identity = studio.job("reconstruct", LONG)
+    waiting = studio.job("reconstruct", RECONSTRUCT)
+    studio.until(f"jobs/{identity}", lambda job: len(job["history"]) > 2)
+    assert studio.get(f"jobs/{waiting}")["status"] == "queued"
+    progress = studio.get(f"jobs/{identity}")["progress"]
+    assert progress["what"] == "iteration" and 0 < progress["share"] < 1
+    assert progress["limit"] == 100_000 and progress["seconds_left"] > 1
+    studio.post(f"jobs/{identity}/cancel")
+    job = studio.ended(identity, 20)
+    assert job["status"] == "cancelled"
+    png = next(each for each in job["outputs"] if each.endswith(".png"))
+    assert (studio.work / png.removeprefix("work/")).is_file()
+    assert studio.ended(waiting)["status"] == "done"
+
+
+def test_cancelled_before_its_turn_it_never_runs(studio: Running) -> None:
+    running = studio.job("reconstruct", LONG)
+    waiting = studio.job("reconstruct", RECONSTRUCT)
+    assert studio.post(f"jobs/{waiting}/cancel")["status"] == "cancelled"
+    studio.post(f"jobs/{running}/cancel")
+    studio.ended(running)
+    assert studio.get(f"jobs/{waiting}")["started"] is None
+
+
+def test_killed_process_fails_its_job_alone(studio: Running) -> None:
+    identity = studio.job("reconstruct", LONG)
+    waiting = studio.job("reconstruct", RECONSTRUCT)
+    studio.until(f"jobs/{identity}", lambda job: job["history"])
+    assert studio.app is not None
+    os.kill(studio.app.state.jobs.pid, signal.SIGKILL)
+    job = studio.ended(identity, 20)
+    assert job["status"] == "failed"
+    assert "SIGKILL" in job["error"] and "memory" in job["error"]
+    assert studio.get("about")["version"]
+    assert studio.ended(waiting)["status"] == "done"
+
+
+def test_looks_and_previews_go_before_long_work(studio: Running) -> None:
+    running = studio.job("reconstruct", LONG)
+    waiting = studio.job("reconstruct", RECONSTRUCT)
+    brief = studio.job("preview", {"path": "work/uploads/raw.npy"})
+    studio.post(f"jobs/{running}/cancel")
+    ended = [studio.ended(each) for each in (brief, waiting)]
+    assert ended[0]["started"] < ended[1]["started"]
+    summary = ended[0]["summary"]
+    assert summary["picture"] == ended[0]["outputs"][0] == f"work/jobs/{brief}/preview.png"
+    assert (summary["rows"], summary["columns"]) == (64, 80)
+    assert sum(summary["histogram"]["grey"]) == 64 * 80
+
+
+def test_design_is_looked_at(studio: Running) -> None:
+    """In focus by the lens equation of its layers, its lines are finer than far out of it."""
+    found = {}
+    for thickness in ("1.28mm", "0.5mm"):
+        options = {"camera": "paper", "thickness": {"resin": thickness}}
+        job = studio.ended(studio.job("design-look", options))
+        assert job["status"] == "done", job
+        found[thickness] = job["summary"]
+    sharp, blurred = found.values()
+    assert sharp["layers"][0]["thickness_mm"] == 1.28
+    resin, glass, gap = (each["index"] for each in sharp["layers"])
+    reach_mm = 1 / ((resin - 1) / 0.67 - 1 / 300)
+    assert sharp["best_thickness_mm"] == pytest.approx(
+        resin * (reach_mm - 0.49 / glass - 0.235 / gap), abs=1e-3
+    )
+    assert sharp["best_thickness_mm"] == blurred["best_thickness_mm"]
+    assert sharp["aperture"] == pytest.approx(0.07 / 2 / reach_mm, rel=1e-4)
+    assert 12 < sharp["line_width_um"] < 17  # The paper's prototype has 14.25 um.
+    assert blurred["fwhm_um"] > 1.2 * sharp["fwhm_um"]
+    assert sharp["autocorrelation"]["value"][0] == pytest.approx(1)
+    assert len(sharp["mtf"]["per_mm"]) == len(sharp["mtf"]["value"]) > 20
+    assert all(0 <= value <= 1 for value in sharp["mtf"]["value"])
+    picture = read_frame(studio.work / sharp["psf"].removeprefix("work/"))
+    assert picture.counts.shape == (1, 224, 224)
+
+
+def test_a_reload_and_a_new_studio_find_all_jobs(studio: Running, tmp_path: Path) -> None:
+    (studio.work / "uploads/broken.npy").write_bytes(b"no npy")
+    done, failed, cancelled = (
+        studio.job(kind, options)
+        for kind, options in (
+            ("reconstruct", {**RECONSTRUCT, "iterations": 8}),
+            ("preview", {"path": "work/uploads/broken.npy"}),
+            ("reconstruct", LONG),
+        )
+    )
+    studio.post(f"jobs/{cancelled}/cancel")
+    ended = {"done": done, "failed": failed, "cancelled": cancelled}
+    for status, identity in ended.items():
+        assert studio.ended(identity)["status"] == status
+    listed = studio.get("jobs")["jobs"]
+    folder = studio.work / "jobs" / "20200101-000000-preview-abcdef"
+    folder.mkdir()
+    lost = {"id": folder.name, "kind": "preview", "title": "Preview x", "status": "running"}
+    (folder / "job.json").write_text(json.dumps(lost))
+    with serving(studio.work) as again:
+        found = {each["id"]: each for each in again.get("jobs")["jobs"]}
+        assert all(found[each["id"]]["status"] == each["status"] for each in listed)
+        assert found[folder.name]["status"] == "failed"
+        assert "was stopped" in found[folder.name]["error"]
+        assert again.get(f"jobs/{done}") == studio.get(f"jobs/{done}")
+
+
+def test_unknown_job_is_told(studio: Running) -> None:
+    answer = httpx.get(f"{studio.url}/api/jobs/nothing")
+    assert answer.status_code == 404 and "there is no job" in answer.json()["detail"]

@@ -1,0 +1,178 @@
+"""The viewfinder and the calibration on the page, as a visitor without a camera meets them.
+
+Every test also holds that no request leaves this machine, and that neither an error nor a breach
+of the content security policy is told on the console.
+"""
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from browser import Visit, await_text, needs_chromium, picture_of
+from PIL import Image
+
+from nolens.camera import srgb_from_linear
+from nolens.capture import chart
+from nolens.files import read_frame, read_psf_set
+
+pytestmark = needs_chromium
+
+
+def alike(one: Image.Image, other: Image.Image) -> float:
+    """Correlation of two pictures' colours, the second brought to the size of the first."""
+    pixels = [
+        np.asarray(each.convert("RGB").resize(one.size), dtype=float).ravel()
+        for each in (one, other)
+    ]
+    return float(np.corrcoef(*pixels)[0, 1])
+
+
+def built_in() -> Image.Image:
+    """The scene that the viewfinder begins with, as a picture."""
+    values = (srgb_from_linear(chart()) * 255).round().byte()
+    return Image.fromarray(values.permute(1, 2, 0).numpy())
+
+
+def number_of(page: Any) -> int:
+    """Of the frame that is shown."""
+    return int(page.locator("#live-raw").get_attribute("data-number") or -1)
+
+
+def await_frames(page: Any, count: int) -> None:
+    """Wait for so many more frames."""
+    first = number_of(page)
+    page.wait_for_function(
+        "([first, count]) => Number(document.querySelector('#live-raw').dataset.number)"
+        " >= first + count",
+        arg=[first, count],
+    )  # fmt: skip
+
+
+def test_viewfinder_shows_the_scene_live(visit: Visit) -> None:
+    page = visit.show("viewfinder")
+    await_frames(page, 8)
+    shown = picture_of(page, "#live-picture")
+    await_frames(page, 2)
+    later = picture_of(page, "#live-picture")
+    assert alike(shown, built_in()) > 0.9
+    assert alike(picture_of(page, "#live-raw"), built_in()) < 0.8
+    assert np.any(np.asarray(shown) != np.asarray(later))
+    assert await_text(page, ".verdict", "Exposure right")
+    visit.keep("viewfinder")
+    phone = visit.phone("viewfinder")
+    await_frames(phone, 4)
+    assert phone.evaluate("document.documentElement.scrollWidth") == 360
+    visit.keep("viewfinder-phone", phone)
+
+
+def test_settings_act_at_once_and_freezing_holds_the_frame(visit: Visit) -> None:
+    page = visit.show("viewfinder")
+    await_frames(page, 2)
+    page.get_by_role("button", name="Wiener").click()
+    await_text(page, ".view figcaption", "Wiener")
+    page.get_by_role("button", name="ADMM").click()
+    page.get_by_label("Exposure", exact=True).evaluate(
+        "(each) => { each.value = 0.75 * each.max; each.dispatchEvent(new Event('input')); }"
+    )
+    assert await_text(page, ".verdict", "Clipped")
+    assert not page.get_by_label("Automatic exposure").is_checked()
+    page.get_by_label("Automatic exposure").check()
+    await_text(page, ".verdict", "Exposure right")
+    page.keyboard.press("Space")
+    await_text(page, ".readout", "frozen")
+    page.wait_for_timeout(300)
+    held = number_of(page)
+    page.wait_for_timeout(700)
+    assert number_of(page) == held
+    page.keyboard.press("Space")
+    await_frames(page, 1)
+
+
+def test_saving_keeps_what_is_shown(visit: Visit, studio_folder: Path) -> None:
+    page = visit.show("viewfinder")
+    await_frames(page, 4)
+    page.keyboard.press("Space")
+    await_text(page, ".readout", "frozen")
+    page.wait_for_timeout(300)
+    page.keyboard.press("s")
+    await_text(page, "[role=status]", "Saved in work/shots")
+    names = page.locator(".files a").all_text_contents()
+    assert {Path(name).suffix for name in names} == {".png", ".tif", ".dng", ".json"}
+    shots = studio_folder / "nolens-studio" / "shots"
+    assert all((shots / name).is_file() for name in names)
+    (png,) = [shots / name for name in names if name.endswith(".png")]
+    with Image.open(png) as saved:
+        assert alike(picture_of(page, "#live-picture"), saved) > 0.97
+
+
+def test_twin_looks_at_what_the_visitor_gives(visit: Visit) -> None:
+    page = visit.show("viewfinder")
+    await_frames(page, 1)
+    halves = Image.new("RGB", (320, 240), (220, 30, 30))
+    halves.paste((30, 60, 220), (160, 0, 320, 240))
+    buffer = io.BytesIO()
+    halves.save(buffer, "PNG")
+    page.get_by_label("A picture of yours").set_input_files(
+        {"name": "halves.png", "mimeType": "image/png", "buffer": buffer.getvalue()}
+    )
+    await_text(page, "[role=status]", "looks at halves.png")
+    await_frames(page, 8)
+    assert alike(picture_of(page, "#live-picture"), halves) > 0.9
+    page.get_by_role("button", name="Use my webcam").click()
+    await_text(page, "[role=status]", "Nothing leaves this machine")
+    page.wait_for_function("() => document.querySelector('select').value === 'webcam'")
+    await_frames(page, 4)
+    # Chromium's own test picture is green.
+    red, green, blue = np.asarray(picture_of(page, "#live-picture"), dtype=float).mean((0, 1))
+    assert green > max(red, blue)
+    page.get_by_role("button", name="Stop the webcam").click()
+    page.get_by_label("Built-in picture").select_option("chart")
+    await_frames(page, 8)
+    assert alike(picture_of(page, "#live-picture"), built_in()) > 0.9
+
+
+def test_page_finds_the_studio_again_when_the_connection_breaks(visit: Visit) -> None:
+    sockets: list[Any] = []
+
+    def between(socket: Any) -> None:
+        sockets.append(socket)
+        socket.connect_to_server()
+
+    visit.page.route_web_socket("**/api/live/frames", between)
+    page = visit.show("viewfinder")
+    await_frames(page, 2)
+    page.evaluate(
+        "() => new MutationObserver(() => { document.body.dataset.told +="
+        " document.querySelector('#banner').textContent; }).observe("
+        "document.querySelector('#banner'), { childList: true })"
+    )
+    sockets[-1].close(code=1012)
+    page.wait_for_function("() => document.body.dataset.told?.includes('connection to the studio')")
+    await_frames(page, 3)
+    assert page.locator("#banner").is_hidden()
+    assert len(sockets) == 2
+
+
+def test_calibration_makes_the_psf_that_the_twin_has(visit: Visit, studio_folder: Path) -> None:
+    page = visit.show("calibrate")
+    page.get_by_role("button", name="Show the twin a point of light").click()
+    await_text(page, ".view figcaption", "in the middle")
+    for number, name in enumerate(("Take frames", "Take dark frames")):
+        page.get_by_label("How many").nth(number).fill("3")
+        page.get_by_role("button", name=name, exact=True).click()
+        page.locator(".steps [role=status]", has_text="3 taken").nth(number).wait_for()
+    page.get_by_role("button", name="Make the PSF").click()
+    figures = await_text(page, ".figures", "Line width")
+    visit.keep("calibrate", scrolled=True)
+    made = studio_folder / "nolens-studio" / "cameras" / "my-camera"
+    (entry,) = read_psf_set(made).psf
+    assert entry.distance.mm == 300
+    answer = visit.tell("live/save", {"as": ["raw"]})
+    true = studio_folder / "nolens-studio" / answer.json()["psf_path"].removeprefix("work/")
+    one, other = (
+        read_frame(path).counts.mean(dim=0).double() for path in (made / entry.file, true)
+    )
+    assert one.shape == other.shape
+    assert float(np.corrcoef(one.ravel(), other.ravel())[0, 1]) > 0.98
+    assert "µm" in figures

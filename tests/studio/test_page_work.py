@@ -1,0 +1,218 @@
+"""Design, photographs and measurements on the page, from the studio's default start.
+
+Every test also holds that no request leaves this machine, and that neither an error nor a breach
+of the content security policy is told on the console.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser import SHOWN, Visit, await_text, needs_chromium, picture_of
+from PIL import Image
+
+pytestmark = needs_chromium
+_PANELS = ("viewfinder", "design", "calibrate", "photograph", "measure")
+
+
+@pytest.fixture(scope="session")
+def shot(browser: Any, studio_address: str) -> str:
+    """Name of a raw frame that the viewfinder saved; the PSF of the twin comes with it."""
+    with Visit(browser, studio_address) as visit:
+        visit.begin()
+        page = visit.show("viewfinder")
+        await_text(page, ".view figcaption", "twin of live")
+        if not SHOWN:
+            # A smaller camera takes the same way in less time.
+            assert visit.tell("live/start", {"source": "twin:small"}).ok
+            await_text(page, ".view figcaption", "twin of small")
+        await_text(page, ".verdict", "Exposure right")
+        page.keyboard.press("s")
+        await_text(page, "[role=status]", "Saved in")
+        names = page.locator(".files a").all_text_contents()
+        visit.tell("live/start", {"source": "twin:live"})
+        return next(name for name in names if name.endswith(".dng"))
+
+
+def set_slider(page: Any, label: str, share: float) -> None:
+    """Drag a slider to a share of its way."""
+    page.get_by_role("slider", name=label, exact=True).evaluate(
+        "(each, share) => { each.value = Number(each.min) + share * (each.max - each.min);"
+        " each.dispatchEvent(new Event('input')); }",
+        share,
+    )
+
+
+def line_width_um(page: Any) -> float:
+    """Line width that the design panel tells."""
+    text = page.get_by_role("row", name="Line width (FWHM)").inner_text()
+    return float(text.split()[-2])
+
+
+def await_look(page: Any) -> None:
+    """Wait until the design has been worked out."""
+    await_text(page, ".job-text", "Working out")
+    page.wait_for_function(
+        "() => ![...document.querySelectorAll('.job-text')]"
+        ".some((each) => each.textContent.startsWith('Working out'))"
+    )
+
+
+def test_pattern_widens_out_of_focus_and_narrows_in_the_best(visit: Visit) -> None:
+    page = visit.show("design")
+    await_text(page, ".figures", "Line width")
+    visit.keep("design")
+    described = line_width_um(page)
+    before = page.get_by_alt_text("Point spread function").get_attribute("src")
+    set_slider(page, "resin · pua311", 0.05)
+    await_look(page)
+    thin = line_width_um(page)
+    assert page.get_by_alt_text("Point spread function").get_attribute("src") != before
+    page.get_by_role("button", name="Set to the best focus").click()
+    await_look(page)
+    best = line_width_um(page)
+    assert thin > 1.15 * best
+    assert best <= described
+    row = page.get_by_role("row", name="It is off by").inner_text()
+    assert float(row.split()[-2]) == 0
+
+
+def test_files_for_the_workshop_can_be_downloaded(visit: Visit) -> None:
+    page = visit.show("design")
+    page.get_by_label("Description").select_option("small")
+    await_text(page, ".figures", "Line width")
+    page.get_by_role("button", name="Make the files").click()
+    page.get_by_role("link", name="frame.stl").wait_for()
+    with page.expect_download() as download:
+        page.get_by_role("link", name="sheet.pdf").click()
+    assert Path(download.value.path()).read_bytes().startswith(b"%PDF")
+
+
+def test_photograph_forms_and_is_found_again(visit: Visit, studio_folder: Path, shot: str) -> None:
+    page = visit.show("photograph")
+    await_text(page, "figcaption [role=status]", r"\d+ × \d+ pixels")
+    assert (
+        page.get_by_label("In the workspace").evaluate("(each) => each.selectedOptions[0].label")
+        == shot
+    )
+    page.get_by_role("button", name="Draft").click()
+    page.get_by_role("button", name="Reconstruct").click()
+    await_text(page, "#main .view b", r"\.png$")
+    draft = page.locator("#photograph").evaluate("(each) => each.toDataURL()")
+    page.get_by_role("button", name="Photo", exact=True).click()
+    page.get_by_role("button", name="Reconstruct").click()
+    page.wait_for_selector(".objective polyline.curve")
+    page.wait_for_function(
+        "(before) => document.querySelector('#photograph').toDataURL() !== before", arg=draft
+    )
+    name = page.locator("#main .view b").first.inner_text()
+    page.reload()
+    await_text(page, "#main .view b", f"^{name}$")
+    shown = picture_of(page, "#photograph")
+    kept = studio_folder / "nolens-studio" / "pictures" / name
+    with Image.open(kept) as file:
+        assert np.array_equal(np.asarray(shown), np.asarray(file.convert("RGB")))
+    set_slider(page, "Gamma", 0.55)
+    page.wait_for_timeout(100)
+    assert np.asarray(picture_of(page, "#photograph"), dtype=int).mean() > np.asarray(shown).mean()
+    box = page.locator("#photograph").bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.7 * box["width"], box["y"] + 0.8 * box["height"])
+    page.mouse.up()
+    visit.keep("photograph")
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save as PNG").click()
+    with Image.open(download.value.path()) as saved:
+        share = (saved.width / shown.width, saved.height / shown.height)
+    assert share == pytest.approx((0.2, 0.3), abs=0.03)
+    page.get_by_role("button", name="Compare").click()
+    page.wait_for_function(
+        "() => [...document.querySelectorAll('.frame > img')].filter((e) => e.checkVisibility()"
+        " && e.naturalWidth).length >= 2"
+    )
+    visit.keep("compare")
+
+
+def test_click_focuses_on_a_point(visit: Visit, shot: str) -> None:
+    page = visit.show("photograph")
+    await_text(page, "figcaption [role=status]", r"\d+ × \d+ pixels")
+    page.get_by_label("Depths").fill("2")
+    page.get_by_label("Nearest").fill("15cm")
+    page.get_by_role("button", name="Make the focal stack").click()
+    page.wait_for_selector("#depth-picture", timeout=60_000)
+    await_text(page, "[role=status]", "Sharp everywhere")
+    page.locator("#depth-picture").click()
+    assert await_text(page, "[role=status]", r"Sharp at \d")
+    first = page.locator("#depth-picture").get_attribute("src")
+    set_slider(page, "Depth", 0.0)
+    near = page.locator("#depth-picture").get_attribute("src")
+    set_slider(page, "Depth", 1.0)
+    far = page.locator("#depth-picture").get_attribute("src")
+    assert near != far and first in (near, far)
+    visit.keep("refocus")
+
+
+def test_measurements_show_plots_and_figures(visit: Visit, shot: str) -> None:
+    page = visit.show("measure")
+    page.wait_for_function("() => document.querySelector('[data-panel=measure] select').value")
+    cards = page.locator("[data-kind]")
+    page.get_by_label("Half angles").fill("0deg,10deg")
+    for card in (cards.nth(0), cards.nth(2)):
+        card.get_by_role("button", name="Measure").click()
+    for card in (cards.nth(0), cards.nth(2)):
+        card.locator("img.wide").wait_for(timeout=60_000)
+        assert card.locator("img.wide").evaluate("async (e) => { await e.decode(); return true; }")
+    rows = cards.nth(2).locator("tbody tr").all_inner_texts()
+    correlations = [float(row.split("\t")[1]) for row in rows]
+    assert correlations[0] > 0.99 > correlations[1]
+    page.locator("#jobs-button").click()
+    await_text(page, ".drawer .state", "done")
+    visit.keep("jobs")
+    page.keyboard.press("Escape")
+    visit.keep("measure")
+    assert page.locator("#jobs").is_hidden()
+
+
+def test_what_cannot_be_done_is_said_in_words(visit: Visit) -> None:
+    page = visit.show("calibrate")
+    page.get_by_role("button", name="Make the PSF").click()
+    await_text(page, "#notices", "no frames of the point of light")
+    page.keyboard.press("Escape")
+    assert page.locator("#notices").inner_text() == ""
+    visit.allowed = "status of 422"
+    page.keyboard.press("5")
+    page.get_by_label("Half angles").fill("sideways")
+    page.locator("[data-kind=measure-field]").get_by_role("button", name="Measure").click()
+    await_text(page, "#notices", "sideways")
+
+
+def test_chosen_theme_is_kept(visit: Visit) -> None:
+    page = visit.show("measure")
+    paper = "getComputedStyle(document.body).backgroundColor"
+    dark = page.evaluate(paper)
+    page.get_by_role("button", name="Switch to the light theme").click()
+    light = page.evaluate(paper)
+    assert light != dark
+    page.reload()
+    assert page.evaluate(paper) == light
+    page.get_by_role("button", name="Switch to the dark theme").click()
+    assert page.evaluate(paper) == dark
+
+
+def test_keys_and_widths(visit: Visit) -> None:
+    page = visit.show("viewfinder")
+    for key, panel in enumerate(_PANELS, start=1):
+        page.keyboard.press(str(key))
+        page.wait_for_selector(f"[data-panel={panel}]:not([hidden])")
+        assert page.locator("[aria-current]").inner_text().endswith(panel.capitalize())
+        page.set_viewport_size({"width": 360, "height": 740})
+        assert page.evaluate("document.documentElement.scrollWidth") == 360
+        page.set_viewport_size({"width": 1280, "height": 860})
+        unnamed = page.evaluate(
+            "[...document.querySelectorAll('main :is(input, select, button)')].filter((e) =>"
+            " e.checkVisibility() && !e.labels?.length && !e.textContent.trim()"
+            " && !e.getAttribute('aria-label')).length"
+        )
+        assert unnamed == 0

@@ -1,0 +1,91 @@
+"""The plain model with kept spectra: the same light as `irradiate`, for any scene."""
+
+import pytest
+import torch
+from cameras import WHITE, cropped, flattened, in_grey, relative_error, twin_of
+
+from nolens.camera import Camera
+from nolens.operators import Region
+from nolens.optics import PointSource
+from nolens.twin import FieldMap, PlainModel, Seen, irradiate, point_spread
+
+FAR_UM = 300e3
+CAMERAS = {
+    "colour": lambda: cropped(48, 64, of="small"),
+    "grey": lambda: in_grey(cropped(48, 64, of="small")),
+    "no aperture": lambda: flattened(cropped(48, 64, of="small")),
+}
+
+
+def model_of(camera: Camera) -> PlainModel:
+    twin = twin_of(camera)
+    field = FieldMap.covering(twin, (0.06, 0.09))
+    return PlainModel.of(twin, field, distance_um=FAR_UM, light=WHITE, wavelengths=2)
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_light_is_that_of_irradiate_with_one_field_point(name: str) -> None:
+    model = model_of(CAMERAS[name]())
+    region = model.field.region
+    channels = len(model.twin.camera.sensor.channels)
+    generator = torch.Generator().manual_seed(0)
+    for _ in range(2):
+        scene = torch.rand(channels, region.height, region.width, generator=generator)
+        expected = irradiate(
+            model.twin, model.field, (Seen(scene, FAR_UM),), field_points=1, light=WHITE,
+            wavelengths=2,
+        ).light  # fmt: skip
+        found = model.light(scene)
+        assert found.shape == expected.shape
+        assert relative_error(found, expected) < 1e-5
+        assert float((found - expected).abs().max()) < 1e-5 * float(expected.max())
+
+
+def test_psf_is_that_of_a_point_straight_ahead_at_the_pixels_places() -> None:
+    model = model_of(cropped(144, 176, of="small"))
+    found = model.psf()
+    sensor = model.twin.camera.sensor
+    size = sensor.rows, sensor.columns
+    pixels = point_spread(
+        model.twin, PointSource(distance_um=FAR_UM), size, light=WHITE, wavelengths=2
+    )
+    green = (pixels[1, ::2, 1::2] + pixels[1, 1::2, ::2]) / 2
+    expected = torch.stack([pixels[0, ::2, ::2], green, pixels[2, 1::2, 1::2]])
+    assert found.shape == expected.shape
+    # Patterns are cut into windows, which differ with the area: a part in a thousand.
+    assert relative_error(found, expected) < 5e-3
+
+
+def test_without_an_aperture_the_psf_reaches_as_far_as_the_fields_light() -> None:
+    model = model_of(CAMERAS["no aperture"]())
+    region, cells = model.field.region, model.twin.cells
+    assert model.psf().shape[1:] == (cells[0] + region.height - 1, cells[1] + region.width - 1)
+
+
+def test_a_picture_is_seen_in_whole_and_upright() -> None:
+    model = model_of(CAMERAS["colour"]())
+    region = model.field.region
+    picture = torch.zeros(3, 40, 20)
+    picture[0, :20] = 1.0
+    picture[1, :, :10] = 0.5
+    cells = model.on_cells(picture)
+    assert cells.shape == (3, region.height, region.width)
+    lit = (cells.sum(dim=0) > 0.25).nonzero()
+    height, width = (int(lit[:, axis].max() - lit[:, axis].min()) + 1 for axis in (0, 1))
+    # Twice as high as wide: the height fills the field, dark remains at the sides.
+    assert region.height - 2 <= height + region.height // 40
+    assert width < region.width
+    top, left = cells[:, : region.height // 2 - 1], cells[..., : region.width // 2 - 1]
+    assert float(top[0].max()) == pytest.approx(1.0, abs=1e-3)
+    assert float(cells[0, region.height // 2 + 1 :].max()) < 1e-3
+    assert float(left[1].max()) == pytest.approx(0.5, abs=1e-3)
+    assert float(cells[1, :, region.width // 2 + 1 :].max()) < 1e-3
+
+
+def test_a_wide_picture_fills_the_width() -> None:
+    model = model_of(CAMERAS["grey"]())
+    region = model.field.region
+    cells = model.on_cells(torch.ones(1, 8, 200))
+    assert isinstance(region, Region)
+    assert bool((cells[0, region.height // 2] > 0.4).all())
+    assert float(cells[0, 0].max()) == 0
