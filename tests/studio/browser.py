@@ -25,6 +25,7 @@ _ADDRESS = re.compile(r"http://127\.0\.0\.1:\d+\S*")
 _DESK, _PHONE = {"width": 1280, "height": 860}, {"width": 360, "height": 740}
 _AT_FIRST = {"method": "admm", "exposure_s": None, "frozen": False}
 _WAIT_MS = 60_000
+_LARGEST_BYTES = 300_000
 _END_S = 10
 
 needs_chromium = pytest.mark.skipif(
@@ -125,11 +126,6 @@ class Visit:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if error is not None:
-            # pytest shows it with the failure.
-            print("banner:", self.page.locator("#banner").text_content())
-            print("notices:", self.page.locator("#notices").text_content())
-            print("live:", self.page.request.get(f"{self.address}/api/live").text())
         for context in self._contexts:
             context.close()
         if error is None:
@@ -171,9 +167,14 @@ class Visit:
     def _keep(self, name: str, page: Any) -> None:
         page.wait_for_timeout(300)
         SHOTS.mkdir(parents=True, exist_ok=True)
-        # Of 256 colours, which the eye hardly misses here, so that the repository stays small.
         with Image.open(io.BytesIO(page.screenshot())) as shot:
-            shot.convert("RGB").quantize(256).save(SHOTS / f"{name}.png", optimize=True)
+            colours = shot.convert("RGB")
+        path = SHOTS / f"{name}.png"
+        colours.save(path, optimize=True)
+        palette = colours.quantize(256)
+        for dither in (Image.Dither.FLOYDSTEINBERG, Image.Dither.NONE):
+            if path.stat().st_size > _LARGEST_BYTES:
+                colours.quantize(palette=palette, dither=dither).save(path, optimize=True)
 
 
 def picture_of(page: Any, canvas: str) -> Image.Image:
@@ -183,12 +184,18 @@ def picture_of(page: Any, canvas: str) -> Image.Image:
         return image.convert("RGB")
 
 
-def await_text(page: Any, selector: str, pattern: str, timeout_ms: int = _WAIT_MS) -> str:
+def await_text(page: Any, selector: str, pattern: str) -> str:
     """The text of an element once it fits a pattern."""
-    page.wait_for_function(
-        "([selector, pattern]) => [...document.querySelectorAll(selector)]"
-        ".some((each) => new RegExp(pattern).test(each.textContent))",
-        arg=[selector, pattern], timeout=timeout_ms,
-    )  # fmt: skip
+    from playwright.sync_api import TimeoutError as WaitedTooLong
+
+    try:
+        page.wait_for_function(
+            "([selector, pattern]) => [...document.querySelectorAll(selector)]"
+            ".some((each) => new RegExp(pattern).test(each.textContent))",
+            arg=[selector, pattern],
+        )
+    except WaitedTooLong:
+        said = page.locator(f"{selector}, #banner, #notices, .trouble").all_text_contents()
+        raise AssertionError(f"nothing fits {pattern!r}; the page says {said}") from None
     texts: list[str] = page.locator(selector).all_text_contents()
     return next(text for text in texts if re.search(pattern, text))

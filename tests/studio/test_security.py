@@ -1,8 +1,9 @@
 """Who may talk to the studio: its own page on this computer, and who has the token."""
 
 import asyncio
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Coroutine, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
 
 import httpx
 import pytest
@@ -12,6 +13,7 @@ from starlette.types import Receive, Scope, Send
 
 from nolens.studio.security import COOKIE, Guard, Rules, is_loopback
 
+T = TypeVar("T")
 TOKEN = "a-token-of-this-test"
 OURS = "http://127.0.0.1:8350"
 
@@ -22,6 +24,12 @@ async def echo(scope: Scope, receive: Receive, send: Send) -> None:
     await PlainTextResponse(f"{len(body)} bytes")(scope, receive, send)
 
 
+def run(work: Coroutine[Any, Any, T]) -> T:
+    """In a thread of its own: the browser's tests leave a running loop in this one."""
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(asyncio.run, work).result()
+
+
 def ask(rules: Rules, method: str = "GET", path: str = "/api/x", **how: Any) -> httpx.Response:
     async def asked() -> httpx.Response:
         transport = httpx.ASGITransport(Guard(echo, rules))
@@ -29,7 +37,7 @@ def ask(rules: Rules, method: str = "GET", path: str = "/api/x", **how: Any) -> 
         async with httpx.AsyncClient(transport=transport, base_url=url) as client:
             return await client.request(method, path, **how)
 
-    return asyncio.run(asked())
+    return run(asked())
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8350", "localhost:9", "[::1]:8350", "LOCALHOST"])
@@ -145,7 +153,7 @@ def test_sockets_are_held_to_the_same(
         raise AssertionError("nothing is read of it")
 
     socket_scope["headers"].append(header)
-    asyncio.run(Guard(echo, rules)(socket_scope, nothing, collect))
+    run(Guard(echo, rules)(socket_scope, nothing, collect))
     assert [each["type"] for each in sent] == ["websocket.close"]
 
 

@@ -14,8 +14,8 @@ from nolens.camera.measurement import colour_planes
 _STEPS = 4096
 _CURVE = (srgb_from_linear(torch.linspace(0, 1, _STEPS)) * 255).round().to(torch.uint8)
 _EXPOSED = 0.995
-_FOLLOW = 0.15
-_JUMP = 3.0
+_FOLLOW = 0.25
+_JUMP = 2.0
 _QUALITY = 85
 _MOST = 640
 

@@ -78,5 +78,5 @@ export async function psfOf(raw, psfs) {
   if (!(await entries(folderOf(raw))).some(({ path }) => path === record)) return undefined;
   const { inputs } = await (await fetch(fileUrl(record))).json();
   // The record has the path on the disk, and a path here begins with the name of its folder.
-  return psfs.find(({ value }) => inputs?.psf?.path?.endsWith(value.slice(value.indexOf("/"))));
+  return psfs.find(({ value }) => value.includes("/") && inputs?.psf?.path?.endsWith(value.slice(value.indexOf("/"))));
 }
