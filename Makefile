@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: env demo test lint results reproduce bench bench-race bench-twin bench-design clean
+.PHONY: env demo test lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live screenshots clean
 
 env: $(STAMP)
 
@@ -17,8 +17,16 @@ $(STAMP): pyproject.toml constraints.txt
 demo: $(STAMP)
 	$(BIN)/nolens demo
 
+# The studio's page is tested in Debian's Chromium. CI installs it; elsewhere these tests are
+# skipped where there is none.
+browser:
+	@if ! command -v chromium >/dev/null && test -n "$(CI)" && command -v apt-get >/dev/null; then \
+	  apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq chromium >/dev/null \
+	    || echo "chromium cannot be installed: the tests of the page are skipped"; \
+	fi
+
 # One worker for each core, each on one thread.
-test: lint
+test: lint browser
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n logical
 
 lint: $(STAMP)
@@ -56,6 +64,13 @@ bench-design: $(STAMP)
 
 bench-stitch: $(STAMP)
 	$(BIN)/python bench/stitch.py
+
+# Ten minutes of the studio's live view.
+bench-live: $(STAMP)
+	$(BIN)/python bench/live.py --minutes 10
+
+screenshots: $(STAMP)
+	NOLENS_SCREENSHOTS=1 $(BIN)/pytest tests/studio/test_page_live.py tests/studio/test_page_work.py
 
 clean:
 	rm -rf $(VENV) .bench-venv

@@ -26,6 +26,12 @@ def parts_sections(run: Json) -> list[str]:
     for name, (title, section) in written.items():
         part = run["parts"][name]
         text = f"Not measured: {part['failed']}" if "failed" in part else section(part["found"])
+        again = run.get("again", {}).get(name)
+        if again is not None:
+            text = (
+                f"Measured after the rest, on {again['date']}; load average at its start "
+                f"{again['load'][0]:.2f}, others kept {again['others']:.2f} cores busy.\n\n{text}"
+            )
         sections += [f"## {title}", text]
     return sections
 

@@ -27,6 +27,9 @@ ENVIRONMENTS = ROOT / ".bench-venv"
 
 def main() -> None:
     options = parse(sys.argv[1:])
+    if options.again:
+        measure_again(options)
+        return
     started = time.monotonic()
     here = machine.describe()
     if here["load"][0] > machine.BUSY:
@@ -68,6 +71,24 @@ def main() -> None:
     write(options.out, texts)
 
 
+def measure_again(options: argparse.Namespace) -> None:
+    """Put some parts of the last run's results in place of the old ones."""
+    path = options.out / "benchmarks.json"
+    if not path.exists():
+        raise SystemExit(f"make bench: there is no {path}: run without --again first")
+    run = json.loads(path.read_text(encoding="utf-8"))
+    ours = ROOT / ".venv" / "bin" / "python"
+    here, others = machine.describe(), machine.Others()
+    planned = plan_parts(options.quick, ours.with_name("nolens"))
+    parts = [part for part in planned if part.name in options.again]
+    found = Bench({NOLENS: ours}, [], [], [], parts, 0, 0).all()
+    about = {"date": time.strftime("%Y-%m-%d"), "load": here["load"], "others": others.cores()}
+    run["parts"].update(found["parts"])
+    run["again"] = {**run.get("again", {}), **dict.fromkeys(found["parts"], about)}
+    texts = {"benchmarks.md": render(run), "benchmarks.json": json.dumps(run, indent=1) + "\n"}
+    write(options.out, texts)
+
+
 def parse(arguments: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="bench/run.py", description=(__doc__ or "").split("\n")[0]
@@ -79,6 +100,10 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     add("--data", type=Path, default=ROOT.parent / "shared" / "data", help="folder with the hand")
     add("--ours", type=int, default=60, help="nolens's iterations on the hand (60)")
     add("--peers", type=int, default=1000, help="the peer's iterations on the binned hand (1000)")
+    add(
+        "--again", nargs="+", default=[], choices=["passes", "dense", "presets", "cuda"],
+        help="measure only these parts, and keep the rest of the last run",
+    )  # fmt: skip
     add("--out", type=Path, help="folder for the results (default docs/; build/bench/ if --quick)")
     options = parser.parse_args(arguments)
     if min(options.rounds, options.iterations, options.ours, options.peers) < 1:

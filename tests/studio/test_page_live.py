@@ -113,7 +113,7 @@ def test_twin_looks_at_what_the_visitor_gives(visit: Visit) -> None:
     halves.paste((30, 60, 220), (160, 0, 320, 240))
     buffer = io.BytesIO()
     halves.save(buffer, "PNG")
-    page.get_by_label("A picture of yours").set_input_files(
+    page.get_by_label("A picture or video of yours").set_input_files(
         {"name": "halves.png", "mimeType": "image/png", "buffer": buffer.getvalue()}
     )
     await_text(page, "[role=status]", "looks at halves.png")
@@ -130,6 +130,49 @@ def test_twin_looks_at_what_the_visitor_gives(visit: Visit) -> None:
     page.get_by_label("Built-in picture").select_option("chart")
     await_frames(page, 8)
     assert alike(picture_of(page, "#live-picture"), built_in()) > 0.9
+
+
+# Half a second of a picture whose right half is yellow, as the browser itself records it.
+RECORD = """async () => {
+  const canvas = document.createElement("canvas");
+  canvas.width = 320; canvas.height = 180;
+  const context = canvas.getContext("2d");
+  const recorder = new MediaRecorder(canvas.captureStream(20), { mimeType: "video/webm" });
+  const parts = [];
+  recorder.ondataavailable = (event) => parts.push(event.data);
+  const ended = new Promise((done) => { recorder.onstop = done; });
+  recorder.start();
+  for (let number = 0; number < 12; number += 1) {
+    context.fillStyle = "#000"; context.fillRect(0, 0, 160, 180);
+    context.fillStyle = "#ee2"; context.fillRect(160, 0, 160, 180);
+    await new Promise((done) => setTimeout(done, 50));
+  }
+  recorder.stop();
+  await ended;
+  const bytes = new Uint8Array(await new Blob(parts).arrayBuffer());
+  return Array.from(bytes);
+}"""
+
+
+def test_twin_looks_at_a_video(visit: Visit) -> None:
+    page = visit.show("viewfinder")
+    await_frames(page, 1)
+    video = bytes(page.evaluate(RECORD))
+    field = page.get_by_label("A picture or video of yours")
+    field.set_input_files({"name": "halves.webm", "mimeType": "video/webm", "buffer": video})
+    await_text(page, "[role=status]", "looks at halves.webm")
+    await_frames(page, 8)
+    seen = picture_of(page, "#live-picture")
+    high = round(seen.width * 180 / 320)  # The camera's field is higher: black above and below.
+    halves = Image.new("RGB", seen.size)
+    top = (seen.height - high) // 2
+    halves.paste((238, 238, 34), (seen.width // 2, top, seen.width, top + high))
+    assert alike(seen, halves) > 0.9
+    page.get_by_label("Built-in picture").select_option("chart")
+    await_frames(page, 8)
+    assert alike(picture_of(page, "#live-picture"), built_in()) > 0.9
+    field.set_input_files({"name": "none.webm", "mimeType": "video/webm", "buffer": b"no video"})
+    page.get_by_text("none.webm cannot be played").wait_for()
 
 
 def test_page_finds_the_studio_again_when_the_connection_breaks(visit: Visit) -> None:

@@ -55,8 +55,8 @@ def available_sources() -> tuple[SourceFact, ...]:
         ]  # fmt: skip
     return (
         *found,
-        SourceFact(f"twin:{_LIVE}", "simulated camera", True, ""),
-        SourceFact("folder", "watched folder", True, ""),
+        SourceFact(f"twin:{_LIVE}", "Simulated camera", True, ""),
+        SourceFact("folder", "Watched folder", True, ""),
     )
 
 

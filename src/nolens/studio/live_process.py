@@ -24,7 +24,7 @@ from nolens.studio.worker import Channel, Told
 
 _FPS_OVER_S = 3.0
 _NO_PSF = "no PSF is chosen: take one in Calibrate, or choose one, to see more than the raw frame"
-_OWN: dict[Method, tuple[float, int]] = {"admm": (1e-4, 2), "wiener": (0.1, 1)}
+_OWN: dict[Method, tuple[float, int]] = {"admm": (1e-4, 2), "wiener": (0.5, 1)}
 """τ and iterations that a method begins with."""
 
 

@@ -1,5 +1,5 @@
 // @ts-check
-/** What the twin looks at: a built-in picture, one of the visitor's, or the webcam. */
+/** What the twin looks at: a built-in picture, a picture or video of the visitor's, or the webcam. */
 
 import { post, showScene, studio } from "./api.js";
 import { button, field, fill, group, h, setOptions } from "./dom.js";
@@ -7,6 +7,7 @@ import { live } from "./live.js";
 import { told } from "./notices.js";
 
 const WEBCAM = { width: 320, height: 240 };
+const LONG_SIDE = 320;
 const BETWEEN_MS = 1000 / 15;
 const QUALITY = 0.85;
 const READABLE = ["image/jpeg", "image/png"];
@@ -15,7 +16,7 @@ const LONGEST = 2048;
 export class SceneControls {
   constructor() {
     this.select = h("select", { onchange: told(() => this.choose(this.select.value)) });
-    this.file = h("input", { type: "file", accept: "image/*", onchange: told(async () => {
+    this.file = h("input", { type: "file", accept: "image/*,video/*", onchange: told(async () => {
       const [picture] = this.file.files ?? [];
       if (picture) await this.drop(picture);
       this.file.value = "";
@@ -23,13 +24,14 @@ export class SceneControls {
     this.webcam = button("Use my webcam", told(async () => (this.stream ? this.stop() : this.watch())), { "aria-pressed": "false" });
     this.said = h("p", { class: "pale", role: "status" });
     this.element = group("Scene", field("Built-in picture", this.select),
-      h("div", { class: "drop" }, field("A picture of yours: choose it, or drop it on the page", this.file)),
+      h("div", { class: "drop" }, field("A picture or video of yours: choose it, or drop it on the page", this.file)),
       this.webcam, this.said);
     this.element.hidden = true;
     /** @type {MediaStream | null} */
     this.stream = null;
-    this.video = h("video", { muted: true, playsInline: true });
-    this.canvas = h("canvas", WEBCAM);
+    this.video = h("video", { muted: true, playsInline: true, loop: true });
+    this.canvas = h("canvas");
+    this.moving = false;
     this.sent_ms = 0;
     this.ready = true;
     this.listed = false;
@@ -52,7 +54,7 @@ export class SceneControls {
     setOptions(this.select, [
       ...scenes.map((/** @type {any} */ each) => ({ value: each.id, label: each.label })),
       { value: "picture", label: "A picture of yours", disabled: true },
-      { value: "webcam", label: "The webcam", disabled: true },
+      { value: "webcam", label: "A webcam or video", disabled: true },
     ]);
     if (live.state?.scene) this.select.value = live.state.scene;
   }
@@ -67,10 +69,38 @@ export class SceneControls {
   /** @param {File} picture */
   async drop(picture) {
     this.stop();
-    if (!picture.type.startsWith("image/")) throw new Error(`${picture.name} is no picture: give a JPEG or PNG file.`);
+    if (picture.type.startsWith("video/")) {
+      await this.play(picture);
+      return;
+    }
+    if (!picture.type.startsWith("image/")) throw new Error(`${picture.name} is no picture or video: give a JPEG, PNG, MP4 or WebM file.`);
     await showScene(await suited(picture));
     this.select.value = "picture";
     this.said.textContent = `The camera looks at ${picture.name}.`;
+  }
+
+  /** Show a video over and over. @param {File} video */
+  async play(video) {
+    this.video.src = URL.createObjectURL(video);
+    try {
+      await this.video.play();
+    } catch {
+      this.stop();
+      throw new Error(`${video.name} cannot be played by this browser: give an MP4 (H.264) or WebM file.`);
+    }
+    this.said.textContent = `The camera looks at ${video.name}.`;
+    this.begin();
+  }
+
+  /** What the video element shows goes to the camera from now on. */
+  begin() {
+    const { videoWidth, videoHeight } = this.video;
+    const share = LONG_SIDE / Math.max(videoWidth, videoHeight);
+    this.canvas.width = Math.round(videoWidth * share);
+    this.canvas.height = Math.round(videoHeight * share);
+    this.select.value = "webcam";
+    this.moving = true;
+    this.acknowledged();
   }
 
   /** Pictures that are dropped anywhere on the viewfinder. */
@@ -108,29 +138,33 @@ export class SceneControls {
     this.webcam.setAttribute("aria-pressed", "true");
     this.webcam.textContent = "Stop the webcam";
     this.said.textContent = "The camera looks at what your webcam sees. Nothing leaves this machine.";
-    this.select.value = "webcam";
     this.stream.getVideoTracks()[0].addEventListener("ended", () => this.stop());
-    this.acknowledged();
+    this.begin();
   }
 
   stop() {
     for (const track of this.stream?.getTracks() ?? []) track.stop();
     this.stream = null;
+    this.moving = false;
+    this.video.pause();
+    this.video.srcObject = null;
+    if (this.video.src) URL.revokeObjectURL(this.video.src);
+    this.video.removeAttribute("src");
     this.webcam.setAttribute("aria-pressed", "false");
     this.webcam.textContent = "Use my webcam";
     fill(this.said);
   }
 
-  /** A frame came back, so the next picture of the webcam may go. */
+  /** A frame came back, so the next picture of the webcam or video may go. */
   acknowledged() {
     const now = performance.now();
-    if (!this.stream || !this.ready || now - this.sent_ms < BETWEEN_MS) return;
+    if (!this.moving || !this.ready || now - this.sent_ms < BETWEEN_MS) return;
     this.sent_ms = now;
     this.ready = false;
-    this.canvas.getContext("2d")?.drawImage(this.video, 0, 0, WEBCAM.width, WEBCAM.height);
+    this.canvas.getContext("2d")?.drawImage(this.video, 0, 0, this.canvas.width, this.canvas.height);
     this.canvas.toBlob((picture) => {
       this.ready = true;
-      if (picture && this.stream) live.send(picture);
+      if (picture && this.moving) live.send(picture);
     }, "image/jpeg", QUALITY);
   }
 }
