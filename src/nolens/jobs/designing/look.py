@@ -198,9 +198,8 @@ def _figures(
 ) -> PsfFigures | None:
     try:
         return psf_figures(plane, cell_um, reduced_um=reduced_um, noise=0.0)
-    except (
-        NolensError
-    ) as error:  # A flat mask, or far out of focus: there is a picture all the same.
+    except NolensError as error:
+        # A flat mask, or far out of focus: there is a picture all the same.
         reporter.warn(str(error))
         return None
 
