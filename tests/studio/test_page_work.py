@@ -175,6 +175,21 @@ def test_measurements_show_plots_and_figures(visit: Visit, shot: str) -> None:
     assert page.locator("#jobs").is_hidden()
 
 
+def test_a_job_is_cancelled_in_the_drawer(visit: Visit) -> None:
+    page = visit.show("measure")
+    card = page.locator("[data-kind=measure-two-points]")
+    card.get_by_label("Camera").select_option("paper")
+    card.get_by_label("Repeats").fill("20")
+    card.get_by_role("button", name="Measure").click()
+    page.locator("#jobs-button").click()
+    job = page.locator(".drawer .job").first
+    await_text(page, ".drawer .job .state", "running")
+    job.get_by_role("button", name="Cancel").click()
+    await_text(page, ".drawer .job .state", "cancelled")
+    assert card.get_by_role("button", name="Measure").is_enabled()
+    assert card.locator("img.wide").count() == 0
+
+
 def test_what_cannot_be_done_is_said_in_words(visit: Visit) -> None:
     page = visit.show("calibrate")
     page.get_by_role("button", name="Make the PSF").click()
