@@ -23,6 +23,8 @@ from nolens.kernels.rows_numba import (
 from nolens.kernels.threads import BLOCKS, block_rows, for_each_block
 
 _SUMS = 15
+_SEGMENT = 256
+"""Cells of a row between two prefetches: longer ones wait for memory, shorter ones for the sums."""
 
 Triple = tuple[float, float, float]
 
@@ -92,13 +94,21 @@ def _add_variation(sums, values):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
-def _split_row(row, v, image):  # type: ignore[no-untyped-def]
+def _split_row(row, ahead, v, image):  # type: ignore[no-untyped-def]
     """Real and imaginary part of a row; v goes on periodically by one cell."""
     width = image.size
-    for j in range(width):
+    for start in range(0, width, _SEGMENT):
+        stop = min(start + _SEGMENT, width)
+        prefetch_row(ahead[2 * start : 2 * stop])
+        _split_segment(row[2 * start : 2 * stop], v[start:stop], image[start:stop])
+    v[width] = v[0]
+
+
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
+def _split_segment(row, v, image):  # type: ignore[no-untyped-def]
+    for j in range(image.size):
         v[j] = row[2 * j]
         image[j] = row[2 * j + 1]
-    v[width] = v[0]
 
 
 @numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
@@ -111,30 +121,65 @@ def _divergence_row(r, above, qy, qx):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
-def _sweep_measured(image, a, b, valid, q, k, span, sums):  # type: ignore[no-untyped-def]
+def _sweep_measured(image, a, ahead, b, valid, q, k, span, sums):  # type: ignore[no-untyped-def]
     """Split x = Mv of a row; `span` is where the sensor begins and ends in it."""
-    start, stop = span
-    _add(sums, 0, row_outside(image[:start], a[:start], k[9], sums))
-    q[:start] = a[:start]
-    if stop > start:
-        values = row_sensor(image[start:stop], a[start:stop], b, valid, q[start:stop], k, sums)
+    begin, end = span
+    for side in range(2):
+        low, high = (0, begin) if side == 0 else (end, a.size)
+        for start in range(low, high, _SEGMENT):
+            stop = min(start + _SEGMENT, high)
+            prefetch_row(ahead[start:stop])
+            _add(sums, 0, row_outside(image[start:stop], a[start:stop], q[start:stop], k[9], sums))
+    for start in range(begin, end, _SEGMENT):
+        stop = min(start + _SEGMENT, end)
+        prefetch_row(ahead[start:stop])
+        values = row_sensor(
+            image[start:stop], a[start:stop], b[start - begin : stop - begin],
+            valid[start - begin : stop - begin], q[start:stop], k, sums,
+        )  # fmt: skip
         _add(sums, 0, values)
         _add_one(sums, 12, values[4])
-    _add(sums, 0, row_outside(image[stop:], a[stop:], k[9], sums))
-    q[stop:] = a[stop:]
 
 
 @numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
-def _sweep_scene(v, a, r, k, span, sums):  # type: ignore[no-untyped-def]
+def _sweep_scene(v, a, ahead, r, k, span, sums):  # type: ignore[no-untyped-def]
     """Split w = v of a row; `span` is where the region begins and ends in it."""
     width = r.size
     start, stop = span
     for part in range(3):
-        begin = (0, start, stop)[part]
-        end = (start, stop, width)[part]
-        values = row_scene(v[begin:end], a[begin:end], r[begin:end], k, part == 1, sums)
-        _add(sums, 2, values)
-        _add_one(sums, 14, values[4])
+        low = (0, start, stop)[part]
+        high = (start, stop, width)[part]
+        for begin in range(low, high, _SEGMENT):
+            end = min(begin + _SEGMENT, high)
+            prefetch_row(ahead[begin:end])
+            values = row_scene(v[begin:end], a[begin:end], r[begin:end], k, part == 1, sums)
+            _add(sums, 2, values)
+            _add_one(sums, 14, values[4])
+
+
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
+def _sweep_difference(v, neighbour, a, ahead, q, k, sums):  # type: ignore[no-untyped-def]
+    """One direction of the split u = Ψv of a row."""
+    for start in range(0, a.size, _SEGMENT):
+        stop = min(start + _SEGMENT, a.size)
+        prefetch_row(ahead[start:stop])
+        part = slice(start, stop)
+        values = row_difference(v[part], neighbour[part], a[part], q[part], k, sums)
+        _add_variation(sums, values)
+
+
+@numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
+def _sweep_gradient(v, below, ay, ax, ahead_y, ahead_x, qy, qx, k, sums):  # type: ignore[no-untyped-def]
+    """Both directions of the split u = Ψv of a row."""
+    for start in range(0, ay.size, _SEGMENT):
+        stop = min(start + _SEGMENT, ay.size)
+        prefetch_row(ahead_y[start:stop])
+        prefetch_row(ahead_x[start:stop])
+        part = slice(start, stop)
+        values = row_gradient(
+            v[start : stop + 1], below[part], ay[part], ax[part], qy[part], qx[part], k, sums
+        )
+        _add_variation(sums, values)
 
 
 @numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
@@ -163,29 +208,25 @@ def _sweep_block(z, following, measurement, arrays, windows, k, kind, rows, sums
     above = np.zeros(width, np.float32)
     qy = np.zeros(width, np.float32)
     qx = np.zeros(width, np.float32)
-    _split_row(z[first], below, image_below)
+    _split_row(z[first], z[min(first + 1, stop - 1)], below, image_below)
     for i in range(first, stop):
         v, below = below, v
         image, image_below = image_below, image
         if i + 1 < stop:
-            _split_row(z[i + 1], below, image_below)
+            _split_row(z[i + 1], z[min(i + 2, stop - 1)], below, image_below)
         else:
             below[:width] = following
-        if i + 2 < stop:
-            prefetch_row(z[i + 2])
-        if i + 1 < stop:
-            for row_ahead in (a_x[i + 1], a_w[i + 1], a_y[i + 1], a_h[i + 1]):
-                prefetch_row(row_ahead)
+        ahead = min(i + 1, stop - 1)
         line = max(0, min(i - windows[0, 0], b.shape[0] - 1))
         on_sensor = _span(i, windows[0])
-        _sweep_measured(image, a_x[i], b[line], valid[line], q, k, on_sensor, sums)
-        _sweep_scene(v, a_w[i], r, k, _span(i, windows[1]), sums)
+        _sweep_measured(image, a_x[i], a_x[ahead], b[line], valid[line], q, k, on_sensor, sums)
+        _sweep_scene(v, a_w[i], a_w[ahead], r, k, _span(i, windows[1]), sums)
         if tv:
             if isotropic:
-                _add_variation(sums, row_gradient(v, below, a_y[i], a_h[i], qy, qx, k, sums))
+                _sweep_gradient(v, below, a_y[i], a_h[i], a_y[ahead], a_h[ahead], qy, qx, k, sums)
             else:
-                _add_variation(sums, row_difference(v, below, a_y[i], qy, k, sums))
-                _add_variation(sums, row_difference(v, v[1:], a_h[i], qx, k, sums))
+                _sweep_difference(v, below, a_y[i], a_y[ahead], qy, k, sums)
+                _sweep_difference(v, v[1:], a_h[i], a_h[ahead], qx, k, sums)
             _divergence_row(r, above, qy, qx)
             above, qy = qy, above
         row = z[i]

@@ -2,7 +2,10 @@
 
 A pass over rows works on one row of several arrays at a time. The processor's own prefetching
 restarts at every row, and the pass would wait for each; asked for one row ahead, the rows come
-while the one before is worked on (a fifth less time for the update at the paper's size).
+while the one before is worked on. Some hundred cells are asked for at a time, between the loops
+over as many: a core follows some dozen lines at once, and a whole row asked for in one go is waited
+for. The update at the paper's size takes 27 ms so (30 with its sums), 29 (38) without and 34 (39)
+with whole rows.
 """
 
 from typing import Any

@@ -18,7 +18,7 @@ FASTMATH = {"reassoc", "contract", "nsz"}
 
 
 @numba.njit(cache=True, nogil=True, fastmath=FASTMATH, error_model="numpy", forceinline=True)
-def row_outside(image, a, alpha, counted):  # type: ignore[no-untyped-def]
+def row_outside(image, a, q, alpha, counted):  # type: ignore[no-untyped-def]
     """Cells beside the sensor: nothing was measured there, so x = a and q = a."""
     primal = np.float32(0)
     split = np.float32(0)
@@ -29,6 +29,7 @@ def row_outside(image, a, alpha, counted):  # type: ignore[no-untyped-def]
         step = alpha * (mv - old)
         new = old + step
         a[j] = new
+        q[j] = new
         if counted is not None:
             primal += (mv - new) * (mv - new)
             split += new * new

@@ -28,8 +28,18 @@ def for_each_block(work: Callable[[int], None], blocks: int, cells: int) -> None
         for block in range(blocks):
             work(block)
         return
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(work, range(blocks)))
+    waiting = iter(range(blocks))
+
+    def take() -> None:
+        for block in waiting:
+            work(block)
+
+    # This thread works too; taking blocks by itself costs less than a pool's queue.
+    with ThreadPoolExecutor(threads - 1) as pool:
+        others = [pool.submit(take) for _ in range(threads - 1)]
+        take()
+    for each in others:
+        each.result()
 
 
 def block_rows(block: int, blocks: int, height: int) -> tuple[int, int]:
