@@ -70,7 +70,7 @@ bench-live: $(STAMP)
 	$(BIN)/python bench/live.py --minutes 10
 
 screenshots: $(STAMP)
-	NOLENS_SCREENSHOTS=1 $(BIN)/pytest tests/studio/test_page_live.py tests/studio/test_page_work.py
+	NOLENS_SCREENSHOTS=1 $(BIN)/pytest tests/studio/test_page_*.py
 
 clean:
 	rm -rf $(VENV) .bench-venv

@@ -6,7 +6,15 @@ import torch
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from nolens.kernels import fast_length, fft2_, ifft2_, irfft2, rfft2
+from nolens.kernels import (
+    fast_length,
+    fft2_,
+    ifft2_,
+    irfft2,
+    irfft2_window_,
+    rfft2,
+    rfft2_window,
+)
 
 SIZES = [(6, 8), (7, 9), (5, 6), (8, 7), (1, 5), (4, 1)]
 TOLERANCE = {
@@ -59,6 +67,35 @@ def test_real(dtype, of_spectrum, size, lead):
     kept = spectrum.clone()
     _same(irfft2(spectrum, size), before.numpy(), dtype)
     assert torch.equal(spectrum, kept)
+
+
+@given(
+    st.tuples(st.integers(1, 9), st.integers(1, 9)),
+    st.tuples(st.integers(0, 5), st.integers(0, 5)),
+    st.tuples(st.integers(-9, 20), st.integers(-9, 20)),
+    st.sampled_from([(), (1,), (2, 3)]),
+    st.sampled_from([torch.float32, torch.float64]),
+)
+@example((4, 6), (0, 0), (0, 0), (), torch.float32)
+@example((4, 6), (0, 0), (3, -1), (2, 3), torch.float64)
+def test_window_of_a_field(size, margin, corner, lead, dtype):
+    period = (size[0] + margin[0], size[1] + margin[1])
+    inside = _real((*lead, *size), dtype)
+    field = np.zeros((*lead, *period))
+    field[..., : size[0], : size[1]] = inside.numpy()
+    expected = np.fft.rfft2(np.roll(field, corner, (-2, -1)))
+    spectrum = rfft2_window(inside, corner, period)
+    _same(spectrum, expected, spectrum.dtype)
+    assert spectrum.dtype == dtype.to_complex()
+    memory = torch.full_like(spectrum, 7)
+    assert rfft2_window(inside, corner, period, memory) is memory
+    assert torch.equal(memory, spectrum)
+    window = (margin[0] // 2, margin[1], *size)
+    rows, columns = (slice(at, at + n) for at, n in zip(window[:2], size, strict=True))
+    wanted = np.roll(field, corner, (-2, -1))[..., rows, columns]
+    got = irfft2_window_(spectrum, window, period)
+    assert got.dtype == dtype
+    assert np.abs(got.numpy() - wanted).max() <= TOLERANCE[dtype] * np.abs(field).max()
 
 
 def test_views_with_other_strides():

@@ -25,6 +25,9 @@ CASES = {
     "four channels of one psf": replace(
         BASE, channels=4, psf_channels=1, region=Region(0, 0, 5, 6), saturated=0.1
     ),
+    "eight channels, isotropic, odd": replace(
+        BASE, sensor=(5, 7), psf=(5, 7), channels=8, saturated=0.1, prior="isotropic-tv"
+    ),
     "isotropic, odd, region": replace(
         BASE, sensor=(7, 5), psf=(7, 5), region=Region(0, -1, 6, 6), prior="isotropic-tv"
     ),

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browser import Visit, chromium, running_studio
+from browser import SHOWN, Visit, await_text, chromium, running_studio
 
 
 @pytest.fixture(scope="session")
@@ -34,3 +34,22 @@ def visit(browser: Any, studio_address: str) -> Iterator[Visit]:
     with Visit(browser, studio_address) as visit:
         visit.begin()
         yield visit
+
+
+@pytest.fixture(scope="session")
+def shot(browser: Any, studio_address: str) -> str:
+    """Name of a raw frame that the viewfinder saved; the PSF of the twin comes with it."""
+    with Visit(browser, studio_address) as visit:
+        visit.begin()
+        page = visit.show("viewfinder")
+        await_text(page, ".view figcaption", "twin of live")
+        if not SHOWN:
+            # A smaller camera takes the same way in less time.
+            assert visit.tell("live/start", {"source": "twin:small"}).ok
+            await_text(page, ".view figcaption", "twin of small")
+        await_text(page, ".verdict", "Exposure right")
+        page.keyboard.press("s")
+        await_text(page, "[role=status]", "Saved in")
+        names = page.locator(".files a").all_text_contents()
+        visit.tell("live/start", {"source": "twin:live"})
+        return next(name for name in names if name.endswith(".dng"))

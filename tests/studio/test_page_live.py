@@ -132,6 +132,25 @@ def test_twin_looks_at_what_the_visitor_gives(visit: Visit) -> None:
     assert alike(picture_of(page, "#live-picture"), built_in()) > 0.9
 
 
+def test_picture_dropped_on_the_page_becomes_the_scene(visit: Visit) -> None:
+    page = visit.show("viewfinder")
+    await_frames(page, 1)
+    halves = Image.new("RGB", (320, 240), (30, 200, 40))
+    halves.paste((210, 40, 200), (160, 0, 320, 240))
+    buffer = io.BytesIO()
+    halves.save(buffer, "PNG")
+    carried = page.evaluate_handle(
+        "(bytes) => { const carried = new DataTransfer(); carried.items.add(new File("
+        "[new Uint8Array(bytes)], 'dropped.png', { type: 'image/png' })); return carried; }",
+        list(buffer.getvalue()),
+    )
+    for event in ("dragenter", "dragover", "drop"):
+        page.dispatch_event("#live-picture", event, {"dataTransfer": carried})
+    await_text(page, "[role=status]", "looks at dropped.png")
+    await_frames(page, 8)
+    assert alike(picture_of(page, "#live-picture"), halves) > 0.9
+
+
 # Half a second of a picture whose right half is yellow, as the browser itself records it.
 RECORD = """async () => {
   const canvas = document.createElement("canvas");
@@ -197,6 +216,30 @@ def test_page_finds_the_studio_again_when_the_connection_breaks(visit: Visit) ->
     assert len(sockets) == 2
 
 
+def test_calibration_proposes_the_camera_that_runs_however_late_it_is_known(visit: Visit) -> None:
+    held: list[Any] = []
+    known = False
+
+    def hold(route: Any) -> None:
+        if known:
+            route.continue_()
+        else:
+            held.append(route)
+
+    visit.page.route("**/api/live", hold)
+    page = visit.show("calibrate")
+    description = page.get_by_label("Description")
+    page.wait_for_function("() => document.querySelectorAll('.steps option').length > 3")
+    assert description.input_value() == ""
+    known = True
+    for route in held:
+        route.continue_()
+    page.wait_for_function("() => document.querySelector('.steps select').value === 'live'")
+    description.select_option("small")
+    page.wait_for_timeout(2500)  # The state is asked for every 2 s.
+    assert description.input_value() == "small"
+
+
 def test_calibration_makes_the_psf_that_the_twin_has(visit: Visit, studio_folder: Path) -> None:
     page = visit.show("calibrate")
     page.get_by_role("button", name="Show the twin a point of light").click()
@@ -219,3 +262,11 @@ def test_calibration_makes_the_psf_that_the_twin_has(visit: Visit, studio_folder
     assert one.shape == other.shape
     assert float(np.corrcoef(one.ravel(), other.ravel())[0, 1]) > 0.98
     assert "µm" in figures
+    page.get_by_role("button", name="Add another distance").click()
+    page.keyboard.type("500mm")
+    page.get_by_role("button", name="Take frames", exact=True).click()
+    page.locator(".steps [role=status]", has_text="3 taken").first.wait_for()
+    page.get_by_role("button", name="Make the PSF").click()
+    page.wait_for_function("() => !document.querySelector('.steps .job').hidden")
+    page.get_by_role("link", name="psf-500mm.tif").wait_for()
+    assert [each.distance.mm for each in read_psf_set(made).psf] == [300, 500]

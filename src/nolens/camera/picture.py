@@ -55,7 +55,8 @@ def srgb_from_linear(linear: Tensor) -> Tensor:
         Linear values of any shape; clipped to 0…1.
     """
     x = linear.clamp(0, 1)
-    return torch.where(x <= 0.0031308, 12.92 * x, 1.055 * x.pow(1 / 2.4) - 0.055)
+    curved = x.pow(1 / 2.4).mul_(1.055).sub_(0.055)
+    return torch.where(x <= 0.0031308, x.mul_(12.92), curved)
 
 
 def linear_from_srgb(encoded: Tensor) -> Tensor:

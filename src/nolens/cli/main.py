@@ -5,12 +5,16 @@ import sys
 from collections.abc import Sequence
 
 from nolens.cli.messages import say
+from nolens.cli.process import leave, prepare
 from nolens.errors import NolensError
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command and leave with its exit code."""
-    sys.exit(_guard(list(sys.argv[1:] if arguments is None else arguments)))
+    prepare()
+    code = _guard(list(sys.argv[1:] if arguments is None else arguments))
+    leave()
+    sys.exit(code)
 
 
 def _guard(arguments: list[str]) -> int:

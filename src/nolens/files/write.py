@@ -1,11 +1,13 @@
 """Writing pictures, linear radiance and counts."""
 
 import json
+import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tifffile
+import torch
 from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
 from torch import Tensor
@@ -36,14 +38,15 @@ def write_png(path: str | Path, radiance: Tensor, white: float | None = None) ->
     FileError
         If the file cannot be written.
     """
-    exposed = "99.5th percentile" if white is None else "of a sequence"
     white = exposure_white(radiance) if white is None else white
-    pixels = _pixels(srgb_from_linear(radiance / white) * 255).round().astype(np.uint8)
+    encoded = srgb_from_linear(radiance / white).mul_(255).round_().to(torch.uint8)
+    pixels = np.ascontiguousarray(_pixels(encoded))
     note = PngImagePlugin.PngInfo()
-    note.add_text("Description", f"sRGB; the radiance {white:.9g} ({exposed}) is white")
+    note.add_text("Description", f"sRGB; the radiance {white:.9g} is white")
     with atomic_write(path) as temporary:
-        # As small as at the default level of 6, in 0.6 of its time.
-        Image.fromarray(pixels).save(temporary, pnginfo=note, compress_level=4)
+        # Photographs hold few repetitions but runs: as small as by zlib's default way in 0.4 of its
+        # time.
+        Image.fromarray(pixels).save(temporary, pnginfo=note, compress_type=zlib.Z_RLE)
 
 
 def write_tiff16(path: str | Path, radiance: Tensor) -> None:
@@ -139,7 +142,7 @@ def write_counts(
     _write_tiff(path, stored, note)
 
 
-def _pixels(values: Tensor) -> NDArray[np.floating[Any]]:
+def _pixels(values: Tensor) -> NDArray[Any]:
     """(height, width) or (height, width, 3), as file formats have it."""
     if values.ndim != 3 or values.shape[0] not in (1, 3):
         raise DataError(

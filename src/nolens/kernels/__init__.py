@@ -4,25 +4,7 @@ Behind every name stands one implementation for the CPU (scipy or ducc0, numba) 
 CUDA (torch, Triton); callers hand over tensors and never choose.
 """
 
-from nolens.kernels.admm import PassSums, SplitState, solve_normal_equation_, update_splits_
-from nolens.kernels.fft import fast_length, fft2_, ifft2_, irfft2, rfft2
-from nolens.kernels.memory import in_large_pages
-from nolens.kernels.nearest import nearest_points
-from nolens.kernels.repeat import Repeater
-from nolens.kernels.transfer import apply_transfer_
+import lazy_loader
 
-__all__ = [
-    "PassSums",
-    "Repeater",
-    "SplitState",
-    "apply_transfer_",
-    "fast_length",
-    "fft2_",
-    "ifft2_",
-    "in_large_pages",
-    "irfft2",
-    "nearest_points",
-    "rfft2",
-    "solve_normal_equation_",
-    "update_splits_",
-]
+# A Wiener filter needs transforms alone; what compiles takes a third of a second to load.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -22,7 +22,7 @@ from types import ModuleType
 import torch
 from torch import Tensor
 
-from nolens.kernels import admm_numba, admm_torch, solve_numba
+from nolens.kernels import admm_torch
 
 Triple = tuple[float, float, float]
 
@@ -115,7 +115,9 @@ def solve_normal_equation_(spectrum: Tensor, transfer: Tensor, penalties: Triple
         μ₁, μ₂, μ₃.
     """
     if spectrum.device.type == "cpu":
-        return solve_numba.solve_normal_equation_(spectrum, transfer, penalties)
+        on_cpu = importlib.import_module("nolens.kernels.solve_numba")
+        result: Tensor = on_cpu.solve_normal_equation_(spectrum, transfer, penalties)
+        return result
     constants = _on_device([*penalties], spectrum.device)
     solved: Tensor = device_passes(spectrum).solve_normal_equation_(spectrum, transfer, constants)
     return solved
@@ -150,7 +152,7 @@ def update_splits_(
     prior = (state.tv, state.isotropic, state.l1)
     step = (penalties, next_penalties, relaxation)
     if pair.device.type == "cpu":
-        pair, sums = admm_numba.update_splits_(
+        pair, sums = importlib.import_module("nolens.kernels.admm_numba").update_splits_(
             pair,
             (state.data, state.valid),
             (state.measured, state.rows, state.columns, state.scene),

@@ -22,6 +22,8 @@ def _ducc() -> Any | None:
         return None
 
 
+Array = np.ndarray[Any, Any]
+
 _DUCC = _ducc()
 _AXES = (-2, -1)
 
@@ -84,18 +86,52 @@ def irfft2(spectrum: Tensor, shape: tuple[int, int]) -> Tensor:
     return torch.from_numpy(scipy.fft.irfft2(array, s=shape, workers=threads_for(array.size)))
 
 
+def transform_(array: Array, axes: tuple[int, ...], *, forward: bool) -> None:
+    """Transform a complex array on the CPU over some of its axes, in place.
+
+    Parameters
+    ----------
+    array
+        Of any strides.
+    axes
+        Over which.
+    forward
+        Whether it is the transform, or its inverse (scaled by one over the cells of the axes).
+    """
+    threads = threads_for(array.size)
+    if _DUCC is not None:
+        _DUCC.c2c(
+            array, out=array, axes=axes, forward=forward, inorm=0 if forward else 2,
+            nthreads=threads,
+        )  # fmt: skip
+        return
+    transform = scipy.fft.fftn if forward else scipy.fft.ifftn
+    result = transform(array, axes=axes, overwrite_x=True, workers=threads)
+    if not np.may_share_memory(result, array):
+        array[...] = result
+
+
+def rfft_rows(array: Array) -> Array:
+    """Half spectra of the rows of a real array on the CPU."""
+    threads = threads_for(array.size)
+    if _DUCC is not None:
+        return np.asarray(_DUCC.r2c(array, axes=(-1,), nthreads=threads))
+    return np.asarray(scipy.fft.rfft(array, axis=-1, workers=threads))
+
+
+def irfft_rows(spectra: Array, width: int) -> Array:
+    """Real rows of `width` cells from their half spectra, on the CPU."""
+    threads = threads_for(spectra.size)
+    if _DUCC is not None:
+        return np.asarray(
+            _DUCC.c2r(spectra, axes=(-1,), lastsize=width, forward=False, inorm=2, nthreads=threads)
+        )
+    return np.asarray(scipy.fft.irfft(spectra, n=width, axis=-1, workers=threads))
+
+
 def _complex(field: Tensor, *, forward: bool) -> Tensor:
     if field.device.type != "cpu":
         out: Tensor = torch.fft.fft2(field) if forward else torch.fft.ifft2(field)
         return out
-    array = field.numpy()
-    threads = threads_for(array.size)
-    if _DUCC is not None:
-        _DUCC.c2c(
-            array, out=array, axes=_AXES, forward=forward, inorm=0 if forward else 2,
-            nthreads=threads,
-        )  # fmt: skip
-        return field
-    transform = scipy.fft.fft2 if forward else scipy.fft.ifft2
-    result: np.ndarray[Any, Any] = transform(array, overwrite_x=True, workers=threads)
-    return torch.from_numpy(result)
+    transform_(field.numpy(), _AXES, forward=forward)
+    return field

@@ -4,16 +4,11 @@ The phase is a sum of square roots of some ten thousand turns of which the fract
 is computed in float64. On the CPU that is one compiled pass over the rows; on CUDA, torch.
 """
 
+import importlib
 import math
 
-import numba
-import numpy as np
 import torch
 from torch import Tensor
-
-from nolens.kernels.threads import for_each_block
-
-_ROWS_PER_BLOCK = 32
 
 
 def apply_transfer_(
@@ -44,18 +39,11 @@ def apply_transfer_(
     """
     if spectrum.device.type != "cpu":
         return _on_device(spectrum, transverse, linear_turns, lengths, squared_indices, limit)
-    rows = [each.numpy() for each in (transverse[0], linear_turns[0])]
-    columns = [each.numpy() for each in (transverse[1], linear_turns[1])]
-    layers = np.array([lengths, squared_indices])
-    pairs = torch.view_as_real(spectrum).numpy()
-
-    def work(block: int) -> None:
-        first = block * _ROWS_PER_BLOCK
-        last = min(first + _ROWS_PER_BLOCK, len(pairs))
-        _rows(pairs, rows[0], rows[1], columns[0], columns[1], layers, limit, first, last)
-
-    for_each_block(work, -(-len(pairs) // _ROWS_PER_BLOCK), spectrum.numel())
-    return spectrum
+    on_cpu = importlib.import_module("nolens.kernels.transfer_numba")
+    result: Tensor = on_cpu.apply_transfer_(
+        spectrum, transverse, linear_turns, lengths, squared_indices, limit
+    )
+    return result
 
 
 def _on_device(
@@ -75,65 +63,3 @@ def _on_device(
         passed = (squared < limit).float()
         spectrum[part] *= torch.polar(passed, turns.frac().float() * (2 * math.pi))
     return spectrum
-
-
-@numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
-def _rows(  # type: ignore[no-untyped-def]
-    pairs, row_p, row_turns, column_p, column_turns, layers, limit, first, last
-):
-    count = len(column_p)
-    squared = np.empty(count, dtype=np.float64)
-    turns = np.empty(count, dtype=np.float64)
-    for i in range(first, last):
-        across = row_p[i] * row_p[i]
-        if across >= limit:
-            pairs[i] = 0
-            continue
-        for j in range(count):
-            squared[j] = across + column_p[j] * column_p[j]
-            turns[j] = row_turns[i] + column_turns[j]
-        for k in range(layers.shape[1]):
-            length = layers[0, k]
-            index = layers[1, k]
-            for j in range(count):
-                turns[j] += length * np.sqrt(max(index - squared[j], 0.0))
-        for j in range(count):
-            # Half turns of −½…½, so that the sine is monotonic and the series are short.
-            half = 2.0 * turns[j]
-            whole = np.floor(half + 0.5)
-            odd = whole - 2.0 * np.floor(0.5 * whole)
-            x = np.float32((half - whole) * np.pi)
-            y = x * x
-            sine = x * _sine(y)
-            cosine = _cosine(y)
-            sign = np.float32(1.0 - 2.0 * odd) if squared[j] < limit else np.float32(0.0)
-            sine *= sign
-            cosine *= sign
-            real = pairs[i, j, 0]
-            imaginary = pairs[i, j, 1]
-            pairs[i, j, 0] = real * cosine - imaginary * sine
-            pairs[i, j, 1] = real * sine + imaginary * cosine
-
-
-@numba.njit(inline="always")
-def _sine(y):  # type: ignore[no-untyped-def]
-    """sin(x)/x for |x| ≤ π/2 from y = x², by its Taylor series to x¹¹ (below 6e-8 there)."""
-    c = np.float32
-    return c(1) + y * (
-        c(-1 / 6)
-        + y * (c(1 / 120) + y * (c(-1 / 5040) + y * (c(1 / 362880) - y * c(1 / 39916800))))
-    )
-
-
-@numba.njit(inline="always")
-def _cosine(y):  # type: ignore[no-untyped-def]
-    """cos(x) for |x| ≤ π/2 from y = x², by its Taylor series to x¹² (below 7e-9 there)."""
-    c = np.float32
-    return c(1) + y * (
-        c(-1 / 2)
-        + y
-        * (
-            c(1 / 24)
-            + y * (c(-1 / 720) + y * (c(1 / 40320) + y * (c(-1 / 3628800) + y * c(1 / 479001600))))
-        )
-    )

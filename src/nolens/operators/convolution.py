@@ -3,7 +3,8 @@
 import torch
 from torch import Tensor
 
-from nolens.kernels import irfft2, rfft2
+from nolens.kernels import irfft2_window_, rfft2_window
+from nolens.kernels.fft_window import Window
 from nolens.operators.base import LinearOperator
 from nolens.operators.geometry import Geometry, Region
 
@@ -38,10 +39,15 @@ class CroppedConvolution(LinearOperator):
         self._channel_axis = (self.channels,) if self.channels > 1 else ()
         self.geometry = Geometry.lay_out(sensor, (psf.shape[-2], psf.shape[-1]), region)
         top, left, height, width = self.geometry.psf
-        kernel = psf.new_zeros((self.channels, *self.geometry.period))
-        kernel[:, :height, :width] = psf[:, top : top + height, left : left + width]
-        self.transfer = rfft2(torch.roll(kernel, self.geometry.psf_shift, (-2, -1)))
+        period = self.geometry.period
+        self.transfer = torch.empty(
+            (self.channels, period[0], period[1] // 2 + 1),
+            dtype=psf.dtype.to_complex(), device=psf.device,
+        )  # fmt: skip
         """Half spectrum of the PSF, (channels, height, width // 2 + 1) of the period."""
+        for plane, transfer in zip(psf, self.transfer, strict=True):
+            part = plane[top : top + height, left : left + width]
+            rfft2_window(part, self.geometry.psf_shift, period, transfer)
 
     @property
     def domain_shape(self) -> tuple[int, ...]:
@@ -58,23 +64,21 @@ class CroppedConvolution(LinearOperator):
         return _embed(scene, self.geometry.scene, self.geometry.period)
 
     def _forward(self, v: Tensor) -> Tensor:
-        period = self.embed(v)
-        image = irfft2(rfft2(period) * self.transfer, self.geometry.period)
-        return _crop(image, self.geometry.sensor)
+        return self._moved(v, self.geometry.scene, self.transfer, self.geometry.sensor)
 
     def _adjoint(self, y: Tensor) -> Tensor:
-        period = _embed(y, self.geometry.sensor, self.geometry.period)
-        back = irfft2(rfft2(period) * self.transfer.conj(), self.geometry.period)
-        return _crop(back, self.geometry.scene)
+        return self._moved(y, self.geometry.sensor, self.transfer.conj(), self.geometry.scene)
+
+    def _moved(self, inside: Tensor, window: Window, transfer: Tensor, wanted: Window) -> Tensor:
+        """A window of the period, blurred, in another window of it."""
+        spectrum = rfft2_window(inside, window[:2], self.geometry.period)
+        channels_alike = spectrum.ndim >= transfer.ndim and spectrum.shape[-3] >= transfer.shape[0]
+        spectrum = spectrum.mul_(transfer) if channels_alike else spectrum * transfer
+        return irfft2_window_(spectrum, wanted, self.geometry.period)
 
 
-def _embed(small: Tensor, window: tuple[int, int, int, int], period: tuple[int, int]) -> Tensor:
+def _embed(small: Tensor, window: Window, period: tuple[int, int]) -> Tensor:
     top, left, height, width = window
     large = small.new_zeros((*small.shape[:-2], *period))
     large[..., top : top + height, left : left + width] = small
     return large
-
-
-def _crop(large: Tensor, window: tuple[int, int, int, int]) -> Tensor:
-    top, left, height, width = window
-    return large[..., top : top + height, left : left + width]

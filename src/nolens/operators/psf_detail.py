@@ -51,4 +51,6 @@ def finest_detail(psf: Tensor) -> float:
             least = max(least, _CLEAR * weakest)
         last = int((transfer >= least).nonzero()[-1])
         finest = max(finest, (last + 1) / rings * _HIGHEST)
+        if finest >= _HIGHEST:
+            break
     return finest

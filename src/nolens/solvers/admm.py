@@ -125,6 +125,7 @@ def admm(
                 pairs = _first_pairs(state)
             else:
                 smooth = None  # The model is not that exact: ADMM's own way is the better one.
+    pairs.clear()  # What follows needs their memory.
     scene = state.scene(problem)
     if smooth is not None:
         scene, _ = smooth.improved(scene)

@@ -94,7 +94,7 @@ class Problem:
         psf_norm = _norm(psf[:, top : top + height, left : left + width], "the PSF")
         data = torch.where(valid, data, 0)
         data_norm = _norm(data, "the measurement (without saturated pixels)")
-        forward.transfer /= psf_norm.to(forward.transfer.dtype)
+        torch.view_as_real(forward.transfer).div_(psf_norm[..., None])
         return cls(
             forward=forward,
             data=data / data_norm,
@@ -218,7 +218,7 @@ def _check_shapes(psf: Tensor, data: Tensor, valid: Tensor | None) -> None:
 
 
 def _norm(tensor: Tensor, what: str) -> Tensor:
-    norm: Tensor = torch.linalg.vector_norm(tensor.double(), dim=(-2, -1), keepdim=True)
+    norm: Tensor = torch.linalg.vector_norm(tensor, dim=(-2, -1), keepdim=True, dtype=torch.float64)
     if not bool((norm > 0).all()):
         raise DataError(f"{what} is zero everywhere in at least one channel; nothing to solve")
     return norm.to(tensor.dtype)

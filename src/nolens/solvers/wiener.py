@@ -1,13 +1,18 @@
 """Tikhonov-regularised inverse in one shot (Wiener filter with white scene and noise)."""
 
+import math
+
 import torch
 from torch import Tensor
 
 from nolens.camera.finite import all_finite
 from nolens.errors import DataError
-from nolens.kernels import fft2_, ifft2_, in_large_pages, solve_normal_equation_
+from nolens.kernels import irfft2_window_, rfft2_window
 from nolens.solvers.problem import Problem
 from nolens.solvers.result import Result
+
+_ROWS = 64
+"""Rows of the spectrum that are worked on while they are in the cache."""
 
 
 def wiener(problem: Problem) -> Result:
@@ -16,7 +21,7 @@ def wiener(problem: Problem) -> Result:
     v = F⁻¹[ conj(H) F(Cᵀb) / (|H|² + τ) ], with the measurement zero beside the sensor and at
     pixels that are not valid (`wiener1949`). As the PSF has unit norm, |H|² is 1 on average.
     The problem's prior is not used, and the objective of the result is that of this problem,
-    before the clipping. It is ADMM's normal equation with the penalties (1, 0, τ).
+    before the clipping: τ/2 Σ |F(Cᵀb)|² / (|H|² + τ) over the frequencies, over their number.
 
     Raises
     ------
@@ -25,34 +30,40 @@ def wiener(problem: Problem) -> Result:
     """
     if problem.tau == 0:
         raise DataError("tau is 0, and the Wiener filter then divides by zero; 0.01 to 1 is common")
-    period, device = problem.forward.geometry.period, problem.data.device
-    field = in_large_pages(torch.zeros(period, dtype=torch.complex64, device=device))
-    solved = [_channel(problem, channel, field) for channel in range(problem.channels)]
-    scene = torch.stack([part for part, _ in solved])
+    scene = problem.data.new_empty(problem.scene_shape)
+    spectrum = torch.empty_like(problem.transfer(0))
+    objectives = [
+        _solve_channel(problem, channel, spectrum, out) for channel, out in enumerate(scene)
+    ]
     if not all_finite(scene):
         raise DataError("the Wiener filter gave NaN or infinity; give a larger tau")
     return Result(
-        scene=problem.unscale(scene),
-        objective=sum(objective for _, objective in solved) / problem.channels,
+        scene=scene.mul_(problem.scale),
+        objective=sum(objectives) / problem.channels,
         iterations=1,
         stop_reason="one shot",
     )
 
 
-def _channel(problem: Problem, channel: int, field: Tensor) -> tuple[Tensor, float]:
-    """Scene of a channel, and its objective; `field`, of the period's size, is overwritten."""
+def _solve_channel(problem: Problem, channel: int, spectrum: Tensor, out: Tensor) -> float:
+    """Put a channel's scene, in unit norms, into `out`; its objective. `spectrum` is memory."""
     geometry, data = problem.forward.geometry, problem.data[channel]
-    top, left, height, width = geometry.sensor
-    field.zero_()
-    sensor = field[top : top + height, left : left + width]
-    sensor.real[...] = data
-    spectrum = fft2_(field)
-    solve_normal_equation_(spectrum, problem.transfer(channel), (1.0, 0.0, problem.tau))
-    pair = torch.view_as_real(ifft2_(spectrum))
-    energy = torch.linalg.vector_norm(pair, dim=(0, 1)).double().square()
-    seen = pair[top : top + height, left : left + width, 1]
-    # ‖Cᵀb − Mv‖² = ‖Mv‖² + Σ b (b − 2 Mv) over the sensor, as Cᵀb is zero beside it.
-    misfit = energy[1] + (data * (data - 2 * seen)).sum(dtype=torch.float64)
-    top, left, height, width = geometry.scene
-    scene = pair[top : top + height, left : left + width, 0].clamp_min(0)
-    return scene, float(misfit + problem.tau * energy[0]) / 2
+    rfft2_window(data, geometry.sensor[:2], geometry.period, spectrum)
+    # Half spectra leave out the mirrors of all columns but the first and an even width's last.
+    twice = torch.full((spectrum.shape[1],), 2.0, dtype=torch.float64, device=data.device)
+    twice[[0, -1] if geometry.period[1] % 2 == 0 else [0]] = 1.0
+    power = torch.zeros_like(twice)
+    both = (torch.split(each, _ROWS) for each in (spectrum, problem.transfer(channel)))
+    for part, transfer in zip(*both, strict=True):
+        inverse = _power(transfer).add_(problem.tau).reciprocal_()
+        power += (_power(part) * inverse).sum(dim=0, dtype=torch.float64)
+        part *= transfer.conj() * inverse
+    objective = problem.tau / 2 * float((power * twice).sum()) / math.prod(geometry.period)
+    scene = irfft2_window_(spectrum, geometry.scene, geometry.period)
+    torch.clamp_min(scene, 0, out=out)
+    return objective
+
+
+def _power(field: Tensor) -> Tensor:
+    """|z|² of a complex field."""
+    return field.real.square().addcmul_(field.imag, field.imag)

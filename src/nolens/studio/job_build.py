@@ -205,6 +205,8 @@ _CHOSEN: dict[JobKind, Callable[..., _Chosen]] = {
     "fabricate": _in_job("output", "workshop"),
     "measure-psf": _in_job("plot", "psf.png"),
     "measure-two-points": _in_job("plot", "two-points.png"),
+    "measure-siemens": _in_job("plot", "star.png"),
+    "measure-edge": _in_job("plot", "edge.png"),
     "measure-field": _field,
     "preview": _in_job("output", "preview.png"),
 }

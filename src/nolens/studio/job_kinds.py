@@ -99,6 +99,16 @@ KINDS: dict[JobKind, Kind] = {
         f"{_JOBS}.measuring.resolution:measure_two_points", about=("simulate", "frames"),
         files=("frames", "psf", "dark"), cameras=("camera", "simulate"), chosen=("plot",),
     ),
+    "measure-siemens": Kind(
+        "Star by", f"{_JOBS}.measuring.resolution_options:SiemensOptions",
+        f"{_JOBS}.measuring.resolution:measure_siemens", about=("simulate", "frames"),
+        files=("frames", "psf", "dark"), cameras=("camera", "simulate"), chosen=("plot",),
+    ),
+    "measure-edge": Kind(
+        "Edge by", f"{_JOBS}.measuring.resolution_options:EdgeOptions",
+        f"{_JOBS}.measuring.resolution:measure_edge", about=("simulate", "frames"),
+        files=("frames", "psf", "dark"), cameras=("camera", "simulate"), chosen=("plot",),
+    ),
     "measure-field": Kind(
         "Field of view of", f"{_JOBS}.measuring.field_options:MeasureFieldOptions",
         f"{_JOBS}.measuring.field:measure_field", about=("simulate", "psfs", "dots"),

@@ -9,7 +9,8 @@ EntryKind = Literal["folder", "raw", "picture", "camera", "record", "other"]
 Status = Literal["queued", "running", "done", "failed", "cancelled"]
 JobKind = Literal[
     "reconstruct", "refocus", "simulate", "psf", "calibrate", "design-thickness", "design-look",
-    "fabricate", "measure-psf", "measure-two-points", "measure-field", "preview",
+    "fabricate", "measure-psf", "measure-two-points", "measure-siemens", "measure-edge",
+    "measure-field", "preview",
 ]  # fmt: skip
 ENDED: tuple[Status, ...] = ("done", "failed", "cancelled")
 

@@ -120,11 +120,14 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
     top, left, height, width = window
     scene = result.scene[:, top : top + height, left : left + width].cpu()
     picture = oriented(scene, options.flip)
-    exposure_white(picture)  # An empty picture is an error before anything is written.
+    white = exposure_white(picture)  # An empty picture is an error before anything is written.
 
     interrupted = result.stop_reason == "callback"
     shown = arrange_rgb(picture, measurement.channels)
-    writers = {path: partial(_write, picture=shown, options=options) for path in options.output}
+    writers = {
+        path: partial(_write, picture=shown, white=white, options=options)
+        for path in options.output
+    }
     kept = [options.state] if interrupted and state is not None else []
     summary = {
         "method": method_of(options).value,
@@ -155,13 +158,13 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
         history=result.history,
         warnings=warnings,
     )
-    write_together(
-        {
-            options.record: partial(write_record, record=record),
-            **writers,
-            **{path: partial(write_state, arrays=_arrays(state), about=about) for path in kept},
-        }
-    )
+
+    def finish(path: Path) -> None:
+        summary["seconds"] = record.result["seconds"] = clock.seconds  # With all that was written.
+        write_record(path, record)
+
+    states = {path: partial(write_state, arrays=_arrays(state), about=about) for path in kept}
+    write_together({**writers, **states, options.record: finish})
     return Outcome(picture=picture, summary=summary)
 
 
@@ -169,9 +172,9 @@ def _arrays(state: AdmmState | None) -> dict[str, Tensor]:
     return {} if state is None else state.arrays()
 
 
-def _write(path: Path, picture: Tensor, options: ReconstructOptions) -> None:
+def _write(path: Path, picture: Tensor, white: float, options: ReconstructOptions) -> None:
     if path.suffix.lower() == ".png":
-        write_png(path, picture)
+        write_png(path, picture, white)
     elif options.tiff_bits == 16:
         write_tiff16(path, picture)
     else:

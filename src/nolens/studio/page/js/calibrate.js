@@ -82,7 +82,8 @@ class Calibrate {
     this.centring = new Centring(this.canvas);
     this.light = new LightControls((given) => this.set(given));
     this.advice = h("p", { class: "pale" });
-    this.camera = h("select", {});
+    this.camera = h("select", { onchange: () => { this.chosen = true; } });
+    this.chosen = false;
     this.name = h("input", { type: "text", value: "my-camera", spellcheck: false });
     this.distance = h("input", { type: "text", value: "300mm", spellcheck: false });
     this.pointer = button("Show the twin a point of light", told(() => this.show("point")));
@@ -127,9 +128,16 @@ class Calibrate {
     told(async () => {
       const known = await cameras();
       setOptions(this.camera, [...known.map(cameraChoice), { value: "", label: "None: I have no description" }]);
-      if (!this.chosen && live.state?.camera?.id) this.camera.value = live.state.camera.id;
-      this.chosen = true;
+      this.propose();
     })();
+  }
+
+  /** Choose the description of the camera that runs, once it and the choices are known, and unless a person chose. */
+  propose() {
+    const id = live.state?.camera?.id;
+    if (this.chosen || ![...this.camera.options].some(({ value }) => value === id)) return;
+    this.camera.value = id;
+    this.chosen = true;
   }
 
   leave() {
@@ -152,6 +160,7 @@ class Calibrate {
     if (state.settings) this.light.follow(state.settings);
     this.light.limit(state.limits);
     this.pointer.hidden = !this.twin;
+    this.propose();
     if (live.up && state.error) banner(state.error, true);
   }
 

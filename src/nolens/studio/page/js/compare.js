@@ -6,14 +6,16 @@ import { filesBy, offerFiles } from "./choices.js";
 import { field, h, slider } from "./dom.js";
 import { baseName } from "./format.js";
 
+/** Sides of pictures that differ by less show the same view in other cells. */
+const SAME_VIEW = 0.03;
 const SHOWN = /\.(png|jpe?g)$/i;
 
 export class Compare {
   constructor() {
     this.one = h("select", { onchange: () => this.show() });
     this.other = h("select", { onchange: () => this.show() });
-    this.left = h("img", { alt: "" });
-    this.right = h("img", { alt: "" });
+    this.left = h("img", { alt: "", onload: () => this.fit() });
+    this.right = h("img", { alt: "", onload: () => this.fit() });
     this.line = h("div", { class: "divide", "aria-hidden": "true" });
     this.empty = h("p", {}, "Reconstruct twice, with other methods or depths, and compare the two here.");
     this.frame = h("div", { class: "frame" }, this.left, this.right, this.line, this.empty);
@@ -54,6 +56,14 @@ export class Compare {
     }
     this.empty.hidden = !(this.left.hidden && this.right.hidden);
     this.divide();
+  }
+
+  /** Lay pictures of the same view over one another, though larger cells cover it less exactly. */
+  fit() {
+    const [left, right] = [this.left, this.right].map((each) => each.naturalWidth / each.naturalHeight);
+    const alike = Math.abs(left / right - 1) < SAME_VIEW;
+    for (const each of [this.left, this.right]) each.style.objectFit = alike ? "fill" : "";
+    this.frame.style.aspectRatio = alike ? String(left) : "";
   }
 
   divide() {

@@ -41,6 +41,36 @@ export const twoPointRows = (found) => [
     [`Dip at ${degrees(each.separation_deg)}`, `${known(each.dip, (value) => percent(value, 3))}${each.resolved ? "" : ", not resolved"}`]),
 ];
 
+/** What `measure resolution siemens` found. @param {any} found @returns {[string, string][]} */
+export const starRows = (found) => [
+  ["Resolved in all directions from", `${known(found.resolved_deg, degrees)}${found.finest_of_the_cells ? ", the finest that the cells show" : ""}`],
+  ["Uncertain by ±", known(found.plus_minus_deg, degrees)],
+  ["Least across", known(found.worst_direction_deg, degrees)],
+  ["Contrast that counts", known(found.contrast_needed, (value) => percent(value, 3))],
+  ["Spokes", String(found.spokes)],
+  ["Field angle of the star", known(found.diameter_deg, degrees)],
+];
+
+const perDegree = (/** @type {number} */ value) => `${number(value)} per degree`;
+
+/** What `measure resolution edge` found. @param {any} found @returns {[string, string][]} */
+export const edgeRows = (found) => [
+  ["Resolved from (10 % contrast)", known(found.resolved_deg, degrees)],
+  ["Half the contrast at", known(found.half_contrast_per_deg, perDegree)],
+  ["A tenth of it at", known(found.tenth_contrast_per_deg, perDegree)],
+  ["Edge tilted by", known(found.tilt_deg, degrees)],
+];
+
+/** What `measure field` found of a grid of dots. @param {any} found @returns {[string, string][]} */
+export const dotRows = (found) => [
+  ["Clear up to a half angle of", known(found.good_deg, degrees)],
+  ["Seen up to", known(found.distorted_deg, degrees)],
+  ["Lost from", found.lost_deg === null ? "nowhere among these dots" : degrees(found.lost_deg)],
+  ["Dots", String(found.dots.length)],
+  ["Pitch found", known(found.pitch_found_mm, mm)],
+  ["A cell in the middle sees", known(found.cell_deg, degrees)],
+];
+
 /** What `measure field` found of PSFs from the side. @param {any} found */
 export const fieldRows = (found) => h("div", { class: "scroll" }, h("table", { class: "figures" },
   h("caption", { class: "unseen" }, "PSFs from the side"),

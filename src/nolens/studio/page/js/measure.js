@@ -1,95 +1,148 @@
 // @ts-check
 /** Measure: how good a camera is, as plots and figures. */
 
-import { cameraChoice, cameras, psfChoices } from "./choices.js";
-import { button, field, figureTable, fill, group, h, setOptions } from "./dom.js";
-import { fieldRows, jobPlot, psfFigures, psfPlot, twoPointRows } from "./figures.js";
-import { fileLinks, JobView } from "./jobs.js";
+import { calibratedCameras, cameras, filesBy, psfChoices } from "./choices.js";
+import { field, figureTable, fill, h, segments, setOptions } from "./dom.js";
+import { dotRows, edgeRows, fieldRows, jobPlot, psfFigures, psfPlot, starRows, twoPointRows } from "./figures.js";
+import { Measurement, offerCameras, Target } from "./measurement.js";
 import { told } from "./notices.js";
 
-/** @typedef {import("./jobs.js").Job} Job */
+/** Pictures in linear light, as reconstructions are kept. @param {{name: string}} entry */
+const linear = ({ name }) => /\.(tiff?|npy)$/i.test(name);
 
-/** One measurement: what it is told, its button, its job and what it found. */
-class Measurement {
-  /**
-   * @param {{title: string, about: string, kind: string, controls: HTMLElement[],
-   *   options: () => Record<string, unknown>, found: (job: Job) => (Node | null)[]}} given
-   */
-  constructor(given) {
-    this.given = given;
-    this.job = new JobView({ keep: given.kind });
-    this.result = h("div", { class: "stage" });
-    this.maker = button("Measure", told(() => this.measure()), { class: "primary" });
-    this.element = group(given.title, h("p", { class: "pale" }, given.about), ...given.controls,
-      h("div", { class: "row" }, this.maker), this.job.element, this.result);
-    this.element.dataset.kind = given.kind;
-    told(async () => this.show(await this.job.again()))();
-  }
+/** @param {Record<string, unknown>} [more] */
+const typed = (more = {}) => h("input", { type: "text", spellcheck: false, ...more });
 
-  async measure() {
-    const options = this.given.options();
-    this.maker.disabled = true;
-    fill(this.result);
-    try {
-      this.show(await this.job.run(this.given.kind, options));
-    } finally {
-      this.maker.disabled = false;
-    }
-  }
+/** @param {HTMLInputElement} input */
+const text = (input) => input.value.trim() || undefined;
 
-  /** @param {Job | null} job */
-  show(job) {
-    if (job) fill(this.result, ...this.given.found(job), fileLinks(job.outputs ?? []));
-  }
+/** A PSF that was calibrated. */
+function psfCard() {
+  const psf = h("select", {});
+  const card = new Measurement({
+    title: "PSF", name: "psf", kind: "measure-psf", controls: [field("PSF", psf)],
+    about: "Line width, pitch, autocorrelation and transfer of a PSF.",
+    options: () => {
+      if (!psf.value) throw new Error("There is no PSF yet: calibrate the camera (key 3), or save a raw frame on the Viewfinder (key s).");
+      return { psf: psf.value };
+    },
+    found: (job) => [psfPlot(job), figureTable(psfFigures(job.summary), "Figures of the PSF")],
+  });
+  return { card, psf };
+}
+
+/** Two points of light, nearer and nearer. */
+function pointsCard() {
+  const camera = h("select", {});
+  const distance = typed({ placeholder: "the camera's own" });
+  const draws = h("input", { type: "number", min: 1, max: 20, value: 1 });
+  const card = new Measurement({
+    title: "Two points", name: "two-points", kind: "measure-two-points",
+    about: "How close two points of light may be and still be told apart, in a simulation of the camera.",
+    controls: [field("Camera", camera), h("div", { class: "row" },
+      h("div", { class: "grow" }, field("Distance", distance)),
+      h("div", { class: "narrow" }, field("Repeats", draws)))],
+    options: () => ({ simulate: camera.value, distance: text(distance), draws: Number(draws.value) || 1 }),
+    found: (job) => [jobPlot(job, "Dip between two points by their separation"),
+      figureTable(twoPointRows(job.summary), "Resolution of two points")],
+  });
+  return { card, camera };
+}
+
+/**
+ * A target of which one picture is measured.
+ *
+ * @param {{title: string, kind: string, about: string, picture: string, plot: string, angle: string,
+ *   rows: (found: any) => [string, string][]}} given
+ */
+function targetCard({ title, kind, about, picture, plot, angle, rows }) {
+  const wide = typed({ value: angle });
+  const target = new Target({ picture, simulated: [field("Field angle that it fills", wide)] });
+  const card = new Measurement({
+    title, kind, about, name: kind.replace("measure-", ""), controls: target.elements,
+    options: () => (target.simulated
+      ? { simulate: target.camera.value, angle: text(wide) }
+      : { frames: [target.path], camera: target.camera.value }),
+    found: (job) => [jobPlot(job, plot), figureTable(rows(job.summary), `Resolution of the ${picture}`)],
+  });
+  return { card, target };
+}
+
+/** PSFs from the side, of a simulated camera or of one that was calibrated so. */
+function sideCard() {
+  const camera = h("select", {});
+  const folder = h("select", {});
+  const angles = typed({ value: "0deg,10deg,20deg,30deg,40deg" });
+  const simulated = h("div", { class: "fields" }, field("Camera", camera), field("Half angles", angles));
+  const captured = h("div", { class: "fields", hidden: true }, field("PSFs of", folder));
+  const way = segments("Where the PSFs are from", [["simulation", "Simulation"], ["captured", "Captured PSFs"]],
+    "simulation", (chosen) => { simulated.hidden = chosen !== "simulation"; captured.hidden = !simulated.hidden; });
+  const card = new Measurement({
+    title: "Field of view", name: "field", kind: "measure-field",
+    about: "How alike the PSFs from the side are to the one from straight ahead.",
+    controls: [way.element, simulated, captured],
+    options: () => {
+      if (way.value() === "simulation") return { simulate: camera.value, angles: text(angles) };
+      if (!folder.value) throw new Error("No camera has PSFs yet: calibrate one (key 3).");
+      return { psfs: folder.value };
+    },
+    found: (job) => [jobPlot(job, "Correlation of the PSFs by angle"), fieldRows(job.summary)],
+  });
+  return { card, camera, folder };
+}
+
+/** A grid of dots. */
+function dotsCard() {
+  const pitch = typed({ value: "20mm" });
+  const distance = typed({ value: "300mm" });
+  const reach = typed({ value: "30deg" });
+  const target = new Target({ picture: "grid of dots", simulated: [field("Half angle with dots", reach)] });
+  const card = new Measurement({
+    title: "Field of dots", name: "dots", kind: "measure-field",
+    about: "Up to which angle a grid of dots is seen clearly, and where it is lost.",
+    controls: [...target.elements, h("div", { class: "row" },
+      h("div", { class: "grow" }, field("Distance of the dots", pitch)),
+      h("div", { class: "grow" }, field("Distance of the grid", distance)))],
+    options: () => {
+      const grid = { dot_pitch: text(pitch), distance: text(distance) };
+      return target.simulated ? { simulate: target.camera.value, reach: text(reach), ...grid }
+        : { dots: target.path, camera: target.camera.value, ...grid };
+    },
+    found: (job) => [jobPlot(job, "Dots by their grade and angle"), figureTable(dotRows(job.summary), "Field of dots")],
+  });
+  return { card, target };
 }
 
 class Measure {
   /** @param {HTMLElement} place */
   constructor(place) {
-    this.psf = h("select", {});
-    this.pointCamera = h("select", {});
-    this.pointDistance = h("input", { type: "text", placeholder: "the camera's own", spellcheck: false });
-    this.draws = h("input", { type: "number", min: 1, max: 20, value: 1 });
-    this.fieldCamera = h("select", {});
-    this.angles = h("input", { type: "text", value: "0deg,10deg,20deg,30deg,40deg", spellcheck: false });
-    const psf = new Measurement({
-      title: "PSF", kind: "measure-psf", controls: [field("PSF", this.psf)],
-      about: "Line width, pitch, autocorrelation and transfer of a PSF.",
-      options: () => {
-        if (!this.psf.value) throw new Error("There is no PSF yet: calibrate the camera (key 3), or save a raw frame on the Viewfinder (key s).");
-        return { psf: this.psf.value };
-      },
-      found: (job) => [psfPlot(job), figureTable(psfFigures(job.summary), "Figures of the PSF")],
+    this.psf = psfCard();
+    this.points = pointsCard();
+    this.star = targetCard({
+      title: "Siemens star", kind: "measure-siemens", picture: "star", angle: "20deg", rows: starRows,
+      about: "How fine the spokes of a star may be and still be told apart, in all directions.",
+      plot: "Contrast of the star's spokes by their width",
     });
-    const points = new Measurement({
-      title: "Two points", kind: "measure-two-points",
-      about: "How close two points of light may be and still be told apart, in a simulation of the camera.",
-      controls: [field("Camera", this.pointCamera), h("div", { class: "row" },
-        h("div", { class: "grow" }, field("Distance", this.pointDistance)),
-        h("div", { class: "narrow" }, field("Repeats", this.draws)))],
-      options: () => ({ simulate: this.pointCamera.value, distance: this.pointDistance.value.trim(), draws: Number(this.draws.value) || 1 }),
-      found: (job) => [jobPlot(job, "Dip between two points by their separation"),
-        figureTable(twoPointRows(job.summary), "Resolution of two points")],
+    this.edge = targetCard({
+      title: "Slanted edge", kind: "measure-edge", picture: "edge", angle: "10deg", rows: edgeRows,
+      about: "How contrast falls with fineness, across one straight edge.",
+      plot: "Contrast across the edge by frequency",
     });
-    const side = new Measurement({
-      title: "Field of view", kind: "measure-field",
-      about: "How alike the PSFs from the side are to the one from straight ahead, in a simulation of the camera.",
-      controls: [field("Camera", this.fieldCamera), field("Half angles", this.angles)],
-      options: () => ({ simulate: this.fieldCamera.value, angles: this.angles.value.trim() }),
-      found: (job) => [jobPlot(job, "Correlation of the PSFs by angle"), fieldRows(job.summary)],
-    });
-    fill(place, h("h1", { class: "unseen" }, "Measure"), h("div", { class: "three wide" }, psf.element, points.element, side.element));
+    this.side = sideCard();
+    this.dots = dotsCard();
+    const cards = [this.psf, this.points, this.star, this.edge, this.side, this.dots];
+    fill(place, h("h1", { class: "unseen" }, "Measure"),
+      h("div", { class: "three wide" }, ...cards.map(({ card }) => card.element)));
   }
 
   enter() {
     told(async () => {
-      const [all, psfs] = await Promise.all([cameras(), psfChoices()]);
-      setOptions(this.psf, psfs.length ? psfs : [{ value: "", label: "None yet: calibrate a camera" }]);
-      const first = !this.pointCamera.value;
-      for (const select of [this.pointCamera, this.fieldCamera]) {
-        setOptions(select, all.map(cameraChoice));
-        if (first && all.some(({ id }) => id === "small")) select.value = "small";
-      }
+      const [all, psfs, folders, pictures] = await Promise.all([
+        cameras(), psfChoices(), calibratedCameras(), filesBy(linear)]);
+      setOptions(this.psf.psf, psfs.length ? psfs : [{ value: "", label: "None yet: calibrate a camera" }]);
+      setOptions(this.side.folder, folders.length ? folders : [{ value: "", label: "None yet: calibrate a camera" }]);
+      for (const { camera } of [this.points, this.side]) offerCameras(camera, all);
+      for (const { target } of [this.star, this.edge, this.dots]) target.offer(all, pictures);
     })();
   }
 }

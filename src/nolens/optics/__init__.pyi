@@ -1,0 +1,50 @@
+from .grid import Grid
+from .illumination import ChiefRay, Illumination, PointSource
+from .lenslets import (
+    random_lenslets,
+    relaxed_points,
+    smoothed,
+    squared_distance,
+)
+from .mask import MaskSurface, Opening
+from .pattern import Media, point_pattern
+from .propagation import pass_layers_, propagate
+from .rays import (
+    Number,
+    mask_to_sensor,
+    refraction,
+    through,
+    through_layers,
+    translation,
+)
+from .relief import Relief
+from .stack import Stack, transmittance
+from .windows import Margin, divergence
+
+__all__ = [
+    "ChiefRay",
+    "Grid",
+    "Illumination",
+    "Margin",
+    "MaskSurface",
+    "Media",
+    "Number",
+    "Opening",
+    "PointSource",
+    "Relief",
+    "Stack",
+    "divergence",
+    "mask_to_sensor",
+    "pass_layers_",
+    "point_pattern",
+    "propagate",
+    "random_lenslets",
+    "refraction",
+    "relaxed_points",
+    "smoothed",
+    "squared_distance",
+    "through",
+    "through_layers",
+    "translation",
+    "transmittance",
+]

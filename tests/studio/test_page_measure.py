@@ -1,0 +1,119 @@
+"""Measurements on the page, and jobs that are cancelled or die.
+
+Every test also holds that no request leaves this machine, and that neither an error nor a breach
+of the content security policy is told on the console.
+"""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+from browser import Visit, await_text, needs_chromium
+
+pytestmark = needs_chromium
+
+
+def measured(page: Any, name: str) -> list[str]:
+    """Rows of figures of a measurement, once its plot is there."""
+    card = page.locator(f"[data-measure={name}]")
+    card.get_by_role("button", name="Measure").click()
+    plot = card.locator("img.wide")
+    plot.wait_for(timeout=120_000)
+    assert plot.evaluate("async (e) => { await e.decode(); return e.naturalWidth; }") > 300
+    rows: list[str] = card.locator("tr").all_inner_texts()
+    return rows
+
+
+def figure(rows: list[str], name: str) -> float:
+    """The number in a row."""
+    (text,) = [row.split("\t")[1] for row in rows if row.startswith(name)]
+    return float(text.split("°")[0].split(" ")[0])
+
+
+def test_measurements_show_plots_and_figures(visit: Visit, shot: str) -> None:
+    page = visit.show("measure")
+    page.wait_for_function("() => document.querySelector('[data-panel=measure] select').value")
+    page.get_by_label("Half angles").fill("0deg,10deg")
+    psf, field = (measured(page, name) for name in ("psf", "field"))
+    correlations = [float(row.split("\t")[1]) for row in field[1:]]
+    assert correlations[0] > 0.99 > correlations[1]
+    assert any(row.startswith("Line width") for row in psf)
+    page.locator("#jobs-button").click()
+    await_text(page, ".drawer .state", "done")
+    visit.keep("jobs")
+    page.keyboard.press("Escape")
+    visit.keep("measure")
+    assert page.locator("#jobs").is_hidden()
+
+
+def test_targets_are_measured_in_simulations(visit: Visit) -> None:
+    page = visit.show("measure")
+    page.wait_for_function("() => document.querySelector('[data-measure=siemens] select')?.value")
+    cell_deg = figure(measured(page, "dots"), "A cell in the middle")
+    for name in ("two-points", "siemens"):
+        # A pair of a bright and a dark line has at least two cells.
+        resolved = figure(measured(page, name), "Resolved")
+        assert (1 if name == "two-points" else 2) * cell_deg * 0.9 < resolved < 20 * cell_deg
+    visit.keep("measure-targets")
+
+
+def test_an_edge_in_a_picture_is_measured(visit: Visit, studio_folder: Path) -> None:
+    pictures = studio_folder / "nolens-studio" / "pictures"
+    pictures.mkdir(parents=True, exist_ok=True)
+    rows, columns = np.mgrid[:121, :161] - np.array([60, 80])[:, None, None]
+    away = columns * np.cos(0.09) + rows * np.sin(0.09)
+    deviation = 2.0
+    edge = [0.5 * (1 + math.erf(each / (deviation * math.sqrt(2)))) for each in away.ravel()]
+    np.save(pictures / "edge.npy", np.reshape(edge, away.shape).astype(np.float32))
+    page = visit.show("measure")
+    card = page.locator("[data-measure=edge]")
+    card.get_by_role("button", name="A picture").click()
+    card.get_by_label("Picture", exact=True).select_option("work/pictures/edge.npy")
+    rows = measured(page, "edge")
+    # Of a Gaussian, exp(-2 (pi deviation frequency)²), where it is a half and a tenth.
+    half, resolved = figure(rows, "Half the contrast"), figure(rows, "Resolved from")
+    assert half * resolved == pytest.approx(math.sqrt(math.log(2) / math.log(10)), rel=0.03)
+
+
+def test_a_job_whose_process_dies_says_so_and_the_page_goes_on(visit: Visit, shot: str) -> None:
+    page = visit.show("measure")
+    card = page.locator("[data-measure=two-points]")
+    card.get_by_label("Camera").select_option("paper")
+    card.get_by_label("Repeats").fill("20")
+    card.get_by_role("button", name="Measure").click()
+    await_text(page, "[data-measure=two-points] .job-text", "point|Simulat|Working| of ")
+    for process in workers_of(visit.address):
+        process.kill()
+    assert "SIGKILL" in await_text(page, "[data-measure=two-points] .trouble", ".")
+    assert card.get_by_role("button", name="Measure").is_enabled()
+    visit.tell("live/start", {"source": "twin:live"})
+    assert measured(page, "psf")
+
+
+def workers_of(address: str) -> list[psutil.Process]:
+    """The processes in which a studio works."""
+    port = int(address.split(":")[2].split("/")[0])
+    (server,) = {
+        each.pid for each in psutil.net_connections("tcp")
+        if each.status == psutil.CONN_LISTEN and each.laddr.port == port
+    }  # fmt: skip
+    children = psutil.Process(server).children(recursive=True)
+    return [each for each in children if "resource_tracker" not in " ".join(each.cmdline())]
+
+
+def test_a_job_is_cancelled_in_the_drawer(visit: Visit) -> None:
+    page = visit.show("measure")
+    card = page.locator("[data-measure=two-points]")
+    card.get_by_label("Camera").select_option("paper")
+    card.get_by_label("Repeats").fill("20")
+    card.get_by_role("button", name="Measure").click()
+    page.locator("#jobs-button").click()
+    job = page.locator(".drawer .job").first
+    await_text(page, ".drawer .job .state", "running")
+    job.get_by_role("button", name="Cancel").click()
+    await_text(page, ".drawer .job .state", "cancelled")
+    assert card.get_by_role("button", name="Measure").is_enabled()
+    assert card.locator("img.wide").count() == 0
