@@ -25,9 +25,9 @@ browser:
 	    || echo "chromium cannot be installed: the tests of the page are skipped"; \
 	fi
 
-# One worker for each core, each on one thread.
+# One worker for each core, each on one thread; who is done takes tests from the other.
 test: lint browser
-	OMP_NUM_THREADS=1 $(BIN)/pytest -n logical
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n logical --dist worksteal
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

@@ -11,7 +11,9 @@ export const known = (value, text) => (typeof value === "number" ? text(value) :
 /** The plot among a job's files. @param {import("./jobs.js").Job} job @param {string} [alt] */
 export function jobPlot(job, alt = "Plot of the measurement") {
   const path = (job.outputs ?? []).find((each) => each.endsWith(".png"));
-  return path ? h("img", { class: "wide", src: fileUrl(path), alt }) : h("p", {}, "There is no plot.");
+  if (!path) return h("p", {}, "There is no plot.");
+  return h("a", { class: "plot", href: fileUrl(path), target: "_blank", rel: "noopener", title: "Open the plot by itself" },
+    h("img", { class: "wide", src: fileUrl(path), alt }));
 }
 
 /** @param {import("./jobs.js").Job} job */
