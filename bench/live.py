@@ -36,6 +36,10 @@ def main() -> None:
     parser.add_argument("--method", choices=["admm", "wiener"], default="admm")
     parser.add_argument("--iterations", type=int)
     parser.add_argument("--still", action="store_true")
+    parser.add_argument(
+        "--everywhere", action="store_true",
+        help="solve for all cells of the sensor's frame, as with a camera of no known field",
+    )  # fmt: skip
     given = parser.parse_args()
     machine = describe()
     with tempfile.TemporaryDirectory() as folder:
@@ -64,7 +68,7 @@ def look(server: int, url: str, given: argparse.Namespace) -> dict[str, Any]:
         change = {"method": given.method}
         if given.iterations is not None:
             change["iterations"] = given.iterations
-        settle(socket, url, change)
+        settle(socket, url, change, everywhere=given.everywhere)
         begun = time.monotonic()
         next_look = 0.0
         while (now := time.monotonic() - begun) < 60 * given.minutes:
@@ -81,10 +85,12 @@ def look(server: int, url: str, given: argparse.Namespace) -> dict[str, Any]:
                 memory.append({"s": round(now), **resident_mb(server)})
                 next_look += 60 * given.minutes / 10
         memory.append({"s": round(now), **resident_mb(server)})
+        columns, rows = picture_size(message, header)
     gaps = [second - first for first, second in itertools.pairwise(arrived)]
     return {
         "minutes": given.minutes,
         "moving": not given.still,
+        "cells": [rows, columns],
         "method": given.method,
         "iterations": header["iterations"],
         "frames": len(arrived),
@@ -97,6 +103,17 @@ def look(server: int, url: str, given: argparse.Namespace) -> dict[str, Any]:
         },
         "memory_mb": memory,
     }
+
+
+def picture_size(message: bytes, header: dict[str, Any]) -> tuple[int, int]:
+    """Columns and rows of the picture in a message."""
+    at = 4 + int.from_bytes(message[:4], "little")
+    for part in header["parts"]:
+        if part["name"] == "picture":
+            with Image.open(io.BytesIO(message[at : at + part["bytes"]])) as picture:
+                return picture.size
+        at += part["bytes"]
+    raise AssertionError(header)
 
 
 def moving() -> list[bytes]:
@@ -116,11 +133,15 @@ def moving() -> list[bytes]:
     return found
 
 
-def settle(socket: Any, url: str, change: dict[str, Any]) -> None:
+def settle(socket: Any, url: str, change: dict[str, Any], *, everywhere: bool) -> None:
     """Choose what is asked for, and look until exposure and memory have settled."""
     first = socket.recv()
     assert first
     socket.send("ok")
+    if everywhere:
+        saved = httpx.post(url + "api/live/save", json={"as": ["raw"]}).raise_for_status().json()
+        given = {"source": "twin:live", "psf": saved["psf_path"]}
+        httpx.post(url + "api/live/start", json=given, timeout=60).raise_for_status()
     httpx.post(url + "api/live/settings", json=change).raise_for_status()
     end = time.monotonic() + WARM_UP_S
     while time.monotonic() < end:
@@ -151,7 +172,8 @@ def text(found: dict[str, Any]) -> str:
     scene = "moving" if found["moving"] else "still"
     return "\n".join(
         [
-            f"Live view of the simulated camera, 360×480 cells in colour, {found['method']} with "
+            "Live view of the simulated camera, whose sensor has 360×480 cells, solved for "
+            f"{found['cells'][0]}×{found['cells'][1]} in colour, {found['method']} with "
             f"{found['iterations']} iterations a frame, a {scene} scene, {minutes:g} minutes on "
             f"{machine['cores']} cores of {machine['cpu']}: **{found['frames_per_s']:.1f} frames "
             f"a second**, latency {latency['median']:.0f} ms (median), {latency['95 %']:.0f} ms "

@@ -88,9 +88,16 @@ def test_a_job_whose_process_dies_says_so_and_the_page_goes_on(visit: Visit, sho
     for process in workers_of(visit.address):
         process.kill()
     assert "SIGKILL" in await_text(page, "[data-measure=two-points] .trouble", ".")
-    assert card.get_by_role("button", name="Measure").is_enabled()
+    await_enabled(card)
     visit.tell("live/start", {"source": "twin:live"})
     assert measured(page, "psf")
+
+
+def await_enabled(card: Any) -> None:
+    """Wait until a card can measure again: it asks for its job's state a few times a second."""
+    from playwright.sync_api import expect
+
+    expect(card.get_by_role("button", name="Measure")).to_be_enabled()
 
 
 def workers_of(address: str) -> list[psutil.Process]:
@@ -115,5 +122,5 @@ def test_a_job_is_cancelled_in_the_drawer(visit: Visit) -> None:
     await_text(page, ".drawer .job .state", "running")
     job.get_by_role("button", name="Cancel").click()
     await_text(page, ".drawer .job .state", "cancelled")
-    assert card.get_by_role("button", name="Measure").is_enabled()
+    await_enabled(card)
     assert card.locator("img.wide").count() == 0
