@@ -8,6 +8,7 @@ import torch
 from update_cases import BASE, Case, Triple, arrays, draw
 
 from nolens.kernels import (
+    PassSums,
     Repeater,
     SplitState,
     admm_torch,
@@ -16,7 +17,8 @@ from nolens.kernels import (
     solve_normal_equation_,
     update_splits_,
 )
-from nolens.kernels.repeat import iterate_
+from nolens.kernels.repeat import Step, iterate_
+from nolens.kernels.threads import take_turns
 
 RELAXATION = 1.7
 PENALTIES: list[Triple] = [(0.3, 2.0, 0.7), (0.5, 1.5, 0.9)]
@@ -44,16 +46,32 @@ def channels(case: Case, device: str = "cpu") -> Channels:
     return [pair for pair, _ in drawn], [state for _, state in drawn], transfers
 
 
-def in_a_loop(of: Channels, penalties: Triple, times: int) -> list[torch.Tensor]:
+def in_a_loop(of: Channels, steps: list[Step]) -> tuple[list[torch.Tensor], list[PassSums]]:
     pairs, states, transfers = of
     pairs = [pair.clone() for pair in pairs]
-    for _ in range(times):
+    sums: list[PassSums] = []
+    for penalties, following, counted in steps:
+        sums = []
         for channel, (state, transfer) in enumerate(zip(states, transfers, strict=True)):
             pair = ifft2_(solve_normal_equation_(fft2_(pairs[channel]), transfer, penalties))
-            pairs[channel], _ = update_splits_(
-                pair, state, penalties, penalties, RELAXATION, counted=False
+            pairs[channel], seen = update_splits_(
+                pair, state, penalties, following, RELAXATION, counted=counted
             )
-    return pairs
+            sums += [seen] if seen is not None else []
+    return pairs, sums
+
+
+def alike(penalties: Triple, times: int) -> list[Step]:
+    return [(penalties, penalties, False)] * times
+
+
+FIRST, SECOND = PENALTIES
+RUNS: list[list[Step]] = [
+    [*alike(FIRST, 3), (FIRST, SECOND, True)],
+    [],
+    [(SECOND, FIRST, False)],
+    [(FIRST, SECOND, False), *alike(SECOND, 3), (SECOND, SECOND, True)],
+]
 
 
 def equal(one: torch.Tensor, two: torch.Tensor) -> None:
@@ -69,13 +87,17 @@ def check_runs(case: Case, device: str, check: Check) -> None:
     here, there = channels(case, device), channels(case, device)
     repeater = Repeater(here[1], here[2], RELAXATION)
     pairs, expected = here[0], there[0]
-    for run, times in enumerate((3, 0, 1, 4)):
+    for run, steps in enumerate(RUNS):
         if run == 3:
             for state in (*here[1], *there[1]):
                 state.data = state.data.flip(0).contiguous()
-        penalties = PENALTIES[run % 2]
-        pairs = repeater.run(pairs, penalties, times)
-        expected = in_a_loop((expected, *there[1:]), penalties, times)
+        pairs, sums = repeater.run(pairs, steps)
+        expected, wanted_sums = in_a_loop((expected, *there[1:]), steps)
+        assert len(sums) == (len(pairs) if steps and steps[-1][2] else 0)
+        for got_sums, one_sums in zip(sums, wanted_sums, strict=True):
+            assert vars(got_sums).keys() == vars(one_sums).keys()
+            assert got_sums.misfit == pytest.approx(one_sums.misfit, rel=1e-4)
+            assert got_sums.split == pytest.approx(one_sums.split, rel=1e-4)
         for one, two in zip(pairs, expected, strict=True):
             check(one, two)
         for one, two in zip(here[1], there[1], strict=True):
@@ -88,6 +110,30 @@ def test_repeater_is_the_plain_loop(case):
     check_runs(case, "cpu", equal)
 
 
+@each_case
+def test_channels_that_take_turns_are_the_plain_loop(case, set_threads):
+    set_threads(2)
+    check_runs(case, "cpu", equal)
+
+
+def test_turns_are_in_order_and_none_is_left_out(set_threads):
+    set_threads(2)
+    seen: list[tuple[int, int]] = []
+    take_turns(lambda chain, number: seen.append((chain, number)), 5, 7)
+    assert [[n for c, n in seen if c == chain] for chain in range(5)] == [list(range(7))] * 5
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_what_fails_in_a_turn_is_raised(threads, set_threads):
+    def work(chain: int, number: int) -> None:
+        if (chain, number) == (1, 2):
+            raise ValueError("broken")
+
+    set_threads(threads)
+    with pytest.raises(ValueError, match="broken"):
+        take_turns(work, 3, 4)
+
+
 @on_cuda
 @each_case
 def test_graph_is_the_plain_loop(case):
@@ -98,8 +144,9 @@ def test_graph_is_the_plain_loop(case):
 def test_graph_on_cuda_is_the_loop_on_the_cpu():
     case = CASES["tv"]
     pairs, states, transfers = channels(case, "cuda")
-    pairs = Repeater(states, transfers, RELAXATION).run(pairs, PENALTIES[0], 5)
-    expected = in_a_loop(channels(case), PENALTIES[0], 5)
+    steps = alike(PENALTIES[0], 5)
+    pairs, _ = Repeater(states, transfers, RELAXATION).run(pairs, steps)
+    expected, _ = in_a_loop(channels(case), steps)
     for one, two in zip(pairs, expected, strict=True):
         close(one.cpu(), two)
 
@@ -108,7 +155,7 @@ def test_graph_on_cuda_is_the_loop_on_the_cpu():
 def test_iteration_with_constants_in_a_tensor(case):
     """What a graph captures, with torch's passes on the CPU."""
     pairs, states, transfers = channels(case)
-    expected = in_a_loop(channels(case), PENALTIES[1], 3)
+    expected, _ = in_a_loop(channels(case), alike(PENALTIES[1], 3))
     step = (PENALTIES[1], PENALTIES[1], RELAXATION)
     constants = torch.tensor(
         [admm_torch.step_constants((each.tv, each.isotropic, each.l1), step) for each in states]

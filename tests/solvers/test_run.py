@@ -19,8 +19,7 @@ FIXED = {"penalties": (0.5, 0.5, 0.5), "balance": None}
 SOLVERS = {"admm": admm, "fista": fista}
 LOOKS = {"admm": [4, 8, 9], "fista": [1, 2, 3, 4, 5, 6, 7, 8, 9]}
 """Iterations, of nine, after which a run is looked at."""
-# The package shows the function of that name, so the module has to be asked for.
-ADMM_MODULE = importlib.import_module("nolens.solvers.admm")
+REPEAT = importlib.import_module("nolens.kernels.repeat")
 
 
 @pytest.mark.parametrize("solve", SOLVERS.values(), ids=SOLVERS.keys())
@@ -107,7 +106,7 @@ def test_what_breaks_while_iterating_is_an_error(solve, value, monkeypatch):
     problem = pose(CASE).problem
     calls = 0
     if solve is admm:
-        inverse = ADMM_MODULE.ifft2_
+        inverse = REPEAT.ifft2_
 
         def broken(spectrum: torch.Tensor) -> torch.Tensor:
             nonlocal calls
@@ -117,7 +116,7 @@ def test_what_breaks_while_iterating_is_an_error(solve, value, monkeypatch):
                 field[0, 0] = value
             return field
 
-        monkeypatch.setattr(ADMM_MODULE, "ifft2_", broken)
+        monkeypatch.setattr(REPEAT, "ifft2_", broken)
     else:
         adjoint = problem.forward.adjoint
 

@@ -1,5 +1,6 @@
 """From a stored frame to linear values: black level, dark frame, flat field, mosaic, binning."""
 
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -103,7 +104,7 @@ def develop(
         _check_fit(dark, "dark frame", frame)
         valid &= _unsaturated(dark, white)
     _subtract(values, frame, dark, black)
-    if not (values > 0).any():
+    if not float(values.max()) > 0:
         raise DataError(
             f"{frame.source} is nowhere brighter than its "
             + (f"dark frame {dark.source}" if dark else f"black level {_black_text(frame, black)}")
@@ -124,13 +125,13 @@ def develop(
     values, valid, names = _select(values, valid, names, channels, frame.source)
     values, valid = _bin(values, valid, bin_by, frame.source)
     for name, plane, usable in zip(names, values, valid, strict=True):
-        if not usable.any():
+        if not bool(usable.max()):
             raise DataError(
                 f"no pixel of channel {name} of {frame.source} can be used: all are saturated or "
                 "have no flat field. Take a shorter exposure, or give the count at which a "
                 "pixel is saturated (--white)"
             )
-        if not plane.any():
+        if float(plane.min()) == float(plane.max()) == 0:
             raise DataError(
                 f"channel {name} of {frame.source} is zero everywhere: leave it out (--channels)"
             )
@@ -263,8 +264,8 @@ def _merge_cells(frame: Frame, values: Tensor, valid: Tensor) -> tuple[Tensor, T
         raise DataError(f"{frame.source} is {frame.size} pixels: no 2×2 cell of a mosaic fits")
     colours = colour_planes(values[0, :rows, :columns], frame.mosaic)
     masks = colour_planes(valid[0, :rows, :columns], frame.mosaic)
-    merged = [torch.stack(cells).mean(dim=0) for cells in colours.values()]
-    usable = [torch.stack(cells).all(dim=0) for cells in masks.values()]
+    merged = [sum(cells[1:], cells[0]) / len(cells) for cells in colours.values()]
+    usable = [functools.reduce(torch.logical_and, cells) for cells in masks.values()]
     return torch.stack(merged), torch.stack(usable)
 
 

@@ -5,8 +5,8 @@ import sys
 from collections.abc import Sequence
 
 from nolens.cli.messages import say
-from nolens.cli.process import leave, prepare
 from nolens.errors import NolensError
+from nolens.process import leave, prepare
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -62,12 +62,10 @@ class SplitState:
     scene: Tensor
 
     def estimate(self, penalty: float) -> Tensor:
-        """Scene w = prox(a) of the last split: non-negative and zero outside the region."""
+        """Scene w = prox(a) of the last split on the region's cells: non-negative."""
         top, left, height, width = self.region
-        out = torch.zeros_like(self.scene)
         inside = self.scene[top : top + height, left : left + width]
-        out[top : top + height, left : left + width] = (inside - self.l1 / penalty).clamp_min(0)
-        return out
+        return (inside - self.l1 / penalty).clamp_min_(0)
 
     def rescale_(self, penalties: Triple, following: Triple) -> None:
         """Write the state for other penalties: the splits and the multipliers μd are kept."""

@@ -1,17 +1,24 @@
-"""ADMM's iterations between two looks: the same penalties, and no sums.
+"""ADMM's iterations from one look to the next, of all channels.
+
+On the CPU channels take turns on the threads, where there are no more threads than channels: an
+iteration of one channel then waits for no other thread, which matters while the cores have other
+work too.
 
 On CUDA an iteration is some ten short kernels a channel, which the processor takes longer to
-launch than a small period takes to compute. So one iteration of all channels is captured as a
-CUDA graph and replayed. A graph works on the memory that it was captured with: it has pairs of
-its own, and reads the constants of the update from the device, so that other penalties need no
-other graph.
+launch than a small period takes to compute. So one iteration of all channels, with penalties that
+stay and no sums, is captured as a CUDA graph and replayed. A graph works on the memory that it was
+captured with: it has pairs of its own, and reads the constants of the update from the device, so
+that other penalties need no other graph.
 """
+
+import itertools
 
 import torch
 from torch import Tensor
 
 from nolens.kernels import admm_torch
 from nolens.kernels.admm import (
+    PassSums,
     SplitState,
     Triple,
     device_passes,
@@ -20,10 +27,14 @@ from nolens.kernels.admm import (
     update_splits_,
 )
 from nolens.kernels.fft import fft2_, ifft2_
+from nolens.kernels.threads import take_turns
+
+Step = tuple[Triple, Triple, bool]
+"""Penalties of an iteration, those of the next one, and whether its sums are wanted."""
 
 
 class Repeater:
-    """Runs iterations of all channels with constant penalties.
+    """Runs iterations of all channels.
 
     Parameters
     ----------
@@ -43,32 +54,45 @@ class Repeater:
         self._relaxation = relaxation
         self._graph: _Graph | None = None
 
-    def run(self, pairs: list[Tensor], penalties: Triple, times: int) -> list[Tensor]:
-        """Iterate; returns the pairs, which may lie elsewhere than those given.
+    def run(self, pairs: list[Tensor], steps: list[Step]) -> tuple[list[Tensor], list[PassSums]]:
+        """Iterate; returns the pairs, and the sums of every channel, of the last step alone.
 
         Parameters
         ----------
         pairs
-            q_x + i r of every channel for these penalties; not to be used afterwards. On CUDA
-            those returned are the repeater's, and the next run overwrites them.
-        penalties
-            μ₁, μ₂, μ₃.
-        times
-            Number of iterations.
+            q_x + i r of every channel for the first step's penalties; not to be used afterwards,
+            as those returned may lie elsewhere. On CUDA they may be the repeater's, and the next
+            run overwrites them.
+        steps
+            One for each iteration.
         """
-        if times == 0:
-            return pairs
-        if pairs[0].device.type == "cuda":
-            return self._replay(pairs, penalties, times)
         pairs = list(pairs)
-        for _ in range(times):
-            for channel, state in enumerate(self._states):
-                pair = fft2_(pairs[channel])
-                pair = ifft2_(solve_normal_equation_(pair, self._transfers[channel], penalties))
-                pairs[channel], _ = update_splits_(
-                    pair, state, penalties, penalties, self._relaxation, counted=False
-                )
-        return pairs
+        sums: list[PassSums | None] = [None] * len(pairs)
+        if pairs and pairs[0].device.type == "cuda":
+            for step, alike in itertools.groupby(steps):
+                times = len(list(alike))
+                if step[0] == step[1] and not step[2]:
+                    pairs = self._replay(pairs, step[0], times)
+                    continue
+                for channel in list(range(len(pairs))) * times:
+                    sums[channel] = self._iterate(pairs, channel, step)
+        else:
+
+            def advance(channel: int, number: int) -> None:
+                sums[channel] = self._iterate(pairs, channel, steps[number])
+
+            take_turns(advance, len(pairs), len(steps))
+        return pairs, [each for each in sums if each is not None]
+
+    def _iterate(self, pairs: list[Tensor], channel: int, step: Step) -> PassSums | None:
+        """One iteration of one channel, whose pair is replaced."""
+        penalties, following, counted = step
+        pair = fft2_(pairs[channel])
+        pair = ifft2_(solve_normal_equation_(pair, self._transfers[channel], penalties))
+        pairs[channel], sums = update_splits_(
+            pair, self._states[channel], penalties, following, self._relaxation, counted=counted
+        )
+        return sums
 
     def _replay(self, pairs: list[Tensor], penalties: Triple, times: int) -> list[Tensor]:
         step = (penalties, penalties, self._relaxation)

@@ -5,6 +5,8 @@ parallel loops are not used: they set the number of threads of the OpenMP runtim
 shares, and their threads spin while another program has the core.
 """
 
+import threading
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
@@ -15,9 +17,13 @@ _CELLS_PER_THREAD = 32768
 BLOCKS = 32
 """Blocks of rows that a pass is cut into: fixed, so that no sum depends on the threads."""
 
+_turn = threading.local()
+
 
 def threads_for(cells: int) -> int:
     """Threads that are worth their start for a field of so many cells, up to torch's number."""
+    if getattr(_turn, "taken", False):
+        return 1
     return min(torch.get_num_threads(), 1 + cells // _CELLS_PER_THREAD)
 
 
@@ -40,6 +46,45 @@ def for_each_block(work: Callable[[int], None], blocks: int, cells: int) -> None
         take()
     for each in others:
         each.result()
+
+
+def take_turns(work: Callable[[int, int], None], chains: int, length: int) -> None:
+    """Call `work(chain, number)` with every number below `length`, in order for each chain.
+
+    Where there are no more threads than chains, each thread takes the chain that has waited
+    longest, and computes with no other thread's help. Else one call follows the other.
+    """
+    threads = torch.get_num_threads()
+    if not 1 < threads <= chains:
+        for number in range(length):
+            for chain in range(chains):
+                work(chain, number)
+        return
+    waiting = deque((chain, 0) for chain in range(chains) if length > 0)
+
+    def take() -> None:
+        _turn.taken = True
+        try:
+            while (turn := _next_of(waiting)) is not None:
+                chain, number = turn
+                work(chain, number)
+                if number + 1 < length:
+                    waiting.append((chain, number + 1))
+        finally:
+            _turn.taken = False
+
+    with ThreadPoolExecutor(threads - 1) as pool:
+        others = [pool.submit(take) for _ in range(threads - 1)]
+        take()
+    for each in others:
+        each.result()
+
+
+def _next_of(waiting: deque[tuple[int, int]]) -> tuple[int, int] | None:
+    try:
+        return waiting.popleft()
+    except IndexError:  # The others are being worked on.
+        return None
 
 
 def block_rows(block: int, blocks: int, height: int) -> tuple[int, int]:

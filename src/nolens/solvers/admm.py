@@ -3,24 +3,17 @@
 import math
 
 import torch
-from torch import Tensor
 
-from nolens.errors import DataError, DivergenceError, OptionError
-from nolens.kernels import (
-    PassSums,
-    Repeater,
-    fft2_,
-    ifft2_,
-    in_large_pages,
-    solve_normal_equation_,
-    update_splits_,
-)
+from nolens.errors import DataError, OptionError
+from nolens.solvers.admm_run import AdmmRun
 from nolens.solvers.admm_state import AdmmState
-from nolens.solvers.penalties import LOOK, Balance, Penalties
-from nolens.solvers.problem import Prior, Problem
-from nolens.solvers.result import Callback, Progress, Result, StopReason
+from nolens.solvers.level import levelled
+from nolens.solvers.penalties import Balance, Penalties
+from nolens.solvers.problem import Problem
+from nolens.solvers.result import Callback, Result, StopReason
 from nolens.solvers.smooth_part import SmoothPart
 
+RELAXATION = 1.8
 _SMOOTH_AT = 12
 """Look at which the smooth part is solved for: detail is there, and penalties are still small."""
 
@@ -34,7 +27,7 @@ def admm(
     smooth_part: bool = False,
     penalties: Penalties | None = None,
     balance: Balance | None = Balance(),  # noqa: B008 (frozen)
-    relaxation: float = 1.8,
+    relaxation: float = RELAXATION,
     state: AdmmState | None = None,
     callback: Callback | None = None,
 ) -> Result:
@@ -90,23 +83,11 @@ def admm(
     if state is None:
         state = AdmmState.cold(problem, penalties)
     smooth = SmoothPart(problem) if smooth_part and state.fills_view else None
-    transfers = [problem.transfer(channel) for channel in range(problem.channels)]
-    repeater = Repeater(state.splits, transfers, relaxation)
-    pairs = _first_pairs(state)
+    run = AdmmRun(problem, state, balance=balance, relaxation=relaxation)
     history: list[dict[str, float]] = []
     stop_reason: StopReason = "iteration limit"
     while state.iteration < iterations:
-        mu = state.penalties
-        following = mu
-        if balance is not None and state.sums:
-            following = balance.next(mu, state.sums, state.iteration)
-        last = min(iterations, state.iteration - state.iteration % LOOK + LOOK)
-        if following != mu and state.iteration + 1 < last:
-            pairs = _iterate(problem, state, pairs, following, relaxation, look=False)
-        pairs = repeater.run(pairs, state.penalties, last - 1 - state.iteration)
-        state.iteration = last - 1
-        pairs = _iterate(problem, state, pairs, following, relaxation, look=True)
-        progress = _progress(problem, state)
+        progress = run.to_look(iterations)
         history.append(progress.row())
         if callback is not None and callback(progress):
             stop_reason = "callback"
@@ -118,44 +99,28 @@ def admm(
             stop_reason = "converged"
             break
         if smooth is not None and state.iteration == _SMOOTH_AT:
-            before = state.scene(problem)
+            before = state.scene()
             after, better = smooth.improved(before)
             if better:
                 state.move_(problem, after - before)
-                pairs = _first_pairs(state)
+                run.restart()
             else:
                 smooth = None  # The model is not that exact: ADMM's own way is the better one.
-    pairs.clear()  # What follows needs their memory.
-    scene = state.scene(problem)
+    run.end()  # What follows needs its memory.
+    scene = state.scene()
     if smooth is not None:
         scene, _ = smooth.improved(scene)
-    scene, objective = _levelled(problem, scene) if state.fills_view else (scene, None)
+    if state.fills_view:
+        scene, objective = levelled(problem, scene)
+    else:
+        objective = problem.objective(scene)
     return Result(
         scene=problem.unscale(scene),
-        objective=problem.objective(scene) if objective is None else objective,
+        objective=objective,
         iterations=state.iteration,
         stop_reason=stop_reason,
         history=history,
     )
-
-
-def _levelled(problem: Problem, scene: Tensor) -> tuple[Tensor, float]:
-    """Every channel times the factor that fits the data best, and the objective, if that falls.
-
-    The iterate's mean is held by all cells that it is seen through, and comes to rest last: it can
-    be some per cent off, each channel in its own way, when the picture has long been there.
-    """
-    residual = problem.residual(scene)
-    objective = problem.objective(scene, residual)
-    seen = torch.where(problem.valid, problem.data - residual, 0).double()
-    norms = seen.square().sum(dim=(-2, -1)).clamp_min(1e-300)
-    factor = ((seen * problem.data).sum(dim=(-2, -1)) / norms).to(scene.dtype)[:, None, None]
-    if bool((factor > 0).all()):
-        level = factor * scene
-        there = problem.objective(level, problem.data - factor * (problem.data - residual))
-        if there < objective:
-            return level, there
-    return scene, objective
 
 
 def still_to_go(history: list[dict[str, float]]) -> float:
@@ -182,32 +147,6 @@ def still_to_go(history: list[dict[str, float]]) -> float:
     return now["scene_change"] * rate / (1 - rate)
 
 
-def _iterate(
-    problem: Problem,
-    state: AdmmState,
-    pairs: list[Tensor],
-    following: Penalties,
-    relaxation: float,
-    *,
-    look: bool,
-) -> list[Tensor]:
-    """One iteration of every channel, after which the penalties are `following`."""
-    mu, sums, done = state.penalties, [], []
-    for channel, split in enumerate(state.splits):
-        pair = fft2_(pairs[channel])
-        pair = solve_normal_equation_(pair, problem.transfer(channel), mu)
-        pair = ifft2_(pair)
-        pair, counted = update_splits_(pair, split, mu, following, relaxation, counted=look)
-        done.append(pair)
-        if counted is not None:
-            sums.append(counted)
-    state.penalties = following
-    state.iteration += 1
-    if look:
-        state.sums = sums
-    return done
-
-
 def _check(
     problem: Problem,
     iterations: int,
@@ -230,60 +169,3 @@ def _check(
         raise OptionError(f"penalties are {mu}; each must be above 0")
     if not 0 < relaxation < 2:
         raise OptionError(f"relaxation is {relaxation:g}; it must lie between 0 and 2")
-
-
-def _first_pairs(state: AdmmState) -> list[Tensor]:
-    """(q_x, r) of every channel's splits: an update that does not move."""
-    pairs = []
-    for split in state.splits:
-        still = in_large_pages(torch.zeros_like(split.scene, dtype=torch.complex64))
-        pairs.append(
-            update_splits_(still, split, state.penalties, state.penalties, 0.0, counted=False)[0]
-        )
-    return pairs
-
-
-def _progress(problem: Problem, state: AdmmState) -> Progress:
-    sums, iteration = state.sums, state.iteration
-    primal, dual = _residuals(problem, sums)
-    moved = _ratio(sum(each.change[2] for each in sums), sum(each.split[2] for each in sums))
-    values = [0.5 * each.misfit + problem.tau * _regulariser(problem.prior, each) for each in sums]
-    objective = sum(values) / len(values)
-    if not math.isfinite(objective + primal + dual):
-        raise DivergenceError(
-            f"the iteration gave NaN or infinity by step {iteration} (penalties "
-            f"{state.penalties}); start from smaller penalties or a relaxation nearer 1"
-        )
-    return Progress(
-        iteration=iteration,
-        objective=objective,
-        primal_residual=primal,
-        dual_residual=dual,
-        scene_change=moved,
-        penalties=state.penalties,
-        scene=lambda: state.scene(problem),
-    )
-
-
-def _regulariser(prior: Prior, sums: PassSums) -> float:
-    if prior is Prior.L1:
-        return sums.magnitude
-    return 0.0 if prior is Prior.NONE else sums.variation
-
-
-def _residuals(problem: Problem, sums: list[PassSums]) -> tuple[float, float]:
-    """Largest relative residual of any split, over all channels together."""
-    splits = (0, 1, 2) if problem.prior in (Prior.TV, Prior.ISOTROPIC_TV) else (0, 2)
-    primal = dual = 0.0
-    for k in splits:
-        split = sum(each.split[k] for each in sums)
-        primal = max(primal, _ratio(sum(each.primal[k] for each in sums), split))
-        dual = max(dual, _ratio(sum(each.change[k] for each in sums), split))
-    return primal, dual
-
-
-def _ratio(part: float, whole: float) -> float:
-    """Root of part over whole; a split that is zero and stays so has no residual."""
-    if part == 0:
-        return 0.0
-    return math.sqrt(part / whole) if whole > 0 else 1.0

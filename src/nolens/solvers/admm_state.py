@@ -55,9 +55,7 @@ class AdmmState:
             scene = problem.forward.embed(data.new_full(geometry.scene[2:], level))
             measured = irfft2(rfft2(scene) * problem.transfer(channel), geometry.period)
             splits.append(_split(problem, channel, measured, scene))
-        mu = START if penalties is None else penalties
-        if splits[0].tv == 0:
-            mu = (mu[0], 0.0, mu[2])  # There is no split u.
+        mu = _of_splits(START if penalties is None else penalties, splits)
         return cls(splits, mu, [], fills_view=min(levels) > 0)
 
     def renew(self, problem: Problem, penalties: Penalties) -> None:
@@ -70,10 +68,21 @@ class AdmmState:
         penalties
             To go on with; the multipliers μd are kept.
         """
+        penalties = _of_splits(penalties, self.splits)
         for channel, split in enumerate(self.splits):
             split.data, split.valid = _measurement(problem, channel)
-            split.rescale_(self.penalties, penalties)
+            if penalties != self.penalties:
+                split.rescale_(self.penalties, penalties)
         self.penalties, self.sums, self.iteration = penalties, [], 0
+
+    def kept(self) -> float:
+        """Share of the scene's light in the period that falls onto the sensor, as it stands."""
+        total = on_sensor = 0.0
+        for split in self.splits:
+            top, left, height, width = split.sensor
+            total += float(split.measured.sum())
+            on_sensor += float(split.measured[top : top + height, left : left + width].sum())
+        return on_sensor / total if total > 0 else 1.0
 
     def move_(self, problem: Problem, change: Tensor) -> None:
         """Add to the scene what another method found: to every split, with its multiplier kept.
@@ -100,13 +109,9 @@ class AdmmState:
                 split.rows += rows
                 split.columns += columns
 
-    def scene(self, problem: Problem) -> Tensor:
-        """The split w of every channel: non-negative, zero outside the region; unit norms."""
-        top, left, height, width = problem.forward.geometry.scene
-        weight = self.penalties[2]
-        return torch.stack(
-            [each.estimate(weight)[top : top + height, left : left + width] for each in self.splits]
-        )
+    def scene(self) -> Tensor:
+        """The split w of every channel on the scene's cells: non-negative; unit norms."""
+        return torch.stack([each.estimate(self.penalties[2]) for each in self.splits])
 
     def arrays(self) -> dict[str, Tensor]:
         """All of it as named tensors, for a state file."""
@@ -175,6 +180,12 @@ def _split(problem: Problem, channel: int, measured: Tensor, scene: Tensor) -> S
         columns=in_large_pages(gradient[1]),
         scene=in_large_pages(scene),
     )
+
+
+def _of_splits(penalties: Penalties, splits: list[SplitState]) -> Penalties:
+    """Penalties of the splits that there are: without total variation there is no u."""
+    first, second, third = penalties
+    return first, second if splits[0].tv > 0 else 0.0, third
 
 
 def _measurement(problem: Problem, channel: int) -> tuple[Tensor, Tensor]:

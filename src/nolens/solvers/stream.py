@@ -5,16 +5,24 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from nolens.errors import OptionError
-from nolens.solvers.admm import admm
+from nolens.errors import DivergenceError, OptionError
+from nolens.solvers.admm import RELAXATION, admm
+from nolens.solvers.admm_run import AdmmRun
 from nolens.solvers.admm_state import AdmmState
-from nolens.solvers.penalties import LOOK, Penalties
+from nolens.solvers.level import levelled
+from nolens.solvers.penalties import LOOK, Balance, Penalties
 from nolens.solvers.problem import Problem
 from nolens.solvers.quality import STOPS, Quality
 from nolens.solvers.result import Progress
 
-WARM: Penalties = (0.1, 3.0, 1.0)
+WARM: Penalties = (1.0, 3.0, 1.0)
 """Penalties that a frame starts from: small enough to follow what moves (decision 7)."""
+WARM_FEW: Penalties = (1.0, 10.0, 3.0)
+"""The same for less than four iterations, which have no time to lose the noise in."""
+WARM_SPILLING: Penalties = (0.3, 3.0, 1.0)
+"""The same where the sensor misses much of the light: what falls beside it is then the old one."""
+_KEPT = 0.75
+"""Share of the light on the sensor from which on the first two are better."""
 _FOLLOWING = 8
 """Iterations of a frame after the first, where nothing moves faster than some cells a frame."""
 
@@ -70,7 +78,7 @@ class Stream:
         if latency_s is not None and not latency_s > 0:
             raise OptionError(f"latency_s is {latency_s:g}; it must be above 0")
         self._problem = problem
-        self._state: AdmmState | None = None
+        self._run: AdmmRun | None = None
         self._iterations = iterations
         self._latency_s = latency_s
 
@@ -90,21 +98,40 @@ class Stream:
         """
         begun = time.perf_counter()
         problem = self._problem.measuring(data, valid)
-        first = self._state is None
-        if self._state is None:
-            self._state = AdmmState.cold(problem)
-        else:
-            self._state.renew(problem, WARM)
+        deadline = _Deadline(begun, self._latency_s)
+        try:
+            if self._run is None:
+                scene, iterations = self._first(problem, deadline)
+            else:
+                scene, iterations = self._next(self._run, problem, deadline)
+        except DivergenceError:
+            self._run = None  # The next frame starts anew.
+            raise
+        return Frame(problem.unscale(scene), iterations, time.perf_counter() - begun)
+
+    def _first(self, problem: Problem, deadline: "_Deadline") -> tuple[Tensor, int]:
+        """Scene in unit norms and iterations of a frame that is solved as a photo is."""
         stop = STOPS[Quality.PHOTO]
+        state = AdmmState.cold(problem)
         result = admm(
-            problem,
-            iterations=stop.iterations if first else self._iterations,
-            tolerance=0.0,
-            scene_tolerance=stop.scene_tolerance,
-            state=self._state,
-            callback=_Deadline(begun, self._latency_s),
-        )
-        return Frame(result.scene, result.iterations, time.perf_counter() - begun)
+            problem, iterations=stop.iterations, tolerance=0.0,
+            scene_tolerance=stop.scene_tolerance, state=state, callback=deadline,
+        )  # fmt: skip
+        self._run = AdmmRun(problem, state, balance=Balance(), relaxation=RELAXATION)
+        return result.scene / problem.scale, result.iterations
+
+    def _next(self, run: AdmmRun, problem: Problem, deadline: "_Deadline") -> tuple[Tensor, int]:
+        """The same for a frame that goes on from the one before."""
+        state = run.state
+        warm = WARM if self._iterations >= LOOK else WARM_FEW
+        run.measure(problem, warm if state.kept() > _KEPT else WARM_SPILLING)
+        while state.iteration < self._iterations:
+            if deadline(run.to_look(self._iterations)):
+                break
+        scene = state.scene()
+        if state.fills_view:
+            scene, _ = levelled(problem, scene)
+        return scene, state.iteration
 
 
 class _Deadline:

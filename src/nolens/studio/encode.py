@@ -81,7 +81,8 @@ def message(header: dict[str, Any], parts: dict[str, bytes]) -> bytes:
 
 def _jpeg(linear: Tensor) -> bytes:
     steps = (linear * (_STEPS - 1)).clamp_(0, _STEPS - 1).to(torch.int32)
-    pixels = _CURVE[steps].permute(1, 2, 0).contiguous().numpy()
+    shown = _CURVE.index_select(0, steps.flatten()).view(steps.shape)
+    pixels = shown.permute(1, 2, 0).contiguous().numpy()
     image = Image.fromarray(pixels[..., 0] if pixels.shape[-1] == 1 else pixels)
     buffer = io.BytesIO()
     image.save(buffer, "JPEG", quality=_QUALITY)

@@ -30,8 +30,6 @@ _OWN: dict[Method, tuple[float, int]] = {"admm": (1e-4, 2), "wiener": (0.5, 1)}
 
 def main(channel: Channel) -> None:
     """Show what a camera sees, until the server tells to end."""
-    # The other half of the cores has the camera, its frames' development and the page.
-    torch.set_num_threads(max(1, torch.get_num_threads() // 2))
     view = LiveView(channel)
     threading.Thread(target=_listen, args=(channel, view), daemon=True).start()
     view.run()
@@ -67,6 +65,7 @@ class LiveView:
         self._sent: deque[float] = deque()
         self._error: str | None = None
         self._left = 0
+        self._cores = torch.get_num_threads()
 
     def put(self, told: Told) -> None:
         """Take a message of the server, from any thread."""
@@ -224,6 +223,9 @@ class LiveView:
             self._tell_state()
             return
         solved, trouble = self._solve(source, taken)
+        # A camera is computed too, or developed: it has half of the cores while it is the slower.
+        behind = source.camera.has_frame
+        torch.set_num_threads(self._cores if behind else max(1, self._cores // 2))
         parts = {"raw": taken.raw}
         white = 1.0
         if solved is not None:

@@ -15,6 +15,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from nolens.errors import NolensError
+from nolens.process import prepare
 
 Told = tuple[Any, ...]
 """A message: plain values, the first of which says what it is about."""
@@ -265,6 +266,7 @@ def _begin(target: str, connection: Connection, stderr: Connection) -> None:
     faulthandler.enable()
     # Threads that wait for each other must not keep a core busy that the other process needs.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    prepare()
     module, name = target.split(":")
     getattr(importlib.import_module(module), name)(Channel(connection))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from nolens.kernels import irfft2, rfft2
+from nolens.kernels import irfft2, irfft2_window_, rfft2_window
 from nolens.twin.field import FieldMap
 from nolens.twin.light import Light
 from nolens.twin.measure import PatternSums, summed
@@ -86,16 +86,11 @@ class PlainModel:
             On the cells of the field's region, (channels, height, width).
         """
         period = self._sums.period
-        height, width = self._weights.shape
-        scene = torch.zeros(len(radiance), *period)
-        torch.mul(radiance, self._weights, out=scene[:, :height, :width])
-        spectra = rfft2(scene)[self._channels()]
-        planes = irfft2(spectra.mul_(self._sums.sums[1]), period)
+        spectra = rfft2_window(radiance * self._weights, (0, 0), period)[self._channels()]
         # It is the scene's first cell that lies at the origin of the period, not its node.
-        first = self._first(self._sums.nodes[0].cell)
-        rows, columns = self.twin.cells
-        planes = planes[:, first[0] : first[0] + rows, first[1] : first[1] + columns]
-        step = self.twin.cell_pixels
+        window = (*self._first(self._sums.nodes[0].cell), *self.twin.cells)
+        planes = irfft2_window_(spectra.mul_(self._sums.sums[1]), window, period)
+        step, (rows, columns) = self.twin.cell_pixels, self.twin.cells
         out = torch.empty(rows * step, columns * step)
         for number, plane in enumerate(planes):
             row, column = divmod(number, 2)

@@ -1,4 +1,4 @@
-"""What a command asks of Python and of the C library, for itself alone."""
+"""What a process of ours asks of Python and of the C library, for itself alone."""
 
 import ctypes
 import gc
@@ -9,7 +9,7 @@ _LARGE_BYTES, _MOST_BYTES = 2**25, 2**31 - 1
 
 
 def prepare() -> None:
-    """Spare the process work that a command does not need; called before anything is loaded.
+    """Spare the process work that it does not need; called before anything is loaded.
 
     Loading torch makes some hundred thousand objects that stay, and looking for garbage among them
     takes a quarter of a second. glibc hands freed memory back to the system and takes it anew,

@@ -1,0 +1,107 @@
+"""Penalties that a frame of a stream starts from: the table of `docs/decisions/0007`.
+
+`.venv/bin/python bench/streams.py --data ../shared/data` prints the PSNR in dB (after one factor,
+mean of the last frames) of a photograph that stands still, or moves by some cells from frame to
+frame, each frame reconstructed with a few iterations from where the one before it ended. The
+cameras are the studio's simulated one, a mask wider than its sensor, and DiffuserCam's PSF.
+Counts iterations, not seconds; some minutes.
+"""
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from unittest import mock
+
+import torch
+from skimage import data as photographs
+from torch import Tensor
+
+from cases import hand
+from nolens.capture import TwinSource
+from nolens.evaluate import psnr, scale_fit
+from nolens.files import read_camera
+from nolens.solvers import Problem, Stream, stream
+from photographed import GREEN_ALONE, linear_light, mask_psf, shot
+
+FRAMES, JUDGED = 12, 4
+SPEEDS = (0, 2, 10)
+ITERATIONS = (1, 2, 4, 8)
+WARM = (
+    (0.02, 2.0, 1.0), (0.1, 3.0, 1.0), (0.3, 20.0, 20.0), (0.3, 10.0, 3.0), (1.0, 10.0, 3.0),
+    (0.5, 20.0, 5.0), (1.0, 20.0, 5.0), (2.0, 20.0, 5.0), (1.0, 30.0, 10.0), (3.0, 30.0, 10.0),
+)  # fmt: skip
+"""Those of the first frame, those of before, and others."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A camera, and what it looks at."""
+
+    name: str
+    psf: Tensor
+    sensor: tuple[int, int]
+    side: int
+    tau: float
+
+
+def cases(folder: Path) -> Iterator[Case]:
+    """All of them."""
+    live = TwinSource(read_camera("live"), seed=0).psf()[1:2]
+    yield Case("the studio's camera", live, (live.shape[-2], live.shape[-1]), 220, 1e-4)
+    sensor = (380, 507)
+    wide = mask_psf((sensor[0] + 200, sensor[1] + 200), GREEN_ALONE)
+    yield Case("mask wider than the sensor", wide, sensor, 200, 1e-5)
+    if folder.is_dir():
+        psf = torch.from_numpy(hand(folder, 4)[0]).float()
+        yield Case("DiffuserCam", psf, (psf.shape[-2], psf.shape[-1]), 150, 1e-4)
+
+
+def frames(case: Case, speed: int) -> tuple[list[Problem], list[Tensor]]:
+    """Measurements and truths of a photograph that moves."""
+    large = linear_light(photographs.astronaut(), case.side + FRAMES * max(SPEEDS), channels=1)
+    problems, truths = [], []
+    for number in range(FRAMES):
+        start = number * speed
+        truth = large[:, 40 : 40 + case.side, start : start + case.side].contiguous()
+        seen = shot(truth, case.psf, case.sensor)
+        if problems:
+            problems.append(problems[0].measuring(seen.data))
+        else:
+            problems.append(Problem.pose(seen.psf, seen.data, region=seen.region, tau=case.tau))
+        truths.append(truth)
+    return problems, truths
+
+
+def quality(
+    problems: list[Problem], truths: list[Tensor], warm: tuple[float, ...], iterations: int
+) -> float:
+    """Mean PSNR of the last frames."""
+    with mock.patch.object(stream, "WARM", warm):
+        follower = Stream(problems[0], iterations=iterations)
+        found = [
+            psnr(scale_fit(scene, truth), truth, float(truth.max()))
+            for problem, truth in zip(problems, truths, strict=True)
+            for scene in (follower.solve(problem.data * problem.scale).scene,)
+        ]
+    return sum(found[-JUDGED:]) / JUDGED
+
+
+def main() -> None:
+    """Print a table for each camera."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path, default=Path("../shared/data"))
+    folder = parser.parse_args().data / "diffusercam-hand"
+    columns = [(speed, iterations) for speed in SPEEDS for iterations in ITERATIONS]
+    for case in cases(folder):
+        print(f"\n**{case.name}**\n")
+        print("| cells a frame / iterations | " + " | ".join(f"{s} / {i}" for s, i in columns), "|")
+        print("|---|" + "---|" * len(columns))
+        shown = {speed: frames(case, speed) for speed in SPEEDS}
+        for warm in WARM:
+            row = [f"{quality(*shown[speed], warm, count):.1f}" for speed, count in columns]
+            print(f"| {', '.join(f'{each:g}' for each in warm)} | {' | '.join(row)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
