@@ -9,6 +9,7 @@ Counts iterations, not seconds; some minutes.
 
 import argparse
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from unittest import mock
@@ -27,11 +28,17 @@ from photographed import GREEN_ALONE, linear_light, mask_psf, shot
 FRAMES, JUDGED = 12, 4
 SPEEDS = (0, 2, 10)
 ITERATIONS = (1, 2, 4, 8)
-WARM = (
-    (0.02, 2.0, 1.0), (0.1, 3.0, 1.0), (0.3, 20.0, 20.0), (0.3, 10.0, 3.0), (1.0, 10.0, 3.0),
-    (0.5, 20.0, 5.0), (1.0, 20.0, 5.0), (2.0, 20.0, 5.0), (1.0, 30.0, 10.0), (3.0, 30.0, 10.0),
-)  # fmt: skip
-"""Those of the first frame, those of before, and others."""
+OWN = "the program's own"
+WARM: dict[str, tuple[float, ...] | None] = {
+    OWN: None,
+    **{
+        ", ".join(f"{each:g}" for each in warm): warm
+        for warm in (
+            (0.02, 2.0, 1.0), (0.1, 3.0, 1.0), (0.3, 3.0, 1.0), (1.0, 3.0, 1.0), (1.0, 5.0, 2.0),
+            (0.3, 10.0, 3.0), (1.0, 10.0, 3.0), (1.0, 20.0, 5.0), (3.0, 30.0, 10.0),
+        )
+    },
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -74,10 +81,12 @@ def frames(case: Case, speed: int) -> tuple[list[Problem], list[Tensor]]:
 
 
 def quality(
-    problems: list[Problem], truths: list[Tensor], warm: tuple[float, ...], iterations: int
+    problems: list[Problem], truths: list[Tensor], warm: tuple[float, ...] | None, iterations: int
 ) -> float:
     """Mean PSNR of the last frames."""
-    with mock.patch.object(stream, "WARM", warm):
+    with ExitStack() as changed:
+        for name in () if warm is None else ("WARM", "WARM_FEW", "WARM_SPILLING"):
+            changed.enter_context(mock.patch.object(stream, name, warm))
         follower = Stream(problems[0], iterations=iterations)
         found = [
             psnr(scale_fit(scene, truth), truth, float(truth.max()))
@@ -98,9 +107,9 @@ def main() -> None:
         print("| cells a frame / iterations | " + " | ".join(f"{s} / {i}" for s, i in columns), "|")
         print("|---|" + "---|" * len(columns))
         shown = {speed: frames(case, speed) for speed in SPEEDS}
-        for warm in WARM:
+        for label, warm in WARM.items():
             row = [f"{quality(*shown[speed], warm, count):.1f}" for speed, count in columns]
-            print(f"| {', '.join(f'{each:g}' for each in warm)} | {' | '.join(row)} |", flush=True)
+            print(f"| {label} | {' | '.join(row)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -37,3 +37,15 @@ def test_each_piece_of_work_has_its_bar(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_no_bar_without_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     assert shown(monkeypatch, io.StringIO()) == ""
+
+
+def test_ctrl_c_while_the_bar_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is Ctrl-C that comes out, not what rich makes of a bar that it only half started."""
+
+    def interrupted(*_: object) -> bool:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    monkeypatch.setattr("rich.console.Console.set_live", interrupted)
+    with pytest.raises(KeyboardInterrupt), TerminalReporter() as reporter:
+        reporter.advance("mask", 0.0)

@@ -1,5 +1,7 @@
 """Iterations in a row: as the plain loop has them, for every prior, and on CUDA as a graph."""
 
+import threading
+import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -132,6 +134,23 @@ def test_what_fails_in_a_turn_is_raised(threads, set_threads):
     set_threads(threads)
     with pytest.raises(ValueError, match="broken"):
         take_turns(work, 3, 4)
+
+
+def test_what_fails_in_a_turn_ends_the_others(set_threads):
+    """Ctrl-C is raised in the first thread; the second does not go on for the rest of a stretch."""
+    done: list[int] = []
+    first = threading.current_thread()
+
+    def work(chain: int, number: int) -> None:
+        if threading.current_thread() is first:
+            raise KeyboardInterrupt
+        time.sleep(0.01)
+        done.append(number)
+
+    set_threads(2)
+    with pytest.raises(KeyboardInterrupt):
+        take_turns(work, 2, 100)
+    assert len(done) <= 2
 
 
 @on_cuda

@@ -8,7 +8,7 @@ import torch
 
 from nolens.errors import DataError, OptionError
 from nolens.operators import CroppedConvolution, Region
-from nolens.solvers import Problem, Stream, admm
+from nolens.solvers import Prior, Problem, Stream, admm
 
 SENSOR = (64, 72)
 REGION = Region.centred(32, 32, SENSOR)
@@ -53,16 +53,44 @@ def test_brightness_may_change():
     assert error(stream.solve(30 * blur(scene(0))).scene, 30 * scene(0)) < 0.1
 
 
-def test_standing_scene_converges():
+@pytest.mark.parametrize("iterations", [2, 4])
+def test_few_iterations_follow_noisy_frames(iterations):
+    """The square moves on by a cell a frame; three frames later its old place is given up."""
+    psf, blur = camera()
+    generator = torch.Generator().manual_seed(2)
+    problem = Problem.pose(psf, blur(scene(0)), region=REGION, tau=1e-5)
+    stream = Stream(problem, iterations=iterations)
+    stream.solve(blur(scene(0)))
+    for step in range(1, 10):
+        light = blur(scene(step))
+        light += 0.01 * light.mean() * torch.randn(light.shape, generator=generator)
+        found = stream.solve(light).scene
+    assert error(found, scene(9)) < 0.8 * error(found, scene(6))
+    cold = admm(problem.measuring(light), iterations=iterations, tolerance=0).scene
+    assert error(found, scene(9)) < 0.5 * error(cold, scene(9))
+
+
+@pytest.mark.parametrize("prior", list(Prior))
+def test_standing_scene_converges(prior):
     psf, blur = camera()
     data = blur(scene(0)) + 0.02 * torch.rand(
         1, *SENSOR, generator=torch.Generator().manual_seed(3)
     )
-    problem = Problem.pose(psf, data, region=REGION, tau=1e-4)
+    problem = Problem.pose(psf, data, region=REGION, tau=1e-4, prior=prior)
     best = admm(problem, iterations=3000, tolerance=0)
     stream = Stream(problem)
     frames = [stream.solve(data) for _ in range(40)]
     assert problem.objective(frames[-1].scene / problem.scale) < 1.01 * best.objective
+
+
+def test_standing_scene_is_left_as_it_is():
+    """A frame that shows what the one before showed is done long before its limit."""
+    psf, blur = camera()
+    stream = Stream(Problem.pose(psf, blur(scene(0)), region=REGION, tau=1e-4), iterations=500)
+    for _ in range(3):
+        found = stream.solve(blur(scene(0)))
+    assert found.iterations < 100
+    assert error(found.scene, scene(0)) < 0.05
 
 
 def test_frames_end_in_time():

@@ -2,6 +2,7 @@
 
 import signal
 import sys
+from contextlib import suppress
 from types import FrameType, TracebackType
 
 from rich.console import Console
@@ -48,7 +49,9 @@ class TerminalReporter:
     ) -> None:
         signal.signal(signal.SIGINT, self._before)
         if self._bar is not None:
-            self._bar.stop()
+            # Ctrl-C in the midst of the bar's start leaves it without what it wants to put away.
+            with suppress(IndexError):
+                self._bar.stop()
 
     def note(self, text: str) -> None:
         """Say something a person should know before it happens."""

@@ -70,6 +70,9 @@ def take_turns(work: Callable[[int, int], None], chains: int, length: int) -> No
                 work(chain, number)
                 if number + 1 < length:
                     waiting.append((chain, number + 1))
+        except BaseException:
+            waiting.clear()  # The others end with what they are at.
+            raise
         finally:
             _turn.taken = False
 

@@ -14,6 +14,7 @@ from nolens.solvers.result import Callback, Result, StopReason
 from nolens.solvers.smooth_part import SmoothPart
 
 RELAXATION = 1.8
+"""α of a run that is not told another."""
 _SMOOTH_AT = 12
 """Look at which the smooth part is solved for: detail is there, and penalties are still small."""
 
@@ -92,10 +93,7 @@ def admm(
         if callback is not None and callback(progress):
             stop_reason = "callback"
             break
-        stands = (
-            still_to_go(history) <= scene_tolerance and progress.residual <= scene_tolerance / 3
-        )
-        if stands or progress.residual <= tolerance:
+        if stands(history, scene_tolerance) or progress.residual <= tolerance:
             stop_reason = "converged"
             break
         if smooth is not None and state.iteration == _SMOOTH_AT:
@@ -121,6 +119,21 @@ def admm(
         stop_reason=stop_reason,
         history=history,
     )
+
+
+def stands(history: list[dict[str, float]], tolerance: float) -> bool:
+    """Whether the picture has at most tolerance · ‖w‖ still to go, and residuals agree.
+
+    Parameters
+    ----------
+    history
+        Rows of the looks (`Progress.row`), one or more.
+    tolerance
+        Relative; a third of it for the residuals.
+    """
+    last = history[-1]
+    residual = max(last["primal_residual"], last["dual_residual"])
+    return still_to_go(history) <= tolerance and residual <= tolerance / 3
 
 
 def still_to_go(history: list[dict[str, float]]) -> float:

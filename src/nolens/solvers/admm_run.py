@@ -137,7 +137,7 @@ def _progress(problem: Problem, state: AdmmState) -> Progress:
         dual_residual=dual,
         scene_change=moved,
         penalties=state.penalties,
-        scene=lambda: state.scene(),
+        scene=state.scene,
     )
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from torch import Tensor
 
 from nolens.errors import DivergenceError, OptionError
-from nolens.solvers.admm import RELAXATION, admm
+from nolens.solvers.admm import RELAXATION, admm, stands
 from nolens.solvers.admm_run import AdmmRun
 from nolens.solvers.admm_state import AdmmState
 from nolens.solvers.level import levelled
@@ -23,6 +23,7 @@ WARM_SPILLING: Penalties = (0.3, 3.0, 1.0)
 """The same where the sensor misses much of the light: what falls beside it is then the old one."""
 _KEPT = 0.75
 """Share of the light on the sensor from which on the first two are better."""
+_STOP = STOPS[Quality.PHOTO]
 _FOLLOWING = 8
 """Iterations of a frame after the first, where nothing moves faster than some cells a frame."""
 
@@ -111,11 +112,10 @@ class Stream:
 
     def _first(self, problem: Problem, deadline: "_Deadline") -> tuple[Tensor, int]:
         """Scene in unit norms and iterations of a frame that is solved as a photo is."""
-        stop = STOPS[Quality.PHOTO]
         state = AdmmState.cold(problem)
         result = admm(
-            problem, iterations=stop.iterations, tolerance=0.0,
-            scene_tolerance=stop.scene_tolerance, state=state, callback=deadline,
+            problem, iterations=_STOP.iterations, tolerance=0.0,
+            scene_tolerance=_STOP.scene_tolerance, state=state, callback=deadline,
         )  # fmt: skip
         self._run = AdmmRun(problem, state, balance=Balance(), relaxation=RELAXATION)
         return result.scene / problem.scale, result.iterations
@@ -125,8 +125,11 @@ class Stream:
         state = run.state
         warm = WARM if self._iterations >= LOOK else WARM_FEW
         run.measure(problem, warm if state.kept() > _KEPT else WARM_SPILLING)
+        history: list[dict[str, float]] = []
         while state.iteration < self._iterations:
-            if deadline(run.to_look(self._iterations)):
+            progress = run.to_look(self._iterations)
+            history.append(progress.row())
+            if deadline(progress) or stands(history, _STOP.scene_tolerance):
                 break
         scene = state.scene()
         if state.fills_view:
