@@ -65,9 +65,10 @@ bench-design: $(STAMP)
 bench-stitch: $(STAMP)
 	$(BIN)/python bench/stitch.py
 
-# Ten minutes of the studio's live view.
+# Twice ten minutes of the studio's live view.
 bench-live: $(STAMP)
 	$(BIN)/python bench/live.py --minutes 10
+	$(BIN)/python bench/live.py --minutes 10 --everywhere
 
 screenshots: $(STAMP)
 	NOLENS_SCREENSHOTS=1 $(BIN)/pytest tests/studio/test_page_*.py

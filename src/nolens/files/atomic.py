@@ -1,13 +1,16 @@
 """Writing files whole or not at all."""
 
+import errno
 import os
 import secrets
+import shutil
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from nolens.errors import FileError
 
+_LITTLE_BYTES = 1_000_000
 _staged: set[Path] = set()
 """Temporary files of `write_together` that wait for the others."""
 
@@ -57,11 +60,22 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
         temporary.replace(path)
     except OSError as error:
         raise FileError(
-            f"cannot write {path}: {error.strerror or error}. Give a path in a folder that "
+            f"cannot write {path}: {_reason(error, path.parent)}. Give a path in a folder that "
             "exists, can be written to and has space"
         ) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _reason(error: OSError, folder: Path) -> str:
+    """What the system says, or what it would have said."""
+    if error.strerror:
+        return error.strerror
+    # numpy says how much of an array was written, and not why no more.
+    with suppress(OSError):
+        if shutil.disk_usage(folder).free < _LITTLE_BYTES:
+            return f"{os.strerror(errno.ENOSPC)} ({error})"
+    return str(error)
 
 
 def check_output(path: str | Path, suffixes: Collection[str]) -> None:

@@ -62,16 +62,18 @@ def take_turns(work: Callable[[int, int], None], chains: int, length: int) -> No
         return
     waiting = deque((chain, 0) for chain in range(chains) if length > 0)
 
+    broken = threading.Event()
+
     def take() -> None:
         _turn.taken = True
         try:
-            while (turn := _next_of(waiting)) is not None:
+            while not broken.is_set() and (turn := _next_of(waiting)) is not None:
                 chain, number = turn
                 work(chain, number)
                 if number + 1 < length:
                     waiting.append((chain, number + 1))
         except BaseException:
-            waiting.clear()  # The others end with what they are at.
+            broken.set()  # The others end with what they are at.
             raise
         finally:
             _turn.taken = False
