@@ -1,6 +1,7 @@
 """Small random problems, posed to the program and to the reference alike."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 import torch
@@ -64,8 +65,9 @@ class Posed:
         return Problem.pose(**given)  # type: ignore[arg-type]
 
 
-def pose(case: Case) -> Posed:
-    """Draw PSF, scene and mask; measure by the direct sum, with noise of a part in a hundred."""
+@cache
+def _drawn(case: Case) -> tuple[Array, Array, Array]:
+    """PSF, measurement and mask of a case, whatever its prior and τ: the direct sum takes long."""
     rng = np.random.default_rng(case.seed)
     number = case.psf_channels or case.channels
     psf = rng.uniform(0, 1, (number, *case.psf))
@@ -92,7 +94,13 @@ def pose(case: Case) -> Posed:
     data += 0.01 * data.max() * rng.standard_normal(data.shape)
     valid = rng.random(data.shape) >= case.saturated
     # What float32 holds is the problem, for the program and for the reference.
-    psf, data = psf.astype(np.float32).astype(float), data.astype(np.float32).astype(float)
+    return psf.astype(np.float32).astype(float), data.astype(np.float32).astype(float), valid
+
+
+def pose(case: Case) -> Posed:
+    """Draw PSF, scene and mask; measure by the direct sum, with noise of a part in a hundred."""
+    alike = replace(case, prior=Case.prior, tau=Case.tau)
+    psf, data, valid = (each.copy() for each in _drawn(alike))
     problem = Problem.pose(
         torch.from_numpy(psf).float(),
         torch.from_numpy(data).float(),
