@@ -74,9 +74,12 @@ def test_every_row_is_there_and_the_same_seed_gives_the_same_bytes(
     rows = json.loads(one["report.json"])["result"]["rows"]
     assert [row["key"] for row in rows] and {row["key"] for row in rows} == set(PAPER)
     assert len(rows) == len(PAPER)
-    html = one["report.html"].decode()
-    assert html.count("data:image/png;base64,") == 14
-    assert not re.search(r"(src|href)=\"(?!data:image/png|#)", html)
+    # Letters that encode a picture may spell any short word.
+    html, pictures = re.subn(
+        r'"data:image/png;base64,[A-Za-z0-9+/=]+"', '"picture"', one["report.html"].decode()
+    )
+    assert pictures == 14
+    assert not re.search(r"(src|href)=\"(?!picture\"|#)", html) and "base64" not in html
     assert "url(" not in html and "http" not in html
     pdf = " ".join(
         " ".join(
@@ -89,7 +92,8 @@ def test_every_row_is_there_and_the_same_seed_gives_the_same_bytes(
         assert row["where"] in pdf
     # What differs from run to run stands elsewhere.
     for text in (html, pdf):
-        assert "2026" not in text and "/tmp" not in text and str(tmp_path) not in text
+        assert not re.search(r"20\d\d-\d\d-\d\d", text)
+        assert "/tmp" not in text and str(tmp_path) not in text
     assert "see timing.json" in html and "see timing.json" not in one["reproduction.md"].decode()
     timing = json.loads(one["timing.json"])
     assert timing["seconds"] > 0 and set(timing["photographs"]) == {
