@@ -67,7 +67,7 @@ def test_json_of_one(tmp_path: Path) -> None:
     [
         (["show", "N-BK7"], ["there is no material 'N-BK7'", "did you mean 'bk7'", "fused-silica"]),
         (["show"], ["no NAME is given", "nolens material show NAME"]),
-        (["show", "mine.toml"], ["cannot read the material mine.toml"]),
+        (["show", "mine.toml"], ["cannot read mine.toml"]),
         (["list", "air"], ["'air' is more than material list takes"]),
     ],
 )

@@ -34,8 +34,8 @@ def test_a_persons_own(tmp_path, monkeypatch):
     [
         ("n-bk7", OptionError, "there is no material 'n-bk7'; did you mean 'bk7'"),
         ("", OptionError, "there is no material ''"),
-        ("none.toml", FileError, "cannot read the material none.toml: No such file.*one of the"),
-        ("folder.toml", FileError, "cannot read the material folder.toml: Is a directory"),
+        ("none.toml", FileError, "cannot read none.toml: No such file.*one of the"),
+        ("folder.toml", FileError, "cannot read folder.toml: Is a directory"),
         ("a\0b.toml", FileError, "cannot read"),
         ("~nobody-at-all/a.toml", FileError, "cannot read"),
         ("bytes.toml", FileError, "is no TOML file"),

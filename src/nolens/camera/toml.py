@@ -2,7 +2,6 @@
 
 import re
 import textwrap
-import tomllib
 from typing import Any
 
 import tomli_w
@@ -16,7 +15,7 @@ from nolens.camera.explain import (
 from nolens.camera.materials import Material
 from nolens.camera.part import Part
 from nolens.camera.psf_set import PsfSet
-from nolens.errors import DataError
+from nolens.documents import parse_toml
 
 _WIDTH = 100
 _NUMBERS = re.compile(r"^([^\n\"]+ = )\[\n((?: {4}[-+.0-9e]+,\n)+)\]$", re.MULTILINE)
@@ -37,7 +36,7 @@ def camera_from_toml(text: str, source: str) -> Camera:
     DataError
         If it is no TOML (with line and column) or no camera.
     """
-    return camera_from_mapping(_parsed(text, source), source)
+    return camera_from_mapping(parse_toml(text, source), source)
 
 
 def material_from_toml(text: str, source: str) -> Material:
@@ -55,7 +54,7 @@ def material_from_toml(text: str, source: str) -> Material:
     DataError
         If it is no TOML (with line and column) or no material, or has the name of another one.
     """
-    return material_from_mapping(_parsed(text, source), source)
+    return material_from_mapping(parse_toml(text, source), source)
 
 
 def camera_to_toml(camera: Camera) -> str:
@@ -87,19 +86,12 @@ def psf_set_from_toml(text: str, source: str) -> PsfSet:
     DataError
         If it is no TOML (with line and column) or no list of PSFs.
     """
-    return psf_set_from_mapping(_parsed(text, source), source)
+    return psf_set_from_mapping(parse_toml(text, source), source)
 
 
 def psf_set_to_toml(psfs: PsfSet) -> str:
     """Write the list of a camera's PSFs as TOML text, which `psf_set_from_toml` reads."""
     return _dumped(psfs)
-
-
-def _parsed(text: str, source: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise DataError(f"{source} is no TOML file: {error}") from error
 
 
 def _dumped(part: Part) -> str:

@@ -18,6 +18,7 @@ from .record import (
     write_record,
 )
 from .state import read_state, write_state
+from .text_file import read_text
 from .tolerances import read_tolerances, write_trials
 from .write import write_counts, write_png, write_tiff16, write_tiff32
 from .write_dng import write_dng
@@ -59,6 +60,7 @@ __all__ = [
     "read_psf_set",
     "read_record",
     "read_state",
+    "read_text",
     "read_tolerances",
     "readable",
     "versions",

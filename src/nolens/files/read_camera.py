@@ -24,6 +24,7 @@ from nolens.errors import DataError, FileError
 from nolens.files.folder import write_into
 from nolens.files.read import read_frame
 from nolens.files.read_curve import read_angular_curve, read_spectral_curve
+from nolens.files.text_file import read_text
 
 CAMERA_FILE = "camera.toml"
 """Name of a camera's description in its folder."""
@@ -50,13 +51,7 @@ def read_camera(given: str | Path) -> OpenCamera:
     if str(given) in PRESETS:
         return _open(preset(str(given)), Path())
     path = _find(given)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise FileError(f"cannot read {path}: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise FileError(f"{path} is no TOML file: {error}") from error
-    return _open(camera_from_toml(text, str(path)), path.parent)
+    return _open(camera_from_toml(read_text(path), str(path)), path.parent)
 
 
 def camera_files(given: str | Path, camera: Camera) -> dict[str, Path]:

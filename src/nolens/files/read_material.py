@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from nolens.camera import MATERIALS, Material, material, material_from_toml
-from nolens.errors import FileError
+from nolens.files.text_file import read_text
 
 
 def read_material(given: str | Path) -> Material:
@@ -27,14 +27,6 @@ def read_material(given: str | Path) -> Material:
     path = Path(given)
     if str(given) in MATERIALS or path.suffix.lower() != ".toml":
         return material(str(given))
-    try:
-        text = path.expanduser().read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise FileError(f"{path} is no TOML file: {error}") from error
-    except (OSError, ValueError, RuntimeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise FileError(
-            f"cannot read the material {path}: {reason}. Give a .toml file, or one of the names "
-            f"{', '.join(MATERIALS)}"
-        ) from error
+    advice = f"Give a .toml file, or one of the names {', '.join(MATERIALS)}"
+    text = read_text(path, advice=advice)
     return material_from_toml(text, str(path))

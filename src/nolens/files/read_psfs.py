@@ -8,9 +8,10 @@ from torch import Tensor
 
 from nolens.camera import PsfEntry, PsfSet, psf_set_from_toml, psf_set_to_toml
 from nolens.camera.explain import psf_set_from_mapping
-from nolens.errors import DataError, FileError
+from nolens.errors import DataError
 from nolens.files.folder import write_into
 from nolens.files.read import read_frame
+from nolens.files.text_file import read_text
 from nolens.files.write import write_tiff32
 
 PSFS_FILE = "psfs.toml"
@@ -28,16 +29,8 @@ def read_psf_set(folder: str | Path) -> PsfSet:
         If it is none.
     """
     path = Path(folder) / PSFS_FILE
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise FileError(
-            f"cannot read {path}: {error.strerror or error}. Give a folder with a {PSFS_FILE}, as "
-            "nolens calibrate writes it"
-        ) from error
-    except UnicodeDecodeError as error:
-        raise FileError(f"{path} is no TOML file: {error}") from error
-    return psf_set_from_toml(text, str(path))
+    advice = f"Give a folder with a {PSFS_FILE}, as nolens calibrate writes it"
+    return psf_set_from_toml(read_text(path, advice=advice), str(path))
 
 
 def read_psf(folder: str | Path, entry: PsfEntry) -> Tensor:

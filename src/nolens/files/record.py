@@ -6,12 +6,14 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import to_json
 
-from nolens.errors import FileError
+from nolens.documents import parse_json
+from nolens.errors import DataError, FileError
 from nolens.files.atomic import atomic_write
 from nolens.files.names import readable
+from nolens.files.text_file import read_text
 
 _PACKAGES = ("nolens", "torch", "numpy", "scipy", "numba")
 
@@ -126,10 +128,8 @@ def read_record(path: str | Path) -> RunRecord:
         If there is no such file, or it is no record.
     """
     try:
-        return RunRecord.model_validate_json(Path(path).read_bytes())
-    except OSError as error:
-        raise FileError(f"cannot read {path}: {error.strerror or error}") from error
-    except ValueError:
+        return RunRecord.model_validate(parse_json(read_text(path, "JSON"), str(path)))
+    except (DataError, ValidationError):
         raise FileError(
             f"{path} is no record of a run: give the .json file that a command wrote"
         ) from None

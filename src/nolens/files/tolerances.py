@@ -5,7 +5,7 @@ from pathlib import Path
 
 from nolens.camera import Camera
 from nolens.design.tolerances import Parameter, Study, parameters_from_toml
-from nolens.errors import FileError
+from nolens.files.text_file import read_text
 
 
 def read_tolerances(path: str | Path, camera: Camera) -> tuple[Parameter, ...]:
@@ -27,17 +27,9 @@ def read_tolerances(path: str | Path, camera: Camera) -> tuple[Parameter, ...]:
     OptionError
         If a parameter, a distribution or a quantity in it cannot be used.
     """
-    path = Path(path)
-    try:
-        text = path.expanduser().read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise FileError(f"{path} is no TOML file: {error}") from error
-    except (OSError, ValueError, RuntimeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise FileError(
-            f"cannot read the tolerances {path}: {reason}. Give a .toml file such as "
-            "nolens design tolerance CAMERA --show prints"
-        ) from error
+    text = read_text(
+        path, advice="Give a .toml file such as nolens design tolerance CAMERA --show prints"
+    )
     return parameters_from_toml(text, str(path), camera)
 
 

@@ -1,7 +1,6 @@
 """Tolerances as TOML text."""
 
 import difflib
-import tomllib
 from typing import Any
 
 import tomli_w
@@ -12,6 +11,7 @@ from nolens.camera.explain import explain
 from nolens.camera.part import Part
 from nolens.design.tolerances.distributions import DISTRIBUTIONS, Parameter
 from nolens.design.tolerances.variables import Variable, find, variables
+from nolens.documents import parse_toml
 from nolens.errors import DataError, OptionError
 from nolens.quantities import Angle, Length, Quantity, Share
 
@@ -59,9 +59,7 @@ def parameters_from_toml(text: str, source: str, camera: Camera) -> tuple[Parame
         wrong one, or a negative tolerance.
     """
     try:
-        table = _Table.model_validate(tomllib.loads(text))
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise DataError(f"{source} is no TOML file: {error}") from error
+        table = _Table.model_validate(parse_toml(text, source))
     except ValidationError as error:
         raise DataError(f"{source}: {explain(error)}") from None
     known = variables(camera)

@@ -2,14 +2,15 @@
 
 import difflib
 import re
-import tomllib
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, Field, ValidationError, field_validator
 
-from nolens.errors import FileError, OptionError
+from nolens.documents import parse_toml
+from nolens.errors import OptionError
+from nolens.files import read_text
 from nolens.jobs.device import DeviceName
 from nolens.jobs.given import JobOptions, Written, check_apart, expand_home, explain, lasting
 from nolens.operators import Region
@@ -141,6 +142,8 @@ class ReconstructOptions(JobOptions):
         ------
         FileError
             If the TOML file cannot be read.
+        DataError
+            If it is no TOML file.
         OptionError
             If a name is unknown (with the nearest known one) or a value cannot be used.
         """
@@ -239,12 +242,7 @@ def parse_window(text: str, sensor: tuple[int, int], option: str) -> Region:
 
 
 def _read_config(path: Path) -> dict[str, Any]:
-    try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise FileError(f"cannot read {path}: {error.strerror or error}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise FileError(f"{path} is no TOML file: {error}") from error
+    values = parse_toml(read_text(path), str(path))
     names = [name.replace("-", "_") for name in values]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice:

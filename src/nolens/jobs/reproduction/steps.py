@@ -1,7 +1,6 @@
 """Steps of a long job whose results are kept, so that it goes on where it was interrupted."""
 
 import hashlib
-import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,12 +8,14 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel, ConfigDict, TypeAdapter
 from pydantic_core import to_json
 from torch import Tensor
 
 import nolens
-from nolens.errors import FileError, NolensError
-from nolens.files import read_frame, versions, write_into, write_tiff32
+from nolens.documents import parse_json
+from nolens.errors import NolensError
+from nolens.files import read_frame, read_text, versions, write_into, write_tiff32
 from nolens.jobs.cost import duration_text
 from nolens.jobs.reporter import Reporter
 
@@ -139,6 +140,38 @@ def within(tick: Tick, start: float, length: float) -> Tick:
     return lambda share: tick(start + length * share)
 
 
+class _Kept(BaseModel):
+    """What found.json holds; with a digest, as no schema knows the figures of every step.
+
+    Attributes
+    ----------
+    key
+        Of the step.
+    figures, refused
+        As `Found` has them.
+    arrays
+        SHA-256 of each array, by name.
+    digest
+        SHA-256 of all the rest.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    key: str
+    figures: dict[str, Any]
+    arrays: dict[str, str]
+    refused: str | None
+    digest: str = ""
+
+    @property
+    def expected(self) -> str:
+        text = to_json(self.model_dump(exclude={"digest"}), inf_nan_mode="null")
+        return hashlib.sha256(text).hexdigest()
+
+
+_SECONDS = TypeAdapter(dict[str, float])
+
+
 @cache
 def code_digest() -> str:
     """SHA-256 of the files of nolens that results follow from."""
@@ -154,19 +187,20 @@ def code_digest() -> str:
 
 def _write(folder: Path, key: str, found: Found, taken: float) -> None:
     """Files of a step, all or none."""
-    told = {
-        "key": key,
-        "figures": found.figures,
-        "arrays": sorted(found.arrays),
-        "refused": found.refused,
-    }
+    kept = _Kept(
+        key=key,
+        figures=dict(found.figures),
+        arrays={name: _array_digest(array) for name, array in sorted(found.arrays.items())},
+        refused=found.refused,
+    )
+    kept = kept.model_copy(update={"digest": kept.expected})
     seconds = {"all": round(taken, 3), **{name: round(s, 3) for name, s in found.seconds.items()}}
     writers: dict[Path, Callable[[Path], None]] = {
         folder / f"{name}.tif": partial(write_tiff32, radiance=array)
         for name, array in found.arrays.items()
     }
     writers[folder / _TIMING] = partial(_write_json, value=seconds)
-    writers[folder / _FOUND] = partial(_write_json, value=told)
+    writers[folder / _FOUND] = partial(_write_json, value=kept.model_dump())
     write_into(folder, writers)
 
 
@@ -177,11 +211,23 @@ def _write_json(path: Path, value: dict[str, Any]) -> None:
 def _load(folder: Path, key: str) -> Found | None:
     """A result of the same parameters and code; None where there is none, or it is damaged."""
     try:
-        told = json.loads((folder / _FOUND).read_text())
-        if told["key"] != key:
+        kept = _Kept.model_validate(_json(folder / _FOUND))
+        if kept.key != key or kept.digest != kept.expected:
             return None
-        seconds = json.loads((folder / _TIMING).read_text())
-        arrays = {name: read_frame(folder / f"{name}.tif").counts for name in told["arrays"]}
-        return Found(told["figures"], arrays, seconds, told["refused"])
-    except (OSError, ValueError, KeyError, FileError):
+        seconds = _SECONDS.validate_python(_json(folder / _TIMING))
+        arrays = {name: read_frame(folder / f"{name}.tif").counts for name in kept.arrays}
+    # pydantic's errors are ValueErrors.
+    except (NolensError, ValueError):
         return None
+    if any(_array_digest(arrays[name]) != digest for name, digest in kept.arrays.items()):
+        return None
+    return Found(kept.figures, arrays, seconds, kept.refused)
+
+
+def _json(path: Path) -> Any:
+    return parse_json(read_text(path, "JSON"), str(path))
+
+
+def _array_digest(array: Tensor) -> str:
+    values = array.detach().cpu().numpy()
+    return hashlib.sha256(f"{values.shape}".encode() + values.tobytes()).hexdigest()
