@@ -18,8 +18,7 @@ from torch import Tensor
 from machine import describe
 from nolens.evaluate import affine_fit, psnr, ssim
 from nolens.files import write_png
-from nolens.jobs import Outcome, ReconstructOptions, reconstruct
-from nolens.solvers import Progress
+from nolens.jobs import Outcome, ReconstructOptions, Reporter, reconstruct
 
 OUT = Path("docs") / "results"
 PAIRS = ("im43", "im65", "im157", "im189", "im394")
@@ -27,19 +26,12 @@ PAIRS = ("im43", "im65", "im157", "im189", "im394")
 SCREEN = (0, 60, 270, 410)
 
 
-class Quiet:
+class Quiet(Reporter):
     """Passes warnings on, and nothing else."""
-
-    def note(self, text: str) -> None:
-        """Leave it."""
 
     def warn(self, text: str) -> None:
         """Show it."""
         print(f"warning: {text}", file=sys.stderr)
-
-    def progress(self, progress: Progress, limit: int) -> bool:
-        """Go on."""
-        return False
 
 
 def hand(data: Path) -> Outcome:

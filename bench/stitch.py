@@ -25,7 +25,7 @@ from nolens.calibrate.surround import filled
 from nolens.camera import PsfEntry, develop
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import read_camera, write_camera, write_png, write_psfs
-from nolens.jobs import CalibrateStitchOptions, calibrate_stitch
+from nolens.jobs import CalibrateStitchOptions, Reporter, calibrate_stitch
 from nolens.jobs.optical_bench import OpticalBench, Photographed, solved
 from nolens.jobs.reproduction.photographs import PAPERS_PENALTIES, PAPERS_TAU
 from nolens.jobs.sample_pictures import sample_picture
@@ -41,18 +41,12 @@ FRAMES, ITERATIONS, TAU = 4, 200, 1e-5
 PAPERS_ITERATIONS = 300
 
 
-class Quiet:
+class Quiet(Reporter):
     """Passes warnings on, and nothing else."""
-
-    def note(self, text: str) -> None:
-        """Leave it."""
 
     def warn(self, text: str) -> None:
         """Show it."""
         print(f"warning: {text}", file=sys.stderr)
-
-    def advance(self, what: str, share: float) -> None:
-        """Go on."""
 
 
 def captures(bench: OpticalBench) -> dict[PsfEntry, Tensor]:

@@ -8,7 +8,13 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from nolens.errors import OptionError
-from nolens.jobs import Method, ReconstructOptions
+from nolens.jobs import (
+    MeasureFieldOptions,
+    Method,
+    ReconstructOptions,
+    Reporter,
+    SimulateOptions,
+)
 from nolens.jobs.reconstruction.options import check_apart, parse_window
 from nolens.operators import Region
 
@@ -46,6 +52,23 @@ def test_defaults_and_given_values() -> None:
     assert ReconstructOptions.gather({**FILES, "black": "auto"}, None).black == "auto"
     with pytest.raises(ValidationError):
         options.tau = 1.0  # type: ignore[misc]
+
+
+def test_one_text_or_path_where_several_are_meant() -> None:
+    for output in ("o.png", Path("o.png"), ["o.png"]):
+        assert ReconstructOptions(**{**FILES, "output": output}).output == (Path("o.png"),)
+    with pytest.raises(ValidationError, match="tuple"):
+        ReconstructOptions(**{**FILES, "output": 3})
+    options = SimulateOptions.gather({"scenes": "a.png", "output": "r.tif", "distance": "8cm"})
+    assert options.scenes == (Path("a.png"),) and str(options.distance[0]) == "8 cm"
+    field = MeasureFieldOptions.model_validate({"simulate": "small", "angles": "0deg,5deg"})
+    assert len(field.angles) == 2
+
+
+def test_a_reporter_that_says_nothing() -> None:
+    reporter = Reporter()
+    reporter.warn("unheard")
+    assert not reporter.step("frame", 1, 2, "the pictures")
 
 
 @pytest.mark.parametrize("missing", FILES)

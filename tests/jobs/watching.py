@@ -1,9 +1,9 @@
 """Whoever watches a job run, and remembers what it was told."""
 
-from nolens.solvers import Progress
+from nolens.jobs import Reporter
 
 
-class Watcher:
+class Watcher(Reporter):
     """Remembers what it is told."""
 
     def __init__(self) -> None:
@@ -19,9 +19,3 @@ class Watcher:
 
     def advance(self, what: str, share: float) -> None:
         self.shares.append(share)
-
-    def step(self, what: str, done: int, limit: int, kept: str) -> bool:
-        return False
-
-    def progress(self, progress: Progress, limit: int) -> bool:
-        return False

@@ -4,6 +4,7 @@ import importlib
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from posed import Case, pose
@@ -185,15 +186,26 @@ BAD = {
     "PSF lower than the sensor": ({"psf": _ones(1, 3, 5)}, DataError, "3×5.*4×5"),
     "PSF narrower": ({"psf": _ones(1, 4, 4)}, DataError, "4×4.*4×5"),
     "channels": ({"psf": _ones(2, 4, 5), "data": _ones(3, 4, 5)}, DataError, "2 channels.* 3"),
-    "no channel axis": ({"data": _ones(4, 5)}, DataError, r"\(4, 5\)"),
+    "a fourth axis": ({"data": _ones(2, 1, 4, 5)}, DataError, r"\(2, 1, 4, 5\)"),
+    "channels last": ({"data": _ones(9, 5, 3)}, DataError, r"\(9, 5, 3\).*permute\(2, 0, 1\)"),
+    "channels of the PSF last": ({"psf": np.ones((9, 5, 1))}, DataError, r"PSF is.*transpose"),
+    "counts": ({"data": _ones(1, 4, 5).to(torch.int16)}, DataError, "int16.*black level"),
+    "text": ({"psf": [["a", "b"]]}, DataError, "PSF is list"),
     "mask of another size": (
         {"valid": torch.ones(1, 4, 4, dtype=torch.bool)},
         DataError,
         r"\(1, 4, 4\).*\(1, 4, 5\)",
     ),
-    "mask that is not bool": ({"valid": _ones(1, 4, 5)}, DataError, "torch.float32.*torch.bool"),
+    "mask that is not bool": ({"valid": _ones(1, 4, 5)}, DataError, "float32.*be bool"),
     "negative tau": ({"tau": -0.25}, OptionError, "-0.25"),
     "tau is NaN": ({"tau": math.nan}, OptionError, "nan"),
+    "tau is infinite": ({"tau": math.inf}, OptionError, "inf"),
+    "tau is text": ({"tau": "small"}, OptionError, "'small'.*0 or more"),
+    "unknown prior": ({"prior": "foo"}, OptionError, "'foo'; give one of tv, isotropic-tv, l1"),
+    "prior is a function": ({"prior": lambda x: x}, OptionError, "lambda.*one of tv"),
+    "three sides": ({"region": (1, 2, 3)}, OptionError, r"\(1, 2, 3\); give \(height, width\)"),
+    "half a pixel": ({"region": (1.5, 2)}, OptionError, r"\(1.5, 2\)"),
+    "region is text": ({"region": "2x2"}, OptionError, "'2x2'"),
     "region beside": ({"region": Region(40, 0, 2, 2)}, OptionError, "cells 40 to 41"),
 }
 
@@ -202,6 +214,38 @@ BAD = {
 def test_bad_problem_is_refused(changed, error, message):
     with pytest.raises(error, match=message):
         Problem.pose(**{"psf": _ones(1, 4, 5), "data": _ones(1, 4, 5), **changed})
+
+
+@pytest.mark.parametrize("prior", list(Prior))
+def test_what_a_notebook_has_poses_the_same_problem(prior):
+    """Words, NumPy's arrays, sizes alone, a PSF that asks for gradients."""
+    posed = pose(replace(CASE, channels=1, prior=prior.value, region=Region.centred(4, 6, (6, 8))))
+    wanted = admm(posed.problem, iterations=8).scene
+    ways = {
+        "arrays": {"psf": posed.psf, "data": posed.data, "valid": posed.valid},
+        "without channels": {"psf": posed.psf[0], "data": posed.data[0], "valid": posed.valid[0]},
+        "a view": {"psf": posed.psf[:, ::-1].copy()[:, ::-1], "region": np.array([4, 6])},
+        "four sides": {"region": (1, 1, 4, 6)},
+        "gradients": {"psf": torch.from_numpy(posed.psf).float().requires_grad_()},
+    }
+    for name, given in ways.items():
+        problem = posed.pose(**{"region": (4, 6), "prior": prior.value, **given})
+        assert problem.prior is prior, name
+        assert problem.forward.region == Region(1, 1, 4, 6), name
+        assert torch.equal(admm(problem, iterations=8).scene, wanted), name
+
+
+def test_the_photograph_is_the_sensors_frame_or_the_region():
+    for region, shape in ((None, (2, 6, 8)), (Region(1, 2, 4, 5), (2, 4, 5))):
+        problem = pose(replace(CASE, region=region)).problem
+        for solve in (admm, fista, wiener):
+            result = solve(problem)
+            assert result.photograph.shape == shape
+            top, left = (-at for at in problem.forward.geometry.origin)
+            if region is None:
+                assert result.scene.shape[1] > 6
+                assert torch.equal(result.photograph[:, 0, 0], result.scene[:, top, left])
+            assert len(repr(result)) < 120 and len(repr(problem)) < 200
 
 
 def test_wiener_needs_a_weight():

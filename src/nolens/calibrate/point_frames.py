@@ -115,7 +115,9 @@ def check_alike(frame: Frame, first: Frame, role: str = "frame") -> None:
     both = f"the {role} {frame.source}", f"but {first.source}"
     remedy = "give frames of one camera, taken with one setting of it"
     if frame.counts.shape != first.counts.shape or frame.channels != first.channels:
-        shapes = [f"{each.size} pixels ({', '.join(each.channels)})" for each in (frame, first)]
+        shapes = [
+            f"{each.size_text} pixels ({', '.join(each.channels)})" for each in (frame, first)
+        ]
         raise DataError(f"{both[0]} has {shapes[0]}, {both[1]} has {shapes[1]}: {remedy}")
     if frame.mosaic != first.mosaic:
         raise DataError(

@@ -1,6 +1,6 @@
 """What a camera's file holds, before anything is done to it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from torch import Tensor
 
@@ -36,7 +36,7 @@ class Frame:
         Whether the file says its black level.
     """
 
-    counts: Tensor
+    counts: Tensor = field(repr=False)
     channels: tuple[str, ...]
     mosaic: str | None
     black: tuple[float, ...]
@@ -47,7 +47,12 @@ class Frame:
     black_stated: bool = False
 
     @property
-    def size(self) -> str:
+    def size(self) -> tuple[int, int]:
+        """(height, width) in pixels."""
+        return self.counts.shape[-2], self.counts.shape[-1]
+
+    @property
+    def size_text(self) -> str:
         """Height and width in pixels, as text for messages."""
         return size_text(self.counts)
 

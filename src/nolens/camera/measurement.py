@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 import torch.nn.functional as nnf
@@ -36,15 +36,20 @@ class Measurement:
         Whether a file, a dark frame or a person said what no light is.
     """
 
-    values: Tensor
-    valid: Tensor
+    values: Tensor = field(repr=False)
+    valid: Tensor = field(repr=False)
     channels: tuple[str, ...]
     mosaic: str | None
     source: str
     black_stated: bool = False
 
     @property
-    def size(self) -> str:
+    def size(self) -> tuple[int, int]:
+        """(height, width) in pixels."""
+        return self.values.shape[-2], self.values.shape[-1]
+
+    @property
+    def size_text(self) -> str:
         """Height and width in pixels, as text for messages."""
         return size_text(self.values)
 
@@ -153,7 +158,7 @@ def dark_corner(frame: Frame) -> float:
     need = _CORNER_START + _CORNER_SIZE
     if min(frame.counts.shape[-2:]) < need:
         raise DataError(
-            f"{frame.source} is {frame.size} pixels, too small to read a black level off its "
+            f"{frame.source} is {frame.size_text} pixels, too small to read a black level off its "
             f"corners ({need}×{need} at least): give the black level as a number"
         )
     return darkest_corner(frame.counts)
@@ -261,7 +266,7 @@ def _merge_cells(frame: Frame, values: Tensor, valid: Tensor) -> tuple[Tensor, T
     assert frame.mosaic is not None
     rows, columns = (n // 2 * 2 for n in values.shape[-2:])
     if rows == 0 or columns == 0:
-        raise DataError(f"{frame.source} is {frame.size} pixels: no 2×2 cell of a mosaic fits")
+        raise DataError(f"{frame.source} is {frame.size_text} pixels: no 2×2 cell of a mosaic fits")
     colours = colour_planes(values[0, :rows, :columns], frame.mosaic)
     masks = colour_planes(valid[0, :rows, :columns], frame.mosaic)
     merged = [sum(cells[1:], cells[0]) / len(cells) for cells in colours.values()]

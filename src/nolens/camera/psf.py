@@ -97,8 +97,8 @@ def _scale_that_fits(
     height, width = psf.values.shape[-2:]
     rows, columns = measurement.values.shape[-2:]
     sizes = (
-        f"the PSF {psf.source} has {psf.size} pixels, the measurement "
-        f"{measurement.source} has {measurement.size}"
+        f"the PSF {psf.source} has {psf.size_text} pixels, the measurement "
+        f"{measurement.source} has {measurement.size_text}"
     )
     if height < rows or width < columns:
         raise DataError(

@@ -12,7 +12,7 @@ from nolens.cli.app import Json, Output, Quantity, Whole, given_options
 from nolens.cli.messages import show
 from nolens.cli.terminal import TerminalReporter
 from nolens.errors import OptionError
-from nolens.jobs import CaptureOptions, capture_frames
+from nolens.jobs import CaptureOptions, CaptureReporter, capture_frames
 
 Camera = Parameter(group="Camera")
 What = Parameter(group="What is taken")
@@ -23,7 +23,7 @@ _WIDTH = 32
 _LISTED = 12
 
 
-class CaptureTerminal(TerminalReporter):
+class CaptureTerminal(TerminalReporter, CaptureReporter):
     """Shows the histogram of the newest frame beside the bar."""
 
     def __init__(self) -> None:

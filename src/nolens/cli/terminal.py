@@ -9,10 +9,11 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from nolens.cli.messages import say
+from nolens.jobs.reporter import Reporter
 from nolens.solvers import Progress as Iteration
 
 
-class TerminalReporter:
+class TerminalReporter(Reporter):
     """Notes and warnings on standard error; a progress bar where that is a terminal.
 
     The first Ctrl-C during work that goes in steps ends it after a step, and what is done so far

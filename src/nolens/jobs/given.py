@@ -2,13 +2,20 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from nolens.errors import OptionError
-from nolens.quantities import Duration
+from nolens.quantities import Duration, Quantity
 
 
 class Written(NamedTuple):
@@ -34,6 +41,15 @@ class JobOptions(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    @field_validator("*", mode="before")
+    @classmethod
+    def _one_of_several(cls, value: Any, info: ValidationInfo) -> Any:
+        """One text, path or quantity stands for a tuple of it, where any number is meant."""
+        field = cls.model_fields[str(info.field_name)]
+        read = any(isinstance(each, BeforeValidator) for each in field.metadata)
+        one = isinstance(value, (str, Path, Quantity)) and not read
+        return (value,) if one and _takes_several(field.annotation) else value
+
     @classmethod
     def checked(cls, given: Mapping[str, Any]) -> Self:
         """Options from values by name.
@@ -57,6 +73,13 @@ class JobOptions(BaseModel):
     def written(self) -> tuple[Written, ...]:
         """Files that are written."""
         raise NotImplementedError
+
+
+def _takes_several(annotation: Any) -> bool:
+    """Whether a type is a tuple of any length, or is one of several that a value may have."""
+    if get_origin(annotation) is tuple:
+        return get_args(annotation)[-1] is Ellipsis
+    return any(_takes_several(each) for each in get_args(annotation))
 
 
 def expand_home(path: Path) -> Path:

@@ -1,12 +1,13 @@
 """What a job tells whoever watches it run."""
 
-from typing import Protocol
-
 from nolens.solvers import Progress
 
 
-class Reporter(Protocol):
-    """Whoever watches a job run."""
+class Reporter:
+    """Whoever watches a job run; this one says nothing and lets it run to its end.
+
+    Others derive from it and show what they want to.
+    """
 
     def note(self, text: str) -> None:
         """Say something a person should know before it happens."""
@@ -19,6 +20,8 @@ class Reporter(Protocol):
 
     def step(self, what: str, done: int, limit: int, kept: str) -> bool:
         """See how many steps of some work are done; True ends it, and what it kept is written."""
+        return False
 
     def progress(self, progress: Progress, limit: int) -> bool:
         """See an iteration; True stops the solver, and the picture so far is written."""
+        return False

@@ -35,6 +35,7 @@ class CroppedConvolution(LinearOperator):
 
     def __init__(self, psf: Tensor, sensor: tuple[int, int], region: Region | None = None) -> None:
         self.sensor = sensor
+        self.region = region
         self.channels = psf.shape[-3]
         self._channel_axis = (self.channels,) if self.channels > 1 else ()
         self.geometry = Geometry.lay_out(sensor, (psf.shape[-2], psf.shape[-1]), region)

@@ -61,9 +61,8 @@ class Solving:
         """The part of a scene that is shown: the region, or without one the sensor's frame."""
         if self.region is not None:
             return scene
-        geometry = self.pose(psf).forward.geometry
-        top, left = -geometry.origin[0], -geometry.origin[1]
-        return scene[..., top : top + self.sensor[0], left : left + self.sensor[1]]
+        top, left, height, width = self.pose(psf).frame
+        return scene[..., top : top + height, left : left + width]
 
     def coarser(self, bin_by: int, iterations: int) -> "Solving":
         """The same on cells of `bin_by`² cells, with fewer iterations."""

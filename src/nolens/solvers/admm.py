@@ -117,6 +117,7 @@ def admm(
         objective=objective,
         iterations=state.iteration,
         stop_reason=stop_reason,
+        frame=problem.frame,
         history=history,
     )
 

@@ -88,6 +88,7 @@ def fista(
         objective=problem.objective(v),
         iterations=len(history),
         stop_reason=stop_reason,
+        frame=problem.frame,
         history=history,
     )
 

@@ -4,9 +4,8 @@ from collections.abc import Callable
 from threading import Condition, Thread
 from types import TracebackType
 
-from torch import Tensor
-
 from nolens.errors import NolensError
+from nolens.solvers.inputs import Plane
 from nolens.solvers.stream import Frame, Stream
 
 
@@ -32,7 +31,7 @@ class Live:
         self.dropped = 0
         self.refused = 0
         self._stream, self._show = stream, show
-        self._waiting: tuple[Tensor, Tensor | None] | None = None
+        self._waiting: tuple[Plane, Plane | None] | None = None
         self._ending = False
         self._failure: BaseException | None = None
         self._changed = Condition()
@@ -55,7 +54,7 @@ class Live:
         if self._failure is not None and error is None:
             raise self._failure
 
-    def offer(self, data: Tensor, valid: Tensor | None = None) -> None:
+    def offer(self, data: Plane, valid: Plane | None = None) -> None:
         """Hand over the newest frame, and return at once.
 
         Parameters
@@ -68,7 +67,7 @@ class Live:
             self._waiting = data, valid
             self._changed.notify()
 
-    def _next(self) -> tuple[Tensor, Tensor | None] | None:
+    def _next(self) -> tuple[Plane, Plane | None] | None:
         with self._changed:
             self._changed.wait_for(lambda: self._waiting is not None or self._ending)
             frame, self._waiting = self._waiting, None

@@ -1,14 +1,23 @@
 """The reconstruction problem of eq. 7, posed so that no constant factor matters."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import torch
 from torch import Tensor
 
 from nolens.camera.finite import all_finite
-from nolens.errors import DataError, OptionError
-from nolens.operators import CroppedConvolution, FiniteDifference, Region
+from nolens.errors import DataError
+from nolens.operators import CroppedConvolution, FiniteDifference
+from nolens.solvers.inputs import (
+    Plane,
+    Support,
+    channels_of,
+    mask_of,
+    one_of,
+    region_of,
+    weight_of,
+)
 
 
 class Prior(StrEnum):
@@ -36,60 +45,64 @@ class Problem:
     Make one with `Problem.pose`.
     """
 
-    forward: CroppedConvolution
-    data: Tensor
+    forward: CroppedConvolution = field(repr=False)
+    data: Tensor = field(repr=False)
     """(channels, height, width) of the sensor, unit norm, zero where not valid."""
-    valid: Tensor
+    valid: Tensor = field(repr=False)
     """bool, like `data`: pixels that take part in the fit."""
     tau: float
     prior: Prior
-    scale: Tensor
+    scale: Tensor = field(repr=False)
     """Measurement's norm over PSF's norm, for each channel."""
-    psf_norm: Tensor
+    psf_norm: Tensor = field(repr=False)
 
     @classmethod
     def pose(
         cls,
-        psf: Tensor,
-        data: Tensor,
+        psf: Plane,
+        data: Plane,
         *,
-        valid: Tensor | None = None,
-        region: Region | None = None,
+        valid: Plane | None = None,
+        region: Support | None = None,
         tau: float = 1e-4,
-        prior: Prior = Prior.TV,
+        prior: Prior | str = Prior.TV,
     ) -> "Problem":
         """Normalise PSF and measurement and lay out the transforms.
+
+        Arrays may be tensors or NumPy's; those become float32. No gradient goes through a solver.
 
         Parameters
         ----------
         psf
-            `(channels, height, width)` or `(1, height, width)`, of the sensor's size or wider,
-            background removed.
+            `(channels, height, width)`, `(1, height, width)` or `(height, width)`, of the sensor's
+            size or wider, background removed, floating point.
         data
-            `(channels, height, width)`, linear, background removed.
+            `(channels, height, width)` or `(height, width)`, linear, background removed.
         valid
-            False where a pixel is to be left out of the fit (saturated).
+            Like `data`, bool: False where a pixel is to be left out of the fit (saturated).
         region
-            Cells of the sensor's frame that light can come from; None for no limit.
+            Pixels of the sensor's frame that light can come from: a `Region`, (height, width)
+            around the sensor's middle, or (top, left, height, width); None for no limit.
         tau
             Weight of the prior in unit norms, ≥ 0.
         prior
-            What the scene is assumed to be like.
+            What the scene is assumed to be like: a `Prior` or its text.
 
         Raises
         ------
         DataError
-            If shapes do not fit, or PSF or data hold NaN or nothing but zeros.
+            If shapes, types or devices do not fit, or PSF or data hold NaN or nothing but zeros.
         OptionError
-            If `tau` is negative, or no light from the region reaches the sensor.
+            If `tau`, `prior` or `region` is none, or no light from the region reaches the sensor.
         """
-        if not tau >= 0:
-            raise OptionError(f"tau is {tau:g}; it weighs the prior and must be 0 or more")
-        _check_shapes(psf, data, valid)
+        tau, prior = weight_of(tau), one_of(Prior, prior, "prior")
+        psf, data = channels_of(psf, "PSF"), channels_of(data, "measurement")
+        valid = mask_of(valid, data)
+        _check_fit(psf, data, valid)
+        precision = torch.promote_types(psf.dtype, data.dtype)
+        psf, data = psf.to(precision), data.to(precision)
         sensor = (data.shape[-2], data.shape[-1])
-        if valid is None:
-            valid = torch.ones_like(data, dtype=torch.bool)
-        forward = CroppedConvolution(psf, sensor, region)
+        forward = CroppedConvolution(psf, sensor, region_of(region, sensor))
         top, left, height, width = forward.geometry.psf
         psf_norm = _norm(psf[:, top : top + height, left : left + width], "the PSF")
         data = torch.where(valid, data, 0)
@@ -99,13 +112,13 @@ class Problem:
             forward=forward,
             data=data / data_norm,
             valid=valid,
-            tau=float(tau),
+            tau=tau,
             prior=prior,
             scale=data_norm / psf_norm,
             psf_norm=psf_norm,
         )
 
-    def measuring(self, data: Tensor, valid: Tensor | None = None) -> "Problem":
+    def measuring(self, data: Plane, valid: Plane | None = None) -> "Problem":
         """The same problem for another measurement: no transform is laid out again.
 
         Parameters
@@ -118,8 +131,9 @@ class Problem:
         DataError
             If they do not fit, or hold NaN or nothing but zeros.
         """
-        valid = torch.ones_like(data, dtype=torch.bool) if valid is None else valid
-        if data.shape != self.data.shape or valid.shape != data.shape:
+        data = channels_of(data, "measurement").to(self.data)
+        valid = mask_of(valid, data).to(data.device)
+        if data.shape != self.data.shape:
             raise DataError(
                 f"the measurement is {tuple(data.shape)}, and those before it were "
                 f"{tuple(self.data.shape)}: (channels, height, width) must be the same"
@@ -139,6 +153,18 @@ class Problem:
     def scene_shape(self) -> tuple[int, int, int]:
         """(channels, height, width) of a scene."""
         return (self.channels, *self.forward.geometry.scene[2:])
+
+    @property
+    def frame(self) -> tuple[int, int, int, int]:
+        """Window (top, left, height, width) of a scene that is its photograph.
+
+        The region; without one, the sensor's frame. Around that lies what the sensor sees of its
+        surroundings.
+        """
+        geometry, sensor = self.forward.geometry, self.forward.sensor
+        if self.forward.region is not None:
+            return (0, 0, geometry.scene[2], geometry.scene[3])
+        return (-geometry.origin[0], -geometry.origin[1], *sensor)
 
     def transfer(self, channel: int) -> Tensor:
         """Half spectrum of a channel's PSF; a single PSF serves all channels."""
@@ -190,12 +216,7 @@ class Problem:
         return scene * self.scale
 
 
-def _check_shapes(psf: Tensor, data: Tensor, valid: Tensor | None) -> None:
-    for name, tensor in (("PSF", psf), ("measurement", data)):
-        if tensor.ndim != 3:
-            raise DataError(
-                f"the {name} must be (channels, height, width), and is {tuple(tensor.shape)}"
-            )
+def _check_fit(psf: Tensor, data: Tensor, valid: Tensor) -> None:
     if psf.shape[0] not in (1, data.shape[0]):
         raise DataError(
             f"the PSF has {psf.shape[0]} channels and the measurement {data.shape[0]}; "
@@ -203,16 +224,15 @@ def _check_shapes(psf: Tensor, data: Tensor, valid: Tensor | None) -> None:
         )
     if psf.shape[1] < data.shape[1] or psf.shape[2] < data.shape[2]:
         raise DataError(
-            f"the PSF has {psf.shape[1]}×{psf.shape[2]} cells (height × width) and the "
+            f"the PSF has {psf.shape[1]}×{psf.shape[2]} pixels (height × width) and the "
             f"measurement {data.shape[1]}×{data.shape[2]}; the PSF must be as large or larger"
         )
-    if valid is not None and (valid.shape != data.shape or valid.dtype != torch.bool):
+    if not psf.device == data.device == valid.device:
         raise DataError(
-            f"the mask of valid pixels is {tuple(valid.shape)} of {valid.dtype}; it must have the "
-            f"measurement's shape, {tuple(data.shape)}, and be torch.bool"
+            f"the PSF is on {psf.device}, the measurement on {data.device} and its mask on "
+            f"{valid.device}; put all on one device"
         )
-    seen = data if valid is None else torch.where(valid, data, 0)
-    for name, tensor in (("PSF", psf), ("measurement", seen)):
+    for name, tensor in (("PSF", psf), ("measurement", torch.where(valid, data, 0))):
         if not all_finite(tensor):
             raise DataError(f"the {name} holds NaN or infinity; give finite values")
 

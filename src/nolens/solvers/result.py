@@ -67,12 +67,15 @@ class Result:
     Parameters
     ----------
     scene
-        Radiance on the scene's cells, `(channels, height, width)`, in units of the
-        measurement over the PSF.
+        Radiance on the scene's pixels, `(channels, height, width)`, in units of the
+        measurement over the PSF. Without a region that is all that the sensor can see, so it is
+        larger than the sensor's frame: `photograph` is the part to look at.
     objective
         Exact, of this scene: ½‖b − CMv‖² + τ·R(v) in unit norms, mean over channels.
     iterations, stop_reason
         How far it went, and why it stopped.
+    frame
+        Window (top, left, height, width) of the scene that `photograph` is (`Problem.frame`).
     history
         A row for each look (`Progress.row`).
     """
@@ -81,4 +84,18 @@ class Result:
     objective: float
     iterations: int
     stop_reason: StopReason
+    frame: tuple[int, int, int, int]
     history: list[dict[str, float]] = field(default_factory=list)
+
+    @property
+    def photograph(self) -> Tensor:
+        """The scene's region; without one, what lies in the sensor's frame."""
+        top, left, height, width = self.frame
+        return self.scene[..., top : top + height, left : left + width]
+
+    def __repr__(self) -> str:
+        scene = "×".join(str(side) for side in self.scene.shape)
+        return (
+            f"Result(scene {scene}, objective {self.objective:.4g}, {self.iterations} iterations, "
+            f"{self.stop_reason})"
+        )

@@ -1,7 +1,7 @@
 """A sequence of measurements, each reconstructed from where the one before it ended."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from torch import Tensor
 
@@ -9,6 +9,7 @@ from nolens.errors import DivergenceError, OptionError
 from nolens.solvers.admm import RELAXATION, admm, stands
 from nolens.solvers.admm_run import AdmmRun
 from nolens.solvers.admm_state import AdmmState
+from nolens.solvers.inputs import Plane
 from nolens.solvers.level import levelled
 from nolens.solvers.penalties import LOOK, Balance, Penalties
 from nolens.solvers.problem import Problem
@@ -42,7 +43,7 @@ class Frame:
         That it took.
     """
 
-    scene: Tensor
+    scene: Tensor = field(repr=False)
     iterations: int
     seconds: float
 
@@ -83,7 +84,7 @@ class Stream:
         self._iterations = iterations
         self._latency_s = latency_s
 
-    def solve(self, data: Tensor, valid: Tensor | None = None) -> Frame:
+    def solve(self, data: Plane, valid: Plane | None = None) -> Frame:
         """Reconstruct the next frame.
 
         Parameters

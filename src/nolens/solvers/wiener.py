@@ -42,6 +42,7 @@ def wiener(problem: Problem) -> Result:
         objective=sum(objectives) / problem.channels,
         iterations=1,
         stop_reason="one shot",
+        frame=problem.frame,
     )
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from nolens.errors import NolensError
+from nolens.jobs import Reporter
 from nolens.solvers import Progress
 from nolens.studio.job_build import Place, build
 from nolens.studio.schemas import JobKind
@@ -101,7 +102,7 @@ def _work(
         channel.tell(ended, place.id, summary)
 
 
-class ChannelReporter:
+class ChannelReporter(Reporter):
     """Tells the server how far a job is; whoever waits there may cancel it.
 
     Parameters

@@ -121,8 +121,7 @@ class LiveSolver:
         problem = self._problem
         if problem is None or self._psf.region is not None:
             return scene
-        top, left = (-at for at in problem.forward.geometry.origin)
-        rows, columns = problem.forward.sensor
+        top, left, rows, columns = problem.frame
         return scene[:, top : top + rows, left : left + columns]
 
     def _prepared(self, seen: Measurement) -> Tensor:

@@ -158,8 +158,9 @@ def _cell_of_camera(frame: Frame, opened: OpenCamera) -> Length:
         size, what = (sensor.rows, sensor.columns), "pixels"
     if tuple(frame.counts.shape[-2:]) != size:
         raise DataError(
-            f"{frame.source} has {frame.size} pixels, but the camera {opened.camera.name!r} has "
-            f"{size[0]}×{size[1]} {what}: give frames of this camera, whole and not binned"
+            f"{frame.source} has {frame.size_text} pixels, but the camera "
+            f"{opened.camera.name!r} has {size[0]}×{size[1]} {what}: give frames of this "
+            "camera, whole and not binned"
         )
     if frame.mosaic is not None and frame.mosaic != sensor.mosaic:
         raise DataError(

@@ -77,9 +77,9 @@ def read_pairs(
     for each in measured.values():
         if each.channels != first.channels or each.values.shape != first.values.shape:
             raise DataError(
-                f"{each.source} has {each.size} cells of {', '.join(each.channels)}, but "
-                f"{first.source} {first.size} of {', '.join(first.channels)}: give measurements "
-                "of one camera, read out in one way"
+                f"{each.source} has {each.size_text} cells of {', '.join(each.channels)}, but "
+                f"{first.source} {first.size_text} of {', '.join(first.channels)}: give "
+                "measurements of one camera, read out in one way"
             )
         _check_light(each.values, each.source, "the measurement")
     pictures = {

@@ -155,7 +155,7 @@ def _picture(
         )
     if found.values.shape != psf.shape:
         raise DataError(
-            f"{found.source} has {found.size} cells, but the PSF {source.file} "
+            f"{found.source} has {found.size_text} cells, but the PSF {source.file} "
             f"{psf.shape[-2]}×{psf.shape[-1]}: give raw frames of the same camera, whole"
         )
     light = torch.where(found.valid, found.values, 0).sum(dim=(-2, -1))

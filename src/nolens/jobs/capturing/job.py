@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
 from itertools import count
-from typing import Any, Protocol
+from typing import Any
 
 from nolens.capture import (
     CameraSource,
@@ -34,7 +34,7 @@ _FAINT = 0.2
 _CLIPPED = 1e-3
 
 
-class CaptureReporter(Reporter, Protocol):
+class CaptureReporter(Reporter):
     """Whoever watches frames being taken."""
 
     def levels(self, levels: Levels) -> None:

@@ -1,6 +1,6 @@
 """From a measurement and a PSF on disk to pictures on disk."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -56,7 +56,7 @@ class Outcome:
         and dropped frames.
     """
 
-    picture: Tensor
+    picture: Tensor = field(repr=False)
     summary: dict[str, Any]
 
 
@@ -94,8 +94,7 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
     options = developing.options
     psf, warnings = prepared.values, list(prepared.warnings)
     inputs = {role: InputFile.of(path) for role, path in options.inputs.items()}
-    sensor = (measurement.values.shape[-2], measurement.values.shape[-1])
-    region = asked_region(options, sensor, psf)
+    region = asked_region(options, measurement.size, psf)
     for text in warnings:
         reporter.warn(text)
 
@@ -107,7 +106,7 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
         tau=tau,
         prior=options.prior,
     )
-    window = crop_window(options, problem, region)
+    window = crop_window(options, problem)
     announce_solving(problem, stop.iterations, device, reporter)
     state, about = None, about_run(options, inputs, tau)
     if method_of(options) is Method.ADMM:

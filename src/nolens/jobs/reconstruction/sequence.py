@@ -181,9 +181,8 @@ class _Work:
         options = self.options = self.developing.options
         for text in prepared.warnings:
             self._warn(text)
-        sensor = (measurement.values.shape[-2], measurement.values.shape[-1])
         psf = prepared.values
-        region = asked_region(options, sensor, psf)
+        region = asked_region(options, measurement.size, psf)
         problem = Problem.pose(
             psf.to(self.device),
             measurement.values.to(self.device),
@@ -192,7 +191,7 @@ class _Work:
             tau=tau_of(options),
             prior=options.prior,
         )
-        self._window = crop_window(options, problem, region)
+        self._window = crop_window(options, problem)
         announce_solving(problem, stop_of(options).iterations, self.device, self.reporter)
         latency = None if options.latency is None else options.latency.s
         each = {} if options.iterations is None else {"iterations": options.iterations}

@@ -90,9 +90,7 @@ def region_within(text: str, sensor: tuple[int, int], psf: Tensor) -> Region:
     return region
 
 
-def crop_window(
-    options: ReconstructOptions, problem: Problem, region: Region | None
-) -> tuple[int, int, int, int]:
+def crop_window(options: ReconstructOptions, problem: Problem) -> tuple[int, int, int, int]:
     """Rows and columns of the scene that are written: (top, left, height, width).
 
     Raises
@@ -102,13 +100,11 @@ def crop_window(
     """
     geometry = problem.forward.geometry
     height, width = geometry.scene[2:]
-    if options.crop == "all" or (options.crop is None and region is not None):
+    if options.crop is None:
+        return problem.frame
+    if options.crop == "all":
         return 0, 0, height, width
-    wanted = (
-        Region(0, 0, *problem.forward.sensor)
-        if options.crop is None
-        else parse_window(options.crop, problem.forward.sensor, "--crop")
-    )
+    wanted = parse_window(options.crop, problem.forward.sensor, "--crop")
     top, left = wanted.top - geometry.origin[0], wanted.left - geometry.origin[1]
     if min(top, left) < 0 or top + wanted.height > height or left + wanted.width > width:
         raise OptionError(

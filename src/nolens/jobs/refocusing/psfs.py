@@ -118,7 +118,7 @@ def _check_readout(measurement: Measurement, camera: Camera, entry: PsfEntry, bi
     rows, columns = (count // max(1, pixels) // bin_by for count in sides)
     if tuple(measurement.values.shape[-2:]) != (rows, columns):
         raise DataError(
-            f"{measurement.source} has {measurement.size} cells, but the sensor of the camera "
+            f"{measurement.source} has {measurement.size_text} cells, but the sensor of the camera "
             f"{camera.name!r} has {rows}×{columns} of the PSFs' {entry.cell}: give a photograph "
             "that was read out like the PSFs, uncut"
         )
@@ -134,9 +134,9 @@ def _read(options: RefocusOptions, entry: PsfEntry, measurement: Measurement) ->
     wider = own.values.shape[-2:] != measurement.values.shape[-2:]
     if wider and entry.kind in _OF_THE_SENSOR:
         raise DataError(
-            f"the PSF {path} was {entry.kind} with {own.size} cells, but the measurement "
-            f"{measurement.source} has {measurement.size}: give a photograph that was read out "
-            "like the PSFs"
+            f"the PSF {path} was {entry.kind} with {own.size_text} cells, but the measurement "
+            f"{measurement.source} has {measurement.size_text}: give a photograph that was read "
+            "out like the PSFs"
         )
     prepare_psf(own, measurement, wider=wider)
     return develop(frame, channels=channels).values.clamp_min(0)
