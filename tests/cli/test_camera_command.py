@@ -25,7 +25,7 @@ def test_facts_are_beside_it() -> None:
     assert camera_from_toml(done.out, "output") == preset("paper")
     for words in ("4.712 × 6.287 mm", "1520×2028 cells", "1.277 mm of air", "1.0160 times",
                   "10° 224 um, 30° 689 um, 50° 1211 um", "saturate at 8168 electrons",
-                  "placeholders, not measured: quantum_efficiency, acceptance"):  # fmt: skip
+                  "placeholders, not measured: acceptance"):  # fmt: skip
         assert words in done.err, words
 
 
@@ -40,7 +40,7 @@ def test_json() -> None:
     assert found["chief_ray_um"]["50"] == pytest.approx(1211, abs=1)
     # The paper's own figure is a magnification of 1.016 at 80 mm.
     assert found["magnification_at_80mm"] == pytest.approx(1.016, abs=5e-4)
-    assert found["placeholders"] == ["quantum_efficiency", "acceptance"]
+    assert found["placeholders"] == ["acceptance"]
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ def simulate(
         PSFs along each side of the scene, an odd number; between them they are blended. 1 takes
         one PSF for all of it, as a reconstruction does.  [default: 5]
     fresnel
-        Light is lost at the surfaces between layers.  [default: off]
+        Light is lost to reflection at the surfaces between layers.  [default: on]
     fill
         Exposes so that the brightest pixel is filled to this share of what saturates it.
         [default: 90%]
@@ -161,7 +161,7 @@ def psf(
     wavelengths
         Wavelengths that stand for a channel.  [default: 3]
     fresnel
-        Light is lost at the surfaces between layers.  [default: off]
+        Light is lost to reflection at the surfaces between layers.  [default: on]
     fill
         For .dng, share of what saturates it to which the brightest pixel is filled.
         [default: 90%]

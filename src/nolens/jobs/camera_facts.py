@@ -28,7 +28,7 @@ def camera_facts(opened: OpenCamera) -> dict[str, Any]:
         in um by the field angle in degrees; electrons at which a pixel clips; names of the
         curves that are placeholders.
     """
-    twin = outline(opened, fresnel=False)
+    twin = outline(opened)
     camera, sensor = opened.camera, opened.camera.sensor
     near = twin.illumination(PointSource(distance_um=_DEPTH_MM * 1e3), REFERENCE_NM)
     curves = {

@@ -15,7 +15,7 @@ _STEPS = 10
 """Places that lenslets are spread on, along a pitch (see `random_lenslets`)."""
 
 
-def outline(opened: OpenCamera, *, fresnel: bool) -> Twin:
+def outline(opened: OpenCamera, *, fresnel: bool = True) -> Twin:
     """Make a camera ready for rays and for estimates, in a moment.
 
     Parameters

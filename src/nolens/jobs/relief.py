@@ -89,7 +89,7 @@ def replace_relief(options: ReliefOptions, reporter: Reporter) -> ReliefOutcome:
     check_points(heights.shape, pitch_um, grid)
     heights = resampled(heights, pitch_um, grid.um)
     reporter.advance("map", 0.7)
-    bare = outline(opened, fresnel=False)
+    bare = outline(opened)
     if options.tile:
         heights = continued(heights, bare, grid, warnings)
     made = _with_relief(opened, heights, grid, options)

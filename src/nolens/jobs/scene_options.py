@@ -101,7 +101,7 @@ class CameraOptions(JobOptions):
     camera: str = "paper"
     light: str = "white-led"
     wavelengths: Annotated[int, _at_least(1)] = 3
-    fresnel: bool = False
+    fresnel: bool = True
     fill: Annotated[Share, _at_most("10000 %")] | None = None
     seed: Seed = 0
     device: DeviceName = "auto"

@@ -53,11 +53,11 @@ class Twin:
     quantum_efficiency: SpectralCurve
     acceptance: AngularCurve
     mask: MaskSurface
-    fresnel: bool = False
+    fresnel: bool = True
 
     @classmethod
     def of(
-        cls, opened: OpenCamera, *, device: torch.device | str = "cpu", fresnel: bool = False
+        cls, opened: OpenCamera, *, device: torch.device | str = "cpu", fresnel: bool = True
     ) -> "Twin":
         """Make a camera ready; random lenslets are computed here (seconds for the paper's).
 

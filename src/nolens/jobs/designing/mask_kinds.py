@@ -81,7 +81,7 @@ def made_mask(
     OptionError
         If there is no such mask, or it is too steep for any grid.
     """
-    bare = outline(opened, fresnel=False)
+    bare = outline(opened)
     radius_um = focusing_radius_um(bare) if options.radius is None else options.radius.um
     if options.kind in ("contour", "optimised"):
         return _designed(options, opened, bare, light, device, reporter, radius_um)
@@ -90,7 +90,7 @@ def made_mask(
         grid = pitch if per_pixel == 1 else Length.of(pitch.um / per_pixel, "um")
         made = _described(options, opened, bare, radius_um, grid)
         try:
-            outline(made, fresnel=False)
+            outline(made)
             break
         except OptionError as error:
             if per_pixel == _PER_PIXEL[-1]:

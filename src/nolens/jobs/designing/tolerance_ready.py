@@ -91,7 +91,7 @@ def prepare(options: ToleranceOptions, opened: OpenCamera) -> Ready:
         place_of(options.solve, parameters, opened.camera)
     cameras = draw(parameters, options.trials, options.seed)
     check_possible(opened.camera, parameters, cameras)
-    outline(opened, fresnel=False)  # Refuses a relief that is coarser than it must be.
+    outline(opened)  # Refuses a relief that is coarser than it must be.
     patch = Patch.of(opened)
     sharpness.check(patch.twin.sensor_pitch_um, patch.lenslets.pitch_um)
     channels = colours_of(patch.twin, light, _WAVELENGTHS)

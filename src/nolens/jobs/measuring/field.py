@@ -143,7 +143,7 @@ def _of_picture(options: MeasureFieldOptions, opened: OpenCamera) -> MeasureFiel
     picture = develop(frame, channels="all" if len(frame.channels) == 1 else "grey").values[0]
     assert isinstance(options.distance, Length)
     grid = found_grid(
-        picture, outline(opened, fresnel=False), pitch_um=options.dot_pitch.um,
+        picture, outline(opened), pitch_um=options.dot_pitch.um,
         distance_um=options.distance.um, reach_deg=options.reach.deg,
     )  # fmt: skip
     return MeasureFieldOutcome(None, grid, told_grid(grid))
@@ -153,7 +153,7 @@ def _of_folder(
     options: MeasureFieldOptions, opened: OpenCamera | None, reporter: Reporter
 ) -> tuple[MeasureFieldOutcome, list[str]]:
     assert options.psfs is not None
-    twin = None if opened is None else outline(opened, fresnel=False)
+    twin = None if opened is None else outline(opened)
     found, distance, doubts = captured_off_axis(
         options.psfs, twin, partial(reporter.advance, "PSFs")
     )
@@ -164,7 +164,7 @@ def _of_folder(
 def _of_twin(
     options: MeasureFieldOptions, opened: OpenCamera, reporter: Reporter
 ) -> MeasureFieldOutcome:
-    bare = outline(opened, fresnel=False)
+    bare = outline(opened)
     away = distance_um(options.distance, opened)
     if options.dot_pitch is not None:
         at = grid_tangents(options.dot_pitch.um, away, options.reach.deg)

@@ -95,7 +95,7 @@ def measure_psf(options: MeasurePsfOptions, reporter: Reporter) -> MeasurePsfOut
     inputs = {role: InputFile.of(path) for role, path in {**options.inputs, **files}.items()}
     reduced_um = None
     if opened is not None:
-        twin = outline(opened, fresnel=False)
+        twin = outline(opened)
         reduced_um = twin.illumination(PointSource(), REFERENCE_NM).after.reduced_um
     plane = measured.values[0]
     figures = psf_figures(plane, cell_um, reduced_um=reduced_um, noise=options.noise)

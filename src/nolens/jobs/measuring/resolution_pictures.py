@@ -137,7 +137,7 @@ def _read(path: Path, options: ResolutionOptions, camera: GivenCamera) -> Shown:
     height, width = picture.shape
     if camera.opened is None:
         return Shown(picture, _scale(path, options, camera, Region(0, 0, height, width)))
-    sensor = outline(camera.opened, fresnel=False).cells
+    sensor = outline(camera.opened).cells
     region = Region.centred(height, width, sensor)
     if options.region is not None:
         region = parse_window(options.region, sensor, "--region")
@@ -186,7 +186,7 @@ def _scale(
     if options.cell_angle is not None:
         return AngularScale(math.tan(options.cell_angle.rad))
     assert camera.opened is not None
-    twin = outline(camera.opened, fresnel=False)
+    twin = outline(camera.opened)
     rows, columns = twin.cells
     if region.height > 2 * rows or region.width > 2 * columns:
         raise DataError(

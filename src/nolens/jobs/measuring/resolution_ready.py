@@ -86,7 +86,7 @@ class ReadyBench:
         """
         assert options.simulate is not None
         opened = read_camera(options.simulate)
-        bare = outline(opened, fresnel=False)
+        bare = outline(opened)
         distance = distance_um(options.distance, opened)
         bare.check_source(PointSource((0.0, 0.0), distance))
         return cls(

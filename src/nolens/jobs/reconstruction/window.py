@@ -45,7 +45,7 @@ def asked_region(
         )
     if options.field is None or options.camera is None:
         return None if options.region is None else region_within(options.region, sensor, psf)
-    camera = outline(read_camera(options.camera), fresnel=False)
+    camera = outline(read_camera(options.camera))
     cells = tuple(count // options.bin_by for count in camera.cells)
     if cells != sensor:
         raise OptionError(

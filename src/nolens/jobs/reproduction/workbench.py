@@ -124,7 +124,7 @@ class Workbench:
     @cached_property
     def outline(self) -> Twin:
         """The camera for rays and sizes, in a moment."""
-        return self._read(outline(self.opened, fresnel=False))
+        return self._read(outline(self.opened))
 
     def _read(self, twin: Twin) -> Twin:
         return twin.reading(*self.pixels)
