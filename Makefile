@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: env demo test lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live screenshots clean
+.PHONY: env demo test lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live screenshots fuzz clean
 
 env: $(STAMP)
 
@@ -72,6 +72,11 @@ bench-live: $(STAMP)
 
 screenshots: $(STAMP)
 	NOLENS_SCREENSHOTS=1 $(BIN)/pytest tests/studio/test_page_*.py
+
+# Damaged files, hostile options and requests for a while; what breaks is kept in build/fuzz/failures.
+SECONDS ?= 600
+fuzz: $(STAMP)
+	OMP_NUM_THREADS=1 $(BIN)/python tests/fuzzing/run.py --seconds $(SECONDS)
 
 clean:
 	rm -rf $(VENV) .bench-venv
