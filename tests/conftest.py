@@ -1,7 +1,11 @@
-"""Settings for all tests."""
+"""What every test starts from: one thread, known random numbers, a plain shell."""
 
-from collections.abc import Callable, Iterator
+import os
+import random
+import signal
+import time
 
+import numpy as np
 import pytest
 import torch
 from hypothesis import settings
@@ -10,16 +14,53 @@ from hypothesis import settings
 settings.register_profile("nolens", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("nolens")
 
+_SHELL = {
+    "LC_ALL": "C.UTF-8", "OMP_NUM_THREADS": "1", "PYTHONUTF8": "1", "TERM": "xterm", "TZ": "UTC",
+}  # fmt: skip
+_NOT_OURS = (
+    "COLUMNS", "LINES", "COLORTERM", "FORCE_COLOR", "NO_COLOR", "TTY_COMPATIBLE",
+    "TTY_INTERACTIVE", "HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY", "http_proxy", "https_proxy",
+    "all_proxy",
+)  # fmt: skip
 
-@pytest.fixture
-def set_threads() -> Iterator[Callable[[int], None]]:
-    """Sets the number of threads, and puts it back after the test."""
-    before = torch.get_num_threads()
-    yield torch.set_num_threads
-    torch.set_num_threads(before)
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--shuffle", type=int, metavar="SEED",
+        help="run the modules, and the tests of each, in an order drawn with this seed",
+    )  # fmt: skip
 
 
-@pytest.fixture
-def one_thread(set_threads: Callable[[int], None]) -> None:
-    """For problems so small that threads would only wait for each other."""
-    set_threads(1)
+def pytest_configure() -> None:
+    """A shell without anyone's settings, for this process and those that it starts."""
+    for name in _NOT_OURS:
+        os.environ.pop(name, None)
+    os.environ.update(_SHELL)
+    time.tzset()
+    os.umask(0o022)
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # As in a script's background.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    seed = config.getoption("--shuffle")
+    if seed is None:
+        return
+    order = random.Random(seed)
+    modules: dict[object, list[pytest.Item]] = {}
+    for item in items:
+        modules.setdefault(item.path, []).append(item)
+    shuffled = list(modules.values())
+    order.shuffle(shuffled)
+    for tests in shuffled:
+        order.shuffle(tests)
+    items[:] = [item for tests in shuffled for item in tests]
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup() -> None:
+    """Before the fixtures: a test that wants threads says so, and draws what it always draws."""
+    torch.set_num_threads(1)
+    torch.manual_seed(0)
+    np.random.seed(0)  # noqa: NPY002
+    random.seed(0)

@@ -18,11 +18,6 @@ CELLS = (150, 180)
 AIR = Layers.of_air(1280.0)
 
 
-@pytest.fixture(autouse=True)
-def _few_threads(one_thread: None) -> None:
-    """Patterns of a few hundred cells."""
-
-
 @settings(max_examples=8)
 @given(measured=st.floats(60, 900), wanted=st.floats(25, 900))
 def test_spots_move_with_the_rays(measured: float, wanted: float) -> None:

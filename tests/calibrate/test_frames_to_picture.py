@@ -22,11 +22,6 @@ PIXELS = (320, 400)
 SCENE_DEG = 8.3
 
 
-@pytest.fixture(autouse=True)
-def _few_threads(one_thread: None) -> None:
-    """Patterns of a few hundred cells."""
-
-
 def nolens(*arguments: object) -> dict[str, Any]:
     """What a command tells; it must end well."""
     out = io.StringIO()

@@ -67,7 +67,7 @@ def test_no_magnification(factor: float) -> None:
         magnified(torch.ones(1, 8, 8), factor)
 
 
-def test_the_twin_at_another_distance(one_thread: None) -> None:
+def test_the_twin_at_another_distance() -> None:
     """Wave optics at 25 mm and at 200 mm: the same pattern, larger by 1 + D/z."""
     bench = OpticalBench.of(read_camera("small"), light="550nm")
     cells = (128, 160)

@@ -14,11 +14,6 @@ from nolens.errors import DataError
 from nolens.operators import CroppedConvolution, Region
 
 
-@pytest.fixture(autouse=True)
-def _few_threads(one_thread: None) -> None:
-    """The problems here are tiny."""
-
-
 def test_comes_back_in_place_and_size() -> None:
     taken = take(4)
     found = psf_from_scenes(taken.known)

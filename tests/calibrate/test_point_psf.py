@@ -17,11 +17,6 @@ OPEN = ("paper", (256, 320))
 SMALL = ("small", None)
 
 
-@pytest.fixture(autouse=True)
-def _few_threads(one_thread: None) -> None:
-    """A quarter of a megapixel at most."""
-
-
 def shot(camera: tuple[str, tuple[int, int] | None], **more: object) -> Shot:
     return Shot(bench(*camera), light_of(*camera), **more)  # type: ignore[arg-type]
 

@@ -15,11 +15,6 @@ from nolens.optics import PointSource
 CELLS = (150, 180)
 
 
-@pytest.fixture(autouse=True)
-def _few_threads(one_thread: None) -> None:
-    """Patterns of a few hundred cells."""
-
-
 @settings(max_examples=4)
 @given(
     scale=st.floats(0.96, 1.05),

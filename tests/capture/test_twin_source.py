@@ -19,7 +19,6 @@ from nolens.twin import FieldMap, Light, PlainModel, Twin
 
 @pytest.fixture(scope="module")
 def worked_out() -> TwinSource:
-    torch.set_num_threads(1)
     source = open_source("twin:live")
     assert isinstance(source, TwinSource)
     source.open()

@@ -11,11 +11,6 @@ def camera(tmp_path_factory: pytest.TempPathFactory) -> Camera:
     return Camera.make(tmp_path_factory.mktemp("camera"))
 
 
-@pytest.fixture(autouse=True)
-def _few_threads(one_thread: None) -> None:
-    """The problems here are tiny."""
-
-
 @pytest.fixture
 def out(tmp_path: Path) -> Path:
     return tmp_path / "out.tif"

@@ -33,11 +33,6 @@ WIDTH = Sharpness("line-width")
 THICKNESS = ("resin.thickness",)
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _few_threads() -> None:
-    torch.set_num_threads(1)
-
-
 @pytest.fixture(scope="module")
 def patch() -> Patch:
     return Patch.of(PAPER)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -71,12 +72,12 @@ def test_points_on_the_cells_themselves(copies):
     _check(points, (20, 30), 1.0)
 
 
-def test_many_points_and_many_cells_in_threads(set_threads):
+def test_many_points_and_many_cells_in_threads():
     """The same with one thread and with more, over blocks of rows."""
     points = np.random.default_rng(1).uniform(size=(700, 2)) * (400, 300)
     found = []
     for threads in (1, 3):
-        set_threads(threads)
+        torch.set_num_threads(threads)
         found.append(nearest_points(points, (400, 300), 1.0))
     np.testing.assert_array_equal(found[0][0], found[1][0])
     np.testing.assert_array_equal(found[0][1], found[1][1])

@@ -57,11 +57,11 @@ def test_data_under_the_mask_do_not_matter(module):
 
 
 @pytest.mark.parametrize("isotropic", [False, True])
-def test_update_does_not_depend_on_the_number_of_threads(set_threads, isotropic):
+def test_update_does_not_depend_on_the_number_of_threads(isotropic):
     case = replace(BASE, size=(131, 70), isotropic=isotropic, sensor=(9, 7, 90, 50))
     results = []
     for threads in (1, 2):
-        set_threads(threads)
+        torch.set_num_threads(threads)
         pair, state = draw(case)
         pair, sums = update(admm_numba, case, pair, state)
         results.append((torch.view_as_real(pair), *arrays(state), torch.tensor(sums)))
@@ -72,11 +72,11 @@ def test_update_does_not_depend_on_the_number_of_threads(set_threads, isotropic)
 @pytest.mark.parametrize("penalties", [MU, (1e-4, 3.0, 1e-2)])
 @pytest.mark.parametrize("size", [(8, 10), (7, 9), (5, 8), (6, 5), (1, 6), (4, 1), (2, 2)])
 @pytest.mark.parametrize("module", [solve_numba, admm_torch], ids=["numba", "torch"])
-def test_normal_equation(module, size, penalties, set_threads):
+def test_normal_equation(module, size, penalties):
     spectrum, transfer, expected = normal_equation(size, penalties)
     mu = penalties if module is solve_numba else torch.tensor(penalties)
     for threads in (1, 2):
-        set_threads(threads)
+        torch.set_num_threads(threads)
         got = module.solve_normal_equation_(spectrum.clone(), transfer, mu).numpy()
         assert np.abs(got - expected).max() <= 1e-5 * np.abs(expected).max()
 

@@ -113,30 +113,30 @@ def test_repeater_is_the_plain_loop(case):
 
 
 @each_case
-def test_channels_that_take_turns_are_the_plain_loop(case, set_threads):
-    set_threads(2)
+def test_channels_that_take_turns_are_the_plain_loop(case):
+    torch.set_num_threads(2)
     check_runs(case, "cpu", equal)
 
 
-def test_turns_are_in_order_and_none_is_left_out(set_threads):
-    set_threads(2)
+def test_turns_are_in_order_and_none_is_left_out():
+    torch.set_num_threads(2)
     seen: list[tuple[int, int]] = []
     take_turns(lambda chain, number: seen.append((chain, number)), 5, 7)
     assert [[n for c, n in seen if c == chain] for chain in range(5)] == [list(range(7))] * 5
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_what_fails_in_a_turn_is_raised(threads, set_threads):
+def test_what_fails_in_a_turn_is_raised(threads):
     def work(chain: int, number: int) -> None:
         if (chain, number) == (1, 2):
             raise ValueError("broken")
 
-    set_threads(threads)
+    torch.set_num_threads(threads)
     with pytest.raises(ValueError, match="broken"):
         take_turns(work, 3, 4)
 
 
-def test_what_fails_in_a_turn_ends_the_others(set_threads):
+def test_what_fails_in_a_turn_ends_the_others():
     """Ctrl-C is raised in the first thread; the second does not go on for the rest of a stretch."""
     done: list[int] = []
     first = threading.current_thread()
@@ -147,7 +147,7 @@ def test_what_fails_in_a_turn_ends_the_others(set_threads):
         time.sleep(0.01)
         done.append(number)
 
-    set_threads(2)
+    torch.set_num_threads(2)
     with pytest.raises(KeyboardInterrupt):
         take_turns(work, 2, 100)
     assert len(done) <= 2

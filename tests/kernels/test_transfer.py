@@ -92,12 +92,12 @@ def test_against_complex128(shape, layers, seed):
     _same(transfer._on_device(*case.arguments()), expected)
 
 
-def test_blocks_of_rows_in_threads(set_threads):
+def test_blocks_of_rows_in_threads():
     """More rows than a block on the CPU has, and than one on a device has."""
     case = Case.random((1111, 130), [(1900.0, 2.16), (890.0, 2.31), (430.0, 1.0)], 3)
     expected = case.expected()
     for threads in (1, 3):
-        set_threads(threads)
+        torch.set_num_threads(threads)
         _same(apply_transfer_(*case.arguments()), expected)
     _same(transfer._on_device(*case.arguments()), expected)
 

@@ -21,12 +21,9 @@ from depth_spots import (
 )
 from nolens.refocus import Solving, Stack, all_in_focus, even_depths, focal_stack, per_m
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 
 @pytest.fixture(scope="module")
 def stack() -> Stack:
-    torch.set_num_threads(1)
     solving = Solving(measurement(noisy(two_objects(), 0.003)), REGION, tau=1e-3, iterations=80)
     return focal_stack(solving, spots, even_depths(14e3, 1e6, 9))
 

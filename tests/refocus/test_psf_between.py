@@ -9,8 +9,6 @@ from torch import Tensor
 from depth_spots import REDUCED_UM, SENSOR, spots
 from nolens.refocus import PsfAt, PsfBetween, measured_reduced_um
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 
 def inner(psf: Tensor) -> Tensor:
     """What can reach the sensor from the middle of the scene."""

@@ -30,7 +30,6 @@ from nolens.refocus import (
     sharpness,
 )
 
-pytestmark = pytest.mark.usefixtures("one_thread")
 FOCUS = depth_of_focus_per_m(
     line_cells(spots(1e6)) * CELL_UM, REDUCED_UM, max(SENSOR) / 2 * CELL_UM
 )

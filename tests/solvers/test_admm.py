@@ -12,8 +12,6 @@ from scipy.optimize import minimize_scalar
 from nolens.operators import Region
 from nolens.solvers import AdmmState, Problem, Progress, admm
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 BASE = Case()
 CASES = {
     "even": BASE,

@@ -17,7 +17,6 @@ CASES = {
 }
 
 
-@pytest.mark.usefixtures("one_thread")
 @pytest.mark.parametrize("prior", ["tv", "isotropic-tv"])
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 def test_solution_is_that_of_the_large_domain(case: Case, prior: str) -> None:

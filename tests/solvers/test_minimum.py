@@ -10,8 +10,6 @@ from scipy.optimize import lsq_linear, minimize, nnls
 from nolens.operators import Region
 from nolens.solvers import admm
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 BASE = Case(region=Region(1, 2, 4, 4), saturated=0.15)
 GEOMETRIES = {
     "even": BASE,

@@ -9,8 +9,6 @@ from posed import Case, pose
 from nolens.operators import Region
 from nolens.solvers import admm, fista, wiener
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 BASE = Case(region=Region(1, 2, 4, 5), saturated=0.1)
 CASES = {
     "tv": BASE,

@@ -13,8 +13,6 @@ from nolens.errors import DataError, DivergenceError, OptionError
 from nolens.operators import Region
 from nolens.solvers import Prior, Problem, Progress, admm, fista, wiener
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 CASE = Case(channels=2, region=Region(1, 2, 4, 5), saturated=0.1)
 FIXED = {"penalties": (0.5, 0.5, 0.5), "balance": None}
 SOLVERS = {"admm": admm, "fista": fista}

@@ -10,8 +10,6 @@ from posed import Case, pose
 from nolens.operators import Region
 from nolens.solvers import Problem, Result, admm, fista, wiener
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 BASE = Case(channels=3, region=Region(1, 1, 4, 5), saturated=0.15)
 CASES = {
     "tv": BASE,

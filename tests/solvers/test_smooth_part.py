@@ -10,8 +10,6 @@ from nolens.operators import CroppedConvolution, Region
 from nolens.solvers import Problem, admm
 from nolens.solvers.smooth_part import SmoothPart
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 
 def full_view(channels: int = 1) -> tuple[Problem, torch.Tensor]:
     """A shaded scene through a broad PSF: the glow of an open mask, without noise."""

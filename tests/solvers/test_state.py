@@ -10,8 +10,6 @@ from nolens.errors import DataError
 from nolens.operators import Region
 from nolens.solvers import AdmmState, Prior, admm
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 CASE = Case(channels=2, region=Region(1, 2, 4, 5), saturated=0.1)
 CASES = {
     "region": CASE,

@@ -16,12 +16,12 @@ CASES = {
 @pytest.mark.parametrize("smooth_part", [False, True])
 @pytest.mark.parametrize("prior", ["tv", "isotropic-tv", "l1"])
 @pytest.mark.parametrize("name", CASES)
-def test_one_and_two_threads(name, prior, smooth_part, set_threads):
+def test_one_and_two_threads(name, prior, smooth_part):
     case = CASES[name]
     problem = pose(Case(**{**vars(case), "prior": prior})).problem
     pictures = []
     for threads in (1, 2):
-        set_threads(threads)
+        torch.set_num_threads(threads)
         result = admm(problem, iterations=40, tolerance=0.0, smooth_part=smooth_part)
         pictures.append(result.scene)
     one, two = pictures
