@@ -4,6 +4,7 @@ import os
 import threading
 import time
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 import pytest
@@ -58,25 +59,33 @@ def test_files_that_are_there_can_be_taken_first(tmp_path: Path) -> None:
     assert [value(source), value(source)] == [100, 200]
 
 
-def test_a_file_that_grows_is_read_when_it_is_whole(source: FolderSource, tmp_path: Path) -> None:
+def test_a_file_that_grows_is_read_when_it_is_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Time passes only while the folder is waited for; a piece is written each time."""
     whole = put(tmp_path / "whole.dng", 500).read_bytes()
+    pieces = [whole[at : at + len(whole) // 8] for at in range(0, len(whole), len(whole) // 8)]
+
+    class Clock(Event):
+        now = 0.0
+
+        def monotonic(self) -> float:
+            return self.now
+
+        def wait(self, timeout: float | None = None) -> bool:
+            assert timeout is not None
+            self.now += timeout
+            if pieces:
+                with (tmp_path / "grows.dng").open("ab") as file:
+                    file.write(pieces.pop(0))
+            return False
+
+    clock = Clock()
+    monkeypatch.setattr("nolens.capture.folder.time", clock)
+    monkeypatch.setattr("nolens.capture.folder.Event", lambda: clock)
+    source = FolderSource(tmp_path)
     source.open()
-    ends = 0.0
-
-    def write() -> None:
-        nonlocal ends
-        with (tmp_path / "grows.dng").open("wb") as file:
-            for at in range(0, len(whole), len(whole) // 8):
-                file.write(whole[at : at + len(whole) // 8])
-                file.flush()
-                time.sleep(0.15)
-        ends = time.monotonic()
-
-    writer = threading.Thread(target=write)
-    writer.start()
-    found = value(source)
-    assert found == 500 and 0 < ends < time.monotonic()
-    writer.join()
+    assert value(source) == 500 and pieces == []
 
 
 def test_the_same_name_again_is_a_new_frame(source: FolderSource, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from nolens.cli.main import main
 from nolens.files import read_frame
+from patience import PATIENCE_S
 
 NOLENS = Path(sys.executable).with_name("nolens")
 """The installed command."""
@@ -51,7 +52,7 @@ def command(*arguments: object, **how: object) -> Done:
     """The installed command, to its end."""
     with start(*arguments, **how) as process:
         try:
-            out, err = process.communicate(timeout=240)
+            out, err = process.communicate(timeout=PATIENCE_S)
         finally:
             process.kill()  # It has ended, but for a test that fails.
     return Done(process.returncode, out or "", err or "")
@@ -85,7 +86,7 @@ def check_refused(done: Done, *words: str) -> None:
         assert word in done.err, f"{word!r} is missing in: {done.err}"
 
 
-def read_terminal(descriptor: int, until: str, seconds: float = 40) -> str:
+def read_terminal(descriptor: int, until: str, seconds: float = PATIENCE_S) -> str:
     """What was shown on a pseudo-terminal, until a pattern is seen or it is closed."""
     shown, end = "", time.monotonic() + seconds
     while time.monotonic() < end and not (until and re.search(until, shown)):

@@ -6,8 +6,6 @@ import os
 import pty
 import signal
 import sys
-import threading
-import time
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +18,10 @@ from running import Done, check_refused, listing, read_terminal, run, start
 import nolens.jobs.capturing.keep
 from fake_picamera2 import Sensor, module
 from nolens.camera import develop, preset_text
-from nolens.capture import Levels
+from nolens.capture import FolderSource, Levels
 from nolens.cli.capture import histogram_text
 from nolens.files import read_frame, read_record, write_frame
+from patience import PATIENCE_S, until
 
 
 @pytest.fixture
@@ -182,9 +181,7 @@ def test_a_killed_time_lapse_leaves_whole_files(twin: str, tmp_path: Path) -> No
     folder = tmp_path / "night"
     asked = ("--every", "0.05s", "--exposure", "1ms", "--source", twin)
     with start("capture", "-o", folder, *asked) as process:
-        end = time.monotonic() + 60
-        while time.monotonic() < end and len(list(folder.glob("frame-*.dng"))) < 4:
-            time.sleep(0.02)
+        until(lambda: len(list(folder.glob("frame-*.dng"))) >= 4, "four frames")
         process.kill()
     names = sorted(each.name for each in folder.iterdir() if not each.name.startswith("."))
     frames = [name for name in names if name.endswith(".dng")]
@@ -204,7 +201,7 @@ def test_ctrl_c_ends_after_a_frame_and_shows_the_histogram(twin: str, tmp_path: 
         shown = read_terminal(ours, r"frame [2-9]/")
         process.send_signal(signal.SIGINT)
         shown += read_terminal(ours, "")
-        out = process.communicate(timeout=30)[0]
+        out = process.communicate(timeout=PATIENCE_S)[0]
     os.close(ours)
     assert process.returncode == 130
     assert "the frames so far will be written" in shown
@@ -243,7 +240,7 @@ def test_each_frame_sees_the_next_picture_of_a_folder(twin: str, tmp_path: Path)
     assert {Path(each.path).name for each in record.inputs.values()} == {"0.png", "1.png"}
 
 
-def test_frames_of_a_watched_folder(tmp_path: Path) -> None:
+def test_frames_of_a_watched_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source, output = tmp_path / "from", tmp_path / "to.tif"
     source.mkdir()
     counts = np.arange(600, dtype=np.uint16).reshape(20, 30)
@@ -253,12 +250,14 @@ def test_frames_of_a_watched_folder(tmp_path: Path) -> None:
     assert read_frame(output).mosaic == "GRBG"
     assert told["exposures"][0]["exposure_s"] == 0
 
-    def later() -> None:
+    begin = FolderSource.open
+
+    def begin_and_write(watched: FolderSource) -> None:
+        begin(watched)
         (source / "broken.npy").write_bytes(b"\x93NUMPY and no more")
-        time.sleep(0.1)
         np.save(source / "new.npy", counts + 1)
 
-    threading.Timer(0.5, later).start()
+    monkeypatch.setattr(FolderSource, "open", begin_and_write)
     done = run("capture", "-o", tmp_path / "new.npy", "--source", f"folder:{source}")
     assert done.code == 0 and "broken.npy" in done.err and "passed over" in done.err
     assert np.array_equal(np.load(tmp_path / "new.npy"), counts + 1)

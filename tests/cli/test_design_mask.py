@@ -19,6 +19,7 @@ from nolens.design.masks import correlation, line_target, random_contours, sprea
 from nolens.files import read_camera
 from nolens.optics import PointSource
 from nolens.twin import Light, Twin, point_spread
+from patience import PATIENCE_S
 
 SMALL = ("--camera", "small", "--light", "535nm", "--overhang", "0.3mm")
 QUICK = ("--period", "0.4mm", "--iterations", 25)
@@ -95,7 +96,7 @@ def test_ctrl_c_keeps_the_mask_so_far(tmp_path: Path) -> None:
         read_terminal(ours, r"step [1-9]\d/50000")
         process.send_signal(signal.SIGINT)
         shown = read_terminal(ours, "")
-        printed = process.communicate(timeout=40)[0]
+        printed = process.communicate(timeout=PATIENCE_S)[0]
     os.close(ours)
     assert process.returncode == 130 and "the mask so far will be written" in shown
     assert json.loads(printed)["stop_reason"] == "interrupted"

@@ -18,6 +18,7 @@ from torch import Tensor
 from nolens.camera import camera_to_toml, preset
 from nolens.errors import DataError
 from nolens.evaluate import PatternFigures
+from patience import PATIENCE_S
 
 QUICK = ("design", "tolerance", "paper", "--model", "rays")
 FEW = """\
@@ -167,7 +168,7 @@ def test_ctrl_c_keeps_the_trials_so_far(tmp_path: Path, few: Path) -> None:
         assert "patterns are simulated, about" in shown
         process.send_signal(signal.SIGINT)
         shown = read_terminal(ours, "")
-        printed = process.communicate(timeout=40)[0]
+        printed = process.communicate(timeout=PATIENCE_S)[0]
     os.close(ours)
     assert process.returncode == 130
     assert "the trials so far will be written" in shown

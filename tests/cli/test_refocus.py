@@ -32,6 +32,7 @@ from depth_spots import (
 from nolens.camera import PsfEntry, preset
 from nolens.files import read_frame, read_psf_set, write_camera, write_psfs
 from nolens.quantities import Length
+from patience import PATIENCE_S
 
 REGION = ("--region", "30x48")
 QUICK = (*REGION, "--tau", "1e-3", "--iterations", 40)
@@ -367,7 +368,7 @@ def test_ctrl_c_keeps_the_depths_that_are_done(made: Path, tmp_path: Path) -> No
         read_terminal(ours, r"iteration [1-9]\d\d+/12000", seconds=150)
         process.send_signal(signal.SIGINT)
         shown = read_terminal(ours, "")
-        told_out = process.communicate(timeout=60)[0]
+        told_out = process.communicate(timeout=PATIENCE_S)[0]
     os.close(ours)
     assert process.returncode == 130
     assert "the depths so far will be written" in shown

@@ -3,12 +3,13 @@
 import shutil
 import signal
 import sys
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from running import check_refused, command, listing, run, start
+
+from patience import PATIENCE_S, until
 
 
 def test_the_help_says_what_is_written_and_the_defaults() -> None:
@@ -82,13 +83,9 @@ def test_too_little_memory_is_refused_before_the_work(
 def test_ctrl_c_keeps_the_parts_that_are_done(tmp_path: Path) -> None:
     folder = tmp_path / "report"
     with start("reproduce", "-o", folder, "--camera", "small", "--quick") as process:
-        end = time.monotonic() + 120
-        while (
-            not (folder / "steps" / "thickness" / "found.json").exists() and time.monotonic() < end
-        ):
-            time.sleep(0.05)
+        until((folder / "steps" / "thickness" / "found.json").exists, "the first part")
         process.send_signal(signal.SIGINT)
-        err = process.communicate(timeout=60)[1]
+        err = process.communicate(timeout=PATIENCE_S)[1]
     assert process.returncode == 130
     assert "steps" in err and "can be stopped and started again" in err
     found = listing(folder)

@@ -18,6 +18,7 @@ from simulated import QUICK, plain, scene, simulated, values
 from nolens.camera import camera_to_toml, linear_from_srgb, preset
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import read_frame
+from patience import PATIENCE_S
 
 
 @pytest.fixture
@@ -201,7 +202,7 @@ def test_ctrl_c_on_a_terminal_writes_nothing(picture: Path, tmp_path: Path) -> N
         shown = read_terminal(ours, r"scene \S* *[1-9]\d? %.*\d+:\d\d")
         process.send_signal(signal.SIGINT)
         shown += read_terminal(ours, "")
-        out = process.communicate(timeout=40)[0]
+        out = process.communicate(timeout=PATIENCE_S)[0]
     os.close(ours)
     assert process.returncode == 130 and out == ""
     assert "stopped at once" in shown and "Traceback" not in shown

@@ -17,6 +17,7 @@ from running import NOLENS, command, listing, read_terminal, run, start
 
 from nolens.cli.terminal import TerminalReporter
 from nolens.files import read_frame
+from patience import PATIENCE_S
 
 JOB = importlib.import_module("nolens.jobs.reconstruction.job")
 """The module; its name in the package is the function's."""
@@ -45,7 +46,7 @@ def test_ctrl_c_on_a_terminal_keeps_the_picture_so_far(
         assert re.search(r"objective \S*\d.*?\d+:\d\d", shown, re.DOTALL), shown[-300:]
         process.send_signal(signal.SIGINT)
         shown = read_terminal(ours, "")
-        out = process.communicate(timeout=40)[0]
+        out = process.communicate(timeout=PATIENCE_S)[0]
     os.close(ours)
     assert process.returncode == 130
     assert "the picture so far will be written" in shown
@@ -76,7 +77,7 @@ def test_ctrl_c_before_the_iterations(
         while process.poll() is None and library not in maps.read_text():
             time.sleep(0.01)
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=40)
+        out, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130, err
     assert out == "" and "Traceback" not in err
     assert "stopped at once" in err
@@ -94,7 +95,7 @@ def test_killed_run_leaves_the_earlier_picture(
         os.close(theirs)
         read_terminal(ours, "iteration [1-9]")
         process.send_signal(number)
-        process.communicate(timeout=40)
+        process.communicate(timeout=PATIENCE_S)
     os.close(ours)
     assert process.returncode == -number
     assert png.read_bytes() == b"earlier"
