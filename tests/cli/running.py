@@ -86,9 +86,9 @@ def check_refused(done: Done, *words: str) -> None:
         assert word in done.err, f"{word!r} is missing in: {done.err}"
 
 
-def read_terminal(descriptor: int, until: str, seconds: float = PATIENCE_S) -> str:
+def read_terminal(descriptor: int, until: str) -> str:
     """What was shown on a pseudo-terminal, until a pattern is seen or it is closed."""
-    shown, end = "", time.monotonic() + seconds
+    shown, end = "", time.monotonic() + PATIENCE_S
     while time.monotonic() < end and not (until and re.search(until, shown)):
         if not select.select([descriptor], [], [], 1)[0]:
             continue

@@ -93,7 +93,7 @@ def test_ctrl_c_keeps_the_mask_so_far(tmp_path: Path) -> None:
     asked = ("--period", "0.3mm", "--iterations", 50_000, "-o", tmp_path / "m", "--json")
     with start("design", "mask", "optimised", *SMALL, *asked, stderr=theirs) as process:
         os.close(theirs)
-        read_terminal(ours, r"step [1-9]\d/50000")
+        read_terminal(ours, r"step [1-9]\d+/50000")
         process.send_signal(signal.SIGINT)
         shown = read_terminal(ours, "")
         printed = process.communicate(timeout=PATIENCE_S)[0]

@@ -164,7 +164,7 @@ def test_ctrl_c_keeps_the_trials_so_far(tmp_path: Path, few: Path) -> None:
     asked = ("design", "tolerance", "paper", few, "--trials", 100_000, "-o", out, "--json")
     with start(*asked, stderr=theirs) as process:
         os.close(theirs)
-        shown = read_terminal(ours, r"camera [1-9]\d/100000")
+        shown = read_terminal(ours, r"camera [1-9]\d+/100000")
         assert "patterns are simulated, about" in shown
         process.send_signal(signal.SIGINT)
         shown = read_terminal(ours, "")

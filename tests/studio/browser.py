@@ -18,15 +18,15 @@ from typing import Any, Self
 import pytest
 from PIL import Image
 
+from patience import PATIENCE_S
+
 SHOTS = Path(__file__).parents[2] / "docs" / "studio"
 SHOWN = bool(os.environ.get("NOLENS_SCREENSHOTS"))
 """Whether screenshots are written."""
 _ADDRESS = re.compile(r"http://127\.0\.0\.1:\d+\S*")
 _DESK, _PHONE = {"width": 1280, "height": 860}, {"width": 360, "height": 740}
 _AT_FIRST = {"method": "admm", "exposure_s": None, "frozen": False}
-_WAIT_MS = 60_000
 _LARGEST_BYTES = 300_000
-_END_S = 10
 
 needs_chromium = pytest.mark.skipif(
     shutil.which("chromium") is None, reason="there is no chromium to look at the page with"
@@ -54,7 +54,7 @@ def running_studio(folder: Path) -> Iterator[str]:
     finally:
         process.send_signal(signal.SIGINT)
         try:
-            process.wait(_END_S)
+            process.wait(PATIENCE_S)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
@@ -98,7 +98,7 @@ class Visit:
         context = self.browser.new_context(**settings)
         self._contexts.append(context)
         page = context.new_page()
-        page.set_default_timeout(_WAIT_MS)
+        page.set_default_timeout(1e3 * PATIENCE_S)
         page.add_init_script(
             "addEventListener('securitypolicyviolation', (e) => console.error('CSP ' + e.blockedURI"
             " + ' ' + e.violatedDirective));"

@@ -20,6 +20,7 @@ from fastapi import FastAPI
 from nolens.studio.app import Studio, create_app
 from nolens.studio.serve import listen
 from nolens.studio.workspace import Workspace
+from patience import PATIENCE_S
 
 NOLENS = Path(sys.executable).with_name("nolens")
 
@@ -40,13 +41,13 @@ class Running:
 
     def get(self, path: str, **how: Any) -> Any:
         """JSON of a GET that must succeed."""
-        answer = httpx.get(f"{self.url}/api/{path}", timeout=30, **how)
+        answer = httpx.get(f"{self.url}/api/{path}", timeout=PATIENCE_S, **how)
         assert answer.status_code == 200, answer.text
         return answer.json()
 
     def post(self, path: str, given: Any = None, status: int = 200, **how: Any) -> Any:
         """JSON of a POST with this outcome."""
-        answer = httpx.post(f"{self.url}/api/{path}", json=given, timeout=90, **how)
+        answer = httpx.post(f"{self.url}/api/{path}", json=given, timeout=PATIENCE_S, **how)
         assert answer.status_code == status, answer.text
         return answer.json()
 
@@ -54,17 +55,15 @@ class Running:
         """Start a job."""
         return str(self.post("jobs", {"kind": kind, "options": options}, 201)["id"])
 
-    def ended(self, identity: str, seconds: float = 60) -> dict[str, Any]:
+    def ended(self, identity: str) -> dict[str, Any]:
         """A job, once it has ended."""
         return self.until(
-            f"jobs/{identity}",
-            lambda job: job["status"] in ("done", "failed", "cancelled"),
-            seconds,
+            f"jobs/{identity}", lambda job: job["status"] in ("done", "failed", "cancelled")
         )
 
-    def until(self, path: str, true: Any, seconds: float = 60) -> dict[str, Any]:
+    def until(self, path: str, true: Any) -> dict[str, Any]:
         """What a path answers, once something is true of it."""
-        end = time.monotonic() + seconds
+        end = time.monotonic() + PATIENCE_S
         while True:
             found: dict[str, Any] = self.get(path)
             if true(found):
@@ -93,7 +92,7 @@ def serving(work: Path, *more: Path, source: str | None = None, **how: Any) -> I
         yield Running(f"http://127.0.0.1:{socket.getsockname()[1]}", work, said, app)
     finally:
         server.should_exit = True
-        thread.join(20)
+        thread.join(PATIENCE_S)
         assert not thread.is_alive()
 
 
@@ -113,8 +112,8 @@ def command(*arguments: object) -> "Iterator[subprocess.Popen[str]]":
             process.kill()
 
 
-def stop(process: "subprocess.Popen[str]", seconds: float) -> tuple[int, str]:
+def stop(process: "subprocess.Popen[str]") -> tuple[int, str]:
     """Press Ctrl-C; exit code and standard error."""
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=seconds)
+    _, err = process.communicate(timeout=PATIENCE_S)
     return process.returncode, err

@@ -10,6 +10,7 @@ import pytest
 from serving import NOLENS, serving
 
 from nolens.files import read_frame
+from patience import PATIENCE_S
 
 SIZE = 4_000_000
 
@@ -42,7 +43,7 @@ def test_capture_keeps_the_frames_that_fitted(disk: Path) -> None:
     done = subprocess.run(
         [NOLENS, "capture", "-o", disk / "night.npy", "--source", "twin:small",
          "--exposure", "1ms", "--frames", "50"],
-        capture_output=True, text=True, timeout=120, check=False,
+        capture_output=True, text=True, timeout=PATIENCE_S, check=False,
     )  # fmt: skip
     assert done.returncode == 2, done.stderr
     assert "No space left on device" in done.stderr and "Traceback" not in done.stderr

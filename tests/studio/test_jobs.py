@@ -112,7 +112,7 @@ def test_cancelled_job_keeps_the_picture_so_far(studio: Running) -> None:
     assert progress["what"] == "iteration" and 0 < progress["share"] < 1
     assert progress["limit"] == 100_000 and progress["seconds_left"] > 1
     studio.post(f"jobs/{identity}/cancel")
-    job = studio.ended(identity, 20)
+    job = studio.ended(identity)
     assert job["status"] == "cancelled"
     png = next(each for each in job["outputs"] if each.endswith(".png"))
     assert (studio.work / png.removeprefix("work/")).is_file()
@@ -134,7 +134,7 @@ def test_killed_process_fails_its_job_alone(studio: Running) -> None:
     studio.until(f"jobs/{identity}", lambda job: job["history"])
     assert studio.app is not None
     os.kill(studio.app.state.jobs.pid, signal.SIGKILL)
-    job = studio.ended(identity, 20)
+    job = studio.ended(identity)
     assert job["status"] == "failed"
     assert "SIGKILL" in job["error"] and "memory" in job["error"]
     assert studio.get("about")["version"]

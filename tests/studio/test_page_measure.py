@@ -21,7 +21,7 @@ def measured(page: Any, name: str) -> list[str]:
     card = page.locator(f"[data-measure={name}]")
     card.get_by_role("button", name="Measure").click()
     plot = card.locator("img.wide")
-    plot.wait_for(timeout=120_000)
+    plot.wait_for()
     assert plot.evaluate("async (e) => { await e.decode(); return e.naturalWidth; }") > 300
     rows: list[str] = card.locator("tr").all_inner_texts()
     return rows

@@ -12,6 +12,8 @@ import pytest
 from browser import Visit, await_text, needs_chromium, picture_of
 from PIL import Image
 
+from patience import until
+
 pytestmark = needs_chromium
 _PANELS = ("viewfinder", "design", "calibrate", "photograph", "measure")
 
@@ -95,8 +97,8 @@ def test_photograph_forms_and_is_found_again(visit: Visit, studio_folder: Path, 
     with Image.open(kept) as file:
         assert np.array_equal(np.asarray(shown), np.asarray(file.convert("RGB")))
     set_slider(page, "Gamma", 0.55)
-    page.wait_for_timeout(100)
-    assert np.asarray(picture_of(page, "#photograph"), dtype=int).mean() > np.asarray(shown).mean()
+    before = np.asarray(shown).mean()
+    until(lambda: np.asarray(picture_of(page, "#photograph")).mean() > before, "it is brighter")
     box = page.locator("#photograph").bounding_box()
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.mouse.down()
@@ -122,7 +124,7 @@ def test_click_focuses_on_a_point(visit: Visit, shot: str) -> None:
     page.get_by_label("Depths").fill("2")
     page.get_by_label("Nearest").fill("15cm")
     page.get_by_role("button", name="Make the focal stack").click()
-    page.wait_for_selector("#depth-picture", timeout=60_000)
+    page.wait_for_selector("#depth-picture")
     await_text(page, "[role=status]", "Sharp everywhere")
     page.locator("#depth-picture").click()
     assert await_text(page, "[role=status]", r"Sharp at \d")
@@ -161,6 +163,8 @@ def test_chosen_theme_is_kept(visit: Visit) -> None:
     assert page.evaluate(paper) == dark
 
 
+# Colours that are still on their way are neither the one nor the other.
+STILL = "() => !document.getAnimations().some((each) => each instanceof CSSTransition)"
 # Text and its background as they are painted; pictures and controls that are off are left out.
 CONTRAST = """() => {
   const paint = new OffscreenCanvas(1, 1).getContext("2d", { willReadFrequently: true });
@@ -200,6 +204,7 @@ def test_text_stands_out_from_what_is_behind_it(visit: Visit, theme: str) -> Non
     for key in range(1, len(_PANELS) + 1):
         page.keyboard.press(str(key))
         page.wait_for_timeout(300)
+        page.wait_for_function(STILL)
         assert page.evaluate(CONTRAST) == []
 
 
