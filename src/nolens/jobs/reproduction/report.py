@@ -87,8 +87,10 @@ def _intro(work: Workbench) -> tuple[str, ...]:
         "No row is tuned to the paper: what is computed follows from the camera's description, "
         "and where a value differs, the last column says why.",
         "What the simulation does not have: the paper's own diffuser (random lenslets of its mean "
-        "radius and pitch stand for it), measured curves of the sensor's colours and angles "
-        "(placeholders), and the paper's scenes (photographs stand for them).",
+        "radius and pitch stand for it), a measured curve of the light that its pixels accept at "
+        "angles (a placeholder), measured spectra of its colours (their ratios in white light are "
+        "fitted to Raspberry Pi's tuning of the camera, an infrared-cut filter included), and the "
+        "paper's scenes (photographs stand for them).",
     ]
     if work.opened.camera != preset("paper"):
         texts.append(

@@ -112,8 +112,9 @@ def _exposure(found: Mapping[str, Found]) -> Row:
     return Row(
         "exposure", None, f"{low:.0f} ms (60°) to {high:.0f} ms (30°) at {_SCREEN_CD_M2:g} cd/m²",
         "To 90 % of a full pixel, the screen's white as bright as said; the paper does not give "
-        f"it. The paper's times fit a 60° scene on a screen of {dim:.0f}–{bright:.0f} cd/m². The "
-        "quantum efficiency behind this is a placeholder until a measured one is found.",
+        f"it. The paper's times fit a 60° scene on a screen of {dim:.0f}–{bright:.0f} cd/m². "
+        "The height of the sensor's quantum efficiency is assumed (65 % in green), and absorption "
+        "in the resin, a tenth in the paper, is left out.",
     )  # fmt: skip
 
 
