@@ -61,6 +61,8 @@ def test_mixture(share: float) -> None:
     same, another = texture(3), texture(4)
     found = peak_correlation(same, 5 + 3 * (share * same + math.sqrt(1 - share**2) * another))
     assert found.frame == pytest.approx(share, abs=0.03)
+    # Three times as bright, which is what the first frame's own norm sees.
+    assert found.projection == pytest.approx(3 * share, abs=0.1)
     assert found.overlap == pytest.approx(share, abs=0.03)
     assert found.shift == pytest.approx((0, 0), abs=0.5)
 

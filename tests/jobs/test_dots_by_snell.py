@@ -9,7 +9,7 @@ from torch import Tensor
 from nolens.camera import OpenCamera
 from nolens.errors import DataError, OptionError
 from nolens.files import read_camera
-from nolens.jobs.measuring.field_angles import off_axis
+from nolens.jobs.measuring.field_angles import off_axis, ray_curves
 from nolens.jobs.measuring.field_dots import dot_grid
 from nolens.jobs.measuring.field_found import found_grid, grid_tangents
 from nolens.jobs.measuring.field_rays import Rays, between_deg
@@ -187,11 +187,20 @@ def test_off_axis(bench: OpticalBench) -> None:
         assert each.correlation_overlap > 0.98
     assert found[0].correlation > 0.99 and found[0].light == pytest.approx(1, abs=1e-6)
     assert found[2].correlation < 0.85 < found[1].correlation
+    for each in found:
+        # Noise apart, the norms of both frames are as their light.
+        assert each.light is not None and each.correlation_one_exposure is not None
+        exposed = each.correlation * each.light
+        assert each.correlation_one_exposure == pytest.approx(exposed, abs=0.05)
     # At 4 deg the pattern is still whole, so light is lost by angle alone.
     assert found[1].light == pytest.approx(found[1].expected_light, rel=0.03)
     cosine = math.cos(math.radians(4))
     accepted = float(bench.twin.response()(torch.tensor(1 - cosine**2)))
     assert found[1].expected_light == pytest.approx(cosine**3 * accepted, rel=1e-6)
+    curves = ray_curves(bench.twin, 4.0, DISTANCE_UM)
+    assert len(curves["angle_deg"]) > 20 and curves["angle_deg"][-1] == pytest.approx(4.0)
+    assert curves["light"][-1] == pytest.approx(found[1].expected_light, rel=1e-6)
+    assert curves["overlap_height"][-1] == pytest.approx(found[1].overlap_height, rel=1e-6)
     with pytest.raises(OptionError, match="beyond the model"):
         off_axis(bench, [0.0, 55.0])
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from nolens.calibrate.register import Cells, Match, Plane, fine_structure, matched
 
 _LEAST_ALIKE = 0.25
-"""Correlation of two views of one mask; the paper's camera has 0.3 where dots are lost."""
+"""Two captures whose overlap correlates less, each part by its own norm, are not taken for views
+of one mask. The 0.3 of the paper's Fig. 6c, which falls with the light too, is no such figure."""
 _CHANCE, _SPOT_CELLS = 6.0, 25
 """Patterns without anything in common may come to that many times 1/√n by their best shift, where
 n spots of so many cells overlap."""

@@ -43,8 +43,10 @@ def field(
 
     nolens measure field --simulate paper --dot-pitch 20mm -o dots.tif
 
-    The first two compare PSFs from the side with the central one, as the paper's Fig. 6c does;
-    the others find every dot of a grid in its picture, as in Fig. 6d: where it is by Snell's law,
+    The first two compare PSFs from the side with the central one, as the paper's Fig. 6c does:
+    by the correlation of the frames, each by its own norm; where exposures are known, at one
+    exposure by the central norm, so that lost light counts; and over their overlap alone. The
+    others find every dot of a grid in its picture, as in Fig. 6d: where it is by Snell's law,
     how wide, how bright; good, distorted or lost. All angles are half angles.
 
     Parameters
@@ -93,20 +95,30 @@ def field(
 
 
 def _angle_lines(found: dict[str, Any]) -> list[str]:
-    lines = ["half angle  correlation  of the overlap  overlap  light"]
+    lines = ["half angle  correlation  at one exposure  of the overlap  overlap  light"]
     for each in found["angles"]:
-        overlap = "-" if each["overlap_width"] is None else f"{100 * each['overlap_width']:.1f} %"
-        light = "-" if each["light"] is None else f"{100 * each['light']:.1f} %"
+        overlap, light = (
+            "-" if each[name] is None else f"{100 * each[name]:.1f} %"
+            for name in ("overlap_width", "light")
+        )
+        exposed = each["correlation_one_exposure"]
         lines.append(
             f"{each['angle_deg']:9.2f}°  {each['correlation']:11.3f}  "
+            f"{'-' if exposed is None else format(exposed, '.3f'):>15}  "
             f"{each['correlation_overlap']:14.3f}  {overlap:>7}  {light:>6}"
         )
-    for name, what in (("correlation", "frames"), ("correlation_overlap", "overlap")):
+    for name, what in (
+        ("correlation", "correlation of the frames"),
+        ("correlation_one_exposure", "at one exposure it"),
+        ("correlation_overlap", "correlation of the overlap"),
+    ):
+        if f"{name}_falls_to_deg" not in found:
+            continue
         falls = [
             f"to {level} at {angle:.1f}°" if angle is not None else f"nowhere to {level}"
             for level, angle in found[f"{name}_falls_to_deg"].items()
         ]
-        lines.append(f"correlation of the {what} falls {', '.join(falls)}")
+        lines.append(f"{what} falls {', '.join(falls)}")
     return lines
 
 

@@ -21,7 +21,12 @@ class PeakCorrelation:
     ----------
     frame
         Peak of the normalised cross-correlation of the whole frames, outside of which there is
-        nothing: what leaves the frame is missed.
+        nothing: what leaves the frame is missed. Each frame counts by its own norm, so it does not
+        matter how bright it is.
+    projection
+        The same peak over the first frame's own, ⟨a, b⟩/⟨a, a⟩: by how much of the first PSF the
+        second one holds, in the units of the frames. Of frames of one exposure time it counts
+        vignetting too.
     overlap
         Correlation over those cells alone that lie over each other there, or near to where the
         pattern is known to have moved.
@@ -31,6 +36,7 @@ class PeakCorrelation:
     """
 
     frame: float
+    projection: float
     overlap: float
     shift: tuple[float, float]
 
@@ -87,6 +93,7 @@ def peak_correlation(
     ]
     return PeakCorrelation(
         frame=min(1.0, top / (norms[0] * norms[1])),
+        projection=top / norms[0] ** 2,
         overlap=min(1.0, _vertex(over)[0]),
         shift=(place[0] + moved[0], place[1] + moved[1]),
     )

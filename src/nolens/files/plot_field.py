@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _GRADES = {"good": "#2a7f62", "distorted": "#e08a1e", "lost": "#a01c3a"}
-_FRAME, _OVERLAP, _OTHER = "#3557c9", "#2f9140", "0.45"
+_FRAME, _EXPOSED, _OVERLAP, _OTHER = "#3557c9", "#a01c3a", "#2f9140", "0.45"
 _BRIGHTEST = 99.8
 _GAMMA = 2.2
 
@@ -22,6 +22,7 @@ _GAMMA = 2.2
 def write_angles_plot(
     path: str | Path,
     curves: Mapping[str, Sequence[float | None]],
+    rays: Mapping[str, Sequence[float]] | None = None,
     levels: Sequence[float] = (),
 ) -> None:
     """Draw how PSFs from the side resemble the central one, and what light is left of them.
@@ -31,9 +32,12 @@ def write_angles_plot(
     path
         PNG to be written.
     curves
-        By name, one value for each ``angle_deg``: ``correlation``, ``correlation_overlap``,
-        ``overlap_width``, ``overlap_height``, ``light`` and ``expected_light``; those that hold
-        None are left out.
+        What was measured: by name, one value for each ``angle_deg``: ``correlation``,
+        ``correlation_one_exposure``, ``correlation_overlap`` and ``light``; those that hold None
+        are left out.
+    rays
+        What rays say, at angles of its own: ``angle_deg``, ``overlap_width``, ``overlap_height``
+        and ``light``; None draws none.
     levels
         Correlations to mark.
 
@@ -48,21 +52,24 @@ def write_angles_plot(
     with mpl.rc_context({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}):
         figure = Figure(figsize=(10.5, 4.2), layout="constrained")
         left, right = figure.subplots(1, 2)
-        _draw(left, curves, "correlation", _FRAME, "o-", "frames as captured")
+        _draw(left, curves, "correlation", _FRAME, "o-", "frames, each by its own norm")
+        _draw(left, curves, "correlation_one_exposure", _EXPOSED, "D-", "frames of one exposure")
         _draw(left, curves, "correlation_overlap", _OVERLAP, "s-", "their overlap alone")
-        _draw(left, curves, "overlap_width", _OTHER, "--", "overlap, light at the side")
-        _draw(left, curves, "overlap_height", _OTHER, ":", "overlap, light above")
+        if rays is not None:
+            _draw(left, rays, "overlap_width", _OTHER, "--", "overlap by rays, light at the side")
+            _draw(left, rays, "overlap_height", _OTHER, ":", "overlap by rays, light above")
         for level in levels:
-            left.axhline(level, color=_GRADES["lost"], linewidth=0.7, linestyle=(0, (6, 4)))
+            left.axhline(level, color=_OTHER, linewidth=0.7, linestyle=(0, (6, 4)))
             left.annotate(
                 f"{level:g}", (1, level), (-2, 2), xycoords=("axes fraction", "data"),
-                textcoords="offset points", ha="right", color=_GRADES["lost"], fontsize=8,
+                textcoords="offset points", ha="right", color=_OTHER, fontsize=8,
             )  # fmt: skip
         left.set_ylabel("correlation with the central PSF; overlap")
         left.set_title("likeness to the central PSF")
         left.legend(fontsize=8, frameon=False, loc="best")
         _draw(right, curves, "light", "black", "o-", "on the sensor")
-        _draw(right, curves, "expected_light", _OTHER, "--", "by cos³ and the pixels' acceptance")
+        if rays is not None:
+            _draw(right, rays, "light", _OTHER, "--", "by cos³, reflection and acceptance")
         right.set_ylabel("light, of the central PSF's")
         right.set_title("vignetting")
         if right.lines:

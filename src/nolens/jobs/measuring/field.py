@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ from nolens.files.plot_field import write_angles_plot, write_dots_plot
 from nolens.jobs.clock import Clock
 from nolens.jobs.cost import announce, check_memory, colours_of, cost_of, pattern_size
 from nolens.jobs.given import check_apart
-from nolens.jobs.measuring.field_angles import OffAxis, captured_off_axis, off_axis
+from nolens.jobs.measuring.field_angles import OffAxis, captured_off_axis, off_axis, ray_curves
 from nolens.jobs.measuring.field_dots import dot_grid
 from nolens.jobs.measuring.field_found import DotGrid, found_grid, grid_tangents
 from nolens.jobs.measuring.field_options import MeasureFieldOptions
@@ -64,11 +64,14 @@ class MeasureFieldOutcome:
         Dots, if those were.
     summary
         All figures, in values that JSON has.
+    rays
+        What rays say of the PSFs, see `ray_curves`; None without a description of the camera.
     """
 
     angles: list[OffAxis] | None
     grid: DotGrid | None
     summary: dict[str, Any]
+    rays: dict[str, list[float]] | None = None
 
 
 def measure_field(options: MeasureFieldOptions, reporter: Reporter) -> MeasureFieldOutcome:
@@ -129,7 +132,7 @@ def measure_field(options: MeasureFieldOptions, reporter: Reporter) -> MeasureFi
         write_together(
             {options.record: partial(write_record, record=record), **_writers(options, outcome)}
         )
-    return MeasureFieldOutcome(outcome.angles, outcome.grid, summary)
+    return replace(outcome, summary=summary)
 
 
 def _of_picture(options: MeasureFieldOptions, opened: OpenCamera) -> MeasureFieldOutcome:
@@ -158,7 +161,8 @@ def _of_folder(
         options.psfs, twin, partial(reporter.advance, "PSFs")
     )
     told = {"distance_mm": _millimetres(distance), **told_angles(found)}
-    return MeasureFieldOutcome(found, None, told), doubts
+    rays = None if twin is None else ray_curves(twin, found[-1].angle_deg, distance)
+    return MeasureFieldOutcome(found, None, told, rays), doubts
 
 
 def _of_twin(
@@ -193,7 +197,8 @@ def _of_twin(
         diameter_um=0.0 if math.isinf(away) else _SIZE_UM, seed=options.seed, tick=tick,
     )  # fmt: skip
     told = {"distance_mm": _millimetres(away), **told_angles(found)}
-    return MeasureFieldOutcome(found, None, told)
+    rays = ray_curves(bench.twin, options.angles[-1].deg, away)
+    return MeasureFieldOutcome(found, None, told, rays)
 
 
 def _foretell(
@@ -259,10 +264,14 @@ def _writers(
             curves={
                 name: [getattr(each, name) for each in outcome.angles]
                 for name in (
-                    "angle_deg", "correlation", "correlation_overlap", "overlap_width",
-                    "overlap_height", "light", "expected_light",
+                    "angle_deg",
+                    "correlation",
+                    "correlation_one_exposure",
+                    "correlation_overlap",
+                    "light",
                 )
             },
+            rays=outcome.rays,
             levels=CORRELATIONS,
         )  # fmt: skip
     if options.output is not None and grid is not None:

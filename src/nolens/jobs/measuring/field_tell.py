@@ -9,18 +9,20 @@ from nolens.jobs.measuring.field_found import DotGrid
 from nolens.jobs.measuring.rounded import rounded
 
 CORRELATIONS = (0.6, 0.3)
-"""Down to the first a picture is good, below the second it is lost (`uvimprint`)."""
+"""Down to the first a picture is good, below the second it is lost (`uvimprint`); the paper does
+not say whether frames count by their own norms or, at one exposure, by the central one's."""
 
 
 def told_angles(found: list[OffAxis]) -> dict[str, Any]:
     """Figures of PSFs from the side, in values that JSON has."""
     at = [each.angle_deg for each in found]
     told: dict[str, Any] = {"angles": [rounded(asdict(each)) for each in found]}
-    for name in ("correlation", "correlation_overlap"):
+    for name in ("correlation", "correlation_one_exposure", "correlation_overlap"):
         values = [getattr(each, name) for each in found]
-        told[f"{name}_falls_to_deg"] = {
-            f"{level:g}": rounded(falls_to(level, at, values)) for level in CORRELATIONS
-        }
+        if None not in values:
+            told[f"{name}_falls_to_deg"] = {
+                f"{level:g}": rounded(falls_to(level, at, values)) for level in CORRELATIONS
+            }
     return told
 
 

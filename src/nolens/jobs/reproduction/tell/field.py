@@ -8,6 +8,7 @@ import numpy as np
 
 from nolens.evaluate import Dot, falls_to
 from nolens.files.plot_field import write_angles_plot, write_dots_plot
+from nolens.jobs.measuring.field_angles import ray_curves
 from nolens.jobs.reproduction.field import PAPERS_PITCH_UM, PITCH_DEG
 from nolens.jobs.reproduction.paper import PAPER
 from nolens.jobs.reproduction.rows import Row
@@ -30,35 +31,49 @@ def angles(work: Workbench, found: Mapping[str, Found]) -> Draft:
     measured = found["off-axis"].figures["off_axis"]
     curves = {name: [each[name] for each in measured] for name in measured[0]}
     at = [0.0, *curves["angle_deg"]]
-    frames, shared = ([1.0, *curves[name]] for name in ("correlation", "correlation_overlap"))
+    names = ("correlation", "correlation_one_exposure", "correlation_overlap")
+    frames, exposed, shared = ([1.0, *curves[name]] for name in names)
     rows = []
     for (key, level), why in zip(_LEVELS.items(), _reasons(at, shared), strict=True):
-        angle = falls_to(level, at, frames)
         papers_deg = PAPER[key].value or 0.0
-        there = f"{float(np.interp(papers_deg, at, frames)):.2f} at {papers_deg:g}°"
-        text = f"beyond {at[-1]:g}°" if angle is None else f"{angle:.1f}°"
-        rows.append(Row(key, angle, f"{text}; {there}", why, sized=True))
+        text = (
+            f"{_where(level, at, exposed, papers_deg)} at one exposure; "
+            f"{_where(level, at, frames, papers_deg)} by each frame's own norm"
+        )
+        rows.append(Row(key, falls_to(level, at, exposed), text, why, sized=True))
     rows.append(_overlap(work))
     caption = (
-        "Peak of the cross-correlation with the central PSF by angle, for the frames and for "
-        "their overlap; the overlap by rays; and the light that is left."
+        "Peak of the cross-correlation with the central PSF by angle: of the frames, each by its "
+        "own norm; of frames of one exposure, over the peak of the central one with itself; and of "
+        "their overlap alone. Beside them the overlap by rays, and the light that is left."
     )
-    draw = partial(write_angles_plot, curves=curves, levels=tuple(_LEVELS.values()))
+    draw = partial(
+        write_angles_plot,
+        curves=curves,
+        rays=ray_curves(work.outline, at[-1], SCREEN_UM),
+        levels=tuple(_LEVELS.values()),
+    )
     return Draft("off-axis", title, (), (Drawn("off-axis", caption, draw, 165.0),), tuple(rows))
 
 
+def _where(level: float, at: list[float], values: list[float], papers_deg: float) -> str:
+    angle = falls_to(level, at, values)
+    text = f"beyond {at[-1]:g}°" if angle is None else f"{angle:.1f}°"
+    return f"{text} ({float(np.interp(papers_deg, at, values)):.2f} at {papers_deg:g}°)"
+
+
 def _reasons(at: list[float], shared: list[float]) -> tuple[str, str]:
-    """What the likeness of the frames falls by: cropping, or aberration."""
+    """What the two measures count."""
     return (
-        "Frames as the sensor captures them: what leaves the frame is missed, as in the paper. "
-        f"Over the part that both frames share the correlation is {shared[-1]:.2f} even at "
-        f"{at[-1]:g}°, so the fall here is the cropping, as the overlap by rays in the plot shows, "
-        "and a smaller sensor has more of it.",
-        "By rays, light at 22.5° still shares more than nine tenths of the paper's sensor with the "
-        "central one, so cropping cannot take its correlation to 0.6 there. What does is not in "
-        "this description. A diffuser's surface with features finer and steeper than smooth "
-        "lenslets of one radius, stray light, and less signal from the side are candidates; none "
-        "of them is measured here.",
+        "The paper does not write its measure down, but names vignetting as the first cause of the "
+        "fall. Frames of one exposure, compared by the norm of the central one, count it; by each "
+        "frame's own norm brightness does not matter, and the values fall by what leaves the frame "
+        f"and by aberration alone. Over the part that both frames share they are {shared[-1]:.2f} "
+        f"even at {at[-1]:g}°, so that is mostly the cropping, of which a smaller sensor has more. "
+        "That the paper's measure is the first is the likely reason of its steep fall.",
+        "As above. The ratio is that at one exposure; it goes with the pixels' acceptance, whose "
+        "curve is a placeholder. Lenslets that are spread evenly, as here, change least of all "
+        "masks with the angle; features of a real diffuser are finer and less even.",
     )
 
 
@@ -105,9 +120,10 @@ def dots(work: Workbench, found: Mapping[str, Found]) -> Draft:
             f"beyond {2 * reach:.0f}°" if lost is None else f"{2 * lost:.0f}°",
             "Full angle from which on dots do not stand five times the clutter above it, or have "
             f"less than a tenth of the light expected. {_left(listed, lost)} The clutter grows "
-            "with the number of dots and the noise, so this limit belongs to this scene. That the "
-            "PSF changes so little with the angle here (fig. 6c) is why both angles are larger "
-            "than the paper's.",
+            "with the number of dots and the noise, so this limit belongs to this scene. Both "
+            "angles are larger than the paper's: a PSF of evenly spread lenslets keeps its form "
+            "with the angle (fig. 6c, by each frame's own norm), which that of a real diffuser "
+            "does less.",
             sized=True,
         ),
     )  # fmt: skip
@@ -133,8 +149,8 @@ def _left(dots: list[Dot], lost_deg: float | None) -> str:
     nearest = min(dots, key=lambda dot: abs(dot.angle_deg - lost_deg))
     return (
         f"Where that is, dots have {100 * nearest.expected_light:.0f} % of the light of the middle "
-        "ones (cos⁴ and the pixels' acceptance, whose curve is a placeholder), and sink into the "
-        "clutter of the brighter ones."
+        "ones (cos⁴, reflection and the pixels' acceptance, whose curve is a placeholder), and "
+        "sink into the clutter of the brighter ones."
     )
 
 
