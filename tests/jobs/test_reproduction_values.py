@@ -44,6 +44,14 @@ def test_the_papers_own_values_hang_together() -> None:
     assert implied == pytest.approx([0.47, 0.48], abs=0.01)
 
 
+def test_the_papers_focal_length_is_the_master_films() -> None:
+    """R of 0.67 mm in polycarbonate, n = 1.59, and half of 69.75 µm."""
+    found = thickness.master_lenslet(paper("radius"), 1.59, paper("pitch"))
+    assert found["focal_length_mm"] == pytest.approx(1.14, abs=0.005)
+    assert found["aperture"] == pytest.approx(0.031, abs=0.0005)
+    assert found["depth_of_focus_mm"] == pytest.approx(0.53, abs=0.005)
+
+
 def test_a_row_says_the_ratio_and_its_size() -> None:
     row = Row("width", 40.3, "40.30 µm", "twice as wide", sized=True)
     assert row.ratio == pytest.approx(2.0)

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from nolens.camera import Camera
+from nolens.design.focus import depth_of_focus_um, lenslet_aperture
 from nolens.evaluate import pattern_figures
 from nolens.jobs.designing.thickness import design_thickness
 from nolens.jobs.designing.thickness_options import ThicknessOptions
@@ -20,6 +21,8 @@ _FILM = {"film": "0.305mm", "film_distance": "0.4mm±0.2mm", "film_material": "p
 _REPLICAS = ("pdms", "pua311")
 _FILM_OF = "pdms"
 _SHOWN_CELLS = 96
+_PAPERS_WAVELENGTH_UM = 0.5
+"""Its depth of focus of 0.41 mm is that of NA 0.035 at 500 nm."""
 
 
 def steps(work: Workbench, camera: str) -> tuple[Step, ...]:
@@ -54,7 +57,33 @@ def _designed(camera: str) -> Found:
         name: summary[name] for name in ("radius_mm", "printed_radius_mm", "film")
     }
     figures["replicas"] = {found["material"]: found for found in summary["materials"]}
+    figures["master"] = master_lenslet(
+        summary["radius_mm"]["value"], summary["film"]["index"], summary["pitch_um"]["value"]
+    )
     return Found(figures)
+
+
+def master_lenslet(radius_mm: float, index: float, pitch_um: float) -> dict[str, float]:
+    """Focal length as in air, NA and depth of focus of one lenslet of the master film.
+
+    Parameters
+    ----------
+    radius_mm
+        Radius R of its surface.
+    index
+        Of the film, n_p.
+    pitch_um
+        Of the lenslets.
+    """
+    focal_um = 1e3 * radius_mm / (index - 1)
+    aperture = lenslet_aperture(pitch_um, focal_um)
+    depth_um = depth_of_focus_um(_PAPERS_WAVELENGTH_UM, aperture)
+    return {
+        "index": index,
+        "focal_length_mm": 1e-3 * focal_um,
+        "aperture": float(aperture),
+        "depth_of_focus_mm": 1e-3 * float(depth_um),
+    }
 
 
 def with_film(camera: Camera, thickness_mm: float) -> Camera:

@@ -52,33 +52,39 @@ def rays(work: Workbench, found: Mapping[str, Found]) -> Draft:
                  "From d_p ± 0.2 mm alone, to first order; the paper does not say how it adds up "
                  "its own."),
         ]  # fmt: skip
-    rows += _lenslet(replicas["pua311"])
+    rows += _lenslet(figures["master"], replicas["pua311"])
     return Draft("thickness", title, (), (), tuple(rows))
 
 
-def _lenslet(replica: dict[str, Any]) -> list[Row]:
-    """Focal length, NA and depth of focus of one lenslet."""
-    focal = replica["focal_length_mm"]["value"]
-    aperture = replica["aperture"]["value"]
-    depth = replica["depth_of_focus_mm"]["value"]
-    index = replica["index"]["value"]
+def _lenslet(master: dict[str, float], replica: dict[str, Any]) -> list[Row]:
+    """Focal length, NA and depth of focus of one lenslet of the master film."""
+    focal, aperture = master["focal_length_mm"], master["aperture"]
+    depth = master["depth_of_focus_mm"]
+    others = {name: replica[name]["value"] for name in ("index", "focal_length_mm", "aperture")}
     return [
         Row(
-            "focal length", focal, f"{focal:.2f} mm",
-            f"R/(n′ − 1) in PUA 311, as in air. No material of the paper gives 1 mm: R = 0.67 mm "
-            f"would need n′ = 1.67, and the resin has {index:.2f}.",
+            "focal length",
+            focal,
+            f"{focal:.2f} mm",
+            f"R/(n_p − 1) of the master film, as in air, with n_p = {master['index']:.2f}: that is "
+            "what the sentence is about, and the paper rounds it. The replica in PUA 311 "
+            f"(n′ = {others['index']:.2f}) has {others['focal_length_mm']:.2f} mm.",
         ),
         Row(
-            "aperture", aperture, f"{aperture:.3f}",
-            "Half the pitch over the focal length. With the paper's 1 mm and half of 69.75 µm it "
-            "is 0.035; with the focal length that its R and resin have, this.",
+            "aperture",
+            aperture,
+            f"{aperture:.3f}",
+            "Half the pitch over the focal length above. With the 1 mm and half of 69.75 µm it is "
+            f"0.035. A lenslet of the replica has {others['aperture']:.3f}.",
         ),
         Row(
-            "depth of focus", depth, f"{depth:.2f} mm",
-            "λ/NA², so it goes with the square of the row above: 0.41 mm is 0.5 µm / 0.035². "
-            "Here λ is 588 nm.",
+            "depth of focus",
+            depth,
+            f"{depth:.2f} mm",
+            "λ/NA², so it goes with the square of the row above: 0.41 mm is 500 nm / 0.035², and "
+            "this is at 500 nm too.",
         ),
-    ]  # fmt: skip
+    ]
 
 
 def films(work: Workbench, found: Mapping[str, Found]) -> Draft:
