@@ -117,7 +117,7 @@ def test_text_for_people(tmp_path: Path) -> None:
     assert done.code == 0 and done.err == ""
     lines = done.out.splitlines()
     assert lines[0].startswith("line-width 11") and "the worst first" in lines[0]
-    assert lines[1].split()[:5] == ["relief.gain", "100", "±", "5", "%"]
+    assert lines[1].split()[:6] == ["relief.gain", "100", "±", "5", "%", "(2σ)"]
     assert lines[1].endswith("assumed")
     for words in (
         "predicted: mean",

@@ -100,12 +100,13 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     wide = max(len(row["parameter"]) for row in rows)
     for row in rows:
         amount = f"{row['mean']:.6g} ± {row['tolerance']:.4g} {row['unit']}".rstrip()
+        amount += f" ({row['tolerance_means']})"
         changes = (
             "not measurable" if row[key] is None else f"{row[key]:+.3g}"
             for key in ("change_at_minus", "change_at_plus")
         )
         assumed = "  assumed" if row["note"].startswith("assumed") else ""
-        lines.append(f"  {row['parameter']:<{wide}}  {amount:<22} {' / '.join(changes)}{assumed}")
+        lines.append(f"  {row['parameter']:<{wide}}  {amount:<28} {' / '.join(changes)}{assumed}")
     lines += _drawn(summary)
     if "solved" in summary:
         lines.append(_solved(summary["solved"]))

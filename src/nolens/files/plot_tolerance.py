@@ -141,4 +141,5 @@ def _label(study: Study) -> str:
 
 
 def _amount(parameter: Parameter) -> str:
-    return f"{parameter.name} ± {parameter.tolerance:g} {parameter.unit}".rstrip()
+    amount = f"{parameter.name} ± {parameter.tolerance:g} {parameter.unit}".rstrip()
+    return f"{amount} ({parameter.tolerance_means})"

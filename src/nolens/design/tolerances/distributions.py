@@ -51,6 +51,11 @@ class Parameter:
     at_most: float | None = None
     note: str = ""
 
+    @property
+    def tolerance_means(self) -> str:
+        """What ± stands for: ``"2σ"``, or ``"at most"`` where nothing lies farther away."""
+        return f"{_SIGMAS:g}σ" if self.distribution == "normal" else "at most"
+
     def with_tolerance(self, tolerance: float) -> "Parameter":
         """The same with another tolerance; where it is cut changes in proportion."""
         at_most = self.at_most

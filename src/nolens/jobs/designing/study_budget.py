@@ -42,7 +42,8 @@ def study_budget(path: Path, camera: Camera) -> ToleranceBudget:
     share = f"; {100 * result['yield']['share']:.3g} % meet the limit" if "yield" in result else ""
     method = (
         f"From nolens design tolerance: {result['criterion']} by {result['model']}, "
-        f"{result['trials']} cameras drawn{share}. What is allowed is what was assumed there."
+        f"{result['trials']} cameras drawn{share}. What is allowed was assumed there: 2σ of "
+        "a normal distribution, the farthest value of another."
     )
     thickness = f"{poured_layer(camera).name}.thickness"
     layer_mm = next(

@@ -38,6 +38,7 @@ def summary_of(options: ToleranceOptions, ready: Ready, study: Study) -> dict[st
                 "distribution": row.parameter.distribution,
                 "mean": row.parameter.middle,
                 "tolerance": row.parameter.tolerance,
+                "tolerance_means": row.parameter.tolerance_means,
                 "unit": row.parameter.unit,
                 "change_at_minus": _finite_or_none(row.minus),
                 "change_at_plus": _finite_or_none(row.plus),
