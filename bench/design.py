@@ -122,6 +122,7 @@ def thickness_table(found: dict[str, Any]) -> list[str]:
         "lenslet | depth of focus, as in air |",
         "|---|---|---|---|---|---|---|",
     ]
+    master = radius["value"] / (thick["film"]["index"] - 1)
     papers = {"pdms": "1.44 ± 0.41 mm", "pua311": "1.28 ± 0.37 mm"}
     for each in thick["materials"]:
         exact = each["thickness_mm"]
@@ -134,8 +135,8 @@ def thickness_table(found: dict[str, Any]) -> list[str]:
     return [
         *lines,
         "",
-        "The paper takes 1 mm for the focal length, and so 0.035 for the NA and 0.41 mm for the "
-        "depth of focus.",
+        "The paper's focal length of about 1 mm, and so its NA of 0.035 and its depth of focus of "
+        f"0.41 mm, are those of its master film: R/(n_p − 1) is {master:.2f} mm there.",
         "",
     ]
 
@@ -148,22 +149,24 @@ def tolerance_table(found: dict[str, Any]) -> list[str]:
         "## Tolerances",
         "",
         f"`nolens design tolerance paper --limit 1.05x`: {study['criterion']} of the PSF, nominal "
-        f"{study['nominal']:.2f} {unit}, by waves at {study['light']}; assumed tolerances (2σ).",
+        f"{study['nominal']:.2f} {unit}, by waves at {study['light']}; the tolerances are assumed.",
         "",
         "| parameter | tolerance | change at −, + |",
         "|---|---|---|",
     ]
     for row in study["sensitivities"]:
         lines.append(
-            f"| {row['parameter']} | {row['mean']:.4g} ± {row['tolerance']:g} {row['unit']} | "
+            f"| {row['parameter']} | {row['mean']:.4g} ± {row['tolerance']:g} {row['unit']} "
+            f"({row['tolerance_means']}) | "
             f"{row['change_at_minus']:+.2g}, {row['change_at_plus']:+.2g} {unit} |"
         )
     low, high = passed["interval_95"]
     return [
         *lines,
         "",
-        f"Predicted {guess['mean']:.2f} ± {guess['second_order_sigma']:.2f} {unit}; drawn, of "
-        f"{study['trials']} cameras, {study['mean']:.2f} ± {study['sigma']:.2f} {unit}. "
+        f"Predicted: mean {guess['mean']:.2f} {unit}, σ {guess['second_order_sigma']:.2f} {unit}; "
+        f"drawn, of {study['trials']} cameras: mean {study['mean']:.2f} {unit}, σ "
+        f"{study['sigma']:.2f} {unit}. "
         f"{100 * passed['share']:.1f} % (95 % interval {100 * low:.1f} to {100 * high:.1f} %) have "
         f"lines of at most {study['limit']:.2f} {unit}.",
         "",
@@ -191,18 +194,18 @@ def report(found: dict[str, Any]) -> str:
         "- Reconstruction: the central PSF, 300 iterations, τ 1e-5; scenes from 5×5 PSFs over the "
         "field; photographs of scikit-image that no mask was designed on",
         "",
-        "| mask (`nolens design mask …`) | PSF width | sparsity | MTF of 1 mm² at 20, 40, 80 /mm | "
-        "height | " + " | ".join(SCENES) + " | design |",
+        "| mask (`nolens design mask …`) | PSF width | sparsity | spectral magnitude of 1 mm² at "
+        f"20, 40, 80 /mm | height | {' | '.join(SCENES)} | design |",
         "|---|---|---|---|---|" + "---|" * len(SCENES) + "---|",
     ]
     for name, each in found["masks"].items():
         own = each["figures"]
-        transfer = ", ".join(f"{100 * value:.2f}" for value in own["mtf"])
+        magnitude = ", ".join(f"{100 * value:.2f}" for value in own["magnitude"])
         width = "–" if own["width_um"] is None else f"{own['width_um']:.1f} µm"
         scores = " | ".join(f"{each['psnr'][scene]:.1f} dB" for scene in SCENES)
         lines.append(
             f"| {name} (`{' '.join(MASKS[name])}`) | {width} | {100 * own['sparsity']:.1f} % | "
-            f"{transfer} % | {own['height_um']:.1f} µm | {scores} | {each['seconds']:.0f} s |"
+            f"{magnitude} % | {own['height_um']:.1f} µm | {scores} | {each['seconds']:.0f} s |"
         )
     contour = found["masks"]["contour"]["target_correlation"]
     lines += [

@@ -67,7 +67,9 @@ def test_record_and_files(tmp_path: Path) -> None:
     figures, papers = told["figures"], told["paper_diffuser"]
     assert figures["height_um"] == pytest.approx(heights.max() - heights.min(), abs=1e-4)
     assert figures["width_um"] < papers["width_um"] and figures["sparsity"] > papers["sparsity"]
-    assert all(own > theirs for own, theirs in zip(figures["mtf"], papers["mtf"], strict=True))
+    assert all(
+        own > theirs for own, theirs in zip(figures["magnitude"], papers["magnitude"], strict=True)
+    )
     assert figures["line_um"] == pytest.approx(figures["width_um"] / 2**0.5)
 
 
@@ -120,7 +122,7 @@ def test_the_table_a_person_sees(tmp_path: Path) -> None:
     assert done.code == 0 and done.err == ""
     lines = done.out.splitlines()
     assert lines[0].split() == ["this", "mask", "the", "paper's"]
-    assert any(line.startswith("MTF of 1 mm² at 40/mm, %") for line in lines)
+    assert any(line.startswith("spectral magnitude of 1 mm² at 40/mm, %") for line in lines)
     assert lines[-1] == str(tmp_path / "m" / "mask.json")
 
 
@@ -135,7 +137,7 @@ def test_the_table_a_person_sees(tmp_path: Path) -> None:
         (("contour", "-o", "m", "--line", "12"), "12 has no unit"),
         (("contour", "-o", "m", "--line", "0um"), "more than zero"),
         (("diffuser", "-o", "m", "--angle", "60deg"), "less than 45 deg"),
-        (("optimised", "-o", "m", "--mtf", "6%"), "6%@80/mm"),
+        (("optimised", "-o", "m", "--magnitude", "6%"), "6%@80/mm"),
         (("optimised", "-o", "m", "--sparsity", "100%"), "less than 100 %"),
         (("optimised", "-o", "m", "--levels", "8"), "more --levels"),
         (("optimised", "-o", "m", "--levels", "1"), "levels"),

@@ -55,7 +55,7 @@ def test_figures_of_known_spots(name: str, tmp_path: Path) -> None:
     assert told["pitch_um"] == pytest.approx(PITCH * 3.1, rel=0.01)
     assert told["cells"] == [SIDE, SIDE] and told["cell_um"] == 3.1
     assert told["line_deg"] is None and told["warnings"] == [] and told["camera"] is None
-    assert set(told["curves"]["direction_transfer"]) == {"0", "90", "180", "270"}
+    assert set(told["curves"]["direction_magnitude"]) == {"0", "90", "180", "270"}
     assert len(told["curves"]["lag_um"]) == len(told["curves"]["autocorrelation"])
     assert listing(tmp_path).keys() == {name}
 

@@ -24,7 +24,7 @@ from nolens.design.masks import (
     random_contours,
 )
 from nolens.errors import OptionError
-from nolens.evaluate import modulation_transfer, psnr, scale_fit
+from nolens.evaluate import psnr, scale_fit, spectral_magnitude
 from nolens.kernels import fast_length
 from nolens.operators import Region
 from nolens.optics import mask_to_sensor, relaxed_points, smoothed, squared_distance
@@ -32,7 +32,7 @@ from nolens.solvers import Problem, admm
 from nolens.twin import REFERENCE_NM, Light, Twin
 
 SIDE = 256
-GOALS = PsfGoals(width_um=8.0, sparsity=0.98, mtf=0.06, mtf_per_mm=80.0)
+GOALS = PsfGoals(width_um=8.0, sparsity=0.98, magnitude=0.06, magnitude_per_mm=80.0)
 
 
 @pytest.fixture(scope="module")
@@ -176,7 +176,7 @@ def test_even_spacing_loses_large_shapes(tile, twin):
         tile.pattern(LIMITS.enforce(LIMITS.smooth(each, tile.grid_um), tile.grid_um), 0)
         for each in surfaces
     ]
-    evenly, randomly = (modulation_transfer(each, tile.cell_um, 7.0) for each in patterns)
+    evenly, randomly = (spectral_magnitude(each, tile.cell_um, 7.0) for each in patterns)
     assert randomly > 2 * evenly
     evenly, randomly = (_psnr(each, 3000.0, 0) for each in patterns)
     assert randomly > evenly + 2.0

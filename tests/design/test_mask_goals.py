@@ -7,10 +7,10 @@ import torch
 
 from nolens.design.masks import PsfGoals, Shortfall
 from nolens.errors import OptionError
-from nolens.evaluate import modulation_transfer, pattern_figures, sparsity
+from nolens.evaluate import pattern_figures, sparsity, spectral_magnitude
 
 CELLS, CELL_UM = 128, 3.1
-EASY = {"width_um": 500.0, "sparsity": 0.0, "mtf": 1e-9, "mtf_per_mm": 60.0}
+EASY = {"width_um": 500.0, "sparsity": 0.0, "magnitude": 1e-9, "magnitude_per_mm": 60.0}
 
 
 def spots(deviation_um: float, count: int = 30, seed: int = 0) -> torch.Tensor:
@@ -54,11 +54,11 @@ def test_sparsity_is_the_one_that_is_measured():
 def test_gaps_in_the_spectrum_cost():
     """A single wave m of one mm² at one frequency: all other frequencies are missing."""
     pattern = spots(8.0)
-    lowest = min(modulation_transfer(pattern, CELL_UM, f) for f in (5.0, 15.0, 30.0))
-    assert shortfall(pattern, mtf=lowest / 30, mtf_per_mm=30.0) < 0.05
+    lowest = min(spectral_magnitude(pattern, CELL_UM, f) for f in (5.0, 15.0, 30.0))
+    assert shortfall(pattern, magnitude=lowest / 30, magnitude_per_mm=30.0) < 0.05
     place = torch.arange(CELLS)
     wave = (1 + torch.cos(2 * math.pi * 4 * place / CELLS)).expand(CELLS, -1)
-    assert shortfall(wave.contiguous(), mtf=0.01) > 6.5
+    assert shortfall(wave.contiguous(), magnitude=0.01) > 6.5
 
 
 def test_transfer_is_that_of_a_square_millimetre():
@@ -66,9 +66,9 @@ def test_transfer_is_that_of_a_square_millimetre():
     point = torch.zeros(CELLS, CELLS)
     point[5, 7] = 1.0
     side_mm = CELLS * CELL_UM * 1e-3
-    assert modulation_transfer(point, CELL_UM, 30.0) == pytest.approx(side_mm, rel=1e-3)
-    assert shortfall(point, mtf=0.9 * side_mm) == 0
-    assert shortfall(point, mtf=2 * side_mm) == pytest.approx(math.log(4), rel=0.01)
+    assert spectral_magnitude(point, CELL_UM, 30.0) == pytest.approx(side_mm, rel=1e-3)
+    assert shortfall(point, magnitude=0.9 * side_mm) == 0
+    assert shortfall(point, magnitude=2 * side_mm) == pytest.approx(math.log(4), rel=0.01)
 
 
 def test_the_gradient_leads_to_sharper_patterns():
@@ -85,9 +85,9 @@ def test_the_gradient_leads_to_sharper_patterns():
         ({"width_um": 0.0}, "width"),
         ({"sparsity": 1.0}, "less than 100 %"),
         ({"sparsity": -0.1}, "0 % or more"),
-        ({"mtf": 0.0}, "more than 0 %"),
-        ({"mtf": 1.1}, "up to 100 %"),
-        ({"mtf_per_mm": 0.0}, "more than zero"),
+        ({"magnitude": 0.0}, "more than 0 %"),
+        ({"magnitude": 1.1}, "up to 100 %"),
+        ({"magnitude_per_mm": 0.0}, "more than zero"),
     ],
 )
 def test_impossible_goals(change, words):

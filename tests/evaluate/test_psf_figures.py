@@ -11,7 +11,7 @@ from torch import Tensor
 from nolens.errors import DataError
 from nolens.evaluate import psf_figures, sparsity
 from nolens.evaluate.psf_figures_autocorrelation import trimmed
-from nolens.evaluate.psf_figures_spectrum import background_of
+from nolens.evaluate.psf_figures_spectrum import Spectrum, background_of
 
 SIDE = 384
 CELL_UM = 3.1
@@ -103,12 +103,12 @@ def test_a_lattice_that_does_not_fill_the_frame():
     assert found.row_pitch_um == pytest.approx(24 * CELL_UM, rel=0.01)
 
 
-def test_transfer_of_one_gaussian_spot():
+def test_magnitude_of_one_gaussian_spot():
     """exp(−2π²σ²f²) in all directions, to zero light of noise."""
     sigma = 3.0
     found = psf_figures(spots(torch.tensor([[190.3, 201.6]]).double(), sigma), CELL_UM)
-    told = {None: (found.per_mm, found.transfer), **found.direction_transfer}
-    assert set(found.direction_transfer) == {0, 90, 180, 270}
+    told = {None: (found.per_mm, found.magnitude), **found.direction_magnitude}
+    assert set(found.direction_magnitude) == {0, 90, 180, 270}
     for at, transfer in told.values():
         f = torch.tensor(at, dtype=torch.float64) * CELL_UM * 1e-3
         expected = torch.exp(-2 * (math.pi * sigma * f) ** 2)
@@ -119,13 +119,13 @@ def test_transfer_of_one_gaussian_spot():
     line_per_mm = 1e3 / (2 * math.sqrt(2 * math.log(2)) * sigma * CELL_UM * 2)
     assert found.line_per_mm == pytest.approx(line_per_mm, rel=0.01)
     lowest = math.exp(-2 * (math.pi * sigma * line_per_mm * CELL_UM * 1e-3) ** 2)
-    assert found.lowest_transfer == pytest.approx(lowest, rel=0.04)
+    assert found.lowest_magnitude == pytest.approx(lowest, rel=0.04)
 
 
-def test_transfer_of_one_disc():
+def test_magnitude_of_one_disc():
     """2 J₁(πDf) / (πDf)."""
     found = psf_figures(discs(torch.tensor([[190.3, 201.6]]), 20.0), 1.0, noise=0.0)
-    for at, transfer in [(found.per_mm, found.transfer), *found.direction_transfer.values()]:
+    for at, transfer in [(found.per_mm, found.magnitude), *found.direction_magnitude.values()]:
         f = torch.tensor(at, dtype=torch.float64) * 1e-3
         argument = math.pi * 20.0 * f[f < 0.25]
         expected = (2 * torch.special.bessel_j1(argument) / argument).abs()
@@ -139,7 +139,7 @@ def test_directions_are_the_pictures():
     for step in range(-6, 7):
         wide = wide + narrow.roll(step, dims=1)
     found = psf_figures(wide, 1.0)
-    at = found.direction_transfer
+    at = found.direction_magnitude
     half = {a: next(f for f, v in zip(*at[a], strict=True) if v < 0.5) for a in at}
     assert half[0] == half[180] < 0.7 * half[90]
     assert half[90] == half[270]
@@ -160,10 +160,10 @@ def test_white_noise_is_told_and_taken_off(noise):
     assert abs(found.background_share) < 0.05
     assert found.contrast == pytest.approx(truth.contrast, rel=0.01)
     assert found.sparsity == pytest.approx(truth.sparsity, rel=0.01)
-    # Of the transfer too, where noise is a good part of it.
+    # Of the magnitude too, where noise is a good part of it.
     high = next(n for n, f in enumerate(found.per_mm) if f > 0.85 * found.usable_per_mm)
     near = slice(high - 3, high + 4)
-    assert sum(found.transfer[near]) == pytest.approx(sum(truth.transfer[near]), rel=0.15)
+    assert sum(found.magnitude[near]) == pytest.approx(sum(truth.magnitude[near]), rel=0.15)
     given_too = psf_figures(noisy, CELL_UM, noise=noise)
     assert given_too.noise_given and given_too.noise == pytest.approx(noise)
     # Where the spots' power, which is known, has come down to the noise's.
@@ -172,12 +172,24 @@ def test_white_noise_is_told_and_taken_off(noise):
     crossing = math.sqrt(math.log(power / (noise**2 * SIDE**2)) / 4) / (math.pi * 2.5)
     assert found.usable_per_mm == pytest.approx(crossing * 1e3 / CELL_UM, rel=0.08)
     assert truth.usable_per_mm > found.usable_per_mm
+    assert found.clear_bands_per_mm == ((0.0, found.usable_per_mm),)
 
 
-def test_noise_as_transfer_and_without_any():
+def test_bands_above_the_noise_and_the_gap_between_them():
+    """A texture with power up to 0.15 and from 0.25 to 0.35 cycles, and white noise of a third."""
+    grains = torch.randn(2, SIDE, SIDE, dtype=torch.float64, generator=torch.manual_seed(6))
+    frequency = torch.fft.fftfreq(SIDE, dtype=torch.float64)
+    radius = torch.hypot(frequency[:, None], frequency[: SIDE // 2 + 1].abs())
+    held = (radius < 0.15) | ((radius > 0.25) & (radius < 0.35))
+    texture = torch.fft.irfft2(torch.fft.rfft2(grains[0]) * held, s=(SIDE, SIDE))
+    bands = Spectrum.of(10 + texture + grains[1] / 3, 1 / 3).clear_bands()
+    assert torch.tensor(bands).flatten().tolist() == pytest.approx([0, 0.15, 0.25, 0.35], abs=0.006)
+
+
+def test_noise_as_magnitude_and_without_any():
     pattern = spots(lattice(14, staggered=False, jitter=0.03), 2.0)
     found = psf_figures(pattern, CELL_UM, noise=1e-5)
-    assert found.noise_transfer == pytest.approx(1e-5 * SIDE / float(pattern.sum()), rel=0.01)
+    assert found.noise_magnitude == pytest.approx(1e-5 * SIDE / float(pattern.sum()), rel=0.01)
     assert psf_figures(pattern, CELL_UM, noise=0.0).usable_per_mm == pytest.approx(500 / CELL_UM)
 
 
@@ -192,7 +204,7 @@ def test_unit_level_and_cell(factor, level, cell_um):
     assert other.fwhm_um == pytest.approx(cell_um * one.fwhm_um, rel=1e-6)
     assert other.pitch_um == pytest.approx(cell_um * one.pitch_um, rel=1e-6)
     assert other.line_per_mm == pytest.approx(one.line_per_mm / cell_um, rel=1e-6)
-    assert other.lowest_transfer == pytest.approx(one.lowest_transfer, rel=1e-3)
+    assert other.lowest_magnitude == pytest.approx(one.lowest_magnitude, rel=1e-3)
     mean = float(pattern.mean())
     share = level * top / (level * top + mean)
     assert other.background_share == pytest.approx(share, abs=2e-3)

@@ -174,8 +174,8 @@ def test_design_is_looked_at(studio: Running) -> None:
     assert 12 < sharp["line_width_um"] < 17  # The paper's prototype has 14.25 um.
     assert blurred["fwhm_um"] > 1.2 * sharp["fwhm_um"]
     assert sharp["autocorrelation"]["value"][0] == pytest.approx(1)
-    assert len(sharp["mtf"]["per_mm"]) == len(sharp["mtf"]["value"]) > 20
-    assert all(0 <= value <= 1 for value in sharp["mtf"]["value"])
+    assert len(sharp["magnitude"]["per_mm"]) == len(sharp["magnitude"]["value"]) > 20
+    assert all(0 <= value <= 1 for value in sharp["magnitude"]["value"])
     picture = read_frame(studio.work / sharp["psf"].removeprefix("work/"))
     assert picture.counts.shape == (1, 224, 224)
 

@@ -37,7 +37,7 @@ def mask(
     spacing: Annotated[str | None, Quantity, Wanted] = None,
     width: Annotated[str | None, Quantity, Wanted] = None,
     sparsity: Annotated[str | None, Quantity, Wanted] = None,
-    mtf: Annotated[str | None, Quantity, Wanted] = None,
+    magnitude: Annotated[str | None, Quantity, Wanted] = None,
     feature: Annotated[str | None, Quantity, Process] = None,
     height: Annotated[str | None, Quantity, Process] = None,
     slope: Annotated[str | None, Quantity, Process] = None,
@@ -54,7 +54,7 @@ def mask(
     The kinds: random-lenslets (the paper's model of its diffuser), lenslet-array (regular),
     diffuser (a Gaussian surface), contour (a PSF of thin lines, by near-field phase retrieval; such
     masks made by edge filtering are the subject of the patent application US 2025/0377536 A1),
-    optimised (a PSF of wanted width, sparsity and MTF, by following the gradient through the
+    optimised (a PSF of wanted width, sparsity and spectrum, by following the gradient through the
     camera's own layers).
 
     Parameters
@@ -94,8 +94,8 @@ def mask(
         For optimised, of the PSF's autocorrelation, at most.  [default: 8um]
     sparsity
         For optimised, share of the sensor without light, at least.  [default: 98%]
-    mtf
-        For optimised, modulation transfer of 1 mm2 of the PSF, at least, up to a spatial frequency
+    magnitude
+        For optimised, spectral magnitude of 1 mm2 of the PSF, at least, up to a spatial frequency
         on the sensor.  [default: 6%@80/mm]
     feature
         Smallest feature; for diffuser, the distance over which heights are alike.
@@ -151,9 +151,9 @@ def _table(summary: dict[str, Any]) -> list[str]:
     for name, key, factor, form in rows:
         cells = (_text(side[key], factor, form) for side in (own, papers))
         lines.append(f"{name:42}" + "".join(f"{cell:>12}" for cell in cells))
-    for number, per_mm in enumerate(summary["mtf_per_mm"]):
-        cells = (_text(side["mtf"][number], 100, ".2f") for side in (own, papers))
-        name = f"MTF of 1 mm² at {per_mm:g}/mm, %"
+    for number, per_mm in enumerate(summary["magnitude_per_mm"]):
+        cells = (_text(side["magnitude"][number], 100, ".2f") for side in (own, papers))
+        name = f"spectral magnitude of 1 mm² at {per_mm:g}/mm, %"
         lines.append(f"{name:42}" + "".join(f"{cell:>12}" for cell in cells))
     return lines
 

@@ -28,7 +28,7 @@ def psf(
     plot: Annotated[Path | None, Result] = None,
     json_: Annotated[bool, Json] = False,
 ) -> int:
-    """Measure a PSF: width of its lines, pitch, modulation transfer, contrast, noise.
+    """Measure a PSF: width of its lines, pitch, spectrum, contrast, noise.
 
     nolens measure psf psf.tif --pixel 3.1um --plot psf.png
 
@@ -54,7 +54,7 @@ def psf(
         Standard deviation of the noise of a cell, in counts; 0 for a PSF without noise.
         [default: the power at the frequencies where it is least]
     plot
-        Picture to write (.png): PSF, autocorrelation, modulation transfer. The record of the run
+        Picture to write (.png): PSF, autocorrelation, spectral magnitude. The record of the run
         goes beside it, as .json.
     json_
         Print one JSON object on standard output: all figures and curves.
@@ -84,19 +84,32 @@ def _lines(found: dict[str, Any]) -> list[str]:
         + ("" if row is None else f"; {row:.2f} um along the rows"),
         f"contrast {found['contrast']:.3g}, {100 * found['sparsity']:.1f} % of the area is dark, "
         f"{100 * found['background_share']:.1f} % of the light is background",
-        f"modulation transfer at least {found['lowest_transfer']:.2g} up to the lines' "
-        f"{found['line_per_mm']:.1f}/mm; noise {found['noise_transfer']:.2g}, "
+        f"spectral magnitude at least {found['lowest_magnitude']:.2g} up to the lines' "
+        f"{found['line_per_mm']:.1f}/mm; noise {found['noise_magnitude']:.2g}, "
         + ("given" if found["noise_given"] else "estimated"),
-        f"above the noise up to {found['usable_per_mm']:.1f} lines/mm",
+        _clear(found["clear_bands_per_mm"]),
     ]
     if found["line_deg"] is not None:
-        lines.append(
-            f"expected resolution: a line is {found['line_deg']:.2f}° wide, and half a period of "
-            f"the highest frequency above the noise {found['usable_deg']:.2f}°"
-        )
+        line = f"expected resolution: a line is {found['line_deg']:.2f}° wide"
+        if found["usable_deg"] is not None:
+            line += (
+                f", and half a period of the frequency up to which the PSF is above the noise "
+                f"{found['usable_deg']:.2f}°"
+            )
+        lines.append(line)
     if found.get("lenslet_aperture") is not None:
         lines.append(
             f"lenslets: NA {found['lenslet_aperture']:.4f}, depth of focus "
             f"{found['depth_of_focus_mm']:.2f} mm"
         )
     return [*lines, *found["outputs"]]
+
+
+def _clear(bands: list[list[float]]) -> str:
+    """Frequencies at which the PSF is above its noise."""
+    if not bands:
+        return "nowhere above the noise"
+    parts = [
+        f"up to {high:.1f}" if low == 0 else f"from {low:.1f} to {high:.1f}" for low, high in bands
+    ]
+    return f"above the noise {', and '.join(parts)} lines/mm"

@@ -16,8 +16,8 @@ from nolens.evaluate.siemens import (
 )
 from nolens.evaluate.siemens_place import StarPlace, find_star
 from nolens.evaluate.slanted_edge import EdgeResponse, edge_response
+from nolens.evaluate.spectral_magnitude import sparsity, spectral_magnitude
 from nolens.evaluate.targets import STAR_SHARE, angle_of_length, siemens_star, slanted_edge
-from nolens.evaluate.transfer import modulation_transfer, sparsity
 from nolens.evaluate.two_points import (
     RAYLEIGH_DIP,
     PointPair,
@@ -51,7 +51,6 @@ __all__ = [
     "falls_to",
     "find_star",
     "grade",
-    "modulation_transfer",
     "pattern_figures",
     "peak_correlation",
     "point_pair",
@@ -63,6 +62,7 @@ __all__ = [
     "siemens_star",
     "slanted_edge",
     "sparsity",
+    "spectral_magnitude",
     "spots_at",
     "ssim",
     "star_contrast",

@@ -8,7 +8,7 @@ from torch import Tensor
 from nolens.errors import DataError
 from nolens.evaluate.psf_figures_autocorrelation import Autocorrelation
 from nolens.evaluate.psf_figures_spectrum import DIRECTIONS_DEG, Spectrum
-from nolens.evaluate.transfer import sparsity
+from nolens.evaluate.spectral_magnitude import sparsity
 
 _SMALLEST = 16
 
@@ -44,15 +44,18 @@ class PsfFigures:
         Standard deviation of a cell's noise, in the PSF's unit.
     noise_given
         Whether that was given; otherwise it is the power at the frequencies where it is least.
-    noise_transfer
-        What this noise is as modulation transfer.
+    noise_magnitude
+        What this noise is as spectral magnitude.
+    clear_bands_per_mm
+        Spatial frequencies, from and to, at which the PSF has more power than noise, up to that of
+        two cells; gaps and bands of less than 0.02 cycles to the cell are passed over.
     usable_per_mm
-        Highest spatial frequency at which the PSF has as much power as noise, at most that of two
-        cells. Between the pitch and zero there can be less.
+        End of the first of these bands, from which on the PSF sinks into its noise; 0 where there
+        is none.
     line_per_mm
         Frequency of which half a period is a line's width.
-    lowest_transfer
-        Smallest radial transfer up to `line_per_mm`.
+    lowest_magnitude
+        Smallest magnitude, all directions averaged, up to `line_per_mm`.
     line_deg, usable_deg
         Angles in the scene that are as wide on the sensor as a line, and as half a period of
         `usable_per_mm`; None without a reduced thickness.
@@ -60,10 +63,12 @@ class PsfFigures:
         Autocorrelation without the mean by distance, 1 at zero.
     level
         Of its lowest value before the second peak.
-    per_mm, transfer
-        Modulation transfer over all directions by spatial frequency.
-    direction_transfer
-        For 0, 90, 180 and 270°, pairs of frequency and transfer. A real pattern has the same
+    per_mm, magnitude
+        Spectral magnitude over all directions by spatial frequency: root mean square of the
+        spectrum over rings, of the light without its background. It scales with one over the root
+        of the number of spots, so it is no modulation transfer.
+    direction_magnitude
+        For 0, 90, 180 and 270°, pairs of frequency and magnitude. A real pattern has the same
         spectrum at 0 and 180°, whatever it is.
     """
 
@@ -79,10 +84,11 @@ class PsfFigures:
     sparsity: float
     noise: float
     noise_given: bool
-    noise_transfer: float
+    noise_magnitude: float
+    clear_bands_per_mm: tuple[tuple[float, float], ...]
     usable_per_mm: float
     line_per_mm: float
-    lowest_transfer: float
+    lowest_magnitude: float
     line_deg: float | None
     usable_deg: float | None
     lag_um: tuple[float, ...]
@@ -90,8 +96,8 @@ class PsfFigures:
     row_autocorrelation: tuple[float, ...]
     level: float
     per_mm: tuple[float, ...]
-    transfer: tuple[float, ...]
-    direction_transfer: dict[int, tuple[tuple[float, ...], tuple[float, ...]]]
+    magnitude: tuple[float, ...]
+    direction_magnitude: dict[int, tuple[tuple[float, ...], tuple[float, ...]]]
 
 
 def psf_figures(
@@ -149,11 +155,12 @@ def psf_figures(
     ]
     row = found.width(found.row, level)
     to_mm = 1e3 / cell_um
-    at, transfer = spectrum.transfer()
+    at, magnitude = spectrum.magnitude()
     line_per_mm = 500 / line_um
-    below = transfer[at * to_mm <= line_per_mm]
-    usable = spectrum.usable() * to_mm
-    directions = {angle: spectrum.transfer(angle) for angle in DIRECTIONS_DEG}
+    below = magnitude[at * to_mm <= line_per_mm]
+    bands = tuple((low * to_mm, high * to_mm) for low, high in spectrum.clear_bands())
+    usable = bands[0][1] if bands else 0.0
+    directions = {angle: spectrum.magnitude(angle) for angle in DIRECTIONS_DEG}
     return PsfFigures(
         cell_um=cell_um,
         fwhm_um=width * cell_um,
@@ -167,19 +174,20 @@ def psf_figures(
         sparsity=sparsity(psf, spectrum.noise),
         noise=spectrum.noise,
         noise_given=noise is not None,
-        noise_transfer=math.sqrt(spectrum.noise_power) / spectrum.total,
+        noise_magnitude=math.sqrt(spectrum.noise_power) / spectrum.total,
+        clear_bands_per_mm=bands,
         usable_per_mm=usable,
         line_per_mm=line_per_mm,
-        lowest_transfer=float(below.min()) if len(below) else float(transfer[0]),
+        lowest_magnitude=float(below.min()) if len(below) else float(magnitude[0]),
         line_deg=_angle_deg(line_um, reduced_um),
-        usable_deg=_angle_deg(500 / usable, reduced_um),
+        usable_deg=_angle_deg(500 / usable, reduced_um) if usable else None,
         lag_um=_told(found.lag * cell_um),
         autocorrelation=_told(found.radial),
         row_autocorrelation=_told(found.row),
         level=level,
         per_mm=_told(at * to_mm),
-        transfer=_told(transfer),
-        direction_transfer={
+        magnitude=_told(magnitude),
+        direction_magnitude={
             angle: (_told(each * to_mm), _told(values))
             for angle, (each, values) in directions.items()
         },

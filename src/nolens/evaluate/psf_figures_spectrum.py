@@ -9,7 +9,7 @@ from torch import Tensor
 from nolens.kernels import rfft2
 
 DIRECTIONS_DEG = (0, 90, 180, 270)
-"""Directions along which the transfer is told: to the right, up, to the left and down."""
+"""Directions along which the magnitude is told: to the right, up, to the left and down."""
 _WEDGE_DEG = 10.0
 _RING = 0.0025
 _NOISE_RING = 0.02
@@ -100,12 +100,13 @@ class Spectrum:
         """How often every column stands in the whole plane."""
         return column_weights(self.shape[1])
 
-    def transfer(self, direction_deg: int | None = None) -> tuple[Tensor, Tensor]:
-        r"""Frequencies and modulation transfer :math:`\sqrt{\langle|F|^2\rangle - N}\,/\,F_0`.
+    def magnitude(self, direction_deg: int | None = None) -> tuple[Tensor, Tensor]:
+        r"""Frequencies and spectral magnitude :math:`\sqrt{\langle|F|^2\rangle - N}\,/\,F_0`.
 
         Over rings of 0.0025 cycles to the cell (or two steps of the transform, where that is
         more), without the noise's power N; :math:`F_0` is the pattern's light without its
-        background.
+        background. It is the root mean square over many spots in random places: n of them have
+        :math:`1/\sqrt n` of what one has, so it is no modulation transfer.
 
         Parameters
         ----------
@@ -116,16 +117,22 @@ class Spectrum:
         at, power, _ = self._rings(_RING, direction_deg)
         return at, (power - self.noise_power).clamp_min(0).sqrt() / self.total
 
-    def usable(self) -> float:
-        """Highest frequency at which the pattern has as much power as noise, in cycles to the cell.
+    def clear_bands(self) -> tuple[tuple[float, float], ...]:
+        """Frequencies, from and to, at which the pattern has more power than noise.
 
-        There Wiener's filter gives half of what it passes (`wiener1949`). 0.5 where there is none.
+        In cycles to the cell. At their ends Wiener's filter gives half of what it passes
+        (`wiener1949`). Gaps and bands of less than 0.02 cycles are passed over.
         """
         at, power, _ = self._rings(_RING, None)
-        if self.noise_power == 0:
-            return _HIGHEST
-        clear = (power >= 2 * self.noise_power).nonzero()
-        return float(at[clear[-1, 0]]) if len(clear) else float(at[0])
+        clear = power >= 2 * self.noise_power
+        for value in (False, True):
+            for first, last in _runs(clear, value=value):
+                ends = first == 0 if value else last == len(at) - 1
+                if float(at[last] - at[first]) < _NOISE_RING and not ends:
+                    clear[first : last + 1] = not value
+        edges = [float(each) for each in at]
+        edges[0], edges[-1] = 0.0, _HIGHEST
+        return tuple((edges[first], edges[last]) for first, last in _runs(clear, value=True))
 
     def _rings(self, width: float, direction_deg: int | None) -> tuple[Tensor, Tensor, Tensor]:
         """Mean frequency, mean power and number of values of rings that hold any."""
@@ -151,6 +158,19 @@ class Spectrum:
         count.index_add_(0, ring, weight)
         held = count > 0
         return sums[0][held] / count[held], sums[1][held] / count[held], count[held]
+
+
+def _runs(clear: Tensor, *, value: bool) -> list[tuple[int, int]]:
+    """First and last place of every run of a value."""
+    places: list[tuple[int, int]] = []
+    for place, each in enumerate(clear.tolist()):
+        if each != value:
+            continue
+        if places and places[-1][1] == place - 1:
+            places[-1] = places[-1][0], place
+        else:
+            places.append((place, place))
+    return places
 
 
 def column_weights(columns: int) -> Tensor:

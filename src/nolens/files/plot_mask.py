@@ -8,7 +8,7 @@ import numpy as np
 from torch import Tensor
 
 from nolens.errors import DataError
-from nolens.evaluate import modulation_transfer
+from nolens.evaluate import spectral_magnitude
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,7 +45,7 @@ class MaskPlot:
 
 
 def plot_mask(path: Path, plot: MaskPlot) -> None:
-    """Draw relief, PSFs and modulation transfer.
+    """Draw relief, PSFs and spectral magnitude.
 
     Parameters
     ----------
@@ -61,11 +61,11 @@ def plot_mask(path: Path, plot: MaskPlot) -> None:
     with mpl.rc_context({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}):
         figure = Figure(figsize=(10, 8.4), layout="constrained")
         figure.suptitle(plot.title)
-        (relief, transfer), (own, papers) = figure.subplots(2, 2)
+        (relief, magnitude), (own, papers) = figure.subplots(2, 2)
         image = _show(relief, plot.heights_um, plot.grid_um, "viridis", None)
         relief.set_title("relief around the middle")
         figure.colorbar(image, ax=relief, label="height, um", shrink=0.85)
-        _draw_transfer(transfer, plot)
+        _draw_magnitude(magnitude, plot)
         channel = min(1, len(plot.psf) - 1)
         for axes, psf, title in (
             (own, plot.psf, "PSF"),
@@ -94,8 +94,8 @@ def _show(
     )  # fmt: skip
 
 
-def _draw_transfer(axes: "Axes", plot: MaskPlot) -> None:
-    """Modulation transfer of one square millimetre over the spatial frequency."""
+def _draw_magnitude(axes: "Axes", plot: MaskPlot) -> None:
+    """Spectral magnitude of one square millimetre over the spatial frequency."""
     frequencies = np.geomspace(3, 0.48e3 / plot.cell_um, 60)
     for psf, colour, name in (
         (plot.psf, _OWN, "this mask"), (plot.papers_psf, _PAPERS, "the paper's diffuser"),
@@ -104,12 +104,12 @@ def _draw_transfer(axes: "Axes", plot: MaskPlot) -> None:
         values = []
         for each in frequencies:
             try:
-                values.append(modulation_transfer(pattern, plot.cell_um, float(each)))
+                values.append(spectral_magnitude(pattern, plot.cell_um, float(each)))
             except DataError:
                 values.append(np.nan)
         axes.loglog(frequencies, values, color=colour, label=name)
     axes.set_xlabel("lines to the mm on the sensor")
-    axes.set_title("modulation transfer of 1 mm² of the PSF")
+    axes.set_title("spectral magnitude of 1 mm² of the PSF")
     axes.set_ylim(bottom=1e-4)
     axes.grid(alpha=0.3)
     axes.legend()

@@ -23,7 +23,7 @@ _DECADES = 1e-4
 
 
 def write_psf_plot(path: str | Path, figures: PsfFigures, psf: Tensor, cell_um: float) -> None:
-    """Draw a PSF with a part of it enlarged, its autocorrelation, and its modulation transfer.
+    """Draw a PSF with a part of it enlarged, its autocorrelation, and its spectral magnitude.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def write_psf_plot(path: str | Path, figures: PsfFigures, psf: Tensor, cell_um: 
         left, middle, right = figure.subplots(1, 3, width_ratios=(1.15, 1, 1))
         _draw_pattern(left, values, figures, cell_um)
         _draw_autocorrelation(middle, figures)
-        _draw_transfer(right, values, figures)
+        _draw_magnitude(right, values, figures)
         with atomic_write(path) as temporary:
             figure.savefig(temporary, format="png", dpi=120)
 
@@ -139,19 +139,19 @@ def _draw_autocorrelation(axes: "Axes", figures: PsfFigures) -> None:
     axes.legend(fontsize=8, loc="upper right", frameon=False)
 
 
-def _draw_transfer(axes: "Axes", values: NDArray[np.float64], figures: PsfFigures) -> None:
+def _draw_magnitude(axes: "Axes", values: NDArray[np.float64], figures: PsfFigures) -> None:
     """In four directions, over all of them, and the noise; the spectrum in the corner."""
-    lowest = max(_DECADES * max(figures.transfer), figures.noise_transfer / 2)
-    for angle, (at, transfer) in figures.direction_transfer.items():
+    lowest = max(_DECADES * max(figures.magnitude), figures.noise_magnitude / 2)
+    for angle, (at, magnitude) in figures.direction_magnitude.items():
         axes.plot(
-            at, np.maximum(transfer, lowest / 10), color=_COLOURS[angle], linewidth=0.8,
+            at, np.maximum(magnitude, lowest / 10), color=_COLOURS[angle], linewidth=0.8,
             linestyle="-" if angle < 180 else (0, (3, 3)), label=f"{angle}°",
         )  # fmt: skip
-    axes.plot(figures.per_mm, figures.transfer, color="black", linewidth=1.4, label="mean")
-    if figures.noise_transfer > lowest:
-        axes.axhline(figures.noise_transfer, color="0.5", linestyle="--", linewidth=0.9)
+    axes.plot(figures.per_mm, figures.magnitude, color="black", linewidth=1.4, label="mean")
+    if figures.noise_magnitude > lowest:
+        axes.axhline(figures.noise_magnitude, color="0.5", linestyle="--", linewidth=0.9)
         axes.annotate(
-            "noise", (0, figures.noise_transfer), (4, 3),
+            "noise", (0, figures.noise_magnitude), (4, 3),
             textcoords="offset points", color="0.4", fontsize=8,
         )  # fmt: skip
     axes.axvline(figures.line_per_mm, color=_MARK, linewidth=0.8)
@@ -163,8 +163,8 @@ def _draw_transfer(axes: "Axes", values: NDArray[np.float64], figures: PsfFigure
     axes.set_ylim(lowest, 1.3)
     axes.set_xlim(0, 500 / figures.cell_um)
     axes.set_xlabel("spatial frequency on the sensor, lines/mm")
-    axes.set_ylabel("modulation transfer")
-    axes.set_title("(c) modulation transfer")
+    axes.set_ylabel("spectral magnitude, of the light")
+    axes.set_title("(c) spectral magnitude")
     axes.legend(fontsize=8, loc="upper center", frameon=False, ncols=1)
     spectrum = np.abs(np.fft.fftshift(np.fft.fft2(values - values.mean())))
     spectrum = _in_blocks(spectrum, 240)

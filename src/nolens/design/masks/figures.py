@@ -7,12 +7,12 @@ import torch
 from torch import Tensor
 
 from nolens.errors import DataError
-from nolens.evaluate import modulation_transfer, pattern_figures, sparsity
+from nolens.evaluate import pattern_figures, sparsity, spectral_magnitude
 from nolens.optics import PointSource
 from nolens.twin import Light, Twin, point_spread
 
 FREQUENCIES_PER_MM = (20.0, 40.0, 80.0)
-"""Spatial frequencies on the sensor at which the modulation transfer is given."""
+"""Spatial frequencies on the sensor at which the spectral magnitude is given."""
 _MOST_CELLS = 576
 
 
@@ -28,8 +28,8 @@ class MaskFigures:
         From the autocorrelation's first peak to its second; NaN where there is none.
     sparsity
         Share of the sensor without light.
-    mtf
-        Modulation transfer of one mm² of the PSF, for each of `FREQUENCIES_PER_MM`; NaN where the
+    magnitude
+        Spectral magnitude of one mm² of the PSF, for each of `FREQUENCIES_PER_MM`; NaN where the
         pixels are too coarse.
     height_um
         From the relief's lowest to its highest place.
@@ -40,7 +40,7 @@ class MaskFigures:
     width_um: float
     pitch_um: float
     sparsity: float
-    mtf: tuple[float, ...]
+    magnitude: tuple[float, ...]
     height_um: float
     slope: float
 
@@ -80,15 +80,15 @@ def mask_figures(twin: Twin, psf: Tensor) -> MaskFigures:
         width_um=width,
         pitch_um=pitch,
         sparsity=sparsity(pattern),
-        mtf=tuple(_transfer(pattern, twin.cell_um, each) for each in FREQUENCIES_PER_MM),
+        magnitude=tuple(_magnitude(pattern, twin.cell_um, each) for each in FREQUENCIES_PER_MM),
         height_um=float(heights.max() - heights.min()),
         slope=twin.mask.relief.steepest,
     )
 
 
-def _transfer(pattern: Tensor, cell_um: float, per_mm: float) -> float:
+def _magnitude(pattern: Tensor, cell_um: float, per_mm: float) -> float:
     try:
-        return modulation_transfer(pattern, cell_um, per_mm)
+        return spectral_magnitude(pattern, cell_um, per_mm)
     except DataError:
         return math.nan
 

@@ -22,9 +22,9 @@ class PsfGoals:
         At most this full width at half maximum of the autocorrelation.
     sparsity
         At least this share of the sensor without light.
-    mtf
-        At least this modulation transfer of one square millimetre of the pattern,
-    mtf_per_mm
+    magnitude
+        At least this spectral magnitude of one square millimetre of the pattern,
+    magnitude_per_mm
         up to this spatial frequency.
 
     Raises
@@ -35,8 +35,8 @@ class PsfGoals:
 
     width_um: float
     sparsity: float
-    mtf: float
-    mtf_per_mm: float
+    magnitude: float
+    magnitude_per_mm: float
 
     def __post_init__(self) -> None:
         if not self.width_um > 0:
@@ -45,11 +45,15 @@ class PsfGoals:
             raise OptionError(
                 f"a sparsity of {100 * self.sparsity:g} %: give 0 % or more and less than 100 %"
             )
-        if not 0 < self.mtf <= 1:
-            raise OptionError(f"an MTF of {100 * self.mtf:g} %: give more than 0 %, up to 100 %")
-        if not self.mtf_per_mm > 0:
+        if not 0 < self.magnitude <= 1:
             raise OptionError(
-                f"an MTF up to {self.mtf_per_mm:g} lines to the mm: give more than zero"
+                f"a spectral magnitude of {100 * self.magnitude:g} %: give more than 0 %, up to "
+                "100 %"
+            )
+        if not self.magnitude_per_mm > 0:
+            raise OptionError(
+                f"a spectral magnitude up to {self.magnitude_per_mm:g} lines to the mm: give more "
+                "than zero"
             )
 
 
@@ -83,16 +87,16 @@ class Shortfall:
     ) -> None:
         frequency = torch.fft.fftfreq(cells, cell_um * 1e-3, device=device)
         radius = torch.hypot(frequency[:, None].expand(-1, cells), frequency.expand(cells, -1))
-        self._band = (radius > 0) & (radius <= goals.mtf_per_mm)
+        self._band = (radius > 0) & (radius <= goals.magnitude_per_mm)
         if not self._band.any():
             raise OptionError(
-                f"a pattern of {cells * cell_um:g} um has no frequency up to {goals.mtf_per_mm:g} "
-                "lines to the mm: give a larger period"
+                f"a pattern of {cells * cell_um:g} um has no frequency up to "
+                f"{goals.magnitude_per_mm:g} lines to the mm: give a larger period"
             )
         self._weight = 1 / radius[self._band]
         self._weight /= self._weight.sum()
         side_mm = cells * cell_um * 1e-3
-        self._wanted = (goals.mtf / side_mm) ** 2
+        self._wanted = (goals.magnitude / side_mm) ** 2
         self._lit = 1 - goals.sparsity
         lag = torch.fft.fftfreq(cells, 1 / (cells * cell_um), device=device)
         away = torch.hypot(lag[:, None].expand(-1, cells), lag.expand(cells, -1))
@@ -108,7 +112,7 @@ class Shortfall:
         at_half = ((squared * self._ring).sum() - 1) / (total - 1)
         width = (at_half - 0.5).clamp_min(0)
         sparsity = (-torch.log(total) - math.log(self._lit)).clamp_min(0)
-        transfer = squared[self._band] / self._wanted
-        gaps = ((-torch.log(transfer + _FLOOR)).clamp_min(0) * self._weight).sum()
+        magnitude = squared[self._band] / self._wanted
+        gaps = ((-torch.log(magnitude + _FLOOR)).clamp_min(0) * self._weight).sum()
         shortfall: Tensor = _WIDTH_WEIGHT * width + sparsity + gaps
         return shortfall

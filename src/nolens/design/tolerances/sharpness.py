@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from nolens.errors import DataError, OptionError
-from nolens.evaluate import modulation_transfer, pattern_figures
+from nolens.evaluate import pattern_figures, spectral_magnitude
 
 _MTF = re.compile(r"mtf@([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*/\s*mm")
 _FWHM = math.sqrt(8 * math.log(2))
@@ -97,7 +97,7 @@ class Sharpness:
         r"""Figure of a pattern.
 
         The modulation transfer is that of `lenslets` spots in random places, whose spectra add
-        like random numbers: :math:`\sqrt{N/a}` times `nolens.evaluate.modulation_transfer` for N
+        like random numbers: :math:`\sqrt{N/a}` times `nolens.evaluate.spectral_magnitude` for N
         of them on an area a in mm².
 
         Parameters
@@ -123,7 +123,7 @@ class Sharpness:
             values = pattern.double()
             return 100 * float(values.std(correction=0) / values.mean())
         area_mm2 = math.prod(pattern.shape) * (cell_um * 1e-3) ** 2
-        whole = modulation_transfer(pattern, cell_um, self.per_mm)
+        whole = spectral_magnitude(pattern, cell_um, self.per_mm)
         return 100 * whole * math.sqrt(lenslets / area_mm2)
 
     def of_spots(self, sigma_um: Tensor, pitch_um: Tensor, gathered: float) -> Tensor:

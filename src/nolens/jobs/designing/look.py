@@ -210,7 +210,7 @@ def _told(figures: PsfFigures | None) -> dict[str, Any]:
         return {
             "fwhm_um": None, "line_width_um": None, "contrast": None,
             "autocorrelation": {"um": empty, "value": empty},
-            "mtf": {"per_mm": empty, "value": empty},
+            "magnitude": {"per_mm": empty, "value": empty},
         }  # fmt: skip
     return {
         "fwhm_um": rounded(figures.fwhm_um),
@@ -219,5 +219,5 @@ def _told(figures: PsfFigures | None) -> dict[str, Any]:
         "autocorrelation": {
             "um": rounded(figures.lag_um), "value": rounded(figures.autocorrelation),
         },
-        "mtf": {"per_mm": rounded(figures.per_mm), "value": rounded(figures.transfer)},
+        "magnitude": {"per_mm": rounded(figures.per_mm), "value": rounded(figures.magnitude)},
     }  # fmt: skip

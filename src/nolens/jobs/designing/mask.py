@@ -101,7 +101,7 @@ def design_mask(options: MaskOptions, reporter: Reporter) -> MaskOutcome:
         "kind": options.kind,
         "figures": _plain(figures),
         "paper_diffuser": _plain(papers),
-        "mtf_per_mm": list(FREQUENCIES_PER_MM),
+        "magnitude_per_mm": list(FREQUENCIES_PER_MM),
         "stop_reason": "interrupted" if made.stopped else "finished",
         "outputs": [readable(path) for _, path, _ in options.written],
         "device": str(device),

@@ -19,7 +19,7 @@ from nolens.quantities import Angle, Length, Share
 
 RELIEF_FILE, PICTURE_FILE, RECORD_FILE = "relief.tif", "mask.png", "mask.json"
 """What is written into the camera's folder beside its description."""
-_MTF = re.compile(r"(.*%)\s*@\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*/\s*mm")
+_MAGNITUDE = re.compile(r"(.*%)\s*@\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*/\s*mm")
 
 Kind = Literal["random-lenslets", "lenslet-array", "diffuser", "contour", "optimised"]
 
@@ -31,7 +31,7 @@ def _refusal(reason: str) -> PydanticCustomError:
 def _share_and_frequency(given: Any) -> Any:
     if not isinstance(given, str):
         return given
-    match = _MTF.fullmatch(given.strip())
+    match = _MAGNITUDE.fullmatch(given.strip())
     if match is None:
         raise _refusal("give a share and a spatial frequency, such as 6%@80/mm")
     return match[1], float(match[2])
@@ -68,7 +68,7 @@ USED: dict[str, dict[str, Any]] = {
         "pitch": None,
         "width": Length("8", "um"),
         "sparsity": Share("98", "%"),
-        "mtf": (Share("6", "%"), 80.0),
+        "magnitude": (Share("6", "%"), 80.0),
         "iterations": 100,
     },
 }
@@ -112,7 +112,7 @@ class MaskOptions(JobOptions):
         Side of the square that a designed mask repeats; None takes `default_period_um`.
     line, spacing
         Width of a contour PSF's lines, and wavelength of the random field they come from.
-    width, sparsity, mtf
+    width, sparsity, magnitude
         Wanted figures of an optimised PSF; see `PsfGoals`.
     iterations
         Of the descent.
@@ -139,7 +139,7 @@ class MaskOptions(JobOptions):
     spacing: PositiveLength | None = None
     width: PositiveLength | None = None
     sparsity: Share | None = None
-    mtf: Annotated[tuple[Share, float], BeforeValidator(_share_and_frequency)] | None = None
+    magnitude: Annotated[tuple[Share, float], BeforeValidator(_share_and_frequency)] | None = None
     iterations: Annotated[int, Field(ge=1, le=100_000)] | None = None
 
     @classmethod
@@ -176,8 +176,8 @@ class MaskOptions(JobOptions):
     @property
     def goals(self) -> PsfGoals:
         """Wanted figures, of an optimised mask."""
-        assert self.width is not None and self.sparsity is not None and self.mtf is not None
-        share, per_mm = self.mtf
+        assert self.width is not None and self.sparsity is not None and self.magnitude is not None
+        share, per_mm = self.magnitude
         return PsfGoals(self.width.um, self.sparsity.value, share.value, per_mm)
 
     @property

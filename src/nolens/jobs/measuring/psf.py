@@ -38,8 +38,13 @@ from nolens.twin import REFERENCE_NM
 
 _CLOSE = 0.01
 _CURVES = (
-    "lag_um", "autocorrelation", "row_autocorrelation", "per_mm", "transfer", "direction_transfer",
-)  # fmt: skip
+    "lag_um",
+    "autocorrelation",
+    "row_autocorrelation",
+    "per_mm",
+    "magnitude",
+    "direction_magnitude",
+)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Fig. 5: the PSF as the sensor captures it, its autocorrelation and its MTF."""
+"""Fig. 5: the PSF as the sensor captures it, its autocorrelation and its spectrum."""
 
 from dataclasses import asdict
 from typing import Any
@@ -8,7 +8,7 @@ from nolens.evaluate import PsfFigures, psf_figures
 from nolens.jobs.reproduction.steps import Found, Step, Tick
 from nolens.jobs.reproduction.workbench import Workbench
 
-_SPREAD_OVER = "direction_transfer"
+_SPREAD_OVER = "direction_magnitude"
 
 
 def steps(work: Workbench) -> tuple[Step, ...]:

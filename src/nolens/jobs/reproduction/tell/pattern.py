@@ -1,4 +1,4 @@
-"""Fig. 5 beside the paper's: width, pitch and MTF of the PSF."""
+"""Fig. 5 beside the paper's: width, pitch and spectrum of the PSF."""
 
 import math
 from collections.abc import Mapping
@@ -47,16 +47,18 @@ def psf(work: Workbench, found: Mapping[str, Found]) -> Draft:
         ),
         Row(
             "mtf", None, f"equal within {100 * spread:.0f} %",
-            f"Mean transfer from {_LOWEST_PER_MM:g} to {figures.line_per_mm:.0f} lines/mm along "
-            "the rows and along the columns, the larger over the smaller. At 0° and 180°, as at "
-            "90° and 270°, any PSF has the same spectrum, so four curves say as much as two.",
+            f"Mean spectral magnitude from {_LOWEST_PER_MM:g} to {figures.line_per_mm:.0f} "
+            "lines/mm along the rows and along the columns, the larger over the smaller. At 0° and "
+            "180°, as at 90° and 270°, any PSF has the same spectrum, so four curves say as much "
+            "as two. What the paper calls the MTF is drawn here as spectral magnitude: it falls "
+            "with one over the root of the number of spots, which a modulation transfer does not.",
         ),
     )  # fmt: skip
     pattern = found["psf"].arrays["psf"][0]
     draw = partial(write_psf_plot, figures=figures, psf=pattern, cell_um=figures.cell_um)
     caption = (
         "One frame of a white LED behind a 50 µm pinhole at 300 mm, with mosaic and noise, 2×2 "
-        "pixels to a cell, all colours together: the PSF, its autocorrelation and its MTF."
+        "pixels to a cell, all colours together: the PSF, its autocorrelation and its spectrum."
     )
     return Draft("psf", _TITLE, (), (Drawn("psf", caption, draw),), rows)
 
@@ -75,9 +77,9 @@ def _described(work: Workbench) -> str:
 
 
 def _directions_differ(figures: PsfFigures) -> float:
-    """By how much the mean transfer along rows and columns differ."""
+    """By how much the mean magnitude along rows and columns differ."""
     means = []
-    for at, values in figures.direction_transfer.values():
+    for at, values in figures.direction_magnitude.values():
         inside = [
             value for per_mm, value in zip(at, values, strict=True)
             if _LOWEST_PER_MM <= per_mm <= figures.line_per_mm

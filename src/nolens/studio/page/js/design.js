@@ -38,7 +38,7 @@ class Design {
     this.psf = h("img", { alt: "Point spread function" });
     this.psfNote = h("span", {});
     this.autocorrelation = h("div", {}, noCurve());
-    this.mtf = h("div", {}, noCurve());
+    this.magnitude = h("div", {}, noCurve());
     this.state = h("p", { class: "job-text", role: "status" });
     this.job = new JobView();
     this.outputs = h("div", {});
@@ -56,7 +56,7 @@ class Design {
           group("Point spread function", h("figure", { class: "view" }, h("div", { class: "frame square" }, this.psf),
             h("figcaption", {}, h("b", {}, "PSF"), this.psfNote))),
           group("Autocorrelation", this.autocorrelation),
-          group("Modulation transfer", this.mtf)),
+          group("Spectral magnitude", this.magnitude)),
         group("Fabrication", h("p", { class: "pale" }, "Frame, mask and process sheet of the camera as it is set here."),
           h("div", { class: "row" }, this.maker), this.job.element, this.outputs))));
   }
@@ -122,8 +122,8 @@ class Design {
     }
     fill(this.autocorrelation, curve({ x: look.autocorrelation.um, y: look.autocorrelation.value, from: 0,
       xLabel: "shift / µm", yLabel: "autocorrelation", title: "Autocorrelation of the pattern by shift" }));
-    fill(this.mtf, curve({ x: look.mtf.per_mm, y: look.mtf.value, from: 0,
-      xLabel: "cycles per mm", yLabel: "transfer", title: "Modulation transfer by frequency" }));
+    fill(this.magnitude, curve({ x: look.magnitude.per_mm, y: look.magnitude.value, from: 0,
+      xLabel: "cycles per mm", yLabel: "spectral magnitude", title: "Spectral magnitude by frequency" }));
     this.tell();
   }
 

@@ -21,7 +21,7 @@ function psfCard() {
   const psf = h("select", {});
   const card = new Measurement({
     title: "PSF", name: "psf", kind: "measure-psf", controls: [field("PSF", psf)],
-    about: "Line width, pitch, autocorrelation and transfer of a PSF.",
+    about: "Line width, pitch, autocorrelation and spectrum of a PSF.",
     options: () => {
       if (!psf.value) throw new Error("There is no PSF yet: calibrate the camera (key 3), or save a raw frame on the Viewfinder (key s).");
       return { psf: psf.value };

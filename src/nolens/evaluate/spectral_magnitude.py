@@ -11,12 +11,14 @@ from nolens.kernels import rfft2
 _RING_STEPS = 3.0
 
 
-def modulation_transfer(pattern: Tensor, cell_um: float, per_mm: float) -> float:
-    r"""Modulation transfer of one square millimetre of a pattern at a spatial frequency.
+def spectral_magnitude(pattern: Tensor, cell_um: float, per_mm: float) -> float:
+    r"""Spectral magnitude of one square millimetre of a pattern at a spatial frequency.
 
     :math:`\sqrt{a\,\langle|\hat p_f|^2\rangle}\,/\,\hat p_0` over a ring of frequencies, with a the
     pattern's area in mm². A pattern of random spots carries contrast in proportion to
-    :math:`1/\sqrt a`; for the area of one mm² it is the same whatever part is looked at.
+    :math:`1/\sqrt a`; for the area of one mm² it is the same whatever part is looked at. It is no
+    modulation transfer, which is 1 at zero frequency: a mask with four times as many spots to the
+    mm² has half of it.
 
     Parameters
     ----------

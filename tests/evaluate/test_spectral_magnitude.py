@@ -1,4 +1,4 @@
-"""Modulation transfer and sparsity of patterns with known ones."""
+"""Spectral magnitude and sparsity of patterns with known ones."""
 
 import math
 
@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from nolens.errors import DataError
-from nolens.evaluate import modulation_transfer, sparsity
+from nolens.evaluate import sparsity, spectral_magnitude
 
 
 def spots(side: int, deviation: float, count: int, seed: int) -> torch.Tensor:
@@ -26,7 +26,7 @@ def test_one_gaussian_spot(per_mm):
     pattern = spots(256, 2.0, 1, 0)
     side_mm = 256 * 3.1e-3
     expected = side_mm * math.exp(-2 * (math.pi * 6.2e-3 * per_mm) ** 2)
-    assert modulation_transfer(pattern, 3.1, per_mm) == pytest.approx(expected, rel=0.06)
+    assert spectral_magnitude(pattern, 3.1, per_mm) == pytest.approx(expected, rel=0.06)
 
 
 def test_random_spots_have_the_same_transfer_in_any_area():
@@ -34,15 +34,15 @@ def test_random_spots_have_the_same_transfer_in_any_area():
     whole = spots(768, 2.0, 2000, 1)
     per_mm2 = 2000 / (768 * 3.1e-3) ** 2
     expected = math.exp(-2 * (math.pi * 6.2e-3 * 30) ** 2) / math.sqrt(per_mm2)
-    assert modulation_transfer(whole, 3.1, 30.0) == pytest.approx(expected, rel=0.08)
+    assert spectral_magnitude(whole, 3.1, 30.0) == pytest.approx(expected, rel=0.08)
     part = whole[100:484, 200:584]
-    assert modulation_transfer(part, 3.1, 30.0) == pytest.approx(expected, rel=0.15)
+    assert spectral_magnitude(part, 3.1, 30.0) == pytest.approx(expected, rel=0.15)
 
 
 def test_scale_does_not_matter():
     pattern = spots(128, 2.0, 40, 2)
-    assert modulation_transfer(7 * pattern, 3.1, 30.0) == pytest.approx(
-        modulation_transfer(pattern, 3.1, 30.0), rel=1e-4
+    assert spectral_magnitude(7 * pattern, 3.1, 30.0) == pytest.approx(
+        spectral_magnitude(pattern, 3.1, 30.0), rel=1e-4
     )
 
 
@@ -57,6 +57,6 @@ def test_sparsity_is_the_share_without_light(lit):
 def test_what_cannot_be_measured(per_mm, words):
     pattern = torch.zeros(64, 64) if words == "dark" else spots(64, 2.0, 10, 3)
     with pytest.raises(DataError, match=words):
-        modulation_transfer(pattern, 3.1, per_mm)
+        spectral_magnitude(pattern, 3.1, per_mm)
     with pytest.raises(DataError, match="dark"):
         sparsity(torch.zeros(4, 4))
