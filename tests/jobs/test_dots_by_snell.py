@@ -187,12 +187,12 @@ def test_off_axis(bench: OpticalBench) -> None:
         assert each.correlation_overlap > 0.98
     assert found[0].correlation > 0.99 and found[0].light == pytest.approx(1, abs=1e-6)
     assert found[2].correlation < 0.85 < found[1].correlation
-    for each in found:
-        # Noise apart, the norms of both frames are as their light.
+    for each in found[:2]:
+        # The pattern is still whole, so its norm is as its light.
         assert each.light is not None and each.correlation_one_exposure is not None
         exposed = each.correlation * each.light
         assert each.correlation_one_exposure == pytest.approx(exposed, abs=0.05)
-    # At 4 deg the pattern is still whole, so light is lost by angle alone.
+    # At 4 deg light is lost by angle alone.
     assert found[1].light == pytest.approx(found[1].expected_light, rel=0.03)
     cosine = math.cos(math.radians(4))
     accepted = float(bench.twin.response()(torch.tensor(1 - cosine**2)))
