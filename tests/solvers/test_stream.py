@@ -71,6 +71,23 @@ def test_few_iterations_follow_noisy_frames(iterations):
     assert error(found, scene(9)) < 0.5 * error(cold, scene(9))
 
 
+@pytest.mark.parametrize("before", ["point", "dark", "stripes"])
+def test_another_scene_is_there_within_three_frames(before):
+    """Nothing of the scene before a cut stays, however bright or dark it was."""
+    psf, blur = camera()
+    generator = torch.Generator().manual_seed(4)
+    noise = 0.01 * torch.randn(13, 1, *SENSOR, generator=generator)
+    others = {name: torch.zeros(1, 32, 32) for name in ("point", "dark", "stripes")}
+    others["point"][0, 20, 9] = 300.0
+    others["stripes"][:, ::4] = 1.0
+    stream = Stream(Problem.pose(psf, blur(scene(0)), region=REGION, tau=1e-5), iterations=2)
+    for each in noise[:10]:
+        stream.solve(blur(others[before]) + each)
+    found = [stream.solve(blur(scene(0)) + each).scene for each in noise[10:]]
+    first, _, third = (error(each, scene(0)) for each in found)
+    assert first < 0.45 and third < 0.2
+
+
 @pytest.mark.parametrize("prior", list(Prior))
 def test_standing_scene_converges(prior):
     psf, blur = camera()

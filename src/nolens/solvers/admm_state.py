@@ -1,5 +1,6 @@
 """Where a run of ADMM stands: what the next iteration needs, and what a state file holds."""
 
+import math
 from dataclasses import dataclass, fields
 
 import torch
@@ -47,16 +48,36 @@ class AdmmState:
     @classmethod
     def cold(cls, problem: Problem, penalties: Penalties | None = None) -> "AdmmState":
         """Start of a run: the uniform scene that fits best where that explains most, or zero."""
+        levels = _uniform_levels(problem)
+        scenes = [problem.data.new_full(problem.scene_shape[1:], level) for level in levels]
+        return cls._at(problem, scenes, START if penalties is None else penalties, levels)
+
+    @classmethod
+    def at(cls, problem: Problem, scene: Tensor, penalties: Penalties) -> "AdmmState":
+        """Start of a run from a scene, with multipliers of zero.
+
+        Parameters
+        ----------
+        problem
+            To be solved.
+        scene
+            `(channels, height, width)` of the scene's pixels, normalised.
+        penalties
+            To start with.
+        """
+        return cls._at(problem, list(scene), penalties, _uniform_levels(problem))
+
+    @classmethod
+    def _at(
+        cls, problem: Problem, scenes: list[Tensor], penalties: Penalties, levels: list[float]
+    ) -> "AdmmState":
         geometry = problem.forward.geometry
         splits = []
-        levels = _uniform_levels(problem)
-        for channel, level in enumerate(levels):
-            data = problem.data[channel]
-            scene = problem.forward.embed(data.new_full(geometry.scene[2:], level))
+        for channel, each in enumerate(scenes):
+            scene = problem.forward.embed(each)
             measured = irfft2(rfft2(scene) * problem.transfer(channel), geometry.period)
             splits.append(_split(problem, channel, measured, scene))
-        mu = _of_splits(START if penalties is None else penalties, splits)
-        return cls(splits, mu, [], fills_view=min(levels) > 0)
+        return cls(splits, _of_splits(penalties, splits), [], fills_view=min(levels) > 0)
 
     def renew(self, problem: Problem, penalties: Penalties) -> None:
         """Go on from here with another measurement of the same sizes, and count anew.
@@ -74,6 +95,24 @@ class AdmmState:
             if penalties != self.penalties:
                 split.rescale_(self.penalties, penalties)
         self.penalties, self.sums, self.iteration = penalties, [], 0
+
+    def residual(self, problem: Problem) -> float:
+        """‖b − x‖ / ‖b‖ of a measurement that is yet to be solved for, all channels as measured.
+
+        Parameters
+        ----------
+        problem
+            With the measurement, of the same sizes; x is the light on the sensor as it stands.
+        """
+        missed = total = 0.0
+        for channel, split in enumerate(self.splits):
+            top, left, height, width = split.sensor
+            light = split.measured[top : top + height, left : left + width]
+            data, weight = problem.data[channel], float(problem.scale[channel]) ** 2
+            apart = torch.where(problem.valid[channel], data - light, 0)
+            missed += weight * float(apart.square().sum())
+            total += weight * float(data.square().sum())
+        return math.sqrt(missed / total)
 
     def kept(self) -> float:
         """Share of the scene's light in the period that falls onto the sensor, as it stands."""

@@ -1,8 +1,9 @@
 """A sequence of measurements, each reconstructed from where the one before it ended."""
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+import torch
 from torch import Tensor
 
 from nolens.errors import DivergenceError, OptionError
@@ -15,6 +16,7 @@ from nolens.solvers.penalties import LOOK, Balance, Penalties
 from nolens.solvers.problem import Problem
 from nolens.solvers.quality import STOPS, Quality
 from nolens.solvers.result import Progress
+from nolens.solvers.wiener import wiener
 
 WARM: Penalties = (1.0, 3.0, 1.0)
 """Penalties that a frame starts from: small enough to follow what moves (decision 7)."""
@@ -24,6 +26,10 @@ WARM_SPILLING: Penalties = (0.3, 3.0, 1.0)
 """The same where the sensor misses much of the light: what falls beside it is then the old one."""
 _KEPT = 0.75
 """Share of the light on the sensor from which on the first two are better."""
+_CUT, _CUT_TIMES = 0.25, 2.0
+"""A frame that the picture before it misses by more than this share, and by more than so many
+times what it missed the frame before by, is of another scene: measured for decision 7."""
+_WIENER_TAU = 0.5
 _STOP = STOPS[Quality.PHOTO]
 _FOLLOWING = 8
 """Iterations of a frame after the first, where nothing moves faster than some cells a frame."""
@@ -53,8 +59,9 @@ class Stream:
 
     The first frame is solved as a photo is. Each frame after it starts from the splits and
     multipliers of the one before and gets a few iterations, so that an unmoving scene goes on to
-    converge and a moving one is followed. Memory is that of one reconstruction, however long the
-    stream is.
+    converge and a moving one is followed. Where a frame shows another scene (a cut), the picture
+    before it would take many frames to leave: it starts from the Wiener filter's instead. Memory
+    is that of one reconstruction, however long the stream is.
 
     Parameters
     ----------
@@ -83,6 +90,7 @@ class Stream:
         self._run: AdmmRun | None = None
         self._iterations = iterations
         self._latency_s = latency_s
+        self._residual = float("inf")
 
     def solve(self, data: Plane, valid: Plane | None = None) -> Frame:
         """Reconstruct the next frame.
@@ -122,10 +130,15 @@ class Stream:
         return result.scene / problem.scale, result.iterations
 
     def _next(self, run: AdmmRun, problem: Problem, deadline: "_Deadline") -> tuple[Tensor, int]:
-        """The same for a frame that goes on from the one before."""
-        state = run.state
+        """The same for a frame that goes on from the one before, or from a cut."""
+        before, self._residual = self._residual, run.state.residual(problem)
         warm = WARM if self._iterations >= LOOK else WARM_FEW
-        run.measure(problem, warm if state.kept() > _KEPT else WARM_SPILLING)
+        penalties = warm if run.state.kept() > _KEPT else WARM_SPILLING
+        if self._residual > 1 or self._residual > max(_CUT, _CUT_TIMES * before):
+            run = self._run = _from_wiener(problem, penalties)
+        else:
+            run.measure(problem, penalties)
+        state = run.state
         history: list[dict[str, float]] = []
         while state.iteration < self._iterations:
             progress = run.to_look(self._iterations)
@@ -136,6 +149,18 @@ class Stream:
         if state.fills_view:
             scene, _ = levelled(problem, scene)
         return scene, state.iteration
+
+
+def _from_wiener(problem: Problem, penalties: Penalties) -> AdmmRun:
+    """A run that starts from what the Wiener filter makes of the measurement alone, as bright as
+    explains it best: where the sensor misses much of the light the filter's picture is too dark.
+    """
+    scene = wiener(replace(problem, tau=_WIENER_TAU)).scene / problem.scale
+    light = torch.where(problem.valid, problem.forward(scene), 0)
+    met, total = (light * problem.data).sum((-2, -1)), light.square().sum((-2, -1))
+    brightness = (met / total.clamp_min(1e-30)).clamp_min(0)
+    state = AdmmState.at(problem, scene * brightness[:, None, None], penalties)
+    return AdmmRun(problem, state, balance=Balance(), relaxation=RELAXATION)
 
 
 class _Deadline:
