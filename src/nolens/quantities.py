@@ -258,3 +258,11 @@ class Luminance(Quantity):
     def cd_m2(self) -> float:
         """Candela per square metre."""
         return self.to("cd/m2")
+
+
+class DataSize(Quantity):
+    """An amount of data in MB or GB; its first unit is the byte."""
+
+    what = "a size"
+    usual = "4 GB"
+    units: ClassVar = {"B": Fraction(1), "MB": Fraction(10**6), "GB": Fraction(10**9)}

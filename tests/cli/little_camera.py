@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import imagecodecs
 import numpy as np
-import png
 import tifffile
 import torch
 from PIL import Image
@@ -73,11 +73,7 @@ def save(path: Path, values: Tensor) -> Path:
     elif array.ndim == 2:
         Image.fromarray(array.astype(np.uint16)).save(path)
     else:
-        rows = array.astype(np.uint16).reshape(array.shape[0], -1)
-        with path.open("wb") as file:
-            png.Writer(array.shape[1], array.shape[0], greyscale=False, bitdepth=16).write(
-                file, rows
-            )
+        path.write_bytes(imagecodecs.png_encode(array.astype(np.uint16)))
     return path
 
 

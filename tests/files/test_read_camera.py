@@ -82,7 +82,7 @@ def test_grey_curve(tmp_path):
 @pytest.mark.parametrize(
     ("qe", "words"),
     [
-        (None, "there is no file .*qe.csv, which the camera names"),
+        (None, "cannot read .*qe.csv: No such file.*The camera names it"),
         ("", "qe.csv holds no numbers: give a line wavelength_nm,R,G,B"),
         ("wavelength_nm,R,G,B\n", "holds no numbers"),
         ("wavelength_nm,grey\n400,1\n", "line 1: the columns are wavelength_nm,grey; accepted"),

@@ -31,7 +31,7 @@ def frame_from_array(array: NDArray[np.generic], source: str) -> Frame:
             "(grey or a colour mosaic) or three (R, G, B)"
         )
     with np.errstate(over="ignore"):
-        counts = torch.from_numpy(np.array(array, dtype=np.float32, order="C"))
+        counts = torch.from_numpy(np.require(array, np.float32, ["C", "W"]))
     return Frame(
         counts=counts,
         channels=_CHANNELS[array.shape[0]],

@@ -13,6 +13,8 @@ from nolens.files.read_npy import frame_of_npy, open_npy
 from nolens.files.read_tiff import count_pages, read_tiff
 
 _TIFF = (".tif", ".tiff")
+_NARROWEST = 16
+"""Columns of a frame: a shorter last axis is channels, which one picture has too many of."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,8 @@ def is_sequence(path: Path) -> bool:
     suffix = path.suffix.lower()
     if suffix == ".npy":
         shape = open_npy(path).shape
-        return len(shape) == 4 or (len(shape) == 3 and not {shape[0], shape[2]} & {1, 3})
+        frames = len(shape) == 3 and not {shape[0], shape[2]} & {1, 3}
+        return len(shape) == 4 or (frames and shape[2] >= _NARROWEST)
     return suffix in _TIFF and count_pages(path) > 1
 
 

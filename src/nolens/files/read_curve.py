@@ -1,6 +1,7 @@
 """Curves of a sensor from CSV files."""
 
 import csv
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TypeVar
@@ -10,7 +11,9 @@ from pydantic import ValidationError
 from nolens.camera import AngularCurve, Sensor, SpectralCurve
 from nolens.camera.explain import explain
 from nolens.errors import DataError, FileError
+from nolens.files.text_file import read_text
 
+_LONGEST = 1_000_000
 _Curve = TypeVar("_Curve", SpectralCurve, AngularCurve)
 
 
@@ -73,20 +76,20 @@ def _read_table(path: Path, names: tuple[str, ...]) -> tuple[dict[str, list[floa
 
 
 def _read_lines(path: Path) -> list[tuple[int, list[str]]]:
+    # Spreadsheets put a mark before UTF-8 text.
+    text = read_text(path, "CSV file", "The camera names it").removeprefix("\ufeff")
+    if len(text) > _LONGEST:
+        raise FileError(
+            f"{path} has {len(text)} characters: the table of a curve may have {_LONGEST}"
+        )
+    reader = csv.reader(io.StringIO(text, newline=""))
     try:
-        # Spreadsheets put a mark before UTF-8 text, which utf-8-sig skips.
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file)
-            return [
-                (reader.line_num, [field.strip() for field in fields])
-                for fields in reader
-                if any(field.strip() for field in fields)
-            ]
-    except FileNotFoundError:
-        raise FileError(f"there is no file {path}, which the camera names") from None
-    except OSError as error:
-        raise FileError(f"cannot read {path}: {error.strerror or error}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
+        return [
+            (reader.line_num, [field.strip() for field in fields])
+            for fields in reader
+            if any(field.strip() for field in fields)
+        ]
+    except csv.Error as error:
         raise FileError(f"{path} is no CSV file: {error}") from error
 
 

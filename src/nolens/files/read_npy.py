@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from nolens.camera import Frame
 from nolens.errors import FileError
 from nolens.files.arrays import frame_from_array
+from nolens.files.limits import check_size
 
 _CHANNEL_COUNTS = (1, 3)
 
@@ -35,11 +36,12 @@ def open_npy(path: Path) -> NDArray[Any]:
     try:
         # A map of the file is refused where the file is shorter than its header says.
         array: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
-    # The header is text that numpy evaluates: damage can raise nearly anything.
+    # The header is text that numpy evaluates: damage can raise nearly anything. What numpy says
+    # of it is advice to load it nevertheless.
     except Exception as error:
         raise FileError(
             f"{path} cannot be read as an npy file: it is damaged, incomplete, or holds objects "
-            f"instead of numbers ({error}). Write it again with numpy.save"
+            "instead of numbers. Write it again with numpy.save"
         ) from error
     return array
 
@@ -50,8 +52,9 @@ def frame_of_npy(array: NDArray[Any], source: str) -> Frame:
     Raises
     ------
     FileError
-        If its shape or its kind of numbers is not that of a frame.
+        If it is too large, or its shape or its kind of numbers is not that of a frame.
     """
+    check_size(array.shape, array.dtype.itemsize, source)
     if array.ndim == 2:
         return frame_from_array(array[None], source)
     if array.ndim == 3:

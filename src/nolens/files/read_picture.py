@@ -11,8 +11,11 @@ from PIL import Image, ImageOps
 from torch import Tensor
 
 from nolens.camera import linear_from_srgb
+from nolens.camera.finite import all_finite
 from nolens.errors import FileError
 from nolens.files.check_input import check_content, check_exists
+from nolens.files.damage import damage
+from nolens.files.limits import check_bytes, check_size
 from nolens.files.read_npy import read_npy
 from nolens.files.read_png import read_png_samples
 from nolens.files.read_tiff import read_tiff_samples
@@ -26,6 +29,10 @@ _ACCEPTED = (
     "A scene is a .png, .jpg or .tif of 8 or 16 bits (sRGB), or a float .tif or .npy (linear, "
     "1 is white)"
 )
+
+
+_MOST_SCANS = 200
+_BLOCK = 2**22
 
 
 @dataclass(frozen=True)
@@ -92,18 +99,20 @@ def _picture(array: NDArray[np.generic], alpha: bool, multiplied: bool, path: Pa
     if name not in whites:
         raise FileError(f"{path} holds {name}. {_ACCEPTED}")
     with np.errstate(over="ignore"):
-        values = torch.from_numpy(np.array(array, dtype=np.float32, order="C")).div_(whites[name])
+        values = torch.from_numpy(np.require(array, np.float32, ["C", "W"])).div_(whites[name])
     values = _finite(values, path)
-    colours, opacity = (values[:-1], values[-1].clamp(max=1)) if alpha else (values, None)
+    colours, opacity = (values[:-1], values[-1].clamp_(max=1)) if alpha else (values, None)
     if opacity is not None and multiplied:
-        colours = colours / opacity.clamp_min(1e-6)
+        colours.div_(opacity.clamp_min(1e-6))
     if name.startswith("uint"):
-        colours = linear_from_srgb(colours)
+        # In parts: the curve takes four times its values.
+        for part in torch.split(colours.view(-1), _BLOCK):
+            part.copy_(linear_from_srgb(part))
     return Picture(_three(colours), opacity)
 
 
 def _finite(values: Tensor, path: Path) -> Tensor:
-    if not bool(torch.isfinite(values).all()) or float(values.min()) < 0:
+    if not all_finite(values) or float(values.min()) < 0:
         raise FileError(
             f"{path} holds NaN, infinity or negative values: the light of a scene is finite and "
             "not negative"
@@ -117,18 +126,30 @@ def _three(values: Tensor) -> Tensor:
 
 def _read_jpeg(path: Path) -> NDArray[np.generic]:
     """(height, width, 1 or 3), upright."""
+    check_bytes(path)
     try:
         with warnings.catch_warnings():
+            # Pillow's own limit is an error at twice of what it warns of.
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             with Image.open(path, formats=["JPEG"]) as picture:
                 mode = picture.mode
+                check_size((picture.height, picture.width, len(picture.getbands())), 1, path)
+                _check_scans(path)
                 array = np.asarray(ImageOps.exif_transpose(picture))
+    except FileError:
+        raise
     # Damage can raise nearly anything.
     except Exception as error:
-        raise FileError(
-            f"{path} cannot be read as a JPEG: it is damaged or incomplete ({error}). Copy it "
-            "again from where it was made"
-        ) from error
+        raise damage(path, "a JPEG", error) from error
     if mode not in ("L", "RGB"):
         raise FileError(f"{path} is a JPEG of kind {mode}; accepted are grey and RGB. {_ACCEPTED}")
     return array[..., None] if array.ndim == 2 else array
+
+
+def _check_scans(path: Path) -> None:
+    """Refuse a progressive JPEG of thousands of scans, each of which goes over all pixels."""
+    scans = path.read_bytes().count(b"\xff\xda")
+    if scans > _MOST_SCANS:
+        raise FileError(
+            f"{path} is a JPEG of {scans} scans, and at most {_MOST_SCANS} are read: save it again"
+        )

@@ -1,18 +1,24 @@
 """PNG pictures of 8 and 16 bits."""
 
-import warnings
+import struct
 from pathlib import Path
+from typing import NamedTuple
 
+import imagecodecs
 import numpy as np
-import png
 from numpy.typing import NDArray
-from PIL import Image
 
 from nolens.camera import Frame
 from nolens.errors import FileError
 from nolens.files.arrays import frame_from_array
+from nolens.files.damage import damage
+from nolens.files.limits import check_bytes, check_size
+from nolens.files.quiet import quiet_stderr
 
-_GREY, _PALETTE = 0, 3
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_CHANNELS = {0: 1, 2: 3, 3: 4, 4: 2, 6: 4}
+"""By colour type; a palette may have alpha."""
+_PALETTE = 3
 
 
 def read_png(path: Path) -> Frame:
@@ -21,7 +27,7 @@ def read_png(path: Path) -> Frame:
     Raises
     ------
     FileError
-        If the file is damaged, or has fewer than 8 bits.
+        If the file is damaged, too large, or has fewer than 8 bits.
     """
     array = read_png_samples(path)
     colours = 3 if array.shape[-1] >= 3 else 1
@@ -34,41 +40,43 @@ def read_png_samples(path: Path) -> NDArray[np.generic]:
     Raises
     ------
     FileError
-        If the file is damaged, or has fewer than 8 bits.
+        If the file is damaged, too large, or has fewer than 8 bits.
     """
+    check_bytes(path)
     try:
-        with path.open("rb") as file:
-            header = png.Reader(file=file)
-            header.preamble()
-            bits, colour = header.bitdepth, header.color_type
-        if bits < 8 and colour != _PALETTE:
-            raise FileError(f"{path} is a PNG of {bits} bits: it needs 8 or 16")
-        # Pillow reduces 16-bit colour to 8 bits without a word.
-        return _read_deep(path) if bits == 16 and colour != _GREY else _read_plain(path, bits)
+        data = path.read_bytes()
+        header = _header(data)
+        if header.bits < 8 and header.colour != _PALETTE:
+            raise FileError(f"{path} is a PNG of {header.bits} bits: it needs 8 or 16")
+        shape = (header.height, header.width, _CHANNELS[header.colour])
+        check_size(shape, header.bits // 8, path)
+        # libpng remarks on interlaced pictures, which it reads.
+        with quiet_stderr():
+            array: NDArray[np.generic] = imagecodecs.png_decode(data)
     except FileError:
         raise
-    # Damage can raise nearly anything from either library.
+    # Damage can raise nearly anything.
     except Exception as error:
-        raise FileError(
-            f"{path} cannot be read as a PNG: it is damaged or incomplete ({error}). Copy it "
-            "again from where it was made"
-        ) from error
-
-
-def _read_plain(path: Path, bits: int) -> NDArray[np.generic]:
-    """By Pillow."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-        with Image.open(path, formats=["PNG"]) as picture:
-            plain = picture.convert("RGBA") if picture.mode == "P" else picture
-            # Older Pillow opens 16-bit grey as 32-bit integers.
-            array = np.asarray(plain).astype(np.uint16 if bits == 16 else np.uint8)
+        raise damage(path, "a PNG", error) from error
     return array[..., None] if array.ndim == 2 else array
 
 
-def _read_deep(path: Path) -> NDArray[np.generic]:
-    """16-bit colour, or grey beside alpha, by pypng."""
-    with path.open("rb") as file:
-        width, height, rows, info = png.Reader(file=file).read()
-        array = np.array([np.frombuffer(row, np.uint16) for row in rows])
-    return array.reshape(height, width, info["planes"])
+class _Header(NamedTuple):
+    width: int
+    height: int
+    bits: int
+    colour: int
+
+
+def _header(data: bytes) -> _Header:
+    """First chunk of a file that has its last one: libpng does not miss that."""
+    if not data.startswith(_SIGNATURE + b"\0\0\0\x0dIHDR"):
+        raise ValueError("it has no header")
+    start = len(_SIGNATURE)
+    while (chunk := data[start : start + 8])[4:] != b"IEND":
+        if len(chunk) < 8:
+            raise ValueError("its end is missing")
+        start += 12 + struct.unpack(">I4s", chunk)[0]
+    if start + 12 > len(data):
+        raise ValueError("its end is missing")
+    return _Header(*struct.unpack(">IIBB", data[16:26]))

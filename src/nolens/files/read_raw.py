@@ -10,7 +10,10 @@ import torch
 
 from nolens.camera import MOSAICS, Frame
 from nolens.errors import FileError
+from nolens.files.damage import damage
+from nolens.files.limits import check_bytes, check_size
 from nolens.files.quiet import quiet_logger, quiet_stderr
+from nolens.files.tiff_directories import check_directories
 
 RAW_SUFFIXES = (
     ".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".sr2", ".raf", ".rw2", ".orf",
@@ -33,16 +36,17 @@ def read_raw(path: Path) -> Frame:
     FileError
         If the file is damaged or incomplete, no raw file, or its mosaic has no 2×2 cell.
     """
+    check_bytes(path)
     try:
         _check_camera(path)
         with quiet_stderr(), rawpy.imread(str(path)) as raw:
             return _frame(path, raw)
     except _DAMAGE as error:
-        text = error.args[0].decode() if error.args and isinstance(error.args[0], bytes) else error
-        raise FileError(
-            f"{path} cannot be read as camera raw: it is damaged, incomplete or of an unknown "
-            f"kind ({text}). Copy it again from where it was made, or convert it to DNG"
-        ) from error
+        said = error.args[0].decode() if error.args and isinstance(error.args[0], bytes) else error
+        raise damage(
+            path, "camera raw", ValueError(said),
+            "Copy it again from where it was made, or convert it to DNG",
+        ) from error  # fmt: skip
 
 
 def _check_camera(path: Path) -> None:
@@ -50,6 +54,7 @@ def _check_camera(path: Path) -> None:
     with path.open("rb") as file:
         if file.read(4) not in (b"II*\0", b"MM\0*"):
             return
+    check_directories(path)
     with quiet_logger("tifffile"), tifffile.TiffFile(path) as tiff:
         tags = tiff.pages.first.tags
         if _DNG_VERSION not in tags and _MAKE not in tags:
@@ -60,7 +65,10 @@ def _check_camera(path: Path) -> None:
 
 
 def _frame(path: Path, raw: rawpy.RawPy) -> Frame:
-    counts = np.array(raw.raw_image_visible)
+    sizes = raw.sizes
+    check_size((sizes.raw_height, sizes.raw_width), 2, path)
+    counts = raw.raw_image_visible  # Decodes it.
+    check_size(counts.shape, 2, path)
     colours = raw.color_desc.decode()
     blacks = [float(level) for level in raw.black_level_per_channel]
     exposure = float(raw.other.shutter_speed)

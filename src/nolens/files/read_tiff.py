@@ -11,17 +11,25 @@ from numpy.typing import NDArray
 from nolens.camera import Frame
 from nolens.errors import FileError
 from nolens.files.arrays import frame_from_array
+from nolens.files.damage import damage
+from nolens.files.limits import check_size
 from nolens.files.quiet import quiet_logger
+from nolens.files.tiff_directories import check_directories
 from nolens.files.tiff_note import TiffNote
 
 _PICTURES = (tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.RGB)
 _RAW = (tifffile.PHOTOMETRIC.CFA, tifffile.PHOTOMETRIC.LINEAR_RAW)
 _ALPHA = (tifffile.EXTRASAMPLE.ASSOCALPHA, tifffile.EXTRASAMPLE.UNASSALPHA)
-_LOSSY = (
-    tifffile.COMPRESSION.OJPEG,
-    tifffile.COMPRESSION.JPEG,
-    tifffile.COMPRESSION.JPEG_LOSSY,
+_CODINGS = (
+    tifffile.COMPRESSION.NONE,
+    tifffile.COMPRESSION.LZW,
+    tifffile.COMPRESSION.ADOBE_DEFLATE,
+    tifffile.COMPRESSION.DEFLATE,
+    tifffile.COMPRESSION.PACKBITS,
+    tifffile.COMPRESSION.LZMA,
+    tifffile.COMPRESSION.ZSTD,
 )
+"""Lossless codings whose decoders stop at the size of a strip."""
 # Far above what any lossless coding reaches on a picture: more is a damaged header.
 _MOST_COMPRESSED = 10_000
 
@@ -73,6 +81,7 @@ def read_tiff_samples(path: Path, number: int | None = None) -> TiffSamples:
     FileError
         As `read_tiff` does, but for the kind of the values.
     """
+    check_directories(path)
     try:
         with quiet_logger("tifffile"), tifffile.TiffFile(path) as tiff:
             page = _page(path, tiff, number)
@@ -91,14 +100,18 @@ def read_tiff_samples(path: Path, number: int | None = None) -> TiffSamples:
         raise
     # Damaged tags can raise nearly anything, MemoryError and struct.error included.
     except Exception as error:
-        raise FileError(
-            f"{path} cannot be read as a TIFF: it is damaged or incomplete ({error}). Copy it "
-            "again from where it was made"
-        ) from error
+        raise damage(path, "a TIFF", error) from error
 
 
 def count_pages(path: Path) -> int:
-    """Pictures in a TIFF; 1 where it cannot be read, as `read_tiff` says why."""
+    """Pictures in a TIFF; 1 where it cannot be read, as `read_tiff` says why.
+
+    Raises
+    ------
+    FileError
+        If it has too many to be counted.
+    """
+    check_directories(path)
     try:
         with quiet_logger("tifffile"), tifffile.TiffFile(path) as tiff:
             return len(_pages(tiff))
@@ -142,17 +155,20 @@ def _check_kind(path: Path, page: tifffile.TiffPage) -> None:
             f"{path} is a TIFF of kind {_name(page.photometric)}; accepted are grey (MINISBLACK) "
             "and RGB"
         )
-    if page.compression in _LOSSY or page.compression not in tifffile.TIFF.DECOMPRESSORS:
+    if page.compression not in _CODINGS:
         raise FileError(
             f"{path} is compressed with {_name(page.compression)}, which cannot be read here. "
-            "Uncompressed, Deflate and PackBits work: save it again without compression, for "
-            "example by: tiffcp -c none in.tif out.tif"
+            "Uncompressed, LZW, Deflate, PackBits, LZMA and ZSTD work: save it again without "
+            "compression, for example by: tiffcp -c none in.tif out.tif"
         )
     if page.dtype is None or page.bitspersample != 8 * page.dtype.itemsize:
         raise FileError(
             f"{path} stores {page.bitspersample} bits for a value; accepted are 8 or 16-bit "
             "counts and 16, 32 or 64-bit floats"
         )
+    # A tile may be larger than the picture, and is decoded whole.
+    for shape in (page.shape, page.chunks):
+        check_size(shape, page.dtype.itemsize, path)
 
 
 def _check_complete(path: Path, page: tifffile.TiffPage) -> None:
@@ -161,6 +177,11 @@ def _check_complete(path: Path, page: tifffile.TiffPage) -> None:
     offsets, lengths = page.dataoffsets, page.databytecounts
     coded = page.compression != tifffile.COMPRESSION.NONE
     parts = 1 if page.is_contiguous else math.prod(page.chunked)
+    if sum(lengths[:parts]) > size:
+        raise FileError(
+            f"{path} is damaged: {parts} parts of its picture share the same bytes of the file. "
+            "Copy it again from where it was made"
+        )
     if (
         min(len(offsets), len(lengths)) < parts
         or 0 in lengths[:parts]

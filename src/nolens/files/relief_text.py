@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nolens.errors import FileError, OptionError
+from nolens.files.limits import check_bytes
 from nolens.quantities import Length
 
 TEXT_SUFFIXES = (".txt", ".csv", ".tsv", ".asc", ".xyz", ".dat", ".sdf")
@@ -17,6 +18,8 @@ TEXT_SUFFIXES = (".txt", ".csv", ".tsv", ".asc", ".xyz", ".dat", ".sdf")
 _BAD = frozenset({"", "bad", "nan", "n/a", "na", "null", "none", "---", "inf", "-inf"})
 _SDF = re.compile(r"^\s*[aA](ISO|BCR)-1\.0\s*$")
 _BINARY_SDF = (b"bISO-1.0", b"bBCR-1.0")
+_COST = 10
+"""Bytes of memory for one of a text, most of them for the numbers as texts of their own."""
 _SPACING = 1e-3
 """Share of the pitch by which points may lie beside their grid."""
 
@@ -74,6 +77,7 @@ def read_text_map(path: Path) -> TextMap:
 
 
 def _lines(path: Path) -> list[str]:
+    check_bytes(path, _COST)
     try:
         content = path.read_bytes()
     except OSError as error:
