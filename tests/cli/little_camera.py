@@ -73,7 +73,7 @@ def save(path: Path, values: Tensor) -> Path:
     elif array.ndim == 2:
         Image.fromarray(array.astype(np.uint16)).save(path)
     else:
-        path.write_bytes(imagecodecs.png_encode(array.astype(np.uint16)))
+        path.write_bytes(imagecodecs.png_encode(array.astype(np.uint16, order="C")))
     return path
 
 

@@ -75,7 +75,7 @@ def test_folder_that_cannot_be_written(bench: Bench, obedient: dict[str, object]
 
 def test_not_a_picture(bench: Bench) -> None:
     bench.raw.write_text("these are words, not counts")
-    bench.refuses("raw.dng", "damaged, incomplete or of an unknown kind")
+    bench.refuses("raw.dng", "camera raw of a known kind: it is damaged or incomplete")
 
 
 def test_jpeg(bench: Bench) -> None:

@@ -44,7 +44,7 @@ def read_raw(path: Path) -> Frame:
     except _DAMAGE as error:
         said = error.args[0].decode() if error.args and isinstance(error.args[0], bytes) else error
         raise damage(
-            path, "camera raw", ValueError(said),
+            path, "camera raw of a known kind", ValueError(said),
             "Copy it again from where it was made, or convert it to DNG",
         ) from error  # fmt: skip
 

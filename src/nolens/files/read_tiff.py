@@ -177,11 +177,6 @@ def _check_complete(path: Path, page: tifffile.TiffPage) -> None:
     offsets, lengths = page.dataoffsets, page.databytecounts
     coded = page.compression != tifffile.COMPRESSION.NONE
     parts = 1 if page.is_contiguous else math.prod(page.chunked)
-    if sum(lengths[:parts]) > size:
-        raise FileError(
-            f"{path} is damaged: {parts} parts of its picture share the same bytes of the file. "
-            "Copy it again from where it was made"
-        )
     if (
         min(len(offsets), len(lengths)) < parts
         or 0 in lengths[:parts]
@@ -192,6 +187,11 @@ def _check_complete(path: Path, page: tifffile.TiffPage) -> None:
         raise FileError(
             f"{path} is incomplete: parts of the picture that it announces are not in its "
             f"{size} bytes. Copy it again from where it was made"
+        )
+    if sum(lengths[:parts]) > size:
+        raise FileError(
+            f"{path} is damaged: {parts} parts of its picture share the same bytes of the file. "
+            "Copy it again from where it was made"
         )
 
 
