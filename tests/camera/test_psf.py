@@ -1,15 +1,19 @@
 """PSFs that fit and PSFs that are refused."""
 
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
+import torch.nn.functional as nnf
 
-from nolens.camera import Measurement, develop, prepare_psf
+from nolens.camera import Measurement, check_psf, develop, prepare_psf
 from nolens.errors import DataError, OptionError
 from nolens.files import read_frame
+from nolens.operators import CroppedConvolution, Region
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"the real data are not in {DATA}")
@@ -30,6 +34,21 @@ def spot(height, width, planes=1, **about):
 
 def scene(height, width, planes=1, **about):
     return measurement(torch.rand(planes, height, width), **about)
+
+
+def smooth(values, width):
+    """Blurred by a Gaussian."""
+    reach = math.ceil(3 * width)
+    line = torch.exp(-(torch.arange(-reach, reach + 1) ** 2) / (2 * width**2))
+    padded = nnf.pad(values[None], (reach,) * 4)
+    kernel = torch.outer(line, line)[None, None]
+    return nnf.conv2d(padded, kernel)[0]
+
+
+def cloud(height, width):
+    """Lines everywhere, up to the edges."""
+    light = smooth(torch.rand(1, height, width, generator=torch.manual_seed(2)) ** 4, 1.0)
+    return replace(measurement(light, source="psf.tif"), black_stated=True)
 
 
 RGB = {"channels": ("R", "G", "B")}
@@ -70,7 +89,9 @@ def test_wider_psf_is_kept(size):
         ((50, 60), {"scale": 2}, DataError, ("25×30", "no scale would fit")),
         ((24, 30), {"scale": 2}, DataError, ("12×15", "leave it out")),
         ((24, 30), {"wider": True}, DataError, ("not wider", "Leave out --psf-wider")),
-        ((20, 60), {"wider": True}, DataError, ("20×60", "24×30", "at least as large")),
+        ((20, 29), {}, DataError, ("20×29", "24×30", "at least as large")),
+        ((20, 60), {"scale": 2}, DataError, ("20×60", "without --psf-scale")),
+        ((30, 24), {}, DataError, ("30×24", "turned by 90°")),
         ((48, 60), {"scale": 2, "wider": True}, OptionError, ("one of them",)),
         ((48, 60), {"scale": 0}, OptionError, ("from 1 on",)),
     ],
@@ -80,6 +101,57 @@ def test_sizes_that_do_not_fit(size, options, error, words):
         prepare_psf(spot(*size), scene(24, 30), **options)
     for word in words:
         assert word in str(raised.value)
+
+
+def test_a_psf_that_is_smaller_in_one_direction_is_dark_there():
+    """Around its middle, so that its zero shift stays where it was; what is wider stays so."""
+    for size, wanted in (((30, 20), (30, 31)), ((23, 31), (30, 31)), ((40, 21), (40, 31))):
+        psf = spot(*size)
+        result = prepare_psf(psf, scene(30, 31))
+        assert result.values.shape == (1, *wanted)
+        peak = np.unravel_index(int(result.values.argmax()), wanted)
+        assert peak == (wanted[0] // 2, wanted[1] // 2)
+        assert float(result.values.sum()) == pytest.approx(float(psf.values.clamp_min(0).sum()))
+        (note,) = result.notes
+        assert f"{size[0]}×{size[1]}" in note and "added around the PSF's middle" in note
+        assert result.warnings == ()
+    (note,) = prepare_psf(spot(24, 34), scene(24, 30)).notes
+    assert "taken as wider" in note
+    (warning,) = prepare_psf(cloud(30, 20), scene(30, 31)).warnings
+    assert "up to the sensor's edges" in warning
+
+
+def test_a_psf_that_goes_on_beside_the_sensor():
+    lit = cloud(40, 40)
+    (warning,) = prepare_psf(lit, scene(40, 40)).warnings
+    assert re.search(r"psf\.tif has light up to the sensor's edges.*--psf-wider", warning)
+    assert prepare_psf(cloud(80, 80), scene(40, 40), wider=True).warnings == ()
+    inside = replace(lit, values=nnf.pad(lit.values[:, 8:32, 8:32], (8,) * 4))
+    assert prepare_psf(replace(inside, valid=lit.valid), scene(40, 40)).warnings == ()
+
+
+@pytest.mark.parametrize("blur", [0.8, 2.0])
+@pytest.mark.parametrize("grain", [0.0, 0.05])
+def test_files_that_are_swapped(blur, grain):
+    """Spots as wide as `blur`; a scene of blocks, and one of two points, which blurs nothing."""
+    generator = torch.manual_seed(5)
+    psf = torch.zeros(1, 120, 140)
+    psf[0, torch.randint(20, 100, (60,), generator=generator),
+        torch.randint(20, 120, (60,), generator=generator)] = 1  # fmt: skip
+    psf = smooth(psf, blur)
+    blocks = nnf.interpolate(torch.rand(1, 1, 10, 12, generator=generator), scale_factor=5)[0]
+    points = torch.zeros(1, 50, 60)
+    points[0, 20, 20] = points[0, 24, 25] = 1
+    for view, told in ((blocks, True), (points, False)):
+        light = CroppedConvolution(psf, (120, 140), Region.centred(50, 60, (120, 140)))(view)
+        pair = [
+            measurement(each / each.max() + grain * torch.rand(each.shape), source=name)
+            for each, name in ((psf, "psf.tif"), (light, "raw.tif"))
+        ]
+        pair = [replace(each, black_stated=True) for each in pair]
+        assert not any("swapped" in text for text in prepare_psf(*pair).warnings)
+        wrong = prepare_psf(*reversed(pair)).warnings
+        assert any("psf.tif has finer detail than the PSF raw.tif" in t for t in wrong) == told
 
 
 def test_colours_that_do_not_fit():
@@ -136,7 +208,10 @@ def test_unusual_psfs_are_accepted(kind):
         values += torch.nn.functional.avg_pool2d(noise(1, (1, 66, 82)), 3, 1).square()
     else:
         values[0, 30:33, 30:33] += 0.1
-    assert prepare_psf(measurement(values), measurement(values)).values.max() > 0
+    psf = measurement(values)
+    check_psf(psf, values)
+    with pytest.raises(DataError, match=r"raw\.dng and the PSF raw\.dng hold the same"):
+        prepare_psf(psf, measurement(values.clone()))
 
 
 def test_saturated_psf_is_doubted():
@@ -156,13 +231,16 @@ def test_black_level_that_was_not_subtracted_is_doubted():
     (warning,) = prepare_psf(lifted, scene(60, 80)).warnings
     assert "--black auto" in warning
     stated = replace(lifted, black_stated=True)  # Light may fall everywhere.
-    assert prepare_psf(stated, scene(60, 80)).warnings == ()
+    assert not any("--black" in text for text in prepare_psf(stated, scene(60, 80)).warnings)
 
 
 @needs_data
 def test_real_psfs_are_accepted():
     hand = develop(read_frame(DATA / "diffusercam-hand" / "psf_sample.tif"))
-    assert prepare_psf(hand, hand).warnings == ()
+    assert check_psf(hand, hand.values) == []
+    raw = develop(read_frame(DATA / "diffusercam-hand" / "rawdata_hand_sample.tif"))
+    assert prepare_psf(hand, raw).warnings == ()
+    assert any("swapped" in text for text in prepare_psf(raw, hand).warnings)
     pairs = DATA / "diffusercam-pairs"
     wide = develop(read_frame(pairs / "psf_estimate.npy"))
     colour = develop(read_frame(pairs / "diffuser" / "im43.npy", bgr=True))

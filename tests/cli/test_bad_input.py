@@ -38,6 +38,11 @@ def bench(tmp_path: Path, camera: Camera) -> Bench:
     return Bench(tmp_path, camera)
 
 
+def test_one_file_as_both(bench: Bench) -> None:
+    bench.psf.write_bytes(bench.raw.read_bytes())
+    bench.refuses("raw.dng and the PSF", "psf.dng hold the same values", "of a point source")
+
+
 def test_missing_file(bench: Bench) -> None:
     bench.raw = bench.folder / "rwa.dng"
     bench.refuses("there is no file", "rwa.dng", f"Did you mean {bench.folder / 'raw.dng'}?")

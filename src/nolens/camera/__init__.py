@@ -30,7 +30,7 @@ from nolens.camera.picture import (
     srgb_from_linear,
 )
 from nolens.camera.presets import PRESETS, preset, preset_text
-from nolens.camera.psf import PreparedPsf, prepare_psf
+from nolens.camera.psf import PreparedPsf, check_psf, prepare_psf
 from nolens.camera.psf_set import PsfEntry, PsfKind, PsfSet
 from nolens.camera.sensor import Package, Sensor
 from nolens.camera.toml import (
@@ -71,6 +71,7 @@ __all__ = [
     "camera_from_mapping",
     "camera_from_toml",
     "camera_to_toml",
+    "check_psf",
     "dark_corner",
     "develop",
     "exposure_white",

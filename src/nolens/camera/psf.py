@@ -2,16 +2,16 @@
 
 from dataclasses import dataclass
 
+import torch
+import torch.nn.functional as nnf
 from torch import Tensor
 
-from nolens.camera.measurement import Measurement, bin_mean, darkest_corner
+from nolens.camera.measurement import Measurement, bin_mean
+from nolens.camera.psf_warnings import pair_warnings, psf_warnings
 from nolens.errors import DataError, OptionError
 
 _PEAK_SIGMAS = 8.0
 _NOISE_RATIO = 0.5
-_SATURATED_SHARE = 1e-3
-_CORNER_SHARE = 1e-2
-_HAS_CORNERS = 60  # Below, the corners' pixels reach into the middle half of the PSF.
 
 
 @dataclass(frozen=True)
@@ -24,10 +24,13 @@ class PreparedPsf:
         float32, (channels, height, width), not negative; one channel serves all.
     warnings
         Sentences to show, one for each doubt.
+    notes
+        Sentences that say what was done to make it fit.
     """
 
     values: Tensor
     warnings: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
 
 def prepare_psf(
@@ -38,7 +41,8 @@ def prepare_psf(
     Parameters
     ----------
     psf
-        The developed PSF: of the measurement's size, or larger.
+        The developed PSF: of the measurement's size, or larger. Where it is smaller in one
+        direction only, it is dark there around its middle.
     measurement
         The measurement it is for.
     scale
@@ -50,7 +54,8 @@ def prepare_psf(
     Raises
     ------
     DataError
-        If size, channels or mosaic do not fit, or the PSF shows nothing above its background.
+        If size, channels or mosaic do not fit, the PSF shows nothing above its background, or
+        both hold the same.
     OptionError
         If both `scale` and `wider` are given, or `scale` is less than 1.
     """
@@ -59,8 +64,54 @@ def prepare_psf(
     factor = _scale_that_fits(psf, measurement, scale, wider)
     if factor > 1:
         values = bin_mean(values, factor)
+    warnings = check_psf(psf, values)
+    if torch.equal(values, measurement.values):
+        raise DataError(
+            f"the measurement {measurement.source} and the PSF {psf.source} hold the same values: "
+            "give what the sensor measured of the scene, and what it measured of a point source"
+        )
+    warnings += pair_warnings(psf, values, measurement)
+    values, notes = _widened(psf, values.clamp_min(0.0), measurement)
+    return PreparedPsf(values, tuple(warnings), notes)
+
+
+def check_psf(psf: Measurement, values: Tensor) -> list[str]:
+    """Refuse what cannot be a PSF; sentences to show of what could be better.
+
+    Parameters
+    ----------
+    psf
+        The developed PSF.
+    values
+        Its values as they are used, (channels, height, width).
+
+    Raises
+    ------
+    DataError
+        If it shows nothing above its background.
+    """
     _check_light(psf, values)
-    return PreparedPsf(values.clamp_min(0.0), tuple(_doubts(psf, values)))
+    return psf_warnings(psf, values)
+
+
+def _widened(
+    psf: Measurement, values: Tensor, measurement: Measurement
+) -> tuple[Tensor, tuple[str, ...]]:
+    """The PSF with dark pixels around it where it is smaller than the sensor; what was done."""
+    sizes = (
+        f"the PSF {psf.source} has {psf.size_text} pixels, the measurement {measurement.source} "
+        f"has {measurement.size_text}"
+    )
+    sides = []
+    for have, need in zip(values.shape[-2:], measurement.size, strict=True):
+        before = max(0, need // 2 - have // 2)  # The zero shift stays in the middle.
+        sides.append((before, max(0, need - have - before)))
+    if not any(map(any, sides)):
+        rows, columns = (values.shape[-2 + axis] == measurement.size[axis] for axis in (0, 1))
+        return values, () if rows == columns else (f"{sizes}: the PSF is taken as wider",)
+    added, what = (sum(sides[0]), "rows") if any(sides[0]) else (sum(sides[1]), "columns")
+    note = f"{sizes}: {added} dark {what} are added around the PSF's middle"
+    return nnf.pad(values, (*sides[1], *sides[0])), (note,)
 
 
 def _check_colours(psf: Measurement, measurement: Measurement) -> None:
@@ -100,12 +151,17 @@ def _scale_that_fits(
         f"the PSF {psf.source} has {psf.size_text} pixels, the measurement "
         f"{measurement.source} has {measurement.size_text}"
     )
-    if height < rows or width < columns:
-        raise DataError(
-            f"{sizes}: a PSF must be at least as large in both directions. Use files of one "
-            "size (the same --bin and the same cut), or a wider or finer PSF"
-        )
     same = (height, width) == (rows, columns)
+    if not same and (height, width) == (columns, rows):
+        raise DataError(f"{sizes}: one of them is turned by 90°. Turn it back")
+    smaller = (height < rows, width < columns)
+    if all(smaller) or (any(smaller) and scale is not None):
+        raise DataError(
+            f"{sizes}: a PSF must be at least as large in one direction, and without --psf-scale. "
+            "Use files of one size (the same --bin and the same cut), or a wider or finer PSF"
+        )
+    if any(smaller):
+        return 1
     fitting = height // rows
     finer = (height // fitting, width // fitting) == (rows, columns)
     if wider:
@@ -124,7 +180,7 @@ def _scale_that_fits(
             f"{sizes}: with --psf-scale {scale} the PSF becomes "
             f"{height // scale}×{width // scale}. Instead, {remedy}"
         )
-    if same:
+    if height == rows or width == columns:
         return 1
     reading = f"(--psf-scale {fitting})" if finer else "(--psf-scale N; no N fits these sizes)"
     raise DataError(
@@ -161,23 +217,3 @@ def _check_light(psf: Measurement, values: Tensor) -> None:
             f"its median {float(median):g}, with noise of {noise:.2g}. A picture of a point of "
             "light is needed; check the file, the exposure and the black level (--black)"
         )
-
-
-def _doubts(psf: Measurement, values: Tensor) -> list[str]:
-    doubts = []
-    saturated = float((~psf.valid).float().mean())
-    if saturated > _SATURATED_SHARE:
-        doubts.append(
-            f"{100 * saturated:.2g} % of the PSF {psf.source} is saturated, and its peaks are "
-            "cut off there: a shorter exposure of the point of light gives a better picture"
-        )
-    if psf.black_stated or min(values.shape[-2:]) < _HAS_CORNERS:
-        return doubts
-    corner, peak = darkest_corner(values), float(values.max())
-    if corner > _CORNER_SHARE * peak:
-        doubts.append(
-            f"the darkest corner of the PSF {psf.source} is {corner:.3g}, {100 * corner / peak:.2g}"
-            " % of its peak: if no light falls there, this is a black level that the file does "
-            "not state, and --black auto subtracts it"
-        )
-    return doubts

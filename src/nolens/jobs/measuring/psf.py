@@ -8,7 +8,7 @@ from typing import Any
 
 from torch import Tensor
 
-from nolens.camera import Frame, OpenCamera, develop, prepare_psf
+from nolens.camera import Frame, OpenCamera, check_psf, develop
 from nolens.design.focus import depth_of_focus_um, lenslet_aperture
 from nolens.errors import OptionError
 from nolens.evaluate import PsfFigures, clipped_cells, psf_figures
@@ -95,7 +95,7 @@ def measure_psf(options: MeasurePsfOptions, reporter: Reporter) -> MeasurePsfOut
     measured = develop(
         frame, black=options.black, channels="all" if one else options.channels.lower()
     )
-    warnings = list(prepare_psf(measured, measured).warnings)
+    warnings = check_psf(measured, measured.values)
     cell_um = pixel_um * (1 if frame.mosaic is None else 2)
     inputs = {role: InputFile.of(path) for role, path in {**options.inputs, **files}.items()}
     reduced_um = None

@@ -170,7 +170,7 @@ def _ready(options: ResolutionOptions, warn: Callable[[str], None]) -> list[_Rea
         seen = develop(read_frame(path), dark=dark, channels="grey")
         prepared = prepare_psf(point, seen, wider=options.psf_wider)
         if number == 0:
-            for text in prepared.warnings:
+            for text in (*prepared.notes, *prepared.warnings):
                 warn(text)
         rows, columns = seen.values.shape[-2:]
         region = Region(0, 0, rows, columns)

@@ -95,6 +95,8 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
     psf, warnings = prepared.values, list(prepared.warnings)
     inputs = {role: InputFile.of(path) for role, path in options.inputs.items()}
     region = asked_region(options, measurement.size, psf)
+    for text in prepared.notes:
+        reporter.note(text)
     for text in warnings:
         reporter.warn(text)
 

@@ -179,6 +179,8 @@ class _Work:
             frame, self.reporter, spare_of(self.options)
         )
         options = self.options = self.developing.options
+        for text in prepared.notes:
+            self.reporter.note(text)
         for text in prepared.warnings:
             self._warn(text)
         psf = prepared.values

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import torch
 from torch import Tensor
 
 from nolens.camera import Camera, Frame, Measurement, PsfEntry, PsfKind, develop, prepare_psf
 from nolens.camera.measurement import bin_mean
+from nolens.camera.psf_warnings import edge_warning
 from nolens.errors import DataError, OptionError
 from nolens.files import CAMERA_FILE, InputFile, read_camera, read_psf, read_psf_set
 from nolens.jobs.refocusing.options import RefocusOptions
@@ -25,7 +25,6 @@ _KINDS: tuple[PsfKind, ...] = ("stitched", "extended", "captured", "solved", "sc
 """Those that reach beyond the sensor first, and what was measured before what was worked out."""
 _OF_THE_SENSOR = ("captured", "solved")
 _ALIKE = 0.7
-_EDGE = 0.2
 _LINES = 0.25
 
 
@@ -91,11 +90,8 @@ def read_depth_psfs(options: RefocusOptions, measurement: Measurement) -> DepthP
     between = PsfBetween.of(known, reduced)
     seen = measurement.values.shape[-2] * options.bin, measurement.values.shape[-1] * options.bin
     cell_um = entries[0].cell.um
-    if not wide and _lit_at_edge(known[0].psf):
-        warnings.append(
-            "the PSFs have light up to the sensor's edges: without PSFs wider than the sensor "
-            "(nolens calibrate stitch) pictures are poor, and depths can be wrong"
-        )
+    edge = None if wide else edge_warning(entries[0].file, known[0].psf, seen)
+    warnings += [] if edge is None else [edge]
     return DepthPsfs(
         between,
         options.bin,
@@ -208,19 +204,6 @@ def _described_um(camera: Camera) -> float:
         layer.thickness.um / index
         for layer, index in zip(camera.layers[first:], indices, strict=True)
     )
-
-
-def _lit_at_edge(psf: Tensor) -> bool:
-    """Whether light goes on beyond the edges: they are not much darker than the rest."""
-    plane = psf.mean(dim=0)
-    deep = max(1, min(plane.shape) // 32)
-    edges = torch.cat(
-        [
-            each.flatten()
-            for each in (plane[:deep], plane[-deep:], plane[:, :deep], plane[:, -deep:])
-        ]
-    )
-    return float(edges.mean()) > _EDGE * float(plane.mean())
 
 
 def _gaps(between: PsfBetween) -> list[str]:
