@@ -35,7 +35,10 @@ lengths = st.builds(
     st.sampled_from(["", " "]),
     st.sampled_from(["nm", "um", "µm", "mm", "cm", "m"]),
 )
-texts = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=20)
+notes = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=20)
+texts = st.text(
+    st.characters(exclude_categories=["Cc", "Cf", "Cs", "Zl", "Zp"]), min_size=1, max_size=20
+)
 shares = st.floats(0, 1)
 above_zero = st.floats(0, exclude_min=True, allow_infinity=False)
 
@@ -134,7 +137,7 @@ cameras = st.fixed_dictionaries(
             {"surface": st.just(0), "relief": reliefs}, optional={"aperture": apertures}
         ),
     },
-    optional={"note": texts, "materials": own_materials()},
+    optional={"note": notes, "materials": own_materials()},
 )
 
 
@@ -268,6 +271,9 @@ BAD = [
     ("sensor.acceptance.response", [1], "response has 1 values, but angle_deg has 7"),
     ("schema_version", 2, "schema_version is 2: it should be 1"),
     ("name", "", "it should have at least 1 character"),
+    ("name", "a\nb = 1", r"name is 'a\nb = 1': it must be on one line, without control"),
+    ("layers.0.name", "\x1b[2J", r"layers[0].name is '\x1b[2J': it must be on one line"),
+    ("sensor.name", "\u202e" + 500 * "x", "sensor.name is '\\u202exxx"),
     ("name", date(2020, 1, 1), "it should be a valid string"),
     ("sensr", {}, "the key 'sensr' is unknown: did you mean 'sensor'?"),
     ("reference_distance", 300, "300 has no unit: write a length as 300 mm"),

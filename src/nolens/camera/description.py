@@ -27,7 +27,7 @@ class Layer(Part):
         its refractive index from 1 to 4, the same at all wavelengths.
     """
 
-    name: str | None = None
+    name: Text | None = None
     thickness: Length
     material: str | None = None
     index: Annotated[float, Field(strict=True, ge=1, le=4)] | None = None

@@ -10,6 +10,7 @@ from nolens.camera.description import Camera
 from nolens.camera.materials import Material, check_own_name
 from nolens.camera.psf_set import PsfSet
 from nolens.errors import DataError, OptionError
+from nolens.printable import quoted
 
 _CHOICES = ("relief", "quantum_efficiency", "acceptance")
 _MOST = 3
@@ -115,16 +116,7 @@ def _explain_one(error: Any) -> str:
     # A whole table would bury the message, which names what is wrong in it.
     if isinstance(given, Mapping):
         return f"{place}: {message}" if place else str(message)
-    return f"{place} is {_short(given)}: {message}"
-
-
-def _short(given: object) -> str:
-    try:
-        text = repr(given)
-    except (ValueError, RecursionError):
-        # Whole numbers of more than 4300 digits, or tables in tables without end.
-        return "too long to be shown"
-    return text if len(text) <= 60 else text[:57] + "..."
+    return f"{place} is {quoted(given)}: {message}"
 
 
 def _path(location: tuple[int | str, ...]) -> str:

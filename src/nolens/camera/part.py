@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
+from nolens.printable import printable
 from nolens.quantities import Length
 
 
@@ -45,6 +46,12 @@ def _positive(length: Length) -> Length:
     return length
 
 
+def _on_a_line(text: str) -> str:
+    if printable(text) != text:
+        raise refusal("it must be on one line, without control characters")
+    return text
+
+
 def file_in_folder(*suffixes: str) -> AfterValidator:
     """Check that text is the name of a file in the camera's folder, with one of the suffixes."""
 
@@ -64,7 +71,7 @@ def file_in_folder(*suffixes: str) -> AfterValidator:
 Positive = Annotated[float, Field(strict=True, gt=0)]
 NotNegative = Annotated[float, Field(strict=True, ge=0)]
 UnitInterval = Annotated[float, Field(strict=True, ge=0, le=1)]
-Text = Annotated[str, Field(min_length=1)]
+Text = Annotated[str, Field(min_length=1), AfterValidator(_on_a_line)]
 PositiveLength = Annotated[Length, AfterValidator(_positive)]
 CsvFile = Annotated[str, file_in_folder(".csv")]
 TiffFile = Annotated[str, file_in_folder(".tif", ".tiff")]

@@ -39,7 +39,8 @@ def show_camera(name: str, /, *, json_: Annotated[bool, Json] = False) -> int:
         show(json.dumps({"camera": opened.camera.model_dump(mode="json"), **facts}))
         return 0
     text = preset_text(name) if name in PRESETS else camera_to_toml(opened.camera)
-    show(text.removesuffix("\n"))
+    for line in text.removesuffix("\n").split("\n"):
+        show(line)
     for line in _lines(facts):
         say(line)
     return 0

@@ -72,7 +72,9 @@ def tolerance(
         Print one JSON object on standard output.
     """
     if show_:
-        show(tolerances_text(camera, tolerances and expand_home(tolerances)).removesuffix("\n"))
+        text = tolerances_text(camera, tolerances and expand_home(tolerances))
+        for line in text.removesuffix("\n").split("\n"):
+            show(line)
         return 0
     given = {
         "camera": camera, "tolerances": tolerances, "output": output, "criterion": criterion,

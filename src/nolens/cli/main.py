@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from nolens.cli.messages import say
 from nolens.errors import NolensError
+from nolens.interrupt import MESSAGE
 from nolens.process import leave, prepare
 
 
@@ -19,7 +20,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _guard(arguments: list[str]) -> int:
     try:
-        # The commands bring torch with them: here, so that Ctrl-C is heeded while it loads.
+        # The commands bring torch with them, for which the process is prepared by now.
         from nolens.cli.commands import run
 
         return run(arguments)
@@ -33,5 +34,6 @@ def _guard(arguments: list[str]) -> int:
         say(f"the disk has no space left: {error}. Make room and run it again")
         return 2
     except KeyboardInterrupt:
-        say("stopped at once; files that were not finished are not written")
+        # Where the command is called from Python, whose Ctrl-C it is.
+        say(MESSAGE)
         return 130

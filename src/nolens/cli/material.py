@@ -65,7 +65,8 @@ def show_material(name: str, /, *, json_: Annotated[bool, Json] = False) -> int:
     if json_:
         show(json.dumps(_described(found)))
         return 0
-    show(material_to_toml(found).removesuffix("\n"))
+    for line in material_to_toml(found).removesuffix("\n").split("\n"):
+        show(line)
     for line in _lines(found, material_facts(found)):
         say(line)
     return 0

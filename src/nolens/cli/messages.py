@@ -5,17 +5,19 @@ import sys
 from contextlib import suppress
 
 from nolens.errors import FileError
+from nolens.printable import message, printable
 
 
 def say(text: str) -> None:
-    """Tell a person on standard error, if there is one to read it."""
+    """Tell a person on standard error, if there is one to read it: one line, not too long."""
     if sys.stderr is not None:
-        with suppress(OSError):
-            print(f"nolens: {text}", file=sys.stderr, flush=True)
+        # A handler of Ctrl-C may be within a write to it, which Python refuses to begin again.
+        with suppress(OSError, RuntimeError):
+            print(f"nolens: {message(text)}", file=sys.stderr, flush=True)
 
 
 def show(text: str) -> None:
-    """Print a result on standard output.
+    r"""Print a line of a result on standard output; what is not printable in it as ``\x1b``.
 
     Raises
     ------
@@ -23,7 +25,7 @@ def show(text: str) -> None:
         If it cannot be written there; a reader that has left already has what it wanted.
     """
     try:
-        print(text, flush=True)
+        print(printable(text), flush=True)
     except OSError as error:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())  # Python flushes once more at exit.

@@ -10,6 +10,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemaining
 
 from nolens.cli.messages import say
 from nolens.jobs.reporter import Reporter
+from nolens.printable import printable
 from nolens.solvers import Progress as Iteration
 
 
@@ -17,12 +18,12 @@ class TerminalReporter(Reporter):
     """Notes and warnings on standard error; a progress bar where that is a terminal.
 
     The first Ctrl-C during work that goes in steps ends it after a step, and what is done so far
-    is written; a second one, or one during any other work, stops at once.
+    is written. A second one, or one during any other work, does what it did before the job: the
+    command stops at once (`nolens.interrupt`).
     """
 
     def __init__(self) -> None:
         self.interrupted = False
-        self._stopped = False
         self._promise: str | None = None
         self._bar: Progress | None = None
         self._task: TaskID | None = None
@@ -30,16 +31,18 @@ class TerminalReporter(Reporter):
         # FORCE_COLOR and the like make rich take anything for a terminal.
         if sys.stderr is not None and sys.stderr.isatty():
             self._bar = Progress(
-                TextColumn("{task.description}"),
+                # Brackets in a name are no markup.
+                TextColumn("{task.description}", markup=False),
                 BarColumn(),
-                TextColumn("{task.fields[state]}"),
+                TextColumn("{task.fields[state]}", markup=False),
                 TimeRemainingColumn(),
                 console=Console(stderr=True),
                 transient=True,
             )
 
     def __enter__(self) -> "TerminalReporter":
-        self._before = signal.signal(signal.SIGINT, self._interrupt)
+        self._before = signal.getsignal(signal.SIGINT)
+        signal.signal(signal.SIGINT, self._interrupt)
         return self
 
     def __exit__(
@@ -49,10 +52,7 @@ class TerminalReporter(Reporter):
         trace: TracebackType | None,
     ) -> None:
         signal.signal(signal.SIGINT, self._before)
-        if self._bar is not None:
-            # Ctrl-C in the midst of the bar's start leaves it without what it wants to put away.
-            with suppress(IndexError):
-                self._bar.stop()
+        self._put_away()
 
     def note(self, text: str) -> None:
         """Say something a person should know before it happens."""
@@ -80,10 +80,9 @@ class TerminalReporter(Reporter):
 
     def _show(self, work: str, text: str, state: str, done: float, total: float) -> None:
         """Move the bar; a new one, with a clock of its own, for other work than before."""
-        if self._stopped:  # Where Python could not raise it, as in a destructor, it was lost.
-            raise KeyboardInterrupt
         if self._bar is None:
             return
+        text = printable(text)
         if self._task is None or work != self._work:
             if self._task is not None:
                 self._bar.remove_task(self._task)
@@ -91,9 +90,20 @@ class TerminalReporter(Reporter):
             self._task, self._work = self._bar.add_task(text, total=total, state=state), work
         self._bar.update(self._task, description=text, completed=done, state=state)
 
+    def _put_away(self) -> None:
+        """Give the terminal back as it was."""
+        if self._bar is not None:
+            # Ctrl-C in the midst of its start, or of a write, leaves it in any state.
+            with suppress(Exception):
+                self._bar.stop()
+
     def _interrupt(self, number: int, frame: FrameType | None) -> None:
-        if self.interrupted or self._promise is None:
-            self._stopped = True
+        if not self.interrupted and self._promise is not None:
+            self.interrupted = True
+            say(self._promise)
+            return
+        self._put_away()
+        if callable(self._before):
+            self._before(number, frame)
+        else:  # Python started with Ctrl-C switched off, as behind nohup, but it was meant.
             raise KeyboardInterrupt
-        self.interrupted = True
-        say(self._promise)

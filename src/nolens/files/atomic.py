@@ -2,17 +2,24 @@
 
 import errno
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import psutil
+
 from nolens.errors import FileError
+from nolens.interrupt import Unfinished, Uninterrupted
 
 _LITTLE_BYTES = 1_000_000
+_OURS = re.compile(r"\.nolens-(\d{1,10})-[0-9a-f]{8}(\.\w+)?")
 _staged: set[Path] = set()
-"""Temporary files of `write_together` that wait for the others."""
+"""Temporary files that wait to take their places."""
+_swept: set[Path] = set()
+"""Folders that were freed of what killed processes left."""
 
 
 def write_together(writers: Mapping[Path, Callable[[Path], None]]) -> None:
@@ -28,20 +35,19 @@ def write_together(writers: Mapping[Path, Callable[[Path], None]]) -> None:
     FileError
         If one of them cannot be written; then all stay as they were.
     """
-    with ExitStack() as stack:
+    with _staging(tuple(writers)) as temporaries:
         for path, write in writers.items():
-            temporary = stack.enter_context(atomic_write(path))
-            _staged.add(temporary)
-            stack.callback(_staged.discard, temporary)
-            write(temporary)
+            with _naming(path):
+                write(temporaries[path])
 
 
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
     """Give a temporary path beside `path`; what is written there becomes `path` at the end.
 
-    The temporary name starts with a dot and has the same suffix. Where the block raises, the
-    temporary file is removed and `path` stays as it was.
+    The temporary name starts with a dot and has the same suffix. Where the block raises, or
+    Ctrl-C ends the command, the temporary file is removed and `path` stays as it was. What a
+    killed process left is removed by the next one that writes into the folder.
 
     Raises
     ------
@@ -52,19 +58,62 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
     if path in _staged:
         yield path
         return
-    temporary = path.with_name(f".{path.stem}.{secrets.token_hex(4)}{path.suffix}")
+    with _staging((path,)) as temporaries, _naming(path):
+        yield temporaries[path]
+
+
+@contextmanager
+def _staging(paths: tuple[Path, ...]) -> Iterator[dict[Path, Path]]:
+    """Temporary paths for some files; at the end of the block they become them, together."""
+    temporaries = {path: _temporary(path) for path in paths}
+    for folder in {path.parent for path in paths} - _swept:
+        _sweep(folder)
+    _staged.update(temporaries.values())
     try:
-        yield temporary
-        with temporary.open("rb") as written:
-            os.fsync(written.fileno())
-        temporary.replace(path)
+        with Unfinished(*temporaries.values()):
+            yield temporaries
+            for path, temporary in temporaries.items():
+                with _naming(path), temporary.open("rb") as written:
+                    os.fsync(written.fileno())
+            with Uninterrupted():
+                for path, temporary in temporaries.items():
+                    with _naming(path):
+                        temporary.replace(path)
+    finally:
+        _staged.difference_update(temporaries.values())
+        for temporary in temporaries.values():
+            temporary.unlink(missing_ok=True)
+
+
+def _temporary(path: Path) -> Path:
+    """A name that says whose it is."""
+    return path.with_name(f".nolens-{os.getpid()}-{secrets.token_hex(4)}{path.suffix}")
+
+
+def _sweep(folder: Path) -> None:
+    """Remove temporary files of processes that are no more, once in the life of this one."""
+    _swept.add(folder)
+    used = {each.name for each in _staged}
+    with suppress(OSError):
+        for path in folder.iterdir():
+            match = _OURS.fullmatch(path.name)
+            if match is None or path.name in used:
+                continue
+            # The number may have become this process's own.
+            if int(match[1]) == os.getpid() or not psutil.pid_exists(int(match[1])):
+                path.unlink()
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Errors of the system as ours, which say what file could not be written."""
+    try:
+        yield
     except OSError as error:
         raise FileError(
             f"cannot write {path}: {_reason(error, path.parent)}. Give a path in a folder that "
             "exists, can be written to and has space"
         ) from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _reason(error: OSError, folder: Path) -> str:

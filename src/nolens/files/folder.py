@@ -8,6 +8,7 @@ from pathlib import Path
 
 from nolens.errors import FileError
 from nolens.files.atomic import write_together
+from nolens.interrupt import Unfinished
 
 
 def check_folder(folder: Path) -> None:
@@ -48,18 +49,22 @@ def write_into(folder: Path, writers: Mapping[Path, Callable[[Path], None]]) -> 
         for each in folders
         for above in itertools.takewhile(lambda at: not _exists(at), (each, *each.parents))
     }
-    try:
+    new = sorted(missing, key=lambda at: len(at.parts))
+    with Unfinished(*new):
         try:
-            for each in folders:
-                each.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise FileError(f"cannot make {error.filename}: {error.strerror or error}") from error
-        write_together(writers)
-    except BaseException:
-        for each in sorted(missing, key=lambda at: len(at.parts), reverse=True):
-            with suppress(OSError):
-                each.rmdir()
-        raise
+            try:
+                for each in folders:
+                    each.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise FileError(
+                    f"cannot make {error.filename}: {error.strerror or error}"
+                ) from error
+            write_together(writers)
+        except BaseException:
+            for each in reversed(new):
+                with suppress(OSError):
+                    each.rmdir()
+            raise
 
 
 def _existing(folder: Path) -> Path:

@@ -15,6 +15,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from nolens.errors import OptionError
+from nolens.printable import quoted
 from nolens.quantities import Duration, Quantity
 
 
@@ -143,7 +144,7 @@ def explain(error: ValidationError, sources: Mapping[str, Path | None] | None = 
         name = str(each["loc"][0]) if each["loc"] else ""
         where = f" in {sources[name]}" if sources and name in sources else ""
         message = each["msg"][:1].lower() + each["msg"][1:]
-        reasons = found.setdefault(f"{name}{where} is {each['input']!r}", [])
+        reasons = found.setdefault(f"{name}{where} is {quoted(each['input'])}", [])
         reasons.append(message.removeprefix("input should be ") if reasons else message)
     return "; ".join(f"{what}: {' or '.join(reasons)}" for what, reasons in found.items())
 

@@ -13,6 +13,7 @@ from nolens.design.tolerances.distributions import DISTRIBUTIONS, Parameter
 from nolens.design.tolerances.variables import Variable, find, variables
 from nolens.documents import parse_toml
 from nolens.errors import DataError, OptionError
+from nolens.printable import printable
 from nolens.quantities import Angle, Length, Quantity, Share
 
 _KINDS: dict[str, type[Quantity]] = {"um": Length, "deg": Angle, "%": Share}
@@ -78,7 +79,7 @@ def parameters_from_toml(text: str, source: str, camera: Camera) -> tuple[Parame
 def parameters_to_toml(parameters: tuple[Parameter, ...], camera: Camera) -> str:
     """Write tolerances as TOML text, which `parameters_from_toml` reads."""
     known = variables(camera)
-    parts = [_HEAD.format(name=camera.name)]
+    parts = [_HEAD.format(name=printable(camera.name))]
     for each in parameters:
         lines: dict[str, str | float] = {"name": each.name, "distribution": each.distribution}
         if each.middle != known[each.name].middle:
