@@ -18,6 +18,7 @@ import uvicorn
 from fastapi import FastAPI
 
 from nolens.studio.app import Studio, create_app
+from nolens.studio.connections import configuration
 from nolens.studio.serve import listen
 from nolens.studio.workspace import Workspace
 from patience import PATIENCE_S
@@ -79,11 +80,7 @@ def serving(work: Path, *more: Path, source: str | None = None, **how: Any) -> I
     studio = Studio(Workspace([work, *more]), source=source, say=said.append, **how)
     app = create_app(studio)
     socket = listen("127.0.0.1", 0, said.append)
-    config = uvicorn.Config(
-        app, log_level="error", ws_per_message_deflate=False, timeout_graceful_shutdown=1,
-        ws_max_size=2_000_000, lifespan="on",
-    )  # fmt: skip
-    server = uvicorn.Server(config)
+    server = uvicorn.Server(configuration(app))
     thread = threading.Thread(target=server.run, args=([socket],))
     thread.start()
     try:

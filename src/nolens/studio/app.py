@@ -2,11 +2,12 @@
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from fastapi import FastAPI, Request
+from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from fastapi.staticfiles import StaticFiles
@@ -14,9 +15,11 @@ from fastapi.staticfiles import StaticFiles
 from nolens import __version__
 from nolens.capture.sources import available_sources
 from nolens.errors import FileError, NolensError
+from nolens.files.names import readable
 from nolens.studio.job_kinds import KINDS
-from nolens.studio.jobs import JobQueue, NoSuchJobError
+from nolens.studio.jobs import JobQueue, NoSuchJobError, TooManyJobsError
 from nolens.studio.live import LiveHub
+from nolens.studio.requests import answered
 from nolens.studio.routes_files import files_router
 from nolens.studio.routes_jobs import jobs_router
 from nolens.studio.routes_live import SCENE_BYTES, SCENE_PATH, live_router
@@ -28,6 +31,8 @@ from nolens.studio.workspace import Workspace
 
 UPLOAD_BYTES = 1_000_000_000
 _PAGE = Path(__file__).with_name("page")
+_MOST_REASONS = 3
+_LONGEST_DETAIL = 1000
 
 
 @dataclass(frozen=True)
@@ -68,6 +73,9 @@ def create_app(studio: Studio) -> FastAPI:
     """
     workspace = studio.workspace
     hub, queue = LiveHub(workspace, studio.say), JobQueue(workspace)
+    # Threads that read folders: few, since they take turns with the loop; one for what the page
+    # cannot do without, so that it need not wait for the others.
+    reading, looking = ThreadPoolExecutor(2, "files"), ThreadPoolExecutor(1, "about")
 
     @asynccontextmanager
     async def life(app: FastAPI) -> AsyncIterator[None]:
@@ -78,26 +86,19 @@ def create_app(studio: Studio) -> FastAPI:
             yield
         finally:
             await asyncio.gather(hub.close(), queue.close())
+            for pool in (reading, looking):
+                pool.shutdown(wait=False, cancel_futures=True)
 
     app = FastAPI(
         title="nolens studio", version=__version__, lifespan=life, docs_url=None, redoc_url=None,
         openapi_url="/api/openapi.json", responses={"4XX": {"model": Trouble}},
     )  # fmt: skip
 
-    @app.get("/api/about")
-    def about() -> About:
-        found = [SourceInfo(**vars(each)) for each in available_sources()]
-        return About(
-            version=__version__,
-            folders=workspace.folders,
-            cameras=workspace.cameras(),
-            sources=found,
-            scenes=[SceneInfo(id=name, label=label) for name, label in SCENES.items()],
-            upload_bytes=studio.upload_bytes,
-            kinds=list(KINDS),
-        )
+    @app.get("/api/about", response_model=About)
+    async def about() -> Response:
+        return await answered(looking, lambda: _about(studio))
 
-    for router in (files_router(workspace), live_router(hub), jobs_router(queue)):
+    for router in (files_router(workspace, reading), live_router(hub), jobs_router(queue)):
         app.include_router(router)
     app.mount("/", StaticFiles(directory=_PAGE, html=True), name="page")
     app.state.live, app.state.jobs = hub, queue
@@ -105,6 +106,19 @@ def create_app(studio: Studio) -> FastAPI:
     limits = {"/api/uploads": studio.upload_bytes, SCENE_PATH: SCENE_BYTES}
     app.add_middleware(Guard, rules=Rules(studio.host, studio.token, limits))
     return app
+
+
+def _about(studio: Studio) -> About:
+    workspace = studio.workspace
+    return About(
+        version=__version__,
+        folders=workspace.folders,
+        cameras=workspace.cameras(),
+        sources=[SourceInfo(**vars(each)) for each in available_sources()],
+        scenes=[SceneInfo(id=name, label=label) for name, label in SCENES.items()],
+        upload_bytes=studio.upload_bytes,
+        kinds=list(KINDS),
+    )
 
 
 def _answer_errors(app: FastAPI) -> None:
@@ -116,15 +130,27 @@ def _answer_errors(app: FastAPI) -> None:
         missing = isinstance(error, FileError) and request.method == "GET"
         if missing or isinstance(error, NoSuchJobError):
             status = 404
+        elif isinstance(error, TooManyJobsError):
+            status = 429
         elif isinstance(error, WorkerDiedError):
             status = 503
-        return JSONResponse({"detail": str(error)}, status_code=status)
+        return _trouble(status, str(error))
 
     @app.exception_handler(RequestValidationError)
     async def malformed(request: Request, error: RequestValidationError) -> JSONResponse:
+        found = error.errors()
         reasons = []
-        for each in error.errors():
+        for each in found[:_MOST_REASONS]:
             place = ".".join(str(part) for part in each["loc"][1:]) or str(each["loc"][0])
             message = each["msg"][:1].lower() + each["msg"][1:]
             reasons.append(f"{place}: {message}")
-        return JSONResponse({"detail": "; ".join(reasons)}, status_code=422)
+        if len(found) > _MOST_REASONS:
+            reasons.append(f"and {len(found) - _MOST_REASONS} more")
+        return _trouble(422, "; ".join(reasons))
+
+
+def _trouble(status: int, text: str) -> JSONResponse:
+    text = readable(text)
+    if len(text) > _LONGEST_DETAIL:
+        text = f"{text[:_LONGEST_DETAIL]}..."
+    return JSONResponse({"detail": text}, status_code=status)

@@ -48,6 +48,7 @@ class Kind:
 
 
 _JOBS = "nolens.jobs"
+_MOST_FILES = 2000
 KINDS: dict[JobKind, Kind] = {
     "reconstruct": Kind(
         "Reconstruct", f"{_JOBS}.reconstruction.options:ReconstructOptions",
@@ -179,6 +180,8 @@ def _each(name: str, value: Any, change: Callable[[str], str]) -> Any:
     """A text, or all texts of a list, changed."""
     if isinstance(value, str):
         return change(value)
+    if isinstance(value, list) and len(value) > _MOST_FILES:
+        raise OptionError(f"{name} names {len(value)} files: give at most {_MOST_FILES}")
     if isinstance(value, list) and all(isinstance(each, str) for each in value):
         return [change(each) for each in value]
-    raise OptionError(f"{name} is {value!r}: give a path, or a list of them")
+    raise OptionError(f"{name} is {str(value)[:80]}: give a path, or a list of them")

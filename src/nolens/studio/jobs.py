@@ -1,20 +1,26 @@
 """The queue of jobs: what was asked for, how far it is, and what came of it."""
 
 import asyncio
-import json
 import secrets
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from nolens.errors import NolensError, OptionError
+from pydantic import ValidationError
+
+from nolens.documents import parse_json
+from nolens.errors import DataError, FileError, NolensError
+from nolens.files.atomic import atomic_write
+from nolens.files.names import readable
+from nolens.files.text_file import read_text
 from nolens.studio.job_kinds import KINDS, title_of, with_paths
 from nolens.studio.schemas import ENDED, Job, JobProgress, JobRequest, JobShort, Status
 from nolens.studio.worker import RefusedError, Told, Worker
-from nolens.studio.workspace import JOBS, Workspace
+from nolens.studio.workspace import JOBS, WORK, Workspace, is_name
 
 _TARGET = "nolens.studio.job_process:main"
 _RECORD = "job.json"
@@ -31,6 +37,10 @@ class NoSuchJobError(NolensError):
     """A job that nobody knows."""
 
 
+class TooManyJobsError(NolensError):
+    """As many jobs are waiting as may."""
+
+
 class JobQueue:
     """Jobs of one studio, one running at a time in a process of their own.
 
@@ -45,10 +55,13 @@ class JobQueue:
         self._jobs: dict[str, Job] = {}
         self._resolved: dict[str, dict[str, Any]] = {}
         self._queue: list[str] = []
+        self._checking = 0
         self._running: str | None = None
         self._cancelling = False
         self._worker: Worker | None = None
         self._grace: asyncio.TimerHandle | None = None
+        # One thread, so that what is written first is first on the disk.
+        self._disk = ThreadPoolExecutor(1, "jobs")
         self._load()
 
     def all(self) -> list[JobShort]:
@@ -77,29 +90,44 @@ class JobQueue:
 
         Raises
         ------
+        TooManyJobsError
+            If as many are waiting as may.
         NolensError
             If an option cannot be used; the text is the command's.
         """
-        if len(self._queue) >= _MOST_QUEUED:
-            raise OptionError(f"{len(self._queue)} jobs are waiting already: cancel some of them")
-        given = with_paths(request.kind, request.options, self._workspace)
-        identity = self._new_id(request.kind)
-        await self._working().ask(
-            "check", identity, request.kind, given, str(self._workspace.work), seconds=_CHECK_S
-        )
+        # Its place is taken before anything is waited for: others ask meanwhile.
+        if len(self._queue) + self._checking >= _MOST_QUEUED:
+            raise TooManyJobsError(
+                f"{_MOST_QUEUED} jobs are waiting already: wait for one, or cancel one"
+            )
+        self._checking += 1
+        try:
+            identity, given = await self._checked(request)
+        finally:
+            self._checking -= 1
         job = Job(
             id=identity, kind=request.kind, title=title_of(request.kind, request.options),
             status="queued", options=dict(request.options),
         )  # fmt: skip
         self._jobs[identity], self._resolved[identity] = job, given
-        brief = KINDS[request.kind].brief
         place = len(self._queue)
-        if brief:  # Before the first that is not.
-            waiting = [KINDS[self._kind(each)].brief for each in self._queue]
+        if _is_brief(job):  # Before the first that is not.
+            waiting = [_is_brief(self._jobs[each]) for each in self._queue]
             place = waiting.index(False) if False in waiting else place
         self._queue.insert(place, identity)
         self._next()
         return job
+
+    async def _checked(self, request: JobRequest) -> tuple[str, dict[str, Any]]:
+        """Name of a new job, and its options with real paths."""
+        identity = self._new_id(request.kind)
+        loop = asyncio.get_running_loop()
+        given = await loop.run_in_executor(
+            self._disk, with_paths, request.kind, request.options, self._workspace
+        )
+        work = str(self._workspace.work)
+        await self._working().ask("check", identity, request.kind, given, work, seconds=_CHECK_S)
+        return identity, given
 
     def cancel(self, identity: str) -> Job:
         """End a job: one that runs keeps what it keeps, and is killed if it does not end.
@@ -134,16 +162,21 @@ class JobQueue:
         self._queue = []
         if worker is not None:
             await worker.stop(0.2)
+        await asyncio.to_thread(self._disk.shutdown)
 
     def _working(self) -> Worker:
         if self._worker is None:
             loop = asyncio.get_running_loop()
 
             def hear(message: Told) -> None:
+                about, identity, *what = message
+                # Paths are looked up here, in the worker's thread.
+                named = self._workspace.named(what)
                 with suppress(RuntimeError):  # The loop is closed.
-                    loop.call_soon_threadsafe(self._heard, *message)
+                    loop.call_soon_threadsafe(self._heard, about, identity, *named)
 
-            self._worker = Worker("nolens-jobs", _TARGET, hear, self._died)
+            folders = self._workspace.paths
+            self._worker = Worker("nolens-jobs", _TARGET, folders, hear, self._died)
         return self._worker
 
     def _next(self) -> None:
@@ -183,9 +216,10 @@ class JobQueue:
 
     def _done(self, job: Job, summary: dict[str, Any] | None, status: Status = "done") -> None:
         if summary is not None:
-            job.summary = self._workspace.named(summary)
-            outputs = [self._workspace.name_of(Path(each)) for each in summary.get("outputs", [])]
-            job.outputs = [each for each in outputs if each is not None]
+            job.summary = summary
+            # What lies in no named folder kept its whole path.
+            outputs = summary.get("outputs", [])
+            job.outputs = [each for each in outputs if not Path(each).is_absolute()]
         self._end(job, status)
 
     def _end(self, job: Job, status: Status, error: str | None = None) -> None:
@@ -213,9 +247,6 @@ class JobQueue:
         else:
             self._end(job, "failed", f"the process that worked on it {reason}")
 
-    def _kind(self, identity: str) -> Any:
-        return self._jobs[identity].kind
-
     def _new_id(self, kind: str) -> str:
         while True:
             now = datetime.now().astimezone()
@@ -226,41 +257,79 @@ class JobQueue:
     def _prune(self) -> None:
         """Forget the oldest jobs, and take away what looks and previews wrote long ago."""
         brief = [
-            each.id for each in self._jobs.values()
-            if each.status in ENDED and KINDS[self._kind(each.id)].brief
-        ]  # fmt: skip
+            each.id for each in self._jobs.values() if each.status in ENDED and _is_brief(each)
+        ]
         for identity in brief[:-_MOST_BRIEF]:
             del self._jobs[identity]
-            self._workspace.remove_job(identity)
+            self._disk.submit(self._workspace.remove_job, identity)
         ended = [each.id for each in self._jobs.values() if each.status in ENDED]
         for identity in ended[: max(0, len(self._jobs) - _MOST_JOBS)]:
             del self._jobs[identity]
 
     def _store(self, job: Job) -> None:
         """Write what is known of a job, so that the studio finds it when it is started again."""
-        try:
-            folder = self._workspace.make(f"{JOBS}/{job.id}")
-            temporary = folder / f".{_RECORD}"
-            temporary.write_text(job.model_dump_json(indent=1), encoding="utf-8")
-            temporary.replace(folder / _RECORD)
-        except (NolensError, OSError) as error:
-            _keep(job.warnings, f"this job is not kept beyond this run of the studio: {error}")
+        loop, text = asyncio.get_running_loop(), job.model_dump_json(indent=1)
+
+        def written(done: Future[None]) -> None:
+            error = done.exception()
+            if error is not None:
+                said = f"this job is not kept beyond this run of the studio: {error}"
+                with suppress(RuntimeError):  # The loop is closed.
+                    loop.call_soon_threadsafe(_keep, job.warnings, readable(said))
+
+        self._disk.submit(self._write, job.id, text).add_done_callback(written)
+
+    def _write(self, identity: str, text: str) -> None:
+        folder = self._workspace.make(f"{JOBS}/{identity}")
+        with atomic_write(folder / _RECORD) as temporary:
+            temporary.write_text(text, encoding="utf-8")
 
     def _load(self) -> None:
         folder = self._workspace.work / JOBS
-        names = [each.name for each in folder.iterdir()] if folder.is_dir() else []
-        for name in sorted(names):
-            path = folder / name / _RECORD
-            try:
-                job = Job.model_validate(json.loads(path.read_bytes()))
-            except (OSError, ValueError):
-                continue
-            if job.id != name or job.kind not in KINDS:
-                continue
-            if job.status not in ENDED:
-                job.status, job.error = "failed", "the studio was stopped while it ran"
-            self._jobs[name] = job
+        with suppress(OSError):  # There is none, or it may not be read.
+            names = sorted(each.name for each in folder.iterdir() if is_name(each.name))
+            for name in names[-_MOST_JOBS:]:
+                try:
+                    job = self._read(name)
+                except NolensError as error:
+                    job = Job(
+                        id=name, kind="", title=f"{name}/{_RECORD}", status="failed",
+                        error=readable(str(error)),
+                    )  # fmt: skip
+                if job is not None:
+                    self._jobs[name] = job
         self._prune()
+
+    def _read(self, name: str) -> Job | None:
+        """A job of an earlier run; None where nothing was kept of it.
+
+        Raises
+        ------
+        NolensError
+            If what was kept is no job, or cannot be read.
+        """
+        text = f"{WORK}/{JOBS}/{name}/{_RECORD}"
+        try:
+            path = self._workspace.resolve(text)
+        except FileError:
+            return None
+        try:
+            job = Job.model_validate(parse_json(read_text(path, "JSON"), text))
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            place = ".".join(map(str, first["loc"]))
+            raise DataError(f"{text} is no job: {place}: {first['msg']}") from None
+        if job.id != name:
+            raise DataError(f"{text} is the job {job.id[:80]!r}, and not that of its folder")
+        if job.kind not in KINDS:
+            raise DataError(f"{text} is a job of the unknown kind {job.kind[:80]!r}")
+        if job.status not in ENDED:
+            job.status, job.error = "failed", "the studio was stopped while it ran"
+        return job
+
+
+def _is_brief(job: Job) -> bool:
+    return any(kind.brief for name, kind in KINDS.items() if name == job.kind)
 
 
 def _keep(texts: list[str], text: str) -> None:

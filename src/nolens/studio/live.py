@@ -5,7 +5,6 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from nolens.errors import NolensError, OptionError
@@ -103,7 +102,7 @@ class LiveHub:
         NolensError
             If it cannot be opened, or the PSF not be read; the text is for a person.
         """
-        source, psf = self._resolved(asked)
+        source, psf = await asyncio.to_thread(self._resolved, asked)
         changes = _given(asked.settings)
         scene = self._state.scene if self._state.scene in SCENES else None
         async with self._starting:
@@ -155,7 +154,7 @@ class LiveHub:
             raise OptionError("no camera is running: start one, and try again")
         work = str(self._workspace.work)
         found = await self._worker.ask("save", formats, work, seconds=_SAVE_S)
-        named = self._workspace.named(found)
+        named = await asyncio.to_thread(self._workspace.named, found)
         return Saved(files=named["files"], psf_path=named["psf_path"])
 
     async def close(self) -> None:
@@ -171,7 +170,8 @@ class LiveHub:
     def _working(self) -> Worker:
         if self._worker is None:
             hear = partial(self._hear, asyncio.get_running_loop())
-            self._worker = Worker("nolens-live", _TARGET, hear, self._died)
+            folders = self._workspace.paths
+            self._worker = Worker("nolens-live", _TARGET, folders, hear, self._died)
             self._tell_watched()
         return self._worker
 
@@ -200,6 +200,8 @@ class LiveHub:
 
     def _hear(self, loop: asyncio.AbstractEventLoop, message: Told) -> None:
         """In the worker's thread: of messages that come faster than they go, the newest stays."""
+        if message[0] == "state":
+            message = "state", self._named(message[1]), *message[2:]
         with self._lock:
             waiting = self._arrived is not None
             if message[0] == "frame":
@@ -225,21 +227,21 @@ class LiveHub:
     def _changed(self, state: dict[str, Any], left: int) -> None:
         """The state, and how many sources were left so far: their frames count no more."""
         before = self._state
-        named = self._workspace.named(state)
-        if isinstance(state["source"], str):
-            named["source"] = self._named_source(state["source"])
         self._state = LiveState.model_validate(
-            {**named, "fps": before.fps, "dropped": before.dropped}
+            {**state, "fps": before.fps, "dropped": before.dropped}
         )
         if not self._state.running or left != self._left:
             self._newest, self._left = None, left
         if self._state.error and self._state.error != before.error:
             self._say(self._state.error)
 
-    def _named_source(self, source: str) -> str:
-        kind, _, rest = source.partition(":")
-        name = self._workspace.name_of(Path(rest)) if rest.startswith("/") else None
-        return source if name is None else f"{kind}:{name}"
+    def _named(self, state: dict[str, Any]) -> dict[str, Any]:
+        """A state with the paths of the page."""
+        named: dict[str, Any] = self._workspace.named(state)
+        if isinstance(state["source"], str):
+            kind, colon, rest = state["source"].partition(":")
+            named["source"] = f"{kind}{colon}{self._workspace.named(rest)}"
+        return named
 
     def _fail(self, text: str) -> None:
         if self._state.error != text:

@@ -23,6 +23,8 @@ from nolens.studio.schemas import Method, Settings
 from nolens.studio.worker import Channel, Told
 
 _FPS_OVER_S = 3.0
+_WEBCAM_PIXELS = 4_000_000
+"""Of a webcam's frame, which is decoded between two pictures of the live view."""
 _NO_PSF = "no PSF is chosen: take one in Calibrate, or choose one, to see more than the raw frame"
 _OWN: dict[Method, tuple[float, int]] = {"admm": (1e-4, 2), "wiener": (0.5, 1)}
 """τ and iterations that a method begins with."""
@@ -64,6 +66,7 @@ class LiveView:
         self._watched = False
         self._sent: deque[float] = deque()
         self._error: str | None = None
+        self._webcam_trouble: str | None = None
         self._left = 0
         self._cores = torch.get_num_threads()
 
@@ -134,7 +137,8 @@ class LiveView:
         except NolensError as error:
             self._error = str(error)
             raise
-        self._white, self._scene = White(), None
+        self._white = White()
+        self._sees(None)
         self._source.camera.watch(self._watched)
         if self._source.twin is not None:
             self._see(scene or "chart")
@@ -170,26 +174,33 @@ class LiveView:
 
     def _see(self, name: str) -> str:
         show_scene(self._twin(), name)
-        self._scene = name
+        self._sees(name)
         return name
 
     def _see_picture(self, data: bytes) -> str:
         twin = self._twin()
         twin.show(decoded_scene(data))
-        self._scene = "picture"
+        self._sees("picture")
         return "picture"
 
     def _webcam(self, data: bytes) -> None:
-        """A frame of a visitor's webcam; one that cannot be read is passed over."""
+        """A frame of a visitor's webcam; one that cannot be used is passed over, and told."""
         if self._source is None or self._source.twin is None:
             return
+        before = self._scene, self._webcam_trouble
         try:
-            self._source.twin.show(decoded_scene(data))
-        except NolensError:
-            return
-        if self._scene != "webcam":
-            self._scene = "webcam"
+            self._source.twin.show(decoded_scene(data, _WEBCAM_PIXELS))
+            self._sees("webcam")
+        except NolensError as error:
+            self._sees(self._scene, f"the webcam's picture is not shown: {error}")
+        if before != (self._scene, self._webcam_trouble):
             self._tell_state()
+
+    def _sees(self, scene: str | None, webcam_trouble: str | None = None) -> None:
+        """Keep what the twin sees, and why not the webcam's picture."""
+        if self._error in (None, self._webcam_trouble):
+            self._error = webcam_trouble
+        self._scene, self._webcam_trouble = scene, webcam_trouble
 
     def _twin(self) -> TwinSource:
         if self._source is None or self._source.twin is None:

@@ -1,20 +1,25 @@
 """Files of the named folders: what there is, what is in them, and uploads."""
 
+import asyncio
 import errno
 import mimetypes
 import os
 import secrets
-from contextlib import suppress
+import threading
+from collections.abc import AsyncIterator
+from concurrent.futures import Executor
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Annotated
 from urllib.parse import quote
 
-from fastapi import APIRouter, HTTPException, Query, Request
+from fastapi import APIRouter, HTTPException, Query, Request, Response
 from fastapi.responses import FileResponse
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
 
 from nolens.errors import FileError, OptionError
+from nolens.studio.requests import answered
 from nolens.studio.schemas import Entries, Uploaded
 from nolens.studio.workspace import (
     PICTURE_SUFFIXES,
@@ -34,13 +39,14 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _LONGEST = 150
 
 
-def files_router(workspace: Workspace) -> APIRouter:
-    """Routes of files."""
+def files_router(workspace: Workspace, reading: Executor) -> APIRouter:
+    """Routes of files, and the threads that read folders."""
     router = APIRouter(prefix="/api")
+    placing = threading.Lock()
 
-    @router.get("/files")
-    def files(path: Annotated[str, Query(max_length=1000)] = WORK) -> Entries:
-        return Entries(entries=workspace.listing(path))
+    @router.get("/files", response_model=Entries)
+    async def files(path: Annotated[str, Query(max_length=1000)] = WORK) -> Response:
+        return await answered(reading, lambda: Entries(entries=workspace.listing(path)))
 
     @router.get(
         "/file",
@@ -64,9 +70,11 @@ def files_router(workspace: Workspace) -> APIRouter:
     @router.post("/uploads", status_code=201, openapi_extra=_ANY_BYTES)
     async def upload(name: Annotated[str, Query(max_length=1000)], request: Request) -> Uploaded:
         checked = _checked_name(name)
-        folder = workspace.make(UPLOADS)
-        path = await _received(request, folder, checked)
-        return Uploaded(path=f"{WORK}/{UPLOADS}/{path.name}")
+        loop = asyncio.get_running_loop()
+        folder = await loop.run_in_executor(reading, workspace.make, UPLOADS)
+        async with _received(request, folder, checked) as temporary:
+            placed = await loop.run_in_executor(reading, _placed, placing, temporary, checked)
+        return Uploaded(path=f"{WORK}/{UPLOADS}/{placed.name}")
 
     return router
 
@@ -100,20 +108,27 @@ def _checked_name(name: str) -> str:
     return name
 
 
-async def _received(request: Request, folder: Path, name: str) -> Path:
-    """Write the body of a request into a file, whole or not at all."""
+def _placed(placing: threading.Lock, temporary: Path, name: str) -> Path:
+    """Give a file its name, or one like it that no other has."""
+    folder, path = temporary.parent, Path(name)
+    with placing:
+        placed = folder / f"{unused(folder, path.stem)}{path.suffix}"
+        return temporary.replace(placed)
+
+
+@asynccontextmanager
+async def _received(request: Request, folder: Path, name: str) -> AsyncIterator[Path]:
+    """The body of a request in a file for the block alone, with errors as answers."""
     temporary = folder / f".{secrets.token_hex(6)}.part"
     written = 0
     try:
-        with temporary.open("xb") as file:
+        with await run_in_threadpool(temporary.open, "xb") as file:
             async for chunk in request.stream():
                 written += len(chunk)
                 await run_in_threadpool(file.write, chunk)
         if written == 0:
             raise OptionError(f"the upload {name} is empty")
-        path = folder / f"{unused(folder, Path(name).stem)}{Path(name).suffix}"
-        temporary.replace(path)
-        return path
+        yield temporary
     except ClientDisconnect:
         raise HTTPException(400, f"the upload {name} was broken off") from None
     except OSError as error:

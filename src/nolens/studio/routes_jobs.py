@@ -3,12 +3,13 @@
 from fastapi import APIRouter
 
 from nolens.studio.jobs import JobQueue
+from nolens.studio.requests import JsonRoute
 from nolens.studio.schemas import Job, JobId, JobRequest, Jobs
 
 
 def jobs_router(queue: JobQueue) -> APIRouter:
     """Routes of jobs."""
-    router = APIRouter(prefix="/api/jobs")
+    router = APIRouter(prefix="/api/jobs", route_class=JsonRoute)
 
     @router.get("")
     async def jobs() -> Jobs:

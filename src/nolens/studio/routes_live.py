@@ -1,15 +1,15 @@
 """The live view: how it is, what it is told, and its frames."""
 
 import asyncio
-import json
 from contextlib import suppress
 from typing import Any
 
 from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
 from pydantic import ValidationError
 
-from nolens.errors import OptionError
+from nolens.errors import DataError, OptionError
 from nolens.studio.live import Client, LiveHub
+from nolens.studio.requests import JsonRoute, parsed
 from nolens.studio.schemas import (
     BuiltinScene,
     LiveStart,
@@ -24,6 +24,9 @@ from nolens.studio.schemas import (
 SCENE_PATH = "/api/live/scene"
 SCENE_BYTES = 32_000_000
 WEBCAM_BYTES = 1_000_000
+_MOST_SCENES = 4
+_SCENE_NAME_BYTES = 10_000
+_MESSAGES_PER_S, _MESSAGES_AT_ONCE = 100.0, 50
 _PICTURES = (b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n")
 _PICTURE_TYPES = ("image/jpeg", "image/png", "image/webp")
 _MALFORMED = 1008
@@ -42,7 +45,10 @@ _SCENE_BODY: dict[str, Any] = {
 
 def live_router(hub: LiveHub) -> APIRouter:
     """Routes of the live view."""
-    router = APIRouter(prefix="/api/live")
+    router = APIRouter(prefix="/api/live", route_class=JsonRoute)
+
+    # Each may have `SCENE_BYTES` in memory.
+    receiving = asyncio.Semaphore(_MOST_SCENES)
 
     @router.get("")
     async def state() -> LiveState:
@@ -63,9 +69,10 @@ def live_router(hub: LiveHub) -> APIRouter:
     @router.post("/scene", openapi_extra=_SCENE_BODY)
     async def scene(request: Request) -> SceneShown:
         kind = request.headers.get("content-type", "").split(";")[0].strip().lower()
-        body = await request.body()
-        if kind in _PICTURE_TYPES:
-            return SceneShown(scene=await hub.show_picture(body))
+        async with receiving:
+            body = await request.body()
+            if kind in _PICTURE_TYPES:
+                return SceneShown(scene=await hub.show_picture(body))
         return SceneShown(scene=await hub.show(_builtin(body)))
 
     @router.post("/save")
@@ -89,8 +96,8 @@ def live_router(hub: LiveHub) -> APIRouter:
 
 def _builtin(body: bytes) -> str:
     try:
-        return BuiltinScene.model_validate(json.loads(body)).builtin
-    except (ValidationError, ValueError, RecursionError):
+        return BuiltinScene.model_validate(parsed(body[:_SCENE_NAME_BYTES])).builtin
+    except (DataError, ValidationError):
         raise OptionError(
             f'the scene is none: give {{"builtin": "chart"}}, or a picture as {_PICTURE_TYPES[0]} '
             f"or {_PICTURE_TYPES[1]}"
@@ -127,7 +134,15 @@ async def _send(socket: WebSocket, client: Client, hub: LiveHub) -> None:
 
 
 async def _receive(socket: WebSocket, client: Client, hub: LiveHub) -> None:
+    loop = asyncio.get_running_loop()
+    due = 0.0
     while True:
+        # Who sends more than frames and pictures of a webcam need waits: what is not read yet
+        # waits in its own connection.
+        now = loop.time()
+        due = max(due, now - _MESSAGES_AT_ONCE / _MESSAGES_PER_S) + 1 / _MESSAGES_PER_S
+        if due > now:
+            await asyncio.sleep(due - now)
         message = await socket.receive()
         if message["type"] == "websocket.disconnect":
             return

@@ -4,7 +4,7 @@ import io
 import warnings
 
 import torch
-from PIL import Image, ImageOps
+from PIL import Image, ImageOps, UnidentifiedImageError
 from torch import Tensor
 
 from nolens.camera import linear_from_srgb
@@ -39,8 +39,15 @@ def show_scene(twin: TwinSource, name: str) -> None:
     twin.show(sample_picture(name, f"the scene {name} comes") if photograph else chart())
 
 
-def decoded_scene(data: bytes) -> Tensor:
+def decoded_scene(data: bytes, most_pixels: int = _MOST_PIXELS) -> Tensor:
     """A JPEG, PNG or WebP as a scene, its long side at most 1024 pixels.
+
+    Parameters
+    ----------
+    data
+        Its bytes.
+    most_pixels
+        More are refused by its header, before anything is decoded.
 
     Raises
     ------
@@ -51,10 +58,10 @@ def decoded_scene(data: bytes) -> Tensor:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             with Image.open(io.BytesIO(data), formats=["JPEG", "PNG", "WEBP"]) as image:
-                if image.width * image.height > _MOST_PIXELS:
+                if image.width * image.height > most_pixels:
                     raise DataError(
                         f"the picture is {image.width}×{image.height} pixels: give one of at most "
-                        f"{_MOST_PIXELS // 10**6} megapixels"
+                        f"{most_pixels // 10**6} megapixels"
                     )
                 image.draft("RGB", (_LONG_SIDE, _LONG_SIDE))
                 upright = ImageOps.exif_transpose(image).convert("RGB")
@@ -63,9 +70,9 @@ def decoded_scene(data: bytes) -> Tensor:
         raise
     # Damage can raise nearly anything.
     except Exception as error:
-        raise DataError(
-            f"the picture cannot be read ({error}): give a JPEG, PNG or WebP"
-        ) from error
+        # Pillow says which object in memory is no picture.
+        reason = "" if isinstance(error, UnidentifiedImageError) else f" ({error})"
+        raise DataError(f"the picture cannot be read{reason}: give a JPEG, PNG or WebP") from error
     pixels = torch.frombuffer(bytearray(upright.tobytes()), dtype=torch.uint8)
     planes = pixels.reshape(upright.height, upright.width, 3).permute(2, 0, 1)
     return linear_from_srgb(planes.float() / 255)

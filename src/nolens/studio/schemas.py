@@ -44,12 +44,13 @@ class PsfInfo(BaseModel):
 
 
 class CameraInfo(BaseModel):
-    """A camera: a preset, or a folder with its description or PSFs."""
+    """A camera: a preset, or a folder with its description or PSFs; `trouble` is why it is bad."""
 
     id: str
     name: str
     note: str
     psfs: list[PsfInfo]
+    trouble: str | None = None
 
 
 class SourceInfo(BaseModel):

@@ -1,9 +1,11 @@
 """Who may talk to the studio, and how much they may send: rules that hold for every request."""
 
+import asyncio
 import hmac
 import ipaddress
 import socket
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs, urlencode
@@ -26,6 +28,7 @@ _HEADERS = {
 }
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 COOKIE = "nolens-studio"
+_REST_BYTES, _REST_S = 100_000_000, 10.0
 
 
 def is_loopback(host: str) -> bool:
@@ -98,13 +101,14 @@ class Guard:
             if scope["type"] == "websocket":
                 await send({"type": "websocket.close", "code": 1008})
             else:
-                await refused(scope, receive, _with_headers(send))
+                body = _Body(scope, receive, self._rules.limit(scope["path"]))
+                await refused(scope, body, _answering(send, body))
             return
         if scope["type"] == "websocket":
             await self._app(scope, receive, send)
             return
-        limited = _limited(receive, self._rules.limit(scope["path"]))
-        await self._app(scope, limited, _with_headers(send))
+        body = _Body(scope, receive, self._rules.limit(scope["path"]))
+        await self._app(scope, body, _answering(send, body))
 
     def _refused(self, scope: Scope) -> Response | None:
         """The answer to a request that is not let through."""
@@ -125,7 +129,8 @@ class Guard:
                 return refused
         length = headers.get("content-length")
         limit = self._rules.limit(scope["path"])
-        if length is not None and length.isdecimal() and int(length) > limit:
+        # As many digits as the server lets through are no number that Python converts.
+        if length is not None and length.isdecimal() and int(length[:20]) > limit:
             return _trouble(scope, 413, too_large(limit))
         return None
 
@@ -155,28 +160,66 @@ def too_large(limit: int) -> str:
     return f"that is more than the {size} that are accepted here"
 
 
-def _limited(receive: Receive, limit: int) -> Receive:
-    """Receive that ends with an error when a body is larger than was allowed."""
-    seen = 0
+class _Body:
+    """Receives the body of a request: an error once it is larger than was allowed.
 
-    async def wrapped() -> Message:
-        nonlocal seen
-        message = await receive()
-        if message["type"] == "http.request":
-            seen += len(message.get("body", b""))
-            if seen > limit:
-                raise HTTPException(413, too_large(limit))
+    Parameters
+    ----------
+    scope, receive
+        Of the request.
+    limit
+        Bytes that are allowed.
+    """
+
+    def __init__(self, scope: Scope, receive: Receive, limit: int) -> None:
+        headers = Headers(scope=scope)
+        self._receive, self._limit = receive, limit
+        self._size = 0
+        self._ended = "content-length" not in headers and "transfer-encoding" not in headers
+        # Who asks whether to send sends nothing before it is read.
+        self._asks = headers.get("expect", "").lower() == "100-continue"
+
+    async def __call__(self) -> Message:
+        """The next message of the request."""
+        message = await self._next()
+        if self._size > self._limit:
+            raise HTTPException(413, too_large(self._limit))
         return message
 
-    return wrapped
+    async def rest(self) -> None:
+        """Read what was not read, and throw it away.
+
+        A connection that is closed before is reset, and its answer lost on the way.
+        """
+        most = self._size + max(self._limit, _REST_BYTES)
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_REST_S):
+                while not (self._ended or self._asks) and self._size < most:
+                    await self._next()
+
+    async def _next(self) -> Message:
+        message = await self._receive()
+        self._asks = False
+        if message["type"] == "http.request":
+            self._size += len(message.get("body", b""))
+            self._ended = not message.get("more_body", False)
+        else:
+            self._ended = True
+        return message
 
 
-def _with_headers(send: Send) -> Send:
+def _answering(send: Send, body: _Body) -> Send:
+    """Send that gives every answer its headers, and ends it when its request has ended."""
+
     async def wrapped(message: Message) -> None:
         if message["type"] == "http.response.start":
             headers = MutableHeaders(scope=message)
             for name, value in _HEADERS.items():
                 headers.setdefault(name, value)
+        elif message["type"] == "http.response.body" and not message.get("more_body", False):
+            await send({**message, "more_body": True})
+            await body.rest()
+            message = {"type": "http.response.body"}
         await send(message)
 
     return wrapped

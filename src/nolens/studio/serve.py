@@ -17,6 +17,7 @@ import uvicorn
 
 from nolens.errors import OptionError
 from nolens.studio.app import Studio, create_app
+from nolens.studio.connections import configuration
 from nolens.studio.security import is_loopback
 from nolens.studio.workspace import Workspace
 
@@ -136,12 +137,7 @@ def serve(
     token = None if is_loopback(studio.host) else secrets.token_urlsafe(24)
     studio = replace(studio, token=token)
     served = _served(studio, listening.getsockname()[1])
-    config = uvicorn.Config(
-        create_app(studio), log_level="error", access_log=False, server_header=False,
-        ws_max_size=2_000_000, ws_per_message_deflate=False, timeout_graceful_shutdown=1,
-        proxy_headers=False, lifespan="on",
-    )  # fmt: skip
-    server = _Server(config, lambda: _announce(served, browser, started))
+    server = _Server(configuration(create_app(studio)), lambda: _announce(served, browser, started))
     server.run(sockets=[listening])
 
 

@@ -8,7 +8,7 @@ import queue
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -16,6 +16,7 @@ from typing import Any
 
 from nolens.errors import NolensError
 from nolens.process import prepare
+from nolens.studio.confinement import confine
 
 Told = tuple[Any, ...]
 """A message: plain values, the first of which says what it is about."""
@@ -46,6 +47,8 @@ class Worker:
         Of the process.
     target
         ``"module:function"``, imported in the process alone; called with its `Channel`.
+    folders
+        Out of which it opens nothing through links (`confine`).
     hear
         Called with every message of its own accord, in a thread of the worker's.
     ended
@@ -53,7 +56,12 @@ class Worker:
     """
 
     def __init__(
-        self, name: str, target: str, hear: Callable[[Told], None], ended: Callable[[str], None]
+        self,
+        name: str,
+        target: str,
+        folders: Sequence[str],
+        hear: Callable[[Told], None],
+        ended: Callable[[str], None],
     ) -> None:
         self._loop = asyncio.get_running_loop()
         self._hear, self._ended = hear, ended
@@ -66,7 +74,7 @@ class Worker:
         self._channel, theirs = _CONTEXT.Pipe()
         self._stderr, their_stderr = _CONTEXT.Pipe(duplex=False)
         self._process = _CONTEXT.Process(
-            target=_begin, args=(target, theirs, their_stderr), name=name, daemon=True
+            target=_begin, args=(target, folders, theirs, their_stderr), name=name, daemon=True
         )
         with _ctrl_c_kept_out():
             self._process.start()
@@ -151,7 +159,9 @@ class Worker:
                 _, message = self._waiting.popleft()
             try:
                 self._channel.send(message)
-            except OSError:
+            # A message that cannot be sent leaves both sides of different minds: start again.
+            except Exception:
+                self.kill()
                 return
 
     def _listen(self, complaints: threading.Thread) -> None:
@@ -259,7 +269,7 @@ class Channel:
         self._heard.put(None)
 
 
-def _begin(target: str, connection: Connection, stderr: Connection) -> None:
+def _begin(target: str, folders: Sequence[str], connection: Connection, stderr: Connection) -> None:
     """What the process does first and last."""
     os.dup2(stderr.fileno(), 2)
     stderr.close()
@@ -267,6 +277,7 @@ def _begin(target: str, connection: Connection, stderr: Connection) -> None:
     # Threads that wait for each other must not keep a core busy that the other process needs.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     prepare()
+    confine(folders)
     module, name = target.split(":")
     getattr(importlib.import_module(module), name)(Channel(connection))
 

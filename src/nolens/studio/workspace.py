@@ -2,15 +2,21 @@
 
 import os
 import shutil
-import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from nolens.errors import FileError, OptionError
+from pydantic import BaseModel, ValidationError
+
+from nolens.documents import parse_toml
+from nolens.errors import DataError, FileError, NolensError, OptionError
+from nolens.files.names import readable
+from nolens.files.text_file import read_text
+from nolens.studio.confinement import leads_out
 from nolens.studio.schemas import CameraInfo, Entry, EntryKind, Folder, PsfInfo
 
 WORK = "work"
@@ -21,8 +27,9 @@ RAW_SUFFIXES = (
     ".pef", ".srw", ".3fr", ".iiq", ".raw", ".npy",
 )  # fmt: skip
 PICTURE_SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
-_DESCRIPTIONS = ("camera.toml", "psfs.toml")
+_CAMERA, _PSFS = "camera.toml", "psfs.toml"
 _MOST_ENTRIES = 5000
+_MOST_CAMERAS = 500
 _LONGEST = 1000
 
 
@@ -59,6 +66,7 @@ class Workspace:
                 )
             name = WORK if number == 0 else self._unused_id(folder.resolve().name)
             self._roots[name] = _Root(name, folder.resolve(), number == 0)
+        self._cameras: dict[str, tuple[object, CameraInfo]] = {}
 
     def _unused_id(self, name: str) -> str:
         name = name.lstrip(".") or "folder"
@@ -74,10 +82,15 @@ class Workspace:
         return self._roots[WORK].path
 
     @property
+    def paths(self) -> list[str]:
+        """Absolute paths of all of them, without links."""
+        return [str(each.path) for each in self._roots.values()]
+
+    @property
     def folders(self) -> list[Folder]:
         """All of them, as the page sees them."""
         return [
-            Folder(id=each.id, path=_text(each.path), writable=each.writable)
+            Folder(id=each.id, path=readable(each.path), writable=each.writable)
             for each in self._roots.values()
         ]
 
@@ -103,21 +116,19 @@ class Workspace:
             raise OptionError(
                 f"{text[:80]!r} is no path here: it begins with one of {', '.join(self._roots)}"
             )
-        for part in parts:
-            if not part or part.startswith(".") or "\\" in part or not part.isprintable():
-                raise OptionError(
-                    f"{text!r} is no path here: .., hidden files and empty names are not accepted"
-                )
+        if not all(is_name(part) for part in parts):
+            raise OptionError(
+                f"{text!r} is no path here: .., hidden files and empty names are not accepted"
+            )
         path = root.path.joinpath(*parts)
         try:
-            path = path.resolve()
+            real = path.resolve()
         except (OSError, RuntimeError, ValueError) as error:
             raise FileError(f"{text} cannot be followed: {error}") from None
-        if not path.is_relative_to(root.path):
-            raise OptionError(f"{text!r} is a link out of its folder, which is not followed")
-        if any(part.startswith(".") for part in path.relative_to(root.path).parts):
-            raise OptionError(f"{text!r} is a link to a hidden file, which is not followed")
-        return path
+        reason = leads_out(path, real, (root.path,))
+        if reason is not None:
+            raise OptionError(f"{text!r} {reason}")
+        return real
 
     def name_of(self, path: Path) -> str | None:
         """Path of the page for a file, or None where it lies in no folder of it."""
@@ -129,13 +140,17 @@ class Workspace:
         return None
 
     def named(self, value: Any) -> Any:
-        """A value of JSON in which every path to a named folder is the page's."""
+        """A value of JSON in which every path to a named folder is the page's.
+
+        Its texts are fit to be sent: names of files can have bytes that are no UTF-8.
+        """
         if isinstance(value, dict):
-            return {key: self.named(each) for key, each in value.items()}
-        if isinstance(value, list):
+            return {readable(key): self.named(each) for key, each in value.items()}
+        if isinstance(value, (list, tuple)):
             return [self.named(each) for each in value]
-        if isinstance(value, str) and value.startswith("/") and "\n" not in value:
-            return self.name_of(Path(value)) or value
+        if isinstance(value, str):
+            is_path = value.startswith("/") and "\n" not in value
+            return readable((self.name_of(Path(value)) if is_path else None) or value)
         return value
 
     def listing(self, text: str) -> list[Entry]:
@@ -151,24 +166,33 @@ class Workspace:
             return []
         if not path.is_dir():
             raise FileError(f"there is no folder {text}")
-        found = []
+        return self._entries(path, text, _MOST_ENTRIES, lambda each: True)
+
+    def _entries(
+        self, folder: Path, text: str, most: int, wanted: Callable[[os.DirEntry[str]], bool]
+    ) -> list[Entry]:
+        """What lies in a folder and is wanted, by name."""
         try:
-            names = sorted(each.name for each in path.iterdir())
+            with os.scandir(folder) as scanned:
+                there = [each for each in scanned if is_name(each.name) and wanted(each)]
         except OSError as error:
             raise FileError(f"cannot read {text}: {error.strerror or error}") from None
-        for name in names:
+        found: list[Entry] = []
+        for each in sorted(there, key=lambda each: each.name):
             with suppress(OptionError, FileError, OSError):
-                found.append(self._entry(f"{text}/{name}", name))
-            if len(found) == _MOST_ENTRIES:
+                found.append(self._entry(f"{text}/{each.name}", each))
+            if len(found) == most:
                 break
         return found
 
-    def _entry(self, text: str, name: str) -> Entry:
-        path = self.resolve(text)
+    def _entry(self, text: str, there: os.DirEntry[str]) -> Entry:
+        # The folder has no links on its way any more.
+        path = self.resolve(text) if there.is_symlink() else Path(there.path)
         about = path.stat()
+        kind = _kind(path)
         return Entry(
-            name=name, path=text, kind=_kind(path), changed=about.st_mtime,
-            bytes=0 if path.is_dir() else about.st_size,
+            name=there.name, path=text, kind=kind, changed=about.st_mtime,
+            bytes=0 if kind in ("folder", "camera") else about.st_size,
         )  # fmt: skip
 
     def make(self, name: str) -> Path:
@@ -176,10 +200,12 @@ class Workspace:
 
         Raises
         ------
+        OptionError
+            If it is a link that leads out of the workspace.
         FileError
             If it cannot be made.
         """
-        folder = self.work / name
+        folder = self._below(f"{WORK}/{name}")
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -188,46 +214,100 @@ class Workspace:
 
     def cameras(self) -> list[CameraInfo]:
         """Presets, and camera folders: those in ``cameras/`` and beside it in every folder."""
-        found = [_preset(path.stem, path.read_text(encoding="utf-8")) for path in _preset_files()]
+        found = list(_presets())
         for root in self._roots.values():
             for above in (CAMERAS, ""):
-                folder = root.path / above
                 text = f"{root.id}/{above}".rstrip("/")
-                if folder.is_dir():
+                with suppress(OptionError, FileError):  # There is none, or it may not be read.
                     found += [
-                        _camera(each.path, root.path / each.path.removeprefix(f"{root.id}/"))
-                        for each in self.listing(text)
+                        self._camera(each)
+                        for each in self._entries(
+                            self.resolve(text), text, _MOST_CAMERAS, lambda each: each.is_dir()
+                        )
                         if each.kind == "camera"
                     ]
         return found
 
+    def _camera(self, entry: Entry) -> CameraInfo:
+        """A camera's folder; it is read again when its files change."""
+        folder = self.resolve(entry.path)
+        state = [_state(folder / name) for name in (_CAMERA, _PSFS)]
+        known = self._cameras.get(entry.path)
+        if known is None or known[0] != state:
+            known = state, self._read_camera(entry.path, entry.name)
+            self._cameras[entry.path] = known
+        return known[1]
+
+    def _read_camera(self, identity: str, name: str) -> CameraInfo:
+        found = CameraInfo(id=identity, name=name, note="", psfs=[])
+        troubles = []
+        try:
+            note = self._toml(f"{identity}/{_CAMERA}").get("note", "")
+            found.note = note if isinstance(note, str) else ""
+        except NolensError as error:
+            troubles.append(str(error))
+        try:
+            found.psfs = _psfs(identity, self._toml(f"{identity}/{_PSFS}"))
+        except NolensError as error:
+            troubles.append(str(error))
+        found.trouble = readable("; ".join(troubles)) or None
+        return found
+
+    def _toml(self, text: str) -> dict[str, Any]:
+        """A description in a camera's folder, empty where there is none."""
+        path = self._below(text)
+        return parse_toml(read_text(path), text) if os.path.lexists(path) else {}
+
     def presets(self) -> list[str]:
         """Names of the cameras that come with the package."""
-        return [path.stem for path in _preset_files()]
+        return [each.id for each in _presets()]
 
     def remove_job(self, identity: str) -> None:
         """Take away the folder of a job."""
-        folder = self.work / JOBS / identity
-        if folder.is_dir() and not folder.is_symlink():
-            shutil.rmtree(folder, ignore_errors=True)
+        with suppress(OptionError, FileError):
+            shutil.rmtree(self.resolve(f"{WORK}/{JOBS}/{identity}"), ignore_errors=True)
 
 
 _OWN = (SHOTS, CAMERAS, PICTURES, UPLOADS, JOBS)
 
 
+class _ListedPsf(BaseModel):
+    """What the page is shown of a PSF in psfs.toml; `nolens.camera` has all of it."""
+
+    file: str
+    distance: str = ""
+    angle: list[str] = []
+
+
+class _ListedPsfs(BaseModel):
+    psf: list[_ListedPsf] = []
+
+
 def unused(folder: Path, stem: str) -> str:
     """A stem that no file in a folder has: this one, or with -2, -3 and so on."""
     names = [each.name for each in folder.iterdir()] if folder.is_dir() else []
+    taken = {name[:end] for name in names for end in (*_dots(name), len(name))}
     number, found = 1, stem
-    while any(name == found or name.startswith(f"{found}.") for name in names):
+    while found in taken:
         number += 1
         found = f"{stem}-{number}"
     return found
 
 
+def _dots(name: str) -> list[int]:
+    return [place for place, each in enumerate(name) if each == "."]
+
+
+def is_name(part: str) -> bool:
+    """Whether a part of a path is the name of a file that is not hidden."""
+    plain = bool(part) and not part.startswith(".") and "\\" not in part and "/" not in part
+    return plain and part.isprintable()
+
+
 def _kind(path: Path) -> EntryKind:
     if path.is_dir():
-        return "camera" if any((path / name).is_file() for name in _DESCRIPTIONS) else "folder"
+        described = any(os.path.lexists(path / name) for name in (_CAMERA, _PSFS))
+        return "camera" if described else "folder"
     suffix = path.suffix.lower()
     if suffix in RAW_SUFFIXES:
         return "raw"
@@ -236,8 +316,13 @@ def _kind(path: Path) -> EntryKind:
     return "record" if suffix == ".json" else "other"
 
 
-def _text(path: Path) -> str:
-    return os.fsencode(path).decode("utf-8", "replace")
+def _state(path: Path) -> tuple[int, ...] | None:
+    """What changes when a file does; None where there is none."""
+    try:
+        about = path.stat()
+    except OSError:
+        return None
+    return about.st_mtime_ns, about.st_ctime_ns, about.st_size, about.st_ino
 
 
 def _preset_files() -> Iterator[Path]:
@@ -246,27 +331,35 @@ def _preset_files() -> Iterator[Path]:
     return iter(sorted(folder.glob("*.toml")))
 
 
-def _preset(name: str, text: str) -> CameraInfo:
-    return CameraInfo(id=name, name=name, note=str(tomllib.loads(text).get("note", "")), psfs=[])
-
-
-def _camera(identity: str, folder: Path) -> CameraInfo:
-    described = _toml(folder / "camera.toml")
-    listed = _toml(folder / "psfs.toml").get("psf", [])
-    psfs = [
-        PsfInfo(
-            path=f"{identity}/{each['file']}",
-            distance=str(each.get("distance", "")),
-            angle=[str(angle) for angle in each.get("angle", [])],
+@cache
+def _presets() -> tuple[CameraInfo, ...]:
+    """The cameras that come with the package."""
+    return tuple(
+        CameraInfo(
+            id=path.stem, name=path.stem, psfs=[],
+            note=str(parse_toml(path.read_text(encoding="utf-8"), path.name).get("note", "")),
         )
-        for each in (listed if isinstance(listed, list) else [])
-        if isinstance(each, dict) and isinstance(each.get("file"), str)
+        for path in _preset_files()
+    )  # fmt: skip
+
+
+def _psfs(identity: str, listed: dict[str, Any]) -> list[PsfInfo]:
+    """PSFs of a list that the page can choose from."""
+    try:
+        found = _ListedPsfs.model_validate(listed).psf
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"]))
+        raise DataError(
+            f"{identity}/{_PSFS} is no list of PSFs: {place}: {first['msg'][:1].lower()}"
+            f"{first['msg'][1:]}"
+        ) from None
+    for each in found:
+        if not all(is_name(part) for part in each.file.split("/")):
+            raise DataError(
+                f"{identity}/{_PSFS} names {each.file[:80]!r}: a PSF is a file in its folder"
+            )
+    return [
+        PsfInfo(path=f"{identity}/{each.file}", distance=each.distance, angle=each.angle)
+        for each in found
     ]
-    note = str(described.get("note", ""))
-    return CameraInfo(id=identity, name=folder.name, note=note, psfs=psfs)
-
-
-def _toml(path: Path) -> dict[str, Any]:
-    with suppress(OSError, ValueError):
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    return {}

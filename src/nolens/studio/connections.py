@@ -1,0 +1,59 @@
+"""How connections to the studio are read: fairly, and without a traceback for what is malformed."""
+
+import asyncio
+import logging
+from contextlib import suppress
+
+import uvicorn
+from fastapi import FastAPI
+from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+
+FRAME_BYTES = 2_000_000
+"""The most that one message of a page may have."""
+_REQUEST_PIECE, _MESSAGE_PIECE = 16_384, 4096
+
+
+def configuration(app: FastAPI) -> uvicorn.Config:
+    """How an application is served.
+
+    Parameters
+    ----------
+    app
+        It.
+    """
+    config = uvicorn.Config(
+        app, http=_Requests, ws=_Messages, log_level="error", access_log=False,
+        server_header=False, ws_max_size=FRAME_BYTES, ws_per_message_deflate=False,
+        timeout_graceful_shutdown=1, proxy_headers=False, lifespan="on",
+    )  # fmt: skip
+    logging.getLogger("uvicorn.error").addFilter(_is_ours)
+    return config
+
+
+class _Requests(H11Protocol):
+    def connection_made(  # type: ignore[override]  # as uvicorn's own
+        self, transport: asyncio.Transport
+    ) -> None:
+        _read_by(transport, _REQUEST_PIECE)
+        super().connection_made(transport)
+
+
+class _Messages(WebSocketsSansIOProtocol):
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        _read_by(transport, _MESSAGE_PIECE)
+        super().connection_made(transport)
+
+
+def _read_by(transport: asyncio.BaseTransport, size: int) -> None:
+    """Read pieces of this size, between which others have their turn.
+
+    All that was read is parsed at once: 256 kB of messages of two bytes take a second.
+    """
+    with suppress(AttributeError):  # A loop that is not asyncio's own.
+        transport.max_size = size  # type: ignore[attr-defined]
+
+
+def _is_ours(record: logging.LogRecord) -> bool:
+    """Whether an error is one of the studio: text that is no UTF-8 is the sender's."""
+    return not record.getMessage().startswith("Invalid UTF-8 sequence received")
