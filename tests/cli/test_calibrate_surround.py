@@ -3,6 +3,9 @@
 import json
 from pathlib import Path
 
+import numpy as np
+import pytest
+import tifffile
 import torch
 from captured_scene import SENSOR, captured_set, raw
 from running import check_refused, listing, run
@@ -38,6 +41,16 @@ def test_pictures(tmp_path: Path) -> None:
     told = record["result"]
     assert told["misfit"][-1] < 0.8 * told["misfit"][0] and len(told["misfit"]) == 3
     assert sorted(record["inputs"]) == ["PSF psf.tif", "picture 1", "picture 2"]
+    # A grey PSF serves pictures in colour: their mean, here three times the same.
+    colour = tmp_path / "colour.tif"
+    tifffile.imwrite(colour, np.stack([tifffile.imread(pictures[0])] * 3, axis=-1))
+    step = ("--region", "20x24", "--rounds", 1, "--json")
+    misfits = []
+    for each in (pictures[0], colour):
+        done = run("calibrate", "surround", made, each, *step)
+        assert done.code == 0, done
+        misfits.append(json.loads(done.out)["misfit"])
+    assert misfits[0] == pytest.approx(misfits[1], rel=1e-4)
 
 
 def test_bad_input(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from nolens.camera import PsfEntry
+from nolens.camera import PsfEntry, psf_set_from_toml
 from nolens.errors import DataError, FileError
 from nolens.files import read_psf, read_psf_set, write_psfs
 from nolens.quantities import Length
@@ -71,3 +71,13 @@ def test_list_with_an_unknown_key(tmp_path: Path) -> None:
     (tmp_path / "psfs.toml").write_text('[[psf]]\nfile = "a.tif"\ndepth = "8 cm"\n')
     with pytest.raises(DataError, match="'depth' is unknown"):
         read_psf_set(tmp_path)
+
+
+def test_the_documented_list_is_one() -> None:
+    """docs/camera-folder.md shows a list that is read, and names every key."""
+    page = (Path(__file__).parents[2] / "docs" / "camera-folder.md").read_text()
+    example = page.partition("```toml\n")[2].partition("```")[0]
+    psfs = psf_set_from_toml(example, "docs/camera-folder.md").psf
+    assert [each.kind for each in psfs] == ["captured", "captured", "stitched"]
+    for key in PsfEntry.model_fields:
+        assert f"| `{key}` |" in page

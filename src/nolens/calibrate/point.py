@@ -29,6 +29,9 @@ _LINEAR = 0.95
 """Share of white below which the noise is looked at."""
 
 
+_AS_IS = "or take a PSF that is finished as it is (--as-is)"
+
+
 @dataclass(frozen=True)
 class PointPsf:
     """A PSF as the sensor captured it, in its own place.
@@ -77,8 +80,9 @@ def point_psf(
     cell_um: float,
     sensor: Sensor | None = None,
     stray: StrayLight = "auto",
+    as_is: bool = False,
 ) -> PointPsf:
-    """Make a PSF of the frames of one point of light.
+    """Make a PSF of the frames of one point source.
 
     Parameters
     ----------
@@ -92,6 +96,9 @@ def point_psf(
         Its noise serves where there is one frame only.
     stray
         What counts as stray light.
+    as_is
+        The frames are a finished PSF, such as other people's: only their black level is
+        subtracted, and saturated pixels or a faint structure are no errors.
 
     Raises
     ------
@@ -104,17 +111,19 @@ def point_psf(
     noise = _noise(exposures, ready, sensor)
     merged = merge(list(ready.values()), noise)
     share = float(merged.saturated.double().mean())
-    if share > _MOST_SATURATED:
+    if share > _MOST_SATURATED and not as_is:
         raise DataError(
             f"{100 * share:.2g} % of the pixels are saturated in every exposure of "
             f"{first.source}, and what they would have shown is lost: add frames of a shorter "
-            "exposure time"
+            f"exposure time, {_AS_IS}"
         )
     picture, variance = on_cells(merged.rate, first), _variance(merged.variance, first)
-    contrast = _check_point(picture, variance, first.source)
+    contrast = _contrast(picture, variance, None if as_is else first.source)
     area = dark_area(picture)
     removed = torch.zeros_like(picture)
-    if stray == "floor":
+    if as_is:
+        pass
+    elif stray == "floor":
         removed = removed + floor(picture)
     elif stray == "auto" and area is not None:
         removed = stray_light(picture, area)
@@ -233,8 +242,11 @@ def _half_difference(
     return difference
 
 
-def _check_point(picture: Tensor, variance: Tensor, source: str) -> float:
-    """Contrast of the fine structure, which only a point of light gives; refuse any other light."""
+def _contrast(picture: Tensor, variance: Tensor, source: str | None) -> float:
+    """Contrast of the fine structure, which only a point source gives.
+
+    Any other light is refused, where the name of its file is given for the message.
+    """
     weight = picture.mean(dim=(-2, -1), keepdim=True).clamp_min(0)
     total = weight.sum()
     grey = (picture * weight).sum(dim=0) / total if total > 0 else picture.mean(dim=0)
@@ -246,16 +258,16 @@ def _check_point(picture: Tensor, variance: Tensor, source: str) -> float:
     spread = float((grey - around).double().square().mean())
     floor_of_noise = float(noise.double().mean())
     mean = float(grey.double().mean())
-    if not (mean > 0 and spread > 2 * floor_of_noise):
+    if source is not None and not (mean > 0 and spread > 2 * floor_of_noise):
         raise DataError(
-            f"{source} shows nothing above its noise: a picture of a point of light is needed. "
-            "Check the file and its black level, expose longer, or take more frames"
+            f"{source} shows nothing above its noise: a picture of a point source is needed. "
+            f"Check the file and its black level, expose longer, take more frames, {_AS_IS}"
         )
-    contrast = math.sqrt(spread - floor_of_noise) / mean
-    if contrast < _LEAST_CONTRAST:
+    contrast = math.sqrt(max(0.0, spread - floor_of_noise)) / mean if mean > 0 else 0.0
+    if source is not None and contrast < _LEAST_CONTRAST:
         raise DataError(
-            f"{source} shows no point of light: its fine structure has a contrast of "
+            f"{source} shows no point source: its fine structure has a contrast of "
             f"{100 * contrast:.2g} %, as that of a scene or of even light has. Take a small "
-            "light, such as an LED behind a pinhole, in a dark room"
+            f"light, such as an LED behind a pinhole, in a dark room, {_AS_IS}"
         )
     return contrast

@@ -26,6 +26,7 @@ def point(
     pixel: Annotated[str | None, Quantity, Frames] = None,
     mosaic: Annotated[Literal["RGGB", "BGGR", "GRBG", "GBRG"] | None, Frames] = None,
     stray_light: Annotated[Literal["auto", "none", "floor"] | None, Result] = None,
+    as_is: Annotated[bool | None, Result] = None,
     output: Annotated[Path | None, Output, Result] = None,
     json_: Annotated[bool, Json] = False,
 ) -> int:
@@ -62,6 +63,10 @@ def point(
     stray_light
         auto takes away a smooth background where an aperture leaves a dark area, none leaves all
         in, floor takes the darkest light there is for stray light.  [default: auto]
+    as_is
+        The frames are a finished PSF, such as another group's: subtract its black level and
+        nothing else, and warn where frames of a camera would be refused. The middle of the file
+        is its zero shift.  [default: off]
     output
         Folder of the camera's PSFs; made if it is not there. The PSF, the list psfs.toml and the
         record calibrate-….json go into it. Needed.
@@ -135,6 +140,8 @@ def _centre(summary: dict[str, Any]) -> str:
         if "shift_um" in summary:
             text += _place(", seen", summary["shift_um"])
         return text
+    if by == "its file":
+        return "as its file has it: the middle of the file is its zero shift"
     if by == "stated angle":
         return "in the middle, as its light was straight ahead"
     text = _place(f"centred by {by}: its light was", summary["shift_um"])

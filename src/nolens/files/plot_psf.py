@@ -47,19 +47,23 @@ def write_psf_plot(path: str | Path, figures: PsfFigures, psf: Tensor, cell_um: 
 
     values = psf.detach().cpu().double().numpy()
     with mpl.rc_context({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}):
-        figure = Figure(figsize=(15, 4.6), layout="constrained")
-        left, middle, right = figure.subplots(1, 3, width_ratios=(1.15, 1, 1))
-        _draw_pattern(left, values, figures, cell_um)
+        figure = Figure(figsize=(18, 4.4), layout="constrained")
+        left, part, middle, right = figure.subplots(1, 4, width_ratios=(1.15, 0.8, 1, 1))
+        _draw_psf(left, part, values, figures, cell_um)
         _draw_autocorrelation(middle, figures)
         _draw_magnitude(right, values, figures)
         with atomic_write(path) as temporary:
             figure.savefig(temporary, format="png", dpi=120)
 
 
-def _draw_pattern(
-    axes: "Axes", values: NDArray[np.float64], figures: PsfFigures, cell_um: float
+def _draw_psf(
+    axes: "Axes",
+    part: "Axes",
+    values: NDArray[np.float64],
+    figures: PsfFigures,
+    cell_um: float,
 ) -> None:
-    """All of it, and a few pitches of its middle in the corner."""
+    """All of it, and a few pitches of its middle enlarged beside it."""
     rows, columns = values.shape
     low, high = np.percentile(values, [1, _BRIGHTEST])
     shades = {"cmap": "gray", "vmin": low, "vmax": high}
@@ -74,29 +78,22 @@ def _draw_pattern(
     pitch_um = figures.pitch_um or 5 * figures.fwhm_um
     half = min(round(_ZOOM_PITCHES / 2 * pitch_um / cell_um), rows // 4, columns // 4)
     if half < 4:
+        part.set_axis_off()
         return
     top, left = rows // 2 - half, columns // 2 - half
-    inset = axes.inset_axes((0.56, 0.5, 0.44, 0.5))
-    inset.imshow(
-        values[top : top + 2 * half, left : left + 2 * half], interpolation="nearest", **shades
+    mm = cell_um * 1e-3
+    part.imshow(
+        values[top : top + 2 * half, left : left + 2 * half],
+        extent=(left * mm, (left + 2 * half) * mm, (top + 2 * half) * mm, top * mm),
+        interpolation="nearest",
+        **shades,
     )
-    inset.set_xticks([])
-    inset.set_yticks([])
-    inset.set_aspect("equal", anchor="NE")
-    for spine in inset.spines.values():
+    part.set_xticks([])
+    part.set_yticks([])
+    for spine in part.spines.values():
         spine.set(visible=True, edgecolor=_MARK, linewidth=1.4)
-    side = 2 * half * cell_um
-    box = ((left * cell_um) * 1e-3, (top * cell_um) * 1e-3)
-    from matplotlib.patches import Rectangle
-
-    axes.add_patch(
-        Rectangle(box, side * 1e-3, side * 1e-3, fill=False, edgecolor=_MARK, linewidth=1.4)
-    )
-    inset.text(
-        0.03, 0.97, f"{side:.0f} um", transform=inset.transAxes, color="white", fontsize=8,
-        va="top",
-        bbox={"facecolor": _MARK, "edgecolor": "none", "pad": 2},
-    )  # fmt: skip
+    axes.indicate_inset_zoom(part, edgecolor=_MARK, linewidth=1.4, alpha=1)
+    part.set_title(f"its middle, {2 * half * cell_um:.0f} µm wide")
 
 
 def _draw_autocorrelation(axes: "Axes", figures: PsfFigures) -> None:

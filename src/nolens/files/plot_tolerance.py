@@ -13,8 +13,7 @@ from nolens.design.tolerances import Parameter, Study
 
 _BETTER, _WORSE, _NEUTRAL, _LIMIT = "#2a7f62", "#c0562f", "#5b6b7a", "#a01c3a"
 _MOST_BARS = 10
-_LEVELS = {0.98: 0.94, 0.90: 0.80, 0.50: 0.66}
-"""Levels that are drawn, and how high their words stand."""
+_LEVELS = (0.50, 0.90, 0.98)
 
 
 def plot_tolerance(path: Path, study: Study, title: str) -> None:
@@ -54,7 +53,6 @@ def _draw_figures(axes: Axes, study: Study) -> None:
         axes.set_title("no camera's pattern could be measured")
         return
     axes.hist(finite, bins=min(40, max(5, len(finite) // 10)), color=_NEUTRAL, alpha=0.45)
-    axes.set_xlabel(_label(study))
     axes.set_ylabel("cameras")
     share = axes.twinx()
     share.spines["right"].set_visible(True)
@@ -63,16 +61,13 @@ def _draw_figures(axes: Axes, study: Study) -> None:
     share.plot(ordered, 100 * places, color="black", linewidth=1.4)
     share.set_ylim(0, 102)
     share.set_ylabel("share that is this good or better, %")
-    for level, height in _LEVELS.items():
-        value = study.levels[level]
-        if np.isfinite(value):
-            share.plot([value], [100 * level], "o", color="black", markersize=4)
-            share.annotate(
-                f"{100 * level:.0f} %: {value:.4g} {sharpness.unit}",
-                (value, 100 * level), (0.03 if sharpness.smaller_is_better else 0.66, height),
-                textcoords="axes fraction", fontsize=8, annotation_clip=False,
-                arrowprops={"arrowstyle": "-", "color": "0.6", "linewidth": 0.7},
-            )  # fmt: skip
+    levels = {level: study.levels[level] for level in _LEVELS if np.isfinite(study.levels[level])}
+    share.plot(levels.values(), [100 * level for level in levels], "o", color="black", markersize=4)
+    # Below the plot: over the histogram they cannot be read.
+    reached = [
+        f"{100 * level:.0f} %: {value:.4g} {sharpness.unit}" for level, value in levels.items()
+    ]
+    axes.set_xlabel(_label(study) + "\n" + " · ".join(reached))
     passed = study.passed
     text = f"{len(figures)} cameras"
     if study.limit is not None and passed is not None:

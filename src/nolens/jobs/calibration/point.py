@@ -82,7 +82,7 @@ def calibrate_point(options: CalibratePointOptions, reporter: Reporter) -> Calib
     reporter.advance("PSF", 0.0)
     found = point_psf(
         frames.exposures, frames.darks, cell_um=cell.um, stray=options.stray_light,
-        sensor=None if opened is None else opened.camera.sensor,
+        sensor=None if opened is None else opened.camera.sensor, as_is=options.as_is,
     )  # fmt: skip
     reporter.advance("PSF", 0.5)
     place = placed(found, options, layers, psfs, cell.um)
@@ -100,7 +100,7 @@ def calibrate_point(options: CalibratePointOptions, reporter: Reporter) -> Calib
             f"{', '.join(psfs.psf[0].channels)}, but these frames {', '.join(entry.channels)}: "
             "give another folder (-o)"
         )
-    warnings = [*frames.warnings, *_doubts(found, frames, usable), *place.warnings]
+    warnings = [*frames.warnings, *_doubts(found, frames, usable, options.as_is), *place.warnings]
     for text in warnings:
         reporter.warn(text)
     summary = {
@@ -137,14 +137,14 @@ def _channels(frames: ReadFrames) -> tuple[str, ...]:
     return frames.first.channels if frames.first.mosaic is None else ("R", "G", "B")
 
 
-def _doubts(found: PointPsf, frames: ReadFrames, usable: float) -> list[str]:
+def _doubts(found: PointPsf, frames: ReadFrames, usable: float, as_is: bool) -> list[str]:
     doubts = []
     if found.saturated_share > 0:
         doubts.append(
             f"{100 * found.saturated_share:.2g} % of the pixels are saturated in every exposure, "
             "and too dark there: a frame of a shorter exposure gives them back"
         )
-    if found.area is None and not frames.darks:
+    if found.area is None and not frames.darks and not as_is:
         doubts.append(
             "the pattern fills the sensor, so that nothing tells stray light from its own: what "
             "there is stays in. Dark frames (--dark), with the room as it was and the point "

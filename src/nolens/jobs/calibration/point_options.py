@@ -40,6 +40,8 @@ class CalibratePointOptions(JobOptions):
         Of frames whose files do not say it.
     stray_light
         What is taken away as light of other sources.
+    as_is
+        Whether the frames are a finished PSF, of which only the black level is subtracted.
     """
 
     frames: tuple[Annotated[Path, AfterValidator(expand_home)], ...] = Field(min_length=1)
@@ -52,6 +54,7 @@ class CalibratePointOptions(JobOptions):
     exposure: tuple[Annotated[Duration, AfterValidator(lasting)], ...] = ()
     mosaic: _MOSAIC | None = None
     stray_light: StrayLight = "auto"
+    as_is: bool = False
 
     @classmethod
     def gather(cls, given: dict[str, Any]) -> Self:
@@ -80,6 +83,11 @@ class CalibratePointOptions(JobOptions):
             raise OptionError(
                 f"--exposure is given {len(options.exposure)} times for {len(options.frames)} "
                 "frames: give it once, for all of them, or once for each in their order"
+            )
+        if options.as_is and options.stray_light != "auto":
+            raise OptionError(
+                f"--as-is and --stray-light {options.stray_light} are both given: a PSF that is "
+                "taken as it is keeps its stray light. Leave one of them out"
             )
         twice = [path for path in options.frames if options.frames.count(path) > 1]
         both = [path for path in options.dark if path in options.frames]

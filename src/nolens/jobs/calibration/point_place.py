@@ -52,7 +52,7 @@ def placed(
 
     One from straight ahead is laid over that of the nearest other distance in the folder, or
     else, where an aperture leaves a dark area, its light is centred; without one it stays where
-    the sensor saw it. One from the side stays there as well.
+    the sensor saw it. One from the side stays there as well, and one that is taken as it is.
 
     Parameters
     ----------
@@ -80,6 +80,8 @@ def placed(
             f"cells, but these frames {found.psf.shape[-2]}×{found.psf.shape[-1]}: they are of "
             "another camera or setting. Give another folder (-o)"
         )
+    if options.as_is:
+        return Placed(found.psf, "chief-ray", {"centred_by": "its file", "shift_um": [0.0, 0.0]})
     on_axis = all(each.deg == 0 for each in options.angle)
     if not on_axis:
         return _as_seen(found, options, layers, cell_um)

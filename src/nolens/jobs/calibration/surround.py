@@ -147,7 +147,9 @@ def _picture(
     options: CalibrateSurroundOptions, number: int, psf: Tensor, source: PsfEntry
 ) -> Measurement:
     """What the sensor measured of a scene, on the PSF's cells."""
-    found = develop(read_frame(options.pictures[number]))
+    # A grey PSF serves the mean of a picture's colours.
+    grey = source.channels == ("grey",)
+    found = develop(read_frame(options.pictures[number]), channels="grey" if grey else "all")
     if found.channels != source.channels:
         raise DataError(
             f"{found.source} has the channels {', '.join(found.channels)}, but the PSF "
