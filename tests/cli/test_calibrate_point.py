@@ -260,7 +260,7 @@ def test_text_for_people(tmp_path: Path) -> None:
         (["long.dng", "--distance", "300mm", "--pixel", "1.55um"],
          ["saturated in every exposure", "shorter"]),
         (["dark.dng", "--distance", "300mm", "--pixel", "1.55um"], ["nothing above its noise"]),
-        (["even.dng", "--distance", "300mm", "--pixel", "1.55um"], ["no point of light"]),
+        (["even.dng", "--distance", "300mm", "--pixel", "1.55um"], ["no point source"]),
         (["dark.dng", "--dark", "a.dng", "--distance", "300mm", "--pixel", "1.55um"],
          ["dark frame a.dng is brighter"]),
         (

@@ -64,6 +64,8 @@ def _draw_psf(
     cell_um: float,
 ) -> None:
     """All of it, and a few pitches of its middle enlarged beside it."""
+    from matplotlib.patches import Rectangle
+
     rows, columns = values.shape
     low, high = np.percentile(values, [1, _BRIGHTEST])
     shades = {"cmap": "gray", "vmin": low, "vmax": high}
@@ -92,7 +94,11 @@ def _draw_psf(
     part.set_yticks([])
     for spine in part.spines.values():
         spine.set(visible=True, edgecolor=_MARK, linewidth=1.4)
-    axes.indicate_inset_zoom(part, edgecolor=_MARK, linewidth=1.4, alpha=1)
+    axes.add_patch(
+        Rectangle(
+            (left * mm, top * mm), 2 * half * mm, 2 * half * mm, fill=False, edgecolor=_MARK, lw=1.4
+        )
+    )
     part.set_title(f"its middle, {2 * half * cell_um:.0f} µm wide")
 
 

@@ -62,7 +62,9 @@ def _draw_figures(axes: Axes, study: Study) -> None:
     share.set_ylim(0, 102)
     share.set_ylabel("share that is this good or better, %")
     levels = {level: study.levels[level] for level in _LEVELS if np.isfinite(study.levels[level])}
-    share.plot(levels.values(), [100 * level for level in levels], "o", color="black", markersize=4)
+    share.plot(
+        [*levels.values()], [100 * level for level in levels], "o", color="black", markersize=4
+    )
     # Below the plot: over the histogram they cannot be read.
     reached = [
         f"{100 * level:.0f} %: {value:.4g} {sharpness.unit}" for level, value in levels.items()
