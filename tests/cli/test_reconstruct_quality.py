@@ -2,7 +2,10 @@
 
 import json
 import math
+import zipfile
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +14,8 @@ from little_camera import REGION, Camera, quality, save
 from running import check_refused, run
 
 from nolens.camera import preset
-from nolens.files import read_camera, read_frame, read_state
+from nolens.errors import DataError, FileError, OptionError
+from nolens.files import read_camera, read_frame
 from nolens.jobs import ReconstructOptions, reconstruct
 from nolens.jobs.outline import outline
 from nolens.solvers import Progress
@@ -112,15 +116,58 @@ def test_state_of_another_run_is_refused(camera: Camera, tmp_path: Path) -> None
     assert not (tmp_path / "x.png").exists()
 
 
-def test_damaged_state_is_refused(camera: Camera, tmp_path: Path) -> None:
-    out = tmp_path / "out.tif"
+def _text(about: object) -> np.ndarray:
+    return np.array(json.dumps(about))
+
+
+EDITS: dict[str, Callable[[dict[str, Any], Any], dict[str, Any]]] = {
+    "no array": lambda held, about: {"about": held["about"], "scene_0": held["scene_0"]},
+    "no about": lambda held, about: held | {"about": None},
+    "list as about": lambda held, about: held | {"about": _text([1])},
+    "number as about": lambda held, about: held | {"about": np.array(1.0)},
+    "texts as about": lambda held, about: held | {"about": np.array(["a", "b"])},
+    "broken about": lambda held, about: held | {"about": np.array("{")},
+    "deep about": lambda held, about: held | {"about": np.array("[" * 3000)},
+    "NaN in about": lambda held, about: held | {"about": _text({**about, "tau": math.nan})},
+    "list in about": lambda held, about: held | {"about": _text({**about, "tau": [1, [2]]})},
+    "key in about": lambda held, about: held | {"about": _text({**about, "\x1b[31m": 1})},
+    "another array": lambda held, about: held | {"extra": np.zeros(3)},
+    "objects": lambda held, about: held | {"scene_0": np.array([{}], object)},
+    "texts": lambda held, about: held | {"scene_0": np.array(["a"])},
+    "doubles": lambda held, about: held | {"scene_0": held["scene_0"].astype(np.float64)},
+    "complex": lambda held, about: held | {"scene_0": held["scene_0"].astype(np.complex64)},
+    "large": lambda held, about: held | {"scene_0": np.zeros((2000, 2000), np.float32)},
+    "small": lambda held, about: held | {"scene_0": held["scene_0"][1:]},
+    "not finite": lambda held, about: held | {"rows_0": held["rows_0"] * np.float32(np.inf)},
+    "negative penalties": lambda held, about: held | {"penalties": -held["penalties"]},
+    "texts as penalties": lambda held, about: held | {"penalties": np.array(["1", "1", "1"])},
+    "negative iteration": lambda held, about: held | {"iteration": np.array(-5)},
+    "iterations": lambda held, about: held | {"iteration": np.array([1, 2])},
+    "sums": lambda held, about: held | {"sums": np.zeros((1, 3))},
+    "fills_view": lambda held, about: held | {"fills_view": np.array(7)},
+}
+
+
+def test_edited_state_is_refused(camera: Camera, tmp_path: Path) -> None:
+    out, state = tmp_path / "out.tif", tmp_path / "out.state.npz"
     reconstruct(_options(camera, out), Watcher(12))
-    state = tmp_path / "out.state.npz"
-    arrays, about = read_state(state)
-    np.savez(state, about=np.array(json.dumps(about)), scene_0=arrays["scene_0"].numpy())
+    with np.load(state) as stored:
+        held = dict(stored)
+    about = json.loads(str(held["about"]))
+    for edit, change in EDITS.items():
+        changed = {name: each for name, each in change(held, about).items() if each is not None}
+        np.savez(state, **changed)
+        with pytest.raises((OptionError, FileError, DataError)) as caught:
+            reconstruct(_options(camera, tmp_path / "x.png", resume=state), Watcher(math.inf))
+        said = str(caught.value)
+        assert str(state) in said and len(said) < 500 and said.isprintable(), (edit, said)
+    # A bomb: what is announced is looked at before it is unpacked.
+    with zipfile.ZipFile(state, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("about.npy", b"0" * 10**8)
     asked = ("reconstruct", camera.raw, "--psf", camera.psf, "-o", tmp_path / "x.png")
     done = run(*asked, "--region", REGION, "--resume", state)
-    check_refused(done, "does not fit this run")
+    check_refused(done, "'about' has 100000000 bytes", "Accepted is a state file")
+    assert not (tmp_path / "x.png").exists()
 
 
 def test_field_is_the_region_that_the_camera_sees(tmp_path: Path) -> None:

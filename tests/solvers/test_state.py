@@ -19,6 +19,12 @@ CASES = {
 }
 
 
+def restored_state(problem, saved):
+    state = AdmmState.cold(problem)
+    state.restore_(saved)
+    return state
+
+
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 @pytest.mark.parametrize("pause", [4, 8, 120])
 def test_interrupted_run_ends_like_the_whole_one(case, pause):
@@ -28,7 +34,7 @@ def test_interrupted_run_ends_like_the_whole_one(case, pause):
     admm(problem, iterations=160, tolerance=0, state=state, callback=lambda p: p.iteration == pause)
     assert state.iteration == pause
     saved = {name: tensor.clone() for name, tensor in state.arrays().items()}
-    restored = AdmmState.restored(problem, saved)
+    restored = restored_state(problem, saved)
     rest = admm(problem, iterations=160, tolerance=0, state=restored)
     torch.testing.assert_close(rest.scene, whole.scene, rtol=1e-3, atol=1e-4)
     assert rest.objective == pytest.approx(whole.objective, rel=1e-4)
@@ -43,7 +49,7 @@ def test_smooth_part_is_taken_up_again():
     whole = admm(problem, iterations=40, tolerance=0, smooth_part=True)
     state = AdmmState.cold(problem)
     admm(problem, iterations=8, tolerance=0, smooth_part=True, state=state)
-    restored = AdmmState.restored(problem, state.arrays())
+    restored = restored_state(problem, state.arrays())
     rest = admm(problem, iterations=40, tolerance=0, smooth_part=True, state=restored)
     torch.testing.assert_close(rest.scene, whole.scene, rtol=1e-3, atol=1e-4)
 
@@ -61,8 +67,39 @@ def test_state_of_another_problem_is_refused(other):
     saved = AdmmState.cold(pose(CASE).problem).arrays()
     if other.channels == 3 or other.sensor != CASE.sensor:
         with pytest.raises(DataError, match="another problem"):
-            AdmmState.restored(pose(other).problem, saved)
+            restored_state(pose(other).problem, saved)
     else:
         saved = AdmmState.cold(pose(other).problem).arrays()
         with pytest.raises(DataError, match="rows of channel 0 is 0×0"):
-            AdmmState.restored(pose(CASE).problem, saved)
+            restored_state(pose(CASE).problem, saved)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("penalties", [1.0, -1.0, 1.0], "penalties are"),
+        ("penalties", [1.0, 1.0, 1e30], "penalties are"),
+        ("penalties", [1.0, float("nan"), 1.0], "array penalties"),
+        ("penalties", [1.0, 1.0], "array penalties"),
+        ("iteration", -1, "iteration is -1"),
+        ("iteration", 10**12, "iteration is 1e"),
+        ("iteration", [1], "array iteration"),
+        ("fills_view", [True, True], "array fills_view"),
+        ("sums", [[1.0] * 15], "array sums"),
+        ("sums", [[1.0] * 14] * 2, "array sums"),
+        ("sums", [[-1.0] * 15] * 2, "sums of squares"),
+        ("sums", None, "array sums"),
+        ("scene_1", float("inf"), "scene of channel 1 holds NaN or infinity"),
+    ],
+)
+def test_edited_state_is_refused(name, value, message):
+    problem = pose(CASE).problem
+    saved = AdmmState.cold(problem).arrays()
+    if name.startswith("scene"):
+        saved[name] = torch.full_like(saved[name], value)
+    elif value is None:
+        del saved[name]
+    else:
+        saved[name] = torch.tensor(value)
+    with pytest.raises(DataError, match=message):
+        restored_state(problem, saved)

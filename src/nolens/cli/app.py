@@ -14,6 +14,7 @@ from cyclopts import (
 
 from nolens import __version__
 from nolens.errors import OptionError
+from nolens.files.limits import set_read_limit
 
 
 def application() -> App:
@@ -21,6 +22,8 @@ def application() -> App:
     return App(
         name="nolens",
         help="Lensless cameras: design, simulate and make them, and reconstruct what they measure.",
+        help_epilogue="Every command takes --read-limit: how much one read of a file may decode, "
+        "such as 4GB.  [default: 1.5GB]",
         version=__version__,
         help_format="plaintext",
         suppress_keyboard_interrupt=False,
@@ -42,6 +45,7 @@ Quantity = Parameter(allow_leading_hyphen=True)
 Json = Parameter(name="--json", negative=(), show_default=False)
 Output = Parameter(name=("--output", "-o"))
 
+_READ_LIMIT = "--read-limit"
 _USAGE = {
     "reconstruct": "reconstruct RAW --psf PSF -o out.png (-o again for each further picture)",
     "refocus": "refocus RAW --psfs FOLDER -o FOLDER",
@@ -72,6 +76,27 @@ _USAGE = {
     "studio": "studio [FOLDER...]",
     "demo": "demo -o FOLDER",
 }
+
+
+def without_read_limit(arguments: Sequence[str]) -> list[str]:
+    """Arguments of any command but for ``--read-limit SIZE``, which is set here.
+
+    Raises
+    ------
+    OptionError
+        If it is given without a size, or with one that is none.
+    """
+    rest = list(arguments)
+    end = rest.index("--") if "--" in rest else len(rest)
+    for place in reversed(range(end)):
+        name, equals, size = rest[place].partition("=")
+        if name == _READ_LIMIT:
+            if not equals and place + 1 == end:
+                raise OptionError(f"{_READ_LIMIT} needs a size, such as {_READ_LIMIT} 4GB")
+            set_read_limit(size if equals else rest[place + 1])
+            del rest[place : place + (1 if equals else 2)]
+            break
+    return rest
 
 
 def given_options(arguments: Mapping[str, Any]) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from nolens.cli.app import application
+from nolens.cli.app import application, without_read_limit
 from nolens.cli.app import run as run_app
 
 COMMANDS = {
@@ -42,6 +42,7 @@ def run(arguments: Sequence[str]) -> int:
     OptionError
         If the arguments name no command, or an option or value that it does not have.
     """
+    arguments = without_read_limit(arguments)
     app = application()
     listed = not arguments or arguments[0].startswith("-")
     for path, sentence in COMMANDS.items():

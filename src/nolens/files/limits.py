@@ -20,31 +20,26 @@ def read_limit() -> int:
     return _limit
 
 
-def set_read_limit(limit: int) -> None:
-    """Set how many bytes one read may decode in this process.
+def set_read_limit(size: str | int) -> None:
+    """Set how much one read may decode in this process.
 
-    Processes that are started later do not take it over; tell each of them.
+    Processes that are started later do not take it over: tell each of them.
+
+    Parameters
+    ----------
+    size
+        Such as ``"4GB"``, or bytes.
 
     Raises
     ------
     OptionError
-        If it is below 1 MB or above 1e6 GB.
+        If it is no size, below 1 MB or above 1e6 GB.
     """
     global _limit
-    if not _LEAST <= limit <= _MOST:
-        raise OptionError(f"--read-limit {_text(limit)}: give 1MB to 1000000GB, such as 4GB")
-    _limit = limit
-
-
-def parse_read_limit(text: str) -> int:
-    """Bytes of a size such as 4GB or 500MB.
-
-    Raises
-    ------
-    OptionError
-        If it is no size.
-    """
-    return int(DataSize.parse(text).exact)
+    given = DataSize.parse(size) if isinstance(size, str) else DataSize.of(size, "B")
+    if not _LEAST <= given.exact <= _MOST:
+        raise OptionError(f"--read-limit {given}: give 1MB to 1000000GB, such as 4GB")
+    _limit = int(given.exact)
 
 
 def check_size(shape: Sequence[int], itemsize: int, source: str | Path) -> None:

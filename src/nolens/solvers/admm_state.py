@@ -1,11 +1,13 @@
 """Where a run of ADMM stands: what the next iteration needs, and what a state file holds."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 import torch
 from torch import Tensor
 
+from nolens.camera.finite import all_finite
 from nolens.errors import DataError
 from nolens.kernels import PassSums, SplitState, in_large_pages, irfft2, rfft2
 from nolens.operators import FiniteDifference
@@ -16,6 +18,11 @@ _UNIFORM_START = 0.9
 """Share of the data that a uniform scene must explain for the iteration to start from it."""
 _ARRAYS = ("measured", "rows", "columns", "scene")
 _SUMS = tuple(field.name for field in fields(PassSums))
+_SUM_COUNT = 15
+"""Numbers of one `PassSums`."""
+_SMALLEST = 1e-15
+"""Least penalty of a saved state; balanced ones stay near one."""
+_MOST_ITERATIONS = 10**9
 
 
 @dataclass
@@ -172,33 +179,56 @@ class AdmmState:
             "fills_view": torch.tensor(self.fills_view),
         }
 
-    @classmethod
-    def restored(cls, problem: Problem, arrays: dict[str, Tensor]) -> "AdmmState":
-        """State that `arrays` gave, for the same problem.
+    def restore_(self, arrays: Mapping[str, Tensor]) -> None:
+        """Take up a state that `arrays` gave, of the same problem.
 
         Raises
         ------
         DataError
-            If it is not the state of a problem of these sizes.
+            If it is not the state of a problem of these sizes, or holds what no run does.
         """
-        state = cls.cold(problem)
-        for channel, split in enumerate(state.splits):
+        for channel, split in enumerate(self.splits):
             for name in _ARRAYS:
                 saved, here = arrays.get(f"{name}_{channel}"), getattr(split, name)
                 if saved is None or saved.shape != here.shape:
-                    was = "none" if saved is None else "×".join(str(n) for n in saved.shape)
+                    was = "none" if saved is None else _size(saved)
                     raise DataError(
                         f"the state's array {name} of channel {channel} is {was}, and the problem "
-                        f"needs {'×'.join(str(n) for n in here.shape)}: it is the state of "
-                        "another problem"
+                        f"needs {_size(here)}: it is the state of another problem"
+                    )
+                if not all_finite(saved):
+                    raise DataError(
+                        f"the state's array {name} of channel {channel} holds NaN or infinity"
                     )
                 here.copy_(saved)
-        first, second, third = arrays["penalties"].tolist()
-        state.penalties = first, second, third
-        state.sums = [PassSums.of(row.tolist()) for row in arrays["sums"]]
-        state.iteration = int(arrays["iteration"])
-        state.fills_view = bool(arrays["fills_view"])
-        return state
+        penalties = _numbers(arrays, "penalties", (3,))
+        needed = [mu > 0 for mu in self.penalties]
+        if [_SMALLEST <= mu <= 1 / _SMALLEST for mu in penalties] != needed:
+            raise DataError(f"the state's penalties are {penalties}: μ₁, μ₂ and μ₃ are above zero")
+        first, second, third = penalties
+        width = _SUM_COUNT if arrays.get("sums", torch.zeros(0)).numel() else 0
+        sums = _numbers(arrays, "sums", (len(self.splits), width) if width else (0,))
+        (iteration,) = _numbers(arrays, "iteration", ())
+        if not 0 <= iteration <= _MOST_ITERATIONS:
+            raise DataError(f"the state's iteration is {iteration:g}")
+        if any(each < 0 for each in sums):
+            raise DataError("the state's sums of squares are below zero")
+        self.penalties = first, second, third
+        self.sums = [PassSums.of(sums[at : at + width]) for at in range(0, len(sums), width or 1)]
+        self.iteration = int(iteration)
+        self.fills_view = bool(_numbers(arrays, "fills_view", ())[0])
+
+
+def _numbers(arrays: Mapping[str, Tensor], name: str, shape: tuple[int, ...]) -> list[float]:
+    """Values of an array that is to have this shape."""
+    saved = arrays.get(name)
+    if saved is None or saved.shape != shape or not all_finite(saved):
+        raise DataError(f"the state's array {name} is missing, of another size, or not finite")
+    return [float(value) for value in saved.flatten()]
+
+
+def _size(array: Tensor) -> str:
+    return "×".join(str(n) for n in array.shape)
 
 
 def _split(problem: Problem, channel: int, measured: Tensor, scene: Tensor) -> SplitState:

@@ -15,6 +15,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from nolens.errors import NolensError
+from nolens.files.limits import read_limit, set_read_limit
 from nolens.process import prepare
 from nolens.studio.confinement import confine
 
@@ -74,7 +75,10 @@ class Worker:
         self._channel, theirs = _CONTEXT.Pipe()
         self._stderr, their_stderr = _CONTEXT.Pipe(duplex=False)
         self._process = _CONTEXT.Process(
-            target=_begin, args=(target, folders, theirs, their_stderr), name=name, daemon=True
+            target=_begin,
+            args=(target, folders, theirs, their_stderr, read_limit()),
+            name=name,
+            daemon=True,
         )
         with _ctrl_c_kept_out():
             self._process.start()
@@ -269,7 +273,9 @@ class Channel:
         self._heard.put(None)
 
 
-def _begin(target: str, folders: Sequence[str], connection: Connection, stderr: Connection) -> None:
+def _begin(
+    target: str, folders: Sequence[str], connection: Connection, stderr: Connection, limit: int
+) -> None:
     """What the process does first and last."""
     os.dup2(stderr.fileno(), 2)
     stderr.close()
@@ -278,6 +284,7 @@ def _begin(target: str, folders: Sequence[str], connection: Connection, stderr: 
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     prepare()
     confine(folders)
+    set_read_limit(limit)
     module, name = target.split(":")
     getattr(importlib.import_module(module), name)(Channel(connection))
 

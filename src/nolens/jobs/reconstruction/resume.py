@@ -1,5 +1,6 @@
 """Going on with a run that was interrupted."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from nolens.errors import DataError, OptionError
@@ -40,20 +41,25 @@ def resumed(problem: Problem, options: ReconstructOptions, about: dict[str, Any]
     Raises
     ------
     FileError
-        If the file cannot be read.
+        If the file cannot be read, or is no state.
     OptionError
-        If it was written by a run with other files or options.
+        If it was written by a run with other files or options, or edited.
     """
     if options.resume is None:
         return AdmmState.cold(problem, options.penalties)
-    arrays, before = read_state(options.resume)
-    changed = sorted(name for name in {*about, *before} if about.get(name) != before.get(name))
-    if changed:
-        raise OptionError(
-            f"{options.resume} is the state of a run with another {' and '.join(changed)}; give "
-            "the same files and options again, or leave out --resume"
-        )
+
+    def belongs(before: Mapping[str, Any]) -> None:
+        names = sorted(name for name in {*about, *before} if about.get(name) != before.get(name))
+        if names:
+            known = [name for name in names if name in about] or ["option"]
+            raise OptionError(
+                f"{options.resume} is the state of a run with another {' and '.join(known)}; give "
+                "the same files and options again, or leave out --resume"
+            )
+
+    state = AdmmState.cold(problem)
     try:
-        return AdmmState.restored(problem, arrays)
-    except (DataError, KeyError) as error:
+        state.restore_(read_state(options.resume, state.arrays(), belongs))
+    except DataError as error:
         raise OptionError(f"{options.resume} does not fit this run: {error}") from None
+    return state
