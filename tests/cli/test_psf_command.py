@@ -41,7 +41,7 @@ def test_defaults(tmp_path: Path) -> None:
     assert told["mean"] == pytest.approx(float(found.mean()))
     assert told["peak_over_mean"] == pytest.approx(float(found.max() / found.mean()))
     record = json.loads((tmp_path / "psf.json").read_text())
-    assert record["result"] == told and record["parameters"]["at"] == ["0 deg", "0 deg"]
+    assert record["result"] == told and record["parameters"]["angle"] == ["0 deg", "0 deg"]
     assert record["inputs"] == {}
 
 
@@ -52,7 +52,7 @@ def test_angles_are_the_photographers(at: str, signs: tuple[int, int], tmp_path:
     out, middle = tmp_path / "psf.tif", tmp_path / "middle.tif"
     asked = ("--cells", "700x700", "--bin", 1)
     pattern(*asked, "--frame", "sensor", "-o", middle)
-    told = pattern(*asked, "--frame", "sensor", "--at", at, "-o", out)
+    told = pattern(*asked, "--frame", "sensor", "--angle", at, "-o", out)
     moved = [
         (there - here) * 1.55
         for here, there in zip(centre(values(middle)[0]), centre(values(out)[0]), strict=True)
@@ -114,6 +114,26 @@ def test_captured(tmp_path: Path) -> None:
     assert not torch.equal(values(tmp_path / "other.dng"), frame.counts)
     pattern("--fill", "50%", "-o", tmp_path / "again.dng")
     assert torch.equal(values(tmp_path / "again.dng"), frame.counts)
+
+
+def test_captures_state_exposures_that_compare(tmp_path: Path) -> None:
+    """Counts over the stated time are the light, whatever each frame is exposed to."""
+    light = []
+    for angle, fill in (("0deg,0deg", "90%"), ("10deg,0deg", "60%")):
+        asked = ("--angle", angle, "--fill", fill, "-o", tmp_path / "psf.dng")
+        told = pattern(*asked, "--cells", "700x900")
+        frame = read_frame(tmp_path / "psf.dng")
+        assert frame.exposure_s == pytest.approx(told["exposure_s"], rel=1e-4)
+        light.append(float((frame.counts - 256).mean()) / told["exposure_s"])
+        bare = pattern(*asked[:2], "-o", tmp_path / "psf.tif", "--cells", "350x450")["mean"]
+        light[-1] /= bare
+    assert light[1] == pytest.approx(light[0], rel=0.05)
+
+
+def test_a_png_is_for_looking_at(tmp_path: Path) -> None:
+    done = run("psf", *SMALL, "-o", tmp_path / "psf.png")
+    assert done.code == 0 and "for looking at" in done.err
+    assert read_frame(tmp_path / "psf.png").counts.shape == (3, 128, 160)
 
 
 def test_text_for_people(tmp_path: Path) -> None:

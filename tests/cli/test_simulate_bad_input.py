@@ -53,11 +53,11 @@ SIMULATE: list[tuple[list[object], list[str]]] = [
 ]
 
 PSF: list[tuple[list[object], list[str]]] = [
-    (["--at", "20deg"], ["at is '20deg'", "two angles", "20deg,0deg"]),
-    (["--at", "20,0"], ["at is '20'", "no unit", "20 deg"]),
+    (["--angle", "20deg"], ["angle is '20deg'", "two angles", "20deg,0deg"]),
+    (["--at", "20,0"], ["angle is '20'", "no unit", "20 deg"]),
     (["--at", "-95deg,0deg"], ["less than 90 deg"]),
     (["--at", "45deg,45deg"], ["54.7 deg off the axis", "holds to 50 deg"]),
-    (["--depth", "80"], ["depth is '80'", "no unit", "80 mm", "'infinity'"]),
+    (["--distance", "80"], ["distance is '80'", "no unit", "80 mm", "'infinity'"]),
     (["--depth", "9mm"], ["9 mm is nearer", "10 mm or more"]),
     (["--size", "50"], ["size is '50'", "no unit", "50 mm"]),
     (["--size", "-1um"], ["--size -1 um", "0um for a point"]),
@@ -72,7 +72,7 @@ PSF: list[tuple[list[object], list[str]]] = [
     (["--seed", "3"], ["--seed 3", "without exposure", "out.dng"]),
     (["-o", "psf.dng", "--bin", "2"], ["--bin 2", "every pixel", "psf.tif"]),
     (["-o", "psf.dng", "--cells", "33x40"], ["--cells 33x40", "even numbers"]),
-    (["-o", "psf.png"], ["psf.png", ".dng, .tif"]),
+    (["-o", "psf.jpg"], ["psf.jpg", ".dng, .tif", ".png"]),
     (["--frame", "sky"], ["--frame", "sky", "chief-ray"]),
     (["psf.tif"], ["'psf.tif' is more than psf takes"]),
 ]

@@ -114,8 +114,10 @@ def simulate(
 def psf(
     *,
     output: Annotated[Path | None, Output, Result] = None,
-    at: Annotated[str | None, Quantity, Point] = None,
-    depth: Annotated[str | None, Quantity, Point] = None,
+    angle: Annotated[str | None, Quantity, Point, Parameter(name=("--angle", "--at"))] = None,
+    distance: Annotated[
+        str | None, Quantity, Point, Parameter(name=("--distance", "--depth"))
+    ] = None,
     size: Annotated[str | None, Quantity, Point] = None,
     cells: Annotated[str | None, Result] = None,
     bin: Annotated[int | None, Result, Whole] = None,  # noqa: A002 (the option's name)
@@ -131,17 +133,18 @@ def psf(
 ) -> int:
     """Simulate what a lensless camera shows of a point of light.
 
-    nolens psf --camera paper --at 20deg,0deg --depth 80mm -o psf.tif
+    nolens psf --camera paper --angle 20deg,0deg --distance 80mm -o psf.tif
 
     Parameters
     ----------
     output
-        .tif (linear floats without noise) or .dng (every pixel, exposed, with noise). Needed.
-        The record of the run goes beside it, as .json.
-    at
+        .tif (linear floats without noise), .dng (every pixel, exposed, with noise) or .png (for
+        looking at). Needed. The record of the run goes beside it, as .json. A .dng states the
+        exposure time that a source needs which gives 1 lx at the camera, straight ahead.
+    angle
         Angles to the right and up, as the photographer sees them.  [default: 0deg,0deg]
-    depth
-        Distance from the camera, or infinity.  [default: the camera's reference_distance]
+    distance
+        From the camera, or infinity.  [default: the camera's reference_distance]
     size
         Diameter of the light.  [default: 50um; 0um at infinity]
     cells

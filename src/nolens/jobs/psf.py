@@ -12,6 +12,7 @@ from nolens.camera import OpenCamera
 from nolens.errors import DataError, OptionError
 from nolens.files import (
     readable,
+    write_png,
     write_record,
     write_tiff32,
     write_together,
@@ -31,6 +32,8 @@ _FILL = Share("90", "%")
 _REMEDY = "fewer --cells, a camera with fewer pixels or a coarser grid of its relief needs less"
 _SIZE_UM = 50.0
 """The paper's light: a pinhole of 50 um."""
+_LUX = 1.0
+"""Illuminance at the camera by a source straight ahead, to which exposure times are stated."""
 
 
 @dataclass(frozen=True)
@@ -123,10 +126,18 @@ def simulate_psf(options: PsfOptions, reporter: Reporter) -> PsfOutcome:
     if captured:
         image = mosaic(pattern, sensor.mosaic)
         fill = (options.fill or _FILL).value
-        electrons = image * (fill * sensor.clip_electrons / float(image.max()))
+        scale = fill * sensor.clip_electrons / float(image.max())
+        electrons = image * scale
+        exposure_s = scale / (_LUX * float(seen.max()))
+        summary["exposure_s"] = exposure_s
         counts = expose_safely(electrons, sensor, seed=options.seed)
         summary["saturated_share"] = float((counts >= sensor.saturated_counts).double().mean())
-        write = partial(write_raw, counts=counts, sensor=sensor)
+        write = partial(write_raw, counts=counts, sensor=sensor, exposure_s=exposure_s)
+    elif options.output.suffix.lower() == ".png":
+        reporter.note(
+            f"{options.output} is for looking at: reconstruct with the .tif or .dng of this PSF"
+        )
+        write = partial(write_png, radiance=pattern)
     else:
         write = partial(write_tiff32, radiance=pattern)
     summary["seconds"] = run.seconds
@@ -136,18 +147,18 @@ def simulate_psf(options: PsfOptions, reporter: Reporter) -> PsfOutcome:
 
 
 def _source(options: PsfOptions, opened: OpenCamera) -> PointSource:
-    depth = distance_um(options.depth, opened)
+    depth = distance_um(options.distance, opened)
     size = 0.0 if math.isinf(depth) else _SIZE_UM
     if options.size is not None:
         size = options.size.um
     if size > 0 and math.isinf(depth):
         raise OptionError(
             f"--size {options.size} at infinity: a light there has no diameter. Leave --size out, "
-            "or give a --depth"
+            "or give a --distance"
         )
     if size < 0:
         raise OptionError(f"--size {options.size}: give 0um for a point, or more")
-    right, up = (math.tan(angle.rad) for angle in options.at)
+    right, up = (math.tan(angle.rad) for angle in options.angle)
     return PointSource((-up, right), depth, size)
 
 

@@ -14,18 +14,25 @@ _MOST = 1e12
 """Of any figure of a sensor; counts are computed in float32."""
 
 
-def check_raw(path: Path, sensor: Sensor) -> None:
+def check_raw(path: Path, sensor: Sensor, more: tuple[str, ...] = ()) -> None:
     """Refuse a file that cannot hold the sensor's counts, before any work is done for it.
+
+    Parameters
+    ----------
+    path, sensor
+        The file, and whose counts.
+    more
+        Suffixes of files that hold something else, and may be written too.
 
     Raises
     ------
     FileError
-        If its suffix is neither .dng nor .tif, or it cannot be written.
+        If its suffix is none of these, or it cannot be written.
     OptionError
         If it is a DNG, and the sensor has no colour mosaic or no whole black level; or if one of
         the sensor's figures is beyond any sensor's.
     """
-    check_output(path, (".dng", *_TIFF))
+    check_output(path, (".dng", *_TIFF, *more))
     for name in ("full_well_electrons", "read_noise_electrons", "counts_per_electron", "gain"):
         if getattr(sensor, name) > _MOST:
             raise OptionError(

@@ -58,7 +58,7 @@ class Run:
         """
         clock = Clock()
         opened = read_camera(options.camera)
-        check_raw(options.output, opened.camera.sensor)
+        check_raw(options.output, opened.camera.sensor, options.pictures)
         check_output(options.record, (".json",))
         files = {**options.inputs, **camera_files(options.camera, opened.camera)}
         check_apart(options, files)

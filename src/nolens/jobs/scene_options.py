@@ -2,9 +2,9 @@
 
 import re
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, AliasChoices, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
 from nolens.errors import OptionError
@@ -96,6 +96,9 @@ class CameraOptions(JobOptions):
     device
         auto, cpu or cuda.
     """
+
+    pictures: ClassVar[tuple[str, ...]] = ()
+    """Suffixes of pictures for looking at that may be written in place of counts."""
 
     output: Annotated[Path, AfterValidator(expand_home)]
     camera: str = "paper"
@@ -211,10 +214,11 @@ class PsfOptions(CameraOptions):
 
     Attributes
     ----------
-    at
-        Field angles of the point of light, to the right and up as the photographer sees it.
-    depth
-        Its distance; None takes the camera's reference_distance.
+    angle
+        Field angles of the point source, to the right and up as the photographer sees it; `at` is
+        another name for it.
+    distance
+        From the camera; None takes its reference_distance. `depth` is another name for it.
     size
         Its diameter; None takes 50 um, or a point at infinity.
     bin
@@ -226,8 +230,15 @@ class PsfOptions(CameraOptions):
         the sensor's; None takes the first for TIFF and the second for DNG.
     """
 
-    at: FieldAngles = (Angle("0", "deg"), Angle("0", "deg"))
-    depth: Distance | None = None
+    pictures = (".png",)
+
+    angle: Annotated[FieldAngles, Field(validation_alias=AliasChoices("angle", "at"))] = (
+        Angle("0", "deg"),
+        Angle("0", "deg"),
+    )
+    distance: Annotated[
+        Distance | None, Field(validation_alias=AliasChoices("distance", "depth"))
+    ] = None
     size: Length | None = None
     bin: Annotated[int, _at_least(1)] | None = None
     cells: Annotated[tuple[int, int], BeforeValidator(_two_sizes)] | None = None
