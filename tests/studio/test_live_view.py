@@ -217,7 +217,7 @@ def test_psf_is_calibrated_of_a_point_of_light(studio: Running) -> None:
             studio.post("live/scene", {"builtin": scene})
             for _ in range(6):
                 frame(socket)
-            saved[scene] = studio.post("live/save", {"as": ["raw"]})
+            saved[scene] = studio.post("live/save", {"as": ["raw"], "folder": "calibration"})
         studio.post("live/scene", {"builtin": "chart"})
         studio.post("live/settings", {"exposure_s": None})
     frames = {name: [each["files"][0]] for name, each in saved.items()}

@@ -3,10 +3,12 @@
 from pathlib import Path
 
 import pytest
+import tifffile
+import torch
 
 from nolens.camera import PRESETS
 from nolens.errors import FileError, OptionError
-from nolens.files import SUFFIXES
+from nolens.files import SUFFIXES, write_counts, write_tiff16, write_tiff32
 from nolens.studio.workspace import PICTURE_SUFFIXES, RAW_SUFFIXES, Workspace, unused
 
 
@@ -63,6 +65,18 @@ def test_lists_what_can_be_used(space: Workspace) -> None:
     assert space.listing("work/cameras") == []
     with pytest.raises(FileError):
         space.listing("work/nowhere")
+
+
+def test_pictures_of_ours_are_no_raw_frames(space: Workspace, place: Path) -> None:
+    picture = torch.rand(3, 8, 8)
+    write_tiff16(place / "other/picture.tif", picture)
+    write_tiff32(place / "other/radiance.tif", picture)
+    write_counts(
+        place / "other/raw.tif", (100 * picture[0]).round(), mosaic=None, black=0, white=4095
+    )
+    tifffile.imwrite(place / "other/theirs.TIF", picture[0].numpy())
+    kinds = {each.name: each.kind for each in space.listing("other")}
+    assert {name for name, kind in kinds.items() if kind == "raw"} == {"raw.tif", "theirs.TIF"}
 
 
 def test_first_folder_may_be_missing_and_others_not(tmp_path: Path) -> None:

@@ -148,12 +148,12 @@ class LiveHub:
             with suppress(RefusedError):
                 self._worker.tell("webcam", data, instead="webcam")
 
-    async def save(self, formats: list[str]) -> Saved:
-        """Write the frame that is shown."""
+    async def save(self, formats: list[str], folder: str) -> Saved:
+        """Write the frame that is shown into a folder of the workspace."""
         if self._worker is None:
             raise OptionError("no camera is running: start one, and try again")
         work = str(self._workspace.work)
-        found = await self._worker.ask("save", formats, work, seconds=_SAVE_S)
+        found = await self._worker.ask("save", formats, work, folder, seconds=_SAVE_S)
         named = await asyncio.to_thread(self._workspace.named, found)
         return Saved(files=named["files"], psf_path=named["psf_path"])
 

@@ -209,7 +209,7 @@ class LiveView:
             )
         return self._source.twin
 
-    def _save(self, formats: list[str], work: str) -> dict[str, Any]:
+    def _save(self, formats: list[str], work: str, folder: str) -> dict[str, Any]:
         source, shown = self._source, self._shown
         if source is None or shown is None:
             raise OptionError("there is no frame to save yet: start a camera, and try again")
@@ -217,7 +217,7 @@ class LiveView:
             source.psf = kept_psf(
                 Path(work), source.camera_id or "", source.opened, source.twin.psf(), shown.shot
             )
-        files = save_shown(Path(work), shown, formats, source.psf)
+        files = save_shown(Path(work) / folder, shown, formats, source.psf)
         return {
             "files": [str(path) for path in files],
             "psf_path": None if source.psf is None else str(source.psf),

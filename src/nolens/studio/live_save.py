@@ -27,7 +27,7 @@ from nolens.jobs.calibration.folder import cell_of, folder_camera, folder_psfs
 from nolens.jobs.copied import copied_camera
 from nolens.studio.live_solver import Solved
 from nolens.studio.schemas import Settings
-from nolens.studio.workspace import CAMERAS, SHOTS, unused
+from nolens.studio.workspace import CAMERAS, unused
 
 
 @dataclass(frozen=True)
@@ -55,13 +55,13 @@ class Shown:
     source: str
 
 
-def save_shown(work: Path, shown: Shown, formats: list[str], psf: Path | None) -> list[Path]:
-    """Write a frame into the folder of shots; no file is written over.
+def save_shown(folder: Path, shown: Shown, formats: list[str], psf: Path | None) -> list[Path]:
+    """Write a frame into a folder; no file is written over.
 
     Parameters
     ----------
-    work
-        The workspace.
+    folder
+        Of the workspace.
     shown
         The frame.
     formats
@@ -79,7 +79,7 @@ def save_shown(work: Path, shown: Shown, formats: list[str], psf: Path | None) -
     NolensError
         If there is no picture, or a file cannot be written.
     """
-    folder, shot, solved = work / SHOTS, shown.shot, shown.solved
+    shot, solved = shown.shot, shown.solved
     stem = unused(folder, f"{shot.taken.astimezone():%Y-%m-%d-%H%M%S}")
     writers: dict[Path, Callable[[Path], None]] = {}
     if "raw" in formats:

@@ -2,8 +2,10 @@
 
 import asyncio
 import errno
+import filecmp
 import mimetypes
 import os
+import re
 import secrets
 import threading
 from collections.abc import AsyncIterator
@@ -109,9 +111,13 @@ def _checked_name(name: str) -> str:
 
 
 def _placed(placing: threading.Lock, temporary: Path, name: str) -> Path:
-    """Give a file its name, or one like it that no other has."""
+    """Give a file its name, or one like it that no other has; one that is there already, with the
+    same content, stays the only one.
+    """
     folder, path = temporary.parent, Path(name)
     with placing:
+        if (stored := _same(temporary, folder, name)) is not None:
+            return stored
         placed = folder / f"{unused(folder, path.stem)}{path.suffix}"
         return temporary.replace(placed)
 
@@ -140,3 +146,12 @@ async def _received(request: Request, folder: Path, name: str) -> AsyncIterator[
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def _same(upload: Path, folder: Path, name: str) -> Path | None:
+    """The file of an earlier upload with this name, or its name and a number, and this content."""
+    known = re.compile(re.escape(Path(name).stem) + r"(-\d+)?" + re.escape(Path(name).suffix))
+    for path in folder.iterdir():
+        if known.fullmatch(path.name) and filecmp.cmp(path, upload, shallow=False):
+            return path
+    return None

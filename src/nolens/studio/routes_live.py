@@ -77,7 +77,7 @@ def live_router(hub: LiveHub) -> APIRouter:
 
     @router.post("/save")
     async def save(asked: SaveRequest) -> Saved:
-        return await hub.save(list(asked.formats))
+        return await hub.save(list(asked.formats), asked.folder)
 
     @router.websocket("/frames")
     async def frames(socket: WebSocket) -> None:

@@ -175,8 +175,11 @@ class SceneShown(BaseModel):
 
 
 class SaveRequest(_Given):
-    """What to write of the frame that is shown; the record is always written."""
+    """What to write of the frame that is shown, and into which folder; the record is always
+    written.
+    """
 
+    folder: Literal["shots", "calibration"] = "shots"
     model_config = ConfigDict(extra="forbid", populate_by_name=True)
 
     formats: Annotated[list[Literal["png", "tiff", "raw"]], Field(alias="as", min_length=1)] = [

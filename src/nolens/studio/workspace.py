@@ -22,12 +22,16 @@ from nolens.studio.schemas import CameraInfo, Entry, EntryKind, Folder, PsfInfo
 WORK = "work"
 """Id of the folder that the studio writes into."""
 SHOTS, CAMERAS, PICTURES, UPLOADS, JOBS = "shots", "cameras", "pictures", "uploads", "jobs"
+CALIBRATION = "calibration"
+"""Frames of a calibration: of the point source and dark ones. They are no photographs."""
 RAW_SUFFIXES = (
     ".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".sr2", ".raf", ".rw2", ".orf",
     ".pef", ".srw", ".3fr", ".iiq", ".raw", ".npy",
 )  # fmt: skip
 PICTURE_SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
 _CAMERA, _PSFS = "camera.toml", "psfs.toml"
+TIFF_SUFFIXES = (".tif", ".tiff")
+_TIFF_HEAD = 4096
 _MOST_ENTRIES = 5000
 _MOST_CAMERAS = 500
 _LONGEST = 1000
@@ -268,7 +272,7 @@ class Workspace:
             shutil.rmtree(self.resolve(f"{WORK}/{JOBS}/{identity}"), ignore_errors=True)
 
 
-_OWN = (SHOTS, CAMERAS, PICTURES, UPLOADS, JOBS)
+_OWN = (SHOTS, CALIBRATION, CAMERAS, PICTURES, UPLOADS, JOBS)
 
 
 class _ListedPsf(BaseModel):
@@ -309,7 +313,7 @@ def _kind(path: Path) -> EntryKind:
         described = any(os.path.lexists(path / name) for name in (_CAMERA, _PSFS))
         return "camera" if described else "folder"
     suffix = path.suffix.lower()
-    if suffix in RAW_SUFFIXES:
+    if suffix in RAW_SUFFIXES or (suffix in TIFF_SUFFIXES and not _is_picture(path)):
         return "raw"
     if suffix in PICTURE_SUFFIXES:
         return "picture"
@@ -323,6 +327,22 @@ def _state(path: Path) -> tuple[int, ...] | None:
     except OSError:
         return None
     return about.st_mtime_ns, about.st_ctime_ns, about.st_size, about.st_ino
+
+
+def _is_picture(path: Path) -> bool:
+    """Whether a TIFF is a picture of ours, or a PSF, and no raw frame: its description, which is
+    written before its pixels, says that it is linear.
+    """
+    if not path.is_file():  # Others, such as pipes, may never give anything.
+        return False
+    with suppress(OSError), path.open("rb") as file:
+        start = file.read(_TIFF_HEAD)
+        return b"nolens" in start and b'"linear": true' in start
+    return False
+
+
+def _text(path: Path) -> str:
+    return os.fsencode(path).decode("utf-8", "replace")
 
 
 def _preset_files() -> Iterator[Path]:
