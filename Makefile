@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: env demo test lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live screenshots fuzz clean
+.PHONY: env demo test test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live screenshots fuzz clean
 
 env: $(STAMP)
 
@@ -27,7 +27,16 @@ browser:
 
 # One worker for each core, each on one thread; who is done takes tests from the other.
 test: lint browser
-	OMP_NUM_THREADS=1 $(BIN)/pytest -n logical --dist worksteal
+	$(BIN)/pytest -n logical --dist worksteal
+
+# The tests where machines differ: in workers, in order, and in how their processors round.
+test-variants: $(STAMP) browser
+	ATEN_CPU_CAPABILITY=default MKL_CBWR=COMPATIBLE ONEDNN_MAX_CPU_ISA=SSE41 NUMBA_CPU_NAME=generic \
+	  OPENBLAS_CORETYPE=Prescott GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX2,-FMA,-AVX512F \
+	  $(BIN)/pytest -n 1 --shuffle 1
+	ATEN_CPU_CAPABILITY=avx2 MKL_CBWR=AVX2 NUMBA_CPU_NAME=haswell OPENBLAS_CORETYPE=Haswell \
+	  $(BIN)/pytest -n 2 --shuffle 2
+	$(BIN)/pytest -n 4 --shuffle 3
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

@@ -41,20 +41,25 @@ def run(*arguments: object) -> Done:
     return Done(code, out.getvalue(), err.getvalue())
 
 
-def start(*arguments: object, **how: object) -> "subprocess.Popen[str]":
+class Started(subprocess.Popen):  # type: ignore[type-arg]
+    """A process that goes with the test that started it."""
+
+    def __exit__(self, *about: object) -> None:
+        self.kill()
+        super().__exit__(*about)
+
+
+def start(*arguments: object, **how: object) -> Started:
     """The installed command, in a process of its own."""
     given = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, **how}
     given["env"] = {**os.environ, "OMP_NUM_THREADS": "1", **dict(given.get("env") or {})}  # type: ignore[call-overload]
-    return subprocess.Popen([str(NOLENS), *map(str, arguments)], **given)  # type: ignore[call-overload, no-any-return]
+    return Started([str(NOLENS), *map(str, arguments)], **given)
 
 
 def command(*arguments: object, **how: object) -> Done:
     """The installed command, to its end."""
     with start(*arguments, **how) as process:
-        try:
-            out, err = process.communicate(timeout=PATIENCE_S)
-        finally:
-            process.kill()  # It has ended, but for a test that fails.
+        out, err = process.communicate(timeout=PATIENCE_S)
     return Done(process.returncode, out or "", err or "")
 
 

@@ -1,4 +1,4 @@
-"""Each row of "Bad input" by the installed command: code 2, one clear message, nothing written."""
+"""Each row of "Bad input": code 2, one clear message, nothing written."""
 
 import ctypes
 import subprocess
@@ -8,7 +8,7 @@ import pytest
 import torch
 from little_camera import SENSOR, WHITE, Camera, as_counts, expose_dng, measured, save, spots
 from PIL import Image
-from running import check_refused, command, listing
+from running import check_refused, command, listing, run
 
 from nolens.files import read_frame, write_dng
 
@@ -24,11 +24,13 @@ class Bench:
         self.out = folder / "out.png"
 
     def refuses(self, *words: str, more: tuple[object, ...] = (), **how: object) -> None:
-        """The command says all words, and leaves the folder as it was."""
+        """The command says all words, and leaves the folder as it was.
+
+        It runs in a process of its own where that has to be one of a certain kind.
+        """
         before = listing(self.folder)
-        done = command(
-            "reconstruct", self.raw, "--psf", self.psf, "-o", self.out, "--json", *more, **how
-        )
+        asked = ("reconstruct", self.raw, "--psf", self.psf, "-o", self.out, "--json", *more)
+        done = command(*asked, **how) if how else run(*asked)
         check_refused(done, *words)
         assert listing(self.folder) == before
 
@@ -43,9 +45,11 @@ def test_one_file_as_both(bench: Bench) -> None:
     bench.refuses("raw.dng and the PSF", "psf.dng hold the same values", "of a point source")
 
 
-def test_missing_file(bench: Bench) -> None:
+@pytest.mark.parametrize("how", [{}, {"cwd": "/"}], ids=["here", "installed"])
+def test_missing_file(bench: Bench, how: dict[str, object]) -> None:
     bench.raw = bench.folder / "rwa.dng"
-    bench.refuses("there is no file", "rwa.dng", f"Did you mean {bench.folder / 'raw.dng'}?")
+    said = f"Did you mean {bench.folder / 'raw.dng'}?"
+    bench.refuses("there is no file", "rwa.dng", said, **how)
 
 
 def obey_permissions() -> None:
