@@ -17,6 +17,7 @@ from nolens.errors import OptionError
 _NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 _TEXT = re.compile(rf"({_NUMBER})\s*([^\s0-9.,+-].*)?")
 _SIZES = 30
+_LONGEST = 100
 _PI = Fraction("3.14159265358979323846264338327950288419716939937511")
 
 
@@ -84,6 +85,8 @@ class Quantity:
         if not isinstance(given, str):
             kind = type(given).__name__
             raise OptionError(f"a value of type {kind} is not {cls.what}: {cls._advice()}")
+        if len(given) > _LONGEST:
+            raise OptionError(f"{given[:20]!r}... is not {cls.what}: {cls._advice()}")
         match = _TEXT.fullmatch(given.strip())
         if match is None:
             raise OptionError(f"{given!r} is not {cls.what}: {cls._advice()}")

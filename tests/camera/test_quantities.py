@@ -107,7 +107,8 @@ def test_a_bare_share_is_not_taken_for_percent():
 @pytest.mark.parametrize(
     "text",
     ["", "mm", "inf", "inf mm", "nan mm", "1,06 mm", "1.0.6 mm", "1e mm", "1 furlong", "1 MM",
-     "1 mm 2", "１ mm", "1e31 mm", "1e-31 mm", "1e999999999999 mm", "--1 mm"],
+     "1 mm 2", "１ mm", "1e31 mm", "1e-31 mm", "1e999999999999 mm", "--1 mm",
+     f"1.{5000 * '1'} mm"],
 )  # fmt: skip
 def test_no_length(text):
     with pytest.raises(OptionError, match="length"):

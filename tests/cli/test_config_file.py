@@ -128,6 +128,9 @@ def test_home_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ("tiff-bits = 8", ["tiff_bits in", "16 or 32"]),
         ("psf-scale = 1\npsf_scale = 2", ["key psf_scale twice"]),
         ("tau = 1\ntau = 2", ["no TOML file"]),
+        (f"tau = {'[' * 3000}", ["run.toml has", "more than 40 deep"]),
+        (f"tau = {'1' * 5000}", ["run.toml has a number", "5000 characters in line 1"]),
+        ('output = "o\\u0000.png"', ["is no file name", "control characters"]),
     ],
 )
 def test_what_is_refused(text: str, words: list[str], folder: Path) -> None:

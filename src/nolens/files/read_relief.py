@@ -1,6 +1,5 @@
 """Height maps as microscopes write them: TIFF, and text with or without a header."""
 
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,8 +8,11 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
+from nolens.documents import parse_json
 from nolens.errors import DataError, FileError, OptionError
 from nolens.files.check_input import check_content, check_exists
+from nolens.files.damage import damage
+from nolens.files.quiet import quiet_logger
 from nolens.files.read_camera import HEIGHTS_IN_UM
 from nolens.files.read_tiff import read_tiff_samples
 from nolens.files.relief_text import TEXT_SUFFIXES, TextMap, read_text_map
@@ -107,7 +109,7 @@ def read_height_map(
                 f"{path.name}"
             )
         found = _from_text(path, read_text_map(path), pitch, unit)
-    _check_size(path, found.heights_um)
+    _check_heights(path, found.heights_um)
     return found
 
 
@@ -123,11 +125,15 @@ def _from_tiff(
     stored = values.dtype
     if stored.kind not in "uif":
         raise FileError(f"{path} holds {stored.name}: give whole numbers or floats")
-    with tifffile.TiffFile(path) as tiff:
-        page = tiff.pages[0]
-        assert isinstance(page, tifffile.TiffPage)
-        note = _note(page)
-        said_um = _tagged_pitch_um(tiff, page)
+    _check_points(path, values.shape[1:])
+    try:
+        with quiet_logger("tifffile"), tifffile.TiffFile(path) as tiff:
+            page = tiff.pages.first
+            note = _note(page)
+            said_um = _tagged_pitch_um(tiff, page)
+    # Damaged tags can raise nearly anything.
+    except Exception as error:
+        raise damage(path, "a TIFF", error) from error
     if full_scale is not None and stored.kind == "f":
         raise OptionError(
             f"--full-scale {full_scale} is for whole numbers, and {path.name} holds {stored.name}: "
@@ -159,6 +165,7 @@ def _from_text(path: Path, found: TextMap, pitch: Length | None, unit: str | Non
                 f"{path.name} says its heights are in {found.unit}: leave out --unit {unit}"
             )
         unit = found.unit
+    _check_points(path, found.values.shape)
     if unit is None:
         raise OptionError(
             f"{path.name} does not say what its numbers stand for: give --unit um (or nm, mm, m)"
@@ -199,9 +206,9 @@ def _note(page: tifffile.TiffPage) -> tuple[float, float] | None:
     if page.description == HEIGHTS_IN_UM:
         return 1.0, 0.0
     try:
-        note = json.loads(page.description)
+        note = parse_json(page.description, "the note")
         return float(note["um_per_count"]), float(note["um_at_zero"])
-    except (ValueError, KeyError, TypeError):
+    except (DataError, ValueError, LookupError, TypeError):
         return None
 
 
@@ -225,19 +232,22 @@ def _tagged_pitch_um(
     return steps[0], steps[1]
 
 
-def _check_size(path: Path, heights: NDArray[np.float64]) -> None:
-    rows, columns = heights.shape
+def _check_points(path: Path, shape: tuple[int, ...]) -> None:
+    rows, columns = shape
     if min(rows, columns) < _SMALLEST:
         raise DataError(
             f"{path} has {rows}×{columns} points: a map of at least {_SMALLEST}×{_SMALLEST} is "
             "needed"
         )
-    if heights.size > _LARGEST:
-        factor = math.ceil(math.sqrt(heights.size / _LARGEST))
+    if rows * columns > _LARGEST:
+        factor = math.ceil(math.sqrt(rows * columns / _LARGEST))
         raise DataError(
             f"{path} has {rows}×{columns} points, more than {_LARGEST // 10**6} million: average "
             f"{factor}×{factor} of them to one in the microscope's software, or cut out a part"
         )
+
+
+def _check_heights(path: Path, heights: NDArray[np.float64]) -> None:
     if bool(np.isnan(heights).all()):
         raise DataError(f"{path} holds no measured point: all of them are marked as bad")
     low, high = float(np.nanmin(heights)), float(np.nanmax(heights))

@@ -20,6 +20,7 @@ _SDF = re.compile(r"^\s*[aA](ISO|BCR)-1\.0\s*$")
 _BINARY_SDF = (b"bISO-1.0", b"bBCR-1.0")
 _COST = 10
 """Bytes of memory for one of a text, most of them for the numbers as texts of their own."""
+_LONGEST_VALUE = 1000
 _SPACING = 1e-3
 """Share of the pitch by which points may lie beside their grid."""
 
@@ -243,6 +244,8 @@ def _read_sdf(path: Path, lines: list[str]) -> TextMap:
         for key, _, value in (line.partition("=") for line in lines[1 : stars[0]])
     }
     try:
+        if max(len(value) for value in header.values()) > _LONGEST_VALUE:
+            raise ValueError("a value is too long")
         columns, rows = int(header["numpoints"]), int(header["numprofiles"])
         along, across = float(header["xscale"]), float(header["yscale"])
         up = float(header["zscale"])

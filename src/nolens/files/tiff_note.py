@@ -1,12 +1,13 @@
 """What the TIFFs of this program say about their values, in the file's description."""
 
-import json
 from dataclasses import dataclass, replace
 from typing import Any
 
 import tifffile
 
 from nolens.camera import MOSAICS, Frame
+from nolens.documents import parse_json
+from nolens.errors import DataError
 
 SOFTWARE = "nolens"
 """Name in the files whose description is such a note."""
@@ -39,8 +40,8 @@ class TiffNote:
         if page.software != SOFTWARE:
             return cls()
         try:
-            found = json.loads(page.description)
-        except ValueError:
+            found = parse_json(page.description, "the note")
+        except DataError:
             return cls()
         if not isinstance(found, dict):
             return cls()

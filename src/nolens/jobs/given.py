@@ -1,5 +1,6 @@
 """What the options of all jobs have in common: their checks, and the files they name."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, Self, get_args, get_origin
@@ -17,6 +18,8 @@ from pydantic_core import PydanticCustomError
 from nolens.errors import OptionError
 from nolens.printable import quoted
 from nolens.quantities import Duration, Quantity
+
+_CONTROL = re.compile("[\x00-\x1f\x7f]")
 
 
 class Written(NamedTuple):
@@ -84,7 +87,17 @@ def _takes_several(annotation: Any) -> bool:
 
 
 def expand_home(path: Path) -> Path:
-    """Take ~ for the home folder, where the shell has not done so (--psf=~/psf.dng)."""
+    """Take ~ for the home folder, where the shell has not done so (--psf=~/psf.dng).
+
+    Raises
+    ------
+    OptionError
+        If the path has control characters: NUL no file can have, and the others no terminal.
+    """
+    if _CONTROL.search(str(path)):
+        raise OptionError(
+            f"{str(path)!r} is no file name: it has control characters. Give a name without them"
+        )
     try:
         return path.expanduser()
     except RuntimeError:  # No such user: then it is a name like any other.
