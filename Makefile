@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: env demo test test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live screenshots fuzz clean
+.PHONY: env demo test test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live screenshots fuzz kill clean
 
 env: $(STAMP)
 
@@ -78,6 +78,10 @@ bench-stitch: $(STAMP)
 bench-live: $(STAMP)
 	$(BIN)/python bench/live.py --minutes 10
 	$(BIN)/python bench/live.py --minutes 10 --everywhere
+
+# About ten minutes: 100 SIGKILLs and 100 SIGINTs at random moments over eight commands.
+kill: $(STAMP)
+	$(BIN)/python bench/kill.py
 
 screenshots: $(STAMP)
 	NOLENS_SCREENSHOTS=1 $(BIN)/pytest tests/studio/test_page_*.py

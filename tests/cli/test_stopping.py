@@ -7,6 +7,7 @@ import pty
 import re
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -82,6 +83,52 @@ def test_ctrl_c_before_the_iterations(
     assert out == "" and "Traceback" not in err
     assert "stopped at once" in err
     assert listing(tmp_path) == {}
+
+
+STOPPED = """
+import os, signal, sys
+import nolens, nolens.jobs
+assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+from nolens.__main__ import main
+from nolens.files.atomic import write_together
+from nolens.files.folder import write_into
+from pathlib import Path
+
+def write(path):
+    path.write_text("half")
+    if path.parent.name == "new":
+        signal.raise_signal(signal.SIGINT)
+
+def replace(self, other, before=Path.replace):
+    signal.raise_signal(signal.SIGINT)
+    return before(self, other)
+
+if sys.argv[1] == "together":
+    Path.replace = replace
+    write_together({Path("a.txt"): write, Path("b.txt"): write})
+elif sys.argv[1] == "folder":
+    write_into(Path("above/new"), {Path("above/new/a.txt"): write})
+else:
+    import atexit
+    atexit.register(signal.raise_signal, signal.SIGINT)
+    sys.argv[1:] = ["--version"]
+    main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("when", "code", "left"),
+    [("together", 130, ["a.txt", "b.txt"]), ("folder", 130, []), ("afterwards", 0, [])],
+)
+def test_ctrl_c_leaves_nothing_half(when: str, code: int, left: list[str], tmp_path: Path) -> None:
+    """Files of one result are written together or not; who imports the package has their Ctrl-C."""
+    done = subprocess.run(
+        [sys.executable, "-c", STOPPED, when], cwd=tmp_path, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    said = "" if code == 0 else "nolens: stopped at once; files that were not finished are not wr"
+    assert (done.returncode, list(listing(tmp_path))) == (code, left), done.stderr
+    assert done.stderr.startswith(said) and done.stderr.count("\n") == bool(said)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])

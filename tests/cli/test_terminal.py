@@ -24,6 +24,7 @@ def shown(monkeypatch: pytest.MonkeyPatch, stream: io.StringIO) -> str:
             reporter.advance("scene", share)
         step = Progress(7, 0.125, 0.1, 0.1, 0.1, (1.0,), lambda: torch.zeros(1))
         assert reporter.progress(step, 90) is False
+        reporter.advance("[red]file[/nothing]\x1b[2J", 0.0)
         reporter.advance("scene", 1.0)
     return stream.getvalue()
 
@@ -31,7 +32,13 @@ def shown(monkeypatch: pytest.MonkeyPatch, stream: io.StringIO) -> str:
 def test_each_piece_of_work_has_its_bar(monkeypatch: pytest.MonkeyPatch) -> None:
     """The bar is drawn ten times a second; new work is drawn at once."""
     text = shown(monkeypatch, Terminal())
-    for words in ("mask .*0 %.*-:--:--", "scene .*%", "iteration 7/90", "scene .*100 %.*0:00:00"):
+    for words in (
+        "mask .*0 %.*-:--:--",
+        "scene .*%",
+        "iteration 7/90",
+        "scene .*100 %.*0:00:00",
+        r"\[red\]file\[/nothing\]\\x1b\[2J .*0 %",
+    ):
         assert re.search(words, text), (words, text)
 
 

@@ -4,6 +4,8 @@ import hashlib
 import json
 import math
 import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -131,6 +133,17 @@ def test_atomic_write_leaves_nothing_behind(tmp_path, error):
         raise error
     assert path.read_text() == "old"
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_what_killed_processes_left_is_removed(tmp_path):
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    stays = {".nolens-photo.png", f".nolens-{os.getppid()}-0123abcd.png", ".mine", "a.txt"}
+    for name in (*stays, f".nolens-{ended.pid}-0123abcd.png", f".nolens-{os.getpid()}-0123abcd"):
+        (tmp_path / name).write_text("half")
+    with atomic_write(tmp_path / "a.txt") as temporary:
+        temporary.write_text("x")
+    assert {path.name for path in tmp_path.iterdir()} == stays
 
 
 def test_atomic_write_keeps_to_the_umask(tmp_path):
