@@ -39,6 +39,7 @@ from nolens.files import read_frame
 
 NOLENS = Path(sys.executable).with_name("nolens")
 LONGEST_S = 600.0
+ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1"}
 BROKEN = re.compile(r"Traceback|Fatal Python error|Exception ignored|terminate called")
 FIRST_LINES = re.compile(r"/nolens/(__init__|__main__|interrupt)\.py")
 """What is loaded until Ctrl-C is ours."""
@@ -223,14 +224,17 @@ def make_inputs(folder: Path) -> Path:
 def run(*arguments: object) -> str:
     """A command that is needed to its end."""
     line = [str(NOLENS), *map(str, arguments)]
-    return subprocess.run(line, stdout=subprocess.PIPE, text=True, check=True).stdout
+    done = subprocess.run(line, capture_output=True, text=True, env=ENVIRONMENT, check=False)
+    if done.returncode:
+        raise SystemExit(f"{' '.join(line)}: {done.stderr}")
+    return done.stdout
 
 
 def start(line: list[str]) -> "subprocess.Popen[str]":
     """A process of one thread, whose outputs are read."""
     return subprocess.Popen(
         line, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-        text=True, env={**os.environ, "OMP_NUM_THREADS": "1"},
+        text=True, env=ENVIRONMENT,
     )  # fmt: skip
 
 

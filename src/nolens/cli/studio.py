@@ -1,5 +1,6 @@
 """`nolens studio`."""
 
+import signal
 from pathlib import Path
 from typing import Annotated
 
@@ -54,6 +55,8 @@ def studio(
         show(served.url)
         say(f"files are kept in {workspace.work}; Ctrl-C ends the studio")
 
+    # The server heeds Ctrl-C, and hands it on when all of it has ended.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         serve(
             Studio(workspace, host=host, source=source, say=say), listening, browser=browser,
