@@ -64,7 +64,8 @@ class Command:
 
     def line(self, inputs: Path, out: Path) -> list[str]:
         """What is run."""
-        return [str(NOLENS), *self.arguments.format(inputs=inputs, out=out).split()]
+        words = self.arguments.split()
+        return [str(NOLENS), *(word.format(inputs=inputs, out=out) for word in words)]
 
 
 COMMANDS = (

@@ -8,16 +8,21 @@ _LONGEST_MESSAGE = 1500
 
 
 def printable(text: str) -> str:
-    r"""Write what is not printable as Python does, such as ``\x1b``, and new lines as ``\n``.
+    r"""Write what is not printable as escapes, such as ``\u001b``, and new lines as ``\n``.
 
     Control characters, those that turn the direction of writing, and halves of surrogate pairs:
-    what a terminal would obey, or what cannot be printed.
+    what a terminal would obey, or what cannot be printed. JSON keeps its meaning: of these it
+    leaves but U+007F, and has such escapes too.
     """
     if text.isprintable():
         return text
     return "".join(
-        repr(each)[1:-1] if unicodedata.category(each) in _OBEYED else each for each in text
+        _escape(each) if unicodedata.category(each) in _OBEYED else each for each in text
     )
+
+
+def _escape(character: str) -> str:
+    return repr(character)[1:-1].replace(r"\x", r"\u00")
 
 
 def quoted(value: object) -> str:

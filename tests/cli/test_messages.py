@@ -1,5 +1,7 @@
 """What a terminal is told: plain text, a line for each message, and not too long."""
 
+import json
+
 import pytest
 
 from nolens.cli.messages import say, show
@@ -7,10 +9,10 @@ from nolens.printable import quoted
 
 HOSTILE = [
     ("a\nb", r"a\nb"),
-    ("\x1b[2Jgone\x07", r"\x1b[2Jgone\x07"),
-    ("\x9b31m \x7f \t \r", r"\x9b31m \x7f \t \r"),
+    ("\x1b[2Jgone\x07", r"\u001b[2Jgone\u0007"),
+    ("\x9b31m \x7f \t \r", r"\u009b31m \u007f \t \r"),
     ("photo\u202egnp.exe\u2066", r"photo\u202egnp.exe\u2066"),
-    ("\u2028\u2029\x85\x0c", r"\u2028\u2029\x85\x0c"),
+    ("\u2028\u2029\x85\x0c", r"\u2028\u2029\u0085\u000c"),
     ("half \udcff", r"half \udcff"),
     ("[red]3×2 µm − 5 °[/red] \u00a0é 像 🔬", "[red]3×2 µm − 5 °[/red] \u00a0é 像 🔬"),
 ]
@@ -23,6 +25,12 @@ def test_terminal_gets_plain_text(
     say(text)
     show(text)
     assert capsys.readouterr() == (f"{shown}\n", f"nolens: {shown}\n")
+
+
+def test_json_keeps_its_meaning(capsys: pytest.CaptureFixture[str]) -> None:
+    everything = "".join(map(chr, range(0x3000)))
+    show(json.dumps(everything))
+    assert json.loads(capsys.readouterr().out) == everything
 
 
 def test_long_messages_keep_their_advice(capsys: pytest.CaptureFixture[str]) -> None:

@@ -37,7 +37,7 @@ def test_each_piece_of_work_has_its_bar(monkeypatch: pytest.MonkeyPatch) -> None
         "scene .*%",
         "iteration 7/90",
         "scene .*100 %.*0:00:00",
-        r"\[red\]file\[/nothing\]\\x1b\[2J .*0 %",
+        r"\[red\]file\[/nothing\]\\u001b\[2J .*0 %",
     ):
         assert re.search(words, text), (words, text)
 

@@ -17,7 +17,7 @@ def say(text: str) -> None:
 
 
 def show(text: str) -> None:
-    r"""Print a line of a result on standard output; what is not printable in it as ``\x1b``.
+    r"""Print a line of a result on standard output; what is not printable in it as ``\u001b``.
 
     Raises
     ------
