@@ -82,6 +82,12 @@ def test_demo(tmp_path: Path) -> None:
     result = json.loads(done.out)
     assert result["psnr_db"] > 18
     assert result["picture"] == str(folder / "demo.png")
+    # The command that it prints asks the same of its files; two iterations show that it runs.
+    record = folder / "reconstruction.json"
+    asked = json.loads(record.read_text())["parameters"]
+    again = run(*result["command"][1:], "--iterations", 2)
+    assert again.code == 0 and again.err == "", again.err
+    assert json.loads(record.read_text())["parameters"] == {**asked, "iterations": 2}
     names = ["demo.png", "measurement.dng", "psf.dng", "reconstruction.json", "reconstruction.png"]
     assert sorted(listing(folder)) == names
     assert read_frame(folder / "demo.png").counts.shape[0] == 3

@@ -128,6 +128,17 @@ def test_a_folder_knows_its_cells_and_its_camera(tmp_path: Path) -> None:
     check_refused(run("measure", "psf", folder), "is a folder", "psf-300mm.tif")
 
 
+def test_a_black_level_that_is_not_stated(tmp_path: Path) -> None:
+    light = torch.nn.functional.pad(spots(), (20,) * 4)
+    lifted = save(tmp_path / "psf.npy", light + 0.1)
+    (warning,) = measured(lifted, "--pixel", "1um")["warnings"]
+    assert "--black auto" in warning
+    bare = measured(save(tmp_path / "bare.npy", light), "--pixel", "1um")
+    told = measured(lifted, "--pixel", "1um", "--black", "auto")
+    assert told["warnings"] == bare["warnings"]
+    assert told["contrast"] == pytest.approx(bare["contrast"], rel=0.02)
+
+
 def test_clipped_is_a_warning(tmp_path: Path) -> None:
     clipped = (5000 * spots() / 0.7).clamp(max=4095)
     told = measured(save(tmp_path / "float.npy", clipped), "--pixel", "1um")

@@ -21,7 +21,7 @@ from nolens.camera.description import (
 from nolens.camera.explain import camera_from_mapping, material_from_mapping
 from nolens.camera.frame import MOSAICS, Frame
 from nolens.camera.materials import LINES_NM, MATERIALS, Material, material
-from nolens.camera.measurement import Measurement, dark_corner, develop
+from nolens.camera.measurement import BlackLevel, Measurement, black_level, dark_corner, develop
 from nolens.camera.opened import OpenCamera, opened
 from nolens.camera.picture import (
     arrange_rgb,
@@ -49,6 +49,7 @@ __all__ = [
     "PRESETS",
     "AngularCurve",
     "Aperture",
+    "BlackLevel",
     "Camera",
     "CurveFile",
     "Flat",
@@ -68,6 +69,7 @@ __all__ = [
     "Sensor",
     "SpectralCurve",
     "arrange_rgb",
+    "black_level",
     "camera_from_mapping",
     "camera_from_toml",
     "camera_to_toml",

@@ -3,6 +3,7 @@
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Literal
 
 import torch
 import torch.nn.functional as nnf
@@ -11,6 +12,9 @@ from torch import Tensor
 from nolens.camera.finite import all_finite
 from nolens.camera.frame import Frame, size_text
 from nolens.errors import DataError, OptionError
+
+BlackLevel = float | Literal["auto"] | None
+"""In counts; "auto" where a PSF's darkest corner says it, None where the files do."""
 
 _CORNER_START, _CORNER_SIZE = 5, 10
 
@@ -162,6 +166,17 @@ def dark_corner(frame: Frame) -> float:
             f"corners ({need}×{need} at least): give the black level as a number"
         )
     return darkest_corner(frame.counts)
+
+
+def black_level(black: BlackLevel, psf: Frame) -> float | None:
+    """Black level in counts as `develop` takes it; "auto" is read off the PSF's darkest corner.
+
+    Raises
+    ------
+    DataError
+        If the PSF is too small for that.
+    """
+    return dark_corner(psf) if black == "auto" else black
 
 
 def darkest_corner(values: Tensor) -> float:

@@ -1,6 +1,7 @@
 """`nolens demo`."""
 
 import json
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -35,6 +36,7 @@ def demo(
                     **result.outcome.summary,
                     "psnr_db": result.psnr_db,
                     "picture": readable(result.picture),
+                    "command": ["nolens", *result.command],
                 }
             )
         )
@@ -44,5 +46,6 @@ def demo(
             f"PSNR {result.psnr_db:.1f} dB after {summary['iterations']} iterations "
             f"({summary['seconds']:.1f} s on {summary['device']})"
         )
+        show(f"again: {shlex.join(('nolens', *result.command))}")
         show(f"measurement | reconstruction | truth: {readable(result.picture)}")
     return 130 if reporter.interrupted else 0

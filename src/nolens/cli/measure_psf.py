@@ -23,7 +23,7 @@ def psf(
     pixel: Annotated[str | None, Quantity, Source] = None,
     camera: Annotated[str | None, Source] = None,
     channels: Annotated[str | None, Source] = None,
-    black: Annotated[float | None, Source] = None,
+    black: Annotated[str | None, Source] = None,
     noise: Annotated[float | None, Source] = None,
     plot: Annotated[Path | None, Result] = None,
     json_: Annotated[bool, Json] = False,
@@ -49,7 +49,8 @@ def psf(
     channels
         grey (mean of all), r, g or b.  [default: grey]
     black
-        Count that stands for no light.  [default: what the file says]
+        Count that stands for no light, or "auto": read off the darkest corner.
+        [default: what the file says]
     noise
         Standard deviation of the noise of a cell, in counts; 0 for a PSF without noise.
         [default: the power at the frequencies where it is least]

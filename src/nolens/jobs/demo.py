@@ -53,11 +53,14 @@ class DemoResult:
         Of the linear reconstruction, after one scale factor.
     outcome
         What `reconstruct` gave.
+    command
+        Arguments of `nolens` that reconstruct the same from the camera's files.
     """
 
     picture: Path
     psnr_db: float
     outcome: Outcome
+    command: tuple[str, ...]
 
 
 def run_demo(folder: Path, reporter: Reporter) -> DemoResult:
@@ -83,21 +86,23 @@ def run_demo(folder: Path, reporter: Reporter) -> DemoResult:
     except OSError as error:
         raise FileError(f"cannot make {folder}: {error.strerror or error}") from error
     measurement_path, psf_path, truth, region = _capture(photograph, folder, reporter)
-    outcome = reconstruct(
-        ReconstructOptions(
-            measurement=measurement_path,
-            psf=psf_path,
-            psf_wider=True,
-            region=region,
-            tau=_TAU,
-            output=(folder / "reconstruction.png",),
-        ),
-        reporter,
+    options = ReconstructOptions(
+        measurement=measurement_path,
+        psf=psf_path,
+        psf_wider=True,
+        region=region,
+        tau=_TAU,
+        output=(folder / "reconstruction.png",),
     )
+    outcome = reconstruct(options, reporter)
     fitted = scale_fit(outcome.picture, truth)
     picture = folder / "demo.png"
     write_png(picture, _side_by_side(develop(read_frame(measurement_path)).values, fitted, truth))
-    return DemoResult(picture, psnr(fitted, truth, 1.0), outcome)
+    command = (
+        "reconstruct", str(measurement_path), "--psf", str(psf_path), "--psf-wider", "--region",
+        region, "--tau", f"{_TAU:g}", "-o", str(options.output[0]),
+    )  # fmt: skip
+    return DemoResult(picture, psnr(fitted, truth, 1.0), outcome, command)
 
 
 def _capture(

@@ -8,7 +8,7 @@ from typing import Any
 
 from torch import Tensor
 
-from nolens.camera import Frame, OpenCamera, check_psf, develop
+from nolens.camera import Frame, OpenCamera, black_level, check_psf, develop
 from nolens.design.focus import depth_of_focus_um, lenslet_aperture
 from nolens.errors import OptionError
 from nolens.evaluate import PsfFigures, clipped_cells, psf_figures
@@ -93,7 +93,9 @@ def measure_psf(options: MeasurePsfOptions, reporter: Reporter) -> MeasurePsfOut
     pixel_um = _pixel_um(options, frame, opened)
     one = len(frame.channels) == 1 and frame.mosaic is None
     measured = develop(
-        frame, black=options.black, channels="all" if one else options.channels.lower()
+        frame,
+        black=black_level(options.black, frame),
+        channels="all" if one else options.channels.lower(),
     )
     warnings = check_psf(measured, measured.values)
     cell_um = pixel_um * (1 if frame.mosaic is None else 2)

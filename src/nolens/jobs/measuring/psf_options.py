@@ -5,6 +5,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, Field
 
+from nolens.camera import BlackLevel
 from nolens.camera.part import PositiveLength
 from nolens.errors import OptionError
 from nolens.jobs.given import JobOptions, Written, expand_home
@@ -24,7 +25,8 @@ class MeasurePsfOptions(JobOptions):
     channels
         ``grey`` for the mean of all, or one letter.
     black
-        Count that stands for no light, in place of the file's own.
+        Count that stands for no light, in place of the file's own; "auto" reads it off the
+        darkest corner.
     noise
         Standard deviation of the noise of a cell, in the file's counts; None has it estimated.
     plot
@@ -35,7 +37,7 @@ class MeasurePsfOptions(JobOptions):
     pixel: PositiveLength | None = None
     camera: str | None = None
     channels: str = "grey"
-    black: float | None = None
+    black: BlackLevel = None
     noise: Annotated[float, Field(ge=0)] | None = None
     plot: Annotated[Path, AfterValidator(expand_home)] | None = None
 

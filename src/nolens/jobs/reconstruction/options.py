@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, Field, ValidationError, field_validator
 
+from nolens.camera import BlackLevel
 from nolens.documents import parse_toml
 from nolens.errors import OptionError
 from nolens.files import read_text
@@ -100,7 +101,7 @@ class ReconstructOptions(JobOptions):
     tiff_bits: Literal[16, 32] = 16
     dark: Path | None = None
     flat: Path | None = None
-    black: float | Literal["auto"] | None = None
+    black: BlackLevel = None
     white: float | None = None
     mosaic: str | None = None
     bgr: bool = False

@@ -7,7 +7,7 @@ from nolens.camera import (
     Frame,
     Measurement,
     PreparedPsf,
-    dark_corner,
+    black_level,
     develop,
     prepare_psf,
 )
@@ -53,7 +53,7 @@ class Developing:
             read_frame(path, mosaic=options.mosaic, bgr=options.bgr) if path else None
             for path in (options.dark, options.flat)
         )
-        black = dark_corner(psf) if options.black == "auto" else options.black
+        black = black_level(options.black, psf)
         return cls(options, psf, dark, flat, black)
 
     def frame(self, path: Path) -> Frame:
