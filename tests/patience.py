@@ -6,7 +6,7 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-PATIENCE_S = 300.0
+PATIENCE_S = 900.0
 """Far longer than anything takes; only what has failed lasts as long."""
 
 
