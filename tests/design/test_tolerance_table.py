@@ -108,7 +108,7 @@ def test_layers_without_a_name_of_their_own() -> None:
         (RESIN + 'tolerance = "5 um"\n' + RESIN + 'tolerance = "5 um"', ("twice",)),
         (RESIN.replace("thickness", "index") + 'tolerance = "5 um"', ("no unit", "0.005")),
         (RESIN.replace("thickness", "index") + "tolerance = true", ("no unit", "0.005")),
-        (RESIN.replace("thickness", "index") + "tolerance = nan", ("no unit", "0.005")),
+        (RESIN.replace("thickness", "index") + "tolerance = nan", ("tolerance is nan", "-4 to 4")),
         ("", ("parameter", "missing")),
         ("parameter = []", ("parameter",)),
         ("x = [", ("no TOML",)),

@@ -8,15 +8,20 @@ from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from nolens.camera.part import (
+    ChannelName,
     CsvFile,
+    Number,
     Part,
-    Positive,
     Text,
     UnitInterval,
+    Wavelength,
     refusal,
 )
+from nolens.ranges import Between
 
 Array = NDArray[np.float64]
+_MOST_POINTS = 10_000
+_MOST_CHANNELS = 16
 
 
 class SpectralCurve(Part):
@@ -33,8 +38,10 @@ class SpectralCurve(Part):
     """
 
     source: Text
-    wavelength_nm: tuple[Positive, ...] = Field(min_length=2)
-    values: dict[str, tuple[UnitInterval, ...]] = Field(min_length=1)
+    wavelength_nm: tuple[Wavelength, ...] = Field(min_length=2, max_length=_MOST_POINTS)
+    values: dict[
+        ChannelName, Annotated[tuple[UnitInterval, ...], Field(max_length=_MOST_POINTS)]
+    ] = Field(min_length=1, max_length=_MOST_CHANNELS)
 
     @field_validator("wavelength_nm")
     @classmethod
@@ -76,8 +83,10 @@ class AngularCurve(Part):
     """
 
     source: Text
-    angle_deg: tuple[Annotated[float, Field(strict=True, ge=0, le=90)], ...] = Field(min_length=2)
-    response: tuple[UnitInterval, ...]
+    angle_deg: tuple[Annotated[Number, Between(0, 90)], ...] = Field(
+        min_length=2, max_length=_MOST_POINTS
+    )
+    response: tuple[UnitInterval, ...] = Field(max_length=_MOST_POINTS)
 
     @field_validator("angle_deg")
     @classmethod

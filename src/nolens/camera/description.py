@@ -1,15 +1,21 @@
 """A whole camera as one unchangeable description: sensor, layers above it, and mask."""
 
-from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
 from nolens.camera.materials import Material, check_own_name, material
-from nolens.camera.part import Part, PositiveLength, Text, TiffFile, refusal
+from nolens.camera.part import Number, Part, PositiveLength, Text, TiffFile, refusal
+from nolens.camera.psf_set import Distance
 from nolens.camera.sensor import Sensor
 from nolens.errors import OptionError
 from nolens.quantities import Length
+from nolens.ranges import Between
+
+_IMPOSSIBLE = (
+    "a layer of zero or negative thickness is impossible: leave the layer out, or give a length "
+    "such as 0.5 mm"
+)
 
 
 class Layer(Part):
@@ -28,21 +34,17 @@ class Layer(Part):
     """
 
     name: Text | None = None
-    thickness: Length
-    material: str | None = None
-    index: Annotated[float, Field(strict=True, ge=1, le=4)] | None = None
+    thickness: Annotated[Length, Between("1 nm", "10 m", _IMPOSSIBLE)]
+    material: Annotated[str, Field(max_length=1000)] | None = None
+    index: Annotated[Number, Between(1, 4)] | None = None
 
-    @field_validator("thickness", mode="wrap")
+    @field_validator("thickness", mode="before")
     @classmethod
-    def _check_thickness(cls, given: Any, read: Callable[[Any], Length]) -> Length:
+    def _check_thickness(cls, given: Any) -> Any:
         # Without a unit, 0 or -1 is impossible too, and a unit would not mend it.
-        bare = isinstance(given, int | float) and given <= 0
-        if bare or (thickness := read(given)).exact <= 0:
-            raise refusal(
-                "a layer of zero or negative thickness is impossible: leave the layer out, or give "
-                "a length such as 0.5 mm"
-            )
-        return thickness
+        if isinstance(given, int | float) and given <= 0:
+            raise refusal(_IMPOSSIBLE)
+        return given
 
     @model_validator(mode="after")
     def _check_one(self) -> "Layer":
@@ -85,7 +87,7 @@ class RandomLenslets(Part):
     radius: PositiveLength
     pitch: PositiveLength
     smoothing: PositiveLength
-    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)]
+    seed: Annotated[int, Field(strict=True), Between(0, 2**63 - 1)]
     grid: PositiveLength
     overhang: PositiveLength
 
@@ -143,7 +145,7 @@ class Mask(Part):
         Opening in front of it; None lets light through everywhere.
     """
 
-    surface: Annotated[int, Field(strict=True, ge=0)]
+    surface: Annotated[int, Field(strict=True), Between(0, 19)]
     relief: Annotated[RandomLenslets | ReliefFile | Flat, Field(discriminator="kind")]
     aperture: Aperture | None = None
 
@@ -173,11 +175,11 @@ class Camera(Part):
 
     schema_version: Literal[1]
     name: Text
-    note: str = ""
-    reference_distance: PositiveLength
+    note: Annotated[str, Field(max_length=10_000)] = ""
+    reference_distance: Distance
     sensor: Sensor
     layers: tuple[Layer, ...] = Field(min_length=1, max_length=20)
-    materials: tuple[Material, ...] = ()
+    materials: tuple[Material, ...] = Field((), max_length=100)
     mask: Mask
 
     @model_validator(mode="after")

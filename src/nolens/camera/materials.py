@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
-from nolens.camera.part import Part, Positive, Text, refusal
+from nolens.camera.part import Number, Part, Text, Wavelength, refusal
 from nolens.errors import OptionError
+from nolens.ranges import Between
 
 Array = NDArray[np.float64]
 
@@ -71,11 +72,11 @@ class Material(Part):
     name: Annotated[str, Field(max_length=40)]
     source: Text
     formula: Literal["constant", "abbe", "cauchy", "sellmeier", "power-series"]
-    coefficients: tuple[Annotated[float, Field(strict=True)], ...] = Field(max_length=20)
-    range_nm: tuple[Positive, Positive]
-    density_g_cm3: Positive | None = None
+    coefficients: tuple[Annotated[Number, Between(-1e9, 1e9)], ...] = Field(max_length=20)
+    range_nm: tuple[Wavelength, Wavelength]
+    density_g_cm3: Annotated[Number, Between(1e-4, 30)] | None = None
     density_source: Text | None = None
-    cure_shrinkage_percent: Annotated[float, Field(strict=True, ge=0, lt=100)] | None = None
+    cure_shrinkage_percent: Annotated[Number, Between(0, 90)] | None = None
     cure_shrinkage_source: Text | None = None
 
     @field_validator("name")

@@ -11,9 +11,10 @@ from torch import Tensor
 
 from nolens.camera.finite import all_finite
 from nolens.camera.frame import Frame, size_text
+from nolens.camera.part import Counts
 from nolens.errors import DataError, OptionError
 
-BlackLevel = float | Literal["auto"] | None
+BlackLevel = Counts | Literal["auto"] | None
 """In counts; "auto" where a PSF's darkest corner says it, None where the files do."""
 
 _CORNER_START, _CORNER_SIZE = 5, 10

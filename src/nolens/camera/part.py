@@ -9,6 +9,7 @@ from pydantic_core import PydanticCustomError
 
 from nolens.printable import printable
 from nolens.quantities import Length
+from nolens.ranges import Between
 
 
 def refusal(reason: str, **about: Any) -> PydanticCustomError:
@@ -40,12 +41,6 @@ class Part(BaseModel):
         return given
 
 
-def _positive(length: Length) -> Length:
-    if length.exact <= 0:
-        raise refusal(f"it must be more than zero: give a length such as {Length.usual}")
-    return length
-
-
 def _on_a_line(text: str) -> str:
     if printable(text) != text:
         raise refusal("it must be on one line, without control characters")
@@ -68,10 +63,17 @@ def file_in_folder(*suffixes: str) -> AfterValidator:
     return AfterValidator(check)
 
 
-Positive = Annotated[float, Field(strict=True, gt=0)]
-NotNegative = Annotated[float, Field(strict=True, ge=0)]
-UnitInterval = Annotated[float, Field(strict=True, ge=0, le=1)]
-Text = Annotated[str, Field(min_length=1), AfterValidator(_on_a_line)]
-PositiveLength = Annotated[Length, AfterValidator(_positive)]
-CsvFile = Annotated[str, file_in_folder(".csv")]
-TiffFile = Annotated[str, file_in_folder(".tif", ".tiff")]
+Number = Annotated[float, Field(strict=True)]
+Counts = Annotated[float, Between(-1e9, 1e9)]
+"""A level in the counts of a file."""
+UnitInterval = Annotated[Number, Between(0, 1)]
+Wavelength = Annotated[Number, Between(1, 1e6)]
+"""In nm: soft X-rays to the far infrared."""
+Text = Annotated[str, Field(min_length=1, max_length=1000), AfterValidator(_on_a_line)]
+ChannelName = Annotated[str, Field(min_length=1, max_length=40), AfterValidator(_on_a_line)]
+PositiveLength = Annotated[Length, Between("1 nm", "10 m")]
+"""Of what can be made or measured of a camera."""
+PixelPitch = Annotated[Length, Between("50 nm", "10 mm")]
+"""From one pixel to the next, or of pixels that are added up."""
+CsvFile = Annotated[str, Field(max_length=255), file_in_folder(".csv")]
+TiffFile = Annotated[str, Field(max_length=255), file_in_folder(".tif", ".tiff")]

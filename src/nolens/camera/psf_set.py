@@ -5,21 +5,20 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from nolens.camera.part import Part, PositiveLength, Text, TiffFile, refusal
+from nolens.camera.part import ChannelName, Part, PixelPitch, TiffFile, refusal
 from nolens.quantities import Angle, Length
+from nolens.ranges import Between
 
 PsfKind = Literal["captured", "stitched", "extended", "scaled", "solved"]
 """Captured by the sensor; stitched of several captured ones; extended beyond the sensor by ordinary
 pictures; scaled from another distance's; solved from pictures of known scenes."""
 
 
-def _in_front(given: Length | str) -> Length | str:
-    if isinstance(given, Length) and given.exact <= 0:
-        raise refusal("it must be more than zero, or infinity")
-    return given
-
-
-Depth = Annotated[Length | Literal["infinity"], AfterValidator(_in_front)]
+Distance = Annotated[Length, Between("0.1 µm", "1000000 m")]
+"""Of a scene or a point source from the camera."""
+Depth = Distance | Literal["infinity"]
+FieldAngle = Annotated[Angle, Between("-89.9 deg", "89.9 deg")]
+"""Off the camera's axis; at 90 deg no light reaches it."""
 
 
 class PsfEntry(Part):
@@ -47,13 +46,13 @@ class PsfEntry(Part):
     """
 
     file: TiffFile
-    cell: PositiveLength
-    channels: tuple[Text, ...] = Field(min_length=1)
+    cell: PixelPitch
+    channels: tuple[ChannelName, ...] = Field(min_length=1, max_length=100)
     distance: Depth
-    angle: tuple[Angle, Angle] = (Angle("0", "deg"), Angle("0", "deg"))
+    angle: tuple[FieldAngle, FieldAngle] = (Angle("0", "deg"), Angle("0", "deg"))
     kind: PsfKind = "captured"
     frame: Literal["chief-ray", "sensor"] = "chief-ray"
-    usable_per_mm: Annotated[float, Field(gt=0)] | None = None
+    usable_per_mm: Annotated[float, Between(1e-6, 1e6)] | None = None
 
     @property
     def distance_um(self) -> float:
@@ -98,7 +97,9 @@ class PsfSet(Part):
     """
 
     schema_version: Literal[1] = 1
-    psf: Annotated[tuple[PsfEntry, ...], Field(min_length=1), AfterValidator(_one_camera)]
+    psf: Annotated[
+        tuple[PsfEntry, ...], Field(min_length=1, max_length=10_000), AfterValidator(_one_camera)
+    ]
 
     def by_distance(self, kinds: tuple[PsfKind, ...]) -> tuple[PsfEntry, ...]:
         """PSFs of points straight ahead, nearest first; at each distance the first kind there is.

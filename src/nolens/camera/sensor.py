@@ -5,9 +5,10 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from nolens.camera.curves import Acceptance, QuantumEfficiency, SpectralCurve
-from nolens.camera.part import NotNegative, Part, Positive, PositiveLength, Text, refusal
+from nolens.camera.part import Number, Part, PixelPitch, PositiveLength, Text, refusal
+from nolens.ranges import Between
 
-Pixels = Annotated[int, Field(strict=True, ge=16, le=65535)]
+Pixels = Annotated[int, Field(strict=True), Between(16, 65535)]
 
 
 class Package(Part):
@@ -65,14 +66,14 @@ class Sensor(Part):
     name: Text
     rows: Pixels
     columns: Pixels
-    pitch: PositiveLength
+    pitch: PixelPitch
     mosaic: Literal["RGGB", "BGGR", "GRBG", "GBRG", "none"]
-    bits: Annotated[int, Field(strict=True, ge=8, le=16)]
-    black_counts: NotNegative
-    full_well_electrons: Positive
-    read_noise_electrons: NotNegative
-    counts_per_electron: Positive
-    gain: Positive = 1.0
+    bits: Annotated[int, Field(strict=True), Between(8, 16)]
+    black_counts: Annotated[Number, Between(0, 65534)]
+    full_well_electrons: Annotated[Number, Between(1, 1e9)]
+    read_noise_electrons: Annotated[Number, Between(0, 1e6)]
+    counts_per_electron: Annotated[Number, Between(1e-6, 1e6)]
+    gain: Annotated[Number, Between(1e-3, 1e4)] = 1.0
     quantum_efficiency: QuantumEfficiency
     acceptance: Acceptance
     package: Package | None = None

@@ -22,7 +22,7 @@ from .designing.tolerance import ToleranceOutcome, study_tolerances, tolerances_
 from .designing.tolerance_options import ToleranceOptions
 from .fabrication.fabricate import fabricate
 from .fabrication.options import FabricateOptions
-from .given import expand_home
+from .fields import expand_home
 from .material_facts import material_facts
 from .measuring.field import MeasureFieldOutcome, measure_field
 from .measuring.field_options import MeasureFieldOptions

@@ -1,6 +1,5 @@
 """What the options of all jobs have in common: their checks, and the files they name."""
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, Self, get_args, get_origin
@@ -13,13 +12,10 @@ from pydantic import (
     ValidationInfo,
     field_validator,
 )
-from pydantic_core import PydanticCustomError
 
 from nolens.errors import OptionError
 from nolens.printable import quoted
-from nolens.quantities import Duration, Quantity
-
-_CONTROL = re.compile("[\x00-\x1f\x7f]")
+from nolens.quantities import Quantity
 
 
 class Written(NamedTuple):
@@ -86,24 +82,6 @@ def _takes_several(annotation: Any) -> bool:
     return any(_takes_several(each) for each in get_args(annotation))
 
 
-def expand_home(path: Path) -> Path:
-    """Take ~ for the home folder, where the shell has not done so (--psf=~/psf.dng).
-
-    Raises
-    ------
-    OptionError
-        If the path has control characters: NUL no file can have, and the others no terminal.
-    """
-    if _CONTROL.search(str(path)):
-        raise OptionError(
-            f"{str(path)!r} is no file name: it has control characters. Give a name without them"
-        )
-    try:
-        return path.expanduser()
-    except RuntimeError:  # No such user: then it is a name like any other.
-        return path
-
-
 def check_apart(options: JobOptions, read: Mapping[str, Path]) -> None:
     """Refuse to write over a file that is read, or over another one that is written.
 
@@ -132,14 +110,6 @@ def check_apart(options: JobOptions, read: Mapping[str, Path]) -> None:
                 f"the {what} {path} is given twice: give each its own name ({option})"
             )
         before.append(path)
-
-
-def lasting(given: Duration) -> Duration:
-    """Refuse a duration that is zero, below it, or beyond 1e6 s: a validator of options."""
-    if not 0 < given.s <= 1e6:
-        reason = f"it must be more than zero and at most 1e6 s, such as {given.usual}"
-        raise PydanticCustomError("refused", "{reason}", {"reason": reason})
-    return given
 
 
 def explain(error: ValidationError, sources: Mapping[str, Path | None] | None = None) -> str:

@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Any, Self
 
 import torch
 import torch.nn.functional as nnf
-from pydantic import AfterValidator
 from torch import Tensor
 
 from nolens.camera import Frame, arrange_rgb, exposure_white
@@ -22,7 +21,8 @@ from nolens.files import (
     readable,
     write_png,
 )
-from nolens.jobs.given import JobOptions, Written, check_apart, expand_home
+from nolens.jobs.fields import FilePath
+from nolens.jobs.given import JobOptions, Written, check_apart
 from nolens.jobs.reporter import Reporter
 
 _LONG_SIDE = 1200
@@ -40,8 +40,8 @@ class PreviewOptions(JobOptions):
         PNG to write.
     """
 
-    path: Annotated[Path, AfterValidator(expand_home)]
-    output: Annotated[Path, AfterValidator(expand_home)]
+    path: FilePath
+    output: FilePath
 
     @classmethod
     def gather(cls, given: dict[str, Any]) -> Self:

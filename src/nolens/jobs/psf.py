@@ -156,8 +156,6 @@ def _source(options: PsfOptions, opened: OpenCamera) -> PointSource:
             f"--size {options.size} at infinity: a light there has no diameter. Leave --size out, "
             "or give a --distance"
         )
-    if size < 0:
-        raise OptionError(f"--size {options.size}: give 0um for a point, or more")
     right, up = (math.tan(angle.rad) for angle in options.angle)
     return PointSource((-up, right), depth, size)
 

@@ -10,7 +10,6 @@ from nolens.files import check_output, write_counts, write_dng
 from nolens.twin import expose
 
 _TIFF = (".tif", ".tiff")
-_MOST = 1e12
 """Of any figure of a sensor; counts are computed in float32."""
 
 
@@ -29,16 +28,9 @@ def check_raw(path: Path, sensor: Sensor, more: tuple[str, ...] = ()) -> None:
     FileError
         If its suffix is none of these, or it cannot be written.
     OptionError
-        If it is a DNG, and the sensor has no colour mosaic or no whole black level; or if one of
-        the sensor's figures is beyond any sensor's.
+        If it is a DNG, and the sensor has no colour mosaic or no whole black level.
     """
     check_output(path, (".dng", *_TIFF, *more))
-    for name in ("full_well_electrons", "read_noise_electrons", "counts_per_electron", "gain"):
-        if getattr(sensor, name) > _MOST:
-            raise OptionError(
-                f"the sensor {sensor.name!r} has {name} = {getattr(sensor, name):g}: give at most "
-                f"{_MOST:g}"
-            )
     if path.suffix.lower() != ".dng":
         return
     if sensor.mosaic == "none":

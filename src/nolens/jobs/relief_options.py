@@ -1,30 +1,18 @@
 """What `nolens camera relief` can be told, as a frozen model."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Literal, Self
 
-from pydantic import AfterValidator
-from pydantic_core import PydanticCustomError
-
+from nolens.camera.part import PositiveLength
 from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE
-from nolens.jobs.given import JobOptions, Written, expand_home
-from nolens.quantities import Length
+from nolens.jobs.fields import FilePath, Name
+from nolens.jobs.given import JobOptions, Written
 
 RELIEF_FILE = "relief.tif"
 """Name of the heights in the folder of the camera."""
 RECORD_FILE = "relief.json"
 """Name of the record of where they come from."""
-
-
-def _positive(length: Length) -> Length:
-    if length.exact <= 0:
-        reason = f"it must be more than zero, such as {Length.usual}"
-        raise PydanticCustomError("refused", "{reason}", {"reason": reason})
-    return length
-
-
-PositiveLength = Annotated[Length, AfterValidator(_positive)]
 
 
 class ReliefOptions(JobOptions):
@@ -59,9 +47,9 @@ class ReliefOptions(JobOptions):
         A map that is too small is continued by reflection.
     """
 
-    camera: str
-    map: Annotated[Path, AfterValidator(expand_home)]
-    output: Annotated[Path, AfterValidator(expand_home)]
+    camera: Name
+    map: FilePath
+    output: FilePath
     pitch: PositiveLength | None = None
     unit: Literal["nm", "um", "mm", "m"] | None = None
     full_scale: PositiveLength | None = None

@@ -4,50 +4,31 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import AfterValidator, AliasChoices, BeforeValidator, Field
-from pydantic_core import PydanticCustomError
+from pydantic import AliasChoices, BeforeValidator, Field
 
+from nolens.camera.part import refusal
+from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
 from nolens.jobs.device import DeviceName
-from nolens.jobs.given import JobOptions, Written, expand_home
-from nolens.quantities import Angle, Duration, Length, Luminance, Quantity, Share
+from nolens.jobs.fields import (
+    Bin,
+    Distances,
+    Exposure,
+    FieldAngles,
+    FilePath,
+    Files,
+    FullAngle,
+    Name,
+    Seed,
+    Word,
+)
+from nolens.jobs.given import JobOptions, Written
+from nolens.quantities import Angle, Length, Luminance, Share
+from nolens.ranges import Between
 
-_CELLS = re.compile(r"(\d+)x(\d+)")
-
-
-def _at_most(text: str) -> AfterValidator:
-    """Check a quantity: more than zero, and at most what the text says."""
-
-    def check(given: Quantity) -> Quantity:
-        if not 0 < given.exact <= type(given).parse(text).exact:
-            raise _refusal(f"it must be more than zero and at most {text}, such as {given.usual}")
-        return given
-
-    return AfterValidator(check)
-
-
-def _at_least(least: int) -> AfterValidator:
-    """Check a whole number."""
-
-    def check(given: int) -> int:
-        if given < least:
-            raise _refusal(f"it must be {least} or more")
-        return given
-
-    return AfterValidator(check)
-
-
-def _refusal(reason: str) -> PydanticCustomError:
-    return PydanticCustomError("refused", "{reason}", {"reason": reason})
-
-
-def _two_angles(given: Any) -> Any:
-    if not isinstance(given, str):
-        return given
-    parts = given.split(",")
-    if len(parts) != 2:
-        raise _refusal("give two angles, to the right and up, such as 20deg,0deg")
-    return tuple(parts)
+_CELLS = re.compile(r"([0-9]{1,6})x([0-9]{1,6})")
+_Luminance = Annotated[Luminance, Between("0.000001 cd/m2", "1000000000000 cd/m2")]
+_Side = Annotated[int, Between(1, 65535)]
 
 
 def _two_sizes(given: Any) -> Any:
@@ -55,23 +36,8 @@ def _two_sizes(given: Any) -> Any:
         return given
     match = _CELLS.fullmatch(given.strip())
     if match is None or 0 in (int(match[1]), int(match[2])):
-        raise _refusal("give HEIGHTxWIDTH in cells, such as 400x600")
+        raise refusal("give HEIGHTxWIDTH in cells, such as 400x600")
     return int(match[1]), int(match[2])
-
-
-def _less_than_right(angles: tuple[Angle, Angle]) -> tuple[Angle, Angle]:
-    if any(abs(angle.deg) >= 90 for angle in angles):
-        raise _refusal("light comes from less than 90 deg off the axis")
-    return angles
-
-
-FieldAngles = Annotated[
-    tuple[Angle, Angle], BeforeValidator(_two_angles), AfterValidator(_less_than_right)
-]
-"""Of a point of light, to the right and up as the photographer sees it."""
-Distance = Length | Literal["infinity"]
-"""Of a scene or a point of light from the camera."""
-Seed = Annotated[int, _at_least(0), Field(lt=2**63)]
 
 
 class CameraOptions(JobOptions):
@@ -100,12 +66,12 @@ class CameraOptions(JobOptions):
     pictures: ClassVar[tuple[str, ...]] = ()
     """Suffixes of pictures for looking at that may be written in place of counts."""
 
-    output: Annotated[Path, AfterValidator(expand_home)]
-    camera: str = "paper"
-    light: str = "white-led"
-    wavelengths: Annotated[int, _at_least(1)] = 3
+    output: FilePath
+    camera: Name = "paper"
+    light: Word = "white-led"
+    wavelengths: Annotated[int, Between(1, 100)] = 3
     fresnel: bool = True
-    fill: Annotated[Share, _at_most("10000 %")] | None = None
+    fill: Annotated[Share, Between("0.001 %", "10000 %")] | None = None
     seed: Seed = 0
     device: DeviceName = "auto"
 
@@ -155,14 +121,14 @@ class SimulateOptions(CameraOptions):
         Of the scene's white.
     """
 
-    scenes: tuple[Annotated[Path, AfterValidator(expand_home)], ...] = Field(min_length=1)
-    truth: Annotated[Path, AfterValidator(expand_home)] | None = None
-    response: Annotated[Path, AfterValidator(expand_home)] | None = None
-    distance: tuple[Distance, ...] = ()
-    angle: tuple[Angle, ...] = (Angle("60", "deg"),)
-    field_points: int = 5
-    exposure: Annotated[Duration, _at_most("1e9 s")] | None = None
-    luminance: Annotated[Luminance, _at_most("1e12 cd/m2")] = Luminance("200", "cd/m2")
+    scenes: Files = Field(min_length=1)
+    truth: FilePath | None = None
+    response: FilePath | None = None
+    distance: Distances = ()
+    angle: Annotated[tuple[FullAngle, ...], Field(max_length=1000)] = (Angle("60", "deg"),)
+    field_points: Annotated[int, Between(1, 101)] = 5
+    exposure: Exposure | None = None
+    luminance: _Luminance = Luminance("200", "cd/m2")
 
     @classmethod
     def gather(cls, given: dict[str, Any]) -> Self:
@@ -236,12 +202,12 @@ class PsfOptions(CameraOptions):
         Angle("0", "deg"),
         Angle("0", "deg"),
     )
-    distance: Annotated[
-        Distance | None, Field(validation_alias=AliasChoices("distance", "depth"))
-    ] = None
-    size: Length | None = None
-    bin: Annotated[int, _at_least(1)] | None = None
-    cells: Annotated[tuple[int, int], BeforeValidator(_two_sizes)] | None = None
+    distance: Annotated[Depth | None, Field(validation_alias=AliasChoices("distance", "depth"))] = (
+        None
+    )
+    size: Annotated[Length, Between("0 µm", "10 m")] | None = None
+    bin: Bin | None = None
+    cells: Annotated[tuple[_Side, _Side], BeforeValidator(_two_sizes)] | None = None
     frame: Literal["chief-ray", "sensor"] | None = None
 
     @property

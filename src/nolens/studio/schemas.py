@@ -182,7 +182,9 @@ class SaveRequest(_Given):
     folder: Literal["shots", "calibration"] = "shots"
     model_config = ConfigDict(extra="forbid", populate_by_name=True)
 
-    formats: Annotated[list[Literal["png", "tiff", "raw"]], Field(alias="as", min_length=1)] = [
+    formats: Annotated[
+        list[Literal["png", "tiff", "raw"]], Field(alias="as", min_length=1, max_length=3)
+    ] = [
         "png",
         "tiff",
         "raw",

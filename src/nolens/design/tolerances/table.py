@@ -1,22 +1,30 @@
 """Tolerances as TOML text."""
 
 import difflib
-from typing import Any
+from typing import Annotated, Any
 
 import tomli_w
 from pydantic import Field, ValidationError
+from pydantic_core import PydanticCustomError
 
 from nolens.camera import Camera
 from nolens.camera.explain import explain
-from nolens.camera.part import Part
+from nolens.camera.part import Part, Text
 from nolens.design.tolerances.distributions import DISTRIBUTIONS, Parameter
 from nolens.design.tolerances.variables import Variable, find, variables
 from nolens.documents import parse_toml
 from nolens.errors import DataError, OptionError
-from nolens.printable import printable
+from nolens.printable import printable, quoted
 from nolens.quantities import Angle, Length, Quantity, Share
+from nolens.ranges import Between
 
 _KINDS: dict[str, type[Quantity]] = {"um": Length, "deg": Angle, "%": Share}
+_RANGES = {
+    "um": Between("-10 m", "10 m"),
+    "deg": Between("-89.9 deg", "89.9 deg"),
+    "%": Between("-100 %", "100 %"),
+    "": Between(-4, 4),
+}
 _HEAD = """\
 # Tolerances of the camera {name}. What is called assumed was measured by nobody: put in your own.
 # tolerance is ±: 2 sigma of a normal distribution, the farthest value of a uniform or triangular
@@ -26,16 +34,16 @@ _HEAD = """\
 
 
 class _Row(Part):
-    name: str
-    distribution: str
+    name: Text
+    distribution: Text
     tolerance: Any
     mean: Any = None
     at_most: Any = None
-    note: str = ""
+    note: Annotated[str, Field(max_length=10_000)] = ""
 
 
 class _Table(Part):
-    parameter: tuple[_Row, ...] = Field(min_length=1)
+    parameter: tuple[_Row, ...] = Field(min_length=1, max_length=100)
 
 
 def parameters_from_toml(text: str, source: str, camera: Camera) -> tuple[Parameter, ...]:
@@ -125,16 +133,14 @@ def _parameter(row: _Row, known: dict[str, Variable], camera: Camera) -> Paramet
 
 
 def _value(given: Any, where: str, unit: str) -> float:
-    if unit:
-        try:
-            return _KINDS[unit].parse(given).to(unit)
-        except OptionError as error:
-            raise OptionError(f"{where}: {error}") from None
-    if isinstance(given, bool) or not isinstance(given, int | float) or not abs(given) < 1e6:
-        raise OptionError(
-            f"{where} is {given!r}: an index has no unit, give a number such as 0.005"
-        )
-    return float(given)
+    try:
+        if unit:
+            return float(_RANGES[unit].check(_KINDS[unit].parse(given)).to(unit))
+        if isinstance(given, bool) or not isinstance(given, int | float):
+            raise OptionError("an index has no unit, give a number such as 0.005")
+        return float(_RANGES[unit].check(given))
+    except (OptionError, PydanticCustomError) as error:
+        raise OptionError(f"{where} is {quoted(given)}: {error}") from None
 
 
 def _text(value: float, unit: str) -> str | float:

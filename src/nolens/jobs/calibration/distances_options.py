@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
 from nolens.camera.part import PositiveLength
@@ -11,8 +11,10 @@ from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
 from nolens.files import PSFS_FILE
 from nolens.jobs.calibration.point_options import distance_name
-from nolens.jobs.given import JobOptions, Written, expand_home
+from nolens.jobs.fields import Distances, FilePath
+from nolens.jobs.given import JobOptions, Written
 from nolens.quantities import Length
+from nolens.ranges import Between
 
 _DIGITS = 5
 RECORD_FILE = "distances.json"
@@ -46,10 +48,10 @@ class CalibrateDistancesOptions(JobOptions):
         Reduced thickness between mask and sensor, where the folder has no camera.toml.
     """
 
-    folder: Annotated[Path, AfterValidator(expand_home)]
-    at: tuple[Depth, ...] = ()
+    folder: FilePath
+    at: Distances = ()
     between: Annotated[tuple[Depth, Depth], BeforeValidator(_two)] | None = None
-    count: Annotated[int, Field(ge=2, le=1000)] | None = None
+    count: Annotated[int, Between(2, 1000)] | None = None
     source: Depth | None = Field(default=None, alias="from")
     reduced: PositiveLength | None = None
 

@@ -1,16 +1,15 @@
 """What `nolens calibrate pairs` can be told, as a frozen model."""
 
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Any, Self
 
-from pydantic import AfterValidator
-
-from nolens.camera.part import PositiveLength
+from nolens.camera.part import PixelPitch
 from nolens.camera.psf_set import Depth
 from nolens.errors import FileError, OptionError
 from nolens.files import PSFS_FILE
 from nolens.jobs.calibration.point_options import distance_name
-from nolens.jobs.given import JobOptions, Written, expand_home
+from nolens.jobs.fields import Counts, FilePath, Window, Word
+from nolens.jobs.given import JobOptions, Written
 
 _COMMAND = "nolens calibrate pairs MEASURED PICTURES --distance 300mm -o FOLDER"
 
@@ -44,17 +43,17 @@ class CalibratePairsOptions(JobOptions):
         Whether to solve without each of the pairs in turn, and to reconstruct it.
     """
 
-    measured: Annotated[Path, AfterValidator(expand_home)]
-    pictures: Annotated[Path, AfterValidator(expand_home)]
-    output: Annotated[Path, AfterValidator(expand_home)]
+    measured: FilePath
+    pictures: FilePath
+    output: FilePath
     distance: Depth
-    pixel: PositiveLength | None = None
-    dark: Annotated[Path, AfterValidator(expand_home)] | None = None
-    black: float | None = None
-    white: float | None = None
-    mosaic: str | None = None
+    pixel: PixelPitch | None = None
+    dark: FilePath | None = None
+    black: Counts | None = None
+    white: Counts | None = None
+    mosaic: Word | None = None
     bgr: bool = False
-    region: str | None = None
+    region: Window | None = None
     each_channel: bool = False
     check: bool = False
 

@@ -3,18 +3,16 @@
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from nolens.calibrate.point import StrayLight
-from nolens.camera.part import PositiveLength
+from nolens.camera.part import PixelPitch
 from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
 from nolens.files import PSFS_FILE
-from nolens.jobs.given import JobOptions, Written, expand_home, lasting
-from nolens.jobs.scene_options import FieldAngles
-from nolens.quantities import Angle, Duration, Length
-
-_MOSAIC = Literal["RGGB", "BGGR", "GRBG", "GBRG"]
+from nolens.jobs.fields import Exposure, FieldAngles, FilePath, Files, Mosaic, Name
+from nolens.jobs.given import JobOptions, Written
+from nolens.quantities import Angle, Length
 
 
 class CalibratePointOptions(JobOptions):
@@ -44,15 +42,15 @@ class CalibratePointOptions(JobOptions):
         Whether the frames are a finished PSF, of which only the black level is subtracted.
     """
 
-    frames: tuple[Annotated[Path, AfterValidator(expand_home)], ...] = Field(min_length=1)
-    output: Annotated[Path, AfterValidator(expand_home)]
+    frames: Files = Field(min_length=1)
+    output: FilePath
     distance: Depth
     angle: FieldAngles = (Angle("0", "deg"), Angle("0", "deg"))
-    dark: tuple[Annotated[Path, AfterValidator(expand_home)], ...] = ()
-    camera: str | None = None
-    pixel: PositiveLength | None = None
-    exposure: tuple[Annotated[Duration, AfterValidator(lasting)], ...] = ()
-    mosaic: _MOSAIC | None = None
+    dark: Files = ()
+    camera: Name | None = None
+    pixel: PixelPitch | None = None
+    exposure: Annotated[tuple[Exposure, ...], Field(max_length=100_000)] = ()
+    mosaic: Mosaic | None = None
     stray_light: StrayLight = "auto"
     as_is: bool = False
 

@@ -3,14 +3,14 @@
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, BeforeValidator
+from pydantic import BeforeValidator
 from pydantic_core import PydanticCustomError
 
 from nolens.camera.part import PositiveLength
 from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
-from nolens.jobs.given import JobOptions, Written, expand_home
-from nolens.quantities import Angle
+from nolens.jobs.fields import FilePath, FullAngle, Name
+from nolens.jobs.given import JobOptions, Written
 
 
 class CalibrateStitchOptions(JobOptions):
@@ -26,7 +26,7 @@ class CalibrateStitchOptions(JobOptions):
         Reduced thickness between mask and sensor, where the folder has no camera.toml.
     """
 
-    folder: Annotated[Path, AfterValidator(expand_home)]
+    folder: FilePath
     distance: Depth | None = None
     reduced: PositiveLength | None = None
 
@@ -64,13 +64,6 @@ def _one_or_two(given: Any) -> Any:
     return parts[0], parts[-1]
 
 
-def _fills(given: tuple[Angle, Angle]) -> tuple[Angle, Angle]:
-    if any(not 0 < each.deg < 180 for each in given):
-        reason = "it must be more than zero and less than 180 deg, such as 56deg"
-        raise PydanticCustomError("refused", "{reason}", {"reason": reason})
-    return given
-
-
 class CalibratePlanOptions(JobOptions):
     """What `nolens calibrate plan` can be told.
 
@@ -82,8 +75,8 @@ class CalibratePlanOptions(JobOptions):
         Field angles that the scene's width and height fill.
     """
 
-    camera: str = "paper"
-    angle: Annotated[tuple[Angle, Angle], BeforeValidator(_one_or_two), AfterValidator(_fills)]
+    camera: Name = "paper"
+    angle: Annotated[tuple[FullAngle, FullAngle], BeforeValidator(_one_or_two)]
 
     @classmethod
     def gather(cls, given: dict[str, Any]) -> Self:

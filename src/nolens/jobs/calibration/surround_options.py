@@ -3,11 +3,11 @@
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, Field
-
 from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
-from nolens.jobs.given import JobOptions, Written, expand_home
+from nolens.jobs.fields import FilePath, Files, Window
+from nolens.jobs.given import JobOptions, Written
+from nolens.ranges import Between
 
 
 class CalibrateSurroundOptions(JobOptions):
@@ -27,11 +27,11 @@ class CalibrateSurroundOptions(JobOptions):
         Turns of scenes and PSF.
     """
 
-    folder: Annotated[Path, AfterValidator(expand_home)]
-    pictures: tuple[Annotated[Path, AfterValidator(expand_home)], ...] = ()
-    region: str
+    folder: FilePath
+    pictures: Files = ()
+    region: Window
     distance: Depth | None = None
-    rounds: Annotated[int, Field(ge=1, le=100)] = 4
+    rounds: Annotated[int, Between(1, 100)] = 4
 
     @classmethod
     def gather(cls, given: dict[str, Any]) -> Self:

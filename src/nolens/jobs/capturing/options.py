@@ -3,14 +3,12 @@
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field
-
 from nolens.errors import OptionError
-from nolens.jobs.given import JobOptions, Written, expand_home, lasting
-from nolens.quantities import Duration
+from nolens.jobs.fields import Exposure, FilePath, Interval, Mosaic, Name
+from nolens.jobs.given import JobOptions, Written
+from nolens.ranges import Between
 
 Kind = Literal["frame", "dark", "psf"]
-_MOST_S = 1e6
 
 
 class CaptureOptions(JobOptions):
@@ -48,20 +46,20 @@ class CaptureOptions(JobOptions):
         Of the files of a watched folder that do not say it.
     """
 
-    output: Annotated[Path, AfterValidator(expand_home)]
+    output: FilePath
     kind: Kind = "frame"
-    source: str = "auto"
-    scene: Annotated[Path, AfterValidator(expand_home)] | None = None
-    exposure: Annotated[Duration, AfterValidator(lasting)] | None = None
-    gain: Annotated[float, Field(gt=0)] = 1.0
-    frames: Annotated[int, Field(ge=1, le=100_000)] = 1
+    source: Name = "auto"
+    scene: FilePath | None = None
+    exposure: Exposure | None = None
+    gain: Annotated[float, Between(1e-3, 1e4)] = 1.0
+    frames: Annotated[int, Between(1, 100_000)] = 1
     average: bool = False
-    bracket: Annotated[int, Field(ge=1, le=20)] = 1
-    factor: Annotated[float, Field(gt=1, le=1000)] = 4.0
-    every: Annotated[Duration, AfterValidator(lasting)] | None = None
-    count: Annotated[int, Field(ge=1)] | None = None
+    bracket: Annotated[int, Between(1, 20)] = 1
+    factor: Annotated[float, Between(1.01, 1000)] = 4.0
+    every: Interval | None = None
+    count: Annotated[int, Between(1, 10_000_000)] | None = None
     existing: bool = False
-    mosaic: Literal["RGGB", "BGGR", "GRBG", "GBRG"] | None = None
+    mosaic: Mosaic | None = None
 
     @classmethod
     def gather(cls, given: dict[str, Any]) -> Self:

@@ -1,20 +1,21 @@
 """What a quick look at a design can be told."""
 
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Any, Self
 
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from nolens.camera.part import PositiveLength
+from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
-from nolens.jobs.given import JobOptions, Written, expand_home
-from nolens.jobs.scene_options import Distance
+from nolens.jobs.fields import FilePath, Name, Word
+from nolens.jobs.given import JobOptions, Written
 
 
 class Thicknesses(JobOptions):
     """Thickness of some layers of a camera, by name or, of one without a name, by its number."""
 
-    thickness: dict[str, PositiveLength] = Field(default_factory=dict)
+    thickness: dict[Word, PositiveLength] = Field(default_factory=dict, max_length=20)
 
 
 class LookOptions(Thicknesses):
@@ -32,9 +33,9 @@ class LookOptions(Thicknesses):
         Picture of the PSF to write (.png).
     """
 
-    camera: str = "paper"
-    distance: Distance | None = None
-    output: Annotated[Path, AfterValidator(expand_home)]
+    camera: Name = "paper"
+    distance: Depth | None = None
+    output: FilePath
 
     @classmethod
     def gather(cls, given: dict[str, Any]) -> Self:

@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import BeforeValidator
 from pydantic_core import PydanticCustomError
 
 from nolens.camera.part import PositiveLength
@@ -13,9 +13,10 @@ from nolens.design.masks import Arrangement, Limits, PsfGoals
 from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE
 from nolens.jobs.device import DeviceName
-from nolens.jobs.given import JobOptions, Written, expand_home
-from nolens.jobs.scene_options import Seed
+from nolens.jobs.fields import FilePath, Iterations, Name, Seed, Word
+from nolens.jobs.given import JobOptions, Written
 from nolens.quantities import Angle, Length, Share
+from nolens.ranges import Between
 
 RELIEF_FILE, PICTURE_FILE, RECORD_FILE = "relief.tif", "mask.png", "mask.json"
 """What is written into the camera's folder beside its description."""
@@ -37,13 +38,9 @@ def _share_and_frequency(given: Any) -> Any:
     return match[1], float(match[2])
 
 
-def _less_than_45(angle: Angle) -> Angle:
-    if not 0 < angle.deg < 45:
-        raise _refusal("it must be more than zero and less than 45 deg")
-    return angle
-
-
-SmallAngle = Annotated[Angle, AfterValidator(_less_than_45)]
+_Magnitude = Annotated[Share, Between("0.01 %", "100 %")]
+_PerMm = Annotated[float, Between(1e-3, 1e5)]
+SmallAngle = Annotated[Angle, Between("0.001 deg", "44.9 deg")]
 _LENSLETS: dict[str, Any] = {"radius": None, "pitch": Length("70", "um")}
 _DESIGNED: dict[str, Any] = {
     "radius": None,
@@ -119,9 +116,9 @@ class MaskOptions(JobOptions):
     """
 
     kind: Kind
-    camera: str = "paper"
-    output: Annotated[Path, AfterValidator(expand_home)]
-    light: str = "white-led"
+    camera: Name = "paper"
+    output: FilePath
+    light: Word = "white-led"
     seed: Seed = 0
     overhang: PositiveLength | None = None
     device: DeviceName = "auto"
@@ -133,14 +130,16 @@ class MaskOptions(JobOptions):
     feature: PositiveLength | None = None
     height: PositiveLength | None = None
     slope: SmallAngle | None = None
-    levels: Annotated[int, Field(ge=2, le=65536)] | None = None
+    levels: Annotated[int, Between(2, 65536)] | None = None
     period: PositiveLength | None = None
     line: PositiveLength | None = None
     spacing: PositiveLength | None = None
     width: PositiveLength | None = None
-    sparsity: Share | None = None
-    magnitude: Annotated[tuple[Share, float], BeforeValidator(_share_and_frequency)] | None = None
-    iterations: Annotated[int, Field(ge=1, le=100_000)] | None = None
+    sparsity: Annotated[Share, Between("0 %", "99.99 %")] | None = None
+    magnitude: (
+        Annotated[tuple[_Magnitude, _PerMm], BeforeValidator(_share_and_frequency)] | None
+    ) = None
+    iterations: Iterations | None = None
 
     @classmethod
     def gather(cls, given: dict[str, Any]) -> Self:

@@ -1,60 +1,56 @@
 """What `nolens design thickness` can be told, as a frozen model."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator
+from pydantic import BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
+from nolens.camera.psf_set import Depth
 from nolens.design.uncertain import Uncertain
 from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE
-from nolens.jobs.given import JobOptions, Written, expand_home
+from nolens.jobs.fields import FilePath, Name, expand_home
+from nolens.jobs.given import JobOptions, Written
 from nolens.quantities import Length
+from nolens.ranges import Between
 
 RECORD_FILE = "thickness.json"
-_LARGEST_INDEX = 4.0
-_FARTHEST_UM = 1e12
+_OF_AIR = "that of air is 1; give one such as 1.47"
 
 
-def _reading(read: Callable[[Any], Uncertain], check: Callable[[Uncertain], str]) -> Any:
-    """Read text of the command line, and refuse what `check` has a reason for."""
+def _reading(read: Callable[[Any], Uncertain]) -> BeforeValidator:
+    """Read text of the command line."""
 
     def convert(given: object) -> object:
         if isinstance(given, Uncertain):
             return given
         try:
-            found = read(given)
+            return read(given)
         except OptionError as error:
             raise PydanticCustomError("quantity", "{reason}", {"reason": str(error)}) from None
-        reason = check(found)
-        if reason:
-            raise PydanticCustomError("refused", "{reason}", {"reason": reason})
-        return found
 
     return BeforeValidator(convert)
 
 
-def _not_negative(found: Uncertain) -> str:
-    right = 0 <= found.value <= _FARTHEST_UM
-    return "" if right else "it must be zero or more, and at most 1e6 m"
+@dataclass(frozen=True)
+class _Around(Between):
+    """Range of a value with its ±, which is no larger than the largest value."""
+
+    def holds(self, value: Uncertain) -> bool:
+        """Whether a value lies inside."""
+        low, high = (
+            Length.parse(each).um if isinstance(each, str) else each
+            for each in (self.low, self.high)
+        )
+        return low <= value.value <= high and value.plus_minus <= high
 
 
-def _above_zero(found: Uncertain) -> str:
-    right = 0 < found.value <= _FARTHEST_UM
-    return "" if right else "it must be more than zero, and at most 1e6 m"
-
-
-def _refracting(found: Uncertain) -> str:
-    if 1 <= found.value <= _LARGEST_INDEX:
-        return ""
-    return f"a refractive index is 1 to {_LARGEST_INDEX:g}, that of air 1: give one such as 1.47"
-
-
-Thickness = Annotated[Uncertain, _reading(Uncertain.length, _not_negative)]
-Size = Annotated[Uncertain, _reading(Uncertain.length, _above_zero)]
-Index = Annotated[Uncertain, _reading(Uncertain.number, _refracting)]
+Thickness = Annotated[Uncertain, _reading(Uncertain.length), _Around("0 mm", "10 m")]
+Size = Annotated[Uncertain, _reading(Uncertain.length), _Around("1 nm", "10 m")]
+Index = Annotated[Uncertain, _reading(Uncertain.number), _Around(1.0, 4.0, _OF_AIR)]
 _FILM = ("film", "film_material", "film_index", "film_distance", "film_side")
 _GLASS = ("glass", "glass_material", "glass_index")
 _ONE_OF = (
@@ -97,25 +93,25 @@ class ThicknessOptions(JobOptions):
         Folder of the camera to write.
     """
 
-    camera: str = "paper"
+    camera: Name = "paper"
     glass: Thickness | None = None
-    glass_material: str | None = None
+    glass_material: Name | None = None
     glass_index: Index | None = None
     gap: Thickness | None = None
     no_glass: bool = False
     film: Size | None = None
-    film_material: str | None = None
+    film_material: Name | None = None
     film_index: Index | None = None
     film_distance: Thickness | None = None
     film_side: Literal["scene", "sensor"] | None = None
     radius: Size | None = None
-    material: tuple[str, ...] = ()
-    index: tuple[Index, ...] = ()
+    material: Annotated[tuple[Name, ...], Field(max_length=100)] = ()
+    index: Annotated[tuple[Index, ...], Field(max_length=100)] = ()
     pitch: Size | None = None
-    wavelength: Length = Length("587.56", "nm")
-    distance: Length | Literal["infinity"] = "infinity"
-    plot: Annotated[Path, AfterValidator(expand_home)] | None = None
-    output: Annotated[Path, AfterValidator(expand_home)] | None = None
+    wavelength: Annotated[Length, Between("1 nm", "1 mm")] = Length("587.56", "nm")
+    distance: Depth = "infinity"
+    plot: FilePath | None = None
+    output: FilePath | None = None
 
     @classmethod
     def gather(cls, given: dict[str, Any]) -> Self:
@@ -128,13 +124,6 @@ class ThicknessOptions(JobOptions):
         """
         options = cls.checked(given)
         options._check_together()
-        if options.wavelength.exact <= 0:
-            raise OptionError(f"--wavelength {options.wavelength}: give one such as 550nm")
-        if isinstance(options.distance, Length) and not 0 < options.distance.um <= _FARTHEST_UM:
-            raise OptionError(
-                f"--distance {options.distance}: give the distance of a point of light such as "
-                "300mm, or infinity"
-            )
         if options.output is not None and len(options.material) + len(options.index) != 1:
             raise OptionError(
                 "-o writes one camera, of one material: give one --material or --index"

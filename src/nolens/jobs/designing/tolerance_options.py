@@ -4,17 +4,17 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from nolens.design.tolerances import Sharpness
 from nolens.errors import OptionError
-from nolens.jobs.given import JobOptions, Written, expand_home
-from nolens.jobs.scene_options import Seed
+from nolens.jobs.fields import FilePath, Name, Seed, Word
+from nolens.jobs.given import JobOptions, Written
 from nolens.quantities import Length, Share
+from nolens.ranges import Between
 
 _TIMES = re.compile(r"\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*[x×]\s*")
-_FEWEST = 10
-_MOST = 10**6
+_ENOUGH = "1000 show a yield to within 2 or 3 %"
 
 
 class ToleranceOptions(JobOptions):
@@ -44,17 +44,17 @@ class ToleranceOptions(JobOptions):
         Parameter whose tolerance is asked for.
     """
 
-    camera: str
-    tolerances: Annotated[Path, AfterValidator(expand_home)] | None = None
-    output: Annotated[Path, AfterValidator(expand_home)]
-    criterion: str = "line-width"
+    camera: Name
+    tolerances: FilePath | None = None
+    output: FilePath
+    criterion: Word = "line-width"
     model: Literal["wave", "rays"] = "wave"
-    light: str = "550nm"
-    trials: int = 1000
+    light: Word = "550nm"
+    trials: Annotated[int, Between(10, 1_000_000, _ENOUGH)] = 1000
     seed: Seed = 0
-    limit: str | None = None
-    wanted: Share | None = Field(None, alias="yield")
-    solve: str | None = None
+    limit: Annotated[str, Field(max_length=40)] | None = None
+    wanted: Annotated[Share, Between("0.01 %", "99.99 %")] | None = Field(None, alias="yield")
+    solve: Word | None = None
 
     @classmethod
     def gather(cls, given: dict[str, Any]) -> Self:
@@ -68,11 +68,6 @@ class ToleranceOptions(JobOptions):
         if not given.get("output"):
             raise OptionError("no output is given; name a folder for the trials and plots (-o out)")
         options = cls.checked(given)
-        if not _FEWEST <= options.trials <= _MOST:
-            raise OptionError(
-                f"--trials {options.trials}: give {_FEWEST} to {_MOST}; 1000 show a yield to "
-                "within 2 or 3 %"
-            )
         options._check_asked()
         return options
 
@@ -82,8 +77,6 @@ class ToleranceOptions(JobOptions):
                 "--yield and --solve go together: the yield that is wanted, and the parameter "
                 "whose tolerance is to be found, such as --yield 90% --solve resin.thickness"
             )
-        if self.wanted is not None and not 0 < self.wanted.exact < 100:
-            raise OptionError(f"--yield {self.wanted}: give more than 0 % and less than 100 %")
         if self.solve is not None and self.limit is None:
             raise OptionError(
                 "--solve needs a limit that the cameras have to meet: give --limit, such as 1.2x"

@@ -4,15 +4,18 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator
 from pydantic_core import PydanticCustomError
 
 from nolens.camera import Camera, Package
 from nolens.camera.part import PositiveLength
 from nolens.errors import OptionError
+from nolens.fabricate.levels import MOST_LEVELS
 from nolens.fabricate.surface import SurfaceName
-from nolens.jobs.given import JobOptions, Written, expand_home
+from nolens.jobs.fields import FilePath, Name
+from nolens.jobs.given import JobOptions, Written
 from nolens.quantities import Angle, Length, Share
+from nolens.ranges import Between
 
 STUDY_FILE = "tolerance.json"
 """Name of the record that `nolens design tolerance` writes."""
@@ -34,20 +37,13 @@ def _two_lengths(given: Any) -> Any:
     return first, second
 
 
-def _not_negative(length: Length) -> Length:
-    if length.exact < 0:
-        reason = "it must be zero or more"
-        raise PydanticCustomError("refused", "{reason}", {"reason": reason})
-    return length
-
-
 def _study(path: Path) -> Path:
-    path = expand_home(path)
     return path / STUDY_FILE if path.is_dir() else path
 
 
 TwoLengths = Annotated[tuple[PositiveLength, PositiveLength], BeforeValidator(_two_lengths)]
-NotNegativeLength = Annotated[Length, AfterValidator(_not_negative)]
+NotNegativeLength = Annotated[Length, Between("0 mm", "10 m")]
+_Shrinkage = Annotated[Share, Between("0 %", "49 %")]
 
 
 class FabricateOptions(JobOptions):
@@ -93,33 +89,33 @@ class FabricateOptions(JobOptions):
         takes one from rays.
     """
 
-    camera: str
-    output: Annotated[Path, AfterValidator(expand_home)]
+    camera: Name
+    output: FilePath
     package: TwoLengths | None = None
     glass_top: PositiveLength | None = None
     wall: PositiveLength = Length("1", "mm")
     clearance: NotNegativeLength = Length("0.1", "mm")
     rim: NotNegativeLength | None = None
-    vents: Annotated[int, Field(ge=0, le=1000)] = 4
+    vents: Annotated[int, Between(0, 1000)] = 4
     vent_width: PositiveLength = Length("0.8", "mm")
     vent_depth: PositiveLength | None = None
     mark: NotNegativeLength | None = None
     smallest: PositiveLength = Length("0.4", "mm")
     bed: TwoLengths = (Length("120", "mm"), Length("68", "mm"))
-    printer_shrinkage: Share = Share("0", "%")
+    printer_shrinkage: _Shrinkage = Share("0", "%")
     step: bool = False
     crown: NotNegativeLength = Length("0.1", "mm")
-    contact_angle: Angle = Angle("30", "deg")
+    contact_angle: Annotated[Angle, Between("0.1 deg", "90 deg")] = Angle("30", "deg")
     dish: TwoLengths | None = None
     mould_thickness: PositiveLength = Length("5", "mm")
     surface: SurfaceName = "master"
-    mould_shrinkage: Share = Share("0", "%")
+    mould_shrinkage: _Shrinkage = Share("0", "%")
     crop: TwoLengths | None = None
     pitch: PositiveLength | None = None
-    levels: int = 16
-    triangles: int = 500_000
+    levels: Annotated[int, Between(2, MOST_LEVELS)] = 16
+    triangles: Annotated[int, Between(1, 100_000_000)] = 500_000
     base: PositiveLength = Length("1", "mm")
-    tolerances: Annotated[Path, AfterValidator(_study)] | None = None
+    tolerances: Annotated[FilePath, AfterValidator(_study)] | None = None
 
     @classmethod
     def gather(cls, given: dict[str, Any]) -> Self:
@@ -137,10 +133,6 @@ class FabricateOptions(JobOptions):
             raise OptionError(
                 "--package and --glass-top belong together: give both, such as --package "
                 "10.78x8.95mm --glass-top 1.94mm, or neither"
-            )
-        if not 0 < options.contact_angle.deg <= 90:
-            raise OptionError(
-                f"--contact-angle {options.contact_angle}: give more than 0 and at most 90 deg"
             )
         return options
 

@@ -3,13 +3,15 @@
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, BeforeValidator
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from nolens.camera.part import PositiveLength, refusal
+from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
-from nolens.jobs.given import JobOptions, Written, expand_home
-from nolens.jobs.scene_options import Distance, Seed
+from nolens.jobs.fields import FilePath, Name, Seed
+from nolens.jobs.given import JobOptions, Written
 from nolens.quantities import Angle, Length
+from nolens.ranges import Between
 
 _TELLS = {
     "PSFS": ("psfs", "camera", "plot"),
@@ -19,6 +21,8 @@ _TELLS = {
     ),
 }  # fmt: skip
 _OF_DOTS = ("reach", "output")
+_OffAxis = Annotated[Angle, Between("0 deg", "89.9 deg")]
+_Reach = Annotated[Angle, Between("0.1 deg", "89.9 deg")]
 
 
 def _angles(given: Any) -> Any:
@@ -27,15 +31,9 @@ def _angles(given: Any) -> Any:
 
 def _rising(angles: tuple[Angle, ...]) -> tuple[Angle, ...]:
     degrees = [angle.deg for angle in angles]
-    if degrees != sorted(set(degrees)) or not degrees or degrees[0] < 0 or degrees[-1] >= 90:
+    if degrees != sorted(set(degrees)) or not degrees:
         raise refusal("give rising angles from 0deg on, such as 0deg,10deg,20deg")
     return angles
-
-
-def _reach(angle: Angle) -> Angle:
-    if not 0 < angle.deg < 90:
-        raise refusal("it must be more than 0deg and less than 90deg, such as 50deg")
-    return angle
 
 
 class MeasureFieldOptions(JobOptions):
@@ -64,19 +62,22 @@ class MeasureFieldOptions(JobOptions):
         Plot, and the picture of the simulated grid.
     """
 
-    psfs: Annotated[Path, AfterValidator(expand_home)] | None = None
-    simulate: str | None = None
-    dots: Annotated[Path, AfterValidator(expand_home)] | None = None
-    angles: Annotated[tuple[Angle, ...], BeforeValidator(_angles), AfterValidator(_rising)] = tuple(
-        Angle(str(5 * number), "deg") for number in range(11)
-    )
+    psfs: FilePath | None = None
+    simulate: Name | None = None
+    dots: FilePath | None = None
+    angles: Annotated[
+        tuple[_OffAxis, ...],
+        BeforeValidator(_angles),
+        Field(max_length=100),
+        AfterValidator(_rising),
+    ] = tuple(Angle(str(5 * number), "deg") for number in range(11))
     dot_pitch: PositiveLength | None = None
-    distance: Distance | None = None
-    reach: Annotated[Angle, AfterValidator(_reach)] = Angle("50", "deg")
-    camera: str | None = None
+    distance: Depth | None = None
+    reach: _Reach = Angle("50", "deg")
+    camera: Name | None = None
     seed: Seed = 0
-    plot: Annotated[Path, AfterValidator(expand_home)] | None = None
-    output: Annotated[Path, AfterValidator(expand_home)] | None = None
+    plot: FilePath | None = None
+    output: FilePath | None = None
 
     @classmethod
     def gather(cls, given: dict[str, Any]) -> Self:
@@ -118,8 +119,6 @@ class MeasureFieldOptions(JobOptions):
                 )
         if grid and options.distance is not None and not isinstance(options.distance, Length):
             raise OptionError("--distance infinity: a grid of dots needs one, such as 300mm")
-        if isinstance(options.distance, Length) and options.distance.exact <= 0:
-            raise OptionError(f"--distance {options.distance}: give more than zero, such as 300mm")
         return options
 
     @property

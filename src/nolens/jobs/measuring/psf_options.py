@@ -3,12 +3,12 @@
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, Field
-
 from nolens.camera import BlackLevel
-from nolens.camera.part import PositiveLength
+from nolens.camera.part import PixelPitch
 from nolens.errors import OptionError
-from nolens.jobs.given import JobOptions, Written, expand_home
+from nolens.jobs.fields import FilePath, Name, Word
+from nolens.jobs.given import JobOptions, Written
+from nolens.ranges import Between
 
 
 class MeasurePsfOptions(JobOptions):
@@ -33,13 +33,13 @@ class MeasurePsfOptions(JobOptions):
         Picture to write.
     """
 
-    psf: Annotated[Path, AfterValidator(expand_home)]
-    pixel: PositiveLength | None = None
-    camera: str | None = None
-    channels: str = "grey"
+    psf: FilePath
+    pixel: PixelPitch | None = None
+    camera: Name | None = None
+    channels: Word = "grey"
     black: BlackLevel = None
-    noise: Annotated[float, Field(ge=0)] | None = None
-    plot: Annotated[Path, AfterValidator(expand_home)] | None = None
+    noise: Annotated[float, Between(0, 1e9)] | None = None
+    plot: FilePath | None = None
 
     @classmethod
     def gather(cls, given: dict[str, Any]) -> Self:

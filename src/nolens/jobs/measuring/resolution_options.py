@@ -3,42 +3,19 @@
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
-from nolens.camera.part import PositiveLength, refusal
+from nolens.camera.part import PositiveLength
+from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
-from nolens.jobs.given import JobOptions, Written, expand_home
-from nolens.jobs.scene_options import Distance, Seed
+from nolens.jobs.fields import FilePath, Files, Iterations, Name, Seed, Tau, Window, Word
+from nolens.jobs.given import JobOptions, Written
 from nolens.quantities import Angle, Share
+from nolens.ranges import Between
 
-
-def _share(given: Share) -> Share:
-    if not 0 < given.value < 1:
-        raise refusal("it must be more than 0 % and less than 100 %")
-    return given
-
-
-def _small(given: Angle) -> Angle:
-    if not 0 < given.deg < 10:
-        raise refusal("a cell shows more than 0 deg and less than 10 deg, such as 0.138deg")
-    return given
-
-
-def _target(given: Angle) -> Angle:
-    if not 0 < given.deg < 90:
-        raise refusal("a target fills more than 0 deg and less than 90 deg, such as 20deg")
-    return given
-
-
-def _exposed(given: Share) -> Share:
-    if not 0 < given.value <= 1:
-        raise refusal("it must be more than 0 % and at most 100 %, such as 90 %")
-    return given
-
-
-_Path = Annotated[Path, AfterValidator(expand_home)]
-_Threshold = Annotated[Share, AfterValidator(_share)]
-_TargetAngle = Annotated[Angle, AfterValidator(_target)]
+_Threshold = Annotated[Share, Between("0.01 %", "99.99 %")]
+_CellAngle = Annotated[Angle, Between("0.000001 deg", "10 deg", "such as 0.138deg")]
+_TargetAngle = Annotated[Angle, Between("0.001 deg", "89.9 deg")]
 _FRAMES_ONLY = ("psf", "psf_wider", "dark", "region", "camera", "cell_angle")
 _SIMULATED_ONLY = ("light", "wavelengths", "fill", "seed")
 _LINEAR = (".tif", ".tiff", ".npy")
@@ -75,22 +52,22 @@ class ResolutionOptions(JobOptions):
         Picture to write; the record of the run goes beside it.
     """
 
-    frames: tuple[_Path, ...] = ()
-    simulate: str | None = None
-    psf: _Path | None = None
+    frames: Files = ()
+    simulate: Name | None = None
+    psf: FilePath | None = None
     psf_wider: bool = False
-    dark: _Path | None = None
-    region: str | None = None
-    camera: str | None = None
-    cell_angle: Annotated[Angle, AfterValidator(_small)] | None = None
-    distance: Distance | None = None
-    iterations: Annotated[int, Field(ge=1, le=100_000)] | None = None
-    tau: Annotated[float, Field(gt=0)] | None = None
-    light: str = "white-led"
-    wavelengths: Annotated[int, Field(ge=1, le=64)] = 1
-    fill: Annotated[Share, AfterValidator(_exposed)] = Share("90", "%")
+    dark: FilePath | None = None
+    region: Window | None = None
+    camera: Name | None = None
+    cell_angle: _CellAngle | None = None
+    distance: Depth | None = None
+    iterations: Iterations | None = None
+    tau: Tau | None = None
+    light: Word = "white-led"
+    wavelengths: Annotated[int, Between(1, 64)] = 1
+    fill: Annotated[Share, Between("0.001 %", "100 %")] = Share("90", "%")
     seed: Seed = 0
-    plot: _Path | None = None
+    plot: FilePath | None = None
 
     @classmethod
     def gather(cls, given: dict[str, Any]) -> Self:
@@ -205,10 +182,10 @@ class TwoPointOptions(ResolutionOptions):
         Pictures of each separation.
     """
 
-    separation: tuple[PositiveLength, ...] = ()
+    separation: Annotated[tuple[PositiveLength, ...], Field(max_length=100_000)] = ()
     dip: _Threshold = Share("26.5", "%")
-    direction: Angle = Angle("0", "deg")
-    draws: Annotated[int, Field(ge=1, le=1000)] = 3
+    direction: Annotated[Angle, Between("-360 deg", "360 deg")] = Angle("0", "deg")
+    draws: Annotated[int, Between(1, 1000)] = 3
 
     @classmethod
     def only(cls, simulated: bool) -> tuple[str, ...]:
@@ -274,7 +251,7 @@ class SiemensOptions(OneFrameOptions):
         Share of the contrast of wide spokes from which on they count as resolved.
     """
 
-    spokes: Annotated[int, Field(ge=4, le=200)] | None = None
+    spokes: Annotated[int, Between(4, 200)] | None = None
     angle: _TargetAngle | None = None
     threshold: _Threshold = Share("10", "%")
 

@@ -1,24 +1,39 @@
 """Every option of a reconstruction, as one frozen model: the command line's and the TOML's."""
 
 import difflib
-import re
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, Field, ValidationError, field_validator
+from pydantic import BaseModel, Field, ValidationError
 
 from nolens.camera import BlackLevel
+from nolens.camera.part import Counts
 from nolens.documents import parse_toml
 from nolens.errors import OptionError
 from nolens.files import read_text
 from nolens.jobs.device import DeviceName
-from nolens.jobs.given import JobOptions, Written, check_apart, expand_home, explain, lasting
+from nolens.jobs.fields import (
+    Bin,
+    FilePath,
+    Files,
+    FullAngle,
+    Interval,
+    Iterations,
+    Name,
+    Tau,
+    Window,
+    Word,
+    expand_home,
+    window_numbers,
+)
+from nolens.jobs.given import JobOptions, Written, check_apart, explain
 from nolens.operators import Region
-from nolens.quantities import Angle, Duration
+from nolens.printable import quoted
+from nolens.ranges import Between
 from nolens.solvers import Prior, Quality
 
-_WINDOW = re.compile(r"(\d+)x(\d+)(?:([+-]\d+)([+-]\d+))?")
+_Penalty = Annotated[float, Between(1e-9, 1e9)]
 
 
 class Method(StrEnum):
@@ -95,36 +110,36 @@ class ReconstructOptions(JobOptions):
         auto, cpu or cuda.
     """
 
-    measurement: Path
-    psf: Path
-    output: tuple[Path, ...] = Field(min_length=1)
+    measurement: FilePath
+    psf: FilePath
+    output: Files = Field(min_length=1)
     tiff_bits: Literal[16, 32] = 16
-    dark: Path | None = None
-    flat: Path | None = None
+    dark: FilePath | None = None
+    flat: FilePath | None = None
     black: BlackLevel = None
-    white: float | None = None
-    mosaic: str | None = None
+    white: Counts | None = None
+    mosaic: Word | None = None
     bgr: bool = False
-    psf_scale: int | None = None
+    psf_scale: Bin | None = None
     psf_wider: bool = False
     quality: Quality | None = None
     method: Method = Method.ADMM
-    tau: float | None = None
+    tau: Tau | None = None
     prior: Prior = Prior.TV
-    iterations: int | None = None
-    tolerance: float | None = None
+    iterations: Iterations | None = None
+    tolerance: Annotated[float, Between(0, 1)] | None = None
     smooth_part: bool | None = None
-    resume: Path | None = None
-    latency: Annotated[Duration, AfterValidator(lasting)] | None = None
-    penalties: tuple[float, float, float] | None = None
+    resume: FilePath | None = None
+    latency: Interval | None = None
+    penalties: tuple[_Penalty, _Penalty, _Penalty] | None = None
     balance: bool = True
-    relaxation: float = 1.8
-    bin: int | None = None
-    channels: str = "all"
-    region: str | None = None
-    field: Angle | None = None
-    camera: str | None = None
-    crop: str | None = None
+    relaxation: Annotated[float, Between(0.01, 1.99)] = 1.8
+    bin: Bin | None = None
+    channels: Word = "all"
+    region: Window | None = None
+    field: FullAngle | None = None
+    camera: Name | None = None
+    crop: Window | Literal["all"] | None = None
     flip: Literal["none", "vertical", "horizontal", "both"] = "none"
     device: DeviceName = "auto"
 
@@ -170,13 +185,6 @@ class ReconstructOptions(JobOptions):
         if config:
             check_apart(options, {"configuration": config})
         return options
-
-    @field_validator("measurement", "psf", "output", "dark", "flat", "resume")
-    @classmethod
-    def _from_home(cls, value: Any) -> Any:
-        if isinstance(value, tuple):
-            return tuple(expand_home(each) for each in value)
-        return None if value is None else expand_home(value)
 
     @property
     def inputs(self) -> dict[str, Path]:
@@ -230,16 +238,13 @@ def parse_window(text: str, sensor: tuple[int, int], option: str) -> Region:
     OptionError
         If the text is neither, or a size is zero.
     """
-    match = _WINDOW.fullmatch(text.strip())
-    if match is None or 0 in (int(match[1]), int(match[2])):
-        raise OptionError(
-            f"{option} {text!r} is no part of the scene; give HEIGHTxWIDTH in cells, such as "
-            "400x400, or HEIGHTxWIDTH+TOP+LEFT, such as 270x410+0+60"
-        )
-    height, width = int(match[1]), int(match[2])
-    if match[3] is None:
+    try:
+        height, width, top, left = window_numbers(text)
+    except OptionError as error:
+        raise OptionError(f"{option} is {quoted(text)}: {error}") from None
+    if top is None or left is None:
         return Region.centred(height, width, sensor)
-    return Region(int(match[3]), int(match[4]), height, width)
+    return Region(top, left, height, width)
 
 
 def _read_config(path: Path) -> dict[str, Any]:

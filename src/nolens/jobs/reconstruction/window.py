@@ -52,10 +52,6 @@ def asked_region(
             f"the camera {options.camera} has {cells[0]}×{cells[1]} cells (height × width), and "
             f"the measurement {sensor[0]}×{sensor[1]}: give the measurement's camera, or --region"
         )
-    if not 0 < options.field.deg < 180:
-        raise OptionError(
-            f"--field is {options.field}; give the angle from side to side, such as 56deg"
-        )
     tangent = math.tan(math.radians(options.field.deg) / 2)
     whole = FieldMap.covering(camera, (tangent, tangent)).region
     by = options.bin_by

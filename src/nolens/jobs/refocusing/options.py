@@ -5,15 +5,17 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator
 
 from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE, PSFS_FILE
 from nolens.jobs.device import DeviceName
-from nolens.jobs.given import JobOptions, Written, expand_home
+from nolens.jobs.fields import Bin, Counts, FilePath, Iterations, Tau, Window, Word
+from nolens.jobs.given import JobOptions, Written
 from nolens.quantities import Length
+from nolens.ranges import Between
 from nolens.solvers import Prior
 
 RECORD_FILE = "refocus.json"
@@ -27,7 +29,7 @@ STACK_FILES = {
     "depths": "depth.tif",
 }
 """What is written into the folder."""
-_PLACE = re.compile(r"(\d+)\s*,\s*(\d+)")
+_PLACE = re.compile(r"([0-9]{1,6})\s*,\s*([0-9]{1,6})")
 _MOST_STEPS = 200
 
 
@@ -60,7 +62,7 @@ def _place(given: Any) -> Any:
     return int(match[1]), int(match[2])
 
 
-InputPath = Annotated[Path, AfterValidator(expand_home)]
+_Row = Annotated[int, Between(0, 999_999)]
 Depths = Annotated[tuple[Depth, Depth], BeforeValidator(_two_depths), AfterValidator(_near_first)]
 
 
@@ -93,26 +95,26 @@ class RefocusOptions(JobOptions):
         Turns the pictures over: vertical, horizontal or both.
     """
 
-    measurement: InputPath
-    psfs: InputPath
-    output: InputPath
+    measurement: FilePath
+    psfs: FilePath
+    output: FilePath
     depth: Depth | None = None
-    at: Annotated[tuple[int, int], BeforeValidator(_place)] | None = None
+    at: Annotated[tuple[_Row, _Row], BeforeValidator(_place)] | None = None
     search: Depths | None = None
     stack: Depths | None = None
-    steps: Annotated[int, Field(ge=2, le=_MOST_STEPS)] = 9
-    dark: InputPath | None = None
-    flat: InputPath | None = None
-    black: float | None = None
-    white: float | None = None
-    mosaic: str | None = None
+    steps: Annotated[int, Between(2, _MOST_STEPS)] = 9
+    dark: FilePath | None = None
+    flat: FilePath | None = None
+    black: Counts | None = None
+    white: Counts | None = None
+    mosaic: Word | None = None
     bgr: bool = False
-    channels: str = "all"
-    bin: int = 1
-    region: str | None = None
-    tau: Annotated[float, Field(ge=0)] = 1e-4
+    channels: Word = "all"
+    bin: Bin = 1
+    region: Window | None = None
+    tau: Tau = 1e-4
     prior: Prior = Prior.TV
-    iterations: Annotated[int, Field(ge=1)] = 100
+    iterations: Iterations = 100
     device: DeviceName = "auto"
     flip: Literal["none", "vertical", "horizontal", "both"] = "none"
 

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import AfterValidator, Field
-
-from nolens.jobs.given import JobOptions, Written, expand_home
+from nolens.jobs.fields import FilePath, Name
+from nolens.jobs.given import JobOptions, Written
+from nolens.ranges import Between
 
 REPORT_FILES = ("report.html", "report.pdf", "report.json", "reproduction.md", "timing.json")
 PICTURES, STEPS = "pictures", "steps"
@@ -26,10 +26,10 @@ class ReproduceOptions(JobOptions):
         Preset, folder or .toml file of the camera.
     """
 
-    output: Annotated[Path, AfterValidator(expand_home)]
+    output: FilePath
     quick: bool = False
-    seed: Annotated[int, Field(strict=True, ge=0, lt=2**31)] = 0
-    camera: str = "paper"
+    seed: Annotated[int, Between(0, 2**31 - 1)] = 0
+    camera: Name = "paper"
 
     @property
     def inputs(self) -> dict[str, Path]:

@@ -1,0 +1,101 @@
+"""Types of options that several jobs have, each with its range."""
+
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field
+
+from nolens.camera.part import refusal
+from nolens.camera.psf_set import Depth, FieldAngle
+from nolens.errors import OptionError
+from nolens.quantities import Angle, Duration, Share
+from nolens.ranges import Between
+
+_WINDOW = re.compile(r"([0-9]{1,6})x([0-9]{1,6})(?:([+-][0-9]{1,6})([+-][0-9]{1,6}))?")
+_LONGEST_PATH = 4096
+_CONTROL = re.compile("[\x00-\x1f\x7f]")
+
+
+def expand_home(path: Path) -> Path:
+    """Take ~ for the home folder, where the shell has not done so (--psf=~/psf.dng).
+
+    Raises
+    ------
+    OptionError
+        If the path is longer than any system takes, or has control characters: NUL no file can
+        have, and the others no terminal.
+    """
+    if _CONTROL.search(str(path)):
+        raise OptionError(
+            f"{str(path)!r} is no file name: it has control characters. Give a name without them"
+        )
+    if len(str(path)) > _LONGEST_PATH:
+        raise OptionError(
+            f"{str(path)!r} is no file name: it has more than {_LONGEST_PATH} characters. Give a "
+            "shorter one"
+        )
+    try:
+        return path.expanduser()
+    except RuntimeError:  # No such user: then it is a name like any other.
+        return path
+
+
+def window_numbers(text: str) -> tuple[int, int, int | None, int | None]:
+    """Height, width, top and left of HEIGHTxWIDTH or HEIGHTxWIDTH+TOP+LEFT.
+
+    Raises
+    ------
+    OptionError
+        If the text is neither, or a size is zero.
+    """
+    match = _WINDOW.fullmatch(text.strip())
+    if match is None or 0 in (int(match[1]), int(match[2])):
+        raise OptionError(
+            "give HEIGHTxWIDTH or HEIGHTxWIDTH+TOP+LEFT in pixels, such as 400x400 or "
+            "270x410+0+60, each below a million"
+        )
+    top, left = (None if each is None else int(each) for each in match.group(3, 4))
+    return int(match[1]), int(match[2]), top, left
+
+
+def _window(text: str) -> str:
+    try:
+        window_numbers(text)
+    except OptionError as error:
+        raise refusal(str(error)) from None
+    return text
+
+
+def _two_angles(given: Any) -> Any:
+    if not isinstance(given, str):
+        return given
+    parts = given.split(",")
+    if len(parts) != 2:
+        raise refusal("give two angles, to the right and up, such as 20deg,0deg")
+    return tuple(parts)
+
+
+FilePath = Annotated[Path, AfterValidator(expand_home)]
+"""Of a file or folder; ~ is the home folder."""
+Files = Annotated[tuple[FilePath, ...], Field(max_length=100_000)]
+Name = Annotated[str, Field(max_length=_LONGEST_PATH)]
+"""A preset or a path: of cameras and materials."""
+Word = Annotated[str, Field(max_length=200)]
+"""A choice, or a short expression that is read later."""
+Window = Annotated[str, AfterValidator(_window), Field(max_length=40)]
+"""HEIGHTxWIDTH, or HEIGHTxWIDTH+TOP+LEFT; what fits the measurement is known when it is read."""
+Seed = Annotated[int, Between(0, 2**63 - 1)]
+Iterations = Annotated[int, Between(1, 1_000_000)]
+Tau = Annotated[float, Between(0, 1e6)]
+Bin = Annotated[int, Between(1, 64)]
+"""Pixels along a superpixel; a sensor has no more detail to lose."""
+FieldAngles = Annotated[tuple[FieldAngle, FieldAngle], BeforeValidator(_two_angles)]
+"""Of a point source, to the right and up as the photographer sees it."""
+FullAngle = Annotated[Angle, Between("0.001 deg", "179.9 deg")]
+"""From side to side."""
+Exposure = Annotated[Duration, Between("0.001 µs", "1000000 s")]
+Interval = Annotated[Duration, Between("1 µs", "1000000 s")]
+Fraction = Annotated[Share, Between("0 %", "100 %")]
+Distances = Annotated[tuple[Depth, ...], Field(max_length=1000)]
+Mosaic = Literal["RGGB", "BGGR", "GRBG", "GBRG"]
