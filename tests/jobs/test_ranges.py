@@ -90,6 +90,5 @@ def test_every_field_has_a_range(model: type[BaseModel]) -> None:
         if f"{model.__name__}.{name}" not in WITHOUT:
             assert list(unbounded(hints[name], field.metadata)) == [], name
             if field.default not in (None, PydanticUndefined):
-                TypeAdapter(Annotated[field.annotation, *field.metadata]).validate_python(
-                    field.default
-                )
+                kind = Annotated[field.annotation, *field.metadata, "with its range"]
+                TypeAdapter(kind).validate_python(field.default)
