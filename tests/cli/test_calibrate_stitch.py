@@ -197,7 +197,7 @@ def test_plan() -> None:
 def test_plans_that_cannot_be() -> None:
     check_refused(run("calibrate", "plan", "paper"), "no angle is given")
     check_refused(run("calibrate", "plan", "paper", "--angle", "56"), "no unit")
-    check_refused(run("calibrate", "plan", "paper", "--angle", "0deg"), "more than zero")
+    check_refused(run("calibrate", "plan", "paper", "--angle", "0deg"), "0.001 deg to 179.9 deg")
     check_refused(run("calibrate", "plan", "paper", "--angle", "90deg"), "choose a smaller angle")
     check_refused(run("calibrate", "plan", "nocamera", "--angle", "56deg"), "nocamera")
     check_refused(

@@ -242,7 +242,7 @@ def test_text_for_people(heights: Heights, tmp_path: Path) -> None:
         (["small", "map.tif", "-o", "made"], ["give --unit um"]),
         (["small", "map.tif", "-o", "made", "--unit", "inch"], ["unit", "inch"]),
         (["small", "map.tif", "-o", "made", "--pitch", "0.5"], ["0.5 has no unit"]),
-        (["small", "map.tif", "-o", "made", "--pitch", "0um"], ["pitch", "more than zero"]),
+        (["small", "map.tif", "-o", "made", "--pitch", "0um"], ["pitch", "1 nm to 10 m"]),
         (["small", "map.tif", "-o", "made", "--unit", "um", "--turn", "45"], ["turn", "45"]),
         (
             ["small", "map.tif", "-o", "made", "--unit", "um", "--grid", "9nm"],

@@ -135,10 +135,10 @@ def test_the_table_a_person_sees(tmp_path: Path) -> None:
         (("contour", "-o", "m", "--pitch", "70um"), "does not have it; it has --radius"),
         (("diffuser", "-o", "m", "--iterations", "5"), "it has --angle, --feature"),
         (("contour", "-o", "m", "--line", "12"), "12 has no unit"),
-        (("contour", "-o", "m", "--line", "0um"), "more than zero"),
-        (("diffuser", "-o", "m", "--angle", "60deg"), "less than 45 deg"),
+        (("contour", "-o", "m", "--line", "0um"), "1 nm to 10 m"),
+        (("diffuser", "-o", "m", "--angle", "60deg"), "0.001 deg to 44.9 deg"),
         (("optimised", "-o", "m", "--magnitude", "6%"), "6%@80/mm"),
-        (("optimised", "-o", "m", "--sparsity", "100%"), "less than 100 %"),
+        (("optimised", "-o", "m", "--sparsity", "100%"), "0 % to 99.99 %"),
         (("optimised", "-o", "m", "--levels", "8"), "more --levels"),
         (("optimised", "-o", "m", "--levels", "1"), "levels"),
         (("optimised", "-o", "m", "--slope", "40deg"), "smaller --slope"),
@@ -148,6 +148,9 @@ def test_the_table_a_person_sees(tmp_path: Path) -> None:
         (("optimised", "-o", "m", "--camera", "papr"), "Did you mean the preset 'paper'"),
         (("lenslet-array", "-o", "m", "--radius", "20um"), "too coarse"),
         (("diffuser", "-o", "file.txt"), "is a file"),
+        (("lenslet-array", "-o", "m", "--smoothing", "1m"), "give less than their --pitch"),
+        (("lenslet-array", "-o", "m", "--overhang", "1m"), "smaller --smoothing or --overhang"),
+        (("random-lenslets", "-o", "m", "--overhang", "1m"), "smaller --overhang"),
     ],
 )
 def test_bad_input(arguments: tuple[str, ...], words: str, tmp_path: Path) -> None:

@@ -187,8 +187,8 @@ def refused(tmp_path: Path, *arguments: object, words: tuple[str, ...]) -> None:
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        (("--trials", 9), ("--trials 9", "10")),
-        (("--trials", 10**7), ("--trials",)),
+        (("--trials", 9), ("trials is 9", "10 to 1000000")),
+        (("--trials", 10**7), ("trials is 10000000",)),
         (("--limit", "20"), ("--limit", "no unit", "1.2x")),
         (("--limit", "20%"), ("--limit", "um", "1.2x")),
         (("--limit", "0x"), ("--limit 0x",)),
@@ -200,10 +200,13 @@ def refused(tmp_path: Path, *arguments: object, words: tuple[str, ...]) -> None:
         (("--criterion", "mtf@4/mm"), ("mtf@4/mm", "15/mm")),
         (("--light", "green"), ("'green'", "white-led")),
         (("--light", "1050nm"), ("1050nm",)),
-        (("--seed", -1), ("seed", "0 or more")),
+        (("--seed", -1), ("seed is -1", "0 to 9223372036854775807")),
         (("--solve", "resin.thickness"), ("--yield",)),
         (("--yield", "90%"), ("--solve",)),
-        (("--yield", "100%", "--solve", "gap.thickness", "--limit", "2x"), ("--yield 100 %",)),
+        (
+            ("--yield", "100%", "--solve", "gap.thickness", "--limit", "2x"),
+            ("yield is '100%'", "99.99 %"),
+        ),
         (("--yield", "90", "--solve", "gap.thickness", "--limit", "2x"), ("no unit",)),
         (("--yield", "90%", "--solve", "gap.thickness"), ("--limit",)),
         (("--yield", "90%", "--solve", "gap.thicknes", "--limit", "2x"), ("'gap.thickness'",)),

@@ -234,7 +234,7 @@ def test_simulated_dots_are_found_again_in_their_picture(tmp_path: Path) -> None
         (("--simulate", "none"), ("there is no camera 'none'",)),
         (("--dots", "PICTURE"), ("--dot-pitch and --distance",)),
         (("--dots", "PICTURE", "--dot-pitch", "20mm"), ("give --distance",)),
-        (("--dots", "PICTURE", "--dot-pitch", "20mm", "--distance", "-1mm"), ("more than zero",)),
+        (("--dots", "PICTURE", "--dot-pitch", "20mm", "--distance", "-1mm"), ("0.1 µm to",)),
         (
             ("--dots", "PICTURE", "--dot-pitch", "1mm", "--distance", "300mm"),
             ("cells apart", "1.5 mm"),

@@ -168,9 +168,9 @@ def test_lines_finer_than_cells_and_no_pitch_are_warnings(tmp_path: Path) -> Non
     [
         ((), ("no pitch", "--pixel 3.1um")),
         (("--pixel", "3.1"), ("3.1 has no unit",)),
-        (("--pixel", "0um"), ("more than zero",)),
+        (("--pixel", "0um"), ("50 nm to 10 mm",)),
         (("--pixel", "3.1um", "--channels", "all"), ("--channels all", "grey")),
-        (("--pixel", "3.1um", "--noise", "-1"), ("noise is -1", "greater than or equal to 0")),
+        (("--pixel", "3.1um", "--noise", "-1"), ("noise is -1", "0 to 1000000000")),
         (("--pixel", "3.1um", "--plot", "fig.jpg"), ("suffix .jpg",)),
         (("--pixel", "2um", "--camera", "small"), ("does not fit", "3.1 um")),
         (("--pixel", "3.1um", "--camera", "smal"), ("Did you mean",)),

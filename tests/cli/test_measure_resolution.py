@@ -248,9 +248,9 @@ CELL = ("--cell-angle", "0.1deg")
         (("siemens", "star.tif"), ("--camera FOLDER", "--cell-angle")),
         (("siemens", "star.tif", *CELL, "--camera", "small"), ("leave one out",)),
         (("siemens", "star.tif", "--cell-angle", "0.1"), ("has no unit", "0.1 deg")),
-        (("siemens", "star.tif", "--cell-angle", "0deg"), ("less than 10 deg",)),
+        (("siemens", "star.tif", "--cell-angle", "0deg"), ("to 10 deg",)),
         (("siemens", "star.tif", *CELL, "--spokes", "36"), ("24 bright spokes, not 36",)),
-        (("siemens", "star.tif", *CELL, "--spokes", "2"), ("spokes", "greater than or equal to 4")),
+        (("siemens", "star.tif", *CELL, "--spokes", "2"), ("spokes", "4 to 200")),
         (("siemens", "star.tif", *CELL, "--angle", "20deg"), ("deg wide, not 20 deg",)),
         (("siemens", "noise.tif", *CELL), ("no Siemens star",)),
         (("siemens", "star.tif", "noise.tif", *CELL), ("2 frames are given",)),
@@ -262,7 +262,7 @@ CELL = ("--cell-angle", "0.1deg")
         (("siemens", "star.tif", *CELL, "--distance", "1m"), ("--distance goes with --simulate",)),
         (("siemens", "star.tif", *CELL, "--tau", "1e-5"), ("give --psf too",)),
         (("siemens", "star.tif", *CELL, "--region", "160x160"), ("matters with --camera only",)),
-        (("siemens", "star.tif", *CELL, "--threshold", "0%"), ("more than 0 %",)),
+        (("siemens", "star.tif", *CELL, "--threshold", "0%"), ("0.01 % to 99.99 %",)),
         (("siemens", "--simulate", "small", "--psf", "star.tif"), ("--psf goes with frames",)),
         (("siemens", "--simulate", "small", "--angle", "89deg"), ("beyond the model",)),
         (("siemens", "--simulate", "small", "--distance", "300"), ("has no unit",)),
@@ -310,6 +310,6 @@ def test_bad_frames(captured: Path, tmp_path: Path) -> None:
     )  # fmt: skip
     check_refused(
         run(*COMMAND, "two-points", picture, *given, "--camera", "small", "--plot",
-            captured / "picture3.png", "--dip", "100%"), "less than 100 %",
+            captured / "picture3.png", "--dip", "100%"), "to 99.99 %",
     )  # fmt: skip
     assert not list(tmp_path.iterdir())

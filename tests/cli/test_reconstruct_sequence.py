@@ -138,7 +138,7 @@ REFUSED = {
     "two": (["-o", "x", "-o", "y"], ["x y", "name of a folder"]),
     "method": (["-o", "x", "--method", "fista"], ["leave out --method"]),
     "draft": (["-o", "x", "--quality", "draft"], ["--quality draft"]),
-    "latency": (["-o", "x", "--latency", "0s"], ["latency", "more than zero"]),
+    "latency": (["-o", "x", "--latency", "0s"], ["latency", "1 µs to 1000000 s"]),
     "no unit": (["-o", "x", "--latency", "3"], ["latency"]),
     "region": (["-o", "x", "--region", "9000x9000"], ["--region 9000x9000"]),
 }

@@ -285,7 +285,7 @@ def test_wide_ones_are_taken(made: Path, tmp_path: Path) -> None:
     ("more", "words"),
     [
         (("--depth", "8"), ("8 has no unit", "8 mm")),
-        (("--depth", "-2cm"), ("more than zero",)),
+        (("--depth", "-2cm"), ("0.1 µm to",)),
         (("--depth", "2cm", "--at", "3,4"), ("--depth 2 cm says the depth", "--at")),
         (("--at", "3;4"), ("row and column", "120,200")),
         (("--at", "30,4", *REGION), ("beside the picture", "30×48", "up to 29")),
@@ -293,12 +293,12 @@ def test_wide_ones_are_taken(made: Path, tmp_path: Path) -> None:
         (("--search", "5cm"), ("nearest and the farthest", "8cm,50cm")),
         (("--search", "50cm,8cm"), ("the first depth must be nearer",)),
         (("--stack", "8,50"), ("8 has no unit",)),
-        (("--stack", "8cm,50cm", "--steps", 1), ("steps is 1", "greater than or equal to 2")),
+        (("--stack", "8cm,50cm", "--steps", 1), ("steps is 1", "2 to 200")),
         (("--steps", 5), ("--steps 5", "--stack 8cm,50cm")),
         (("--stack", "2cm,5cm", "--search", "2cm,5cm"), ("--search", "--stack")),
         (("--region", "400x400"), ("--region 400x400", "larger than")),
         (("--channels", "q"), ("'q'",)),
-        (("--bin", 200), ("cannot bin",)),
+        (("--bin", 200), ("bin is 200", "1 to 64")),
         (("--iterations", 0), ("iterations is 0",)),
     ],
 )

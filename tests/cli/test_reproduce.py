@@ -39,7 +39,7 @@ def test_a_file_is_no_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--seed", "-1"), ("seed", "-1", "greater than or equal to 0")),
+        (("--seed", "-1"), ("seed", "-1", "0 to 2147483647")),
         (("--seed", "2.5"), ("2.5", "whole number")),
         (("--seed", "many"), ("many", "whole number")),
         (("--camera", "papr"), ("papr", "paper")),

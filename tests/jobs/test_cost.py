@@ -8,11 +8,13 @@ import psutil
 import pytest
 import torch
 
+from nolens.camera import camera_from_mapping, opened, preset
 from nolens.errors import OptionError
 from nolens.files import read_camera
-from nolens.jobs.cost import Cost, announce, check_memory, colours_of, pattern_size
+from nolens.jobs.cost import Cost, announce, check_memory, colours_of, cost_of, pattern_size
 from nolens.jobs.outline import outline, relief_points
 from nolens.optics import PointSource
+from nolens.quantities import Length
 from nolens.twin import Light, Twin
 
 CPU = torch.device("cpu")
@@ -66,6 +68,25 @@ def test_samples_of_a_pattern() -> None:
     assert (
         pattern_size(twin, far, (10**12, 10**12), 2, at_least=2, shortest=450.0).intensity > 10**24
     )
+
+
+def test_many_small_windows_take_long() -> None:
+    """A sensor of metres sees a near light under so many directions that each needs a window."""
+    camera = camera_from_mapping(
+        preset("paper").model_dump()
+        | {"mask": {"surface": 0, "relief": {"kind": "flat"}}},
+        "camera.toml",
+    )  # fmt: skip
+    large = camera.model_copy(
+        update={"sensor": camera.sensor.model_copy(update={"pitch": Length("1", "mm")})}
+    )
+    seconds = []
+    for each in (camera, large):
+        twin = outline(opened(each), fresnel=False)
+        near = PointSource(distance_um=3e5)
+        size = pattern_size(twin, near, (1520, 2028), 2, at_least=1, shortest=450.0)
+        seconds.append(cost_of(size, 9, points=0, held=0).seconds)
+    assert seconds[1] > 3 * seconds[0] and seconds[1] > 20
 
 
 def test_outline_is_as_steep_as_the_relief() -> None:

@@ -19,6 +19,8 @@ _SECONDS_PER_FIELD = 15e-9
 _SECONDS_PER_INTENSITY = 8e-9
 _SECONDS_PER_TRANSFORM = 10e-9
 _SECONDS_PER_POINT = 50e-9
+# For what a window needs however small it is.
+_SECONDS_PER_WINDOW = 2e-3
 # Bytes for one sample of the largest window, of the whole pattern, and for one point of a relief.
 _BYTES_PER_SAMPLE = 14
 _BYTES_PER_KEPT = 6
@@ -61,12 +63,15 @@ class PatternSize:
         Of the intensity in the largest window.
     kept
         Of the pattern itself.
+    windows
+        How many there are.
     """
 
     field: int
     intensity: int
     largest: int
     kept: int
+    windows: int
 
 
 def pattern_size(
@@ -115,6 +120,7 @@ def pattern_size(
         intensity=intensity,
         largest=max(lengths[0]) * max(lengths[1]),
         kept=grid.rows * grid.columns,
+        windows=len(lengths[0]) * len(lengths[1]),
     )
 
 
@@ -166,7 +172,11 @@ def cost_of(
     transformed
         Samples of all transforms that the patterns are blended with.
     """
-    pattern = size.field * _SECONDS_PER_FIELD + size.intensity * _SECONDS_PER_INTENSITY
+    pattern = (
+        size.field * _SECONDS_PER_FIELD
+        + size.intensity * _SECONDS_PER_INTENSITY
+        + size.windows * _SECONDS_PER_WINDOW
+    )
     working = size.largest * _BYTES_PER_SAMPLE + size.kept * _BYTES_PER_KEPT
     return Cost(
         bytes=_BYTES_OF_PROGRAM + max(working + held, points * _BYTES_PER_POINT) + 4 * points,
@@ -174,6 +184,11 @@ def cost_of(
         + points * _SECONDS_PER_POINT
         + transformed * _SECONDS_PER_TRANSFORM,
     )
+
+
+def surface_cost(points: float) -> Cost:
+    """What it takes to compute a relief of so many points."""
+    return cost_of(PatternSize(0, 0, 0, 0, 0), 0, points=points, held=0)
 
 
 def check_memory(cost: Cost, device: torch.device, remedy: str) -> None:

@@ -22,7 +22,12 @@ from nolens.design.masks.layout import (
 )
 from nolens.design.masks.limits import Limits
 from nolens.design.masks.optimised import lenslet_start, optimised_relief
-from nolens.design.masks.surfaces import Arrangement, gaussian_diffuser, lenslet_array
+from nolens.design.masks.surfaces import (
+    Arrangement,
+    gaussian_diffuser,
+    lenslet_array,
+    smoothing_margin,
+)
 from nolens.design.masks.tile import Tile, View
 
 __all__ = [
@@ -48,5 +53,6 @@ __all__ = [
     "optimised_relief",
     "quarter_um",
     "random_contours",
+    "smoothing_margin",
     "spread_over",
 ]

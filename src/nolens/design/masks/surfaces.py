@@ -37,8 +37,7 @@ def lenslet_array(
     grid_um
         Their distance.
     """
-    # The blur takes the surface for a torus: a margin keeps its edges from each other.
-    margin = math.ceil(4 * smoothing_um / grid_um)
+    margin = smoothing_margin(smoothing_um, grid_um)
     rows, columns = (
         (torch.arange(-margin, count + margin, dtype=torch.float64) - (count - 1) / 2) * grid_um
         for count in size
@@ -60,6 +59,11 @@ def lenslet_array(
     heights = smoothed(squared.mul_(-1 / (2 * radius_um)), smoothing_um / grid_um)
     inner = [slice(margin, margin + count) for count in size]
     return Relief(heights[inner[0], inner[1]].contiguous(), grid_um)
+
+
+def smoothing_margin(smoothing_um: float, grid_um: float) -> int:
+    """Samples beside a surface: the blur takes it for a torus, so they keep its edges apart."""
+    return math.ceil(4 * smoothing_um / grid_um)
 
 
 def gaussian_diffuser(

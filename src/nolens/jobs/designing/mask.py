@@ -29,10 +29,12 @@ from nolens.files.folder import check_folder
 from nolens.files.plot_mask import MaskPlot, plot_mask
 from nolens.jobs.clock import Clock
 from nolens.jobs.copied import copied_curves
+from nolens.jobs.cost import check_memory, surface_cost
 from nolens.jobs.designing.mask_kinds import made_mask, with_relief
 from nolens.jobs.designing.mask_options import PICTURE_FILE, RECORD_FILE, MaskOptions
 from nolens.jobs.device import pick_device
 from nolens.jobs.given import check_apart
+from nolens.jobs.outline import relief_points
 from nolens.jobs.reporter import Reporter
 from nolens.quantities import Length
 from nolens.twin import Light, Twin
@@ -139,7 +141,10 @@ def _middle(opened: OpenCamera, device: torch.device) -> Twin:
     small = sensor.model_copy(update={"rows": rows, "columns": columns})
     mask = opened.camera.mask.model_copy(update={"aperture": None})
     camera = opened.camera.model_copy(update={"sensor": small, "mask": mask})
-    return Twin.of(replace(opened, camera=camera), device=device)
+    middle = replace(opened, camera=camera)
+    cost = surface_cost(relief_points(middle))
+    check_memory(cost, device, "a smaller --overhang or a larger --pitch needs less")
+    return Twin.of(middle, device=device)
 
 
 def _plain(figures: MaskFigures) -> dict[str, Any]:

@@ -17,10 +17,11 @@ from nolens.design.masks import (
     line_target,
     optimised_relief,
     random_contours,
+    smoothing_margin,
     spread_over,
 )
 from nolens.errors import OptionError
-from nolens.jobs.cost import Cost, announce, check_memory
+from nolens.jobs.cost import Cost, announce, check_memory, surface_cost
 from nolens.jobs.designing.mask_options import RELIEF_FILE, MaskOptions
 from nolens.jobs.outline import outline
 from nolens.jobs.reporter import Reporter
@@ -29,6 +30,7 @@ from nolens.twin import REFERENCE_NM, Light, Twin
 
 _OVERHANG = Length("1.5", "mm")
 _PER_PIXEL = (1, 2, 4)
+_CPU = torch.device("cpu")
 # Measured on two cores: seconds for one sample of one view in one step, and bytes for a sample.
 _SECONDS_PER_SAMPLE = 90e-9
 _BYTES_PER_SAMPLE = 150
@@ -116,6 +118,9 @@ def _described(
         )  # fmt: skip
         return with_relief(named, relief)
     size = _size(options, opened, grid.um)
+    beyond = 0 if options.smoothing is None else smoothing_margin(options.smoothing.um, grid.um)
+    cost = surface_cost(math.prod(count + 2 * beyond for count in size))
+    check_memory(cost, _CPU, "a smaller --smoothing or --overhang needs less")
     media = bare.media(REFERENCE_NM)
     if options.kind == "lenslet-array":
         assert options.pitch is not None and options.smoothing is not None

@@ -164,6 +164,12 @@ class MaskOptions(JobOptions):
                 f"--{foreign[0]} {given[foreign[0]]}: a mask of the kind {options.kind} does not "
                 f"have it; it has {', '.join('--' + name for name in used)}"
             )
+        smoothing, pitch = options.smoothing, options.pitch
+        if smoothing is not None and pitch is not None and smoothing.exact >= pitch.exact:
+            raise OptionError(
+                f"--smoothing {smoothing} rounds lenslets away that are {pitch} apart: give less "
+                "than their --pitch, such as a tenth of it"
+            )
         return options
 
     @property

@@ -52,6 +52,7 @@ from nolens.jobs.reporter import Reporter
 _CURVES = 3
 _POINTS = 9
 _LONG_S = 20.0
+_SLOW_S = 2
 
 
 @dataclass(frozen=True)
@@ -167,14 +168,16 @@ def _study(options: ToleranceOptions, ready: Ready, reporter: Reporter) -> tuple
 
 
 def _announce(options: ToleranceOptions, ready: Ready, reporter: Reporter) -> None:
-    """Measure one camera's time, and say how long all of them will take if that is long."""
+    """Say how long all cameras will take if that is long: one is timed, or foretold if slow."""
     if options.model == "rays":
         return
-    first = ready.cameras[: ready.at_once]
-    ready.criterion(first)  # The first ones also load what the others need.
-    clock = time.perf_counter()
-    ready.criterion(first)
-    one = (time.perf_counter() - clock) / len(first)
+    one = ready.cost.seconds / ready.at_once
+    if ready.cost.seconds < _SLOW_S:
+        first = ready.cameras[: ready.at_once]
+        ready.criterion(first)  # The first ones also load what the others need.
+        clock = time.perf_counter()
+        ready.criterion(first)
+        one = (time.perf_counter() - clock) / len(first)
     count = len(ready.parameters) * (len(ready.parameters) + 1) + options.trials
     if options.solve is not None:
         count += MOST_STEPS * options.trials

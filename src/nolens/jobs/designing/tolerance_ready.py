@@ -23,13 +23,15 @@ from nolens.design.tolerances import (
 )
 from nolens.errors import OptionError
 from nolens.files import read_tolerances
-from nolens.jobs.cost import colours_of
+from nolens.jobs.cost import Cost, check_memory, colours_of, cost_of, pattern_size
 from nolens.jobs.designing.tolerance_options import ToleranceOptions
 from nolens.jobs.outline import outline
+from nolens.optics import PointSource
 from nolens.twin import Light
 
 _WAVELENGTHS = 3
 _AT_ONCE = 1000
+_CPU = torch.device("cpu")
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,8 @@ class Ready:
         Cameras that are computed in one portion.
     cameras
         Drawn, (trials, parameters).
+    cost
+        Of one portion.
     """
 
     camera: Camera
@@ -61,6 +65,7 @@ class Ready:
     criterion: Criterion
     at_once: int
     cameras: Tensor
+    cost: Cost
 
 
 def parameters_of(opened: OpenCamera, tolerances: Path | None) -> tuple[Parameter, ...]:
@@ -102,7 +107,22 @@ def prepare(options: ToleranceOptions, opened: OpenCamera) -> Ready:
         model = RayModel(patch, sharpness, sum(nm * weight for nm, weight in colours))
     criterion = criterion_of(model, opened.camera, tuple(each.name for each in parameters))
     at_once = _AT_ONCE if options.model == "rays" else threads
-    return Ready(opened.camera, parameters, sharpness, patch, criterion, at_once, cameras)
+    cost = Cost(0, 0) if options.model == "rays" else _cost_of_portion(patch, colours, at_once)
+    check_memory(cost, _CPU, "thinner layers, or --model rays, need less")
+    return Ready(opened.camera, parameters, sharpness, patch, criterion, at_once, cameras, cost)
+
+
+def _cost_of_portion(patch: Patch, colours: tuple[tuple[float, float], ...], cameras: int) -> Cost:
+    """Patterns of some cameras, side by side."""
+    twin = patch.twin
+    source = PointSource(distance_um=twin.camera.reference_distance.um)
+    cells = round(patch.side_um[0] / twin.cell_um), round(patch.side_um[1] / twin.cell_um)
+    size = pattern_size(
+        twin, source, cells, twin.cell_pixels, at_least=2, shortest=min(nm for nm, _ in colours)
+    )
+    points = twin.mask.relief.height_um.numel()
+    one = cost_of(size, len(colours), points=points, held=0)
+    return Cost(bytes=cameras * one.bytes, seconds=one.seconds)
 
 
 def place_of(name: str, parameters: tuple[Parameter, ...], camera: Camera) -> int:

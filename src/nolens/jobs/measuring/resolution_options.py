@@ -14,7 +14,7 @@ from nolens.quantities import Angle, Share
 from nolens.ranges import Between
 
 _Threshold = Annotated[Share, Between("0.01 %", "99.99 %")]
-_CellAngle = Annotated[Angle, Between("0.000001 deg", "10 deg", "such as 0.138deg")]
+_CellAngle = Annotated[Angle, Between("0.000001 deg", "10 deg")]
 _TargetAngle = Annotated[Angle, Between("0.001 deg", "89.9 deg")]
 _FRAMES_ONLY = ("psf", "psf_wider", "dark", "region", "camera", "cell_angle")
 _SIMULATED_ONLY = ("light", "wavelengths", "fill", "seed")
