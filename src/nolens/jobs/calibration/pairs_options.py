@@ -3,12 +3,12 @@
 from pathlib import Path
 from typing import Any, Self
 
-from nolens.camera.part import PixelPitch
+from nolens.camera.part import Counts, PixelPitch
 from nolens.camera.psf_set import Depth
 from nolens.errors import FileError, OptionError
 from nolens.files import PSFS_FILE
 from nolens.jobs.calibration.point_options import distance_name
-from nolens.jobs.fields import Counts, FilePath, Window, Word
+from nolens.jobs.fields import FilePath, Window, Word
 from nolens.jobs.given import JobOptions, Written
 
 _COMMAND = "nolens calibrate pairs MEASURED PICTURES --distance 300mm -o FOLDER"

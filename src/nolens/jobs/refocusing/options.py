@@ -7,12 +7,12 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator
 
-from nolens.camera.part import refusal
+from nolens.camera.part import Counts, refusal
 from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE, PSFS_FILE
 from nolens.jobs.device import DeviceName
-from nolens.jobs.fields import Bin, Counts, FilePath, Iterations, Tau, Window, Word
+from nolens.jobs.fields import Bin, FilePath, Iterations, Tau, Window, Word
 from nolens.jobs.given import JobOptions, Written
 from nolens.quantities import Length
 from nolens.ranges import Between
