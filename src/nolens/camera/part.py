@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from nolens.printable import printable
+from nolens.printable import printable, quoted
 from nolens.quantities import Length
 from nolens.ranges import Between
 
@@ -32,7 +32,9 @@ class Part(BaseModel):
             if key not in known:
                 near = difflib.get_close_matches(str(key), known, n=1)
                 meant = f": did you mean {near[0]!r}?" if near else "."
-                raise refusal(f"the key {key!r} is unknown{meant} Known are {', '.join(known)}")
+                raise refusal(
+                    f"the key {quoted(key)} is unknown{meant} Known are {', '.join(known)}"
+                )
         needed = [name for name, field in known.items() if field.is_required()]
         missing = [name for name in needed if name not in given]
         if missing:

@@ -54,10 +54,10 @@ def surround(
         summary = calibrate_surround(CalibrateSurroundOptions.gather(given), reporter).summary
     if json_:
         show(json.dumps(summary))
-        return 0
-    for line in _lines(summary):
-        show(line)
-    return 0
+    else:
+        for line in _lines(summary):
+            show(line)
+    return 130 if reporter.interrupted else 0
 
 
 def _lines(summary: dict[str, Any]) -> list[str]:

@@ -6,6 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from nolens.files.report import ReportPicture, ReportSection
+from nolens.interrupt import Unfinished
 from nolens.jobs.reproduction.rows import Row, not_made
 from nolens.jobs.reproduction.steps import Found
 
@@ -62,11 +63,12 @@ class Draft:
         """
         pictures = []
         with TemporaryDirectory(prefix="nolens-") as folder:
-            for each in self.pictures:
-                path = Path(folder) / f"{each.name}.png"
-                each.draw(path)
-                png = path.read_bytes()
-                pictures.append(ReportPicture(each.name, png, each.caption, each.width_mm))
+            paths = [Path(folder) / f"{each.name}.png" for each in self.pictures]
+            with Unfinished(folder, *paths):
+                for each, path in zip(self.pictures, paths, strict=True):
+                    each.draw(path)
+                    png = path.read_bytes()
+                    pictures.append(ReportPicture(each.name, png, each.caption, each.width_mm))
         rows = tuple(row.told(reduced=reduced) for row in self.rows)
         return ReportSection(self.name, self.title, self.texts, tuple(pictures), rows)
 
