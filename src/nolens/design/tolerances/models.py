@@ -97,11 +97,16 @@ class WaveModel:
             surface = twin.camera.mask.surface
             before = Stack(stack.thicknesses_um[:surface], stack.indices[:surface])
             after = Stack(stack.thicknesses_um[surface:], stack.indices[surface:])
-            above = stack.indices[surface - 1] if surface else 1.0
+            media = (1.0, *stack.indices)
             pattern = point_pattern(
                 Illumination(PointSource(distance_um=distance), before, after),
                 mask,
-                Media(wavelength_nm * 1e-3, above, after.indices[0]),
+                Media(
+                    wavelength_nm * 1e-3,
+                    media[surface],
+                    media[surface + 1],
+                    media if twin.fresnel else (),
+                ),
                 grid,
                 response=twin.response(),
             )
