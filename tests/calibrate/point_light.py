@@ -22,12 +22,12 @@ DARK = 1e-9
 
 @cache
 def bench(name: str, size: tuple[int, int] | None = None) -> OpticalBench:
-    """A preset, with a smaller sensor of the same pixels."""
+    """A preset, with a smaller sensor of the same pixels, in light that all its colours see."""
     camera = preset(name)
     if size is not None:
         sensor = camera.sensor.model_copy(update={"rows": size[0], "columns": size[1]})
         camera = camera.model_copy(update={"sensor": sensor})
-    return OpticalBench.of(opened(camera), light="535nm")
+    return OpticalBench.of(opened(camera), light="white-led")
 
 
 @cache

@@ -127,7 +127,8 @@ def test_the_patterns_own_wings_are_no_stray_light() -> None:
     area = dark_area(truth)
     assert area is not None
     taken = stray_light(truth, area).mean(dim=(-2, -1)) / truth.amax(dim=(-2, -1))
-    assert float(taken.abs().max()) < 1.3e-4
+    # Red is seen at 600 nm, where diffraction's wings are wider than in green.
+    assert bool((taken.abs() < 1.3e-4 * torch.tensor([600, 535, 535]) / 535).all())
 
 
 def test_an_open_pattern_keeps_its_floor() -> None:

@@ -36,7 +36,8 @@ class Tile:
     The relief h turns the phase of a plane wave by :math:`k_0(n'\cos θ' - n\cos θ)\,h`, and the
     layers multiply the spectrum by their transfer function, as in `nolens.optics.point_pattern`.
     As the tile repeats itself there is no edge, and everything is a function of h that torch can
-    differentiate.
+    differentiate. What the surfaces between the layers reflect is left out: it is the same for all
+    masks.
 
     Parameters
     ----------
