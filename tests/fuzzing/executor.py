@@ -8,6 +8,7 @@ import socket
 import sys
 import tempfile
 import traceback
+import unicodedata
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing import Pipe
@@ -24,6 +25,7 @@ MEMORY_BYTES = 3 * 2**30
 """Most memory that one command may take beyond what the program takes."""
 _FEW = 250
 _ACCEPTED = (0, 2, 3, 130)
+_CONTROL = ("Cc", "Cf", "Cs", "Zl", "Zp")
 
 
 @dataclass(frozen=True)
@@ -139,7 +141,7 @@ def _trouble(code: int | None, err: str, used: int, left: tuple[str, ...]) -> st
         return f"exit code 2, but it wrote {left[0]}"
     if used > MEMORY_BYTES:
         return f"memory: {used / 2**30:.1f} GiB"
-    if any(not (each.isprintable() or each in "\n\t") for each in err):
+    if any(unicodedata.category(each) in _CONTROL and each not in "\n\t" for each in err):
         return "control characters on the terminal"
     if code == 2 and (len(lines) > 12 or len(err) > 3000):
         return f"a message of {len(lines)} lines and {len(err)} characters"

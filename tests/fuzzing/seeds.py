@@ -16,7 +16,7 @@ from nolens.jobs import ReconstructOptions, Reporter, reconstruct
 from nolens.quantities import Angle, Length
 from nolens.solvers import Progress
 
-sys.path.append(str(Path(__file__).parents[1] / "cli"))
+sys.path += [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "cli")]
 from little_camera import expose_dng, measured, save, spots
 from running import run
 
@@ -51,6 +51,7 @@ def make_seeds(folder: Path) -> None:
         save(folder / f"psf.{suffix}", bright)
     save(folder / "grey.png", counts[1:2])
     save(folder / "grey.tif", counts[1:2])
+    save(folder / "grey-psf.png", bright[1:2])
     save(folder / "dark.tif", torch.full_like(counts, 256))
     tifffile.imwrite(
         folder / "tiled.tif",

@@ -53,6 +53,9 @@ class Server:
                 raise RuntimeError("the studio did not start: " + self._err())
         url = line[line.index(b"http://") :].split()[0].decode().rstrip("/.,")
         self._client = httpx.Client(base_url=url, timeout=SECONDS)
+        # Its processes load the program first.
+        first = {"kind": "psf", "options": {"camera": "none"}}
+        self._client.post("/api/jobs", json=first, timeout=10 * SECONDS)
 
     def request(self, method: str, path: str, body: Any) -> Outcome:
         """Send one request; an error of the server's, silence or a dead server is trouble."""

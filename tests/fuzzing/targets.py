@@ -65,7 +65,7 @@ def _reads() -> Iterator[FileTarget]:
         bad_psf = ("reconstruct", f"raw.{kind}", "--psf", BAD, "-o", "out/o.png", *QUICK)
         yield FileTarget(f"psf-{kind}", f"psf.{kind}", bad_psf)
     for kind in ("npy", "tif"):
-        stack = ("reconstruct", BAD, "--psf", "grey.png", "-o", "out/o", *QUICK)
+        stack = ("reconstruct", BAD, "--psf", "grey-psf.png", "-o", "out/o", *QUICK)
         yield FileTarget(f"sequence-{kind}", f"frames.{kind}", stack)
     yield FileTarget("dark-tif", "dark.tif", (*solve[:6], *QUICK[2:], "--dark", BAD))
     yield FileTarget("config", "config.toml", ("reconstruct", "--config", BAD, "-o", "out/o.png"))
