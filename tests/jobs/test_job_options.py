@@ -65,6 +65,24 @@ def test_one_text_or_path_where_several_are_meant() -> None:
     assert len(field.angles) == 2
 
 
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("o\0.png", "NUL"),
+        ("x" * 221 + ".png", "220 bytes"),
+        ("d/" * 2000 + "o.png", "4000"),
+        ("o\ud800.png", "half of a character"),
+    ],
+)
+def test_no_path(name: str, words: str) -> None:
+    """Refused where options are made: a system would refuse it when all work is done."""
+    for option in ("output", "psf"):
+        with pytest.raises(OptionError, match=words):
+            ReconstructOptions.gather({**FILES, option: name}, None)
+    long = Path("x" * 200 + ".png")
+    assert ReconstructOptions.gather({**FILES, "output": long}, None).output == (long,)
+
+
 def test_a_reporter_that_says_nothing() -> None:
     reporter = Reporter()
     reporter.warn("unheard")

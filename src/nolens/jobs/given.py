@@ -1,5 +1,6 @@
 """What the options of all jobs have in common: their checks, and the files they name."""
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, Self, get_args, get_origin
@@ -16,6 +17,9 @@ from pydantic import (
 from nolens.errors import OptionError
 from nolens.printable import quoted
 from nolens.quantities import Quantity
+
+# Of Linux; temporary files add some characters to a name.
+_LONGEST_NAME, _LONGEST_PATH = 220, 4000
 
 
 class Written(NamedTuple):
@@ -50,6 +54,15 @@ class JobOptions(BaseModel):
         one = isinstance(value, (str, Path, Quantity)) and not read
         return (value,) if one and _takes_several(field.annotation) else value
 
+    @field_validator("*", mode="after")
+    @classmethod
+    def _paths_can_be(cls, value: Any) -> Any:
+        """Refuse a path that no system has, before it is asked for."""
+        for each in value if isinstance(value, tuple) else (value,):
+            if isinstance(each, Path) and (reason := _no_path(each)):
+                raise PydanticCustomError("refused", "{reason}", {"reason": reason})
+        return value
+
     @classmethod
     def checked(cls, given: Mapping[str, Any]) -> Self:
         """Options from values by name.
@@ -73,6 +86,21 @@ class JobOptions(BaseModel):
     def written(self) -> tuple[Written, ...]:
         """Files that are written."""
         raise NotImplementedError
+
+
+def _no_path(path: Path) -> str | None:
+    """Why this cannot be a path; None if it can."""
+    try:
+        encoded = os.fsencode(path)
+    except UnicodeEncodeError:
+        return "it has half of a character in it (a lone surrogate): give the whole name"
+    if b"\0" in encoded:
+        return "no file has the character NUL in its name: give another name"
+    if len(encoded) > _LONGEST_PATH or max(map(len, encoded.split(b"/"))) > _LONGEST_NAME:
+        return (
+            f"a name may have {_LONGEST_NAME} bytes and a path {_LONGEST_PATH}: give a shorter one"
+        )
+    return None
 
 
 def _takes_several(annotation: Any) -> bool:
