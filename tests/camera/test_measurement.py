@@ -137,6 +137,8 @@ def test_binned_mosaic_keeps_the_mean(bin_by, height, width):
         ([[7.0, 7.0]], "is 7 everywhere"),
         ([[1.0, math.nan]], "1 values that are NaN or infinite"),
         ([[1.0, math.inf]], "NaN or infinite"),
+        ([[1.0, 3e38]], "values up to 3e[+]38, and 1e-15 to 1e[+]15 can be computed with"),
+        ([[0.0, 1e-30]], "values up to 1e-30"),
         ([[1.0, 2.0]], "nowhere brighter than its black level 2"),
     ],
 )

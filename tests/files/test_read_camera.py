@@ -88,7 +88,7 @@ def test_grey_curve(tmp_path):
         ("wavelength_nm,grey\n400,1\n", "line 1: the columns are wavelength_nm,grey; accepted"),
         (QE + "800,0.5\n", "line 4 has 2 values, but there are 4 columns"),
         (QE + "800,0.5,x,0\n", "line 4: G is 'x': give a number"),
-        (QE + "\n800,0.5,1.5,0\n", r"line 5: values.G\[2\] is 1.5: it should be less than"),
+        (QE + "\n800,0.5,1.5,0\n", r"line 5: values.G\[2\] is 1.5: it must be 0 to 1"),
         (QE + "800,0.5,nan,0\n", "line 4.* is nan: it should be a finite number"),
         (QE + "\n600,0,0,0\n", "line 5: .*600 follows 700: put the values in increasing order"),
         ("wavelength_nm,R,G,B\n400,0,0,0\n", "at least 2 items"),

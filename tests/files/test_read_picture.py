@@ -113,5 +113,7 @@ def test_what_is_refused(tmp_path: Path) -> None:
     for name, value in (("nan.npy", np.nan), ("inf.npy", np.inf), ("dark.npy", -1.0)):
         np.save(tmp_path / name, np.full((4, 4), value))
         refused(name, "NaN, infinity or negative")
+    np.save(tmp_path / "bright.npy", np.full((4, 4), 1e35))
+    refused("bright.npy", "values up to 1e+35")
     tifffile.imwrite(tmp_path / "whole.tif", COLOURS[..., 0].astype(np.int32))
     refused("whole.tif", "int32")

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from depth_spots import REDUCED_UM, SENSOR, spots
+from nolens.errors import DataError
 from nolens.refocus import PsfAt, PsfBetween, measured_reduced_um
 
 
@@ -80,3 +81,11 @@ def test_other_patterns_are_not_alike() -> None:
         [PsfAt(spots(20e3), 20e3), PsfAt(spots(80e3, seed=9), 80e3)], REDUCED_UM
     )
     assert between.alike[0] < 0.6
+
+
+def test_noise_is_no_psf_of_a_camera():
+    """Two frames of noise fit best at a size that no distance of mask and sensor makes."""
+    draw = torch.Generator().manual_seed(2)
+    noise = [PsfAt(torch.rand(1, 60, 80, generator=draw) ** 4, at) for at in (15e3, 60e3, 15e3)]
+    with pytest.raises(DataError, match="more than the PSF of any camera"):
+        measured_reduced_um([noise[0], noise[1]])

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from nolens.camera import MOSAICS, Frame
+from nolens.camera.finite import unusable
 from nolens.errors import DataError
 
 _ALIKE = 0.05
@@ -110,8 +111,9 @@ def check_alike(frame: Frame, first: Frame, role: str = "frame") -> None:
     DataError
         If its size, colours, black or white level are others, or it holds NaN or infinity.
     """
-    if not torch.isfinite(frame.counts).all():
-        raise DataError(f"{frame.source} holds values that are NaN or infinite: leave it out")
+    reason = unusable(frame.counts)
+    if reason is not None:
+        raise DataError(f"{frame.source} holds {reason}")
     both = f"the {role} {frame.source}", f"but {first.source}"
     remedy = "give frames of one camera, taken with one setting of it"
     if frame.counts.shape != first.counts.shape or frame.channels != first.channels:

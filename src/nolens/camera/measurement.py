@@ -9,7 +9,7 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
-from nolens.camera.finite import all_finite
+from nolens.camera.finite import unusable
 from nolens.camera.frame import Frame, size_text
 from nolens.camera.part import Counts
 from nolens.errors import DataError, OptionError
@@ -202,12 +202,9 @@ def _cells(values: Tensor) -> Iterator[Tensor]:
 
 def _check_data(frame: Frame) -> None:
     counts = frame.counts
-    if not all_finite(counts):
-        unusable = int((~torch.isfinite(counts)).sum())
-        raise DataError(
-            f"{frame.source} holds {unusable} values that are NaN or infinite, of "
-            f"{counts.numel()}: repair them before, for example by the mean of their neighbours"
-        )
+    reason = unusable(counts)
+    if reason is not None:
+        raise DataError(f"{frame.source} holds {reason}")
     lowest, highest = float(counts.min()), float(counts.max())
     if lowest == highest:
         raise DataError(
@@ -228,8 +225,9 @@ def _check_fit(other: Frame, role: str, frame: Frame) -> None:
             f"the {role} {other.source} has the colour mosaic {other.mosaic}, but "
             f"{frame.source} has {frame.mosaic}: take both with the same camera settings"
         )
-    if not all_finite(other.counts):
-        raise DataError(f"the {role} {other.source} holds values that are NaN or infinite")
+    reason = unusable(other.counts)
+    if reason is not None:
+        raise DataError(f"the {role} {other.source} holds {reason}")
 
 
 def _unsaturated(frame: Frame, white: float | None) -> Tensor:

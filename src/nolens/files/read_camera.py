@@ -30,6 +30,7 @@ CAMERA_FILE = "camera.toml"
 """Name of a camera's description in its folder."""
 HEIGHTS_IN_UM = "heights in um"
 """Description of a TIFF that holds a camera's relief."""
+_HIGHEST_UM = 1e5
 
 
 def read_camera(given: str | Path) -> OpenCamera:
@@ -189,6 +190,10 @@ def _heights(values: Tensor, source: str) -> Tensor:
     heights = values[0].detach().to("cpu", torch.float32)
     if not torch.isfinite(heights).all():
         raise DataError(f"{source} holds heights that are NaN or infinite: give finite ones, in um")
+    if float(heights.abs().max()) > _HIGHEST_UM:
+        raise DataError(
+            f"{source} holds heights of more than {_HIGHEST_UM * 1e-3:g} mm: give them in µm"
+        )
     return heights
 
 

@@ -10,7 +10,7 @@ from PIL import Image, ImageOps
 from torch import Tensor
 
 from nolens.camera import linear_from_srgb
-from nolens.camera.finite import all_finite
+from nolens.camera.finite import all_finite, unusable
 from nolens.errors import FileError
 from nolens.files.check_input import check_content, check_exists
 from nolens.files.damage import damage
@@ -118,6 +118,9 @@ def _finite(values: Tensor, path: Path) -> Tensor:
             f"{path} holds NaN, infinity or negative values: the light of a scene is finite and "
             "not negative"
         )
+    reason = unusable(values)
+    if reason is not None:
+        raise FileError(f"{path} holds {reason}")
     return values
 
 

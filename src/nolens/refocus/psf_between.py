@@ -11,6 +11,7 @@ from torch import Tensor
 
 from nolens.calibrate.magnify import covered, magnified
 from nolens.calibrate.point_register import register
+from nolens.errors import DataError
 from nolens.refocus.depth_of_focus import line_cells, per_m
 
 _LARGEST_UM = 20e3
@@ -128,6 +129,11 @@ def measured_reduced_um(known: Sequence[PsfAt]) -> float | None:
     -------
     float or None
         None where there is one distance only, or the sizes are too alike to tell.
+
+    Raises
+    ------
+    DataError
+        If the sizes differ by more than the distances do.
     """
     near = min(known, key=lambda each: each.distance_um)
     far = max(known, key=lambda each: each.distance_um)
@@ -138,7 +144,14 @@ def measured_reduced_um(known: Sequence[PsfAt]) -> float | None:
     factor = register(near.psf, far.psf, magnification=(1.0, largest)).magnification
     if (factor - 1) * max(far.psf.shape[-2:]) / 2 < _LEAST_LINES * line:
         return None
-    return 1e6 * (factor - 1) / (per_m(near.distance_um) - factor * per_m(far.distance_um))
+    difference = per_m(near.distance_um) - factor * per_m(far.distance_um)
+    if not difference > 0:
+        raise DataError(
+            f"from {far.distance_um * 1e-3:.4g} to {near.distance_um * 1e-3:.4g} mm the PSF becomes "
+            f"{factor:.4g} times as large, more than the PSF of any camera: check the distances "
+            "that the PSFs were taken at, and that they show more than noise (nolens measure psf)"
+        )
+    return 1e6 * (factor - 1) / difference
 
 
 def _factor(reduced_um: float, from_um: float, to_um: float) -> float:
