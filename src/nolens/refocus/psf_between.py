@@ -147,9 +147,10 @@ def measured_reduced_um(known: Sequence[PsfAt]) -> float | None:
     difference = per_m(near.distance_um) - factor * per_m(far.distance_um)
     if not difference > 0:
         raise DataError(
-            f"from {far.distance_um * 1e-3:.4g} to {near.distance_um * 1e-3:.4g} mm the PSF becomes "
-            f"{factor:.4g} times as large, more than the PSF of any camera: check the distances "
-            "that the PSFs were taken at, and that they show more than noise (nolens measure psf)"
+            f"from {far.distance_um * 1e-3:.4g} to {near.distance_um * 1e-3:.4g} mm the PSF "
+            f"becomes {factor:.4g} times as large, more than the PSF of any camera: check the "
+            "distances that the PSFs were taken at, and that they show more than noise (nolens "
+            "measure psf)"
         )
     return 1e6 * (factor - 1) / difference
 
