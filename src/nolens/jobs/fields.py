@@ -23,17 +23,11 @@ def expand_home(path: Path) -> Path:
     Raises
     ------
     OptionError
-        If the path is longer than any system takes, or has control characters: NUL no file can
-        have, and the others no terminal.
+        If the path has control characters: NUL no file can have, and the others no terminal.
     """
     if _CONTROL.search(str(path)):
         raise OptionError(
             f"{str(path)!r} is no file name: it has control characters. Give a name without them"
-        )
-    if len(str(path)) > _LONGEST_PATH:
-        raise OptionError(
-            f"{str(path)!r} is no file name: it has more than {_LONGEST_PATH} characters. Give a "
-            "shorter one"
         )
     try:
         return path.expanduser()
