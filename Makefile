@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: env demo test test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live screenshots fuzz kill clean
+.PHONY: env demo test test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading screenshots fuzz kill clean
 
 env: $(STAMP)
 
@@ -75,6 +75,9 @@ bench-stitch: $(STAMP)
 	$(BIN)/python bench/stitch.py
 
 # Twice ten minutes of the studio's live view.
+bench-reading: $(STAMP)
+	$(BIN)/python bench/reading.py
+
 bench-live: $(STAMP)
 	$(BIN)/python bench/live.py --minutes 10
 	$(BIN)/python bench/live.py --minutes 10 --everywhere

@@ -11,6 +11,7 @@ import tomllib
 from typing import Any
 
 from nolens.errors import DataError
+from nolens.printable import printable
 
 LONGEST_TOML = 2 * 10**6
 """Characters of a TOML text; tomllib takes a second for them."""
@@ -162,5 +163,5 @@ def _refuse(name: str) -> None:
 
 
 def _reason(error: Exception) -> str:
-    text = "".join(each if each.isprintable() else " " for each in str(error))
+    text = printable(str(error))
     return text if len(text) <= _LONGEST_REASON else f"{text[:_LONGEST_REASON]}..."

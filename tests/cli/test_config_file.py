@@ -130,7 +130,7 @@ def test_home_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ("tau = 1\ntau = 2", ["no TOML file"]),
         (f"tau = {'[' * 3000}", ["run.toml has", "more than 40 deep"]),
         (f"tau = {'1' * 5000}", ["run.toml has a number", "5000 characters in line 1"]),
-        ('output = "o\\u0000.png"', ["is no file name", "control characters"]),
+        ('output = "o\\u0000.png"', ["output", "such as NUL"]),
     ],
 )
 def test_what_is_refused(text: str, words: list[str], folder: Path) -> None:

@@ -1,6 +1,7 @@
 """What the options of all jobs have in common: their checks, and the files they name."""
 
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, Self, get_args, get_origin
@@ -13,14 +14,15 @@ from pydantic import (
     ValidationInfo,
     field_validator,
 )
-from pydantic_core import PydanticCustomError
 
+from nolens.camera.part import refusal
 from nolens.errors import OptionError
 from nolens.printable import quoted
 from nolens.quantities import Quantity
 
 # Of Linux; temporary files add some characters to a name.
 _LONGEST_NAME, _LONGEST_PATH = 220, 4000
+_CONTROL = re.compile(rb"[\x00-\x1f\x7f]")
 
 
 class Written(NamedTuple):
@@ -61,7 +63,7 @@ class JobOptions(BaseModel):
         """Refuse a path that no system has, before it is asked for."""
         for each in value if isinstance(value, tuple) else (value,):
             if isinstance(each, Path) and (reason := _no_path(each)):
-                raise PydanticCustomError("refused", "{reason}", {"reason": reason})
+                raise refusal(reason)
         return value
 
     @classmethod
@@ -95,8 +97,8 @@ def _no_path(path: Path) -> str | None:
         encoded = os.fsencode(path)
     except UnicodeEncodeError:
         return "it has half of a character in it (a lone surrogate): give the whole name"
-    if b"\0" in encoded:
-        return "no file has the character NUL in its name: give another name"
+    if _CONTROL.search(encoded):
+        return "it has control characters, such as NUL or a new line: give a name without them"
     if len(encoded) > _LONGEST_PATH or max(map(len, encoded.split(b"/"))) > _LONGEST_NAME:
         return (
             f"a name may have {_LONGEST_NAME} bytes and a path {_LONGEST_PATH}: give a shorter one"
