@@ -16,11 +16,19 @@ from browser import Visit, await_text, needs_chromium
 pytestmark = needs_chromium
 
 
+CORNER = """async (image) => {
+  await image.decode();
+  const paint = new OffscreenCanvas(1, 1).getContext("2d");
+  paint.drawImage(image, 0, 0, 1, 1, 0, 0, 1, 1);
+  return [...paint.getImageData(0, 0, 1, 1).data].slice(0, 3);
+}"""
+
+
 def measured(page: Any, name: str) -> list[str]:
     """Rows of figures of a measurement, once its plot is there."""
     card = page.locator(f"[data-measure={name}]")
     card.get_by_role("button", name="Measure").click()
-    plot = card.locator("img.wide")
+    plot = card.locator("img.wide:visible")
     plot.wait_for()
     assert plot.evaluate("async (e) => { await e.decode(); return e.naturalWidth; }") > 300
     rows: list[str] = card.locator("tr").all_inner_texts()
@@ -45,6 +53,14 @@ def test_measurements_show_plots_and_figures(visit: Visit, shot: str) -> None:
     await_text(page, ".drawer .state", "done")
     visit.keep("jobs")
     page.keyboard.press("Escape")
+    for theme, source in (("dark", ".dark.png"), ("light", ".png")):
+        page.emulate_media(color_scheme=theme)
+        for plot in page.locator("img.wide:visible").all():
+            address = plot.get_attribute("src") or ""
+            assert address.endswith(source) and (theme == "dark") == address.endswith(".dark.png")
+            corner = plot.evaluate(CORNER)
+            assert (max(corner) < 60) if theme == "dark" else (min(corner) > 250)
+    page.emulate_media(color_scheme="dark")
     visit.keep("measure")
     assert page.locator("#jobs").is_hidden()
 

@@ -110,12 +110,26 @@ def test_photograph_forms_and_is_found_again(visit: Visit, studio_folder: Path, 
     with Image.open(download.value.path()) as saved:
         share = (saved.width / shown.width, saved.height / shown.height)
     assert share == pytest.approx((0.2, 0.3), abs=0.03)
+    refused(page, studio_folder)
     page.get_by_role("button", name="Compare").click()
     page.wait_for_function(
         "() => [...document.querySelectorAll('.frame > img')].filter((e) => e.checkVisibility()"
         " && e.naturalWidth).length >= 2"
     )
     visit.keep("compare")
+
+
+def refused(page: Any, studio_folder: Path) -> None:
+    """A PSF that does not fit is told by the names of the page's fields, beside no picture."""
+    page.get_by_text("The files", exact=True).click()
+    page.get_by_label("PSF pixels finer by").fill("3")
+    page.get_by_text("The files", exact=True).click()
+    page.get_by_role("button", name="Reconstruct").click()
+    said = await_text(page, "[data-panel=photograph] .trouble", "PSF pixels finer by")
+    assert "--" not in said and str(studio_folder) in said
+    assert page.get_by_label("PSF pixels finer by").is_visible()
+    assert page.locator("#main .view b").first.inner_text().startswith("Previous picture: ")
+    page.get_by_label("PSF pixels finer by").fill("")
 
 
 def test_click_focuses_on_a_point(visit: Visit, shot: str) -> None:
@@ -140,7 +154,7 @@ def test_click_focuses_on_a_point(visit: Visit, shot: str) -> None:
 def test_what_cannot_be_done_is_said_in_words(visit: Visit) -> None:
     page = visit.show("calibrate")
     page.get_by_role("button", name="Make the PSF").click()
-    await_text(page, "#notices", "no frames of the point of light")
+    await_text(page, "#notices", "no frames of the point source")
     page.keyboard.press("Escape")
     assert page.locator("#notices").inner_text() == ""
     visit.allowed = "status of 422"

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from nolens.evaluate import Dot
 from nolens.files.atomic import atomic_write
+from nolens.files.save_plot import save_plot
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -79,7 +80,7 @@ def write_angles_plot(
             axes.set_ylim(min(0.0, axes.get_ylim()[0]), 1.05)
             axes.set_xlim(left=0)
         with atomic_write(path) as temporary:
-            figure.savefig(temporary, format="png", dpi=120)
+            save_plot(figure, temporary)
 
 
 def write_dots_plot(
@@ -124,7 +125,7 @@ def write_dots_plot(
                 if angle is not None:
                     each.axvline(angle, color=colour, linewidth=0.9)
         with atomic_write(path) as temporary:
-            figure.savefig(temporary, format="png", dpi=120)
+            save_plot(figure, temporary)
 
 
 def _draw(

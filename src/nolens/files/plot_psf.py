@@ -9,6 +9,7 @@ from torch import Tensor
 
 from nolens.evaluate import PsfFigures
 from nolens.files.atomic import atomic_write
+from nolens.files.save_plot import save_plot
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -53,7 +54,7 @@ def write_psf_plot(path: str | Path, figures: PsfFigures, psf: Tensor, cell_um: 
         _draw_autocorrelation(middle, figures)
         _draw_magnitude(right, values, figures)
         with atomic_write(path) as temporary:
-            figure.savefig(temporary, format="png", dpi=120)
+            save_plot(figure, temporary)
 
 
 def _draw_psf(

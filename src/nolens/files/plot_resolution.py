@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from nolens.files.save_plot import save_plot
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -291,4 +293,4 @@ def _figure(path: Path, size: tuple[float, float]) -> Iterator["Figure"]:
     }):  # fmt: skip
         figure = Figure(figsize=size, layout="constrained")
         yield figure
-        figure.savefig(path, format="png", dpi=120)
+        save_plot(figure, path)

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nolens.files.save_plot import save_plot
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
@@ -66,7 +68,7 @@ def plot_thickness(path: Path, materials: list[ColourCurves]) -> None:
             _draw_widths(axes, material)
         for axes in places[panels:]:
             axes.set_axis_off()
-        figure.savefig(path, format="png", dpi=120)
+        save_plot(figure, path)
 
 
 def _draw_focus(axes: "Axes", materials: list[ColourCurves]) -> None:

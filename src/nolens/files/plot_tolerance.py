@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from nolens.design.tolerances import Parameter, Study
+from nolens.files.save_plot import save_plot
 
 _BETTER, _WORSE, _NEUTRAL, _LIMIT = "#2a7f62", "#c0562f", "#5b6b7a", "#a01c3a"
 _MOST_BARS = 10
@@ -41,7 +42,7 @@ def plot_tolerance(path: Path, study: Study, title: str) -> None:
                 _draw_curve(axes, study, name)
             places[0].set_ylabel(_label(study))
             places[0].legend(fontsize=7, loc="best")
-        figure.savefig(path, format="png", dpi=120)
+        save_plot(figure, path)
 
 
 def _draw_figures(axes: Axes, study: Study) -> None:

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from nolens.errors import FileError, OptionError
-from nolens.files import CAMERA_FILE, is_sequence, read_camera, write_into
+from nolens.files import CAMERA_FILE, atomic_write, is_sequence, read_camera, write_into
 from nolens.files.read_camera import write_description
+from nolens.files.save_plot import dark_plots
 from nolens.jobs.copied import copied_camera
 from nolens.jobs.designing.look import with_thickness
 from nolens.jobs.designing.look_options import Thicknesses
@@ -109,7 +110,14 @@ def build(kind: JobKind, given: Mapping[str, Any], place: Place) -> Ready:
         if changed is not None:
             camera = _changed_camera(options["camera"], changed, place)
             ready = _gather(model, {**options, **chosen, "camera": camera})
-        return _summary(_named(about.run), ready, reporter, kind)
+        with dark_plots() as dark:
+            summary = _summary(_named(about.run), ready, reporter, kind)
+        if dark and "plot" in chosen:
+            path = chosen["plot"].with_suffix(".dark.png")
+            with atomic_write(path) as temporary:
+                temporary.write_bytes(dark[-1])
+            summary["outputs"] = [*summary.get("outputs", []), str(path)]
+        return summary
 
     return Ready(folder, run)
 

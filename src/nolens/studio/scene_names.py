@@ -5,7 +5,7 @@ SCENES = {
     "astronaut": "Astronaut",
     "coffee": "Coffee",
     "camera": "Cameraman",
-    "point": "Point of light",
+    "point": "Point source",
     "dark": "No light",
 }
 """By id, what they are called."""

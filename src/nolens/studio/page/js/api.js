@@ -71,6 +71,14 @@ export const fileUrl = (path) => `api/file?path=${encodeURIComponent(path)}`;
 /** @param {string} path @returns {Promise<{name: string, path: string, kind: string, bytes: number, changed: number}[]>} */
 export const list = async (path) => (await get(`api/files?path=${encodeURIComponent(path)}`)).entries;
 
+/** Where a path of the page lies on the disk. @param {string} path @returns {Promise<string>} */
+export async function onDisk(path) {
+  const [id, ...rest] = path.split("/");
+  const { folders } = await studio();
+  const root = folders.find((/** @type {any} */ each) => each.id === id);
+  return [root?.path ?? id, ...rest].join("/");
+}
+
 /** @type {Promise<any> | null} */
 let known = null;
 

@@ -1,7 +1,7 @@
 // @ts-check
-/** Calibrate: from a point of light to a PSF in the camera's folder, step by step. */
+/** Calibrate: from a point source to a PSF in the camera's folder, step by step. */
 
-import { post, upload } from "./api.js";
+import { onDisk, post, upload } from "./api.js";
 import { cameraChoice, cameras } from "./choices.js";
 import { button, field, figureTable, fill, group, h, setOptions } from "./dom.js";
 import { Centring } from "./centring.js";
@@ -10,6 +10,7 @@ import { folderOf, number } from "./format.js";
 import { exposureAdvice } from "./histogram.js";
 import { fileLinks, JobView, run } from "./jobs.js";
 import { draw, live } from "./live.js";
+import { NAMES } from "./names.js";
 import { banner, told } from "./notices.js";
 import { LightControls } from "./viewfinder_light.js";
 
@@ -48,12 +49,12 @@ class Take {
       const paths = [];
       while (paths.length < wanted) {
         await live.next();
-        const { files } = await post("api/live/save", { as: ["raw"] });
+        const { files } = await post("api/live/save", { as: ["raw"], folder: "calibration" });
         paths.push(...files.filter((/** @type {string} */ path) => !path.endsWith(".json")));
         this.said.textContent = `Taking ${paths.length} of ${wanted}…`;
       }
       this.paths = paths;
-      this.said.textContent = `${paths.length} taken, in ${folderOf(paths[0])}.`;
+      this.said.textContent = `${paths.length} taken, in ${await onDisk(folderOf(paths[0]))}.`;
     });
   }
 
@@ -86,7 +87,7 @@ class Calibrate {
     this.chosen = false;
     this.name = h("input", { type: "text", value: "my-camera", spellcheck: false });
     this.distance = h("input", { type: "text", value: "300mm", spellcheck: false });
-    this.pointer = button("Show the twin a point of light", told(() => this.show("point")));
+    this.pointer = button("Show the simulated camera a point source", told(() => this.show("point")));
     this.frames = new Take("frames", FRAMES, (work) => this.prepared("point", work));
     this.darks = new Take("dark frames", DARKS, (work) => this.prepared("dark", work));
     this.maker = button("Make the PSF", told(() => this.make()), { class: "primary" });
@@ -102,13 +103,13 @@ class Calibrate {
         h("figure", { class: "view" }, h("div", { class: "frame" }, this.canvas, this.centring.overlay),
           h("figcaption", {}, h("b", {}, "Sensor"), this.centring.said))),
       h("ol", { class: "side steps" },
-        step(group("1 Camera", field("Description", this.camera), field("Folder of its PSFs", this.name))),
-        step(group("2 Point of light",
-          h("p", {}, "Put a point of light (a white LED behind a pinhole of 50 to 100 µm) straight before the camera, and darken the room. Move it until its pattern lies on the cross."),
-          field("Distance from the mask", this.distance), this.pointer)),
+        step(group("1 Camera", field(NAMES.calibrate.camera, this.camera), field(NAMES.calibrate.name, this.name))),
+        step(group("2 Point source",
+          h("p", {}, "Put a point source (a white LED behind a pinhole of 50 to 100 µm) straight before the camera, and darken the room. Move it until its light lies on the cross."),
+          field(NAMES.calibrate.distance, this.distance), this.pointer)),
         step(group("3 Exposure", ...this.light.elements, this.advice)),
         step(group("4 Frames", h("p", {}, "Their mean has less noise. The exposure is held from here on."), ...this.frames.elements)),
-        step(group("5 Dark frames", h("p", {}, "Cover the point, and leave the room and the exposure as they are."), ...this.darks.elements)),
+        step(group("5 Dark frames", h("p", {}, "Cover the point source, and leave the room and the exposure as they are."), ...this.darks.elements)),
         step(group("6 PSF", h("div", { class: "row" }, this.maker), this.job.element)))), this.result);
     addEventListener("pagehide", told(() => this.back()));
     /** @type {import("./live.js").Viewer} */
@@ -149,7 +150,7 @@ class Calibrate {
   /** @param {import("./live.js").Frame} frame */
   follow({ head, pictures }) {
     draw(this.canvas, pictures.raw);
-    this.centring.look();
+    this.centring.look(this.twin ? live.state?.scene === "point" : null);
     this.light.show(head);
     const { word } = this.light.histogram;
     this.advice.textContent = this.seen === "dark" ? "Dark, as it is to be now." : word ? exposureAdvice(word) : "";
@@ -173,10 +174,11 @@ class Calibrate {
     this.light.follow(await post("api/live/settings", given));
   }
 
-  /** Let the twin see a point of light, or nothing. @param {string} builtin */
+  /** Let the simulated camera see a point source, or nothing. @param {string} builtin */
   async show(builtin) {
     this.before ??= live.state?.scene ?? null;
     await post("api/live/scene", { builtin });
+    await live.ask();
   }
 
   /** Scene and exposure as they were before. */
@@ -225,7 +227,7 @@ class Calibrate {
   }
 
   async make() {
-    if (this.frames.paths.length === 0) throw new Error("There are no frames of the point of light yet: take some (step 4), or choose files.");
+    if (this.frames.paths.length === 0) throw new Error("There are no frames of the point source yet: take some (step 4), or choose files.");
     this.maker.disabled = true;
     fill(this.result);
     try {
@@ -244,10 +246,10 @@ class Calibrate {
     const outputs = job.outputs ?? [];
     const psf = outputs.find((path) => /psf-[^/]*\.tif$/.test(path));
     if (!psf) return;
-    const folder = folderOf(psf);
+    const folder = await onDisk(folderOf(psf));
     const again = button("Add another distance", () => this.another());
     const { summary } = job;
-    const about = group("PSF of the point", h("p", {}, "Saved in ", h("code", {}, folder)),
+    const about = group("PSF of the point source", h("p", {}, "Saved in ", h("code", {}, folder)),
       figureTable([
         ["Frames", String(summary?.frames ?? "–")],
         ["Noise over peak", summary ? `${(100 * Math.max(...summary.noise_over_peak)).toFixed(2)} %` : "–"],

@@ -1,5 +1,5 @@
 // @ts-check
-/** A cross in the middle of the sensor, and where the pattern lies beside it. */
+/** A cross in the middle of the sensor, and where the PSF of a point source lies beside it. */
 
 import { h, svg } from "./dom.js";
 
@@ -59,8 +59,12 @@ export class Centring {
       + `M90 ${half}a10 10 0 0 0 20 0a10 10 0 0 0 -20 0`);
   }
 
-  /** Look where the pattern is, not more often than it can be read. */
-  look() {
+  /**
+   * Look where the light is, not more often than it can be read.
+   *
+   * @param {boolean | null} point whether it comes from a point source; null where only a person can know
+   */
+  look(point) {
     if (performance.now() - this.looked_ms < EVERY_MS) return;
     this.looked_ms = performance.now();
     this.fit();
@@ -73,6 +77,11 @@ export class Centring {
       this.dot.setAttribute("visibility", "hidden");
       return;
     }
+    if (point === false) {
+      this.said.textContent = "The camera looks at no point source";
+      this.dot.setAttribute("visibility", "hidden");
+      return;
+    }
     const [right, up] = middle;
     this.dot.setAttribute("visibility", "visible");
     this.dot.setAttribute("cx", (100 + 100 * right).toFixed(1));
@@ -81,6 +90,6 @@ export class Centring {
       Math.abs(right) > CENTRED_SHARE * 2 && side(right, "right", "left"),
       Math.abs(up) > CENTRED_SHARE * 2 && side(up, "up", "down"),
     ].filter(Boolean);
-    this.said.textContent = far.length ? `The pattern is ${far.join(", ")}` : "The pattern is in the middle";
+    this.said.textContent = `The ${point ? "PSF" : "light"} is ${far.join(", ") || "in the middle"}`;
   }
 }

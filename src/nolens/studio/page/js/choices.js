@@ -1,7 +1,7 @@
 // @ts-check
 /** Files and cameras to choose from. */
 
-import { fileUrl, list, studio } from "./api.js";
+import { fileUrl, list, onDisk, studio } from "./api.js";
 import { h } from "./dom.js";
 import { folderOf } from "./format.js";
 
@@ -18,31 +18,33 @@ async function entries(path) {
   }
 }
 
-/** Folders in which files are looked for: those of the workspace, and the ones that were named. */
-async function places() {
+/** Folders in which files are looked for: some of the workspace's, and the ones that were named. @param {string[]} own */
+async function places(own) {
   const { folders } = await studio();
   const [work, ...more] = folders.map((/** @type {any} */ each) => each.id);
   const named = await Promise.all(more.map(async (/** @type {string} */ id) =>
     [id, ...(await entries(id)).filter((each) => each.kind === "folder").map((each) => each.path)]));
-  return [`${work}/shots`, `${work}/uploads`, `${work}/pictures`, ...named.flat()];
+  return [...own.map((name) => `${work}/${name}`), ...named.flat()];
 }
 
 /** The newest first. @param {Entry} one @param {Entry} other */
 const byTime = (one, other) => other.changed - one.changed || other.name.localeCompare(one.name);
 
-/** Files of some kinds, by folder. @param {(entry: Entry) => boolean} fits @returns {Promise<{place: string, files: Entry[]}[]>} */
-export async function filesBy(fits) {
-  const found = await Promise.all((await places()).map(async (place) =>
-    ({ place, files: (await entries(place)).filter(fits).sort(byTime) })));
+/** @typedef {{place: string, label: string, files: Entry[]}} Group files of a folder, and what it is called */
+
+/** Files of some kinds, by folder. @param {(entry: Entry) => boolean} fits @param {string[]} [own] of the workspace's folders @returns {Promise<Group[]>} */
+export async function filesBy(fits, own = ["shots", "uploads", "pictures"]) {
+  const found = await Promise.all((await places(own)).map(async (place) => ({
+    place, label: (await onDisk(place)).split("/").slice(-2).join("/"), files: (await entries(place)).filter(fits).sort(byTime) })));
   return found.filter(({ files }) => files.length > 0);
 }
 
-/** @param {HTMLSelectElement} select @param {{place: string, files: Entry[]}[]} groups @param {string} none */
+/** @param {HTMLSelectElement} select @param {Group[]} groups @param {string} none */
 export function offerFiles(select, groups, none) {
   const before = select.value;
-  select.replaceChildren(h("option", { value: "" }, none), ...groups.map(({ place, files }) => {
+  select.replaceChildren(h("option", { value: "" }, none), ...groups.map(({ label, files }) => {
     const element = h("optgroup", {}, ...files.map((each) => h("option", { value: each.path }, each.name)));
-    element.label = place;
+    element.label = label;
     return element;
   }));
   select.value = before;

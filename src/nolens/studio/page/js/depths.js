@@ -32,8 +32,10 @@ export class Depths {
     this.all = button("Sharp everywhere", () => this.everywhere(), { "aria-pressed": "true", disabled: true });
     this.said = h("span", { role: "status" });
     this.depth.input.disabled = true;
+    this.name = h("b", {}, "Focal stack");
+    this.view = h("figure", { class: "view" }, this.frame, h("figcaption", {}, this.name, this.said));
     this.element = h("div", { class: "stage", hidden: true },
-      h("figure", { class: "view" }, this.frame, h("figcaption", {}, h("b", {}, "Focal stack"), this.said)),
+      this.view,
       this.depth.element, h("div", { class: "row" }, this.all, h("small", {}, "Click on the picture to focus there.")));
   }
 
@@ -47,8 +49,17 @@ export class Depths {
     this.depth.limit(0, this.stack.pages.length - 1);
     this.depth.input.disabled = this.all.disabled = false;
     this.empty.hidden = true;
+    this.view.classList.remove("previous");
+    this.name.textContent = "Focal stack";
     this.picture.hidden = false;
     this.everywhere();
+  }
+
+  /** Say that the stack is of the run before, until another is opened. */
+  age() {
+    if (!this.stack) return;
+    this.view.classList.add("previous");
+    this.name.textContent = "Previous focal stack";
   }
 
   /** @param {number} page */

@@ -1,11 +1,12 @@
 // @ts-check
-/** Design: the layers of a camera, and what becomes of its pattern when they change. */
+/** Design: the layers of a camera, and what becomes of its PSF when they change. */
 
 import { fileUrl } from "./api.js";
 import { cameras } from "./choices.js";
 import { button, field, figureTable, fill, group, h, setOptions, slider } from "./dom.js";
 import { later, mm, number } from "./format.js";
 import { cancel, fileLinks, follow, JobView, start } from "./jobs.js";
+import { NAMES } from "./names.js";
 import { told } from "./notices.js";
 import { curve, noCurve } from "./plots.js";
 import { blur } from "./rays.js";
@@ -46,8 +47,8 @@ class Design {
     this.redraw = later(told(() => this.ask()), WAIT_MS);
     fill(place, h("h1", { class: "unseen" }, "Design"), h("div", { class: "bench left" },
       h("div", { class: "side" },
-        group("Camera", field("Description", this.camera), this.note),
-        group("Layers", this.layers, this.best, this.angle.element)),
+        group("Camera", field(NAMES.fabricate.camera, this.camera), this.note),
+        group(NAMES.fabricate.thickness, this.layers, this.best, this.angle.element)),
       h("div", { class: "stage" },
         h("div", { class: "drawn" },
           h("section", { class: "group", "aria-label": "Layers to scale" }, this.drawing),
@@ -92,7 +93,7 @@ class Design {
   /** Look at the camera as it is set; an older look that is still in work is given up. */
   async ask() {
     const asked = ++this.asked;
-    this.state.textContent = "Working out the pattern…";
+    this.state.textContent = "Working out the PSF…";
     if (this.running) cancel(this.running).catch(() => {}); // It may have ended meanwhile.
     const id = await start("design-look", { camera: this.camera.value, thickness: this.thickness });
     this.running = id;
@@ -103,7 +104,7 @@ class Design {
     this.running = "";
     if (job?.status !== "done") {
       this.state.textContent = "";
-      throw new Error(job?.error ?? "The pattern could not be worked out.");
+      throw new Error(job?.error ?? "The PSF could not be worked out.");
     }
     this.state.textContent = "";
     this.show(job.summary, (job.outputs ?? []).find((path) => path.endsWith(".png")));
@@ -118,10 +119,10 @@ class Design {
     this.draw();
     if (psf) {
       this.psf.src = fileUrl(psf);
-      this.psfNote.textContent = `${number(look.cell_um)} µm a cell`;
+      this.psfNote.textContent = `${number(look.cell_um)} µm a pixel`;
     }
     fill(this.autocorrelation, curve({ x: look.autocorrelation.um, y: look.autocorrelation.value, from: 0,
-      xLabel: "shift / µm", yLabel: "autocorrelation", title: "Autocorrelation of the pattern by shift" }));
+      xLabel: "shift / µm", yLabel: "autocorrelation", title: "Autocorrelation of the PSF by shift" }));
     fill(this.magnitude, curve({ x: look.magnitude.per_mm, y: look.magnitude.value, from: 0,
       xLabel: "cycles per mm", yLabel: "spectral magnitude", title: "Spectral magnitude by frequency" }));
     this.tell();

@@ -3,21 +3,25 @@
 
 import { fileUrl } from "./api.js";
 import { h } from "./dom.js";
+import { isDark } from "./jobs.js";
 import { mm, number, percent } from "./format.js";
 
 /** @param {number | null | undefined} value @param {(value: number) => string} text */
 export const known = (value, text) => (typeof value === "number" ? text(value) : "–");
 
-/** The plot among a job's files. @param {import("./jobs.js").Job} job @param {string} [alt] */
+/** The plot among a job's files, for the light theme and the dark one. @param {import("./jobs.js").Job} job @param {string} [alt] */
 export function jobPlot(job, alt = "Plot of the measurement") {
-  const path = (job.outputs ?? []).find((each) => each.endsWith(".png"));
+  const path = (job.outputs ?? []).find((each) => each.endsWith(".png") && !isDark(each));
   if (!path) return h("p", {}, "There is no plot.");
-  return h("a", { class: "plot", href: fileUrl(path), target: "_blank", rel: "noopener", title: "Open the plot by itself" },
-    h("img", { class: "wide", src: fileUrl(path), alt }));
+  const dark = (job.outputs ?? []).find(isDark);
+  const image = (/** @type {string} */ source, /** @type {string} */ theme) =>
+    h("a", { class: `plot ${theme}`, href: fileUrl(source), target: "_blank", rel: "noopener", title: "Open the plot by itself" },
+      h("img", { class: "wide", loading: "lazy", src: fileUrl(source), alt }));
+  return h("div", {}, dark ? [image(path, "for-light"), image(dark, "for-dark")] : image(path, ""));
 }
 
 /** @param {import("./jobs.js").Job} job */
-export const psfPlot = (job) => jobPlot(job, "Plots of the PSF: its pattern, autocorrelation and spectrum");
+export const psfPlot = (job) => jobPlot(job, "Plots of the PSF: the PSF itself, its autocorrelation and its spectrum");
 
 const um = (/** @type {number} */ value) => `${number(value)} µm`;
 
@@ -25,7 +29,7 @@ const um = (/** @type {number} */ value) => `${number(value)} µm`;
 export const psfFigures = (found) => [
   ["Line width (FWHM)", known(found.line_width_um, um)],
   ["Pitch", known(found.pitch_um, um)],
-  ["Cell", known(found.cell_um, um)],
+  ["Pixel", known(found.cell_um, um)],
   ["Contrast", known(found.contrast, (value) => number(value))],
   ["Numerical aperture", known(found.lenslet_aperture, (value) => number(value))],
   ["Depth of focus", known(found.depth_of_focus_mm, mm)],
@@ -45,7 +49,7 @@ export const twoPointRows = (found) => [
 
 /** What `measure resolution siemens` found. @param {any} found @returns {[string, string][]} */
 export const starRows = (found) => [
-  ["Resolved in all directions from", `${known(found.resolved_deg, degrees)}${found.finest_of_the_cells ? ", the finest that the cells show" : ""}`],
+  ["Resolved in all directions from", `${known(found.resolved_deg, degrees)}${found.finest_of_the_cells ? ", the finest that the pixels show" : ""}`],
   ["Uncertain by ±", known(found.plus_minus_deg, degrees)],
   ["Least across", known(found.worst_direction_deg, degrees)],
   ["Contrast that counts", known(found.contrast_needed, (value) => percent(value, 3))],
@@ -70,7 +74,7 @@ export const dotRows = (found) => [
   ["Lost from", found.lost_deg === null ? "nowhere among these dots" : degrees(found.lost_deg)],
   ["Dots", String(found.dots.length)],
   ["Pitch found", known(found.pitch_found_mm, mm)],
-  ["A cell in the middle sees", known(found.cell_deg, degrees)],
+  ["A pixel in the middle sees", known(found.cell_deg, degrees)],
 ];
 
 /** What `measure field` found of PSFs from the side. @param {any} found */

@@ -4,6 +4,7 @@
 import { ApiError, fileUrl, get, post } from "./api.js";
 import { button, fill, h } from "./dom.js";
 import { baseName, left, pause } from "./format.js";
+import { worded } from "./names.js";
 import { trouble } from "./notices.js";
 
 const LOOK_MS = 300;
@@ -35,10 +36,21 @@ const changed = () => board.dispatchEvent(new Event("change"));
 /** @param {string} kind @param {Record<string, unknown>} options @returns {Promise<string>} id */
 export async function start(kind, options) {
   const given = Object.fromEntries(Object.entries(options).filter(([, value]) => value !== undefined && value !== ""));
-  const { id } = await post("api/jobs", { kind, options: given });
-  changed();
-  return id;
+  try {
+    const { id } = await post("api/jobs", { kind, options: given });
+    changed();
+    return id;
+  } catch (error) {
+    if (error instanceof ApiError) throw new ApiError(error.status, worded(kind, error.message));
+    throw error;
+  }
 }
+
+/** A job as the server has it, with what it says in the page's words. @template {Job} J @param {J} job @returns {J} */
+export const read = (job) => {
+  const all = (/** @type {string[] | undefined} */ texts) => texts?.map((text) => worded(job.kind, text));
+  return { ...job, error: job.error && worded(job.kind, job.error), notes: all(job.notes), warnings: all(job.warnings) };
+};
 
 /** @param {string} id @returns {Promise<Job>} */
 export const cancel = (id) => post(`api/jobs/${encodeURIComponent(id)}/cancel`);
@@ -54,7 +66,7 @@ export const cancel = (id) => post(`api/jobs/${encodeURIComponent(id)}/cancel`);
 export async function follow(id, seen = () => {}, signal) {
   for (;;) {
     try {
-      const job = /** @type {Job} */ (await get(`api/jobs/${encodeURIComponent(id)}`));
+      const job = read(/** @type {Job} */ (await get(`api/jobs/${encodeURIComponent(id)}`)));
       if (signal?.aborted) return null;
       seen(job);
       if (ended(job)) {
@@ -77,8 +89,19 @@ export async function run(kind, options) {
   return job;
 }
 
+/** Open what hides a field that a text names. @param {HTMLElement} element of the field's group @param {string} text */
+function reveal(element, text) {
+  for (const details of element.closest(".group")?.querySelectorAll("details") ?? []) {
+    const labels = [...details.querySelectorAll("label")];
+    if (labels.some((each) => text.includes(`“${each.textContent}”`))) details.open = true;
+  }
+}
+
+/** Whether a file is a plot for the dark theme. @param {string} path */
+export const isDark = (path) => path.endsWith(".dark.png");
+
 /** Links to the files of a job. @param {string[]} paths */
-export const fileLinks = (paths) => h("ul", { class: "files" }, paths.map((path) =>
+export const fileLinks = (paths) => h("ul", { class: "files" }, paths.filter((path) => !isDark(path)).map((path) =>
   h("li", {}, h("a", { href: fileUrl(path), download: baseName(path) }, baseName(path)))));
 
 /** @param {Job} job */
@@ -111,7 +134,12 @@ export class JobView {
   /** Start, and show it to its end. @param {string} kind @param {Record<string, unknown>} options @returns {Promise<Job | null>} the job if it is done */
   async run(kind, options) {
     fill(this.more);
-    return this.watch(await start(kind, options));
+    try {
+      return await this.watch(await start(kind, options));
+    } catch (error) {
+      if (error instanceof Error) reveal(this.element, error.message);
+      throw error;
+    }
   }
 
   /** Show a job that has been started. @param {string} id @returns {Promise<Job | null>} */
@@ -150,6 +178,7 @@ export class JobView {
     fill(this.more,
       job.error && h("p", { class: "trouble", role: "alert" }, job.error),
       [...new Set(job.warnings ?? [])].map((text) => h("p", { class: "doubt" }, text)));
+    if (job.error) reveal(this.element, job.error);
     this.element.hidden = job.status === "done" && this.more.childElementCount === 0;
     this.given.seen?.(job);
   }

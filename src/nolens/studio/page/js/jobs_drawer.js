@@ -3,7 +3,7 @@
 
 import { get } from "./api.js";
 import { button, fill, h } from "./dom.js";
-import { board, cancel, ended, fileLinks, progressText } from "./jobs.js";
+import { board, cancel, ended, fileLinks, isDark, progressText, read } from "./jobs.js";
 import { told } from "./notices.js";
 
 const LOOK_MS = 1000;
@@ -23,7 +23,7 @@ function shown(job) {
     running && h("div", { class: "row" }, h("span", { class: "job-text" }, progressText(job)),
       button("Cancel", told(() => cancel(job.id)), { "aria-label": `Cancel ${job.title}` })),
     job.error && h("p", { class: "trouble" }, job.error),
-    job.outputs?.length ? h("details", {}, h("summary", {}, `${job.outputs.length} files`), fileLinks(job.outputs)) : null);
+    job.outputs?.length ? h("details", {}, h("summary", {}, `${job.outputs.filter((each) => !isDark(each)).length} files`), fileLinks(job.outputs)) : null);
 }
 
 /** Make the drawer work. @returns {{close: () => boolean}} */
@@ -42,7 +42,7 @@ export function jobsDrawer() {
     clearTimeout(timer);
     let busy = false;
     try {
-      const jobs = /** @type {Job[]} */ ((await get("api/jobs")).jobs).filter((job) => !UNSEEN.includes(job.kind));
+      const jobs = /** @type {Job[]} */ ((await get("api/jobs")).jobs).filter((job) => !UNSEEN.includes(job.kind)).map(read);
       const running = jobs.filter((job) => !ended(job)).length;
       busy = running > 0;
       count.textContent = String(running);

@@ -5,7 +5,11 @@ import { calibratedCameras, cameras, filesBy, psfChoices } from "./choices.js";
 import { field, figureTable, fill, h, segments, setOptions } from "./dom.js";
 import { dotRows, edgeRows, fieldRows, jobPlot, psfFigures, psfPlot, starRows, twoPointRows } from "./figures.js";
 import { Measurement, offerCameras, Target } from "./measurement.js";
+import { NAMES } from "./names.js";
 import { told } from "./notices.js";
+
+const NAME = NAMES["measure-two-points"];
+const FIELD = NAMES["measure-field"];
 
 /** Pictures in linear light, as reconstructions are kept. @param {{name: string}} entry */
 const linear = ({ name }) => /\.(tiff?|npy)$/i.test(name);
@@ -20,7 +24,7 @@ const text = (input) => input.value.trim() || undefined;
 function psfCard() {
   const psf = h("select", {});
   const card = new Measurement({
-    title: "PSF", name: "psf", kind: "measure-psf", controls: [field("PSF", psf)],
+    title: "PSF", name: "psf", kind: "measure-psf", controls: [field(NAMES["measure-psf"].psf, psf)],
     about: "Line width, pitch, autocorrelation and spectrum of a PSF.",
     options: () => {
       if (!psf.value) throw new Error("There is no PSF yet: calibrate the camera (key 3), or save a raw frame on the Viewfinder (key s).");
@@ -31,17 +35,17 @@ function psfCard() {
   return { card, psf };
 }
 
-/** Two points of light, nearer and nearer. */
+/** Two point sources, nearer and nearer. */
 function pointsCard() {
   const camera = h("select", {});
   const distance = typed({ placeholder: "the camera's own" });
   const draws = h("input", { type: "number", min: 1, max: 20, value: 1 });
   const card = new Measurement({
     title: "Two points", name: "two-points", kind: "measure-two-points",
-    about: "How close two points of light may be and still be told apart, in a simulation of the camera.",
-    controls: [field("Camera", camera), h("div", { class: "row" },
-      h("div", { class: "grow" }, field("Distance", distance)),
-      h("div", { class: "narrow" }, field("Repeats", draws)))],
+    about: "How close two point sources may be and still be resolved, in a simulation of the camera.",
+    controls: [field(NAME.simulate, camera), h("div", { class: "row" },
+      h("div", { class: "grow" }, field(NAME.distance, distance)),
+      h("div", { class: "narrow" }, field(NAME.draws, draws)))],
     options: () => ({ simulate: camera.value, distance: text(distance), draws: Number(draws.value) || 1 }),
     found: (job) => [jobPlot(job, "Dip between two points by their separation"),
       figureTable(twoPointRows(job.summary), "Resolution of two points")],
@@ -57,7 +61,7 @@ function pointsCard() {
  */
 function targetCard({ title, kind, about, picture, plot, angle, rows }) {
   const wide = typed({ value: angle });
-  const target = new Target({ picture, simulated: [field("Field angle that it fills", wide)] });
+  const target = new Target({ picture, simulated: [field(NAMES[kind].angle, wide)] });
   const card = new Measurement({
     title, kind, about, name: kind.replace("measure-", ""), controls: target.elements,
     options: () => (target.simulated
@@ -73,8 +77,8 @@ function sideCard() {
   const camera = h("select", {});
   const folder = h("select", {});
   const angles = typed({ value: "0deg,10deg,20deg,30deg,40deg" });
-  const simulated = h("div", { class: "fields" }, field("Camera", camera), field("Half angles", angles));
-  const captured = h("div", { class: "fields", hidden: true }, field("PSFs of", folder));
+  const simulated = h("div", { class: "fields" }, field(FIELD.simulate, camera), field(FIELD.angles, angles));
+  const captured = h("div", { class: "fields", hidden: true }, field(FIELD.psfs, folder));
   const way = segments("Where the PSFs are from", [["simulation", "Simulation"], ["captured", "Captured PSFs"]],
     "simulation", (chosen) => { simulated.hidden = chosen !== "simulation"; captured.hidden = !simulated.hidden; });
   const card = new Measurement({
@@ -96,13 +100,13 @@ function dotsCard() {
   const pitch = typed({ value: "20mm" });
   const distance = typed({ value: "300mm" });
   const reach = typed({ value: "30deg" });
-  const target = new Target({ picture: "grid of dots", simulated: [field("Half angle with dots", reach)] });
+  const target = new Target({ picture: "grid of dots", simulated: [field(FIELD.reach, reach)] });
   const card = new Measurement({
     title: "Field of dots", name: "dots", kind: "measure-field",
     about: "Up to which angle a grid of dots is seen clearly, and where it is lost.",
     controls: [...target.elements, h("div", { class: "row" },
-      h("div", { class: "grow" }, field("Distance of the dots", pitch)),
-      h("div", { class: "grow" }, field("Distance of the grid", distance)))],
+      h("div", { class: "grow" }, field(FIELD.dot_pitch, pitch)),
+      h("div", { class: "grow" }, field(FIELD.distance, distance)))],
     options: () => {
       const grid = { dot_pitch: text(pitch), distance: text(distance) };
       return target.simulated ? { simulate: target.camera.value, reach: text(reach), ...grid }

@@ -80,7 +80,7 @@ export class Target {
     return this.file.value;
   }
 
-  /** @param {import("./choices.js").Camera[]} cameras @param {{place: string, files: any[]}[]} pictures */
+  /** @param {import("./choices.js").Camera[]} cameras @param {import("./choices.js").Group[]} pictures */
   offer(cameras, pictures) {
     offerCameras(this.camera, cameras);
     offerFiles(this.file, pictures, pictures.length ? "Choose a picture" : "None yet: reconstruct one");

@@ -5,18 +5,22 @@ import { fileUrl, upload } from "./api.js";
 import { calibratedCameras, filesBy, offerFiles, psfChoices, psfOf } from "./choices.js";
 import { Compare } from "./compare.js";
 import { Depths } from "./depths.js";
-import { button, field, fill, group, h, segments, setOptions, slider, tick } from "./dom.js";
-import { folderOf, number, percent } from "./format.js";
+import { button, field, fill, group, h, segments, setOptions } from "./dom.js";
+import { folderOf, percent } from "./format.js";
 import { fileLinks, JobView, run } from "./jobs.js";
 import { live } from "./live.js";
+import { NAMES } from "./names.js";
 import { told } from "./notices.js";
 import { curve, noCurve } from "./plots.js";
+import { ReconstructionOptions } from "./reconstruction.js";
 import { Tone } from "./tone.js";
 
 /** @typedef {import("./jobs.js").Job} Job */
 
-const TAU = 1e-4;
 const OWN_PSF = "A file of mine…";
+
+/** A file that may be a raw frame: also pictures that were brought to be used as one. @param {import("./choices.js").Entry} entry */
+const raw = ({ kind, name, path }) => kind === "raw" || (path.includes("/uploads/") && /\.png$/i.test(name));
 
 class Photograph {
   /** @param {HTMLElement} place */
@@ -29,16 +33,10 @@ class Photograph {
     this.rawFile = h("input", { type: "file", onchange: told(() => this.bring(this.rawFile, this.raw)) });
     this.preview = h("img", { alt: "Preview of the raw file", hidden: true });
     this.previewNote = h("span", { role: "status" });
+    this.previewed = h("figure", { class: "view" }, h("div", { class: "frame" }, this.preview), h("figcaption", {}, this.previewNote));
     this.psf = h("select", { onchange: () => this.follow() });
     this.psfFile = h("input", { type: "file", onchange: told(() => this.bring(this.psfFile, this.psf)) });
-    this.quality = segments("Quality", [["draft", "Draft"], ["photo", "Photo"], ["exact", "Exact"]], "photo", () => {});
-    this.tauOwn = tick("Choose τ", false, (on) => { this.tau.element.hidden = !on; });
-    this.tau = slider({ label: "τ, weight of the prior", min: 1e-6, max: 1e-1, value: TAU, log: true, text: (value) => number(value, 2) });
-    this.tau.element.hidden = true;
-    this.iterations = h("input", { type: "number", min: 1, max: 100000, placeholder: "by quality" });
-    this.flip = h("select", {}, ...[["none", "As it is"], ["vertical", "Upside down"], ["horizontal", "Mirrored"], ["both", "Turned by 180°"]]
-      .map(([value, label]) => h("option", { value }, label)));
-    this.field = h("input", { type: "text", placeholder: "all that reaches the sensor", spellcheck: false });
+    this.options = new ReconstructionOptions((input, select) => this.bring(input, select));
     this.maker = button("Reconstruct", told(() => this.reconstruct()), { class: "primary" });
     this.curve = h("div", { class: "objective" }, noCurve());
     this.job = new JobView({ keep: "reconstruct", seen: (job) => this.draw(job) });
@@ -50,20 +48,20 @@ class Photograph {
     this.stackJob = new JobView({ keep: "refocus" });
     this.mode = segments("View", [["picture", "Picture"], ["compare", "Compare"], ["depths", "Depths"]], "picture", (mode) => this.view(mode));
     this.picture = h("div", { class: "stage" }, this.tone.view, this.tone.controls);
+    this.previewed.hidden = true;
     this.asked = 0;
-    fill(place, h("h1", { class: "unseen" }, "Photograph"), h("div", { class: "bench" },
-      h("div", { class: "stage" }, this.mode.element, this.picture, this.compare.element, this.depths.element),
+    fill(place, h("h1", { class: "unseen" }, "Photograph"), h("div", { class: "bench chooser" },
       h("div", { class: "side" },
         group("Raw file", field("In the workspace", this.raw), h("div", { class: "drop" }, field("Or bring one: choose it, or drop it here", this.rawFile)),
-          h("figure", { class: "view" }, h("div", { class: "frame" }, this.preview), h("figcaption", {}, this.previewNote))),
+          this.previewed),
         group("PSF", field("Of a calibrated camera", this.psf), h("details", {}, h("summary", {}, OWN_PSF), field("PSF file", this.psfFile))),
-        group("Reconstruction", this.quality.element,
-          h("details", {}, h("summary", {}, "More"), this.tauOwn.element, this.tau.element, field("Iterations, at most", this.iterations),
-            field("Field of view from side to side, such as 40deg", this.field), field("Turn the picture", this.flip)),
-          h("div", { class: "row" }, this.maker), this.job.element, this.curve),
-        group("Refocus", field("Camera", this.cameras), h("div", { class: "row" },
+        group("Reconstruction", ...this.options.elements,
+          h("div", { class: "row" }, this.maker), this.job.element, this.curve)),
+      h("div", { class: "stage" }, this.mode.element, this.picture, this.compare.element, this.depths.element),
+      h("div", { class: "side" },
+        group("Refocus", field(NAMES.refocus.psfs, this.cameras), h("div", { class: "row" },
           h("div", { class: "grow" }, field("Nearest", this.near)), h("div", { class: "grow" }, field("Farthest", this.far)),
-          h("div", { class: "narrow" }, field("Depths", this.steps))), h("div", { class: "row" }, this.refocuser), this.stackJob.element))));
+          h("div", { class: "narrow" }, field(NAMES.refocus.steps, this.steps))), h("div", { class: "row" }, this.refocuser), this.stackJob.element))));
     this.dropHere();
     told(async () => this.finish(await this.job.again()))();
     told(async () => this.focused(await this.stackJob.again(), false))();
@@ -74,10 +72,11 @@ class Photograph {
   }
 
   async list() {
-    const [files, psfs, cameras] = await Promise.all([
-      filesBy((entry) => entry.kind === "raw" || /\.tiff?$/i.test(entry.name)), psfChoices(), calibratedCameras()]);
+    const [files, darks, psfs, cameras] = await Promise.all([
+      filesBy(raw), filesBy(raw, ["calibration", "shots", "uploads"]), psfChoices(), calibratedCameras()]);
     const own = [...this.psf.options].filter((each) => each.dataset.own).map((each) => ({ value: each.value, label: each.label }));
     offerFiles(this.raw, files, "Choose a raw file");
+    this.options.offer(darks);
     setOptions(this.psf, [{ value: "", label: psfs.length ? "Choose a PSF" : "None yet: calibrate, or bring a file" }, ...psfs, ...own]);
     for (const option of this.psf.options) if (own.some(({ value }) => value === option.value)) option.dataset.own = "true";
     setOptions(this.cameras, cameras.length ? cameras : [{ value: "", label: "None yet: calibrate one" }]);
@@ -94,6 +93,7 @@ class Photograph {
   async bring(input, select, given) {
     const file = given ?? input.files?.[0];
     if (!file) return;
+    this.previewed.hidden = false;
     this.previewNote.textContent = `Storing ${file.name}…`;
     try {
       const path = await upload(file);
@@ -126,6 +126,7 @@ class Photograph {
     const asked = ++this.asked;
     const path = this.raw.value;
     this.preview.hidden = true;
+    this.previewed.hidden = !path;
     this.previewNote.textContent = path ? "Looking at it…" : "";
     if (!path) return;
     try {
@@ -154,23 +155,14 @@ class Photograph {
     if (!this.psf.value) throw new Error("No PSF is chosen: calibrate the camera (key 3), or bring a PSF file.");
     this.maker.disabled = true;
     fill(this.curve, noCurve());
+    this.tone.age();
     try {
       this.finish(await this.job.run("reconstruct", {
-        measurement: this.raw.value, psf: this.psf.value, quality: this.quality.value(),
-        tau: this.tauOwn.box.checked ? this.tau.value() : undefined,
-        iterations: this.iterations.value ? Number(this.iterations.value) : undefined,
-        flip: this.flip.value === "none" ? undefined : this.flip.value,
-        ...this.seen(),
+        measurement: this.raw.value, psf: this.psf.value, ...this.options.all(this.psf.value),
       }));
     } finally {
       this.maker.disabled = false;
     }
-  }
-
-  /** The field of view, which takes the layers of the PSF's camera. */
-  seen() {
-    const angle = this.field.value.trim();
-    return angle ? { field: angle, camera: folderOf(this.psf.value) } : {};
   }
 
   /** The objective by iteration. @param {Job} job */
@@ -194,9 +186,10 @@ class Photograph {
     if (!this.raw.value) throw new Error("No raw file is chosen: choose one, or save one on the Viewfinder (key s).");
     if (!this.cameras.value) throw new Error("There is no calibrated camera yet: calibrate one (key 3).");
     this.refocuser.disabled = true;
+    this.depths.age();
     try {
       this.focused(await this.stackJob.run("refocus", {
-        measurement: this.raw.value, psfs: this.cameras.value,
+        measurement: this.raw.value, psfs: this.cameras.value, ...this.options.reading(),
         stack: `${this.near.value.trim()},${this.far.value.trim()}`, steps: Number(this.steps.value),
       }), true);
     } finally {

@@ -85,10 +85,18 @@ export class Tone {
     this.overlay.setAttribute("viewBox", `0 0 ${width} ${height}`);
     this.overlay.setAttribute("preserveAspectRatio", "xMidYMid meet");
     this.name.textContent = name;
+    this.view.classList.remove("previous");
     this.empty.hidden = true;
     this.saver.disabled = false;
     fill(this.others);
     this.reset();
+  }
+
+  /** Say that the picture is of the run before, until another is shown. */
+  age() {
+    if (!this.original || this.view.classList.contains("previous")) return;
+    this.view.classList.add("previous");
+    this.name.textContent = `Previous picture: ${this.name.textContent}`;
   }
 
   reset() {

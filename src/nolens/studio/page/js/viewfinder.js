@@ -1,7 +1,7 @@
 // @ts-check
 /** The viewfinder: what the sensor sees and the picture that is made of it, live. */
 
-import { post } from "./api.js";
+import { onDisk, post } from "./api.js";
 import { button, fill, group, h, tick } from "./dom.js";
 import { duration, folderOf, number } from "./format.js";
 import { fileLinks } from "./jobs.js";
@@ -50,16 +50,14 @@ class Viewfinder {
     fill(place, h("h1", { class: "unseen" }, "Viewfinder"), h("div", { class: "bench" },
       h("div", { class: "stage" },
         h("div", { class: "pair" }, this.raw.element, this.picture.element),
-        this.figures.element,
-        h("section", { class: "group", "aria-label": "Keep" },
-          h("div", { class: "row" }, this.freezer, this.saver,
-            this.png.element, this.tiff.element, this.rawFile.element,
-            h("small", {}, "The record of the run is always kept.")),
-          this.saved)),
+        this.figures.element),
       h("div", { class: "side" },
         group("Light", ...this.light.elements),
         group("Reconstruction", ...this.solver.elements)),
-      h("div", { class: "three below" }, this.scene.element, this.source.element)));
+      h("div", { class: "three below" },
+        group("Save", h("div", { class: "row" }, this.freezer, this.saver),
+          h("div", { class: "row" }, this.png.element, this.tiff.element, this.rawFile.element), this.saved),
+        this.scene.element, this.source.element)));
     /** @type {import("./live.js").Viewer} */
     this.viewer = {
       frame: (frame) => this.show(frame),
@@ -89,6 +87,7 @@ class Viewfinder {
   show({ head, pictures }) {
     draw(this.raw.canvas, pictures.raw);
     draw(this.picture.canvas, pictures.picture);
+    this.picture.canvas.hidden = !pictures.picture;
     const { values } = this.figures;
     values["Frames/s"].textContent = this.frozen ? "frozen" : head.fps.toFixed(1);
     values.Latency.textContent = `${Math.round(head.latency_ms)} ms`;
@@ -146,7 +145,7 @@ class Viewfinder {
     this.saver.disabled = true;
     try {
       const { files } = await post("api/live/save", { as });
-      const folder = folderOf(files[0]);
+      const folder = await onDisk(folderOf(files[0]));
       fill(this.saved, h("p", {}, "Saved in ", h("code", {}, folder)), fileLinks(files));
     } finally {
       this.saver.disabled = false;

@@ -24,7 +24,7 @@ export class SceneControls {
     this.webcam = button("Use my webcam", told(async () => (this.stream ? this.stop() : this.watch())), { "aria-pressed": "false" });
     this.said = h("p", { class: "pale", role: "status" });
     this.element = group("Scene", field("Built-in picture", this.select),
-      h("div", { class: "drop" }, field("A picture or video of yours: choose it, or drop it on the page", this.file)),
+      h("div", { class: "drop" }, field("Choose or drop a picture or video", this.file)),
       this.webcam, this.said);
     this.element.hidden = true;
     /** @type {MediaStream | null} */

@@ -6,6 +6,8 @@ import { later, number } from "./format.js";
 import { told } from "./notices.js";
 
 const SEND_MS = 80;
+/** @type {Record<string, [number, number]>} τ of the two weighs other things: each has its own ends. */
+const ENDS = { admm: [1e-6, 1e-1], wiener: [1e-3, 1e2] };
 
 export class SolverControls {
   /** @param {(given: Record<string, unknown>) => Promise<void>} set */
@@ -21,11 +23,15 @@ export class SolverControls {
       label: "Iterations a frame", min: 1, max: 40, value: 4, step: 1,
       text: String, input: (iterations) => send({ iterations }),
     });
+    /** The method whose ends τ has. */
+    this.limited = "admm";
     this.elements = [this.method.element, this.tau.element, this.iterations.element];
   }
 
   /** @param {any} settings */
   follow(settings) {
+    if (this.limited !== settings.method) this.tau.limit(...ENDS[settings.method]);
+    this.limited = settings.method;
     this.method.set(settings.method);
     if (document.activeElement !== this.tau.input) this.tau.set(settings.tau);
     if (document.activeElement !== this.iterations.input) this.iterations.set(settings.iterations);
