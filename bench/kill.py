@@ -396,9 +396,9 @@ def names(out: Path) -> set[str]:
 def stamps(out: Path) -> dict[str, int]:
     """When each file was written."""
     found = {}
-    for path in out.rglob("*"):
+    for name in names(out):
         try:
-            found[str(path.relative_to(out))] = path.stat().st_mtime_ns
+            found[name] = (out / name).stat().st_mtime_ns
         except OSError:  # A temporary one, gone by now.
             continue
     return found
