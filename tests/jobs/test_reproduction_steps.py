@@ -53,11 +53,29 @@ def test_what_follows_from_other_parameters_is_done_again(tmp_path: Path) -> Non
     assert work.done == ["one", "two", "one"]
 
 
-@pytest.mark.parametrize("file", ["found.json", "timing.json", "values.tif"])
-def test_a_damaged_result_is_done_again(tmp_path: Path, file: str) -> None:
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [
+        ("found.json", None, b"II*"),
+        ("found.json", None, b"[" * 3000),
+        ("found.json", b'"third"', b'"fourth"'),
+        ("found.json", b"{", b'{"more": 1,'),
+        ("found.json", b'"figures": {', b'"figures": [], "more": {'),
+        ("timing.json", None, b"II*"),
+        ("timing.json", b"0.5", b'"a"'),
+        ("values.tif", None, b"II*"),
+        ("values.tif", b"\x3f", b"\x3e"),
+    ],
+)
+def test_a_damaged_result_is_done_again(
+    tmp_path: Path, file: str, old: bytes | None, new: bytes
+) -> None:
     work = Work()
     carry_out([work.step("one", {})], tmp_path, Watcher())
-    (tmp_path / "one" / file).write_bytes(b"II*")
+    path = tmp_path / "one" / file
+    content = path.read_bytes()
+    assert old is None or old in content
+    path.write_bytes(new if old is None else content.replace(old, new, 1))
     found = carry_out([work.step("one", {})], tmp_path, Watcher())
     assert work.done == ["one", "one"]
     assert found["one"].figures["third"] == 1 / 3

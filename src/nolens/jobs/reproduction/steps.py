@@ -229,5 +229,5 @@ def _json(path: Path) -> Any:
 
 
 def _array_digest(array: Tensor) -> str:
-    values = array.detach().cpu().numpy()
+    values = array.detach().cpu().float().numpy()
     return hashlib.sha256(f"{values.shape}".encode() + values.tobytes()).hexdigest()
