@@ -16,7 +16,16 @@ from running import command, listing, run
 from nolens.camera import srgb_from_linear
 from nolens.files import read_frame
 
-SUMMARY = {"method", "iterations", "stop_reason", "objective", "seconds", "device", "outputs"}
+SUMMARY = {
+    "method",
+    "iterations",
+    "stop_reason",
+    "objective",
+    "tau",
+    "seconds",
+    "device",
+    "outputs",
+}
 
 
 def test_installed_command_writes_pictures_and_record(camera: Camera, tmp_path: Path) -> None:
@@ -28,6 +37,7 @@ def test_installed_command_writes_pictures_and_record(camera: Camera, tmp_path: 
     assert done.err == ""
     first, *paths = done.out.splitlines()
     assert first.startswith("admm: ") and "objective" in first and "cpu" in first
+    assert "tau 0.0001 (default: a smaller --tau shows more detail" in first
     assert paths == [str(png), str(tif), str(tmp_path / "out.json")]
     assert sorted(listing(tmp_path)) == ["out.json", "out.png", "out.tif"]
 

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
 
 from nolens.cli.app import Json, Output, Whole
 from nolens.cli.messages import show
@@ -14,9 +14,10 @@ from nolens.jobs import Method, ReconstructOptions, expand_home
 from nolens.jobs import reconstruct as run_reconstruct
 from nolens.solvers import Prior, Quality
 
-Input = Parameter(group="Input")
-Model = Parameter(group="Model and solver")
-Picture = Parameter(group="Picture")
+Main = Parameter(group=Group("What matters most", sort_key=1))
+Input = Parameter(group=Group("Files and channels", sort_key=2))
+Model = Parameter(group=Group("Model and solver", sort_key=3))
+Picture = Parameter(group=Group("Picture", sort_key=4))
 
 
 def reconstruct(
@@ -24,6 +25,10 @@ def reconstruct(
     *,
     psf: Path | None = None,
     output: Annotated[tuple[Path, ...] | None, Output] = None,
+    psf_wider: Annotated[bool | None, Main] = None,
+    region: Annotated[str | None, Main] = None,
+    tau: Annotated[float | None, Main] = None,
+    quality: Annotated[Quality | None, Main] = None,
     config: Path | None = None,
     dark: Annotated[Path | None, Input] = None,
     flat: Annotated[Path | None, Input] = None,
@@ -34,13 +39,9 @@ def reconstruct(
     channels: Annotated[str | None, Input] = None,
     bin: Annotated[int | None, Input, Whole] = None,  # noqa: A002 (the option's name)
     psf_scale: Annotated[int | None, Input, Whole] = None,
-    psf_wider: Annotated[bool | None, Input] = None,
-    region: Annotated[str | None, Model] = None,
     field: Annotated[str | None, Model] = None,
     camera: Annotated[str | None, Model] = None,
-    quality: Annotated[Quality | None, Model] = None,
     method: Annotated[Method | None, Model] = None,
-    tau: Annotated[float | None, Model] = None,
     prior: Annotated[Prior | None, Model] = None,
     iterations: Annotated[int | None, Model, Whole] = None,
     tolerance: Annotated[float | None, Model] = None,
@@ -152,26 +153,31 @@ def reconstruct(
     }
     reporter = TerminalReporter()
     with reporter:
-        outcome = run_reconstruct(ReconstructOptions.gather(given, config), reporter)
-    summary = outcome.summary
+        options = ReconstructOptions.gather(given, config)
+        summary = run_reconstruct(options, reporter).summary
     if json_:
         show(json.dumps(summary))
     else:
-        show(_told(summary))
+        show(_told(summary, default_tau=options.tau is None))
         for path in summary["outputs"]:
             show(path)
     return 130 if reporter.interrupted else 0
 
 
-def _told(summary: dict[str, Any]) -> str:
-    """What came of it, in a line."""
+def _told(summary: dict[str, Any], *, default_tau: bool) -> str:
+    """What came of it, in a line, and what could make it better."""
     end = f"{summary['seconds']:.1f} s on {summary['device']}"
     if "frames" in summary:
         dropped = f", {len(summary['dropped'])} dropped" if summary["dropped"] else ""
         return f"{summary['frames']} frames{dropped} ({summary['stop_reason']}), {end}"
+    stop, tau = summary["stop_reason"], f"tau {summary['tau']:g}"
+    if stop == "iteration limit":
+        stop += ": it still moves; more --iterations, larger cells (--bin 2) or --region help"
+    if default_tau and summary["method"] != "wiener":
+        tau += " (default: a smaller --tau shows more detail, a larger one less noise)"
     return (
-        f"{summary['method']}: {summary['iterations']} iterations ({summary['stop_reason']}), "
-        f"objective {summary['objective']:.4g}, {end}"
+        f"{summary['method']}: {summary['iterations']} iterations ({stop}), {tau}, objective "
+        f"{summary['objective']:.4g}, {end}"
     )
 
 

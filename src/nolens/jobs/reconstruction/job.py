@@ -135,6 +135,7 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
         "iterations": result.iterations,
         "stop_reason": "interrupted" if interrupted else result.stop_reason,
         "objective": result.objective,
+        "tau": tau,
         "seconds": clock.seconds,
         "device": str(device),
         "outputs": [readable(path) for path in (*options.output, options.record, *kept)],
