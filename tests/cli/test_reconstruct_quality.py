@@ -191,6 +191,6 @@ def test_field_is_the_region_that_the_camera_sees(tmp_path: Path) -> None:
         (("--camera", "small"), "--field needs --camera"),
         (("--field", "30deg", "--camera", "paper"), "the measurement's camera"),
         (("--field", "30deg", "--camera", "small", "--region", "9x9"), "leave one out"),
-        (("--field", "0deg", "--camera", "small"), "--field is 0 deg"),
+        (("--field", "0deg", "--camera", "small"), "field is '0deg'"),
     ):
         check_refused(run(*asked, *more), words)

@@ -38,9 +38,9 @@ class Problem:
     r"""Minimise ½‖b − CMv‖² + τ R(v) over v ≥ 0, v = 0 outside the region (`uvimprint`, eq. 7).
 
     Every channel is one such problem in **unit norms**: its PSF (as far as it can reach the
-    sensor) and its valid data are divided by their ℓ2 norms. So τ means the same for every
-    camera and exposure, and the solution follows a change of either scale exactly. `unscale`
-    takes a scene in unit norms back to measurement over PSF.
+    sensor) and its valid data are divided by their ℓ2 norms. So the solution follows a change of
+    either scale exactly, and τ need not change with it. `unscale` takes a scene in unit norms back
+    to measurement over PSF.
 
     Make one with `Problem.pose`.
     """
