@@ -72,7 +72,8 @@ class Command:
 COMMANDS = (
     Command(
         "reconstruct",
-        "reconstruct {inputs}/raw.dng --psf {inputs}/psf-1.dng -o {out}/a.png -o {out}/a.tif",
+        "reconstruct {inputs}/raw.dng --psf {inputs}/psf-1.dng --iterations 400 --tolerance 0 "
+        "-o {out}/a.png -o {out}/a.tif",
     ),
     Command(
         "reconstruct, sequence",
@@ -90,7 +91,7 @@ COMMANDS = (
     ),
     Command(
         "design mask",
-        "design mask optimised --camera {inputs}/camera.toml --period 0.1mm --iterations 20 "
+        "design mask optimised --camera {inputs}/camera.toml --period 0.1mm --iterations 60 "
         "-o {out}/mask",
     ),
     Command(
