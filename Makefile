@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: env demo test test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading screenshots fuzz kill clean
+.PHONY: env demo test test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading screenshots fuzz kill attack clean
 
 env: $(STAMP)
 
@@ -93,6 +93,10 @@ screenshots: $(STAMP)
 SECONDS ?= 600
 fuzz: $(STAMP)
 	OMP_NUM_THREADS=1 $(BIN)/python tests/fuzzing/run.py --seconds $(SECONDS)
+
+# A studio of its own is attacked for some minutes, while the time in which it answers is measured.
+attack: $(STAMP)
+	PYTHONPATH=tests $(BIN)/python tests/studio/attack.py
 
 clean:
 	rm -rf $(VENV) .bench-venv

@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +72,11 @@ def test_studio_says_so_and_goes_on_when_there_is_room(disk: Path) -> None:
         failed = studio.ended(studio.job("reconstruct", options))
         assert failed["status"] == "failed" and "space" in failed["error"], failed
         assert studio.get("live")["running"]
+        with suppress(OSError):
+            (disk / "rest").write_bytes(bytes(100_000))
+        lost = studio.ended(studio.job("reconstruct", options))
+        studio.until(f"jobs/{lost['id']}", lambda job: "is not kept" in str(job["warnings"]))
+        (disk / "rest").unlink()
         assert not [each for each in disk.rglob("*") if each.name.startswith(".")]
 
         ballast.unlink()

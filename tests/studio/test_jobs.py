@@ -1,9 +1,11 @@
 """Jobs in a process of their own: they run, are cancelled, die, and are found again."""
 
+import asyncio
 import json
 import os
 import signal
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import httpx
@@ -13,6 +15,10 @@ from PIL import Image
 from serving import Running, serving
 
 from nolens.files import read_frame, read_record
+from nolens.studio.jobs import JobQueue, TooManyJobsError
+from nolens.studio.schemas import JobRequest
+from nolens.studio.workspace import Workspace
+from patience import PATIENCE_S
 
 
 @pytest.fixture(scope="module")
@@ -210,3 +216,88 @@ def test_a_reload_and_a_new_studio_find_all_jobs(studio: Running, tmp_path: Path
 def test_unknown_job_is_told(studio: Running) -> None:
     answer = httpx.get(f"{studio.url}/api/jobs/nothing")
     assert answer.status_code == 404 and "there is no job" in answer.json()["detail"]
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "no JSON"),
+        (b"[" * 100_000, "deep"),
+        (b"9" * 5000, "number or key of 5000 characters"),
+        (rb'{"id": "bad", "kind": "psf", "title": "\ud800", "status": "done"}', "surrogate"),
+        (b'{"id": "bad", "kind": "psf", "title": "x", "status": "done", "ended": NaN}', "NaN"),
+        (b'{"id": "bad", "kind": "psf", "title": "x", "status": 1}', "status"),
+        (b'{"id": "bad", "kind": "x", "title": "x", "status": "done"}', "the unknown kind 'x'"),
+        (b'{"id": "other", "kind": "psf", "title": "x", "status": "done"}', "is the job 'other'"),
+    ],
+)
+def test_a_bad_job_of_an_earlier_run_is_shown_with_its_reason(
+    tmp_path: Path, content: bytes, words: str
+) -> None:
+    folder = tmp_path / "jobs/bad"
+    folder.mkdir(parents=True)
+    (folder / "job.json").write_bytes(content)
+    (tmp_path / "jobs/.hidden").touch()
+    [job] = JobQueue(Workspace([tmp_path])).all()
+    assert (job.id, job.title, job.status) == ("bad", "bad/job.json", "failed")
+    assert words in (job.error or ""), job.error
+    assert "work/jobs/bad/job.json" in (job.error or "") and "\n" not in (job.error or "")
+
+
+class Checking:
+    """A process that checks jobs one after the other, and never ends one."""
+
+    async def ask(self, *message: object, seconds: float) -> None:
+        await asyncio.sleep(0.001)
+
+    def tell(self, *message: object) -> None:
+        pass
+
+    async def stop(self, grace_s: float) -> None:
+        pass
+
+
+def test_of_many_jobs_at_once_as_many_are_taken_as_may_wait(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each has its place before it is checked: others ask meanwhile."""
+    monkeypatch.setattr(JobQueue, "_working", lambda queue: checking)
+    checking = Checking()
+
+    async def ask() -> tuple[list[object], int]:
+        queue = JobQueue(Workspace([tmp_path]))
+        request = JobRequest(kind="psf", options={"camera": "small"})
+        answers = await asyncio.gather(
+            *(queue.submit(request) for _ in range(200)), return_exceptions=True
+        )
+        counted = len(queue.all())
+        await queue.close()
+        return list(answers), counted
+
+    with ThreadPoolExecutor(1) as pool:  # The browser's tests leave a running loop in this thread.
+        answers, counted = pool.submit(asyncio.run, ask()).result()
+    refused = [each for each in answers if isinstance(each, TooManyJobsError)]
+    assert (counted, len(refused)) == (50, 150)
+    assert "50 jobs are waiting already" in str(refused[0])
+
+
+def test_links_beside_what_a_job_is_given_are_not_followed(studio: Running, tmp_path: Path) -> None:
+    np.save(tmp_path / "secret.npy", np.ones((64, 80), np.float32))
+    folder = studio.work / "linked"
+    folder.mkdir()
+    (folder / "1.npy").symlink_to(tmp_path / "secret.npy")
+    (folder / "x.tif").symlink_to(tmp_path / "secret.npy")
+    (folder / "psfs.toml").write_text(
+        'schema_version = 1\n[[psf]]\nfile = "x.tif"\ncell = "3.1 um"\nchannels = ["grey"]\n'
+        'distance = "300 mm"\n'
+    )
+    asked = (
+        ("preview", {"path": "work/linked"}),
+        ("refocus", {"measurement": "work/uploads/raw.npy", "psfs": "work/linked"}),
+    )
+    for kind, options in asked:
+        answer = httpx.post(
+            f"{studio.url}/api/jobs", json={"kind": kind, "options": options}, timeout=PATIENCE_S
+        ).json()
+        said = answer["detail"] if "detail" in answer else studio.ended(answer["id"])["error"]
+        assert "is a link out of its folder, which is not followed" in said

@@ -1,7 +1,9 @@
 """The live view through a real server: pictures of the scene, for many pages at once."""
 
+import asyncio
 import itertools
 import json
+import logging
 import math
 import os
 import signal
@@ -9,6 +11,7 @@ import struct
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from io import BytesIO
 from pathlib import Path
@@ -27,6 +30,8 @@ from websockets.sync.client import ClientConnection, connect
 
 from nolens.capture import chart
 from nolens.files import read_frame, read_record
+from nolens.studio import routes_live
+from nolens.studio.live import Client
 from patience import PATIENCE_S
 
 Header = dict[str, Any]
@@ -314,11 +319,67 @@ def test_what_is_malformed_closes_its_own_socket(studio: Running, message: str |
 
 
 def test_pictures_of_a_webcam_that_are_none_change_nothing(studio: Running) -> None:
+    """But the page is told; one that is too large is not decoded."""
+    large = BytesIO()
+    Image.new("1", (7000, 7000)).save(large, "PNG")
     with connect(studio.frames, max_size=None) as socket:
-        socket.send(b"\xff\xd8\xff" + 1000 * b"x")
-        for _ in range(3):
-            frame(socket)
-        assert studio.get("live")["scene"] == "chart"
+        for data, words in (
+            (b"\xff\xd8\xff" + 1000 * b"x", "cannot be read: give"),
+            (large.getvalue(), "7000×7000 pixels: give one of at most 4 megapixels"),
+        ):
+            socket.send(data)
+            studio.until("live", lambda live, words=words: words in (live["error"] or ""))
+            for _ in range(3):
+                frame(socket)
+            assert studio.get("live")["scene"] == "chart"
+        studio.post("live/scene", {"builtin": "chart"})
+        assert studio.get("live")["error"] is None
+
+
+def test_text_that_is_no_text_closes_its_own_socket_and_is_not_logged(studio: Running) -> None:
+    logged: list[logging.LogRecord] = []
+    handler = logging.Handler()
+    handler.emit = logged.append  # type: ignore[method-assign]
+    logging.getLogger("uvicorn.error").addHandler(handler)
+    try:
+        with (
+            connect(studio.frames, max_size=None) as socket,
+            pytest.raises(ConnectionClosed) as end,
+        ):
+            socket.send(b"\xff\xfe", text=True)
+            while True:
+                socket.recv(timeout=10)
+    finally:
+        logging.getLogger("uvicorn.error").removeHandler(handler)
+    assert end.value.rcvd is not None and end.value.rcvd.code == 1007
+    assert not [each for each in logged if each.levelno >= logging.ERROR]
+
+
+def test_who_sends_more_than_frames_need_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A page answers some ten frames a second, and sends as many of a webcam."""
+    waited: list[float] = []
+
+    class Page:
+        count = 0
+
+        async def receive(self) -> dict[str, str]:
+            self.count += 1
+            disconnects = self.count > 300
+            return {"type": "websocket.disconnect"} if disconnects else {"type": "x", "text": "ok"}
+
+    async def sleep(seconds: float) -> None:
+        waited.append(seconds)
+
+    monkeypatch.setattr(routes_live.asyncio, "sleep", sleep)
+    page: Any = Page()
+
+    async def receive() -> None:
+        await routes_live._receive(page, Client(), Any)  # type: ignore[arg-type]
+
+    with ThreadPoolExecutor(1) as pool:  # The browser's tests leave a running loop in this thread.
+        pool.submit(asyncio.run, receive()).result()
+    assert 200 < len(waited) <= 251
+    assert waited[-1] > 1
 
 
 def test_killed_process_is_started_again_and_says_why(studio: Running) -> None:

@@ -1,5 +1,7 @@
 """Paths of the page stay below the folders that a person named."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -121,3 +123,95 @@ def test_cameras_are_found_where_they_are_kept(space: Workspace, place: Path) ->
     assert [(psf.path, psf.distance) for psf in mine.psfs] == [
         ("work/cameras/mine/psf-300mm.tif", "300 mm")
     ]
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "words"),
+    [
+        ("camera.toml", b"a = " + b"[" * 3000 + b"]" * 3000, "deep"),
+        ("camera.toml", b"a = " + b"9" * 5000, "number or key of 5000 characters"),
+        ("camera.toml", b"note = \xff", "is no TOML file"),
+        ("psfs.toml", b"psf = 3", "psf: input should be a valid list"),
+        ("psfs.toml", b"[[psf]]\nfile = 'x.tif'\nangle = 3", "psf.0.angle"),
+        ("psfs.toml", b"[[psf]]\nfile = '../../outside/secret.tif'", "a file in its folder"),
+    ],
+)
+def test_a_bad_description_is_shown_with_its_reason(
+    space: Workspace, place: Path, file: str, content: bytes, words: str
+) -> None:
+    for name in ("bad", "good"):
+        (place / "work/cameras" / name).mkdir(parents=True)
+    (place / "work/cameras/bad" / file).write_bytes(content)
+    (place / "work/cameras/good/camera.toml").write_text('note = "a note"')
+    found = {each.id: each for each in space.cameras()}
+    trouble = found["work/cameras/bad"].trouble or ""
+    assert words in trouble and f"cameras/bad/{file}" in trouble and "\n" not in trouble
+    assert (found["work/cameras/good"].note, found["work/cameras/good"].trouble) == ("a note", None)
+    (place / "work/cameras/bad" / file).unlink()
+    (place / "work/cameras/bad/camera.toml").write_text('note = "mended"')
+    assert {each.id: each.note for each in space.cameras()}["work/cameras/bad"] == "mended"
+
+
+def test_links_are_judged_wherever_a_path_is_made(space: Workspace, place: Path) -> None:
+    camera = place / "work/cameras/linked"
+    camera.mkdir(parents=True)
+    (place / "outside/camera.toml").write_text('note = "secret"')
+    (camera / "camera.toml").symlink_to(place / "outside/camera.toml")
+    [linked] = [each for each in space.cameras() if each.id not in PRESETS]
+    assert linked.note == "" and "is a link out of its folder" in (linked.trouble or "")
+    (place / "work/uploads").symlink_to(place / "outside")
+    with pytest.raises(OptionError, match="is a link out of its folder"):
+        space.make("uploads")
+    (place / "work/jobs").symlink_to(place)
+    space.remove_job("outside")
+    assert (place / "outside/secret.txt").is_file()
+
+
+def test_a_process_opens_nothing_through_a_link_out(place: Path) -> None:
+    """By any function; what it writes and reads without links is left alone."""
+    (place / "outside/ours").symlink_to(place / "work/shots/a b.dng")
+    code = (
+        "import sys, os, shutil\n"
+        "from pathlib import Path\n"
+        "from nolens.errors import FileError\n"
+        "from nolens.studio.confinement import confine\n"
+        "place = Path(sys.argv[1])\n"
+        "confine([str(place / 'work'), str(place / 'other')])\n"
+        "calls = (lambda path: path.read_bytes(), lambda path: os.open(path, os.O_RDONLY),\n"
+        "         lambda path: shutil.copyfile(path, place / 'work/copied'),\n"
+        "         lambda path: open(os.fsencode(path)).close(),\n"
+        "         lambda path: (path.parent / 'new').write_text('x'))\n"
+        "for name in ('work/out/secret.txt', 'work/peek', 'work/../outside/secret.txt',\n"
+        "             'work/in/a b.dng', 'other/deep/x.png', 'outside/secret.txt'):\n"
+        "    for number, call in enumerate(calls):\n"
+        "        try:\n"
+        "            call(place / name)\n"
+        "        except FileError:\n"
+        "            print(name, number)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(place)], capture_output=True, text=True, check=True
+    )
+    refused = [f"work/out/secret.txt {number}" for number in range(5)]
+    refused += [f"work/peek {number}" for number in range(4)]  # Beside it can be written.
+    refused += [f"work/../outside/secret.txt {number}" for number in range(5)]
+    assert done.stdout.splitlines() == refused
+
+
+def test_a_folder_of_thousands_of_files_is_listed_without_following_each(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in range(3000):
+        (tmp_path / f"{number}.npy").touch()
+    space, count = Workspace([tmp_path]), 0
+    resolve = Path.resolve
+
+    def counted(path: Path, strict: bool = False) -> Path:
+        nonlocal count
+        count += 1
+        return resolve(path, strict)
+
+    monkeypatch.setattr(Path, "resolve", counted)
+    assert len(space.listing("work")) == 3000
+    assert len(space.cameras()) == len(PRESETS)
+    assert count < 10
