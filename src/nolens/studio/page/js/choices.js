@@ -7,7 +7,7 @@ import { folderOf } from "./format.js";
 
 /** @typedef {{value: string, label: string}} Choice */
 /** @typedef {{name: string, path: string, kind: string, bytes: number, changed: number}} Entry */
-/** @typedef {{id: string, name: string, note: string, psfs: {path: string, distance: string, angle: string[]}[]}} Camera */
+/** @typedef {{id: string, name: string, note: string, trouble: string | null, psfs: {path: string, distance: string, angle: string[]}[]}} Camera */
 
 /** A folder's entries, none where it is not there yet. @param {string} path @returns {Promise<Entry[]>} */
 async function entries(path) {
@@ -55,7 +55,10 @@ export function offerFiles(select, groups, none) {
 export const cameras = async () => (await studio(true)).cameras;
 
 /** A description to choose from. @param {Camera} camera @returns {Choice} */
-export const cameraChoice = ({ id, name }) => ({ value: id, label: id.includes("/") ? `${name} (${id})` : name });
+export const cameraChoice = ({ id, name, trouble }) => ({
+  value: id,
+  label: `${id.includes("/") ? `${name} (${id})` : name}${trouble ? " – cannot be read" : ""}`,
+});
 
 /** PSFs in the folders of cameras. @returns {Promise<Choice[]>} */
 export const psfChoices = async () => (await cameras()).flatMap((camera) =>

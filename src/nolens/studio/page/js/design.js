@@ -71,7 +71,7 @@ class Design {
     const before = this.camera.value;
     const first = before === "" && all.some(({ id }) => id === FIRST);
     setOptions(this.camera, all.map(({ id, name }) => ({ value: id, label: id.includes("/") ? id : name })));
-    this.notes = new Map(all.map(({ id, note }) => [id, note ?? ""]));
+    this.notes = new Map(all.map(({ id, note, trouble }) => [id, trouble ?? note]));
     if (first) this.camera.value = FIRST;
     if (this.camera.value !== before) this.begin();
   }
