@@ -40,7 +40,7 @@ PAGES = 16
 JOBS, WAITING = 200, 50
 SECRET = "the-secret-of-this-attack"
 LONG = {
-    "measurement": "work/long.npy", "psf": "work/long.npy", "iterations": 10**6, "tolerance": 0,
+    "measurement": "work/long.npy", "psf": "work/long-psf.npy", "iterations": 10**6, "tolerance": 0,
 }  # fmt: skip
 SHORT = {"measurement": "work/raw.npy", "psf": "work/psf.npy", "iterations": 4}
 
@@ -158,6 +158,7 @@ def prepare(work: Path, folder: Path) -> None:
     random = np.random.default_rng(0)
     np.save(work / "raw.npy", random.random((64, 80), np.float32))
     np.save(work / "long.npy", random.random((480, 640), np.float32))
+    np.save(work / "long-psf.npy", (random.random((480, 640)) < 1e-3).astype(np.float32))
     np.save(work / "psf.npy", (random.random((64, 80)) < 0.01).astype(np.float32))
     for number in range(3000):
         (work / f"uploads/{number}.npy").touch()
