@@ -24,7 +24,7 @@ def test_facts_are_beside_it() -> None:
     assert done.code == 0
     assert camera_from_toml(done.out, "output") == preset("paper")
     for words in ("4.712 × 6.287 mm", "1520×2028 cells", "1.277 mm of air", "1.0160 times",
-                  "10° 224 um, 30° 689 um, 50° 1211 um", "saturate at 8168 electrons",
+                  "10° 224 µm, 30° 689 µm, 50° 1211 µm", "saturate at 8168 electrons",
                   "placeholders, not measured: acceptance"):  # fmt: skip
         assert words in done.err, words
 

@@ -220,7 +220,7 @@ def test_text_for_people(heights: Heights, tmp_path: Path) -> None:
     done = command("camera", "relief", "small", tmp_path / "map.tif", "--unit", "um",
                    "-o", tmp_path / "made")  # fmt: skip
     assert done.code == 0 and done.err == ""
-    for words in ("TIFF of float32: 440×510 points 1.1 um apart (the file)", "mrad", "bow of",
+    for words in ("TIFF of float32: 440×510 points 1.1 µm apart (the file)", "mrad", "bow of",
                   "measured: 0.482 × 0.56 mm, rms 0.", "tops with a radius of",
                   "described: 0.7", str(tmp_path / "made" / "camera.toml")):  # fmt: skip
         assert words in done.out, words

@@ -142,7 +142,7 @@ def test_the_table_a_person_sees(tmp_path: Path) -> None:
         (("optimised", "-o", "m", "--levels", "8"), "more --levels"),
         (("optimised", "-o", "m", "--levels", "1"), "levels"),
         (("optimised", "-o", "m", "--slope", "40deg"), "smaller --slope"),
-        (("optimised", "-o", "m", "--feature", "1um"), "3.1 um or more"),
+        (("optimised", "-o", "m", "--feature", "1um"), "3.1 µm or more"),
         (("optimised", "-o", "m", "--period", "20um"), "larger --period"),
         (("optimised", "-o", "m", "--period", "10m"), "smaller --period"),
         (("optimised", "-o", "m", "--camera", "papr"), "Did you mean the preset 'paper'"),

@@ -208,7 +208,7 @@ def test_resin_that_little_is_known_of(tmp_path: Path) -> None:
         (["small", "--dish", "12x12mm"], ["does not cover"]),
         (["small", "--surface", "mold"], ["mold"]),
         (["small", "--crop", "5x5mm"], ["crop of 5 × 5 mm", "1.70"]),
-        (["small", "--pitch", "1um"], ["finer than the relief's 1.55 um"]),
+        (["small", "--pitch", "1um"], ["finer than the relief's 1.55 µm"]),
         (["small", "--levels", "1"], ["levels is 1", "2 to 250"]),
         (["small", "--levels", "2.5"], ["2.5"]),
         (["small", "--triangles", "3"], ["--triangles", "or more"]),
@@ -340,7 +340,7 @@ def test_levels_too_far_apart_are_said(tmp_path: Path) -> None:
     record = json.loads((tmp_path / "few" / "fabricate.json").read_text())
     step_um = told["mask"]["step_um"]
     (said,) = (text for text in record["warnings"] if "levels lie" in text)
-    assert step_um > 0.16 and f"{step_um:.2g} um apart" in said
+    assert step_um > 0.16 and f"{step_um:.2g} µm apart" in said
     needed = int(said.split("--levels ")[1].split()[0])
     assert needed == int(np.ceil(5 * step_um / 0.15844)) + 1
     made("small", "--levels", needed, "-o", tmp_path / "enough")

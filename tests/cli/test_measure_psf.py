@@ -172,7 +172,7 @@ def test_lines_finer_than_cells_and_no_pitch_are_warnings(tmp_path: Path) -> Non
         (("--pixel", "3.1um", "--channels", "all"), ("--channels all", "grey")),
         (("--pixel", "3.1um", "--noise", "-1"), ("noise is -1", "0 to 1000000000")),
         (("--pixel", "3.1um", "--plot", "fig.jpg"), ("suffix .jpg",)),
-        (("--pixel", "2um", "--camera", "small"), ("does not fit", "3.1 um")),
+        (("--pixel", "2um", "--camera", "small"), ("does not fit", "3.1 µm")),
         (("--pixel", "3.1um", "--camera", "smal"), ("Did you mean",)),
     ],
 )

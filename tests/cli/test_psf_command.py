@@ -140,5 +140,5 @@ def test_text_for_people(tmp_path: Path) -> None:
     done = run("psf", *SMALL, "--at", "20deg,0deg", "-o", tmp_path / "psf.tif")
     assert done.code == 0 and done.err == ""
     assert "20° off the axis: the pattern moves 45" in done.out
-    for words in ("um to the right and 0.0 um up", "peak", "psf.tif", "psf.json"):
+    for words in ("µm to the right and 0.0 µm up", "peak", "psf.tif", "psf.json"):
         assert words in done.out, words

@@ -146,11 +146,11 @@ SPOILT: dict[str, tuple[Callable[[str], str], list[str]]] = {
     ),
     "relief too coarse": (
         lambda text: text.replace('"0.67 mm"', '"0.05 mm"'),
-        ["a point every 1.55 um, too coarse", "a grid of 0.2", "um or finer would do"],
+        ["a point every 1.55 µm, too coarse", "a grid of 0.2", "µm or finer would do"],
     ),
     "lenslets finer than the grid": (
         lambda text: text.replace('"70 um"', '"2 um"'),
-        ["a lenslet every 2 um", "a point only every 1.55 um", "a grid of 0.2 um"],
+        ["a lenslet every 2 um", "a point only every 1.55 um", "a grid of 0.2 µm"],
     ),
     "more memory than there is": (
         lambda text: re.sub("rows = 256\ncolumns = 320", "rows = 60000\ncolumns = 60000", text),
@@ -196,7 +196,7 @@ def test_coarse_relief_of_a_file(tmp_path: Path) -> None:
     (tmp_path / "camera.toml").write_text(text[:start] + relief + text[end:])
     heights = np.random.default_rng(0).uniform(0, 2, (400, 400)).astype(np.float32)
     tifffile.imwrite(tmp_path / "relief.tif", heights)
-    words = ["too coarse", "um or finer would do"]
+    words = ["too coarse", "µm or finer would do"]
     refuses(tmp_path, words, "psf", "--camera", tmp_path, "-o", "psf.tif")
     words = ["relief.tif would overwrite the camera's relief.tif", "another name (-o)"]
     refuses(tmp_path, words, "psf", "--camera", tmp_path, "-o", "relief.tif")

@@ -202,7 +202,7 @@ def test_layout(twin):
     ("limits", "period", "words"),
     [
         (Limits(12.0, 0.9, 8.0), 600.0, "smaller --slope"),
-        (Limits(12.0, 0.095, 1.0), 600.0, "finer --grid|3.1 um or more"),
+        (Limits(12.0, 0.095, 1.0), 600.0, "finer --grid|3.1 µm or more"),
         (Limits(12.0, 0.095, 8.0, 8), 600.0, "more --levels"),
         (LIMITS, 50.0, "larger --period"),
     ],

@@ -88,7 +88,7 @@ def test_excess_counts_what_is_too_steep():
     [
         (Limits(0.0, 0.1, 8.0), "more than zero"),
         (Limits(10.0, -0.1, 8.0), "more than zero"),
-        (Limits(10.0, 0.1, 3.0), "3.1 um or more"),
+        (Limits(10.0, 0.1, 3.0), "3.1 µm or more"),
         (Limits(10.0, 0.1, 8.0, 16), "64 levels or more"),
     ],
 )

@@ -146,7 +146,7 @@ def test_budget_has_a_line_for_every_parameter() -> None:
     assert (first.parameter, first.nominal, first.allowed, first.unit) == (
         "resin.index", 1.47, 0.005, "",
     )  # fmt: skip
-    assert first.effect == "line-width +1 / -1 um"
-    assert second.effect == "line-width -0.2 / +0.2 um" and second.unit == "um"
+    assert first.effect == "line-width +1 / -1 µm"
+    assert second.effect == "line-width -0.2 / +0.2 µm" and second.unit == "um"
     assert study.passed is not None
     assert study.passed.passed == int((cameras[:, 0] <= 240).sum())

@@ -174,7 +174,7 @@ def test_what_is_advised_would_do(seed: int) -> None:
     parameters = (Parameter("gap.thickness", "normal", 235.0, 400.0, "um"),)
     with pytest.raises(OptionError) as error:
         check_possible(PAPER, parameters, draw(parameters, 50, seed))
-    advised = float(str(error.value).split("± ")[1].split(" um")[0])
+    advised = float(str(error.value).split("± ")[1].split(" µm")[0])
     narrower = (parameters[0].with_tolerance(advised),)
     check_possible(PAPER, narrower, draw(narrower, 50, seed))
     wider = (parameters[0].with_tolerance(advised * 1.11),)

@@ -109,7 +109,7 @@ def test_errors_of_coarser_points(seed: int, pitch: float, rows: int, columns: i
 
 def test_pitches_that_cannot_be() -> None:
     fine = surface(lopsided())
-    with pytest.raises(OptionError, match=r"finer than the relief's 2 um.*--pitch"):
+    with pytest.raises(OptionError, match=r"finer than the relief's 2 µm.*--pitch"):
         fine.coarser(1.9)
     with pytest.raises(OptionError, match="fewer than 2×2"):
         fine.coarser(13.0)

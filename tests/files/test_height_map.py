@@ -158,7 +158,7 @@ SDF = "aISO-1.0\nNumPoints = 16\nNumProfiles = 16\nXscale = 1e-6\nYscale = 1e-6\
         ("a.sdf", SDF + "*\n1 2 3\n*\n", {}, "has 3 heights, but its header says 16×16"),
         ("a.sdf", "aISO-1.0\nNumPoints = 16\n*\n", {}, "does not say the size .*numprofiles"),
         ("a.sdf", SDF.replace("s = 16", "s = -16") + "*\n", {}, "does not say the size"),
-        ("a.sdf", SDF.replace("1e-6", "1e-3") + "*\n" + "1 " * 256 + "\n*", {}, "1000 um apart"),
+        ("a.sdf", SDF.replace("1e-6", "1e-3") + "*\n" + "1 " * 256 + "\n*", {}, "1000 µm apart"),
         ("a.csv", GOOD, {"unit": "um", "pitch": Length.parse("2mm")}, "2 mm: give 0.1nm to 1mm"),
         ("a.csv", GOOD.replace("1", "9e307", 1), {"unit": "m", "pitch": Length.parse("1um")},
          "heights of .* go from 1e.06 to inf um, which no mask's do: check"),

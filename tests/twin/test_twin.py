@@ -146,7 +146,7 @@ def test_sources_beyond_the_model():
         spread(PointSource(distance_um=9.99e3))
     with pytest.raises(OptionError, match="a source at infinity has no diameter"):
         spread(PointSource(diameter_um=50.0))
-    with pytest.raises(OptionError, match="must be 0 um"):
+    with pytest.raises(OptionError, match="must be 0 µm"):
         spread(PointSource(distance_um=300e3, diameter_um=-1.0))
 
 

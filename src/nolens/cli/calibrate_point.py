@@ -153,4 +153,4 @@ def _centre(summary: dict[str, Any]) -> str:
 
 
 def _place(what: str, shift_um: list[float]) -> str:
-    return f"{what} {shift_um[0]:.1f} um to the right and {shift_um[1]:.1f} um up"
+    return f"{what} {shift_um[0]:z.1f} µm to the right and {shift_um[1]:z.1f} µm up"

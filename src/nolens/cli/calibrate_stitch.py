@@ -94,8 +94,8 @@ def _stitch_lines(summary: dict[str, Any]) -> list[str]:
     for row in summary["captures"]:
         right, up = row["shift_um"]
         lines.append(
-            f"{row['file']}: {right:.1f} um to the right and {up:.1f} um up, {row['off_um']:.1f} "
-            f"um beside its angle ({row['off_deg']:.2f}°); brightness {row['gain'][0]:.3f}, "
+            f"{row['file']}: {right:z.1f} µm to the right and {up:z.1f} µm up, {row['off_um']:.1f} "
+            f"µm beside its angle ({row['off_deg']:.2f}°); brightness {row['gain'][0]:.3f}, "
             f"correlation {row['correlation']:.3f}"
         )
     rows, columns = summary["cells"]

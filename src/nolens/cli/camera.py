@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import App, Parameter
 
+from nolens.amounts import amount
 from nolens.camera import PRESETS, camera_to_toml, preset_text
 from nolens.cli.app import Json, Output, Quantity, Whole, given_options
 from nolens.cli.messages import say, show
@@ -134,10 +135,10 @@ def _relief_lines(summary: dict[str, Any]) -> list[str]:
     pitch = f"{down:g}" if down == right else f"{down:g} × {right:g}"
     tilt = ", ".join(f"{each:.3g}" for each in about["tilt_mrad"])
     lines = [
-        f"{about['format']}: {rows}×{columns} points {pitch} um apart ({about['pitch_from']})",
+        f"{about['format']}: {rows}×{columns} points {pitch} µm apart ({about['pitch_from']})",
         f"tilt of {tilt} mrad along height and width "
         + ("taken away" if about["tilt_removed"] else "left in")
-        + f"; bow of {about['bow_um']:.3g} um left in",
+        + f"; bow of {amount(about['bow_um'], 'um')} left in",
     ]
     for name in ("measured", "described"):
         figures = summary[name]
@@ -146,11 +147,13 @@ def _relief_lines(summary: dict[str, Any]) -> list[str]:
             continue
         tops = "no tops"
         if figures["radius_um"] is not None:
-            tops = f"{figures['tops']} tops with a radius of {figures['radius_um']:.4g} um"
+            radius = amount(figures["radius_um"], "um", digits=4)
+            tops = f"{figures['tops']} tops with a radius of {radius}"
         height, width = (each * 1e-3 for each in figures["size_um"])
         lines.append(
-            f"{name}: {height:.3g} × {width:.3g} mm, rms {figures['rms_um']:.3g} um, peak to "
-            f"valley {figures['peak_to_valley_um']:.3g} um, steepest slope "
+            f"{name}: {amount(height)} × {amount(width, 'mm')}, rms "
+            f"{amount(figures['rms_um'], 'um')}, peak to valley "
+            f"{amount(figures['peak_to_valley_um'], 'um')}, steepest slope "
             f"{figures['steepest']:.3g}, {tops}"
         )
     if summary["reach_deg"] is not None:
@@ -165,7 +168,9 @@ def _relief_lines(summary: dict[str, Any]) -> list[str]:
 def _lines(facts: dict[str, Any]) -> list[str]:
     height, width = facts["sensor_mm"]
     rows, columns = facts["cells"]
-    shifts = ", ".join(f"{angle}° {shift:.0f} um" for angle, shift in facts["chief_ray_um"].items())
+    shifts = ", ".join(
+        f"{angle}° {shift:z.0f} µm" for angle, shift in facts["chief_ray_um"].items()
+    )
     lines = [
         f"sensor of {height:.3f} × {width:.3f} mm, {rows}×{columns} cells of the reconstruction",
         f"the layers are as thick to rays as {facts['reduced_thickness_mm']:.3f} mm of air",

@@ -139,11 +139,11 @@ def _table(summary: dict[str, Any]) -> list[str]:
     """Figures of the mask beside the paper's diffuser in the same camera."""
     own, papers = summary["figures"], summary["paper_diffuser"]
     rows = [
-        ("width of the PSF's autocorrelation, um", "width_um", 1, ".1f"),
-        ("line width, um", "line_um", 1, ".1f"),
-        ("pitch of the PSF, um", "pitch_um", 1, ".1f"),
+        ("width of the PSF's autocorrelation, µm", "width_um", 1, ".1f"),
+        ("line width, µm", "line_um", 1, ".1f"),
+        ("pitch of the PSF, µm", "pitch_um", 1, ".1f"),
         ("sparsity, %", "sparsity", 100, ".1f"),
-        ("height of the relief, um", "height_um", 1, ".2f"),
+        ("height of the relief, µm", "height_um", 1, ".2f"),
         ("steepest slope", "slope", 1, ".3f"),
     ]
     papers_name = "the paper's"

@@ -162,14 +162,14 @@ def _replica(found: dict[str, Any]) -> list[str]:
     spherical = found.get("spherical_mm")
     edge = ""
     if spherical is not None:
-        edge = f"; light at the edge of a lenslet focuses {1e3 * spherical['value']:.1f} um nearer"
+        edge = f"; light at the edge of a lenslet focuses {1e3 * spherical['value']:.1f} µm nearer"
     focal, depth = found["focal_length_mm"]["value"], found["depth_of_focus_mm"]["value"]
     inside = found["focal_length_in_material_mm"]["value"]
     lines += [
         f"  lenslets: focal length {focal:.2f} mm as in air, {inside:.2f} mm in the layer; NA "
         f"{found['aperture']['value']:.3f}; depth of focus {depth:.2f} mm as in air, "
         f"{found['depth_of_focus_in_material_mm']['value']:.2f} mm of the layer, end to end",
-        f"  lines of the pattern about {found['line_width_um']['value']:.1f} um wide{edge}",
+        f"  lines of the pattern about {found['line_width_um']['value']:.1f} µm wide{edge}",
     ]
     shares = found["thickness_mm"].get("shares", {})
     parts = found["thickness_mm"].get("parts", {})
@@ -195,7 +195,7 @@ def _colours(materials: list[dict[str, Any]]) -> list[str]:
     for number, found in enumerate(materials):
         for row in found["colours"]:
             columns = cells.setdefault(row["light"], [""] * len(materials))
-            columns[number] = f"{row['thickness_mm']:.3f} mm {row['line_width_um']:5.1f} um"
+            columns[number] = f"{row['thickness_mm']:.3f} mm {row['line_width_um']:5.1f} µm"
     lines += [
         f"  {light:8}{''.join(f'{cell:>20}' for cell in columns)}"
         for light, columns in cells.items()

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
+from nolens.amounts import amount
 from nolens.cli.app import Json, Output, Quantity, Whole
 from nolens.cli.messages import show
 from nolens.cli.terminal import TerminalReporter
@@ -96,19 +97,20 @@ def tolerance(
 def _lines(summary: dict[str, Any]) -> list[str]:
     unit, rows = summary["unit"], summary["sensitivities"]
     lines = [
-        f"{summary['criterion']} {summary['nominal']:.4g} {unit} with every parameter at its mean; "
-        f"change at − and + its tolerance, the worst first:"
+        f"{summary['criterion']} {amount(summary['nominal'], unit, digits=4)} with every parameter "
+        "at its mean; change at − and + its tolerance, the worst first:"
     ]
     wide = max(len(row["parameter"]) for row in rows)
     for row in rows:
-        amount = f"{row['mean']:.6g} ± {row['tolerance']:.4g} {row['unit']}".rstrip()
-        amount += f" ({row['tolerance_means']})"
+        mean = amount(row["mean"], digits=6)
+        varied = f"{mean} ± {amount(row['tolerance'], row['unit'], digits=4)}"
+        varied += f" ({row['tolerance_means']})"
         changes = (
-            "not measurable" if row[key] is None else f"{row[key]:+.3g}"
+            "not measurable" if row[key] is None else amount(row[key], unit, sign=True)
             for key in ("change_at_minus", "change_at_plus")
         )
         assumed = "  assumed" if row["note"].startswith("assumed") else ""
-        lines.append(f"  {row['parameter']:<{wide}}  {amount:<28} {' / '.join(changes)}{assumed}")
+        lines.append(f"  {row['parameter']:<{wide}}  {varied:<28} {' / '.join(changes)}{assumed}")
     lines += _drawn(summary)
     if "solved" in summary:
         lines.append(_solved(summary["solved"]))
@@ -120,24 +122,26 @@ def _drawn(summary: dict[str, Any]) -> list[str]:
     lines = []
     if predicted["second_order_sigma"] is not None:
         lines.append(
-            f"predicted: mean {predicted['mean']:.4g} {unit}, sigma "
-            f"{predicted['second_order_sigma']:.3g} ({predicted['root_sum_square_sigma']:.3g} by "
+            f"predicted: mean {amount(predicted['mean'], unit, digits=4)}, sigma "
+            f"{amount(predicted['second_order_sigma'], unit)} ("
+            f"{amount(predicted['root_sum_square_sigma'], unit)} by "
             "the root of the sum of squares alone)"
         )
     if summary["sigma"] is not None:
         lines.append(
-            f"{summary['trials']} cameras drawn: mean {summary['mean']:.4g} {unit}, sigma "
-            f"{summary['sigma']:.3g}"
+            f"{summary['trials']} cameras drawn: mean "
+            f"{amount(summary['mean'], unit, digits=4)}, sigma {amount(summary['sigma'], unit)}"
         )
     if summary["not_measurable"]:
         lines.append(f"{summary['not_measurable']} of them show no lines that could be measured")
     reached = (
-        f"{level} {'none' if value is None else f'{value:.4g} {unit}'}"
+        f"{level} {'none' if value is None else amount(value, unit, digits=4)}"
         for level, value in summary["levels"].items()
     )
     lines.append(f"this good or better: {', '.join(reached)}")
     if "yield" in summary:
-        lines.append(f"{_share(summary['yield'])} meet the limit of {summary['limit']:.4g} {unit}")
+        limit = amount(summary["limit"], unit, digits=4)
+        lines.append(f"{_share(summary['yield'])} meet the limit of {limit}")
     return lines
 
 
@@ -147,7 +151,7 @@ def _share(found: dict[str, Any]) -> str:
 
 
 def _solved(solved: dict[str, Any]) -> str:
-    amount = f"± {solved['tolerance']:.3g} {solved['unit']}".rstrip()
+    allowed = f"± {amount(solved['tolerance'], solved['unit'])}"
     wanted, reached = f"{100 * solved['wanted_yield']:g} %", _share(solved["reached"])
     if solved["verdict"] == "impossible":
         return (
@@ -156,7 +160,7 @@ def _solved(solved: dict[str, Any]) -> str:
         )
     if solved["verdict"] == "any":
         return (
-            f"any tolerance of {solved['parameter']} up to {amount}, the largest possible one, "
+            f"any tolerance of {solved['parameter']} up to {allowed}, the largest possible one, "
             f"gives a yield of {wanted}: {reached}"
         )
-    return f"{solved['parameter']} may be {amount} for a yield of {wanted}: {reached}"
+    return f"{solved['parameter']} may be {allowed} for a yield of {wanted}: {reached}"

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
+from nolens.amounts import amount
 from nolens.cli.app import Json, Output, Quantity, Whole, given_options
 from nolens.cli.messages import show
 from nolens.cli.terminal import TerminalReporter
@@ -162,9 +163,10 @@ def _lines(summary: dict[str, Any]) -> list[str]:
         f"mm: {mould['base_g']:.2f} g base, {mould['hardener_g']:.2f} g hardener "
         f"({mould['ratio']:g}:1)",
         f"mask {mask['about']}: {mask['size_mm'][0]:.3f} × {mask['size_mm'][1]:.3f} mm, "
-        f"{rows}×{columns} points, {low:.3f} to {high:.3f} um, {mask['levels']} levels of "
+        f"{rows}×{columns} points, {low:.3f} to {high:.3f} µm, {mask['levels']} levels of "
         f"{1e3 * mask['step_um']:.1f} nm",
-        f"relief of {relief['triangles']} triangles, a point every {relief['pitch_um']:.3g} um: "
-        f"{1e3 * relief['rms_error_um']:.2g} nm rms beside the mask's heights",
+        f"relief of {relief['triangles']} triangles, a point every "
+        f"{amount(relief['pitch_um'], 'um')}: "
+        f"{amount(1e3 * relief['rms_error_um'], 'nm', digits=2)} rms beside the mask's heights",
         f"{summary['seconds']:.1f} s",
     ]

@@ -76,13 +76,13 @@ def _lines(found: dict[str, Any]) -> list[str]:
     rows, columns = found["cells"]
     pitch, row = found["pitch_um"], found["row_pitch_um"]
     lines = [
-        f"{rows}×{columns} cells of {found['cell_um']:g} um, {found['channel']}",
-        f"autocorrelation: FWHM {found['fwhm_um']:.2f} um, half way to its lowest value before the "
-        f"second peak; {found['fwhm_over_mean_um']:.2f} um half way to the mean",
-        f"line width {found['line_width_um']:.2f} um (FWHM/√2)",
+        f"{rows}×{columns} cells of {found['cell_um']:g} µm, {found['channel']}",
+        f"autocorrelation: FWHM {found['fwhm_um']:.2f} µm, half way to its lowest value before the "
+        f"second peak; {found['fwhm_over_mean_um']:.2f} µm half way to the mean",
+        f"line width {found['line_width_um']:.2f} µm (FWHM/√2)",
         "pitch "
-        + ("unknown" if pitch is None else f"{pitch:.2f} um")
-        + ("" if row is None else f"; {row:.2f} um along the rows"),
+        + ("unknown" if pitch is None else f"{pitch:.2f} µm")
+        + ("" if row is None else f"; {row:.2f} µm along the rows"),
         f"contrast {found['contrast']:.3g}, {100 * found['sparsity']:.1f} % of the area is dark, "
         f"{100 * found['background_share']:.1f} % of the light is background",
         f"spectral magnitude at least {found['lowest_magnitude']:.2g} up to the lines' "

@@ -184,8 +184,8 @@ def psf(
         return 0
     right, up = summary["shift_um"]
     show(
-        f"{summary['angle_deg']:.4g}° off the axis: the pattern moves {right:.1f} um to the right "
-        f"and {up:.1f} um up"
+        f"{summary['angle_deg']:.4g}° off the axis: the pattern moves {right:z.1f} µm to the right "
+        f"and {up:z.1f} µm up"
     )
     show(
         f"mean {summary['mean']:.4g}, peak {summary['peak_over_mean']:.1f} times that; "

@@ -1,5 +1,6 @@
 """The process sheet: what the maker of a camera does, step by step, with this camera's figures."""
 
+from nolens.amounts import amount
 from nolens.camera import OpenCamera
 from nolens.errors import NolensError
 from nolens.fabricate.drawing_section import draw_section, material_name
@@ -209,8 +210,8 @@ def _budget(work: Work) -> Section:
     rows = tuple(
         (
             line.parameter,
-            f"{line.nominal:.4g} {line.unit}".strip(),
-            f"± {line.allowed:.2g} {line.unit}".strip(),
+            amount(line.nominal, line.unit, digits=4),
+            f"± {amount(line.allowed, line.unit, digits=2)}",
             line.effect,
         )
         for line in budget.lines

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 
+from nolens.amounts import amount
 from nolens.camera import Camera, Flat, OpenCamera, RandomLenslets
 from nolens.design.focus import depth_of_focus_um, lenslet_aperture
 from nolens.errors import DataError
@@ -131,7 +132,7 @@ def ray_budget(camera: Camera) -> ToleranceBudget:
             layer_mm = allowed
         name = camera.layers[place].name or f"layer {place}"
         alone = focus.room_mm / abs(slope)
-        effect = f"alone, ± {alone:.2g} {unit}".strip() + " would do"
+        effect = f"alone, ± {amount(alone, unit, digits=2)} would do"
         if what == "index" and allowed > (nominal - 1) / 2:
             effect = "hardly matters"
         lines.append(ToleranceLine(f"{name}, {what}", nominal, allowed, unit, effect))

@@ -74,14 +74,14 @@ class MadeSurface:
         """
         if pitch_um < self.pitch_um * (1 - 1e-9):
             raise OptionError(
-                f"a pitch of {pitch_um:g} um is finer than the relief's {self.pitch_um:g} um, and "
-                f"would add nothing: give {self.pitch_um:g} um or more (--pitch), or a camera "
+                f"a pitch of {pitch_um:g} µm is finer than the relief's {self.pitch_um:g} µm, and "
+                f"would add nothing: give {self.pitch_um:g} µm or more (--pitch), or a camera "
                 "whose relief has a finer grid"
             )
         count = [math.floor(length * 1e3 / pitch_um + 1e-6) + 1 for length in self.size_mm[::-1]]
         if min(count) < 2:
             raise OptionError(
-                f"a pitch of {pitch_um:g} um leaves fewer than 2×2 points of a relief of "
+                f"a pitch of {pitch_um:g} µm leaves fewer than 2×2 points of a relief of "
                 f"{self.size_mm[0]:.4g} × {self.size_mm[1]:.4g} mm: give a smaller one (--pitch)"
             )
         if count == list(self.height_um.shape):
@@ -167,7 +167,7 @@ def _cropped(relief: Relief, crop_mm: tuple[float, float]) -> Tensor:
         if points < 2:
             raise OptionError(
                 f"a crop of {crop_mm[0]:g} × {crop_mm[1]:g} mm has fewer than 2×2 points of the "
-                f"relief, which has one every {relief.grid_um:g} um: give a larger one (--crop)"
+                f"relief, which has one every {relief.grid_um:g} µm: give a larger one (--crop)"
             )
         first = (count - points) // 2
         kept.append(slice(first, first + points))

@@ -64,7 +64,7 @@ def plot_mask(path: Path, plot: MaskPlot) -> None:
         (relief, magnitude), (own, papers) = figure.subplots(2, 2)
         image = _show(relief, plot.heights_um, plot.grid_um, "viridis", None)
         relief.set_title("relief around the middle")
-        figure.colorbar(image, ax=relief, label="height, um", shrink=0.85)
+        figure.colorbar(image, ax=relief, label="height, µm", shrink=0.85)
         _draw_magnitude(magnitude, plot)
         channel = min(1, len(plot.psf) - 1)
         for axes, psf, title in (

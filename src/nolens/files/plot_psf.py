@@ -77,7 +77,7 @@ def _draw_psf(
     axes.imshow(coarse, extent=(0, width, height, 0), **shades)
     axes.set_xlabel("mm")
     axes.set_ylabel("mm")
-    axes.set_title(f"(a) PSF, {rows}×{columns} cells of {cell_um:.4g} um")
+    axes.set_title(f"(a) PSF, {rows}×{columns} cells of {cell_um:.4g} µm")
     pitch_um = figures.pitch_um or 5 * figures.fwhm_um
     half = min(round(_ZOOM_PITCHES / 2 * pitch_um / cell_um), rows // 4, columns // 4)
     if half < 4:
@@ -125,8 +125,8 @@ def _draw_autocorrelation(axes: "Axes", figures: PsfFigures) -> None:
         arrowprops={"arrowstyle": "<->", "color": _MARK, "shrinkA": 0, "shrinkB": 0},
     )  # fmt: skip
     axes.annotate(
-        f"FWHM {width:.2f} um\nline {figures.line_width_um:.2f} um\n"
-        f"half way to 0: {figures.fwhm_over_mean_um:.2f} um",
+        f"FWHM {width:.2f} µm\nline {figures.line_width_um:.2f} µm\n"
+        f"half way to 0: {figures.fwhm_over_mean_um:.2f} µm",
         (width / 2, half), (10, 0), textcoords="offset points", color=_MARK, va="center",
     )  # fmt: skip
     axes.axhline(figures.level, color=_MARK, linewidth=0.7, linestyle=":", zorder=0)
@@ -134,10 +134,10 @@ def _draw_autocorrelation(axes: "Axes", figures: PsfFigures) -> None:
         top = float(np.interp(pitch, lag, figures.autocorrelation))
         axes.plot([pitch, pitch], [figures.level, top], color=_MARK, linewidth=0.9)
         axes.annotate(
-            f"pitch {pitch:.2f} um", (pitch, top), (0, 14), textcoords="offset points",
+            f"pitch {pitch:.2f} µm", (pitch, top), (0, 14), textcoords="offset points",
             color=_MARK, ha="center",
         )  # fmt: skip
-    axes.set_xlabel("distance, um")
+    axes.set_xlabel("distance, µm")
     axes.set_ylabel("autocorrelation, mean taken off")
     axes.set_title("(b) autocorrelation")
     axes.legend(fontsize=8, loc="upper right", frameon=False)

@@ -102,7 +102,7 @@ def _draw_widths(axes: "Axes", material: ColourCurves) -> None:
         fontsize=9,
     )
     axes.set_xlabel("thickness, mm")
-    axes.set_ylabel("width of the lines, um")
+    axes.set_ylabel("width of the lines, µm")
     axes.set_ylim(bottom=0)
     if material.widths_um:
         axes.legend(fontsize=8, loc="lower left")

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from torch import Tensor
 
+from nolens.amounts import amount, shown_unit
 from nolens.design.tolerances import Parameter, Study
 from nolens.files.save_plot import save_plot
 
@@ -68,7 +69,8 @@ def _draw_figures(axes: Axes, study: Study) -> None:
     )
     # Below the plot: over the histogram they cannot be read.
     reached = [
-        f"{100 * level:.0f} %: {value:.4g} {sharpness.unit}" for level, value in levels.items()
+        f"{100 * level:.0f} %: {amount(value, sharpness.unit, digits=4)}"
+        for level, value in levels.items()
     ]
     axes.set_xlabel(_label(study) + "\n" + " · ".join(reached))
     passed = study.passed
@@ -77,7 +79,7 @@ def _draw_figures(axes: Axes, study: Study) -> None:
         low, high = passed.interval()
         axes.axvline(study.limit, color=_LIMIT, linestyle="--", linewidth=1.2)
         text += (
-            f"; {100 * passed.share:.1f} % meet {study.limit:.4g} {sharpness.unit}\n"
+            f"; {100 * passed.share:.1f} % meet {amount(study.limit, sharpness.unit, digits=4)}\n"
             f"(95 % interval {100 * low:.1f} to {100 * high:.1f} %)"
         )
     axes.set_title(text)
@@ -135,9 +137,9 @@ def _measured(figures: Tensor) -> NDArray[np.float64]:
 
 
 def _label(study: Study) -> str:
-    return f"{study.sharpness.name}, {study.sharpness.unit}"
+    return f"{study.sharpness.name}, {shown_unit(study.sharpness.unit)}"
 
 
 def _amount(parameter: Parameter) -> str:
-    amount = f"{parameter.name} ± {parameter.tolerance:g} {parameter.unit}".rstrip()
-    return f"{amount} ({parameter.tolerance_means})"
+    varied = f"{parameter.name} ± {amount(parameter.tolerance, parameter.unit, digits=6)}"
+    return f"{varied} ({parameter.tolerance_means})"

@@ -193,7 +193,7 @@ def _pitch(
         )
     if not all(_PITCHES_UM[0] <= each <= _PITCHES_UM[1] for each in said_um):
         raise OptionError(
-            f"{path.name} says that its points lie {max(said_um):.4g} um apart, which is no "
+            f"{path.name} says that its points lie {max(said_um):.4g} µm apart, which is no "
             "microscope's pitch: give the right one, such as --pitch 0.5um"
         )
     return said_um, "the file"
@@ -253,6 +253,6 @@ def _check_heights(path: Path, heights: NDArray[np.float64]) -> None:
     low, high = float(np.nanmin(heights)), float(np.nanmax(heights))
     if not max(-low, high) <= _HIGHEST_UM or high - low > _LARGEST_SPAN_UM:
         raise DataError(
-            f"the heights of {path} go from {low:.3g} to {high:.3g} um, which no mask's do: check "
+            f"the heights of {path} go from {low:.3g} to {high:.3g} µm, which no mask's do: check "
             "what a value stands for (--unit, --full-scale)"
         )

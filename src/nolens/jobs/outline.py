@@ -41,7 +41,7 @@ def outline(opened: OpenCamera, *, fresnel: bool = True) -> Twin:
     if relief.pitch.exact < 2 * relief.grid.exact:
         raise OptionError(
             f"the relief of {opened.camera.name!r} has a lenslet every {relief.pitch}, but a point "
-            f"only every {relief.grid}: give it a grid of {relief.pitch.um / _STEPS:.2g} um or "
+            f"only every {relief.grid}: give it a grid of {relief.pitch.um / _STEPS:.2g} µm or "
             "finer, or a larger pitch"
         )
     side_um = min(_LENSLETS * relief.pitch.um, _POINTS * relief.grid.um)

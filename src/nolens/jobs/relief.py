@@ -83,7 +83,7 @@ def replace_relief(options: ReliefOptions, reporter: Reporter) -> ReliefOutcome:
     grid = _grid(options, opened)
     if max(pitch_um) > 1.5 * grid.um:
         warnings.append(
-            f"the map has a point every {max(pitch_um):.3g} um: what is finer on the part is not "
+            f"the map has a point every {max(pitch_um):.3g} µm: what is finer on the part is not "
             "in it"
         )
     check_points(heights.shape, pitch_um, grid)

@@ -79,9 +79,9 @@ class Twin:
             # Finer points show steeper slopes.
             coarsest *= 0.75
             raise OptionError(
-                f"the relief of {camera.name!r} has a point every {relief.grid_um:g} um, too "
+                f"the relief of {camera.name!r} has a point every {relief.grid_um:g} µm, too "
                 f"coarse for the light that its slopes of up to {relief.steepest:.2g} turn: a "
-                f"grid of {_round_down(coarsest)} um or finer would do"
+                f"grid of {_round_down(coarsest)} µm or finer would do"
             )
         return twin
 

@@ -180,10 +180,10 @@ def sampled(twin: Twin, pitch_um: float, *, shortest_nm: float, distance_um: flo
 def _check_size(source: PointSource) -> None:
     if source.diameter_um < 0:
         raise OptionError(
-            f"a source of {source.diameter_um:g} um: its diameter must be 0 um (a point) or more"
+            f"a source of {source.diameter_um:g} µm: its diameter must be 0 µm (a point) or more"
         )
     if source.diameter_um > 0 and math.isinf(source.distance_um):
-        raise OptionError("a source at infinity has no diameter: give a distance, or size 0 um")
+        raise OptionError("a source at infinity has no diameter: give a distance, or size 0 µm")
 
 
 def _scales(twin: Twin, source: PointSource) -> tuple[float, float]:

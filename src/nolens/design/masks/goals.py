@@ -40,7 +40,7 @@ class PsfGoals:
 
     def __post_init__(self) -> None:
         if not self.width_um > 0:
-            raise OptionError(f"a width of {self.width_um:g} um: give more than zero")
+            raise OptionError(f"a width of {self.width_um:g} µm: give more than zero")
         if not 0 <= self.sparsity < 1:
             raise OptionError(
                 f"a sparsity of {100 * self.sparsity:g} %: give 0 % or more and less than 100 %"
@@ -90,7 +90,7 @@ class Shortfall:
         self._band = (radius > 0) & (radius <= goals.magnitude_per_mm)
         if not self._band.any():
             raise OptionError(
-                f"a pattern of {cells * cell_um:g} um has no frequency up to "
+                f"a pattern of {cells * cell_um:g} µm has no frequency up to "
                 f"{goals.magnitude_per_mm:g} lines to the mm: give a larger period"
             )
         self._weight = 1 / radius[self._band]

@@ -63,8 +63,8 @@ class Layout:
                 break
         else:
             raise OptionError(
-                f"a slope of {limits.slope:.3g} (and levels {step:.2g} um apart) needs samples "
-                f"finer than {grid_um:.2g} um: give a smaller --slope, more --levels, or a smaller "
+                f"a slope of {limits.slope:.3g} (and levels {step:.2g} µm apart) needs samples "
+                f"finer than {grid_um:.2g} µm: give a smaller --slope, more --levels, or a smaller "
                 "--height"
             )
         limits.check(grid_um, quarter)
@@ -76,8 +76,8 @@ class Layout:
             side += unit
         if side * grid_um < 10 * limits.feature_um:
             raise OptionError(
-                f"a period of {period_um:g} um holds less than ten features of "
-                f"{limits.feature_um:g} um: give a larger --period"
+                f"a period of {period_um:g} µm holds less than ten features of "
+                f"{limits.feature_um:g} µm: give a larger --period"
             )
         return cls(side, grid_um, per_cell)
 

@@ -59,19 +59,19 @@ class Limits:
         """
         if not (self.height_um > 0 and self.slope > 0 and self.feature_um > 0):
             raise OptionError(
-                f"height {self.height_um:g} um, slope {self.slope:g} and feature "
-                f"{self.feature_um:g} um: all three must be more than zero"
+                f"height {self.height_um:g} µm, slope {self.slope:g} and feature "
+                f"{self.feature_um:g} µm: all three must be more than zero"
             )
         if self.feature_um < 2 * grid_um:
             raise OptionError(
-                f"features of {self.feature_um:g} um on a grid of {grid_um:g} um: give "
-                f"{2 * grid_um:g} um or more"
+                f"features of {self.feature_um:g} µm on a grid of {grid_um:g} µm: give "
+                f"{2 * grid_um:g} µm or more"
             )
         if self.step_um is not None and self.step_um > quarter_um:
             needed = math.ceil(self.height_um / quarter_um) + 1
             raise OptionError(
-                f"{self.levels} levels over {self.height_um:g} um lie {self.step_um:.3g} um apart, "
-                f"more than the {quarter_um:.2g} um that turn the light by a quarter of a "
+                f"{self.levels} levels over {self.height_um:g} µm lie {self.step_um:.3g} µm apart, "
+                f"more than the {quarter_um:.2g} µm that turn the light by a quarter of a "
                 f"wavelength: give {needed} levels or more, or a smaller --height"
             )
 

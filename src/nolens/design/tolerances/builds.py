@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from nolens.amounts import amount
 from nolens.camera import Camera
 from nolens.design.tolerances.distributions import Parameter
 from nolens.design.tolerances.variables import Variable, layer_names, lit_width_um, variables
@@ -111,14 +112,15 @@ def check_possible(camera: Camera, parameters: tuple[Parameter, ...], rows: Tens
             wrong = low if low < allowed.lowest else high
             largest = _floor(largest_possible(allowed, each, rows[:, number]))
             advice = (
-                f"with these trials ± {largest:g} {each.unit}".rstrip() + " is the largest that "
+                f"with these trials ± {amount(largest, each.unit, digits=6)}"
+                + " is the largest that "
                 "would do, or cut the distribution with at_most"
                 if largest > 0
-                else f"change its mean, {each.middle:g} {each.unit}".rstrip()
+                else f"change its mean, {amount(each.middle, each.unit, digits=6)}"
             )
             raise OptionError(
-                f"{each.name} = {wrong:.4g} {each.unit}".rstrip()
-                + f" comes out of a tolerance of {each.tolerance:g} {each.unit}".rstrip()
+                f"{each.name} = {amount(wrong, each.unit, digits=4)}"
+                + f" comes out of a tolerance of {amount(each.tolerance, each.unit, digits=6)}"
                 + f", and {allowed.accepted}: {advice}"
             )
     if not leaves_thickness(camera, parameters, rows):

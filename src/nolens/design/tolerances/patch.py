@@ -124,7 +124,7 @@ class Patch:
             finest = relief.grid.um * math.sqrt(points / _MOST_POINTS)
             raise OptionError(
                 f"the grid of the relief of {camera.name!r}, {relief.grid}, puts {points:.0e} "
-                f"points on a patch of {side[1] * 1e-3:.2g} mm: give one of {finest:.2g} um or "
+                f"points on a patch of {side[1] * 1e-3:.2g} mm: give one of {finest:.2g} µm or "
                 "coarser"
             )
         if isinstance(relief, RandomLenslets):
@@ -143,8 +143,8 @@ class Patch:
         lenslets = Lenslets.of(surface, bulging=math.copysign(1.0, media.below - media.above))
         if min(side) < 3 * lenslets.pitch_um:
             raise OptionError(
-                f"the relief of {camera.name!r} carries a pattern of {max(0.0, min(side)):.0f} um, "
-                f"less than three of its lenslets of {lenslets.pitch_um:.0f} um: give a relief of "
+                f"the relief of {camera.name!r} carries a pattern of {max(0.0, min(side)):.0f} µm, "
+                f"less than three of its lenslets of {lenslets.pitch_um:.0f} µm: give a relief of "
                 f"{(beyond + 3 * lenslets.pitch_um) * 1e-3:.2f} mm or more"
             )
         return cls(twin, (side[0], side[1]), lenslets)

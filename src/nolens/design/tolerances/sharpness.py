@@ -89,7 +89,7 @@ class Sharpness:
         if self.kind == "mtf" and not lowest <= self.per_mm <= highest:
             raise OptionError(
                 f"{self.name}: between the lenslets' own frequency and the finest that "
-                f"pixels of {cell_um:g} um show, give {math.ceil(lowest)}/mm to "
+                f"pixels of {cell_um:g} µm show, give {math.ceil(lowest)}/mm to "
                 f"{math.floor(highest)}/mm"
             )
 

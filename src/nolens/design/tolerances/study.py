@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
+from nolens.amounts import amount
 from nolens.design.tolerances.inverse import Allowed
 from nolens.design.tolerances.sensitivity import Response
 from nolens.design.tolerances.sharpness import Sharpness
@@ -89,7 +90,8 @@ class Study:
                 row.parameter.middle,
                 row.parameter.tolerance,
                 row.parameter.unit,
-                f"{self.sharpness.name} {row.minus:+.2g} / {row.plus:+.2g} {unit}",
+                f"{self.sharpness.name} {amount(row.minus, digits=2, sign=True)} / "
+                f"{amount(row.plus, unit, digits=2, sign=True)}",
             )
             for row in self.response.sensitivities
         )

@@ -5,6 +5,7 @@ import math
 import re
 from dataclasses import dataclass
 
+from nolens.amounts import amount
 from nolens.camera import Camera, Flat
 from nolens.design.tolerances.distributions import Parameter
 from nolens.errors import OptionError
@@ -49,7 +50,7 @@ class Variable:
         """What values are possible, for messages."""
         if self.lowest == math.nextafter(0, 1):
             return f"it must be more than 0 {self.unit}"
-        return f"it must be {self.lowest:g} to {self.highest:g} {self.unit}".rstrip()
+        return f"it must be {self.lowest:g} to {amount(self.highest, self.unit, digits=6)}"
 
 
 def variables(camera: Camera) -> dict[str, Variable]:

@@ -167,7 +167,7 @@ def _moved(
         far, text = angle > _LARGE_DEG, f", as of a light {angle:.1f}° off the axis"
     if far:
         place.warnings.append(
-            f"the pattern lies {size * cell_um:.0f} um beside the middle{text}, and was moved "
+            f"the pattern lies {size * cell_um:.0f} µm beside the middle{text}, and was moved "
             "there: if the light was not meant to be straight ahead, say where it was (--angle)"
         )
     return place
@@ -191,7 +191,7 @@ def _as_seen(
     off = math.degrees(math.atan(math.dist(seen, expected) / reduced))
     if off > _LARGE_DEG:
         place.warnings.append(
-            f"the pattern lies {seen[0]:.0f} um to the right and {seen[1]:.0f} um up of the "
+            f"the pattern lies {seen[0]:z.0f} µm to the right and {seen[1]:z.0f} µm up of the "
             f"middle, and by Snell's law an angle of {options.angle[0]}, {options.angle[1]} "
             f"puts it at {expected[0]:.0f} and {expected[1]:.0f}: about {off:.1f}° off. "
             "Check the angle, and that the whole pattern is on the sensor"

@@ -197,7 +197,7 @@ def _rows(
 
 def _doubts(rows: list[dict[str, Any]], found: Stitched) -> list[str]:
     doubts = [
-        f"{row['file']} lies {row['off_um']:.0f} um beside where its angle of "
+        f"{row['file']} lies {row['off_um']:.0f} µm beside where its angle of "
         f"{', '.join(row['angle'])} puts it, about {row['off_deg']:.1f}°: check the angle, and "
         "the layers of the camera if others are off alike"
         for row in rows

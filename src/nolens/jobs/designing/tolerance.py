@@ -12,6 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from nolens.amounts import amount
 from nolens.design.tolerances import (
     MOST_STEPS,
     Allowed,
@@ -199,8 +200,8 @@ def _reachable(options: ToleranceOptions, sharpness: Sharpness, response: Respon
     if (limit < best) if sharpness.smaller_is_better else (limit > best):
         raise OptionError(
             f"--limit {options.limit} cannot be reached: the nominal camera has a {sharpness.name} "
-            f"of {response.nominal:.4g} {unit}, and the best that the tolerances make of it is "
-            f"{best:.4g} {unit}; give a limit of that or "
+            f"of {amount(response.nominal, unit, digits=4)}, and the best that the tolerances make "
+            f"of it is {amount(best, unit, digits=4)}; give a limit of that or "
             + ("more" if sharpness.smaller_is_better else "less")
         )
     return limit

@@ -8,6 +8,7 @@ from typing import Any
 
 import torch
 
+from nolens.amounts import amount
 from nolens.camera import Flat, OpenCamera
 from nolens.design.masks import quarter_um
 from nolens.errors import OptionError
@@ -246,9 +247,9 @@ def _level_warnings(levels: Levels, coarsest_um: float) -> list[str]:
     low, high = levels.surface.range_um
     needed = math.ceil((high - low) / coarsest_um) + 1
     return [
-        f"{levels.count} levels lie {levels.step_um:.2g} um apart, more than the "
-        f"{coarsest_um:.2g} um that turn the light by a quarter of a wavelength: a mask made of "
-        f"mask.gds or mask.oas scatters light; "
+        f"{levels.count} levels lie {amount(levels.step_um, 'um', digits=2)} apart, more than the "
+        f"{amount(coarsest_um, 'um', digits=2)} that turn the light by a quarter of a wavelength: "
+        f"a mask made of mask.gds or mask.oas scatters light; "
         + (f"--levels {needed} would not" if needed <= MOST_LEVELS else "take mask.tif instead")
     ]
 

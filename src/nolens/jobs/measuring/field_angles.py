@@ -270,7 +270,7 @@ def captured_off_axis(
     if twin is not None and not math.isclose(central.cell.um, twin.cell_um, rel_tol=0.01):
         raise DataError(
             f"{central.file} has cells of {central.cell}, but a reconstruction with the camera "
-            f"{twin.camera.name!r} has cells of {twin.cell_um:g} um: give the camera that the PSFs "
+            f"{twin.camera.name!r} has cells of {twin.cell_um:g} µm: give the camera that the PSFs "
             "are from (--camera)"
         )
     found = []

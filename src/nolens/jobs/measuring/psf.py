@@ -181,9 +181,9 @@ def _check_pitch(pixel_um: float, frame: Frame, opened: OpenCamera) -> None:
     expected = fitting if whole else 1 if frame.mosaic is not None else binned
     if not _alike(ratio, expected):
         raise OptionError(
-            f"--pixel {pixel_um:g} um does not fit the camera {opened.camera.name!r}, whose "
+            f"--pixel {pixel_um:g} µm does not fit the camera {opened.camera.name!r}, whose "
             f"{sensor.rows}×{sensor.columns} pixels are {sensor.pitch} apart: those of a file of "
-            f"{rows}×{columns} would be {expected * sensor.pitch.um:g} um. Give that, or another "
+            f"{rows}×{columns} would be {expected * sensor.pitch.um:g} µm. Give that, or another "
             "--camera"
         )
 
@@ -215,7 +215,7 @@ def _doubts(figures: PsfFigures, frame: Frame, plane: Tensor) -> list[str]:
         )
     if figures.line_width_um < 2 * figures.cell_um:
         doubts.append(
-            f"the lines of the PSF {frame.source} are {figures.line_width_um:.3g} um wide, less "
+            f"the lines of the PSF {frame.source} are {figures.line_width_um:.3g} µm wide, less "
             "than two cells: smaller pixels or a smaller --bin would tell more"
         )
     return doubts

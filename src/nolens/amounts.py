@@ -1,0 +1,40 @@
+"""Numbers with their units as people read them: plain decimals, and µm."""
+
+import math
+
+_UNITS = {"um": "µm", "us": "µs"}
+_LEAST = {"um": 1e-3, "nm": 1e-3, "mm": 1e-5, "deg": 1e-4, "%": 1e-3}
+"""What is smaller than half of this, in its unit, is what rounding left of zero."""
+_LEAST_NUMBER = 1e-6
+
+
+def amount(value: float, unit: str = "", *, digits: int = 3, sign: bool = False) -> str:
+    """A number and its unit, such as ``14.3 µm``.
+
+    Parameters
+    ----------
+    value
+        Any finite number; residues of rounding become 0.
+    unit
+        As `nolens.quantities` writes it, or "" for a number.
+    digits
+        Significant digits; zeros at the end of the decimals are left out.
+    sign
+        Whether + is written too.
+    """
+    return f"{_plain(value, unit, digits, '+' if sign else '')} {shown_unit(unit)}".rstrip()
+
+
+def shown_unit(unit: str) -> str:
+    """A unit as people read it: um as µm."""
+    return _UNITS.get(unit, unit)
+
+
+def _plain(value: float, unit: str, digits: int, sign: str) -> str:
+    if not math.isfinite(value):
+        return f"{value:{sign}g}"
+    if abs(value) < _LEAST.get(unit, _LEAST_NUMBER) / 2:
+        return "0"
+    decimals = digits - 1 - math.floor(math.log10(abs(value)))
+    text = f"{round(value, decimals):{sign}.{max(decimals, 0)}f}"
+    return text.rstrip("0").rstrip(".") if decimals > 0 else text
