@@ -89,6 +89,25 @@ def check_bytes(path: Path, cost: int = 1) -> None:
         raise _too_large(f"{path} has {_text(size)}", size * cost)
 
 
+def check_part(decoded: int, coded: int, source: str | Path) -> None:
+    """Refuse a part of a picture that takes too much beside the picture while it is decoded.
+
+    Parameters
+    ----------
+    decoded, coded
+        Bytes of the part.
+    source
+        Where it comes from, for messages.
+
+    Raises
+    ------
+    FileError
+        If it is too large.
+    """
+    if decoded + coded > _limit:
+        raise _too_large(f"{source} has {_text(decoded)} in one strip or tile", decoded + coded)
+
+
 def _too_large(what: str, size: int) -> FileError:
     # A little more than it takes, in two digits.
     step = 10 ** max(6, math.floor(math.log10(size)) - 1)

@@ -12,7 +12,7 @@ from nolens.camera import Frame
 from nolens.errors import FileError
 from nolens.files.arrays import frame_from_array
 from nolens.files.damage import damage
-from nolens.files.limits import check_size
+from nolens.files.limits import check_part, check_size
 from nolens.files.quiet import quiet_logger
 from nolens.files.tiff_directories import check_directories
 from nolens.files.tiff_note import TiffNote
@@ -30,6 +30,7 @@ _CODINGS = (
     tifffile.COMPRESSION.ZSTD,
 )
 """Lossless codings whose decoders stop at the size of a strip."""
+_LARGE = 2**28
 # Far above what any lossless coding reaches on a picture: more is a damaged header.
 _MOST_COMPRESSED = 10_000
 
@@ -87,8 +88,10 @@ def read_tiff_samples(path: Path, number: int | None = None) -> TiffSamples:
             page = _page(path, tiff, number)
             _check_kind(path, page)
             _check_complete(path, page)
+            # Every worker holds parts of its own beside the picture.
+            workers = 1 if page.nbytes > _LARGE else None
             return TiffSamples(
-                _channels_first(page.asarray(squeeze=False)),
+                _channels_first(page.asarray(squeeze=False, maxworkers=workers)),
                 tuple(
                     extra == tifffile.EXTRASAMPLE.ASSOCALPHA
                     for extra in page.extrasamples
@@ -188,6 +191,8 @@ def _check_complete(path: Path, page: tifffile.TiffPage) -> None:
             f"{path} is incomplete: parts of the picture that it announces are not in its "
             f"{size} bytes. Copy it again from where it was made"
         )
+    if coded and page.dtype is not None:
+        check_part(math.prod(page.chunks) * page.dtype.itemsize, max(lengths[:parts]), path)
     if sum(lengths[:parts]) > size:
         raise FileError(
             f"{path} is damaged: {parts} parts of its picture share the same bytes of the file. "
