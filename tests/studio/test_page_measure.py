@@ -68,9 +68,9 @@ def test_measurements_show_plots_and_figures(visit: Visit, shot: str) -> None:
 def test_targets_are_measured_in_simulations(visit: Visit) -> None:
     page = visit.show("measure")
     page.wait_for_function("() => document.querySelector('[data-measure=siemens] select')?.value")
-    cell_deg = figure(measured(page, "dots"), "A cell in the middle")
+    cell_deg = figure(measured(page, "dots"), "A pixel in the middle")
     for name in ("two-points", "siemens"):
-        # A pair of a bright and a dark line has at least two cells.
+        # A pair of a bright and a dark line has at least two pixels.
         resolved = figure(measured(page, name), "Resolved")
         assert (1 if name == "two-points" else 2) * cell_deg * 0.9 < resolved < 20 * cell_deg
     visit.keep("measure-targets")
