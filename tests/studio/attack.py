@@ -37,6 +37,7 @@ from websockets.sync.client import connect
 from patience import PATIENCE_S
 
 PAGES = 16
+PAUSE_S = 0.05
 JOBS, WAITING = 200, 50
 SECRET = "the-secret-of-this-attack"
 LONG = {
@@ -64,6 +65,7 @@ class Attacked:
     wrong: list[str] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
     milliseconds: list[tuple[str, float]] = field(default_factory=list)
+    late: list[float] = field(default_factory=list)
 
     def check(self, what: str, *, holds: bool, shown: object = "") -> None:
         self.said.append(f"{'ok  ' if holds else 'FAIL'} {what}" + (f": {shown}" if shown else ""))
@@ -79,6 +81,11 @@ def report(found: Attacked, most_ms: float) -> int:
         by_attack[name] = max(each, by_attack.get(name, 0.0))
     for name, slowest in by_attack.items():
         print(f"     GET /api/about, {name}: slowest {slowest:.0f} ms")
+    late = sorted(found.late)
+    print(
+        f"     who sleeps on this machine is woken {statistics.median(late):.1f} ms late "
+        f"(median), {late[-1]:.1f} ms (most)"
+    )
     found.check(
         f"GET /api/about answers in {most_ms:g} ms throughout",
         holds=times[-1] < most_ms,
@@ -557,20 +564,27 @@ def probed(studio: Running, found: Attacked) -> Iterator[Callable[[str], None]]:
             yield lambda name: marks.append((time.time(), name))
         finally:
             out, _ = process.communicate("\n", timeout=30)
-    for at, taken in json.loads(out):
+    for at, taken, late in json.loads(out):
         found.milliseconds.append((max(mark for mark in marks if mark[0] <= at)[1], taken))
+        found.late.append(late)
 
 
 def probe(url: str) -> None:
-    """Times and durations in ms of requests, until a line comes."""
+    """Times of requests until a line comes, what each took, and how late it was begun, in ms.
+
+    The last says how busy the machine is with something else.
+    """
     ends = threading.Event()
     threading.Thread(target=lambda: (sys.stdin.readline(), ends.set()), daemon=True).start()
     times = []
-    with httpx.Client(timeout=60) as client:
-        while not ends.wait(0.05):
+    with httpx.Client(timeout=PATIENCE_S) as client:
+        while not ends.is_set():
+            asleep = time.perf_counter()
+            time.sleep(PAUSE_S)
             begun, at = time.perf_counter(), time.time()
             client.get(f"{url}/api/about").raise_for_status()
-            times.append((at, 1e3 * (time.perf_counter() - begun)))
+            taken = time.perf_counter() - begun
+            times.append((at, 1e3 * taken, 1e3 * (begun - asleep - PAUSE_S)))
     print(json.dumps(times))
 
 

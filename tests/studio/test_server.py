@@ -1,6 +1,8 @@
 """The server as a whole: its command, its files, and whatever a stranger sends it."""
 
+import asyncio
 import errno
+import logging
 import os
 import signal
 import socket
@@ -22,7 +24,7 @@ from schemathesis.specs.openapi.checks import (
 )
 from serving import NOLENS, Running, command, serving, stop
 
-from nolens.studio import routes_files, serve
+from nolens.studio import connections, routes_files, serve
 from nolens.studio.schemas import ENDED
 from patience import PATIENCE_S, until
 
@@ -222,6 +224,26 @@ def test_command_says_its_address_and_ends_with_all_it_started(tmp_path: Path) -
     _, alive = psutil.wait_procs(started, timeout=PATIENCE_S)
     assert not alive
     assert not (tmp_path / "new").exists()  # Nothing was written.
+
+
+@pytest.mark.parametrize(
+    ("message", "error", "shown"),
+    [
+        ("Exception in ASGI application\n", ValueError("a bug"), True),
+        ("Exception in ASGI application\n", asyncio.CancelledError("at the end"), False),
+        ("Cancel 2 running task(s), timeout graceful shutdown exceeded", None, False),
+        (
+            "Invalid UTF-8 sequence received from client.",
+            UnicodeDecodeError("", b"", 0, 1, ""),
+            False,
+        ),
+    ],
+)
+def test_only_errors_of_its_own_are_logged(
+    message: str, error: BaseException | None, shown: bool
+) -> None:
+    said = {"msg": message, "exc_info": None if error is None else (type(error), error, None)}
+    assert connections.is_ours(logging.makeLogRecord(said)) is shown
 
 
 def test_killed_server_leaves_no_process_behind(tmp_path: Path) -> None:

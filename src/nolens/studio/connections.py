@@ -27,7 +27,7 @@ def configuration(app: FastAPI) -> uvicorn.Config:
         server_header=False, ws_max_size=FRAME_BYTES, ws_per_message_deflate=False,
         timeout_graceful_shutdown=1, proxy_headers=False, lifespan="on",
     )  # fmt: skip
-    logging.getLogger("uvicorn.error").addFilter(_is_ours)
+    logging.getLogger("uvicorn.error").addFilter(is_ours)
     return config
 
 
@@ -54,6 +54,12 @@ def _read_by(transport: asyncio.BaseTransport, size: int) -> None:
         transport.max_size = size  # type: ignore[attr-defined]
 
 
-def _is_ours(record: logging.LogRecord) -> bool:
-    """Whether an error is one of the studio: text that is no UTF-8 is the sender's."""
-    return not record.getMessage().startswith("Invalid UTF-8 sequence received")
+def is_ours(record: logging.LogRecord) -> bool:
+    """Whether an error is one of the studio.
+
+    Text that is no UTF-8 is the sender's; what is still being answered at the end is cut off.
+    """
+    error = record.exc_info[1] if record.exc_info else None
+    if isinstance(error, asyncio.CancelledError | UnicodeDecodeError):
+        return False
+    return not record.getMessage().startswith("Cancel ")
