@@ -40,6 +40,7 @@ from nolens.files import read_frame
 
 NOLENS = Path(sys.executable).with_name("nolens")
 LONGEST_S = 600.0
+EARLY_S = 0.2
 ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1"}
 BROKEN = re.compile(r"Traceback|Fatal Python error|Exception ignored|terminate called")
 FIRST_LINES = re.compile(r"/nolens/(__init__|__main__|interrupt)\.py")
@@ -182,13 +183,15 @@ def main() -> None:
             done.append(each)
             if each.wrong or sys.stderr.isatty():
                 print(f"{len(done)}/{len(asked)} {told(each)}", file=sys.stderr, flush=True)
-        early = [each.moment for each in done if each.number == signal.SIGINT and each.moment < 0.1]
+        early = [
+            each.moment for each in done if each.number == signal.SIGINT and each.moment < EARLY_S
+        ]
         control = list(pool.map(interrupted_python, early))
     print(table(done, references))
     starts = [each.moment for each in done if each.how == "Python's start"]
     print(
-        f"Ctrl-C while Python starts, before the command's first line: {of(starts)} of "
-        f"{len(early)} in the first 100 ms; `python -c pass` at the same moments: "
+        f"Tracebacks of Python's start, before the command's first line: {of(starts)}; of `python "
+        f"-c pass` at the {len(early)} moments of the first {1e3 * EARLY_S:.0f} ms: "
         f"{of([moment for moment in control if moment is not None])}"
     )
     wrong = [each for each in done if each.wrong]
