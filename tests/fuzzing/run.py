@@ -2,7 +2,8 @@
 
 Every command must end with exit code 0, 2, 3 or 130 and a message, within 20 s and within its
 memory, and write nothing where it fails. What breaks is kept, once for each place, with the call
-that repeats it; mend it, then move the file into ``tests/corpus/`` under its target's name.
+that repeats it; mend it, then move the file into ``tests/corpus/`` under a name that begins with
+its target's.
 """
 
 import argparse
@@ -25,7 +26,7 @@ from executor import Executor, Outcome
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from seeds import make_seeds
 from server import Server
-from targets import BASES, FILES, FileTarget, calls, requests
+from targets import BASES, FILES, FileTarget, calls, of_corpus, requests
 
 _AT_ONCE = 40
 _PLACES = 300
@@ -50,9 +51,9 @@ class Fuzzer:
         self.counts: Counter[str] = Counter()
         self.codes: Counter[str] = Counter()
 
-    def file(self, target: FileTarget, data: bytes) -> Outcome:
-        """Run a target on one damaged file."""
-        bad = self._folder / f"bad{target.suffix}"
+    def file(self, target: FileTarget, data: bytes, suffix: str | None = None) -> Outcome:
+        """Run a target on one damaged file, with another suffix than its seed's if one is given."""
+        bad = self._folder / f"bad{suffix or target.suffix}"
         if target.in_folder:
             folder, name = target.seed.split("/")
             copy = self._folder / ("curved" if name == "curve.csv" else "bad")
@@ -167,20 +168,23 @@ def _check_seeds(folder: Path) -> list[str]:
 
 
 def _replay(corpus: Path) -> int:
-    """Every file of the corpus through all targets of its folder; 1 if one of them breaks."""
+    """Every file of the corpus through all commands of its name; 1 if one of them breaks."""
     folder = Path("replay").resolve()
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree("seeds", folder)
     fuzzer, broken, count = Fuzzer(folder, Path("failures").resolve()), 0, 0
-    for each in sorted(corpus.glob("*/*")):
-        kind, data = each.parent.name, each.read_bytes()
-        outcomes = [fuzzer.file(target, data) for target in FILES if target.name == kind]
-        if kind == "options":
-            outcomes.append(fuzzer.call(json.loads(data)))
-        elif kind == "studio":
-            outcomes.append(fuzzer.request(*json.loads(data)))
+    for each in sorted(corpus.iterdir()):
+        if each.suffix == ".md":
+            continue
+        name, data = each.name, each.read_bytes()
+        if name.startswith("options-"):
+            outcomes = [fuzzer.call(json.loads(data))]
+        elif name.startswith("studio-"):
+            outcomes = [fuzzer.request(*json.loads(data))]
+        else:
+            outcomes = [fuzzer.file(target, data, each.suffix) for target in of_corpus(name)]
         if not outcomes:
-            print(f"{each}: no target is named {kind}")
+            print(f"{each}: no command is known for its name")
             broken += 1
         for outcome in outcomes:
             count += 1

@@ -106,6 +106,26 @@ def _reads() -> Iterator[FileTarget]:
 FILES = tuple(_reads())
 """Every command that reads a file."""
 
+_OF_CORPUS = {
+    "info": ("frame",),
+    "simulate": ("scene",),
+    "reconstruct": ("psf-", "sequence"),
+    "resume": ("state",),
+    "relief": ("relief-csv",),
+    "toml": ("camera", "material", "tolerances", "config", "psfs", "workspace"),
+    "psfs": ("psfs", "workspace"),
+    "json": ("record", "job"),
+}
+
+
+def of_corpus(name: str) -> list[FileTarget]:
+    """Targets of a file of the corpus, by the first word of its name; one for each command."""
+    word = name.partition("-")[0]
+    starts = _OF_CORPUS.get(word, (word,))
+    chosen = {each.command: each for each in FILES if each.name.startswith(starts)}
+    return list(chosen.values())
+
+
 BASES: dict[tuple[str, ...], tuple[str, ...]] = {
     ("reconstruct",): ("raw.png", "--psf", "psf.png", "-o", "out/o.png", *QUICK),
     ("refocus",): (

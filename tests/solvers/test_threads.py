@@ -1,8 +1,8 @@
 """Results do not depend on how many threads compute them, but for rounding.
 
-Of a product of complex numbers torch computes most in vectors and the rest of each thread's part one
-by one, which rounds differently in the last bit: a thread more moves that rest. Forty iterations in
-float32 make up to 3e-6 of it.
+Of a product of complex numbers torch computes most in vectors and the rest of each thread's part
+one by one, which rounds differently in the last bit: a thread more moves that rest. Forty
+iterations in float32 make up to 3e-6 of it.
 """
 
 import pytest
