@@ -161,7 +161,7 @@ SDF = "aISO-1.0\nNumPoints = 16\nNumProfiles = 16\nXscale = 1e-6\nYscale = 1e-6\
         ("a.sdf", SDF.replace("1e-6", "1e-3") + "*\n" + "1 " * 256 + "\n*", {}, "1000 µm apart"),
         ("a.csv", GOOD, {"unit": "um", "pitch": Length.parse("2mm")}, "2 mm: give 0.1nm to 1mm"),
         ("a.csv", GOOD.replace("1", "9e307", 1), {"unit": "m", "pitch": Length.parse("1um")},
-         "heights of .* go from 1e.06 to inf um, which no mask's do: check"),
+         "heights of .* go from 1e.06 to inf µm, which no mask's do: check"),
         ("a.csv", GOOD.replace("1", "2", 1), {"unit": "m", "pitch": Length.parse("1um")},
          "check what a value stands for"),
         ("a.sdf", b"bISO-1.0\0\0", {}, "is a binary SDF: save it as ASCII"),

@@ -39,13 +39,13 @@ def _named(refused: pytest.ExceptionInfo[OptionError], pattern: str) -> float:
 
 
 @pytest.mark.parametrize("radius", ["0.67 mm", "0.15 mm"])
-@pytest.mark.parametrize("grid", ["6.2 um", "12 um", "20 um"])
+@pytest.mark.parametrize("grid", ["6.2 µm", "12 µm", "20 µm"])
 def test_a_coarse_relief_is_refused_with_a_pitch_that_works(grid, radius):
     """Finer samples show steeper slopes; the pitch that is named has to allow for that."""
     camera = cropped(128, 160, overhang="0.3 mm", grid=grid, radius=radius)
     with pytest.raises(OptionError, match=f"every {grid}, too coarse") as refused:
         twin_of(camera)
-    named = _named(refused, r"a grid of ([0-9.]+) um or finer would do")
+    named = _named(refused, r"a grid of ([0-9.]+) µm or finer would do")
     twin = twin_of(cropped(128, 160, overhang="0.3 mm", grid=f"{named} um", radius=radius))
     assert twin.mask.relief.grid_um == named
     # Nor is it so fine that it wastes work: twice would be too coarse.
