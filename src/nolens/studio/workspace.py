@@ -178,7 +178,7 @@ class Workspace:
         """What lies in a folder and is wanted, by name."""
         try:
             with os.scandir(folder) as scanned:
-                there = [each for each in scanned if is_name(each.name) and wanted(each)]
+                there = [each for each in scanned if wanted(each) and is_name(each.name)]
         except OSError as error:
             raise FileError(f"cannot read {text}: {error.strerror or error}") from None
         found: list[Entry] = []
