@@ -59,7 +59,7 @@ def test_text_for_people() -> None:
     done = run("design", "thickness")
     assert done.code == 0 and done.err == ""
     for words in (
-        "radius of curvature of 0.678 mm ± 0.118 mm", "lacks a factor and says 0.670 mm",
+        "radius of curvature of 0.678 mm ± 0.118 mm", "eq. 3 as the paper prints it gives 0.670 mm",
         "pua311 (n 1.47): pour 1.30 mm ± 0.37 mm; it may be off by ± 0.52 mm (0.78 to 1.82 mm)",
         "pdms (n 1.43): pour 1.46 mm ± 0.39 mm", "from eq. 3 as printed: 1.28 mm",
         "film distance 0.37 mm (100 %)", "the paper's film", "  450 nm     1.417 mm  12.2 µm",

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from nolens.camera import develop
 from nolens.evaluate import siemens_star, slanted_edge, star_contrast
-from nolens.files import read_camera, write_png, write_tiff32
+from nolens.files import read_camera, read_picture, write_png, write_tiff32
 from nolens.jobs.measuring.resolution_scale import AngularScale
 from nolens.jobs.optical_bench import OpticalBench, solved
 from nolens.jobs.raw import write_raw
@@ -313,3 +313,22 @@ def test_bad_frames(captured: Path, tmp_path: Path) -> None:
             captured / "picture3.png", "--dip", "100%"), "to 99.99 %",
     )  # fmt: skip
     assert not list(tmp_path.iterdir())
+
+
+def test_target_to_show_on_a_screen(tmp_path: Path) -> None:
+    """The picture is the target that the simulation draws, with the curve of a screen."""
+    path = tmp_path / "star.png"
+    done = run("measure", "target", "siemens", "-o", path, "--pixels", 200, "--spokes", 12)
+    assert done.code == 0 and done.out == f"{path}\n", done
+    star = read_picture(path).radiance
+    assert torch.allclose(star[0], siemens_star(200, 12), atol=0.01)
+    done = run("measure", "target", "edge", "-o", path, "--pixels", 200, "--tilt", "4deg")
+    assert torch.allclose(read_picture(path).radiance[1], slanted_edge(200, 4.0), atol=0.01)
+    for words, given in (
+        (("no target",), ()),
+        (("no output",), ("siemens",)),
+        (("--tilt",), ("siemens", "-o", path, "--tilt", "4deg")),
+        (("spokes", "4 to 200"), ("siemens", "-o", path, "--spokes", 3)),
+        ((".png",), ("edge", "-o", tmp_path / "edge.tif")),
+    ):
+        check_refused(run("measure", "target", *given), *words)

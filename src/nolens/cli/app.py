@@ -72,6 +72,7 @@ _USAGE = {
     "measure resolution two-points": "measure resolution two-points --simulate CAMERA",
     "measure resolution siemens": "measure resolution siemens FRAME --psf PSF --camera FOLDER",
     "measure resolution edge": "measure resolution edge FRAME --psf PSF --camera FOLDER",
+    "measure target": "measure target siemens -o star.png",
     "reproduce": "reproduce -o FOLDER",
     "studio": "studio [FOLDER...]",
     "demo": "demo -o FOLDER",

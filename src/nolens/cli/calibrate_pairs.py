@@ -95,7 +95,8 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     lines = [
         f"{rows}×{columns} cells of {summary['cell']}, light in "
         f"{100 * summary['support_share']:.1f} % of them",
-        "left of each measurement, and if the PSF may change over the picture:",
+        "of each measurement, not explained by the PSF: with one PSF for the whole picture, and "
+        "with one that may change over it (a large difference: the PSF varies over the field)",
     ]
     wide = max(len(row["name"]) for row in summary["pairs"])
     for row in summary["pairs"]:

@@ -145,7 +145,10 @@ def _master(summary: dict[str, Any]) -> list[str]:
         lines.append("  (the paper's film; say yours with --film and --film-distance, or --radius)")
     printed = summary["printed_radius_mm"]
     if printed is not None:
-        lines.append(f"  (the paper's eq. 3 as printed lacks a factor and says {printed:.3f} mm)")
+        lines.append(
+            f"  (eq. 3 as the paper prints it gives {printed:.3f} mm: it counts the cover glass "
+            "without the ratio of refractive indices)"
+        )
     return lines
 
 

@@ -35,6 +35,7 @@ from .measuring.resolution import (
     measure_two_points,
 )
 from .measuring.resolution_options import EdgeOptions, SiemensOptions, TwoPointOptions
+from .measuring.target import TargetOptions, make_target
 from .psf import PsfOutcome, simulate_psf
 from .reconstruction.job import Outcome, reconstruct
 from .reconstruction.options import Method, ReconstructOptions
@@ -85,6 +86,7 @@ __all__ = [
     "SiemensOptions",
     "SimulateOptions",
     "SimulationOutcome",
+    "TargetOptions",
     "ThicknessOptions",
     "ThicknessOutcome",
     "ToleranceOptions",
@@ -102,6 +104,7 @@ __all__ = [
     "design_thickness",
     "expand_home",
     "fabricate",
+    "make_target",
     "material_facts",
     "measure_edge",
     "measure_field",
