@@ -59,7 +59,7 @@ def test_bad_input(tmp_path: Path) -> None:
     before = listing(made)
     for words, arguments in (
         (("no region is given", "--region 414x414"), (good,)),
-        (("--region", "400x400"), (good, "--region", "wide")),
+        (("region is 'wide'", "400x400"), (good, "--region", "wide")),
         (("given twice",), (good, good, "--region", "20x24")),
         (
             ("46×64 cells", "same camera"),

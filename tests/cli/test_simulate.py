@@ -115,7 +115,7 @@ def test_counts_follow_the_exposure_until_they_clip(picture: Path, tmp_path: Pat
 
 def test_absurd_exposure_is_only_saturated(picture: Path, tmp_path: Path) -> None:
     told = simulated(
-        picture, *QUICK, "--exposure", "1e9s", "--luminance", "1e12 nit", "-o", tmp_path / "r.dng"
+        picture, *QUICK, "--exposure", "1e6s", "--luminance", "1e12 nit", "-o", tmp_path / "r.dng"
     )
     assert told["saturated_share"] > 0.9
 
