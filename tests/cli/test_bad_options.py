@@ -34,7 +34,7 @@ VALUES: list[tuple[list[object], list[str]]] = [
     (["--bin", 999], ["bin is 999", "1 to 64"]),
     (["--bin", 49], ["cannot bin", "by 49", "1 to 48"]),
     (["--psf-scale", 2, "--psf-wider"], ["--psf-scale", "--psf-wider", "Give one"]),
-    (["--psf-scale", 0], ["psf_scale is 0", "1 to 64"]),
+    (["--psf-scale", 0], ["psf-scale is 0", "1 to 64"]),
     (["--psf-scale", 3], ["48×64", "leave it out"]),
     (["--psf-wider"], ["48×64", "Leave out --psf-wider"]),
     (["--dark", "RAW", "--black", 256], ["dark frame", "black level (256)", "one of the two"]),

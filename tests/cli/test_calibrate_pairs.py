@@ -148,7 +148,7 @@ def test_one_pair_is_too_few(pairs: Path) -> None:
         (["measured", "empty", *GIVEN, "-o", "out"], ["cat.tif has no partner", "3 measurements"]),
         (["empty", "empty", *GIVEN, "-o", "out"], ["empty is empty"]),
         (["measured", "shown", *GIVEN, "-o", "out", "--region", "30x44"], ["30×44", "32×44"]),
-        (["measured", "shown", *GIVEN, "-o", "out", "--region", "3"], ["region is '3'"]),
+        (["measured", "shown", *GIVEN, "-o", "out", "--region", "3"], ["--region is '3'"]),
         (["measured", "dark", *GIVEN, "-o", "out"], ["cup.png is dark"]),
         (["measured", "even", *GIVEN, "-o", "out"], ["cup.png is the same everywhere"]),
         (["measured", "small", *GIVEN, "-o", "out"], ["16×22 cells", "32×44"]),

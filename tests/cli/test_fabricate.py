@@ -201,7 +201,7 @@ def test_resin_that_little_is_known_of(tmp_path: Path) -> None:
         (["small", "--package", "10x9mm"], ["--glass-top", "belong together"]),
         (["small", "--package", "0.1x9mm", "--glass-top", "1mm"], ["smaller than the sensor's"]),
         (["small", "--bed", "5x5mm"], ["bed of 5 × 5 mm"]),
-        (["small", "--printer-shrinkage", "60%"], ["printer_shrinkage is '60%'", "0 % to 49 %"]),
+        (["small", "--printer-shrinkage", "60%"], ["printer-shrinkage is '60%'", "0 % to 49 %"]),
         (["small", "--mould-shrinkage", "0.1"], ["mould_shrinkage", "has no unit"]),
         (["small", "--crown", "3mm"], ["runs over", "at most"]),
         (["small", "--contact-angle", "0deg"], ["contact_angle is", "0.1 deg to 90 deg"]),

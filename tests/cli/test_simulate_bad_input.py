@@ -36,7 +36,7 @@ SIMULATE: list[tuple[list[object], list[str]]] = [
     (["--distance", "5mm"], ["5 mm is nearer than the mask's near limit", "10 mm or more"]),
     (["--distance", "-1m"], ["distance is '-1m'", "0.1 µm to 1000000 m or 'infinity'"]),
     (["--field-points", "4"], ["4 field points", "odd", "5 or 9"]),
-    (["--field-points", "0"], ["field_points is 0", "1 to 101"]),
+    (["--field-points", "0"], ["field-points is 0", "1 to 101"]),
     (["--field-points", "2.5"], ["2.5 is no whole number"]),
     (["--wavelengths", "0"], ["wavelengths is 0", "1 to 100"]),
     (["--seed", "-1"], ["seed is -1", "0 to 9223372036854775807"]),

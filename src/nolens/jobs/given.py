@@ -156,9 +156,12 @@ def explain(error: ValidationError, sources: Mapping[str, Path | None] | None = 
     found: dict[str, list[str]] = {}
     for each in error.errors(include_url=False):
         name = str(each["loc"][0]) if each["loc"] else ""
-        where = f" in {sources[name]}" if sources and name in sources else ""
+        if sources and name in sources:
+            what = f"{name} in {sources[name]}"
+        else:
+            what = f"--{name.replace('_', '-')}"
         message = each["msg"][:1].lower() + each["msg"][1:]
-        reasons = found.setdefault(f"{name}{where} is {quoted(each['input'])}", [])
+        reasons = found.setdefault(f"{what} is {quoted(each['input'])}", [])
         reasons.append(message.removeprefix("input should be ") if reasons else message)
     return "; ".join(f"{what}: {' or '.join(reasons)}" for what, reasons in found.items())
 
