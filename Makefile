@@ -74,10 +74,11 @@ bench-design: $(STAMP)
 bench-stitch: $(STAMP)
 	$(BIN)/python bench/stitch.py
 
-# Twice ten minutes of the studio's live view.
+# Memory and time of every reader at its limit.
 bench-reading: $(STAMP)
 	$(BIN)/python bench/reading.py
 
+# Twice ten minutes of the studio's live view.
 bench-live: $(STAMP)
 	$(BIN)/python bench/live.py --minutes 10
 	$(BIN)/python bench/live.py --minutes 10 --everywhere

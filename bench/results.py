@@ -50,11 +50,12 @@ def hand(data: Path) -> Outcome:
 
 
 def pair(
-    data: Path, name: str, scratch: Path, psf: Path | None = None
-) -> tuple[Outcome, Tensor]:  # fmt: skip
+    data: Path, name: str, scratch: Path, psf: Path | None = None, tau: float | None = None
+) -> tuple[Outcome, Tensor]:
     """Reconstruct one of the five pairs; its picture and what the lensed camera saw.
 
-    With the estimate of the PSF beside the data, or with another one.
+    With the estimate of the PSF beside the data, or with another one; with the program's own
+    weight of the prior, or with another one.
     """
     folder = data / "diffusercam-pairs"
     top, left, height, width = SCREEN
@@ -63,6 +64,7 @@ def pair(
             measurement=folder / "diffuser" / f"{name}.npy",
             psf=psf or folder / "psf_estimate.npy",
             psf_wider=True,
+            tau=tau,
             bgr=True,
             crop=f"{height}x{width}+{top}+{left}",
             flip="vertical",
@@ -74,6 +76,12 @@ def pair(
     window = lensed[top : top + height, left : left + width, ::-1]
     truth = torch.from_numpy(np.ascontiguousarray(window)).permute(2, 0, 1)
     return outcome, torch.flip(truth, (-2,))
+
+
+def judged(picture: Tensor, truth: Tensor) -> tuple[Tensor, dict[str, float]]:
+    """A picture as bright as the truth, and how near it is."""
+    fitted = affine_fit(picture, truth).clamp(0, 1)
+    return fitted, {"psnr_db": psnr(fitted, truth, 1.0), "ssim": ssim(fitted, truth, 1.0)}
 
 
 def main() -> None:
@@ -94,16 +102,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         for name in PAIRS:
             outcome, truth = pair(data, name, Path(scratch))
-            fitted = affine_fit(outcome.picture, truth).clamp(0, 1)
-            peak = 1.0
-            rows.append(
-                {
-                    "name": name,
-                    "psnr_db": psnr(fitted, truth, peak),
-                    "ssim": ssim(fitted, truth, peak),
-                    **outcome.summary,
-                }
-            )
+            fitted, figures = judged(outcome.picture, truth)
+            rows.append({"name": name, **figures, **outcome.summary})
             panels.append(torch.cat([fitted, truth.clamp(0, 1)], dim=-2))
     write_png(OUT / "pairs.png", torch.cat(panels, dim=-1))
     for row in rows:

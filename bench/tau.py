@@ -1,12 +1,13 @@
-"""PSNR by the weight of the prior: the paper's camera, simulated, and three photographs.
+"""PSNR by the weight of the prior: photographs through the simulated paper camera, and real pairs.
 
-`python bench/tau.py [build/tau]` takes scikit-image's photographs as `nolens simulate` does, each
-50° wide at 300 mm, and prints a row for each weight. Files of an earlier run are taken again.
+`python bench/tau.py` takes scikit-image's photographs as `nolens simulate` does, each 50° wide at
+300 mm, and prints a row for each weight. With `--data FOLDER` it adds the mean of the five real
+pairs, with the settings of `bench/results.py`. A PSF of an earlier run is taken again.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 from nolens.evaluate import psnr, scale_fit
@@ -21,6 +22,7 @@ from nolens.jobs import (
     simulate_psf,
 )
 from nolens.jobs.sample_pictures import sample_picture
+from results import PAIRS, judged, pair
 
 PHOTOGRAPHS = ("astronaut", "coffee", "chelsea")
 TAUS = (1e-4, 5e-5, 3e-5, 2e-5, 1e-5, 3e-6)
@@ -42,9 +44,12 @@ def shot(folder: Path, name: str) -> dict[str, object]:
 
 def main() -> None:
     """Measure, and print the table."""
-    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "build/tau")
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path, help="folder of the real measurements")
+    parser.add_argument("--folder", type=Path, default=Path("build/tau"), help="for files")
+    asked = parser.parse_args()
+    folder: Path = asked.folder
     folder.mkdir(parents=True, exist_ok=True)
-    print("| τ | " + " | ".join(PHOTOGRAPHS) + " |", flush=True)
     rows: dict[float, list[str]] = {tau: [] for tau in TAUS}
     for name in PHOTOGRAPHS:
         summary = shot(folder, name)
@@ -63,6 +68,15 @@ def main() -> None:
             peak = float(truth.max())
             rows[tau].append(f"{psnr(scale_fit(picture, truth), truth, peak):.1f}")
             print(name, tau, rows[tau][-1], flush=True)
+    heads = list(PHOTOGRAPHS)
+    if asked.data is not None:
+        heads.append("five pairs, mean (SSIM)")
+        for tau in TAUS:
+            found = [judged(*pair(asked.data, name, folder, tau=tau)) for name in PAIRS]
+            psnrs, ssims = ([figures[key] for _, figures in found] for key in ("psnr_db", "ssim"))
+            rows[tau].append(f"{sum(psnrs) / len(PAIRS):.1f} ({sum(ssims) / len(PAIRS):.3f})")
+            print("pairs", tau, rows[tau][-1], flush=True)
+    print("| τ | " + " | ".join(heads) + " |")
     for tau, cells in rows.items():
         print(f"| {tau:g} | " + " | ".join(cells) + " |")
 
