@@ -170,18 +170,18 @@ class Workspace:
             return []
         if not path.is_dir():
             raise FileError(f"there is no folder {text}")
-        return self._entries(path, text, _MOST_ENTRIES, lambda each: True)
+        return [entry for entry, _ in self._entries(path, text, _MOST_ENTRIES, lambda each: True)]
 
     def _entries(
         self, folder: Path, text: str, most: int, wanted: Callable[[os.DirEntry[str]], bool]
-    ) -> list[Entry]:
-        """What lies in a folder and is wanted, by name."""
+    ) -> list[tuple[Entry, Path]]:
+        """What lies in a folder and is wanted, by name, and where that is."""
         try:
             with os.scandir(folder) as scanned:
                 there = [each for each in scanned if wanted(each) and is_name(each.name)]
         except OSError as error:
             raise FileError(f"cannot read {text}: {error.strerror or error}") from None
-        found: list[Entry] = []
+        found: list[tuple[Entry, Path]] = []
         for each in sorted(there, key=lambda each: each.name):
             with suppress(OptionError, FileError, OSError):
                 found.append(self._entry(f"{text}/{each.name}", each))
@@ -189,15 +189,16 @@ class Workspace:
                 break
         return found
 
-    def _entry(self, text: str, there: os.DirEntry[str]) -> Entry:
+    def _entry(self, text: str, there: os.DirEntry[str]) -> tuple[Entry, Path]:
         # The folder has no links on its way any more.
         path = self.resolve(text) if there.is_symlink() else Path(there.path)
         about = path.stat()
         kind = _kind(path)
-        return Entry(
+        entry = Entry(
             name=there.name, path=text, kind=kind, changed=about.st_mtime,
             bytes=0 if kind in ("folder", "camera") else about.st_size,
         )  # fmt: skip
+        return entry, path
 
     def make(self, name: str) -> Path:
         """A folder of the workspace, made where it is missing.
@@ -224,17 +225,16 @@ class Workspace:
                 text = f"{root.id}/{above}".rstrip("/")
                 with suppress(OptionError, FileError):  # There is none, or it may not be read.
                     found += [
-                        self._camera(each)
-                        for each in self._entries(
+                        self._camera(entry, folder)
+                        for entry, folder in self._entries(
                             self.resolve(text), text, _MOST_CAMERAS, lambda each: each.is_dir()
                         )
-                        if each.kind == "camera"
+                        if entry.kind == "camera"
                     ]
         return found
 
-    def _camera(self, entry: Entry) -> CameraInfo:
+    def _camera(self, entry: Entry, folder: Path) -> CameraInfo:
         """A camera's folder; it is read again when its files change."""
-        folder = self.resolve(entry.path)
         state = [_state(folder / name) for name in (_CAMERA, _PSFS)]
         known = self._cameras.get(entry.path)
         if known is None or known[0] != state:
