@@ -146,7 +146,9 @@ def _fit(basis: Tensor, values: Tensor) -> Tensor:
         ]
         above = values - basis @ solution
         # Below the plane there is only noise; above it wings as well.
-        spread = 1.4826 * above[above <= 0].abs().median().clamp_min(1e-30)
+        below = above[above <= 0].abs()
+        # Of an even plane rounding can leave all above.
+        spread = 1.4826 * (below if len(below) else above).median().clamp_min(1e-30)
         weight = torch.where(
             above > 0, (_CAUTION * spread / above.clamp_min(1e-30)).clamp(max=1), 1.0
         )

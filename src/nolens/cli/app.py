@@ -15,6 +15,7 @@ from cyclopts import (
 from nolens import __version__
 from nolens.errors import OptionError
 from nolens.files.limits import set_read_limit
+from nolens.printable import quoted
 
 
 def application() -> App:
@@ -45,6 +46,7 @@ Quantity = Parameter(allow_leading_hyphen=True)
 Json = Parameter(name="--json", negative=(), show_default=False)
 Output = Parameter(name=("--output", "-o"))
 
+_MOST_BRACKETS = 100
 _READ_LIMIT = "--read-limit"
 _USAGE = {
     "reconstruct": "reconstruct RAW --psf PSF -o out.png (-o again for each further picture)",
@@ -117,6 +119,9 @@ def run(app: App, arguments: Sequence[str]) -> int:
     OptionError
         If the arguments name no command, or an option or value that it does not have.
     """
+    nested = next((each for each in arguments if sum(map(each.count, "[{")) > _MOST_BRACKETS), None)
+    if nested is not None:  # Lists may be written as JSON, whose parser recurses into brackets.
+        raise OptionError(f"{quoted(nested)} has more than {_MOST_BRACKETS} brackets: give fewer")
     try:
         code = app(
             list(arguments), exit_on_error=False, print_error=False, result_action="return_value"

@@ -24,6 +24,11 @@ def expand_home(path: Path) -> Path:
         return path
 
 
+def record_beside(path: Path) -> Path:
+    """File of the record that belongs to one that is written, whatever that is called."""
+    return path.parent / f"{path.stem}.json"
+
+
 def window_numbers(text: str) -> tuple[int, int, int | None, int | None]:
     """Height, width, top and left of HEIGHTxWIDTH or HEIGHTxWIDTH+TOP+LEFT.
 

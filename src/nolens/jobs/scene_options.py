@@ -21,6 +21,7 @@ from nolens.jobs.fields import (
     Name,
     Seed,
     Word,
+    record_beside,
 )
 from nolens.jobs.given import JobOptions, Written
 from nolens.quantities import Angle, Length, Luminance, Share
@@ -91,7 +92,7 @@ class CameraOptions(JobOptions):
     @property
     def record(self) -> Path:
         """File of the run's record."""
-        return self.output.with_suffix(".json")
+        return record_beside(self.output)
 
     @property
     def inputs(self) -> dict[str, Path]:

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from nolens.errors import OptionError
-from nolens.jobs.fields import Exposure, FilePath, Interval, Mosaic, Name
+from nolens.jobs.fields import Exposure, FilePath, Interval, Mosaic, Name, record_beside
 from nolens.jobs.given import JobOptions, Written
 from nolens.ranges import Between
 
@@ -131,5 +131,5 @@ class CaptureOptions(JobOptions):
         """The one file and its record; the names of several are found as they are written."""
         if self.several or not self.output.suffix:
             return ()
-        record = self.output.with_suffix(".json")
+        record = record_beside(self.output)
         return (Written("output", self.output), Written("record of the run", record))

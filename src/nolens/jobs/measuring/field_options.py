@@ -8,7 +8,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from nolens.camera.part import PositiveLength, refusal
 from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
-from nolens.jobs.fields import FilePath, Name, Seed
+from nolens.jobs.fields import FilePath, Name, Seed, record_beside
 from nolens.jobs.given import JobOptions, Written
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
@@ -125,7 +125,7 @@ class MeasureFieldOptions(JobOptions):
     def record(self) -> Path | None:
         """File of the run's record, beside the plot or the picture."""
         beside = self.plot or self.output
-        return None if beside is None else beside.with_suffix(".json")
+        return None if beside is None else record_beside(beside)
 
     @property
     def inputs(self) -> dict[str, Path]:

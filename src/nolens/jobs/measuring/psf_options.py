@@ -6,7 +6,7 @@ from typing import Annotated, Any, Self
 from nolens.camera import BlackLevel
 from nolens.camera.part import PixelPitch
 from nolens.errors import OptionError
-from nolens.jobs.fields import FilePath, Name, Word
+from nolens.jobs.fields import FilePath, Name, Word, record_beside
 from nolens.jobs.given import JobOptions, Written
 from nolens.ranges import Between
 
@@ -61,7 +61,7 @@ class MeasurePsfOptions(JobOptions):
     @property
     def record(self) -> Path | None:
         """File of the run's record, beside the plot."""
-        return None if self.plot is None else self.plot.with_suffix(".json")
+        return None if self.plot is None else record_beside(self.plot)
 
     @property
     def inputs(self) -> dict[str, Path]:

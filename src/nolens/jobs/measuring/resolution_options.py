@@ -8,7 +8,17 @@ from pydantic import Field
 from nolens.camera.part import PositiveLength
 from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
-from nolens.jobs.fields import FilePath, Files, Iterations, Name, Seed, Tau, Window, Word
+from nolens.jobs.fields import (
+    FilePath,
+    Files,
+    Iterations,
+    Name,
+    Seed,
+    Tau,
+    Window,
+    Word,
+    record_beside,
+)
 from nolens.jobs.given import JobOptions, Written
 from nolens.quantities import Angle, Share
 from nolens.ranges import Between
@@ -143,7 +153,7 @@ class ResolutionOptions(JobOptions):
     @property
     def record(self) -> Path | None:
         """File of the run's record, beside the plot."""
-        return None if self.plot is None else self.plot.with_suffix(".json")
+        return None if self.plot is None else record_beside(self.plot)
 
     @property
     def inputs(self) -> dict[str, Path]:

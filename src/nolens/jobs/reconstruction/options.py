@@ -25,6 +25,7 @@ from nolens.jobs.fields import (
     Window,
     Word,
     expand_home,
+    record_beside,
     window_numbers,
 )
 from nolens.jobs.given import JobOptions, Written, check_apart, explain
@@ -202,7 +203,7 @@ class ReconstructOptions(JobOptions):
     @property
     def record(self) -> Path:
         """File of the run's record."""
-        return self.output[0].with_suffix(".json")
+        return record_beside(self.output[0])
 
     @property
     def state(self) -> Path:
