@@ -85,6 +85,8 @@ def open_sequence(path: Path, *, mosaic: str | None = None, bgr: bool = False) -
         def read(number: int) -> Frame:
             return read_tiff(path, number)
 
+    if count == 0:
+        raise FileError(f"{path} holds no frame: give a stack of one or more")
     digits = len(str(count))
     return FrameSequence(
         tuple(f"frame-{number + 1:0{digits}}" for number in range(count)),
