@@ -313,11 +313,8 @@ def npz(draw: Draw, data: bytes) -> bytes:
             text = json.dumps(draw(changed(_about(members[name]))))
             members[name] = _npy(np.array(text.replace("\0", "")))
         else:
-            try:
-                array = np.load(io.BytesIO(members[name]))
-            except ValueError:
-                continue  # It was damaged before.
-            if array.dtype.kind == "f":
+            array = _array(members[name])
+            if array is not None and array.dtype.kind == "f":
                 fill = draw(st.sampled_from((np.nan, np.inf, -1.0, 0.0, 1e38)))
                 shape = draw(st.sampled_from((array.shape, array.shape[::-1], array.shape[1:], ())))
                 array = np.resize(array, shape)
@@ -335,9 +332,17 @@ def npz(draw: Draw, data: bytes) -> bytes:
 
 def _about(data: bytes) -> Any:
     try:
-        return json.loads(str(np.load(io.BytesIO(data))))
+        return json.loads(str(_array(data)))
     except ValueError:
         return {"damaged": "before"}
+
+
+def _array(data: bytes) -> Any:
+    """What a member holds; None where it was damaged before."""
+    try:
+        return np.load(io.BytesIO(data))
+    except (ValueError, MemoryError, OverflowError):
+        return None
 
 
 def _npy(array: Any) -> bytes:

@@ -255,7 +255,10 @@ def main() -> int:
     print("exit codes: " + ", ".join(f"{code}: {count}" for code, count in sorted(codes.items())))
     broken = sorted(each.name for each in Path("failures").glob("*.err"))
     print(f"{sum(counts.values())} inputs, {len(broken)} kinds of failure")
-    return 1 if broken else 0
+    early = sum(each.exitcode != 0 for each in workers)
+    if early:
+        print(f"{early} of {len(workers)} workers ended early, by an error of the fuzzer's own")
+    return 1 if broken or early else 0
 
 
 if __name__ == "__main__":

@@ -36,6 +36,7 @@ from patience import PATIENCE_S
 
 Header = dict[str, Any]
 
+_SCANS = Path(__file__).parents[1] / "corpus" / "simulate-jpeg-300-scans.jpg"
 
 AT_FIRST = {
     "method": "admm", "tau": 1e-4, "iterations": 2, "exposure_s": None, "gain": 1.0,
@@ -327,6 +328,7 @@ def test_pictures_of_a_webcam_that_are_none_change_nothing(studio: Running) -> N
         for data, words in (
             (b"\xff\xd8\xff" + 1000 * b"x", "cannot be read: give"),
             (large.getvalue(), "7000×7000 pixels: give one of at most 4 megapixels"),
+            (_SCANS.read_bytes(), "a JPEG of 301 scans"),
         ):
             socket.send(data)
             studio.until("live", lambda live, words=words: words in (live["error"] or ""))

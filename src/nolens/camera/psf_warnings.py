@@ -38,7 +38,8 @@ def psf_warnings(psf: Measurement, values: Tensor) -> list[str]:
         texts.append(
             f"the darkest corner of the PSF {psf.source} is {corner:.3g}, "
             f"{100 * corner / peak:.2g} % of its peak: if no light falls there, this is a black "
-            "level that the file does not state: subtract it (--black auto, or a dark frame)"
+            "level that the file does not state: subtract it (with a dark frame; reconstruct and "
+            "measure psf also take --black auto)"
         )
     return texts
 

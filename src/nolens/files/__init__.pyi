@@ -6,7 +6,7 @@ from .names import readable
 from .read import SUFFIXES, read_frame
 from .read_camera import CAMERA_FILE, camera_files, read_camera, write_camera
 from .read_material import read_material
-from .read_picture import PICTURE_SUFFIXES, Picture, read_picture
+from .read_picture import PICTURE_SUFFIXES, Picture, check_scans, read_picture
 from .read_psfs import PSFS_FILE, read_psf, read_psf_set, write_psfs
 from .read_relief import HeightMap, read_height_map
 from .record import (
@@ -45,6 +45,7 @@ __all__ = [
     "check_height_map",
     "check_holds",
     "check_output",
+    "check_scans",
     "check_step",
     "describe",
     "hash_file",

@@ -135,7 +135,7 @@ def _read_jpeg(path: Path) -> NDArray[np.generic]:
         with Image.open(path, formats=["JPEG"]) as picture:
             mode = picture.mode
             check_size((picture.height, picture.width, len(picture.getbands())), 1, path)
-            _check_scans(path)
+            check_scans(path.read_bytes(), path)
             array = np.asarray(ImageOps.exif_transpose(picture))
     except FileError:
         raise
@@ -147,10 +147,24 @@ def _read_jpeg(path: Path) -> NDArray[np.generic]:
     return array[..., None] if array.ndim == 2 else array
 
 
-def _check_scans(path: Path) -> None:
-    """Refuse a progressive JPEG of thousands of scans, each of which goes over all pixels."""
-    scans = path.read_bytes().count(b"\xff\xda")
+def check_scans(data: bytes, source: str | Path) -> None:
+    """Refuse a progressive JPEG of thousands of scans, each of which goes over all pixels.
+
+    Parameters
+    ----------
+    data
+        The file's bytes.
+    source
+        Where it comes from, for messages.
+
+    Raises
+    ------
+    FileError
+        If it has more than 200.
+    """
+    scans = data.count(b"\xff\xda")
     if scans > _MOST_SCANS:
         raise FileError(
-            f"{path} is a JPEG of {scans} scans, and at most {_MOST_SCANS} are read: save it again"
+            f"{source} is a JPEG of {scans} scans, and at most {_MOST_SCANS} are read: save it "
+            "again"
         )

@@ -9,7 +9,8 @@ from torch import Tensor
 
 from nolens.camera import linear_from_srgb
 from nolens.capture import TwinSource, chart
-from nolens.errors import DataError
+from nolens.errors import DataError, NolensError
+from nolens.files import check_scans
 from nolens.jobs.sample_pictures import sample_picture
 from nolens.studio.scene_names import SCENES
 
@@ -53,6 +54,8 @@ def decoded_scene(data: bytes, most_pixels: int = _MOST_PIXELS) -> Tensor:
     ------
     DataError
         If it is no such picture, damaged, or too large.
+    FileError
+        If it is a JPEG of more than 200 scans.
     """
     try:
         with warnings.catch_warnings():
@@ -63,10 +66,11 @@ def decoded_scene(data: bytes, most_pixels: int = _MOST_PIXELS) -> Tensor:
                         f"the picture is {image.width}×{image.height} pixels: give one of at most "
                         f"{most_pixels // 10**6} megapixels"
                     )
+                check_scans(data, "the picture")
                 image.draft("RGB", (_LONG_SIDE, _LONG_SIDE))
                 upright = ImageOps.exif_transpose(image).convert("RGB")
                 upright.thumbnail((_LONG_SIDE, _LONG_SIDE))
-    except DataError:
+    except NolensError:
         raise
     # Damage can raise nearly anything.
     except Exception as error:
