@@ -1,5 +1,6 @@
 """Text from files and people, made fit for a line of a message."""
 
+import os
 import unicodedata
 
 _OBEYED = ("Cc", "Cf", "Cs", "Zl", "Zp")
@@ -28,7 +29,7 @@ def _escape(character: str) -> str:
 def quoted(value: object) -> str:
     """A value as Python writes it, short enough to stand in a message; the middle gives way."""
     try:
-        text = repr(value)
+        text = repr(os.fspath(value) if isinstance(value, os.PathLike) else value)
     except (ValueError, RecursionError):
         # Whole numbers of more than 4300 digits, or tables in tables without end.
         return "too long to be shown"

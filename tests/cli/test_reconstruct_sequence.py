@@ -115,14 +115,17 @@ def test_bad_frames_are_dropped(psf: Path, tmp_path: Path) -> None:
     save(frames / "1.npy", torch.zeros(3, *SENSOR))
     save(frames / "2.npy", torch.ones(3, 5, 5))
     (frames / "0.npy").write_bytes(b"none")
+    for number in range(5, 10):
+        (frames / f"{number}.npy").write_bytes(b"none")
     asked = ("--psf", psf, "-o", tmp_path / "out", "--region", REGION)
     done = run("reconstruct", frames, *asked)
     assert done.code == 0, done.err
-    assert "2 frames, 3 dropped" in done.out
-    assert done.err.count("is dropped") == 3
+    assert "2 frames, 8 dropped" in done.out
+    assert done.err.count("is dropped") == 5
+    assert f"3 more frames are dropped: {tmp_path / 'out.json'} says why" in done.err
     assert sorted(pictures(tmp_path / "out")) == ["3", "4"]
     record = json.loads((tmp_path / "out.json").read_text())
-    assert record["result"]["dropped"] == ["0", "1", "2"] and len(record["warnings"]) == 3
+    assert record["result"]["dropped"] == list("01256789") and len(record["warnings"]) == 8
 
 
 def test_latency_bounds_a_frame(psf: Path, tmp_path: Path) -> None:
@@ -158,11 +161,11 @@ def test_refused(
 
 
 def test_no_usable_frame(psf: Path, tmp_path: Path) -> None:
-    np.save(tmp_path / "raw.npy", np.zeros((4, *SENSOR, 3), np.float32))
+    np.save(tmp_path / "raw.npy", np.zeros((40, *SENSOR, 3), np.float32))
     done = run("reconstruct", tmp_path / "raw.npy", "--psf", psf, "-o", tmp_path / "out")
     assert done.code == 2 and not (tmp_path / "out").exists()
-    assert done.err.count("is dropped") == 4
-    assert "none of the 4 frames" in done.err.splitlines()[-1]
+    assert done.err.count("is dropped") == 5
+    assert "none of the 40 frames" in done.err.splitlines()[-1]
     (tmp_path / "empty").mkdir()
     done = run("reconstruct", tmp_path / "empty", "--psf", psf, "-o", tmp_path / "out")
     check_refused(done, "holds no frame")

@@ -6,15 +6,21 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+
 
 @contextmanager
-def quiet_logger(name: str) -> Iterator[None]:
-    """Switch a library's logger off: what it would say of a file becomes an error of ours."""
+def quiet_library(name: str) -> Iterator[None]:
+    """Switch a library's logger and NumPy's warnings off.
+
+    What the library would say of a file becomes an error of ours.
+    """
     logger = logging.getLogger(name)
     before = logger.disabled
     logger.disabled = True
     try:
-        yield
+        with np.errstate(all="ignore"):
+            yield
     finally:
         logger.disabled = before
 

@@ -12,7 +12,7 @@ from nolens.camera import MOSAICS, Frame
 from nolens.errors import FileError
 from nolens.files.damage import damage
 from nolens.files.limits import check_bytes, check_size
-from nolens.files.quiet import quiet_logger, quiet_stderr
+from nolens.files.quiet import quiet_library, quiet_stderr
 from nolens.files.tiff_directories import check_directories
 
 RAW_SUFFIXES = (
@@ -55,7 +55,7 @@ def _check_camera(path: Path) -> None:
         if file.read(4) not in (b"II*\0", b"MM\0*"):
             return
     check_directories(path)
-    with quiet_logger("tifffile"), tifffile.TiffFile(path) as tiff:
+    with quiet_library("tifffile"), tifffile.TiffFile(path) as tiff:
         tags = tiff.pages.first.tags
         if _DNG_VERSION not in tags and _MAKE not in tags:
             raise FileError(

@@ -12,7 +12,7 @@ from nolens.documents import parse_json
 from nolens.errors import DataError, FileError, OptionError
 from nolens.files.check_input import check_content, check_exists
 from nolens.files.damage import damage
-from nolens.files.quiet import quiet_logger
+from nolens.files.quiet import quiet_library
 from nolens.files.read_camera import HEIGHTS_IN_UM
 from nolens.files.read_tiff import read_tiff_samples
 from nolens.files.relief_text import TEXT_SUFFIXES, TextMap, read_text_map
@@ -127,7 +127,7 @@ def _from_tiff(
         raise FileError(f"{path} holds {stored.name}: give whole numbers or floats")
     _check_points(path, values.shape[1:])
     try:
-        with quiet_logger("tifffile"), tifffile.TiffFile(path) as tiff:
+        with quiet_library("tifffile"), tifffile.TiffFile(path) as tiff:
             page = tiff.pages.first
             note = _note(page)
             said_um = _tagged_pitch_um(tiff, page)

@@ -13,7 +13,7 @@ from nolens.errors import FileError
 from nolens.files.arrays import frame_from_array
 from nolens.files.damage import damage
 from nolens.files.limits import check_part, check_size
-from nolens.files.quiet import quiet_logger
+from nolens.files.quiet import quiet_library
 from nolens.files.tiff_directories import check_directories
 from nolens.files.tiff_note import TiffNote
 
@@ -84,7 +84,7 @@ def read_tiff_samples(path: Path, number: int | None = None) -> TiffSamples:
     """
     check_directories(path)
     try:
-        with quiet_logger("tifffile"), tifffile.TiffFile(path) as tiff:
+        with quiet_library("tifffile"), tifffile.TiffFile(path) as tiff:
             page = _page(path, tiff, number)
             _check_kind(path, page)
             _check_complete(path, page)
@@ -116,7 +116,7 @@ def count_pages(path: Path) -> int:
     """
     check_directories(path)
     try:
-        with quiet_logger("tifffile"), tifffile.TiffFile(path) as tiff:
+        with quiet_library("tifffile"), tifffile.TiffFile(path) as tiff:
             return len(_pages(tiff))
     except Exception:  # Damaged tags can raise nearly anything.
         return 1

@@ -1,5 +1,6 @@
 """Types of options that several jobs have, each with its range."""
 
+import os
 import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -13,7 +14,8 @@ from nolens.quantities import Angle, Duration, Share
 from nolens.ranges import Between
 
 _WINDOW = re.compile(r"([0-9]{1,6})x([0-9]{1,6})(?:([+-][0-9]{1,6})([+-][0-9]{1,6}))?")
-_LONGEST_PATH = 4000
+_LONGEST_PATH, _LONGEST_NAME = 4000, 255
+"""Bytes, of which systems take no more."""
 
 
 def expand_home(path: Path) -> Path:
@@ -22,6 +24,18 @@ def expand_home(path: Path) -> Path:
         return path.expanduser()
     except RuntimeError:  # No such user: then it is a name like any other.
         return path
+
+
+def _nameable(path: Path) -> Path:
+    """Refuse what no system has a file for: to look for it would be an error of the system's."""
+    if len(os.fspath(path)) > _LONGEST_PATH or any(
+        len(part.encode("utf-8", "surrogatepass")) > _LONGEST_NAME for part in path.parts
+    ):
+        raise refusal(
+            f"a path has at most {_LONGEST_PATH} characters, and each name in it "
+            f"{_LONGEST_NAME} bytes: give a shorter one"
+        )
+    return path
 
 
 def record_beside(path: Path) -> Path:
@@ -64,7 +78,7 @@ def _two_angles(given: Any) -> Any:
     return tuple(parts)
 
 
-FilePath = Annotated[Path, AfterValidator(expand_home)]
+FilePath = Annotated[Path, AfterValidator(expand_home), AfterValidator(_nameable)]
 """Of a file or folder; ~ is the home folder."""
 Files = Annotated[tuple[FilePath, ...], Field(max_length=100_000)]
 Name = Annotated[str, Field(max_length=_LONGEST_PATH)]

@@ -32,6 +32,9 @@ from nolens.jobs.reconstruction.window import asked_region, crop_window, oriente
 from nolens.jobs.reporter import Reporter
 from nolens.solvers import Problem, Stream
 
+_DROPS_TOLD = 5
+"""Frames that are dropped with a warning each; of more, the record has all."""
+
 
 def reconstruct_sequence(
     options: ReconstructOptions, reporter: Reporter
@@ -76,7 +79,10 @@ def reconstruct_sequence(
         if reporter.step("frame", number + 1, count, "the pictures"):
             interrupted = True
             break
+    silent = len(work.dropped) - _DROPS_TOLD
     picture = work.picture
+    if silent > 0 and picture is not None:
+        reporter.warn(f"{silent} more frames are dropped: {readable(options.record)} says why")
     if picture is None:
         raise FileError(
             f"none of the {count} frames of {options.measurement} can be used: {work.dropped[0][1]}"
@@ -166,7 +172,7 @@ class _Work:
             if self._stream is None and isinstance(error, OptionError):
                 raise
             self.dropped.append((name, str(error)))
-            self._warn(f"{name} is dropped: {error}")
+            self._warn(f"{name} is dropped: {error}", aloud=len(self.dropped) <= _DROPS_TOLD)
             return
         shown = arrange_rgb(picture, measurement.channels)
         write_into(folder, {folder / f"{name}.png": partial(_write, shown, self.white)})
@@ -199,9 +205,10 @@ class _Work:
         each = {} if options.iterations is None else {"iterations": options.iterations}
         return Stream(problem, latency_s=latency, **each), measurement
 
-    def _warn(self, text: str) -> None:
+    def _warn(self, text: str, *, aloud: bool = True) -> None:
         self.warnings.append(text)
-        self.reporter.warn(text)
+        if aloud:
+            self.reporter.warn(text)
 
 
 def _write(picture: Tensor, white: float, path: Path) -> None:
