@@ -25,6 +25,8 @@ _MOST_SATURATED = 1e-3
 _AROUND = 15
 _LEAST_CONTRAST = 0.1
 """Of fine structure; a scene of some degrees shows less than 1 % through an open mask."""
+_SMALLEST = 16
+"""Pixels along the shorter side of a frame."""
 _LINEAR = 0.95
 """Share of white below which the noise is looked at."""
 
@@ -103,10 +105,15 @@ def point_psf(
     Raises
     ------
     DataError
-        If no exposure is free of saturated pixels, dark frames are brighter than the frames, or
-        they show no point of light.
+        If no exposure is free of saturated pixels, dark frames are brighter than the frames,
+        they show no point of light, or are smaller than 16×16 pixels.
     """
     first = next(iter(exposures.values())).first
+    if min(first.size) < _SMALLEST:
+        raise DataError(
+            f"{first.source} is {first.size_text} pixels, too small for a PSF: give frames of at "
+            f"least {_SMALLEST}×{_SMALLEST}"
+        )
     ready = {time: _exposure(mean, time, darks.get(time)) for time, mean in exposures.items()}
     noise = _noise(exposures, ready, sensor)
     merged = merge(list(ready.values()), noise)
