@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: env demo test test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading screenshots fuzz kill attack clean
+.PHONY: env demo test test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading examples screenshots fuzz kill attack clean
 
 env: $(STAMP)
 
@@ -86,6 +86,13 @@ bench-live: $(STAMP)
 # About ten minutes: 100 SIGKILLs and 100 SIGINTs at random moments over eight commands.
 kill: $(STAMP)
 	$(BIN)/python bench/kill.py
+
+# Runs the example scripts and makes their pictures.
+examples: $(STAMP)
+	rm -rf docs/examples
+	mkdir docs/examples
+	set -e; for each in $(CURDIR)/examples/*.py; do (cd docs/examples && $(CURDIR)/$(BIN)/python $$each); done
+	rm docs/examples/*.dng docs/examples/*.toml
 
 screenshots: $(STAMP)
 	NOLENS_SCREENSHOTS=1 $(BIN)/pytest tests/studio/test_page_*.py

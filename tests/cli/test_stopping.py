@@ -18,6 +18,7 @@ from running import NOLENS, command, listing, read_terminal, run, start
 
 from nolens.cli.terminal import TerminalReporter
 from nolens.files import read_frame
+from nolens.solvers import Reconstructor
 from patience import PATIENCE_S
 
 JOB = importlib.import_module("nolens.jobs.reconstruction.job")
@@ -169,7 +170,7 @@ def test_bug_is_raised(camera: Camera, tmp_path: Path, monkeypatch: pytest.Monke
     def broken(*_: object, **__: object) -> None:
         raise RuntimeError("a bug")
 
-    monkeypatch.setattr(JOB, "solve", broken)
+    monkeypatch.setattr(Reconstructor, "solve", broken)
     with pytest.raises(RuntimeError, match="a bug"):
         run("reconstruct", camera.raw, "--psf", camera.psf, "-o", tmp_path / "out.png")
     assert listing(tmp_path) == {}

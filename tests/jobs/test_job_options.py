@@ -10,13 +10,13 @@ from pydantic import ValidationError
 from nolens.errors import OptionError
 from nolens.jobs import (
     MeasureFieldOptions,
-    Method,
     ReconstructOptions,
     Reporter,
     SimulateOptions,
 )
 from nolens.jobs.reconstruction.options import check_apart, parse_window
 from nolens.operators import Region
+from nolens.solvers import Method
 
 FILES = {"measurement": Path("raw.dng"), "psf": Path("psf.dng"), "output": (Path("o.png"),)}
 

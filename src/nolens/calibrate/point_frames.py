@@ -1,7 +1,7 @@
 """Frames of one exposure time, averaged as they come."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import torch
 from torch import Tensor
@@ -10,6 +10,9 @@ from nolens.camera import MOSAICS, Frame
 from nolens.camera.finite import unusable
 from nolens.errors import DataError
 
+UNKNOWN_S = 1.0
+"""Stands for the exposure time where none is known."""
+SAME_TIME = 2e-3
 _ALIKE = 0.05
 """Difference of brightness from which frames are not of one exposure."""
 _PILED = 16
@@ -101,6 +104,65 @@ class FrameMean:
         used = ~clipped & ~self.clipped
         total = float(one[used].square().sum())
         return float((one[used] * other[used]).sum()) / total if total > 0 else 1.0
+
+
+def add_frame(
+    means: dict[float, FrameMean], frame: Frame, time_s: float | None, role: str = "frame"
+) -> None:
+    """Add a frame to the mean of those of its exposure time.
+
+    Parameters
+    ----------
+    means
+        By exposure time in s.
+    frame
+        To be added.
+    time_s
+        Its exposure time; None where it is not known.
+    role
+        What the frames are, for messages.
+
+    Raises
+    ------
+    DataError
+        If it was taken by another camera or with other settings.
+    """
+    time = UNKNOWN_S if time_s is None else time_s
+    near = [each for each in means if math.isclose(each, time, rel_tol=SAME_TIME)]
+    if near:
+        means[near[0]].add(frame)
+    else:
+        means[time] = FrameMean(frame, role)
+
+
+def match_darks(
+    exposures: Iterable[float], darks: dict[float, FrameMean]
+) -> dict[float, FrameMean]:
+    """The dark frames of each exposure time; those of a single time serve all.
+
+    Parameters
+    ----------
+    exposures
+        Exposure times in s.
+    darks
+        Dark frames by exposure time; none leaves every time without.
+
+    Raises
+    ------
+    DataError
+        If there are dark frames of several times, and none of one of these.
+    """
+    matched: dict[float, FrameMean] = {}
+    for time in exposures if darks else ():
+        same = [each for each in darks if math.isclose(each, time, rel_tol=SAME_TIME)]
+        if not same and len(darks) > 1:
+            have = ", ".join(f"{1e3 * each:g} ms" for each in sorted(darks))
+            raise DataError(
+                f"there is no dark frame of {1e3 * time:g} ms, only of {have}: take one of every "
+                "exposure time, or give those of one time, for all"
+            )
+        matched[time] = darks[same[0] if same else next(iter(darks))]
+    return matched
 
 
 def check_alike(frame: Frame, first: Frame, role: str = "frame") -> None:

@@ -10,11 +10,15 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from torch import Tensor
 
-from nolens.calibrate.distances import with_mean_light
+from nolens.calibrate.distances import Layers, with_mean_light
 from nolens.calibrate.register import Cells
 from nolens.calibrate.stitch_place import Placement, place
 from nolens.camera.measurement import bin_mean
+from nolens.quantities import Angle
 
+STATED_DEG = 3.0
+"""Error of an angle that is put up with; half a degree is what a ruler gives."""
+_STEEPEST_DEG = 85.0
 _LONGEST = 1100
 """Cells along the longer side for registration, which finds parts of a cell."""
 _NEAR = 0.4
@@ -42,6 +46,47 @@ class Capture:
     psf: Tensor
     expected: Cells
     search: float
+
+    @classmethod
+    def at_angle(
+        cls,
+        psf: Tensor,
+        angle: tuple[Angle, Angle],
+        layers: Layers,
+        pixel_um: float,
+        *,
+        inexact: float = 0.0,
+    ) -> "Capture":
+        """A PSF with the place where its field angles put it by Snell's law.
+
+        Parameters
+        ----------
+        psf
+            (channels, rows, columns).
+        angle
+            Of the point source, to the right and up.
+        layers
+            Of the camera.
+        pixel_um
+            Distance of the PSF's pixels.
+        inexact
+            Share by which the layers may put the pattern off.
+        """
+        right, up = layers.shift_um(angle)
+        search = 0.0
+        if any(each.deg != 0 for each in angle):
+            search = (search_um(angle, layers) + inexact * math.hypot(right, up)) / pixel_um
+        return cls(psf, (-up / pixel_um, right / pixel_um), search)
+
+
+def search_um(angle: tuple[Angle, Angle], layers: Layers) -> float:
+    """How far the pattern moves with the few degrees by which a stated angle may be off."""
+    whole = math.degrees(math.atan(math.hypot(*(math.tan(each.rad) for each in angle))))
+    return _reach_um(layers, min(whole + STATED_DEG, _STEEPEST_DEG)) - _reach_um(layers, whole)
+
+
+def _reach_um(layers: Layers, angle_deg: float) -> float:
+    return layers.shift_um((Angle.of(angle_deg, "deg"), Angle.of(0, "deg")))[0]
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from torch import Tensor
 from nolens.calibrate.many_scenes import ManyScenes
 from nolens.camera.measurement import Measurement
 from nolens.operators import Region
-from nolens.solvers import Problem, admm
+from nolens.solvers import Reconstructor
 
 SCENE_STEPS = 60
 """Of ADMM, for each scene and round."""
@@ -130,8 +130,7 @@ def _inside(size: tuple[int, int], sensor: tuple[int, int]) -> tuple[slice, slic
 
 
 def _scene(psf: Tensor, picture: Measurement, region: Region, tau: float) -> Tensor:
-    problem = Problem.pose(psf, picture.values, valid=picture.valid, region=region, tau=tau)
-    return admm(problem, iterations=SCENE_STEPS, tolerance=0.0).scene
+    return Reconstructor(psf, region, tau).for_iterations(SCENE_STEPS).solve(picture).scene
 
 
 def _maps(

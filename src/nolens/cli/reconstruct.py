@@ -10,9 +10,9 @@ from nolens.cli.app import Json, Output, Whole
 from nolens.cli.messages import show
 from nolens.cli.terminal import TerminalReporter
 from nolens.files import describe, read_frame
-from nolens.jobs import Method, ReconstructOptions, expand_home
+from nolens.jobs import ReconstructOptions, expand_home
 from nolens.jobs import reconstruct as run_reconstruct
-from nolens.solvers import Prior, Quality
+from nolens.solvers import Method, Prior, Quality
 
 Main = Parameter(group=Group("What matters most", sort_key=1))
 Input = Parameter(group=Group("Files and channels", sort_key=2))

@@ -23,7 +23,7 @@ def plot_depth(path: Path, per_m: Tensor, confidence: Tensor, depths_um: Sequenc
     per_m
         1/z of every cell in 1/m, (rows, columns).
     confidence
-        From 0 to 1, as `nolens.refocus.AllInFocus` has it.
+        From 0 to 1, as `nolens.refocusing.AllInFocus` has it.
     depths_um
         Depths of the stack that it comes from, the nearest first.
     """

@@ -38,7 +38,7 @@ from .measuring.resolution_options import EdgeOptions, SiemensOptions, TwoPointO
 from .measuring.target import TargetOptions, make_target
 from .psf import PsfOutcome, simulate_psf
 from .reconstruction.job import Outcome, reconstruct
-from .reconstruction.options import Method, ReconstructOptions
+from .reconstruction.options import ReconstructOptions
 from .refocusing.options import RefocusOptions
 from .refocusing.refocus import RefocusOutcome, refocus
 from .relief import ReliefOutcome, replace_relief
@@ -70,7 +70,6 @@ __all__ = [
     "MeasureFieldOutcome",
     "MeasurePsfOptions",
     "MeasurePsfOutcome",
-    "Method",
     "Outcome",
     "PsfOptions",
     "PsfOutcome",

@@ -10,7 +10,7 @@ from nolens.camera import Frame, Measurement, OpenCamera, Sensor, develop
 from nolens.jobs.raw import expose_safely
 from nolens.operators import Region
 from nolens.optics import PointSource
-from nolens.solvers import Problem, Progress, admm
+from nolens.solvers import Progress, Reconstructor
 from nolens.twin import (
     FieldMap,
     Light,
@@ -204,10 +204,10 @@ def solved(
         Called with the share that is done.
     """
     seen = develop(frame) if isinstance(frame, Frame) else frame
-    problem = Problem.pose(psf, seen.values, valid=seen.valid, region=region, tau=tau)
+    reconstructor = Reconstructor(psf, region, tau).for_iterations(iterations)
 
     def advance(progress: Progress) -> None:
         if tick is not None:
             tick(progress.iteration / iterations)
 
-    return admm(problem, iterations=iterations, tolerance=0.0, callback=advance).scene
+    return reconstructor.solve(seen, callback=advance).scene

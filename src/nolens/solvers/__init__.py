@@ -2,10 +2,12 @@
 
 from nolens.solvers.admm import admm
 from nolens.solvers.admm_state import AdmmState
+from nolens.solvers.development import Developed, Development
 from nolens.solvers.fista import fista
 from nolens.solvers.live import Live
 from nolens.solvers.problem import Prior, Problem
 from nolens.solvers.quality import STOPS, Quality, Stop
+from nolens.solvers.reconstructor import Method, Reconstructor, stop_of
 from nolens.solvers.result import Progress, Result
 from nolens.solvers.stream import Frame, Stream
 from nolens.solvers.wiener import wiener
@@ -13,16 +15,21 @@ from nolens.solvers.wiener import wiener
 __all__ = [
     "STOPS",
     "AdmmState",
+    "Developed",
+    "Development",
     "Frame",
     "Live",
+    "Method",
     "Prior",
     "Problem",
     "Progress",
     "Quality",
+    "Reconstructor",
     "Result",
     "Stop",
     "Stream",
     "admm",
     "fista",
+    "stop_of",
     "wiener",
 ]

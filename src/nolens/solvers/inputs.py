@@ -50,6 +50,36 @@ def one_of(choices: type[_Choice], value: Any, name: str) -> _Choice:
         raise OptionError(f"{name} is {value!r}; give one of {known}") from None
 
 
+def tensor_of(values: Plane, what: str) -> Tensor:
+    """A tensor as it is, or one of what NumPy makes an array of; floats become float32.
+
+    Parameters
+    ----------
+    values
+        What was given.
+    what
+        For the message, such as "PSF".
+
+    Raises
+    ------
+    DataError
+        If it is no array of numbers.
+    """
+    if isinstance(values, Tensor):
+        return values
+    try:
+        array = np.asarray(values)
+        if np.issubdtype(array.dtype, np.floating):
+            array = array.astype(np.float32)
+        # A copy: torch takes no negative strides, and nothing that cannot be written to.
+        return torch.from_numpy(np.array(array, order="C"))
+    except (TypeError, ValueError):
+        raise DataError(
+            f"the {what} is {type(values).__name__}; give a tensor or an array of numbers, "
+            "(channels, height, width)"
+        ) from None
+
+
 def channels_of(values: Plane, what: str) -> Tensor:
     """Floating point values as (channels, height, width), without a gradient.
 
@@ -68,7 +98,7 @@ def channels_of(values: Plane, what: str) -> Tensor:
         If they are no floating point numbers, or have other axes.
     """
     # No gradient goes through a solver: what comes out does not ask for one.
-    tensor = _tensor(values, what).detach()
+    tensor = tensor_of(values, what).detach()
     if not tensor.is_floating_point():
         raise DataError(
             f"the {what} holds {_type(tensor)} and must be floating point: subtract the black "
@@ -89,7 +119,7 @@ def mask_of(valid: Plane | None, data: Tensor) -> Tensor:
     """
     if valid is None:
         return torch.ones_like(data, dtype=torch.bool)
-    mask = _tensor(valid, "mask of valid pixels")
+    mask = tensor_of(valid, "mask of valid pixels")
     if mask.dtype == torch.bool and mask.ndim == 2:
         mask = mask[None]
     if mask.shape != data.shape or mask.dtype != torch.bool:
@@ -147,22 +177,6 @@ def weight_of(tau: Any) -> float:
     if not (value >= 0 and math.isfinite(value)):
         raise OptionError(f"tau is {tau!r}; it weighs the prior and must be a number, 0 or more")
     return value
-
-
-def _tensor(values: Plane, what: str) -> Tensor:
-    if isinstance(values, Tensor):
-        return values
-    try:
-        array = np.asarray(values)
-        if np.issubdtype(array.dtype, np.floating):
-            array = array.astype(np.float32)
-        # A copy: torch takes no negative strides, and nothing that cannot be written to.
-        return torch.from_numpy(np.array(array, order="C"))
-    except (TypeError, ValueError):
-        raise DataError(
-            f"the {what} is {type(values).__name__}; give a tensor or an array of numbers, "
-            "(channels, height, width)"
-        ) from None
 
 
 def _with_channels(tensor: Tensor, what: str) -> Tensor:

@@ -31,7 +31,7 @@ _CUT, _CUT_TIMES = 0.25, 2.0
 times what it missed the frame before by, is of another scene: measured for decision 7."""
 _WIENER_TAU = 0.5
 _STOP = STOPS[Quality.PHOTO]
-_FOLLOWING = 8
+FOLLOWING = 8
 """Iterations of a frame after the first, where nothing moves faster than some cells a frame."""
 
 
@@ -47,11 +47,20 @@ class Frame:
         That it took.
     seconds
         That it took.
+    frame
+        Window (top, left, height, width) of the scene that `photograph` is (`Problem.frame`).
     """
 
     scene: Tensor = field(repr=False)
     iterations: int
     seconds: float
+    frame: tuple[int, int, int, int]
+
+    @property
+    def photograph(self) -> Tensor:
+        """The scene's region; without one, what lies in the sensor's frame."""
+        top, left, height, width = self.frame
+        return self.scene[..., top : top + height, left : left + width]
 
 
 class Stream:
@@ -80,7 +89,7 @@ class Stream:
     """
 
     def __init__(
-        self, problem: Problem, *, iterations: int = _FOLLOWING, latency_s: float | None = None
+        self, problem: Problem, *, iterations: int = FOLLOWING, latency_s: float | None = None
     ) -> None:
         if iterations < 1:
             raise OptionError(f"iterations is {iterations}; a frame needs 1 or more")
@@ -117,7 +126,8 @@ class Stream:
         except DivergenceError:
             self._run = None  # The next frame starts anew.
             raise
-        return Frame(problem.unscale(scene), iterations, time.perf_counter() - begun)
+        scene = problem.unscale(scene)
+        return Frame(scene, iterations, time.perf_counter() - begun, problem.frame)
 
     def _first(self, problem: Problem, deadline: "_Deadline") -> tuple[Tensor, int]:
         """Scene in unit norms and iterations of a frame that is solved as a photo is."""

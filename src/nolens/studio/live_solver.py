@@ -7,7 +7,7 @@ from torch import Tensor
 from nolens.camera import Frame, Measurement, develop, prepare_psf
 from nolens.errors import DataError
 from nolens.operators import Region
-from nolens.solvers import Problem, Stream, wiener
+from nolens.solvers import Problem, Reconstructor, Stream, wiener
 from nolens.studio.schemas import Settings
 
 _MOST_ROWS = 400
@@ -89,7 +89,7 @@ class LiveSolver:
         if settings.method == "wiener":
             self._stream, self._posed = None, ()
             found = wiener(replace(problem.measuring(seen.values, seen.valid), tau=settings.tau))
-            scene, iterations = found.scene, found.iterations
+            picture, iterations = found.photograph, found.iterations
         else:
             posed = (settings.tau, settings.iterations)
             if self._stream is None or self._posed != posed:
@@ -99,8 +99,8 @@ class LiveSolver:
                     latency_s=_LATENCY_S,
                 )  # fmt: skip
             solved = self._stream.solve(seen.values, seen.valid)
-            scene, iterations = solved.scene, solved.iterations
-        return Solved(self._shown(scene) / brightness, seen.channels, iterations)
+            picture, iterations = solved.photograph, solved.iterations
+        return Solved(picture / brightness, seen.channels, iterations)
 
     def _posed_for(self, seen: Measurement) -> Problem:
         """The problem of this PSF, laid out anew where the frames have become others."""
@@ -110,19 +110,9 @@ class LiveSolver:
             or problem.data.shape != seen.values.shape
             or self._channels != seen.channels
         ):
-            problem = Problem.pose(
-                self._prepared(seen), seen.values, valid=seen.valid, region=self._psf.region
-            )
+            problem = Reconstructor(self._prepared(seen), self._psf.region).problem(seen)
             self._problem, self._channels, self._stream = problem, seen.channels, None
         return problem
-
-    def _shown(self, scene: Tensor) -> Tensor:
-        """The region, or without one what lies in the sensor's frame."""
-        problem = self._problem
-        if problem is None or self._psf.region is not None:
-            return scene
-        top, left, rows, columns = problem.frame
-        return scene[:, top : top + rows, left : left + columns]
 
     def _prepared(self, seen: Measurement) -> Tensor:
         if self._psf.cells is not None:

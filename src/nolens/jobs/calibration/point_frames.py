@@ -4,16 +4,19 @@ import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from nolens.calibrate.point_frames import FrameMean, check_alike
+from nolens.calibrate.point_frames import (
+    SAME_TIME,
+    UNKNOWN_S,
+    FrameMean,
+    add_frame,
+    check_alike,
+    match_darks,
+)
 from nolens.camera import Frame, Sensor
 from nolens.errors import DataError
 from nolens.files import read_frame
 from nolens.jobs.calibration.point_options import CalibratePointOptions
 from nolens.jobs.reporter import Reporter
-
-_SAME_TIME = 2e-3
-UNKNOWN_S = 1.0
-"""Stands for the exposure time where none is known."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +82,7 @@ def read_frames(
             )
         if number > 0:
             check_alike(frame, next(iter(exposures.values())).first)
-        _add(exposures, frame, UNKNOWN_S if time is None else time)
+        add_frame(exposures, frame, time)
     if not known[0]:
         _check_one_exposure(exposures[UNKNOWN_S])
     darks: dict[float, FrameMean] = {}
@@ -87,7 +90,7 @@ def read_frames(
         reporter.advance("frames", number / total)
         frame = _read(path, options, sensor)
         check_alike(frame, next(iter(exposures.values())).first, "dark frame")
-        _add(darks, frame, frame.exposure_s or UNKNOWN_S, "dark frame")
+        add_frame(darks, frame, frame.exposure_s or None, "dark frame")
     reporter.advance("frames", 1.0)
     warnings = [
         f"frames of {1e3 * time:g} ms differ by {100 * mean.uneven:.2g} % in brightness: a light "
@@ -123,14 +126,6 @@ def _read(path: Path, options: CalibratePointOptions, sensor: Sensor | None) -> 
     return frame
 
 
-def _add(means: dict[float, FrameMean], frame: Frame, time: float, role: str = "frame") -> None:
-    near = [each for each in means if math.isclose(each, time, rel_tol=_SAME_TIME)]
-    if near:
-        means[near[0]].add(frame)
-    else:
-        means[time] = FrameMean(frame, role)
-
-
 def _check_one_exposure(mean: FrameMean) -> None:
     if not mean.alike:
         raise DataError(
@@ -152,17 +147,10 @@ def _matched(
             "the dark frames have several exposure times, and those of the frames are not known: "
             "give them (--exposure), or dark frames of the same time only"
         )
-    found: dict[float, FrameMean] = {}
-    for time in exposures:
-        same = [each for each in darks if math.isclose(each, time, rel_tol=_SAME_TIME)]
-        if not same and len(darks) > 1:
-            have = ", ".join(f"{1e3 * each:g} ms" for each in sorted(darks))
-            raise DataError(
-                f"there is no dark frame of {1e3 * time:g} ms, only of {have}: take one of every "
-                "exposure time, or give those of one time, for all"
-            )
-        found[time] = darks[same[0] if same else next(iter(darks))]
-        own = found[time].first.exposure_s
+    found = match_darks(exposures, darks)
+    for time, mean in found.items():
+        own = mean.first.exposure_s
+        same = own is not None and math.isclose(own, time, rel_tol=SAME_TIME)
         if timed and not same and own is not None:
             warnings.append(
                 f"dark frames of {1e3 * own:g} ms are taken for frames of {1e3 * time:g} ms: where "

@@ -4,10 +4,15 @@ import math
 from functools import partial
 from typing import Any
 
-from torch import Tensor
-
 from nolens.calibrate.distances import Layers
-from nolens.calibrate.stitch import Capture, Stitched, locate, stitch
+from nolens.calibrate.stitch import (
+    STATED_DEG,
+    Capture,
+    Stitched,
+    locate,
+    search_um,
+    stitch,
+)
 from nolens.calibrate.stitch_place import Placement
 from nolens.camera import PsfEntry
 from nolens.errors import DataError
@@ -29,14 +34,10 @@ from nolens.jobs.calibration.stitch_options import CalibrateStitchOptions
 from nolens.jobs.clock import Clock
 from nolens.jobs.cost import duration_text
 from nolens.jobs.reporter import Reporter
-from nolens.quantities import Angle
 
 _SECONDS_PER_CELL = 5e-7
 """For two captures that overlap, as seen on two cores; finer ones than that are averaged."""
 _LONG_S = 20
-_STATED_DEG = 3.0
-"""Error of an angle that is put up with; half a degree is what a ruler gives."""
-_STEEPEST_DEG = 85.0
 _OFF_DEG = 1.5
 _MISFIT_CELLS = 1.0
 _UNKNOWN_SHARE = 0.1
@@ -65,7 +66,10 @@ def calibrate_stitch(options: CalibrateStitchOptions, reporter: Reporter) -> Cal
         files["camera"] = options.folder / CAMERA_FILE
     inputs = {role: InputFile.of(path) for role, path in files.items()}
     captures = [
-        _capture(read_psf(options.folder, each), each, layers, inexact) for each in captured.entries
+        Capture.at_angle(
+            read_psf(options.folder, each), each.angle, layers, each.cell.um, inexact=inexact
+        )
+        for each in captured.entries
     ]
     _check_sizes(captures, captured)
     _announce(captures, reporter)
@@ -115,26 +119,6 @@ def calibrate_stitch(options: CalibrateStitchOptions, reporter: Reporter) -> Cal
     return CalibratedPsf(found.psf, entry, summary)
 
 
-def _capture(psf: Tensor, entry: PsfEntry, layers: Layers, inexact: float) -> Capture:
-    """A PSF with the place where its angle puts it; `inexact` is the share that may be off."""
-    right, up = layers.shift_um(entry.angle)
-    cell = entry.cell.um
-    search = 0.0
-    if not entry.on_axis:
-        search = (_search_um(entry, layers) + inexact * math.hypot(right, up)) / cell
-    return Capture(psf, (-up / cell, right / cell), search)
-
-
-def _search_um(entry: PsfEntry, layers: Layers) -> float:
-    """How far the pattern moves with a few degrees more."""
-    angle = math.degrees(math.atan(math.hypot(*(math.tan(each.rad) for each in entry.angle))))
-    return _reach_um(layers, min(angle + _STATED_DEG, _STEEPEST_DEG)) - _reach_um(layers, angle)
-
-
-def _reach_um(layers: Layers, angle_deg: float) -> float:
-    return layers.shift_um((Angle.of(angle_deg, "deg"), Angle.of(0, "deg")))[0]
-
-
 def _check_sizes(captures: list[Capture], captured: Captured) -> None:
     first = captures[0].psf.shape
     for capture, entry in zip(captures, captured.entries, strict=True):
@@ -181,7 +165,7 @@ def _rows(
         stated = capture.expected[1] * cell, -capture.expected[0] * cell
         seen = shift[1] * cell, -shift[0] * cell
         off = math.dist(stated, seen)
-        slope = _search_um(entry, layers) / _STATED_DEG
+        slope = search_um(entry.angle, layers) / STATED_DEG
         rows.append({
             "file": entry.file,
             "angle": [str(each) for each in entry.angle],

@@ -25,21 +25,18 @@ from nolens.files import (
 from nolens.jobs.clock import Clock
 from nolens.jobs.device import pick_device
 from nolens.jobs.given import check_apart
-from nolens.jobs.reconstruction.options import Method, ReconstructOptions
-from nolens.jobs.reconstruction.read import Developing
+from nolens.jobs.reconstruction.options import ReconstructOptions
+from nolens.jobs.reconstruction.read import developed, read_development, read_measurement
 from nolens.jobs.reconstruction.resume import about_run, resumed
 from nolens.jobs.reconstruction.sequence import reconstruct_sequence
 from nolens.jobs.reconstruction.solve import (
     announce_solving,
     method_of,
-    solve,
-    spare_of,
-    stop_of,
-    tau_of,
+    reconstructor_of,
 )
 from nolens.jobs.reconstruction.window import asked_region, crop_window, oriented
 from nolens.jobs.reporter import Reporter
-from nolens.solvers import AdmmState, Problem, Progress
+from nolens.solvers import AdmmState, Method, Progress
 
 
 @dataclass(frozen=True)
@@ -85,13 +82,12 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
     check_output(options.record, (".json",))
     check_apart(options, options.inputs)
     options.check_single()
-    stop, tau, device = stop_of(options), tau_of(options), pick_device(options.device)
+    method, device = method_of(options), pick_device(options.device)
 
-    developing = Developing.read(options)
-    developing, measurement, prepared = developing.fitted(
-        developing.frame(options.measurement), reporter, spare_of(options)
-    )
-    options = developing.options
+    development = read_development(options)
+    frame = read_measurement(options, options.measurement)
+    options, ready = developed(options, development, frame, reporter)
+    measurement, prepared = ready.measurement, ready.prepared
     psf, warnings = prepared.values, list(prepared.warnings)
     inputs = {role: InputFile.of(path) for role, path in options.inputs.items()}
     region = asked_region(options, measurement.size, psf)
@@ -100,24 +96,19 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
     for text in warnings:
         reporter.warn(text)
 
-    problem = Problem.pose(
-        psf.to(device),
-        measurement.values.to(device),
-        valid=measurement.valid.to(device),
-        region=region,
-        tau=tau,
-        prior=options.prior,
-    )
+    reconstructor = reconstructor_of(options, psf, region, device)
+    stop, tau = reconstructor.limits, reconstructor.weight
+    problem = reconstructor.problem(measurement)
     window = crop_window(options, problem)
     announce_solving(problem, stop.iterations, device, reporter)
     state, about = None, about_run(options, inputs, tau)
-    if method_of(options) is Method.ADMM:
+    if method is Method.ADMM:
         state = resumed(problem, options, about)
 
     def watch(progress: Progress) -> bool:
         return reporter.progress(progress, stop.iterations)
 
-    result = solve(problem, options, state, watch)
+    result = reconstructor.solve(problem, state=state, callback=watch)
     top, left, height, width = window
     scene = result.scene[:, top : top + height, left : left + width].cpu()
     picture = oriented(scene, options.flip)
@@ -131,7 +122,7 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
     }
     kept = [options.state] if interrupted and state is not None else []
     summary = {
-        "method": method_of(options).value,
+        "method": method.value,
         "iterations": result.iterations,
         "stop_reason": "interrupted" if interrupted else result.stop_reason,
         "objective": result.objective,
@@ -146,7 +137,7 @@ def reconstruct(options: ReconstructOptions, reporter: Reporter) -> Outcome:
         parameters={
             **options.model_dump(mode="json"),
             "bin": options.bin_by,
-            "black": developing.black,
+            "black": development.black,
             "tau": tau,
             "iterations": stop.iterations,
             "tolerance": stop.tolerance,

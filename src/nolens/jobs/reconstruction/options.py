@@ -1,7 +1,6 @@
 """Every option of a reconstruction, as one frozen model: the command line's and the TOML's."""
 
 import difflib
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -32,17 +31,9 @@ from nolens.jobs.given import JobOptions, Written, check_apart, explain
 from nolens.operators import Region
 from nolens.printable import quoted
 from nolens.ranges import Between
-from nolens.solvers import Prior, Quality
+from nolens.solvers import Method, Prior, Quality
 
 _Penalty = Annotated[float, Between(1e-9, 1e9)]
-
-
-class Method(StrEnum):
-    """How the problem is solved."""
-
-    ADMM = "admm"
-    FISTA = "fista"
-    WIENER = "wiener"
 
 
 class ReconstructOptions(JobOptions):

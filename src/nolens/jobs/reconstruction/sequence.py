@@ -25,12 +25,16 @@ from nolens.files import (
 from nolens.jobs.clock import Clock
 from nolens.jobs.device import pick_device
 from nolens.jobs.given import check_apart
-from nolens.jobs.reconstruction.options import Method, ReconstructOptions
-from nolens.jobs.reconstruction.read import Developing
-from nolens.jobs.reconstruction.solve import announce_solving, method_of, spare_of, stop_of, tau_of
+from nolens.jobs.reconstruction.options import ReconstructOptions
+from nolens.jobs.reconstruction.read import developed, read_development
+from nolens.jobs.reconstruction.solve import (
+    announce_solving,
+    method_of,
+    reconstructor_of,
+)
 from nolens.jobs.reconstruction.window import asked_region, crop_window, oriented
 from nolens.jobs.reporter import Reporter
-from nolens.solvers import Problem, Stream
+from nolens.solvers import Development, Method, Stream
 
 _DROPS_TOLD = 5
 """Frames that are dropped with a warning each; of more, the record has all."""
@@ -72,7 +76,7 @@ def reconstruct_sequence(
            if role != "measurement"},
         **{f"frame {path.name}": InputFile.of(path) for path in frames.sources},
     }  # fmt: skip
-    work = _Work(options, Developing.read(options), device, reporter)
+    work = _Work(options, read_development(options), device, reporter)
     count, interrupted = len(frames.names), False
     for number in range(count):
         work.take(frames, number, folder)
@@ -102,8 +106,8 @@ def reconstruct_sequence(
         parameters={
             **work.options.model_dump(mode="json"),
             "bin": work.options.bin_by,
-            "black": work.developing.black,
-            "tau": tau_of(options),
+            "black": work.development.black,
+            "tau": work.tau,
             "white_radiance": work.white,
             "names": [name for name in frames.names if (folder / f"{name}.png").exists()],
             "threads": torch.get_num_threads(),
@@ -140,7 +144,7 @@ class _Work:
     """What is carried from frame to frame."""
 
     options: ReconstructOptions
-    developing: Developing
+    development: Development
     device: torch.device
     reporter: Reporter
     rows: list[dict[str, float]] = field(default_factory=list)
@@ -148,6 +152,7 @@ class _Work:
     warnings: list[str] = field(default_factory=list)
     picture: Tensor | None = None
     white: float | None = None
+    tau: float | None = None
     _stream: Stream | None = None
     _window: tuple[int, int, int, int] = (0, 0, 0, 0)
 
@@ -159,7 +164,7 @@ class _Work:
             if self._stream is None:
                 self._stream, measurement = self._begin(frame)
             else:
-                measurement = self.developing.measurement(frame)
+                measurement = self.development.measurement(frame)
             solved = self._stream.solve(
                 measurement.values.to(self.device), measurement.valid.to(self.device)
             )
@@ -181,29 +186,24 @@ class _Work:
         self.rows.append(row)
 
     def _begin(self, frame: Frame) -> tuple[Stream, Measurement]:
-        self.developing, measurement, prepared = self.developing.fitted(
-            frame, self.reporter, spare_of(self.options)
-        )
-        options = self.options = self.developing.options
+        options, ready = developed(self.options, self.development, frame, self.reporter)
+        self.options, self.development = options, ready.development
+        measurement, prepared = ready.measurement, ready.prepared
         for text in prepared.notes:
             self.reporter.note(text)
         for text in prepared.warnings:
             self._warn(text)
         psf = prepared.values
         region = asked_region(options, measurement.size, psf)
-        problem = Problem.pose(
-            psf.to(self.device),
-            measurement.values.to(self.device),
-            valid=measurement.valid.to(self.device),
-            region=region,
-            tau=tau_of(options),
-            prior=options.prior,
-        )
+        reconstructor = reconstructor_of(options, psf, region, self.device)
+        problem = reconstructor.problem(measurement)
+        self.tau = reconstructor.weight
         self._window = crop_window(options, problem)
-        announce_solving(problem, stop_of(options).iterations, self.device, self.reporter)
+        limit = reconstructor.limits.iterations
+        announce_solving(problem, limit, self.device, self.reporter)
         latency = None if options.latency is None else options.latency.s
         each = {} if options.iterations is None else {"iterations": options.iterations}
-        return Stream(problem, latency_s=latency, **each), measurement
+        return reconstructor.stream(problem, latency_s=latency, **each), measurement
 
     def _warn(self, text: str, *, aloud: bool = True) -> None:
         self.warnings.append(text)

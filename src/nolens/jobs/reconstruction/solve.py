@@ -1,25 +1,17 @@
 """Which solver does what was asked for, when it stops, and what it will need."""
 
 import math
-from dataclasses import replace
 
 import torch
+from torch import Tensor
 
 from nolens.errors import OptionError
 from nolens.jobs.cost import Cost, duration_text
-from nolens.jobs.reconstruction.options import Method, ReconstructOptions
+from nolens.jobs.reconstruction.options import ReconstructOptions
 from nolens.jobs.reporter import Reporter
-from nolens.solvers import STOPS, AdmmState, Problem, Quality, Result, Stop, admm, fista, wiener
+from nolens.operators import Region
+from nolens.solvers import Method, Problem, Quality, Reconstructor, stop_of
 from nolens.solvers.penalties import Balance
-from nolens.solvers.result import Callback
-
-_TAU = {Method.ADMM: 1e-4, Method.FISTA: 1e-4, Method.WIENER: 0.1}
-_OTHERS = {
-    Method.FISTA: Stop(300, tolerance=1e-4, scene_tolerance=0.0, smooth_part=False),
-    Method.WIENER: Stop(1, tolerance=0.0, scene_tolerance=0.0, smooth_part=False),
-}
-
-_SPARE = 4
 
 # Per cell of the period and channel, as `make bench` saw them on two cores: the most memory that a
 # run holds (in its first and last step), and what one iteration takes.
@@ -45,57 +37,38 @@ def method_of(options: ReconstructOptions) -> Method:
     return Method.WIENER if options.quality is Quality.DRAFT else Method.ADMM
 
 
-def spare_of(options: ReconstructOptions) -> int:
-    """How many times finer than what the PSF carries the cells of the scene are worth to be.
+def reconstructor_of(
+    options: ReconstructOptions, psf: Tensor, region: Region | None, device: torch.device
+) -> Reconstructor:
+    """What solves: the preset's limits, with what was given in their place.
 
-    What is assumed of a scene finds edges between what the PSF carries; Wiener's filter does not.
+    Parameters
+    ----------
+    options
+        What was asked for.
+    psf, region
+        That fit the measurement.
+    device
+        Where to compute.
     """
-    return 1 if method_of(options) is Method.WIENER else _SPARE
-
-
-def tau_of(options: ReconstructOptions) -> float:
-    """Weight of the prior."""
-    return _TAU[method_of(options)] if options.tau is None else options.tau
-
-
-def stop_of(options: ReconstructOptions) -> Stop:
-    """When to stop: the preset's, with what was given in its place."""
     method = method_of(options)
-    if method is not Method.ADMM:
-        stop = _OTHERS[method]
-    else:
-        stop = STOPS[Quality.PHOTO if options.quality is None else options.quality]
-    if options.tolerance is not None:
-        stop = replace(stop, tolerance=options.tolerance, scene_tolerance=0.0)
-    if options.iterations is not None:
-        stop = replace(stop, iterations=options.iterations)
-    if options.smooth_part is not None:
-        stop = replace(stop, smooth_part=options.smooth_part)
-    return stop
-
-
-def solve(
-    problem: Problem, options: ReconstructOptions, state: AdmmState | None, callback: Callback
-) -> Result:
-    """Solve as the options say; `state` is ADMM's to start from."""
-    method, stop = method_of(options), stop_of(options)
-    if method is Method.WIENER:
-        return wiener(problem)
-    if method is Method.FISTA:
-        return fista(
-            problem, iterations=stop.iterations, tolerance=stop.tolerance, callback=callback
-        )
-    return admm(
-        problem,
-        iterations=stop.iterations,
-        tolerance=stop.tolerance,
-        scene_tolerance=stop.scene_tolerance,
-        smooth_part=stop.smooth_part,
+    return Reconstructor(
+        psf,
+        region,
+        tau=options.tau,
+        prior=options.prior,
+        method=method,
+        stop=stop_of(
+            method,
+            options.quality,
+            iterations=options.iterations,
+            tolerance=options.tolerance,
+            smooth_part=options.smooth_part,
+        ),
         penalties=options.penalties,
         balance=Balance() if options.balance else None,
         relaxation=options.relaxation,
-        state=state,
-        callback=callback,
+        device=device,
     )
 
 

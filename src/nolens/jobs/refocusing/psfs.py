@@ -11,7 +11,7 @@ from nolens.camera.psf_warnings import edge_warning
 from nolens.errors import DataError, OptionError
 from nolens.files import CAMERA_FILE, InputFile, read_camera, read_psf, read_psf_set
 from nolens.jobs.refocusing.options import RefocusOptions
-from nolens.refocus import (
+from nolens.refocusing import (
     PsfAt,
     PsfBetween,
     depth_of_focus_per_m,

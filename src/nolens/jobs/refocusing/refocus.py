@@ -31,7 +31,7 @@ from nolens.jobs.refocusing.psfs import DepthPsfs, read_depth_psfs
 from nolens.jobs.refocusing.stack import Pages, stack_writers
 from nolens.jobs.refocusing.work import RefocusWork, in_mm
 from nolens.jobs.reporter import Reporter
-from nolens.refocus import Solving
+from nolens.refocusing import Solving
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from nolens.files.write_slider import SliderPage, write_slider
 from nolens.files.write_stack import write_depths, write_stack
 from nolens.files.write_sweep import write_sweep
 from nolens.jobs.refocusing.options import STACK_FILES
-from nolens.refocus import AllInFocus, Stack, per_m
+from nolens.refocusing import AllInFocus, Stack, per_m
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from nolens.jobs.refocusing.options import RefocusOptions, depth_um
 from nolens.jobs.refocusing.psfs import DepthPsfs
 from nolens.jobs.refocusing.stack import Pages
 from nolens.jobs.reporter import Reporter
-from nolens.refocus import (
+from nolens.refocusing import (
     Search,
     Sharpest,
     Solving,
@@ -27,7 +27,7 @@ from nolens.refocus import (
     line_cells,
     per_m,
 )
-from nolens.refocus import depth_um as depth_of
+from nolens.refocusing import depth_um as depth_of
 
 # Two PSFs magnified and blended, as measured on one core for the paper's camera.
 _SECONDS_PER_PSF_CELL = 4e-7
@@ -130,7 +130,7 @@ class RefocusWork:
         if self.options.stack is not None:
             iterations += self.options.steps * self.solving.iterations
             depths += self.options.steps
-        solving = solving_cost(self.solving.pose(psf), iterations)
+        solving = solving_cost(self.solving.problem(psf), iterations)
         cells = self.psfs.between.known[0].psf.numel()
         return replace(solving, seconds=solving.seconds + depths * cells * _SECONDS_PER_PSF_CELL)
 
@@ -154,8 +154,8 @@ class RefocusWork:
             stop = self._step(iteration, limit, kept="the picture")
             return stop and (found is None or found.finished)
 
-        scene = self.solving.solve(psf, lambda progress: advance(progress.iteration)).scene
-        picture = self._picture(self.solving.framed(scene, psf).cpu())
+        result = self.solving.solve(psf, lambda progress: advance(progress.iteration))
+        picture = self._picture(result.photograph.cpu())
         exposure_white(picture)  # An empty picture is an error before anything is written.
         return picture, found
 

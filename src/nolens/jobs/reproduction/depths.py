@@ -14,7 +14,7 @@ from nolens.jobs.reproduction.steps import Found, Step, Tick, within
 from nolens.jobs.reproduction.workbench import PINHOLE_UM, TAU, Workbench
 from nolens.operators import Region
 from nolens.optics import PointSource
-from nolens.refocus import (
+from nolens.refocusing import (
     PsfAt,
     PsfBetween,
     Search,

@@ -14,7 +14,7 @@ from nolens.jobs.optical_bench import Photographed, solved
 from nolens.jobs.reproduction.steps import Found, Step, Tick, within
 from nolens.jobs.reproduction.workbench import SCREEN_UM, TAU, Workbench
 from nolens.operators import Region
-from nolens.solvers import Problem, Progress, admm
+from nolens.solvers import Problem, Progress, Reconstructor
 from nolens.twin import FieldMap, Plane
 
 PAPERS_TAU = 1e-4
@@ -113,17 +113,15 @@ def _as_the_paper(work: Workbench, shot: Photographed, tick: Tick) -> Tensor:
     limit = work.size.papers_iterations
     captured = develop(work.bench.point(work.source, seed=work.seed + 1))
     seen = develop(shot.frame)
-    problem = Problem.pose(
-        captured.values.clamp_min(0), seen.values, valid=seen.valid, tau=PAPERS_TAU
-    )
+    reconstructor = Reconstructor(
+        captured.values.clamp_min(0), tau=PAPERS_TAU, penalties=PAPERS_PENALTIES, balance=None
+    ).for_iterations(limit)
+    problem = reconstructor.problem(seen)
 
     def advance(progress: Progress) -> None:
         tick(progress.iteration / limit)
 
-    result = admm(
-        problem, iterations=limit, tolerance=0.0, penalties=PAPERS_PENALTIES, balance=None,
-        callback=advance,
-    )  # fmt: skip
+    result = reconstructor.solve(problem, callback=advance)
     return _cut(result.scene, problem, shot.region)
 
 

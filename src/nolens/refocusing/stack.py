@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from nolens.refocus.solving import Solving
+from nolens.refocusing.solving import Solving
 from nolens.solvers import Progress
 
 
@@ -64,7 +64,7 @@ def focal_stack(
         result = solving.solve(psf, advance)
         if ended and pages:
             break
-        pages.append(solving.framed(result.scene, psf).cpu())
+        pages.append(result.photograph.cpu())
         objectives.append(result.objective)
         if ended:
             break

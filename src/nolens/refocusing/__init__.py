@@ -4,8 +4,8 @@
 `focal_stack` reconstructs many and `all_in_focus` makes one picture and a depth map of them.
 """
 
-from nolens.refocus.all_in_focus import AllInFocus, all_in_focus
-from nolens.refocus.depth_of_focus import (
+from nolens.refocusing.all_in_focus import AllInFocus, all_in_focus
+from nolens.refocusing.depth_of_focus import (
     depth_of_focus_per_m,
     depth_um,
     even_depths,
@@ -13,10 +13,10 @@ from nolens.refocus.depth_of_focus import (
     lit_cells,
     per_m,
 )
-from nolens.refocus.psf_between import PsfAt, PsfBetween, measured_reduced_um
-from nolens.refocus.sharpest import Search, Sharpest, Tried
-from nolens.refocus.solving import Solving, sharpness
-from nolens.refocus.stack import Stack, focal_stack
+from nolens.refocusing.psf_between import PsfAt, PsfBetween, measured_reduced_um
+from nolens.refocusing.sharpest import Search, Sharpest, Tried
+from nolens.refocusing.solving import Solving, sharpness
+from nolens.refocusing.stack import Stack, focal_stack
 
 __all__ = [
     "AllInFocus",

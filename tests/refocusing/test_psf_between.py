@@ -8,7 +8,7 @@ from torch import Tensor
 
 from depth_spots import REDUCED_UM, SENSOR, spots
 from nolens.errors import DataError
-from nolens.refocus import PsfAt, PsfBetween, measured_reduced_um
+from nolens.refocusing import PsfAt, PsfBetween, measured_reduced_um
 
 
 def inner(psf: Tensor) -> Tensor:

@@ -19,7 +19,7 @@ from depth_spots import (
     spots,
     two_objects,
 )
-from nolens.refocus import Solving, Stack, all_in_focus, even_depths, focal_stack, per_m
+from nolens.refocusing import Solving, Stack, all_in_focus, even_depths, focal_stack, per_m
 
 
 @pytest.fixture(scope="module")

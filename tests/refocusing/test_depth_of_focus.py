@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from depth_spots import SIGMA, spots
 from nolens.errors import DataError
-from nolens.refocus import (
+from nolens.refocusing import (
     depth_of_focus_per_m,
     depth_um,
     even_depths,

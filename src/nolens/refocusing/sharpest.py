@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from torch import Tensor
 
 from nolens.camera.measurement import bin_mean
-from nolens.refocus.depth_of_focus import depth_um, line_cells, per_m
-from nolens.refocus.solving import Solving, gradient_energy, sharpness
+from nolens.refocusing.depth_of_focus import depth_um, line_cells, per_m
+from nolens.refocusing.solving import Solving, gradient_energy, sharpness
 from nolens.solvers import Progress
 
 Step = Callable[[int, int], bool]
@@ -84,7 +84,7 @@ class Search:
     near_um, far_um
         Depths between which it lies; the far one may be infinite.
     depth_of_focus_per_m
-        See `nolens.refocus.depth_of_focus_per_m`.
+        See `nolens.refocusing.depth_of_focus_per_m`.
     """
 
     solving: Solving
@@ -125,7 +125,7 @@ class Search:
         Parameters
         ----------
         place
-            Row and column in the picture (`Solving.framed`); None for all of it.
+            Row and column in the picture (`Result.photograph`); None for all of it.
         step
             Called after every look.
         """
@@ -200,7 +200,7 @@ class _Trial:
         if ended and self.found:
             return False
         self.done += self.solving.iterations
-        picture = self.solving.framed(result.scene, psf)
+        picture = result.photograph
         rows, columns = picture.shape[-2:]
         if self.place is None:
             sharp = float(gradient_energy(picture).mean())

@@ -21,7 +21,7 @@ from depth_spots import (
     spots,
     two_objects,
 )
-from nolens.refocus import (
+from nolens.refocusing import (
     Search,
     Solving,
     depth_of_focus_per_m,
@@ -126,7 +126,7 @@ def test_coarser_cells_cover_the_same() -> None:
     assert left + 2 * coarse.region.width >= REGION.left + REGION.width
     unlimited = Solving(measurement(two_objects()), None)
     psf = spots(NEAR_UM)
-    assert unlimited.framed(unlimited.solve(psf).scene, psf).shape[-2:] == SENSOR
+    assert unlimited.solve(psf).photograph.shape[-2:] == SENSOR
 
 
 def test_sharpness_is_the_gradients_energy() -> None:

@@ -9,7 +9,7 @@ from torch import Tensor
 from nolens.camera import Measurement
 from nolens.camera.measurement import bin_mean
 from nolens.operators import Region
-from nolens.solvers import Prior, Problem, Result, admm
+from nolens.solvers import Prior, Problem, Reconstructor, Result, Stop
 from nolens.solvers.result import Callback
 
 
@@ -42,27 +42,17 @@ class Solving:
         """(rows, columns) of the measurement."""
         return self.measurement.values.shape[-2], self.measurement.values.shape[-1]
 
-    def pose(self, psf: Tensor) -> Problem:
+    def problem(self, psf: Tensor) -> Problem:
         """The problem for the PSF of a depth."""
-        return Problem.pose(
-            psf.to(self.device), self.measurement.values.to(self.device),
-            valid=self.measurement.valid.to(self.device), region=self.region, tau=self.tau,
-            prior=self.prior,
-        )  # fmt: skip
+        return self._reconstructor(psf).problem(self.measurement)
 
     def solve(self, psf: Tensor, callback: Callback | None = None) -> Result:
         """The scene as it is if all of it lies at the depth of a PSF."""
-        return admm(
-            self.pose(psf), iterations=self.iterations, tolerance=self.tolerance,
-            callback=callback,
-        )  # fmt: skip
+        return self._reconstructor(psf).solve(self.measurement, callback=callback)
 
-    def framed(self, scene: Tensor, psf: Tensor) -> Tensor:
-        """The part of a scene that is shown: the region, or without one the sensor's frame."""
-        if self.region is not None:
-            return scene
-        top, left, height, width = self.pose(psf).frame
-        return scene[..., top : top + height, left : left + width]
+    def _reconstructor(self, psf: Tensor) -> Reconstructor:
+        stop = Stop(self.iterations, self.tolerance, scene_tolerance=0.0, smooth_part=False)
+        return Reconstructor(psf, self.region, self.tau, self.prior, stop=stop, device=self.device)
 
     def coarser(self, bin_by: int, iterations: int) -> "Solving":
         """The same on cells of `bin_by`² cells, with fewer iterations."""

@@ -12,7 +12,7 @@ from torch import Tensor
 from nolens.calibrate.magnify import covered, magnified
 from nolens.calibrate.point_register import register
 from nolens.errors import DataError
-from nolens.refocus.depth_of_focus import line_cells, per_m
+from nolens.refocusing.depth_of_focus import line_cells, per_m
 
 _LARGEST_UM = 20e3
 """Reduced distance of mask and sensor beyond which none is sought."""

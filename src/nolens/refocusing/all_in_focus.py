@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from nolens.refocus.depth_of_focus import per_m
-from nolens.refocus.solving import sharpness, smoothed
-from nolens.refocus.stack import Stack
+from nolens.refocusing.depth_of_focus import per_m
+from nolens.refocusing.solving import sharpness, smoothed
+from nolens.refocusing.stack import Stack
 
 _SCALES = (1.0, 2.0, 4.0)
 """Windows, one beside the other: where the smallest sees nothing, a wider one does."""

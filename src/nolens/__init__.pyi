@@ -1,0 +1,62 @@
+from . import (
+    calibrate,
+    capture,
+    design,
+    evaluate,
+    fabricate,
+    operators,
+    optics,
+    refocusing,
+    solvers,
+    twin,
+)
+from .api.calibrate import CalibratedPsf, StitchedPsf, calibrate_psf, stitch_psfs
+from .api.image import Image
+from .api.inputs import load, save_frame
+from .api.measure import measure_psf, psnr, ssim
+from .api.reconstruct import Photograph, reconstruct, refocus
+from .api.simulate import Camera, Psf, SimulatedMeasurement, psf, simulate, simulate_point
+from .camera import Frame, Measurement, develop
+from .operators import Region
+from .solvers import Prior, Problem, Reconstructor
+
+__all__ = [
+    "CalibratedPsf",
+    "Camera",
+    "Frame",
+    "Image",
+    "Measurement",
+    "Photograph",
+    "Prior",
+    "Problem",
+    "Psf",
+    "Reconstructor",
+    "Region",
+    "SimulatedMeasurement",
+    "StitchedPsf",
+    "calibrate",
+    "calibrate_psf",
+    "capture",
+    "design",
+    "develop",
+    "evaluate",
+    "fabricate",
+    "load",
+    "measure_psf",
+    "operators",
+    "optics",
+    "psf",
+    "psnr",
+    "reconstruct",
+    "refocus",
+    "refocusing",
+    "save_frame",
+    "simulate",
+    "simulate_point",
+    "solvers",
+    "ssim",
+    "stitch_psfs",
+    "twin",
+]
+
+__version__: str

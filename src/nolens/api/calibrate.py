@@ -1,0 +1,177 @@
+"""PSFs from frames of a point source, and one of several that is extended beyond the sensor."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from nolens.api.inputs import Raw, frame_of, length_um
+from nolens.api.progress import Progress, reported
+from nolens.api.simulate import Camera, Psf
+from nolens.calibrate.distances import Layers, with_mean_light
+from nolens.calibrate.magnify import covered, magnified
+from nolens.calibrate.point import PointPsf, StrayLight, point_psf
+from nolens.calibrate.point_centre import centroid
+from nolens.calibrate.point_frames import FrameMean, add_frame, match_darks
+from nolens.calibrate.stitch import Capture, Stitched, locate
+from nolens.calibrate.stitch import stitch as merged
+from nolens.errors import DataError, OptionError
+from nolens.operators import Region
+from nolens.quantities import Angle, Length
+
+Angles = tuple[str | Angle, str | Angle]
+"""Field angles of a point source, to the right and up as the photographer sees it."""
+
+
+@dataclass(frozen=True, repr=False)
+class CalibratedPsf(Psf):
+    """A PSF that the sensor captured.
+
+    Parameters
+    ----------
+    point
+        Figures: noise, stray light, contrast, spectrum beside that of the noise.
+    pixel_um
+        Distance of its pixels.
+    """
+
+    point: PointPsf = field(repr=False)
+    pixel_um: float
+
+
+@dataclass(frozen=True, repr=False)
+class StitchedPsf(Psf):
+    """A PSF that is known beyond the sensor.
+
+    Parameters
+    ----------
+    stitched
+        Figures: where the captures lie, and their brightness.
+    support
+        Pixels of scenes for which the PSF is known.
+    """
+
+    stitched: Stitched = field(repr=False)
+    support: Region
+
+
+def calibrate_psf(
+    frames: Raw | Sequence[Raw],
+    pixel: str | Length,
+    *,
+    dark: Raw | Sequence[Raw] = (),
+    stray_light: StrayLight = "auto",
+    as_is: bool = False,
+    centre: bool = True,
+) -> CalibratedPsf:
+    """Make a PSF of raw frames of one point source: averaged, merged, without stray light.
+
+    Frames of one exposure time are averaged, those of several merged to a high dynamic range.
+
+    Parameters
+    ----------
+    frames
+        Of the point source: files, or frames of `load`. Their exposure times are those that the
+        files state; frames without one are taken to be alike.
+    pixel
+        Distance of the PSF's pixels, such as ``"3.1um"``; of a mosaic, that of the superpixels.
+    dark
+        Frames without the point source, of the same exposure times.
+    stray_light
+        ``"auto"``, ``"none"`` or ``"floor"``: what is subtracted as light of other sources.
+    as_is
+        Whether the frames are a finished PSF, of which only the black level is subtracted.
+    centre
+        Whether the light is moved to the middle, where an aperture leaves a dark area around it.
+
+    Raises
+    ------
+    NolensError
+        If a frame cannot be read, they do not fit together, or show no point source.
+    """
+    means = _means(_listed(frames), "frame")
+    if not means:
+        raise OptionError("no frame is given: give one or more of a point source")
+    darks = match_darks(means, _means(_listed(dark), "dark frame"))
+    pixel_um = length_um(pixel)
+    point = point_psf(means, darks, cell_um=pixel_um, stray=stray_light, as_is=as_is)
+    psf = point.psf
+    if centre and not as_is and point.area is not None:
+        size = psf.shape[-2], psf.shape[-1]
+        shift = centroid(psf, point.area.on_cells(*size))
+        back = (-shift[0], -shift[1])
+        psf = with_mean_light(magnified(psf, 1.0, moved=back), covered(size, 1.0, moved=back))
+    first = next(iter(means.values())).first
+    names = first.channels if first.mosaic is None else ("R", "G", "B")
+    return CalibratedPsf(psf, names, point, pixel_um)
+
+
+def stitch_psfs(
+    psfs: Mapping[Angles, Psf],
+    camera: Camera,
+    pixel: str | Length | None = None,
+    *,
+    progress: Progress = False,
+) -> StitchedPsf:
+    """Merge PSFs of point sources at several field angles into one beyond the sensor.
+
+    Parameters
+    ----------
+    psfs
+        By field angle, such as ``{("0deg", "0deg"): ahead, ("25deg", "0deg"): right}``; each as the
+        sensor saw it (``calibrate_psf(..., centre=False)``), one of them from straight ahead.
+    camera
+        Whose layers say where an angle moves the pattern.
+    pixel
+        Distance of the PSFs' pixels; None takes that of the camera's pixels or superpixels.
+    progress
+        Whether to show a bar, or a function for the fraction that is done.
+
+    Raises
+    ------
+    DataError
+        If the PSFs do not fit together.
+    OptionError
+        If none is of a source straight ahead.
+    """
+    parsed = [
+        (_angle(each[0]), _angle(each[1]), given.values.cpu()) for each, given in psfs.items()
+    ]
+    ahead = [n for n, (right, up, _) in enumerate(parsed) if right.deg == 0 and up.deg == 0]
+    if not ahead or len(parsed) < 2:
+        raise OptionError(
+            "give one PSF of a source straight ahead, ('0deg', '0deg'), and others at angles"
+        )
+    if len({values.shape for _, _, values in parsed}) > 1:
+        raise DataError("the PSFs differ in size: give captures of one camera and setting")
+    layers = Layers.of_camera(camera.opened.camera)
+    pixel_um = camera.pixel_um if pixel is None else length_um(pixel)
+    captures = [
+        Capture.at_angle(values, (right, up), layers, pixel_um) for right, up, values in parsed
+    ]
+    with reported(progress, "overlaps") as tick:
+        placement = locate(captures, ahead[0], tick)
+    for (right, up, _), shift in zip(parsed, placement.shifts, strict=True):
+        if shift is None:
+            raise DataError(
+                f"the PSF at ({right}, {up}) does not fit the others where it should overlap them: "
+                "check its angle and its sign"
+            )
+    result = merged(captures, placement, ahead[0])
+    sensor = captures[0].psf.shape[-2], captures[0].psf.shape[-1]
+    channels = next(iter(psfs.values())).channels
+    return StitchedPsf(result.psf, channels, result, Region.centred(*result.region, sensor))
+
+
+def _listed(given: Raw | Sequence[Raw]) -> list[Raw]:
+    return list(given) if isinstance(given, (list, tuple)) else [given]  # type: ignore[list-item]
+
+
+def _means(given: list[Raw], role: str) -> dict[float, FrameMean]:
+    means: dict[float, FrameMean] = {}
+    for each in given:
+        frame = frame_of(each, role)
+        add_frame(means, frame, frame.exposure_s, role)
+    return means
+
+
+def _angle(given: str | Angle) -> Angle:
+    return given if isinstance(given, Angle) else Angle.parse(given)

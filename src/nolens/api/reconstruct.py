@@ -1,0 +1,296 @@
+"""Photographs from measurements: at the distance of a PSF, or refocused."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import torch
+
+from nolens.api.image import Image
+from nolens.api.inputs import Raw, distance_um, frame_of
+from nolens.api.progress import Progress, reported
+from nolens.api.simulate import SimulatedMeasurement
+from nolens.camera import BlackLevel, Frame, black_level
+from nolens.errors import OptionError
+from nolens.quantities import Length
+from nolens.refocusing import (
+    PsfAt,
+    PsfBetween,
+    Search,
+    Solving,
+    depth_of_focus_per_m,
+    line_cells,
+    lit_cells,
+    measured_reduced_um,
+)
+from nolens.solvers import (
+    Development,
+    Method,
+    Prior,
+    Quality,
+    Reconstructor,
+    Result,
+    stop_of,
+)
+from nolens.solvers import Progress as Iteration
+from nolens.solvers.inputs import Support, one_of, region_of
+from nolens.solvers.reconstructor import SPARE
+
+
+@dataclass(frozen=True, repr=False)
+class Photograph(Image):
+    """A reconstruction. `values` are radiance, (channels, height, width).
+
+    Parameters
+    ----------
+    result
+        What the solver gave: objective, iterations, stop_reason, history.
+    tau
+        Weight of the prior that was used.
+    notes, warnings
+        What was done to the data, and what may make the picture worse than it could be.
+    distance_um
+        That it is focused at, where it was refocused.
+    """
+
+    result: Result = field(repr=False)
+    tau: float
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    distance_um: float | None = None
+
+
+def reconstruct(
+    measurement: Raw,
+    psf: Raw,
+    *,
+    support: Support | None = None,
+    dark: Raw | None = None,
+    flat: Raw | None = None,
+    black: BlackLevel = None,
+    white: float | None = None,
+    bin_by: int | None = None,
+    channels: str = "all",
+    psf_scale: int | None = None,
+    psf_extended: bool | None = None,
+    method: Method | str | None = None,
+    quality: Quality | str | None = None,
+    tau: float | None = None,
+    prior: Prior | str = Prior.TV,
+    iterations: int | None = None,
+    tolerance: float | None = None,
+    device: torch.device | str = "cpu",
+    progress: Progress = False,
+) -> Photograph:
+    r"""Reconstruct a photograph: minimise ½‖b − CMv‖² + τ R(v) over v ≥ 0 (`uvimprint`, eq. 7).
+
+    Parameters
+    ----------
+    measurement, psf
+        Files, frames of `load`, pictures of `simulate` and `psf`, or linear values without black
+        level, (channels, height, width).
+    support
+        Pixels of the sensor's frame that light can come from: (height, width) around the middle,
+        (top, left, height, width), or a `Region`; None for no limit, and of a simulated
+        measurement the scene's own.
+    dark, flat
+        Frames without light and of even light.
+    black
+        Black level in counts, or ``"auto"``: read off the PSF's darkest corner. None takes what
+        the frames say.
+    white
+        Count from which a pixel is saturated; None takes what the frames say.
+    bin_by
+        Pixels along a superpixel; None makes them no finer than the PSF carries.
+    channels
+        ``"all"``, ``"grey"``, or letters such as ``"g"``.
+    psf_scale, psf_extended
+        Of a PSF that is larger than the measurement: so many times finer, or extended beyond the
+        sensor. Values without a file are taken as extended.
+    method
+        ``"admm"``, ``"fista"`` or ``"wiener"``; None takes ADMM.
+    quality
+        ``"draft"`` (Wiener filter), ``"photo"`` or ``"exact"``, in place of a method.
+    tau
+        Weight of the prior; None takes the method's own.
+    prior
+        ``"tv"``, ``"isotropic-tv"``, ``"l1"`` or ``"none"``.
+    iterations, tolerance
+        Limits in place of the method's own.
+    device
+        Where to compute.
+    progress
+        Whether to show a bar, or a function for the fraction that is done.
+
+    Raises
+    ------
+    NolensError
+        If the data do not fit together or a parameter cannot be used.
+    """
+    solver, spare = _solver(method, quality, tau, prior, iterations, tolerance, device)
+    frame, own = _measured(measurement)
+    point = frame_of(psf, "PSF")
+    if psf_extended is None:
+        loose = not isinstance(psf, (str, Path, Frame)) and psf_scale is None
+        psf_extended = loose and _larger(point, frame)
+    development = Development(
+        point,
+        None if dark is None else frame_of(dark, "dark frame"),
+        None if flat is None else frame_of(flat, "flat field"),
+        black_level(black, point),
+        white,
+        1 if bin_by is None else bin_by,
+        channels,
+        psf_scale,
+        psf_extended,
+    )
+    support = own if support is None else support
+    ready = development.fitted(frame, spare, coarsen=bin_by is None and support is None)
+    seen, prepared = ready.measurement, ready.prepared
+    solver = replace(solver, psf=prepared.values, region=region_of(support, seen.size))
+    limit = solver.limits.iterations
+    with reported(progress, "photograph") as tick:
+
+        def watch(step: Iteration) -> None:
+            tick(step.iteration / limit)
+
+        result = solver.solve(seen, callback=watch)
+        tick(1.0)
+    notes = (*(ready.notes if bin_by is None else ()), *prepared.notes)
+    return Photograph(
+        result.photograph.cpu(), seen.channels, result, solver.weight, notes, prepared.warnings
+    )
+
+
+def refocus(
+    measurement: Raw,
+    psfs: Mapping[str | Length, Raw],
+    distance: str | Length | None = None,
+    *,
+    at: tuple[int, int] | None = None,
+    support: Support | None = None,
+    dark: Raw | None = None,
+    tau: float = 1e-4,
+    prior: Prior | str = Prior.TV,
+    iterations: int = 100,
+    device: torch.device | str = "cpu",
+    progress: Progress = False,
+) -> Photograph:
+    """Focus one measurement at any distance, from the PSFs of a few (`asif2017`).
+
+    Parameters
+    ----------
+    measurement
+        As `reconstruct` takes it.
+    psfs
+        By the distance of their point sources, such as ``{"8cm": near, "50cm": far}``; two at the
+        least.
+    distance
+        To focus at, or ``"infinity"``; None finds the sharpest between those of the PSFs.
+    at
+        Row and column of the photograph that is to be sharp; None for all of it.
+    support, dark, tau, prior, iterations, device, progress
+        As `reconstruct` takes them.
+
+    Raises
+    ------
+    NolensError
+        If the data do not fit together or a parameter cannot be used.
+    """
+    if len(psfs) < 2:
+        raise OptionError("give PSFs of two distances or more, such as {'8cm': near, '50cm': far}")
+    frame, own = _measured(measurement)
+    dark_frame = None if dark is None else frame_of(dark, "dark frame")
+    known: list[PsfAt] = []
+    seen = None
+    for each, given in psfs.items():
+        point = frame_of(given, f"PSF of {each}")
+        development = Development(point, dark_frame, psf_wider=_larger(point, frame))
+        seen = development.measurement(frame) if seen is None else seen
+        known.append(PsfAt(development.prepared(seen).values, distance_um(each)))
+    assert seen is not None
+    reduced_um = measured_reduced_um(known)
+    if reduced_um is None:
+        raise OptionError(
+            "the PSFs are as large as each other, so they do not tell how the PSF changes with the "
+            "distance: give one of a much nearer point source"
+        )
+    between = PsfBetween.of(known, reduced_um)
+    region = region_of(own if support is None else support, seen.size)
+    solving = Solving(seen, region, tau, one_of(Prior, prior, "prior"), iterations, device=device)
+    with reported(progress, "photograph") as tick:
+        if distance is None:
+            depth = _sharpest(solving, between, seen.size, at, lambda done: tick(0.8 * done))
+            begun = 0.8
+        else:
+            depth, begun = distance_um(distance), 0.0
+
+        def watch(step: Iteration) -> None:
+            tick(begun + (1 - begun) * step.iteration / iterations)
+
+        result = solving.solve(between.at(depth), watch)
+        tick(1.0)
+    return Photograph(result.photograph.cpu(), seen.channels, result, tau, distance_um=depth)
+
+
+def _sharpest(
+    solving: Solving,
+    between: PsfBetween,
+    sensor: tuple[int, int],
+    at: tuple[int, int] | None,
+    tick: Callable[[float], None],
+) -> float:
+    """Distance in um at which the scene, or a place in it, is sharpest."""
+    far, near = between.known[0], between.known[-1]
+    # Lengths in pixels: only their ratio counts.
+    focus = depth_of_focus_per_m(
+        line_cells(far.psf), between.reduced_um, lit_cells(far.psf, sensor)
+    )
+    search = Search(solving, between.at, near.distance_um, far.distance_um, focus)
+
+    def step(done: int, limit: int) -> bool:
+        tick(done / limit)
+        return False
+
+    place = None if at is None else (float(at[0]), float(at[1]))
+    return search.run(place, step).depth_um
+
+
+def _measured(measurement: Raw) -> tuple[Frame, Support | None]:
+    """The frame of a measurement, and the support where it is a simulated one."""
+    if isinstance(measurement, SimulatedMeasurement):
+        return measurement.frame, measurement.support
+    return frame_of(measurement, "measurement"), None
+
+
+def _larger(psf: Frame, measurement: Frame) -> bool:
+    """Whether a PSF has more pixels than a measurement in one direction; superpixels of mosaics."""
+    sizes = [
+        [side // (1 if each.mosaic is None else 2) for side in each.size]
+        for each in (psf, measurement)
+    ]
+    return any(own > other for own, other in zip(*sizes, strict=True))
+
+
+def _solver(
+    method: Method | str | None,
+    quality: Quality | str | None,
+    tau: float | None,
+    prior: Prior | str,
+    iterations: int | None,
+    tolerance: float | None,
+    device: torch.device | str,
+) -> tuple[Reconstructor, int]:
+    """What solves, still without a PSF; how much finer than the PSF pixels are worth to be."""
+    if method is not None and quality is not None:
+        raise OptionError(
+            f"method {method} and quality {quality} both choose how to solve: leave one out"
+        )
+    wanted = None if quality is None else one_of(Quality, quality, "quality")
+    if wanted is not None:
+        chosen = Method.WIENER if wanted is Quality.DRAFT else Method.ADMM
+    else:
+        chosen = Method.ADMM if method is None else one_of(Method, method, "method")
+    stop = stop_of(chosen, wanted, iterations=iterations, tolerance=tolerance)
+    empty = torch.empty(0)
+    return Reconstructor(empty, None, tau, prior, chosen, stop, device=device), SPARE[chosen]

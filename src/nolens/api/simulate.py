@@ -1,0 +1,298 @@
+"""Cameras that are described, their PSFs, and what they measure of a scene."""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from nolens.api.image import Image
+from nolens.api.inputs import Scene, distance_um, radiance_of, source_of
+from nolens.api.progress import Progress, reported
+from nolens.camera import Frame, OpenCamera, ReliefFile, develop
+from nolens.errors import DataError, OptionError
+from nolens.files import read_camera
+from nolens.jobs.optical_bench import OpticalBench
+from nolens.jobs.outline import outline
+from nolens.jobs.scene_channels import in_channels
+from nolens.operators import Region
+from nolens.quantities import Angle, Length
+from nolens.solvers.inputs import Plane, channels_of
+from nolens.twin import Light, Twin
+from nolens.twin import Plane as ScenePlane
+
+
+class Camera:
+    """A lensless camera that is described: sensor, layers and mask.
+
+    Parameters
+    ----------
+    description
+        ``"paper"``, ``"small"``, a folder with camera.toml, a .toml file, or an `OpenCamera`.
+    pixels
+        (rows, columns) in the middle of the sensor that are read out; None reads all.
+    device
+        Where to compute: ``"cpu"`` or ``"cuda"``.
+
+    Raises
+    ------
+    FileError
+        If there is no such camera, or a file it names cannot be read.
+    DataError
+        If the description is no camera.
+    """
+
+    def __init__(
+        self,
+        description: str | Path | OpenCamera,
+        *,
+        pixels: tuple[int, int] | None = None,
+        device: torch.device | str = "cpu",
+    ) -> None:
+        if not isinstance(description, OpenCamera):
+            description = read_camera(description)
+        self.opened: OpenCamera = description
+        self.pixels = pixels
+        self.device = torch.device(device)
+
+    @property
+    def name(self) -> str:
+        """As its description says."""
+        return self.opened.camera.name
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels of a measurement."""
+        return tuple(self.opened.camera.sensor.channels)
+
+    @property
+    def pixel_um(self) -> float:
+        """Distance of the pixels of a measurement; of a mosaic, that of the superpixels."""
+        return outline(self.opened).cell_um
+
+    @cached_property
+    def size(self) -> tuple[int, int]:
+        """(height, width) of a measurement in pixels; of a mosaic, superpixels of 2×2."""
+        return self._read(outline(self.opened)).cells
+
+    @cached_property
+    def twin(self) -> Twin:
+        """The simulated camera; the paper's takes seconds."""
+        return self._read(Twin.of(self.opened, device=self.device))
+
+    def with_relief(self, heights_um: Plane, grid: str | Length) -> "Camera":
+        """The same camera with another mask.
+
+        Parameters
+        ----------
+        heights_um
+            Of the mask's surface over a flat one, (rows, columns), in µm; it should reach beyond
+            the sensor as far as light from the side passes.
+        grid
+            Distance of its points, such as ``"1um"``.
+
+        Raises
+        ------
+        DataError
+            If the heights are no numbers.
+        """
+        heights = channels_of(heights_um, "relief")[0].float().cpu()
+        spacing = grid if isinstance(grid, Length) else Length.parse(grid)
+        relief = ReliefFile(kind="file", file="relief.tif", grid=spacing)
+        mask = self.opened.camera.mask.model_copy(update={"relief": relief})
+        camera = self.opened.camera.model_copy(update={"mask": mask})
+        opened = replace(self.opened, camera=camera, relief_um=heights)
+        return Camera(opened, pixels=self.pixels, device=self.device)
+
+    def _read(self, whole: Twin) -> Twin:
+        return whole if self.pixels is None else whole.reading(*self.pixels)
+
+    def __repr__(self) -> str:
+        height, width = self.size
+        return f"Camera({self.name!r}, {height}×{width} pixels, {', '.join(self.channels)})"
+
+
+class Psf(Image):
+    """A point spread function: what the sensor sees of a point source, (channels, height, width).
+
+    Its middle, the pixel (height // 2, width // 2), is the zero shift.
+    """
+
+
+@dataclass(frozen=True, repr=False)
+class SimulatedMeasurement(Image):
+    """What a simulated camera measured of a scene, and what was there. `values` are linear.
+
+    Parameters
+    ----------
+    frame
+        The raw frame: counts behind the colour mosaic, with noise.
+    truth
+        Radiance of the scene on the pixels of the support, (channels, height, width).
+    response
+        How much of it each pixel gives, (height, width), 1 for the brightest.
+    support
+        Pixels that light comes from.
+    """
+
+    frame: Frame = field(repr=False)
+    truth: Tensor = field(repr=False)
+    response: Tensor = field(repr=False)
+    support: Region
+
+    @property
+    def expected(self) -> Tensor:
+        """The scene as bright as its light reaches the sensor: what a reconstruction shows."""
+        return self.truth * self.response
+
+
+def psf(
+    camera: Camera,
+    distance: str | Length = "300mm",
+    *,
+    angle: tuple[str | Angle, str | Angle] = ("0deg", "0deg"),
+    size: tuple[int, int] | None = None,
+    support: Region | None = None,
+    diameter: str | Length = "50um",
+    light: str = "white-led",
+    wavelengths: int = 3,
+    progress: Progress = False,
+) -> Psf:
+    """The PSF of a described camera, without noise.
+
+    Parameters
+    ----------
+    camera
+        The camera.
+    distance
+        From the point source to the camera, or ``"infinity"``.
+    angle
+        Field angles of the point source, to the right and up as the photographer sees it.
+    size
+        (height, width) in pixels; None takes the sensor's.
+    support
+        Of the scenes to be reconstructed: the PSF is as large as they need.
+    diameter
+        Of the point source.
+    light
+        Its spectrum, such as ``"white-led"`` or ``"535nm"``.
+    wavelengths
+        How many stand for a channel.
+    progress
+        Whether to show a bar, or a function for the fraction that is done.
+
+    Raises
+    ------
+    OptionError
+        If a quantity, the light or the size cannot be used.
+    DataError
+        If no light reaches these pixels.
+    """
+    if size is not None and support is not None:
+        raise OptionError("size and support both say how large the PSF is: leave one out")
+    if support is not None:
+        rows, columns = camera.size
+        size = (rows + support.height, columns + support.width)
+    bench = OpticalBench(camera.twin, Light(light), wavelengths)
+    source = source_of(distance, angle, diameter)
+    with reported(progress, "PSF") as tick:
+        values = bench.psf(source, size, tick)
+    if not float(values.max()) > 0:
+        raise DataError(
+            f"no light from {source.angle_deg:.4g} deg off the axis reaches these pixels: choose a "
+            "smaller angle or a larger size"
+        )
+    return Psf(values, camera.channels)
+
+
+def simulate_point(
+    camera: Camera,
+    distance: str | Length = "300mm",
+    *,
+    angle: tuple[str | Angle, str | Angle] = ("0deg", "0deg"),
+    diameter: str | Length = "50um",
+    fill: float = 0.9,
+    seed: int = 0,
+    light: str = "white-led",
+    wavelengths: int = 3,
+    progress: Progress = False,
+) -> Frame:
+    """The raw frame that a described camera takes of one point source, with noise.
+
+    Parameters
+    ----------
+    camera, distance, angle, diameter, light, wavelengths, progress
+        As `psf` takes them.
+    fill
+        Fraction of a full pixel that the brightest one is exposed to; above 1 it clips.
+    seed
+        Of the noise.
+
+    Raises
+    ------
+    OptionError
+        If a quantity or the light cannot be used.
+    """
+    bench = OpticalBench(camera.twin, Light(light), wavelengths)
+    with reported(progress, "point source") as tick:
+        return bench.point(source_of(distance, angle, diameter), fill=fill, seed=seed, tick=tick)
+
+
+def simulate(
+    scene: Scene,
+    camera: Camera,
+    *,
+    angle: str | Angle = "30deg",
+    distance: str | Length = "300mm",
+    fill: float = 0.9,
+    seed: int = 0,
+    light: str = "white-led",
+    wavelengths: int = 1,
+    field_points: int = 5,
+    progress: Progress = False,
+) -> SimulatedMeasurement:
+    """What a described camera measures of a scene, with a PSF that varies over the field.
+
+    Parameters
+    ----------
+    scene
+        A picture: its file, 8 or 16-bit sRGB (height, width, 3), or linear radiance as floats.
+    camera
+        The camera.
+    angle
+        Field angle that the scene's longer side fills, from edge to edge.
+    distance
+        From the scene to the camera, or ``"infinity"``.
+    fill
+        Fraction of a full pixel that the brightest one is exposed to, 0 to 1.
+    seed
+        Of the noise.
+    light
+        Spectrum of the scene's white.
+    wavelengths
+        How many stand for a channel.
+    field_points
+        PSFs along each side of the scene; odd.
+    progress
+        Whether to show a bar, or a function for the fraction that is done.
+
+    Raises
+    ------
+    NolensError
+        If the scene or a parameter cannot be used.
+    """
+    radiance, opacity = radiance_of(scene)
+    if not 0 < fill <= 1:
+        raise OptionError(f"fill is {fill!r}; give a fraction above 0 and up to 1, such as 0.9")
+    whole = angle if isinstance(angle, Angle) else Angle.parse(angle)
+    plane = ScenePlane(
+        in_channels(radiance, len(camera.channels)), whole.deg, distance_um(distance), opacity
+    )
+    bench = OpticalBench(camera.twin, Light(light), wavelengths, field_points)
+    with reported(progress, "measurement") as tick:
+        shot = bench.photograph((plane,), fill=fill, seed=seed, tick=tick)
+    values = develop(shot.frame).values
+    return SimulatedMeasurement(
+        values, camera.channels, shot.frame, shot.truth, shot.response, shot.region
+    )

@@ -1,0 +1,218 @@
+"""From the measurements of one camera to scenes: a PSF, what is assumed of the scene, a solver."""
+
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+
+import torch
+
+from nolens.camera import Measurement
+from nolens.solvers.admm import RELAXATION, admm
+from nolens.solvers.admm_state import AdmmState
+from nolens.solvers.fista import fista
+from nolens.solvers.inputs import Plane, Support, tensor_of
+from nolens.solvers.penalties import Balance, Penalties
+from nolens.solvers.problem import Prior, Problem
+from nolens.solvers.quality import STOPS, Quality, Stop
+from nolens.solvers.result import Callback, Result
+from nolens.solvers.stream import FOLLOWING, Stream
+from nolens.solvers.wiener import wiener
+
+
+class Method(StrEnum):
+    """How the problem is solved."""
+
+    ADMM = "admm"
+    FISTA = "fista"
+    WIENER = "wiener"
+
+
+TAU = {Method.ADMM: 1e-4, Method.FISTA: 1e-4, Method.WIENER: 0.1}
+"""Weight of the prior where none is given."""
+SPARE = {Method.ADMM: 4, Method.FISTA: 4, Method.WIENER: 1}
+"""How many times finer than what the PSF carries the pixels of the scene are worth to be: what is
+assumed of a scene finds edges between what the PSF carries; Wiener's filter does not."""
+_STOP = {
+    Method.ADMM: STOPS[Quality.PHOTO],
+    Method.FISTA: Stop(300, tolerance=1e-4, scene_tolerance=0.0, smooth_part=False),
+    Method.WIENER: Stop(1, tolerance=0.0, scene_tolerance=0.0, smooth_part=False),
+}
+
+
+def stop_of(
+    method: Method,
+    quality: Quality | None = None,
+    *,
+    iterations: int | None = None,
+    tolerance: float | None = None,
+    smooth_part: bool | None = None,
+) -> Stop:
+    """When a solver stops: its own limits or those of a quality, with what is given in their place.
+
+    Parameters
+    ----------
+    method
+        The solver.
+    quality
+        Of ADMM's picture; None takes the method's own limits.
+    iterations, tolerance, smooth_part
+        See `Stop`; a tolerance stands in place of both of its.
+    """
+    stop = _STOP[method]
+    if method is Method.ADMM and quality is not None:
+        stop = STOPS[quality]
+    if tolerance is not None:
+        stop = replace(stop, tolerance=tolerance, scene_tolerance=0.0)
+    if iterations is not None:
+        stop = replace(stop, iterations=iterations)
+    if smooth_part is not None:
+        stop = replace(stop, smooth_part=smooth_part)
+    return stop
+
+
+@dataclass(frozen=True)
+class Reconstructor:
+    r"""Minimises ½‖b − CMv‖² + τ R(v) over v ≥ 0 for measurements b of one camera.
+
+    Equation 7 of `uvimprint`, by any of the solvers. The PSF and what is assumed of the scene stay;
+    measurements change.
+
+    Parameters
+    ----------
+    psf
+        ``(channels, height, width)``, of the sensor's size or larger, background removed.
+    region
+        Pixels of the sensor's frame that light can come from, as `Problem.pose` takes it; None
+        for no limit.
+    tau
+        Weight of the prior in unit norms, ≥ 0; None takes the method's own (`TAU`).
+    prior
+        What the scene is assumed to be like; the Wiener filter has its own.
+    method
+        The solver.
+    stop
+        When it stops; None takes the method's own: for ADMM that of a photo (`STOPS`).
+    penalties, balance, relaxation
+        Of ADMM, as `admm` takes them.
+    device
+        Where to compute.
+    """
+
+    psf: Plane = field(repr=False)
+    region: Support | None = None
+    tau: float | None = None
+    prior: Prior | str = Prior.TV
+    method: Method = Method.ADMM
+    stop: Stop | None = None
+    penalties: Penalties | None = None
+    balance: Balance | None = Balance()  # noqa: RUF009 (frozen)
+    relaxation: float = RELAXATION
+    device: torch.device | str = "cpu"
+
+    @property
+    def weight(self) -> float:
+        """τ, given or the method's own."""
+        return TAU[self.method] if self.tau is None else self.tau
+
+    @property
+    def limits(self) -> Stop:
+        """When it stops, given or the method's own."""
+        return stop_of(self.method) if self.stop is None else self.stop
+
+    def problem(self, measured: Measurement | Plane, valid: Plane | None = None) -> Problem:
+        """What is to be solved for a measurement, normalised (`Problem.pose`).
+
+        Parameters
+        ----------
+        measured
+            A developed measurement, or its values, ``(channels, height, width)``.
+        valid
+            Pixels that take part in the fit; a `Measurement` has its own.
+
+        Raises
+        ------
+        NolensError
+            As `Problem.pose`.
+        """
+        values, usable = _parts(measured, valid)
+        return Problem.pose(
+            tensor_of(self.psf, "PSF").to(self.device),
+            tensor_of(values, "measurement").to(self.device),
+            valid=None if usable is None else tensor_of(usable, "mask").to(self.device),
+            region=self.region,
+            tau=self.weight,
+            prior=self.prior,
+        )
+
+    def solve(
+        self,
+        measured: Measurement | Plane | Problem,
+        valid: Plane | None = None,
+        *,
+        state: AdmmState | None = None,
+        callback: Callback | None = None,
+    ) -> Result:
+        """The scene of a measurement.
+
+        Parameters
+        ----------
+        measured, valid
+            As `problem` takes them, or what it gave.
+        state
+            Where ADMM starts from; None starts cold.
+        callback
+            Sees the run on its way, and stops it by returning True.
+
+        Raises
+        ------
+        NolensError
+            If the data cannot be used, or the iteration does not converge.
+        """
+        problem = measured if isinstance(measured, Problem) else self.problem(measured, valid)
+        stop = self.limits
+        if self.method is Method.WIENER:
+            return wiener(problem)
+        if self.method is Method.FISTA:
+            return fista(
+                problem, iterations=stop.iterations, tolerance=stop.tolerance, callback=callback
+            )
+        return admm(
+            problem,
+            iterations=stop.iterations,
+            tolerance=stop.tolerance,
+            scene_tolerance=stop.scene_tolerance,
+            smooth_part=stop.smooth_part,
+            penalties=self.penalties,
+            balance=self.balance,
+            relaxation=self.relaxation,
+            state=state,
+            callback=callback,
+        )
+
+    def stream(
+        self,
+        first: Measurement | Plane | Problem,
+        *,
+        iterations: int = FOLLOWING,
+        latency_s: float | None = None,
+    ) -> Stream:
+        """Frame after frame by ADMM, each from where the one before it ended (`Stream`).
+
+        Parameters
+        ----------
+        first
+            A measurement like all that follow; it is not solved for yet.
+        iterations, latency_s
+            As `Stream` takes them.
+        """
+        problem = first if isinstance(first, Problem) else self.problem(first)
+        return Stream(problem, iterations=iterations, latency_s=latency_s)
+
+    def for_iterations(self, count: int) -> "Reconstructor":
+        """The same by ADMM with so many iterations, whatever comes of them."""
+        return replace(self, stop=Stop(count, 0.0, 0.0, smooth_part=False))
+
+
+def _parts(measured: Measurement | Plane, valid: Plane | None) -> tuple[Plane, Plane | None]:
+    if isinstance(measured, Measurement):
+        return measured.values, measured.valid
+    return measured, valid

@@ -1,0 +1,193 @@
+"""`import nolens as nl`: from a scene to a measurement to a photograph, without files."""
+
+import io
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image as Pillow
+
+import nolens as nl
+from nolens.errors import DataError, OptionError
+from nolens.files import write_png
+from nolens.jobs import PsfOptions, ReconstructOptions, Reporter, reconstruct, simulate_psf
+
+ROOT = Path(nl.__file__).parents[2]
+SIDE = 96
+LEVELS = np.linspace(30, 250, 12).astype(np.uint8)
+
+
+def scene() -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+    """A chart of 12 patches in colour, as a picture file holds it."""
+    chart = np.zeros((SIDE, SIDE, 3), np.uint8)
+    step = SIDE // 4
+    for number, level in enumerate(LEVELS):
+        row, column = divmod(number, 4)
+        patch = chart[row * step : (row + 1) * step, column * step : (column + 1) * step]
+        patch[...] = 20
+        patch[4:-4, 4:-4, number % 3] = level
+    return chart
+
+
+@pytest.fixture(scope="module")
+def camera() -> nl.Camera:
+    return nl.Camera("small")
+
+
+@pytest.fixture(scope="module")
+def shot(camera: nl.Camera) -> nl.SimulatedMeasurement:
+    return nl.simulate(scene(), camera, angle="12deg", distance="300mm", field_points=3)
+
+
+@pytest.fixture(scope="module")
+def psf(camera: nl.Camera, shot: nl.SimulatedMeasurement) -> nl.Psf:
+    return nl.psf(camera, "300mm", support=shot.support, wavelengths=1)
+
+
+@pytest.fixture(scope="module")
+def photo(shot: nl.SimulatedMeasurement, psf: nl.Psf) -> nl.Photograph:
+    return nl.reconstruct(shot, psf, tau=1e-5)
+
+
+def test_from_scene_to_photograph(
+    shot: nl.SimulatedMeasurement, photo: nl.Photograph, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert nl.psnr(photo, shot.expected) > 22
+    assert nl.ssim(photo, shot.expected) > 0.6
+    assert photo.result.stop_reason == "converged" and photo.tau == 1e-5
+    assert capfd.readouterr() == ("", "")
+
+
+def test_command_gives_the_same(
+    shot: nl.SimulatedMeasurement, psf: nl.Psf, photo: nl.Photograph, tmp_path: Path
+) -> None:
+    """From the same values in files."""
+    np.save(tmp_path / "raw.npy", np.asarray(shot))
+    np.save(tmp_path / "psf.npy", np.asarray(psf))
+    support = shot.support
+    options = ReconstructOptions(
+        measurement=tmp_path / "raw.npy",
+        psf=tmp_path / "psf.npy",
+        psf_wider=True,
+        region=f"{support.height}x{support.width}",
+        tau=1e-5,
+        output=(tmp_path / "photo.png",),
+    )
+    theirs = reconstruct(options, Reporter()).picture
+    values = nl.reconstruct(np.asarray(shot), psf, support=support, tau=1e-5).values
+    assert torch.equal(values, theirs)
+    # Without the frame no pixel is known to be saturated; nothing else differs.
+    torch.testing.assert_close(photo.values, values, rtol=1e-3, atol=1e-3 * float(values.max()))
+    again = nl.reconstruct(
+        tmp_path / "raw.npy", tmp_path / "psf.npy", support=support, psf_extended=True, tau=1e-5
+    )
+    assert torch.equal(again.values, theirs)
+    with Pillow.open(photo.save(tmp_path / "mine.png")) as saved:
+        assert saved.size == photo.size[::-1]
+
+
+def test_psf_is_that_of_the_command(camera: nl.Camera, tmp_path: Path) -> None:
+    options = PsfOptions.gather(
+        {"camera": "small", "distance": "200mm", "angle": "2deg,1deg", "output": tmp_path / "p.tif"}
+    )
+    theirs = simulate_psf(options, Reporter()).pattern
+    assert torch.equal(nl.psf(camera, "200mm", angle=("2deg", "1deg")).values, theirs)
+
+
+def test_arrays_of_all_kinds(shot: nl.SimulatedMeasurement, psf: nl.Psf) -> None:
+    """NumPy and torch, double and transposed, give one photograph."""
+    data, point = np.asarray(shot), np.asarray(psf)
+    given = [
+        (data, point),
+        (torch.from_numpy(data.copy()), torch.from_numpy(point.copy())),
+        (data.astype(np.float64), np.asfortranarray(point)),
+    ]
+    first, *others = (
+        nl.reconstruct(a, b, support=shot.support, method="wiener").values for a, b in given
+    )
+    assert all(torch.equal(first, each) for each in others)
+
+
+def test_scenes_of_all_kinds(
+    camera: nl.Camera, shot: nl.SimulatedMeasurement, tmp_path: Path
+) -> None:
+    """A file, sRGB and linear radiance of one picture give one measurement."""
+    write_png(tmp_path / "scene.png", srgb := linear(scene()), 1.0)
+    for each in (tmp_path / "scene.png", srgb, srgb.numpy()):
+        other = nl.simulate(each, camera, angle="12deg", distance="300mm", field_points=3)
+        assert torch.equal(other.frame.counts, shot.frame.counts)
+
+
+def linear(pixels: np.ndarray[tuple[int, ...], np.dtype[np.uint8]]) -> torch.Tensor:
+    """IEC 61966-2-1, written out."""
+    encoded = torch.from_numpy(pixels).permute(2, 0, 1).float() / 255
+    return torch.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
+def test_notebook_shows_it(photo: nl.Photograph, shot: nl.SimulatedMeasurement) -> None:
+    for image in (photo, shot):
+        png = Pillow.open(io.BytesIO(image._repr_png_()))
+        assert png.size == image.size[::-1] and png.mode == "RGB"
+        assert np.array_equal(np.asarray(png), image.srgb())
+    assert re.fullmatch(r"Photograph\(\d+×\d+, R, G, B\)", repr(photo))
+
+
+def test_progress_is_for_who_asks(shot: nl.SimulatedMeasurement, psf: nl.Psf) -> None:
+    told: list[float] = []
+    nl.reconstruct(shot, psf, iterations=12, progress=told.append)
+    assert told == sorted(told) and len(told) > 2 and told[-1] == 1.0
+
+
+def test_refocus_finds_the_distance(camera: nl.Camera) -> None:
+    """Of a chart at 60 mm, from the PSFs of 40 and 200 mm."""
+    near = nl.simulate(scene(), camera, angle="12deg", distance="60mm", field_points=1)
+    psfs = {
+        each: nl.psf(camera, each, support=near.support, wavelengths=1) for each in ("40mm", "20cm")
+    }
+    photo = nl.refocus(near, psfs, iterations=40)
+    assert photo.distance_um == pytest.approx(60e3, rel=0.25)
+    known = nl.refocus(near, psfs, "60mm", iterations=40)
+    assert nl.psnr(known, near.expected) > 15
+
+
+def test_psf_is_measured(psf: nl.Psf) -> None:
+    figures = nl.measure_psf(psf, "3.1um", channel=1)
+    assert 5 < figures.line_width_um < 60
+    with pytest.raises(DataError, match="channel is 3; the PSF has 3"):
+        nl.measure_psf(psf, "3.1um", channel=3)
+
+
+REFUSED = {
+    "both sizes": (lambda shot, psf: nl.reconstruct(shot, psf, quality="draft", method="admm"),
+                   "both choose"),
+    "quality": (lambda shot, psf: nl.reconstruct(shot, psf, quality="best"), "give one of draft"),
+    "channels": (lambda shot, psf: nl.reconstruct(np.ones((4, 9, 9)), psf), "4 channels"),
+    "one psf": (lambda shot, psf: nl.refocus(shot, {"8cm": psf}), "two distances"),
+    "no unit": (lambda shot, psf: nl.refocus(shot, {"8": psf, "50cm": psf}), "unit"),
+    "sizes": (lambda shot, psf: nl.psnr(shot, psf), "of one size"),
+    "fill": (lambda shot, psf: nl.simulate(scene(), nl.Camera("small"), fill=90), "fill is 90"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refused(case: str, shot: nl.SimulatedMeasurement, psf: nl.Psf) -> None:
+    call, words = REFUSED[case]
+    with pytest.raises((DataError, OptionError), match=words):
+        call(shot, psf)
+
+
+def test_loads_only_what_is_used() -> None:
+    """And all names that are listed are there, and in docs/api.md."""
+    code = (
+        "import sys, nolens as nl; print(sorted({'torch', 'numpy', 'PIL'} & {*sys.modules}));"
+        "print(*dir(nl)); [getattr(nl, each) for each in dir(nl)]"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    heavy, names = done.stdout.splitlines()
+    assert heavy == "[]"
+    page = (ROOT / "docs" / "api.md").read_text()
+    assert [each for each in names.split() if f"`{each}`" not in page] == ["__version__"]
