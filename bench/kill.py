@@ -41,6 +41,8 @@ from nolens.files import read_frame
 NOLENS = Path(sys.executable).with_name("nolens")
 LONGEST_S = 600.0
 EARLY_S = 0.2
+AT_THE_END_S = 0.5
+"""What is left for a run to do that has written its files."""
 ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1"}
 BROKEN = re.compile(r"Traceback|Fatal Python error|Exception ignored|terminate called")
 FIRST_LINES = re.compile(r"/nolens/(__init__|__main__|interrupt)\.py")
@@ -262,6 +264,12 @@ def reference(command: Command, inputs: Path, folder: Path) -> Reference:
     return Reference(out, names(out), seconds)
 
 
+def renewed(out: Path, good: Reference, before: dict[str, int]) -> bool:
+    """Whether a run has written all of its files."""
+    after = stamps(out)
+    return all(after.get(name, 0) != before.get(name, 0) for name in good.names)
+
+
 def ended(
     this: Ended, references: dict[Command, Reference], inputs: Path, out: Path, place: int
 ) -> Ended:
@@ -275,15 +283,17 @@ def ended(
     line = this.command.line(inputs, out)
     with start(line) as process:
         time.sleep(this.moment)
-        after = stamps(out)
-        finished = all(after.get(name, 0) != before.get(name, 0) for name in good.names)
+        finished = renewed(out, good, before)
         process.send_signal(this.number)
+        sent = time.monotonic()
         try:
             error = process.communicate(timeout=LONGEST_S)[1]
         except subprocess.TimeoutExpired:
             process.kill()
             error = process.communicate()[1]
             this.wrong.append("did not end")
+        # Its last file may have been written between the look and the signal.
+        finished |= time.monotonic() - sent < AT_THE_END_S and renewed(out, good, before)
     judge_end(this, process.returncode, error, finished=finished)
     judge_files(this, out, good, set(before))
     with start(line) as process:
