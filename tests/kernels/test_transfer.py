@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from nolens.kernels import apply_transfer_, transfer
+from nolens.optics import transmittance
 
 Pair = tuple[int, int]
 LAYERS = st.lists(st.tuples(st.floats(0, 20_000), st.floats(1.0, 3.0)), max_size=4)
@@ -26,6 +27,7 @@ class Case:
     lengths: tuple[float, ...]
     squared: tuple[float, ...]
     limit: float
+    media: tuple[float, ...] = ()
 
     @classmethod
     def random(
@@ -34,6 +36,8 @@ class Case:
         """Directions beyond the limit among them, and a share that nothing is to pass."""
         rng = np.random.default_rng(seed)
         squared = tuple(n for _, n in layers)
+        # Every second case counts losses at the surfaces between its layers.
+        media = tuple(float(np.sqrt(n)) for n in squared) if seed % 2 else ()
         limit = min((1.5, *squared)) * rng.uniform(0.5, 1)
         p = [rng.uniform(-1.2, 1.2, n) * np.sqrt(limit) for n in shape]
         for each in p:
@@ -47,6 +51,7 @@ class Case:
             tuple(t for t, _ in layers),
             squared,
             limit,
+            media,
         )
 
     def expected(self) -> NDArray[np.complex128]:
@@ -57,7 +62,11 @@ class Case:
         for length, index in zip(self.lengths, self.squared, strict=True):
             turns = turns + length * np.sqrt(index - inside)
         turned: NDArray[np.complex128] = np.where(
-            passes, self.spectrum.numpy().astype(np.complex128) * np.exp(2j * np.pi * turns), 0
+            passes,
+            self.spectrum.numpy().astype(np.complex128)
+            * np.sqrt(transmittance(self.media, torch.from_numpy(inside)).numpy())
+            * np.exp(2j * np.pi * turns),
+            0,
         )
         return turned
 
@@ -66,7 +75,7 @@ class Case:
             tuple(each.to(device) for each in pair) for pair in (self.transverse, self.linear)
         )
         spectrum = self.spectrum.clone().to(device)
-        return spectrum, transverse, linear, self.lengths, self.squared, self.limit
+        return spectrum, transverse, linear, self.lengths, self.squared, self.limit, self.media
 
 
 def _same(got: Tensor, expected: NDArray[np.complex128]) -> None:

@@ -6,9 +6,13 @@ is computed in float64. On the CPU that is one compiled pass over the rows; on C
 
 import importlib
 import math
+from itertools import pairwise
 
 import torch
 from torch import Tensor
+
+_LEAST = 1e-12
+"""Of n² − p², so that grazing light, of which nothing passes, divides by no zero."""
 
 
 def apply_transfer_(
@@ -18,8 +22,14 @@ def apply_transfer_(
     lengths: tuple[float, ...],
     squared_indices: tuple[float, ...],
     limit: float,
+    media: tuple[float, ...] = (),
 ) -> Tensor:
     r"""Multiply by :math:`e^{2πi(Σ_j l_j\sqrt{n_j^2 - p^2} + a_r + a_c)}`; by 0 from p² = limit on.
+
+    And by the root of the power that passes the surfaces between media: for unpolarised light
+    :math:`2ab\,[(a + b)^{-2} + (fa + b/f)^{-2}]` at each, with :math:`a, b = \sqrt{n^2 - p^2}` of
+    the medium before and after it, and :math:`f` the index after over that before
+    (`goodman2005`).
 
     Parameters
     ----------
@@ -35,13 +45,17 @@ def apply_transfer_(
     squared_indices
         n² of every layer.
     limit
-        Not above the smallest n².
+        Not above the smallest n², that of the media included.
+    media
+        n of the media in light's order, if losses at the surfaces between them are wanted.
     """
     if spectrum.device.type != "cpu":
-        return _on_device(spectrum, transverse, linear_turns, lengths, squared_indices, limit)
+        return _on_device(
+            spectrum, transverse, linear_turns, lengths, squared_indices, limit, media
+        )
     on_cpu = importlib.import_module("nolens.kernels.transfer_numba")
     result: Tensor = on_cpu.apply_transfer_(
-        spectrum, transverse, linear_turns, lengths, squared_indices, limit
+        spectrum, transverse, linear_turns, lengths, squared_indices, limit, media
     )
     return result
 
@@ -53,6 +67,7 @@ def _on_device(
     lengths: tuple[float, ...],
     squared_indices: tuple[float, ...],
     limit: float,
+    media: tuple[float, ...] = (),
 ) -> Tensor:
     for first in range(0, len(spectrum), 512):
         part = slice(first, first + 512)
@@ -61,5 +76,17 @@ def _on_device(
         for length, index in zip(lengths, squared_indices, strict=True):
             turns += length * (index - squared).clamp_min(0).sqrt()
         passed = (squared < limit).float()
+        if len(media) > 1:
+            passed *= _power(squared.float(), media).sqrt()
         spectrum[part] *= torch.polar(passed, turns.frac().float() * (2 * math.pi))
     return spectrum
+
+
+def _power(squared: Tensor, media: tuple[float, ...]) -> Tensor:
+    """Share of the power that passes all surfaces."""
+    power = torch.ones_like(squared)
+    for before, after in pairwise(media):
+        near, far = ((n * n - squared).clamp_min(_LEAST).sqrt() for n in (before, after))
+        ratio = after / before
+        power *= 2 * near * far * ((near + far) ** -2 + (ratio * near + far / ratio) ** -2)
+    return power

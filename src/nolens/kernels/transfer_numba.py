@@ -17,17 +17,19 @@ def apply_transfer_(
     lengths: tuple[float, ...],
     squared_indices: tuple[float, ...],
     limit: float,
+    media: tuple[float, ...] = (),
 ) -> Tensor:
     """See `nolens.kernels.transfer.apply_transfer_`."""
     rows = [each.numpy() for each in (transverse[0], linear_turns[0])]
     columns = [each.numpy() for each in (transverse[1], linear_turns[1])]
     layers = np.array([lengths, squared_indices])
+    indices = np.array(media, dtype=np.float32)
     pairs = torch.view_as_real(spectrum).numpy()
 
     def work(block: int) -> None:
         first = block * _ROWS_PER_BLOCK
         last = min(first + _ROWS_PER_BLOCK, len(pairs))
-        _rows(pairs, rows[0], rows[1], columns[0], columns[1], layers, limit, first, last)
+        _rows(pairs, rows[0], rows[1], columns[0], columns[1], layers, indices, limit, first, last)
 
     for_each_block(work, -(-len(pairs) // _ROWS_PER_BLOCK), spectrum.numel())
     return spectrum
@@ -35,11 +37,12 @@ def apply_transfer_(
 
 @numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
 def _rows(  # type: ignore[no-untyped-def]
-    pairs, row_p, row_turns, column_p, column_turns, layers, limit, first, last
+    pairs, row_p, row_turns, column_p, column_turns, layers, indices, limit, first, last
 ):
     count = len(column_p)
     squared = np.empty(count, dtype=np.float64)
     turns = np.empty(count, dtype=np.float64)
+    passed = np.ones(count, dtype=np.float32)
     for i in range(first, last):
         across = row_p[i] * row_p[i]
         if across >= limit:
@@ -53,6 +56,8 @@ def _rows(  # type: ignore[no-untyped-def]
             index = layers[1, k]
             for j in range(count):
                 turns[j] += length * np.sqrt(max(index - squared[j], 0.0))
+        if len(indices) > 1:
+            _amplitudes(squared, indices, passed)
         for j in range(count):
             # Half turns of −½…½, so that the sine is monotonic and the series are short.
             half = 2.0 * turns[j]
@@ -62,13 +67,37 @@ def _rows(  # type: ignore[no-untyped-def]
             y = x * x
             sine = x * _sine(y)
             cosine = _cosine(y)
-            sign = np.float32(1.0 - 2.0 * odd) if squared[j] < limit else np.float32(0.0)
+            sign = passed[j] * np.float32(1.0 - 2.0 * odd)
+            sign = sign if squared[j] < limit else np.float32(0.0)
             sine *= sign
             cosine *= sign
             real = pairs[i, j, 0]
             imaginary = pairs[i, j, 1]
             pairs[i, j, 0] = real * cosine - imaginary * sine
             pairs[i, j, 1] = real * sine + imaginary * cosine
+
+
+@numba.njit(inline="always", fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
+def _amplitudes(squared, indices, passed):  # type: ignore[no-untyped-def]
+    """Root of the power that passes all surfaces, for each p² of a row."""
+    c = np.float32
+    for j in range(len(passed)):
+        passed[j] = c(1)
+    for k in range(len(indices) - 1):
+        before = indices[k]
+        after = indices[k + 1]
+        ratio = after / before
+        other = before / after
+        for j in range(len(passed)):
+            p = c(squared[j])
+            near = np.sqrt(max(before * before - p, c(1e-12)))
+            far = np.sqrt(max(after * after - p, c(1e-12)))
+            across = near + far
+            along = ratio * near + other * far
+            both = across * along
+            passed[j] *= c(2) * near * far * (across * across + along * along) / (both * both)
+    for j in range(len(passed)):
+        passed[j] = np.sqrt(passed[j])
 
 
 @numba.njit(inline="always")

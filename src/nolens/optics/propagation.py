@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from nolens.kernels import apply_transfer_, fft2_, ifft2_
-from nolens.optics.stack import Stack, transmittance
+from nolens.optics.stack import Stack
 
 
 def propagate(
@@ -99,10 +99,6 @@ def pass_layers_(
     ]
     linear[0] = linear[0] - float(stack.axial_um(central)) / wavelength_um
     limit = min((stack.critical, *surfaces)) ** 2
-    if surfaces:
-        passed = p[0].square()[:, None] + p[1].square()
-        passed = transmittance(surfaces, passed.clamp_max_(limit * (1 - 1e-9)))
-        spectrum *= passed.sqrt_().to(spectrum.device, torch.float32)
     kept = [q.where(f.abs() <= band_per_um, math.inf) for q, f in zip(p, frequency, strict=True)]
     return apply_transfer_(
         spectrum,
@@ -111,6 +107,7 @@ def pass_layers_(
         tuple(t / wavelength_um for t in stack.thicknesses_um),
         tuple(n * n for n in stack.indices),
         limit,
+        surfaces,
     )
 
 
