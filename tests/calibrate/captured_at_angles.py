@@ -36,7 +36,7 @@ def grey_camera(rows: int, columns: int) -> OpenCamera:
 
 @dataclass(frozen=True)
 class Light:
-    """A point of light: what was written down of it, and where it really was."""
+    """A point source: what was written down of it, and where it really was."""
 
     stated_deg: tuple[float, float]
     actual_deg: tuple[float, float]

@@ -1,4 +1,4 @@
-"""Frames of a point of light by simulated cameras, and what they would be without noise."""
+"""Frames of a point source by simulated cameras, and what they would be without noise."""
 
 import math
 from dataclasses import dataclass, replace
@@ -40,7 +40,7 @@ def light_of(
 
 @dataclass(frozen=True)
 class Shot:
-    """A simulated camera in front of a point of light.
+    """A simulated camera in front of a point source.
 
     `warm` are counts that the pixels have without light, as only dark frames tell; `veil` is
     light of other sources, as a share of the pattern's peak.

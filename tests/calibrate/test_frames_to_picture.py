@@ -1,4 +1,4 @@
-"""From raw frames of points of light to a photograph, by the commands that a person types."""
+"""From raw frames of point sources to a photograph, by the commands that a person types."""
 
 import contextlib
 import io

@@ -1,4 +1,4 @@
-"""Simulated frames of a point of light give back the true PSF."""
+"""Simulated frames of a point source give back the true PSF."""
 
 import pytest
 import torch

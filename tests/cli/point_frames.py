@@ -1,4 +1,4 @@
-"""Frames of a point of light as the small camera captures them, in files."""
+"""Frames of a point source as the small camera captures them, in files."""
 
 import math
 from dataclasses import replace

@@ -124,7 +124,7 @@ def test_nan(bench: Bench) -> None:
 
 def test_psf_of_noise(bench: Bench) -> None:
     expose_dng(bench.psf, torch.ones(3, *SENSOR), seed=4)
-    bench.refuses("psf.dng", "nothing above its background", "point of light")
+    bench.refuses("psf.dng", "nothing above its background", "point source")
 
 
 def test_saturated_everywhere(bench: Bench) -> None:

@@ -22,7 +22,7 @@ GIVEN = ("--distance", "30cm", "--pixel", "3.1um")
 
 
 def pattern() -> Tensor:
-    """Seven points of light and an arc behind an aperture, (rows, columns)."""
+    """Seven point sources and an arc behind an aperture, (rows, columns)."""
     psf = torch.zeros(SENSOR[0] + SHOWN[0], SENSOR[1] + SHOWN[1])
     for row, column in ((-7, -9), (-6, 4), (-1, -3), (2, 8), (4, -8), (7, 0), (6, 7)):
         psf[36 + row, 50 + column] = 1

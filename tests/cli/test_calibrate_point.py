@@ -1,4 +1,4 @@
-"""`nolens calibrate`: frames of a point of light in files become PSFs in a folder."""
+"""`nolens calibrate`: frames of a point source in files become PSFs in a folder."""
 
 import json
 from pathlib import Path

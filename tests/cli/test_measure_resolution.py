@@ -276,7 +276,7 @@ CELL = ("--cell-angle", "0.1deg")
         (("two-points", "star.tif", "--separation", "1", "--distance", "180mm", *CELL),
          ("has no unit",)),
         (("two-points", "star.tif", "--separation", "1mm", "--distance", "180mm", *CELL),
-         ("no two points of light",)),
+         ("no two point sources",)),
         (("two-points", "--simulate", "small", "--separation", "1mm"), ("with frames only",)),
         (("two-points", "--simulate", "small", "--draws", "0"), ("draws",)),
     ],
@@ -298,7 +298,7 @@ def test_bad_frames(captured: Path, tmp_path: Path) -> None:
     )
     check_refused(
         run(*COMMAND, "two-points", picture, "--separation", "1.2mm", "--distance", "300mm",
-            "--camera", "small"), "points of light 6.", "check the separation",
+            "--camera", "small"), "point sources 6.", "check the separation",
     )  # fmt: skip
     check_refused(
         run(*COMMAND, "two-points", picture, *given, "--camera", "small", "--region", "50x50"),

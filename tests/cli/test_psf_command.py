@@ -1,4 +1,4 @@
-"""`nolens psf`: one point of light, without noise or as the sensor captures it."""
+"""`nolens psf`: one point source, without noise or as the sensor captures it."""
 
 import json
 from pathlib import Path

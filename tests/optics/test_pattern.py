@@ -1,4 +1,4 @@
-"""The pattern of a point of light: its place, its size, its brightness, and how it is cut."""
+"""The pattern of a point source: its place, its size, its brightness, and how it is cut."""
 
 import math
 from dataclasses import replace

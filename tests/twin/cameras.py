@@ -57,7 +57,7 @@ def twin_of(camera: Camera, *, fresnel: bool = False) -> Twin:
 def toward(
     angle_deg: float, azimuth_deg: float = 0.0, distance_um: float = math.inf
 ) -> PointSource:
-    """A point of light; the azimuth turns from the columns (right) to the rows (down)."""
+    """A point source; the azimuth turns from the columns (right) to the rows (down)."""
     tangent, azimuth = math.tan(math.radians(angle_deg)), math.radians(azimuth_deg)
     return PointSource((tangent * math.sin(azimuth), tangent * math.cos(azimuth)), distance_um)
 

@@ -1,4 +1,4 @@
-"""The pattern of a point of light on the paper's camera: the paper's figures, Snell, colours."""
+"""The pattern of a point source on the paper's camera: the paper's figures, Snell, colours."""
 
 import math
 from dataclasses import replace
@@ -36,7 +36,7 @@ from nolens.twin import Light, Twin, point_spread
 
 PIXEL_UM = 1.55
 PINHOLE = PointSource(distance_um=300e3, diameter_um=50.0)
-"""The paper's point of light: a pinhole of 50 um, 300 mm away."""
+"""The paper's point source: a pinhole of 50 um, 300 mm away."""
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

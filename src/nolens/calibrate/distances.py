@@ -66,7 +66,7 @@ class Layers:
         Parameters
         ----------
         angle
-            Field angles of the point of light, to the right and up.
+            Field angles of the point source, to the right and up.
         """
         tangents = [math.tan(each.rad) for each in angle]
         size = math.hypot(*tangents)
@@ -126,7 +126,7 @@ class Scaled:
 def scaled_psf(
     psf: Tensor, cell_um: float, layers: Layers, *, measured_um: float, wanted_um: float
 ) -> Scaled:
-    r"""PSF of a point of light on the axis at another distance than the measured one's.
+    r"""PSF of a point source on the axis at another distance than the measured one's.
 
     The mask's pattern moves with the rays that carry it. The ray that falls on the radius
     :math:`r_1` from the wanted distance passes the mask at m; from the measured distance the one
@@ -144,7 +144,7 @@ def scaled_psf(
     layers
         What the light passes.
     measured_um, wanted_um
-        Distances of the points of light; may be infinite.
+        Distances of the point sources; may be infinite.
 
     Raises
     ------

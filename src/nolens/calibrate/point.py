@@ -1,4 +1,4 @@
-"""Frames of a point of light become a PSF."""
+"""Frames of a point source become a PSF."""
 
 import math
 from collections.abc import Mapping
@@ -106,7 +106,7 @@ def point_psf(
     ------
     DataError
         If no exposure is free of saturated pixels, dark frames are brighter than the frames,
-        they show no point of light, or are smaller than 16×16 pixels.
+        they show no point source, or are smaller than 16×16 pixels.
     """
     first = next(iter(exposures.values())).first
     if min(first.size) < _SMALLEST:

@@ -1,4 +1,4 @@
-"""Stray light in the picture of a point of light, told where there is none of the point's."""
+"""Stray light in the picture of a point source, told where there is none of the point's."""
 
 from dataclasses import dataclass
 

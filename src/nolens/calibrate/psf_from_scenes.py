@@ -1,4 +1,4 @@
-"""A camera's PSF from measurements of known scenes, where no point of light is to be had."""
+"""A camera's PSF from measurements of known scenes, where no point source is to be had."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

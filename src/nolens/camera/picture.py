@@ -16,7 +16,7 @@ def exposure_white(radiance: Tensor) -> float:
 
     Taken over the brightest channel of every pixel, as the smallest value that at least 99.5 %
     of the pixels do not exceed. What is brighter is clipped; zero stays black, nothing is
-    subtracted. Where this percentile is dark (a few points of light on black), the brightest
+    subtracted. Where this percentile is dark (a few point sources on black), the brightest
     value is white.
 
     Parameters

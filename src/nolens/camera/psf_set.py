@@ -33,7 +33,7 @@ class PsfEntry(Part):
     channels
         Name of every channel.
     distance
-        Of the point of light from the camera.
+        Of the point source from the camera.
     angle
         Its field angles, to the right and up as the photographer sees it.
     kind
@@ -56,16 +56,16 @@ class PsfEntry(Part):
 
     @property
     def distance_um(self) -> float:
-        """Distance of the point of light; may be infinite."""
+        """Distance of the point source; may be infinite."""
         return self.distance.um if isinstance(self.distance, Length) else math.inf
 
     @property
     def on_axis(self) -> bool:
-        """Whether the point of light is straight ahead."""
+        """Whether the point source is straight ahead."""
         return all(each.deg == 0 for each in self.angle)
 
     def replaces(self, other: "PsfEntry") -> bool:
-        """Whether both are of the same kind and the same point of light."""
+        """Whether both are of the same kind and the same point source."""
         return (self.kind, self.distance, self.angle) == (other.kind, other.distance, other.angle)
 
 

@@ -121,7 +121,7 @@ class TwinSource:
         self._scene = radiance.float()
 
     def show_point(self) -> None:
-        """Let it look at a point of light, straight ahead in the dark."""
+        """Let it look at a point source, straight ahead in the dark."""
         region = self.region
         scene = torch.zeros(3, region.height, region.width)
         scene[:, region.height // 2, region.width // 2] = _POINT_RADIANCE

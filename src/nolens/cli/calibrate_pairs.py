@@ -34,7 +34,7 @@ def pairs(
     output: Annotated[Path | None, Output, Result] = None,
     json_: Annotated[bool, Json] = False,
 ) -> int:
-    """Solve the PSF from measurements of known pictures, where no point of light is to be had.
+    """Solve the PSF from measurements of known pictures, where no point source is to be had.
 
     nolens calibrate pairs measured pictures --distance 300mm --pixel 1.55um -o mycamera
 

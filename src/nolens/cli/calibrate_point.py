@@ -1,4 +1,4 @@
-"""`nolens calibrate`, of frames of a point of light."""
+"""`nolens calibrate`, of frames of a point source."""
 
 import json
 from pathlib import Path
@@ -12,7 +12,7 @@ from nolens.cli.terminal import TerminalReporter
 from nolens.jobs import CalibratePointOptions, calibrate_point
 
 Frames = Parameter(group="Frames")
-Source = Parameter(group="Point of light")
+Source = Parameter(group="Point source")
 Result = Parameter(group="Result")
 
 
@@ -30,7 +30,7 @@ def point(
     output: Annotated[Path | None, Output, Result] = None,
     json_: Annotated[bool, Json] = False,
 ) -> int:
-    """Make a PSF of pictures of one point of light, and add it to a camera's folder.
+    """Make a PSF of pictures of one point source, and add it to a camera's folder.
 
     nolens calibrate point*.dng --distance 300mm --camera paper -o mycamera
 

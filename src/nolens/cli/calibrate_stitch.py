@@ -115,7 +115,7 @@ def _stitch_lines(summary: dict[str, Any]) -> list[str]:
 def _plan_lines(summary: dict[str, Any]) -> list[str]:
     cells, region = summary["cells"], summary["region"]
     return [
-        f"capture a point of light at {len(summary['angles_deg'])} angles, to the right and up:",
+        f"capture a point source at {len(summary['angles_deg'])} angles, to the right and up:",
         *(f"  --angle {right:g}deg,{up:g}deg" for right, up in summary["angles_deg"]),
         f"a scene of that angle covers --region {region[0]}x{region[1]}, and the stitched PSF will "
         f"have about {cells[0]}×{cells[1]} pixels",

@@ -75,7 +75,7 @@ def capture(
         The camera is covered: take what is subtracted from other frames, with their exposure time
         (--exposure) and gain.
     psf
-        The camera sees one point of light: no pixel may be saturated. Then: nolens calibrate.
+        The camera sees one point source: no pixel may be saturated. Then: nolens calibrate.
     frames
         Frames one after the other.  [default: 1]
     average
@@ -167,7 +167,7 @@ def _told(summary: dict[str, Any]) -> list[str]:
 
 
 def _next(summary: dict[str, Any]) -> list[str]:
-    """What is done with frames of a point of light."""
+    """What is done with frames of a point source."""
     lines, asked = [], summary["asked"]
     if asked["exposure_s"] is not None:
         more = f" --gain {asked['gain']:g}" if asked["gain"] != 1 else ""

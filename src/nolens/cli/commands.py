@@ -13,10 +13,10 @@ COMMANDS = {
     "one, many, averaged, bracketed, or over a long time.",
     "reconstruct:info": "Say what a file holds: size, channels, mosaic, levels, range.",
     "calibrate:calibrate": "Make a PSF of "
-    "pictures of one point of light, and add it to a camera's folder.",
+    "pictures of one point source, and add it to a camera's folder.",
     "measure:measure": "Measure how good a camera is: PSF, resolution, field of view.",
     "simulate:simulate": "Simulate what a lensless camera measures of a scene.",
-    "simulate:psf": "Simulate what a lensless camera shows of a point of light.",
+    "simulate:psf": "Simulate what a lensless camera shows of a point source.",
     "camera:camera": "Descriptions of cameras.",
     "material:material": "Materials that layers of a camera are made of.",
     "design:design": "Design a camera: thickness, tolerances and masks.",

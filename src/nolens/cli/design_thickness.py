@@ -44,7 +44,7 @@ def thickness(
 
     nolens design thickness --film 0.305mm --film-distance 0.4mm+-0.2mm --material pua311
 
-    Put the diffuser over the sensor, find the distance at which the pattern of a point of light
+    Put the diffuser over the sensor, find the distance at which the pattern of a point source
     is sharpest, and say it here. Every length and index can have a ±, as in 0.4mm±0.2mm; all
     results then have theirs.
 
@@ -85,7 +85,7 @@ def thickness(
     wavelength
         Of the light that is to be in focus.  [default: 587.56nm, where indices are given]
     distance
-        From the camera to the point of light, in the measurement and in use, or infinity.
+        From the camera to the point source, in the measurement and in use, or infinity.
         [default: infinity]
     plot
         Picture to write: focus by colour, width of the lines by thickness (.png).

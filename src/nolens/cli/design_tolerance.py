@@ -51,7 +51,7 @@ def tolerance(
         Folder for tolerance.json, trials.csv and tolerance.png. Needed.
     criterion
         line-width (at half height), contrast, or mtf@ and a frequency such as mtf@40/mm, of the
-        pattern of a point of light at the camera's reference_distance.  [default: line-width]
+        pattern of a point source at the camera's reference_distance.  [default: line-width]
     model
         wave: the twin's wave optics on a patch of the mask; rays: ray matrices and diffraction of
         its lenslets, quick and rough.  [default: wave]

@@ -63,11 +63,11 @@ def field(
         Camera that the PSFs or the picture are from.
         [default: camera.toml beside the PSFs; for a picture paper]
     angles
-        Of the simulated points of light, rising.  [default: 0deg,5deg, and so on to 50deg]
+        Of the simulated point sources, rising.  [default: 0deg,5deg, and so on to 50deg]
     dot_pitch
         Distance of neighbouring dots; with --simulate, a grid is shown to the camera.
     distance
-        Of the grid or of the points of light; these also infinity.
+        Of the grid or of the point sources; these also infinity.
         [default: with --simulate the camera's reference_distance]
     reach
         Half angle up to which there are dots.  [default: 50deg]

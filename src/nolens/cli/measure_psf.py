@@ -37,7 +37,7 @@ def psf(
     Parameters
     ----------
     psf
-        Picture of a point of light: camera raw, .tif, .png or .npy, or one of the PSFs in a
+        Picture of a point source: camera raw, .tif, .png or .npy, or one of the PSFs in a
         folder of nolens calibrate.
     pixel
         Distance of the file's pixels, such as 3.1um. In a raw file behind a colour mosaic four of

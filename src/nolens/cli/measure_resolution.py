@@ -104,7 +104,7 @@ def two_points(
     common: Common = _NONE,
     json_: Annotated[bool, Json] = False,
 ) -> int:
-    """Find the smallest angle between two points of light that is resolved.
+    """Find the smallest angle between two point sources that is resolved.
 
     nolens measure resolution two-points a.dng b.dng --separation 1.5mm --separation 1.9mm
     --distance 180mm --psf psf.dng --camera paper

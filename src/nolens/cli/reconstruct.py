@@ -70,7 +70,7 @@ def reconstruct(
         of such files, a .tif of many pages, a .npy of (frames, height, width[, 1 or 3]). Needed,
         here or in --config.
     psf
-        What the sensor measures of a point of light: the same kinds of file. Needed too.
+        What the sensor measures of a point source: the same kinds of file. Needed too.
     output
         Picture to write: .png (8-bit sRGB; the 99.5th percentile is white) or .tif (linear).
         Needed, and may be given several times. The record of the run goes beside the first,

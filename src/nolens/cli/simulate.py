@@ -13,7 +13,7 @@ from nolens.jobs import PsfOptions, SimulateOptions, simulate_psf
 from nolens.jobs import simulate as run_simulate
 
 Scene = Parameter(group="Scene")
-Point = Parameter(group="Point of light")
+Point = Parameter(group="Point source")
 Result = Parameter(group="Result")
 Exposure = Parameter(group="Exposure")
 Optics = Parameter(group="Camera and light")
@@ -131,7 +131,7 @@ def psf(
     device: Annotated[Literal["auto", "cpu", "cuda"] | None, Optics] = None,
     json_: Annotated[bool, Json] = False,
 ) -> int:
-    """Simulate what a lensless camera shows of a point of light.
+    """Simulate what a lensless camera shows of a point source.
 
     nolens psf --camera paper --angle 20deg,0deg --distance 80mm -o psf.tif
 

@@ -70,7 +70,7 @@ class Film:
 
 @dataclass(frozen=True)
 class Replica:
-    """A layer on the cover whose lenslets face the scene, in focus for a point of light.
+    """A layer on the cover whose lenslets face the scene, in focus for a point source.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class Replica:
     cover
         What it lies on.
     source_um
-        Distance of the point of light.
+        Distance of the point source.
     """
 
     index: Number
@@ -117,7 +117,7 @@ class Replica:
         Raises
         ------
         OptionError
-            If no thickness brings the point of light to focus on the sensor.
+            If no thickness brings the point source to focus on the sensor.
         """
         index, radius, cover = (
             float(self.index),

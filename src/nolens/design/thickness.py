@@ -1,4 +1,4 @@
-"""How thick a layer must be, or how curved its lenslets, for a point of light to be sharp."""
+"""How thick a layer must be, or how curved its lenslets, for a point source to be sharp."""
 
 import math
 from dataclasses import dataclass, replace
@@ -30,7 +30,7 @@ class LensletStack:
         Their radius of curvature, positive: the lenslets of the denser of the two media are
         convex, whichever side it is on.
     source_um
-        Distance from the point of light to the first surface; infinite for parallel rays.
+        Distance from the point source to the first surface; infinite for parallel rays.
     outside
         Refractive index in front of the first surface.
     """

@@ -1,4 +1,4 @@
-"""Two points of light in a picture: how deep the dip between them is, and what is resolved."""
+"""Two point sources in a picture: how deep the dip between them is, and what is resolved."""
 
 import math
 from dataclasses import dataclass
@@ -69,7 +69,7 @@ class ResolvedSeparation:
 
 
 def point_pair(picture: Tensor, separation: float) -> PointPair:
-    r"""Measure the dip between two points of light.
+    r"""Measure the dip between two point sources.
 
     The trace runs through the two brightest maxima that are as far apart as they should be, or,
     where there is only one, along the longer axis of its light (second moments). It is read off a
@@ -92,7 +92,7 @@ def point_pair(picture: Tensor, separation: float) -> PointPair:
     """
     values = picture.double().cpu().numpy()
     if not np.isfinite(values).all() or not values.max() > 0:
-        raise DataError("the picture is dark or not finite: it shows no two points of light")
+        raise DataError("the picture is dark or not finite: it shows no two point sources")
     main = _brightest(values, np.isfinite(values))
     assert main is not None
     grid: _Array = np.indices(values.shape, dtype=np.float64)
@@ -164,13 +164,13 @@ def _check_only_two(values: _Array, away: _Array, maxima: _Mask, reach: float) -
     if beside.size > 0 and beside.mean() > _DARK * peak:
         raise DataError(
             f"beside its brightest point the picture is {100 * beside.mean() / peak:.0f} % as "
-            "bright on average: it shows no two points of light in the dark. Check the file, or "
+            "bright on average: it shows no two point sources in the dark. Check the file, or "
             "cut it to the points (--region)"
         )
     far = _brightest(values, maxima & (away > reach) & (values > peak / 2))
     if far is not None:
         raise DataError(
-            f"the picture shows points of light {away[far]:.1f} cells apart, and two at most "
+            f"the picture shows point sources {away[far]:.1f} cells apart, and two at most "
             f"{reach:.1f} cells apart were expected: check the separation, the distance and the "
             "angle of a cell, or cut it to the points (--region)"
         )

@@ -16,7 +16,7 @@ from nolens.twin import Light, Twin, point_spread
 from nolens.twin.model import REFERENCE_NM
 
 PINHOLE_UM = 50.0
-"""Diameter of the paper's point of light."""
+"""Diameter of the paper's point source."""
 _CELLS = 384
 """Cells along the side of the patch of sensor that stands for all of it."""
 
@@ -52,7 +52,7 @@ class Focus:
 
 @dataclass(frozen=True)
 class Lines:
-    """What the pattern of a point of light measures behind a layer of some thickness.
+    """What the pattern of a point source measures behind a layer of some thickness.
 
     Parameters
     ----------

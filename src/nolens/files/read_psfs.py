@@ -63,7 +63,7 @@ def write_psfs(
     Parameters
     ----------
     folder
-        Made where it does not exist. PSFs of the same kind and point of light are replaced.
+        Made where it does not exist. PSFs of the same kind and point source are replaced.
     psfs
         (channels, rows, columns) for each entry, channels grey or R, G, B.
     more

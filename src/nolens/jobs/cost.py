@@ -90,7 +90,7 @@ def pattern_size(
     twin
         The camera, as `outline` gives it.
     source
-        The point of light.
+        The point source.
     cells
         (rows, columns) of the result.
     pixels

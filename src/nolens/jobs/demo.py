@@ -31,7 +31,7 @@ from nolens.twin import (
 _SCENE_PIXELS = (1520, 2028)
 """Part of the paper's sensor that is read for the scene: half of it in each direction."""
 _PSF_PIXELS = (2320, 2828)
-"""Part that is read for the point of light: wider by what the scene moves the pattern."""
+"""Part that is read for the point source: wider by what the scene moves the pattern."""
 _DISTANCE_UM = 300e3
 _SOURCE_UM = 50.0
 _ANGLE_DEG = 50.0
@@ -111,13 +111,13 @@ def _capture(
     """Files of the simulated camera; what its reconstruction is to show, and where."""
     light = Light("white-led")
     reporter.note(
-        f"the paper's camera: a point of light at 300 mm, on the middle {_size(_PSF_PIXELS)} pixels"
+        f"the paper's camera: a point source at 300 mm, on the middle {_size(_PSF_PIXELS)} pixels"
     )
     wide = Twin.of(opened(preset("paper"))).reading(*_PSF_PIXELS)
     source = PointSource(distance_um=_DISTANCE_UM, diameter_um=_SOURCE_UM)
     psf = point_spread(
         wide, source, _PSF_PIXELS, light=light, wavelengths=_WAVELENGTHS, frame="sensor",
-        tick=lambda share: reporter.advance("point of light", share),
+        tick=lambda share: reporter.advance("point source", share),
     )  # fmt: skip
     sensor = wide.camera.sensor
 

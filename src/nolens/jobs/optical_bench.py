@@ -109,7 +109,7 @@ class OpticalBench:
     def point(
         self, source: PointSource, *, fill: float = 0.9, seed: int = 0, tick: Tick | None = None
     ) -> Frame:
-        """The sensor's frame of one point of light.
+        """The sensor's frame of one point source.
 
         Parameters
         ----------

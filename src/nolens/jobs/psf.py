@@ -1,4 +1,4 @@
-"""What a simulated camera shows of one point of light."""
+"""What a simulated camera shows of one point source."""
 
 import math
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ _LUX = 1.0
 
 @dataclass(frozen=True)
 class PsfOutcome:
-    """What the simulation of a point of light came to.
+    """What the simulation of a point source came to.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def simulate_psf(options: PsfOptions, reporter: Reporter) -> PsfOutcome:
     pattern = point_spread(
         twin, source, shape.cells, pixels=shape.pixels, light=light,
         wavelengths=options.wavelengths, frame=shape.frame,
-        tick=partial(reporter.advance, "point of light"),
+        tick=partial(reporter.advance, "point source"),
     ).cpu()  # fmt: skip
     # As a captured one has it, so that a scene in this light comes out in its own colours.
     seen = photocurrents(twin, light, 1.0)

@@ -1,4 +1,4 @@
-"""Optics of plane layers under a relief: rays, waves, and the pattern of a point of light."""
+"""Optics of plane layers under a relief: rays, waves, and the pattern of a point source."""
 
 import lazy_loader
 

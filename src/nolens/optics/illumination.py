@@ -1,4 +1,4 @@
-"""The wave that a point of light throws on the mask."""
+"""The wave that a point source throws on the mask."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The pattern that a point of light throws on the sensor, by wave optics."""
+"""The pattern that a point source throws on the sensor, by wave optics."""
 
 import math
 from collections.abc import Callable
@@ -52,7 +52,7 @@ def point_pattern(
     response: Callable[[Tensor], Tensor] | None = None,
     tick: Callable[[float], None] | None = None,
 ) -> Tensor:
-    r"""Irradiance on the sensor of one point of light at one wavelength.
+    r"""Irradiance on the sensor of one point source at one wavelength.
 
     The wave of the source (exact rays) passes the thin relief h, which turns its phase by
     :math:`k_0(\sqrt{n'^2 - p^2} - \sqrt{n^2 - p^2})\,h` with p = n sin θ of the local ray, and then

@@ -22,7 +22,7 @@ _LEAST_LINES = 0.25
 
 @dataclass(frozen=True)
 class PsfAt:
-    """A PSF and the distance of its point of light.
+    """A PSF and the distance of its point source.
 
     Parameters
     ----------

@@ -42,7 +42,7 @@ class Psf:
     cells
         A PSF on the cells of the reconstruction, (channels, rows, columns); or else
     frame
-        the sensor's own frame of a point of light.
+        the sensor's own frame of a point source.
     region
         Cells that light comes from; None for no limit.
     """

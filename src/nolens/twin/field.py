@@ -97,7 +97,7 @@ class FieldMap:
         )
 
     def source(self, row: int, column: int, distance_um: float) -> PointSource:
-        """The point of light of one cell, counted from the region's first."""
+        """The point source of one cell, counted from the region's first."""
         away = self.place_um(row, column)
         reach = math.hypot(*away)
         if reach == 0:

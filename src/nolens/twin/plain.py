@@ -123,7 +123,7 @@ class PlainModel:
         return radiance * opacity
 
     def psf(self) -> Tensor:
-        """What a point of light in the middle of the field shows.
+        """What a point source in the middle of the field shows.
 
         Returns
         -------

@@ -29,7 +29,7 @@ def point_spread(
     frame: Frame = "chief-ray",
     tick: Callable[[float], None] | None = None,
 ) -> Tensor:
-    """Irradiance of one point of light, integrated over cells of pixels, channel by channel.
+    """Irradiance of one point source, integrated over cells of pixels, channel by channel.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def colour_pattern(
     twin
         The camera, its relief on a multiple of the grid's pitch (`sampled`).
     source
-        The point of light.
+        The point source.
     grid
         The samples.
     wavelengths

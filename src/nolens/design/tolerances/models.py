@@ -42,7 +42,7 @@ class Model(Protocol):
 
 @dataclass(frozen=True)
 class WaveModel:
-    """The twin's pattern of a far point of light on the axis.
+    """The twin's pattern of a far point source on the axis.
 
     Parameters
     ----------

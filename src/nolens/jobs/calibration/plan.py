@@ -32,7 +32,7 @@ class CalibratePlanOutcome:
 
 
 def calibrate_plan(options: CalibratePlanOptions) -> CalibratePlanOutcome:
-    """List the angles at which a point of light must be captured for a scene of some width.
+    """List the angles at which a point source must be captured for a scene of some width.
 
     Parameters
     ----------

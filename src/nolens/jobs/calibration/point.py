@@ -1,4 +1,4 @@
-"""From frames of a point of light to a PSF in the camera's folder."""
+"""From frames of a point source to a PSF in the camera's folder."""
 
 import math
 from collections.abc import Callable
@@ -45,7 +45,7 @@ _SECONDS_PER_PIXEL = 4e-6
 
 
 def calibrate_point(options: CalibratePointOptions, reporter: Reporter) -> CalibratedPsf:
-    """Average, clean and centre frames of a point of light, and add the PSF to a folder.
+    """Average, clean and centre frames of a point source, and add the PSF to a folder.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Frames of a point of light and dark frames, read and told apart by their exposure times."""
+"""Frames of a point source and dark frames, read and told apart by their exposure times."""
 
 import math
 from dataclasses import dataclass, replace

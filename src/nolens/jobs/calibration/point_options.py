@@ -21,11 +21,11 @@ class CalibratePointOptions(JobOptions):
     Attributes
     ----------
     frames
-        Pictures of one point of light.
+        Pictures of one point source.
     output
         Folder of the camera's PSFs.
     distance, angle
-        Of the point of light; the angles are to the right and up as the photographer sees it.
+        Of the point source; the angles are to the right and up as the photographer sees it.
     dark
         Pictures with the light off.
     camera
@@ -73,7 +73,7 @@ class CalibratePointOptions(JobOptions):
             )
         if not given.get("distance"):
             raise OptionError(
-                "no distance is given: say how far the point of light was from the camera "
+                "no distance is given: say how far the point source was from the camera "
                 "(--distance 300mm, or infinity)"
             )
         options = cls.checked(given)

@@ -21,7 +21,7 @@ class CalibrateStitchOptions(JobOptions):
     folder
         Of the camera's PSFs; the result is added to it.
     distance
-        Of the point of light; None takes the only one that was captured at angles.
+        Of the point source; None takes the only one that was captured at angles.
     reduced
         Reduced thickness between mask and sensor, where the folder has no camera.toml.
     """

@@ -20,7 +20,7 @@ class CaptureOptions(JobOptions):
         File to write (.dng, .tif, .npy), whose name is numbered where there are several; without
         a suffix, a folder for numbered files.
     kind
-        What the frames show: a scene, nothing (the camera is covered), or a point of light.
+        What the frames show: a scene, nothing (the camera is covered), or a point source.
     source
         Text for `nolens.capture.open_source`.
     scene

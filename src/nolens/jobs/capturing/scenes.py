@@ -45,7 +45,7 @@ class Stage:
             reporter.note("the simulated camera is covered")
             source.show_dark()
         elif self._kind == "psf":
-            reporter.note("the simulated camera looks at a point of light, straight ahead")
+            reporter.note("the simulated camera looks at a point source, straight ahead")
             source.show_point()
         elif self._paths:
             source.show(read_picture(self._paths[0]).radiance)

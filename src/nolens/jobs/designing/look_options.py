@@ -28,7 +28,7 @@ class LookOptions(Thicknesses):
     thickness
         Of layers, by their names, in place of the camera's.
     distance
-        Of the point of light; None takes the camera's reference_distance.
+        Of the point source; None takes the camera's reference_distance.
     output
         Picture of the PSF to write (.png).
     """

@@ -86,7 +86,7 @@ class ThicknessOptions(JobOptions):
     wavelength
         Of the light.
     distance
-        From the camera to the point of light.
+        From the camera to the point source.
     plot
         Picture to write.
     output
@@ -149,7 +149,7 @@ class ThicknessOptions(JobOptions):
 
     @property
     def source_um(self) -> float:
-        """Distance of the point of light in um."""
+        """Distance of the point source in um."""
         return self.distance.um if isinstance(self.distance, Length) else float("inf")
 
     @property

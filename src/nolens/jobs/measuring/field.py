@@ -181,7 +181,7 @@ def _of_twin(
         farthest = PointSource((0.0, math.tan(options.angles[-1].rad)), away)
         bare.check_source(farthest)
         points, patterns = 1, len(options.angles) + 1
-        tick = partial(reporter.advance, f"{len(options.angles)} points of light")
+        tick = partial(reporter.advance, f"{len(options.angles)} point sources")
     _foretell(opened, bare, farthest, patterns, options, reporter)
     reporter.advance("mask", 0.0)
     bench = OpticalBench.of(opened, field_points=points)

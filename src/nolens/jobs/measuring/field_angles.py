@@ -28,7 +28,7 @@ class OffAxis:
     Parameters
     ----------
     angle_deg
-        Between the axis and the point of light.
+        Between the axis and the point source.
     correlation
         Peak of the cross-correlation of the two frames as the sensor has them, each by its own
         norm.
@@ -72,7 +72,7 @@ def off_axis(
     seed: int = 0,
     tick: Tick | None = None,
 ) -> list[OffAxis]:
-    """Capture points of light beside the camera, and compare each with the one straight ahead.
+    """Capture point sources beside the camera, and compare each with the one straight ahead.
 
     Frames have the sensor's noise, and each its own exposure, as they are taken in the laboratory.
 
@@ -188,7 +188,7 @@ class Rays:
     Parameters
     ----------
     angle_deg
-        Between the axis and the point of light.
+        Between the axis and the point source.
     shift_um, overlap_width, overlap_height, light
         How far it moves; the share of the frame that is left, to the side and upwards; the light.
     """

@@ -48,9 +48,9 @@ class MeasureFieldOptions(JobOptions):
     dots
         Picture of a grid of dots.
     angles
-        Of the points of light that are simulated.
+        Of the point sources that are simulated.
     dot_pitch, distance
-        Of the grid; the distance also of the points of light (None: the camera's own).
+        Of the grid; the distance also of the point sources (None: the camera's own).
     reach
         Half angle up to which there are dots.
     camera

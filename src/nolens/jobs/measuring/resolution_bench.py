@@ -106,7 +106,7 @@ def two_point_resolution(
     settings: SolverSettings | None = None,
     tick: Tick | None = None,
 ) -> TwoPoints:
-    """Find the smallest angle between two points of light that a simulated camera resolves.
+    """Find the smallest angle between two point sources that a simulated camera resolves.
 
     Each separation is photographed `draws` times, each time with other noise and with the middle
     of the points at another place within a cell, and the dips are averaged (`point_pair`). The

@@ -77,7 +77,7 @@ def read_depth_psfs(options: RefocusOptions, measurement: Measurement) -> DepthP
     entries = read_psf_set(options.psfs).by_distance(_KINDS)
     if not entries:
         raise DataError(
-            f"the PSFs in {options.psfs} are all of points of light beside the axis: refocusing "
+            f"the PSFs in {options.psfs} are all of point sources beside the axis: refocusing "
             "needs those straight ahead, at several distances (nolens calibrate)"
         )
     camera = _camera(options.psfs)

@@ -50,7 +50,7 @@ def _reach_cells(work: Workbench) -> float:
 
 
 def _correlated(work: Workbench, tick: Tick) -> Found:
-    """Correlation, overlap and light of a point of light at every angle."""
+    """Correlation, overlap and light of a point source at every angle."""
     found = off_axis(
         work.bench, angles_deg(work), distance_um=SCREEN_UM, diameter_um=PINHOLE_UM,
         seed=work.seed, tick=tick,

@@ -12,7 +12,7 @@ _SPREAD_OVER = "direction_magnitude"
 
 
 def steps(work: Workbench) -> tuple[Step, ...]:
-    """One frame of the paper's point of light, and its figures."""
+    """One frame of the paper's point source, and its figures."""
     return (
         Step(
             "psf", "fig. 5: the PSF", work.parameters(), 2.0 + work.psf_seconds(),

@@ -22,7 +22,7 @@ from nolens.twin import Twin
 NEEDED_BY = "the scenes of the report come"
 """What scikit-image's photographs are for, as `check_sample_pictures` takes it."""
 PINHOLE_UM = 50.0
-"""The paper's point of light: a white LED behind a pinhole, at 300 mm (`uvimprint`, sec. III)."""
+"""The paper's point source: a white LED behind a pinhole, at 300 mm (`uvimprint`, sec. III)."""
 SCREEN_UM = 300e3
 TAU = 1e-5
 
@@ -144,7 +144,7 @@ class Workbench:
 
     @property
     def source(self) -> PointSource:
-        """The paper's point of light."""
+        """The paper's point source."""
         return PointSource(distance_um=SCREEN_UM, diameter_um=PINHOLE_UM)
 
     def picture(self, name: str) -> Tensor:

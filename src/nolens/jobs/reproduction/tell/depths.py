@@ -58,7 +58,7 @@ def magnification(work: Workbench, found: Mapping[str, Found]) -> Draft:
         names=("3 cm", "8 cm", "20 cm"), cell_um=work.outline.cell_um,
     )  # fmt: skip
     caption = (
-        "The PSF at the middle of the sensor's right edge for a point of light at three "
+        "The PSF at the middle of the sensor's right edge for a point source at three "
         "distances, binarised and laid over each other as in fig. 8a. Where all agree it is black."
     )
     return Draft(

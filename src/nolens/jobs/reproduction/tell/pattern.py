@@ -20,7 +20,7 @@ _LOWEST_PER_MM = 3.0
 
 
 def psf(work: Workbench, found: Mapping[str, Found]) -> Draft:
-    """Figures of one frame of the point of light."""
+    """Figures of one frame of the point source."""
     reason = refusal(found, ("psf",))
     if reason is not None:
         return empty("psf", _TITLE, _KEYS, reason)

@@ -1,6 +1,6 @@
 // @ts-check
 /**
- * Rays of a far point of light through plane layers and a lenslet. A ray is known by p = n sin θ, which plane
+ * Rays of a far point source through plane layers and a lenslet. A ray is known by p = n sin θ, which plane
  * layers do not change; a lenslet of radius R changes it by −h (n' − n) / R at the height h.
  */
 
