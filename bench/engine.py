@@ -18,9 +18,9 @@ from cases import hand
 from nolens.camera import develop
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import read_camera
-from nolens.jobs.reproduction.photographs import SCENES
-from nolens.jobs.reproduction.workbench import FULL, Workbench
 from nolens.operators import Region
+from nolens.reproduction.photographs import SCENES
+from nolens.reproduction.workbench import FULL, Workbench
 from nolens.solvers import Problem, admm
 from nolens.twin import Plane
 from penalties import full_view

@@ -24,13 +24,13 @@ from machine import describe
 from nolens.calibrate.surround import filled
 from nolens.camera import PsfEntry, develop
 from nolens.evaluate import psnr, scale_fit
+from nolens.experiments.virtual_experiment import SimulatedMeasurement, VirtualExperiment, solved
 from nolens.files import read_camera, write_camera, write_png, write_psfs
 from nolens.jobs import CalibrateStitchOptions, Reporter, calibrate_stitch
-from nolens.jobs.optical_bench import OpticalBench, Photographed, solved
-from nolens.jobs.reproduction.photographs import PAPERS_PENALTIES, PAPERS_TAU
 from nolens.jobs.sample_pictures import sample_picture
 from nolens.operators import Geometry, Region
 from nolens.optics import PointSource
+from nolens.reproduction.photographs import PAPERS_PENALTIES, PAPERS_TAU
 from nolens.solvers import Problem, admm
 from nolens.twin import Plane
 
@@ -49,7 +49,7 @@ class Quiet(Reporter):
         print(f"warning: {text}", file=sys.stderr)
 
 
-def captures(bench: OpticalBench) -> dict[PsfEntry, Tensor]:
+def captures(bench: VirtualExperiment) -> dict[PsfEntry, Tensor]:
     """PSFs of nine lights, each the mean of some frames; all angles but one are off."""
     generator = torch.Generator().manual_seed(1)
     edge = SCENE_DEG / 2 + MORE_DEG
@@ -77,7 +77,9 @@ def captures(bench: OpticalBench) -> dict[PsfEntry, Tensor]:
     return found
 
 
-def scene_of(shot: Photographed, psf: Tensor, region: Region | None) -> tuple[Tensor, float]:
+def scene_of(
+    shot: SimulatedMeasurement, psf: Tensor, region: Region | None
+) -> tuple[Tensor, float]:
     """The reconstruction on the scene's cells, and the seconds it took."""
     start = time.perf_counter()
     seen = solved(shot.frame, psf, region, iterations=ITERATIONS, tau=TAU)
@@ -85,7 +87,7 @@ def scene_of(shot: Photographed, psf: Tensor, region: Region | None) -> tuple[Te
     return (shown(seen, shot, psf) if region is None else seen), seconds
 
 
-def as_the_paper(shot: Photographed, psf: Tensor) -> tuple[Tensor, float]:
+def as_the_paper(shot: SimulatedMeasurement, psf: Tensor) -> tuple[Tensor, float]:
     """The same with fixed penalties, as published codes for such cameras have them."""
     start = time.perf_counter()
     seen = develop(shot.frame)
@@ -97,7 +99,7 @@ def as_the_paper(shot: Photographed, psf: Tensor) -> tuple[Tensor, float]:
     return shown(scene, shot, psf), time.perf_counter() - start
 
 
-def shown(scene: Tensor, shot: Photographed, psf: Tensor) -> Tensor:
+def shown(scene: Tensor, shot: SimulatedMeasurement, psf: Tensor) -> Tensor:
     """The scene's cells of a reconstruction that was not confined to them."""
     sensor = develop(shot.frame).values.shape[-2:]
     size = (psf.shape[-2], psf.shape[-1])
@@ -113,7 +115,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=OUT)
     arguments = parser.parse_args()
     opened = read_camera(arguments.camera)
-    bench = OpticalBench.of(opened)
+    bench = VirtualExperiment.of(opened)
     picture = sample_picture("astronaut", "the benchmark")
     shot = bench.photograph((Plane(picture, SCENE_DEG, DISTANCE_UM),), seed=1)
     psfs = captures(bench)

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from nolens.camera import OpenCamera, opened, preset
-from nolens.jobs.optical_bench import OpticalBench
+from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.optics import PointSource
 from nolens.quantities import Length
 
@@ -59,7 +59,7 @@ def lights(half_deg: float, error_deg: float, seed: int = 3) -> list[Light]:
     return found
 
 
-def captured(bench: OpticalBench, light: Light, frames: int = 4) -> Tensor:
+def captured(bench: VirtualExperiment, light: Light, frames: int = 4) -> Tensor:
     """Mean of several frames without black, (channels, rows, columns), not negative."""
     image = bench.light_of(light.source)
     counts = [bench.exposed(image, 0.9, seed).counts for seed in range(frames)]

@@ -12,7 +12,7 @@ from nolens.calibrate.point import on_cells
 from nolens.calibrate.point_frames import FrameMean
 from nolens.camera import Frame, opened, preset
 from nolens.evaluate import psnr, scale_fit
-from nolens.jobs.optical_bench import OpticalBench
+from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.jobs.raw import write_raw
 from nolens.optics import PointSource
 
@@ -21,13 +21,13 @@ DARK = 1e-9
 
 
 @cache
-def bench(name: str, size: tuple[int, int] | None = None) -> OpticalBench:
+def bench(name: str, size: tuple[int, int] | None = None) -> VirtualExperiment:
     """A preset, with a smaller sensor of the same pixels, in light that all its colours see."""
     camera = preset(name)
     if size is not None:
         sensor = camera.sensor.model_copy(update={"rows": size[0], "columns": size[1]})
         camera = camera.model_copy(update={"sensor": sensor})
-    return OpticalBench.of(opened(camera), light="white-led")
+    return VirtualExperiment.of(opened(camera), light="white-led")
 
 
 @cache
@@ -46,7 +46,7 @@ class Shot:
     light of other sources, as a share of the pattern's peak.
     """
 
-    camera: OpticalBench
+    camera: VirtualExperiment
     light: Tensor
     warm: Tensor | None = None
     veil: Tensor | None = None

@@ -15,8 +15,8 @@ from skimage.data import astronaut
 
 from nolens.cli.main import main
 from nolens.evaluate import affine_fit, psnr
+from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import read_camera, read_frame
-from nolens.jobs.optical_bench import OpticalBench
 
 PIXELS = (320, 400)
 SCENE_DEG = 8.3
@@ -49,7 +49,7 @@ def camera(folder: Path) -> Path:
 def test_stitched_from_noisy_frames(tmp_path: Path) -> None:
     """Nine places of the light, half a degree off what is written down."""
     described = camera(tmp_path)
-    bench = OpticalBench.of(read_camera(described))
+    bench = VirtualExperiment.of(read_camera(described))
     mine = tmp_path / "mine"
     for number, light in enumerate(lights(SCENE_DEG / 2 + 1, 0.5)):
         shot = Shot(bench, bench.light_of(light.source))

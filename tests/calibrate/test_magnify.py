@@ -11,8 +11,8 @@ from torch import Tensor
 
 from nolens.calibrate.magnify import covered, magnified
 from nolens.errors import OptionError
+from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import read_camera
-from nolens.jobs.optical_bench import OpticalBench
 from nolens.optics import PointSource
 
 CELLS = (61, 80)
@@ -69,7 +69,7 @@ def test_no_magnification(factor: float) -> None:
 
 def test_the_twin_at_another_distance() -> None:
     """Wave optics at 25 mm and at 200 mm: the same pattern, larger by 1 + D/z."""
-    bench = OpticalBench.of(read_camera("small"), light="550nm")
+    bench = VirtualExperiment.of(read_camera("small"), light="550nm")
     cells = (128, 160)
     far, near = (bench.psf(PointSource(distance_um=z), cells)[1:2] for z in (200e3, 25e3))
     reduced = bench.twin.stack().reduced_um

@@ -13,7 +13,7 @@ from nolens.calibrate.register import Match
 from nolens.calibrate.stitch import Capture, Stitched, locate, stitch
 from nolens.calibrate.stitch_place import Pair, Placement
 from nolens.evaluate import psnr, scale_fit
-from nolens.jobs.optical_bench import OpticalBench, Photographed, solved
+from nolens.experiments.virtual_experiment import SimulatedMeasurement, VirtualExperiment, solved
 from nolens.optics import PointSource
 from nolens.quantities import Angle
 from nolens.twin import Plane
@@ -22,12 +22,12 @@ ROWS, COLUMNS, SCENE_DEG = 192, 240, 8.3
 
 
 @pytest.fixture(scope="module")
-def bench() -> OpticalBench:
-    return OpticalBench.of(grey_camera(ROWS, COLUMNS))
+def bench() -> VirtualExperiment:
+    return VirtualExperiment.of(grey_camera(ROWS, COLUMNS))
 
 
 def captures(
-    bench: OpticalBench, error_deg: float
+    bench: VirtualExperiment, error_deg: float
 ) -> tuple[list[Capture], list[tuple[float, float]]]:
     """Captures with noise, placed by their stated angles, and where their light really fell."""
     layers = Layers.of_camera(bench.twin.camera)
@@ -43,7 +43,7 @@ def captures(
 
 
 @pytest.fixture(scope="module")
-def made(bench: OpticalBench) -> tuple[Stitched, list[tuple[float, float]]]:
+def made(bench: VirtualExperiment) -> tuple[Stitched, list[tuple[float, float]]]:
     found, truth = captures(bench, 0.5)
     return stitch(found, locate(found, 4), 4), truth
 
@@ -62,7 +62,7 @@ def test_where_the_light_really_was(made: tuple[Stitched, list[tuple[float, floa
 
 
 def test_is_the_wide_psf(
-    made: tuple[Stitched, list[tuple[float, float]]], bench: OpticalBench
+    made: tuple[Stitched, list[tuple[float, float]]], bench: VirtualExperiment
 ) -> None:
     found, truth = made
     rows, columns = found.psf.shape[-2:]
@@ -93,7 +93,7 @@ def gamma_free() -> Tensor:
     return picture.square()[None]
 
 
-def quality(shot: Photographed, psf: Tensor, *, confined: bool = True) -> float:
+def quality(shot: SimulatedMeasurement, psf: Tensor, *, confined: bool = True) -> float:
     """PSNR of the reconstruction, against what each cell of the scene gives."""
     seen = solved(shot.frame, psf, shot.region if confined else None, iterations=60)
     truth = shot.truth * shot.response
@@ -101,7 +101,7 @@ def quality(shot: Photographed, psf: Tensor, *, confined: bool = True) -> float:
 
 
 def test_a_dense_scene_needs_it(
-    made: tuple[Stitched, list[tuple[float, float]]], bench: OpticalBench
+    made: tuple[Stitched, list[tuple[float, float]]], bench: VirtualExperiment
 ) -> None:
     """As much of the sensor as 56 degrees are of the paper's: 10 dB, angles half a degree off."""
     shot = bench.photograph((Plane(gamma_free(), SCENE_DEG, DISTANCE_UM),), seed=1)

@@ -9,7 +9,7 @@ from torch import Tensor
 from nolens.calibrate.surround import extend, filled, steps
 from nolens.camera import develop
 from nolens.evaluate import psnr, scale_fit
-from nolens.jobs.optical_bench import OpticalBench, Photographed, solved
+from nolens.experiments.virtual_experiment import SimulatedMeasurement, VirtualExperiment, solved
 from nolens.operators import Region
 from nolens.optics import PointSource
 from nolens.twin import Plane
@@ -18,21 +18,21 @@ ROWS, COLUMNS, SCENE_DEG = 128, 160, 5.5
 
 
 @pytest.fixture(scope="module")
-def bench() -> OpticalBench:
-    return OpticalBench.of(grey_camera(ROWS, COLUMNS), field_points=3)
+def bench() -> VirtualExperiment:
+    return VirtualExperiment.of(grey_camera(ROWS, COLUMNS), field_points=3)
 
 
 @pytest.fixture(scope="module")
-def captured(bench: OpticalBench) -> Tensor:
+def captured(bench: VirtualExperiment) -> Tensor:
     return bench.psf(PointSource(distance_um=DISTANCE_UM, diameter_um=50.0))
 
 
-def photograph(bench: OpticalBench, picture: Tensor, seed: int) -> Photographed:
+def photograph(bench: VirtualExperiment, picture: Tensor, seed: int) -> SimulatedMeasurement:
     return bench.photograph((Plane(picture[None], SCENE_DEG, DISTANCE_UM),), seed=seed)
 
 
 @pytest.fixture(scope="module")
-def shots(bench: OpticalBench) -> list[Photographed]:
+def shots(bench: VirtualExperiment) -> list[SimulatedMeasurement]:
     pictures = [astronaut()[..., 1], camera(), coffee()[:, 100:500, 1]]
     return [
         photograph(bench, (torch.from_numpy(each.copy()).float() / 255).square(), seed)
@@ -40,14 +40,14 @@ def shots(bench: OpticalBench) -> list[Photographed]:
     ]
 
 
-def quality(shot: Photographed, psf: Tensor) -> float:
+def quality(shot: SimulatedMeasurement, psf: Tensor) -> float:
     seen = solved(shot.frame, psf, shot.region, iterations=60)
     truth = shot.truth * shot.response
     return psnr(scale_fit(seen, truth), truth, 1.0)
 
 
 def test_pictures_that_were_left_out(
-    bench: OpticalBench, captured: Tensor, shots: list[Photographed]
+    bench: VirtualExperiment, captured: Tensor, shots: list[SimulatedMeasurement]
 ) -> None:
     region = shots[0].region
     mean = filled(captured, region)
@@ -77,7 +77,7 @@ def test_pictures_that_were_left_out(
     assert float((pattern * estimate).sum() / (pattern.norm() * estimate.norm())) > 0.5
 
 
-def test_noise_shows_nothing(bench: OpticalBench, captured: Tensor) -> None:
+def test_noise_shows_nothing(bench: VirtualExperiment, captured: Tensor) -> None:
     """What a dark picture does not tell is not made up."""
     picture = (torch.from_numpy(astronaut()[..., 1].copy()).float() / 255).square()
     plane = Plane(picture[None], SCENE_DEG, DISTANCE_UM)
@@ -87,7 +87,7 @@ def test_noise_shows_nothing(bench: OpticalBench, captured: Tensor) -> None:
     assert torch.equal(found.psf, filled(captured, shot.region))
 
 
-def test_stopped(captured: Tensor, shots: list[Photographed]) -> None:
+def test_stopped(captured: Tensor, shots: list[SimulatedMeasurement]) -> None:
     measured = [develop(shots[0].frame)]
     region = shots[0].region
     at_once = extend(captured, measured, region, rounds=3, tau=1e-5, step=lambda done: True)

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from nolens.calibrate.point import on_cells
 from nolens.camera import opened, preset
-from nolens.jobs.optical_bench import OpticalBench
+from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.jobs.raw import write_raw
 from nolens.optics import PointSource
 
@@ -19,8 +19,8 @@ OFF_AXIS_DEG = (0.2, -0.1)
 
 
 @cache
-def bench() -> OpticalBench:
-    return OpticalBench.of(opened(preset("small")), light="535nm")
+def bench() -> VirtualExperiment:
+    return VirtualExperiment.of(opened(preset("small")), light="535nm")
 
 
 @cache

@@ -14,9 +14,9 @@ from torch import Tensor
 
 from nolens.camera import PsfEntry, preset
 from nolens.files import read_camera, write_camera, write_psfs, write_tiff32
-from nolens.jobs.outline import outline
 from nolens.optics import PointSource
 from nolens.quantities import Angle, Length
+from nolens.twin.preview import preview_model
 
 CELLS = (128, 160)
 CELL_UM = 3.1
@@ -54,7 +54,7 @@ def entry(degrees: tuple[float, float], **more: Any) -> PsfEntry:
 
 def captured(degrees: tuple[float, float], share: float) -> Tensor:
     """What the sensor sees of a pattern that moves by Snell's law and changes by a share."""
-    twin = outline(read_camera("small"), fresnel=False)
+    twin = preview_model(read_camera("small"), fresnel=False)
     right, up = (math.tan(math.radians(each)) for each in degrees)
     down, across = (round(each / CELL_UM) for each in twin.shift_um(PointSource((-up, right))))
     wide = share * texture() + (1 - share) * texture().flip(0, 1)
@@ -149,7 +149,7 @@ def test_plot_and_record(folder: Path, tmp_path: Path) -> None:
 
 def dots(pitch_mm: float = 24.0) -> Tensor:
     """Dots of a grid at 300 mm up to 30°, where the small camera's layers put them."""
-    twin = outline(read_camera("small"), fresnel=False)
+    twin = preview_model(read_camera("small"), fresnel=False)
     found = torch.zeros(480, 480)
     most = int(0.5 / (pitch_mm / 300))
     at = torch.arange(480.0)

@@ -14,9 +14,9 @@ from torch import Tensor
 
 from nolens.camera import develop
 from nolens.evaluate import siemens_star, slanted_edge, star_contrast
+from nolens.experiments.resolution import AngularScale
+from nolens.experiments.virtual_experiment import VirtualExperiment, solved
 from nolens.files import read_camera, read_picture, write_png, write_tiff32
-from nolens.jobs.measuring.resolution_scale import AngularScale
-from nolens.jobs.optical_bench import OpticalBench, solved
 from nolens.jobs.raw import write_raw
 from nolens.operators import Region
 from nolens.optics import PointSource
@@ -36,12 +36,12 @@ def measured(*arguments: object) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def bench() -> OpticalBench:
-    return OpticalBench.of(read_camera("small"), light="535nm")
+def bench() -> VirtualExperiment:
+    return VirtualExperiment.of(read_camera("small"), light="535nm")
 
 
 @pytest.fixture(scope="module")
-def captured(bench: OpticalBench, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def captured(bench: VirtualExperiment, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Raw frames of two points at some separations, the PSF, and one reconstructed picture."""
     folder = tmp_path_factory.mktemp("frames")
     distance_um = DISTANCE_MM * 1e3

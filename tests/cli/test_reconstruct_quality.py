@@ -17,9 +17,9 @@ from nolens.camera import preset
 from nolens.errors import DataError, FileError, OptionError
 from nolens.files import read_camera, read_frame
 from nolens.jobs import ReconstructOptions, reconstruct
-from nolens.jobs.outline import outline
 from nolens.solvers import Progress
 from nolens.twin import FieldMap
+from nolens.twin.preview import preview_model
 
 
 def solved(camera: Camera, out: Path, *asked: object) -> dict[str, object]:
@@ -182,7 +182,7 @@ def test_field_is_the_region_that_the_camera_sees(tmp_path: Path) -> None:
     asked = ("reconstruct", raw, "--psf", psf, "-o", tmp_path / "o.png", "--iterations", 2)
     done = run(*asked, "--field", "30deg", "--camera", "small")
     assert done.code == 0, done.err
-    twin = outline(read_camera("small"), fresnel=False)
+    twin = preview_model(read_camera("small"), fresnel=False)
     tangent = math.tan(math.radians(15))
     region = FieldMap.covering(twin, (tangent, tangent)).region
     assert read_frame(tmp_path / "o.png").counts.shape[1:] == (region.height, region.width)

@@ -12,10 +12,10 @@ from nolens.camera import camera_from_mapping, opened, preset
 from nolens.errors import OptionError
 from nolens.files import read_camera
 from nolens.jobs.cost import Cost, announce, check_memory, colours_of, cost_of, pattern_size
-from nolens.jobs.outline import outline, relief_points
 from nolens.optics import PointSource
 from nolens.quantities import Length
 from nolens.twin import Light, Twin
+from nolens.twin.preview import preview_model, relief_points
 
 CPU = torch.device("cpu")
 
@@ -53,7 +53,7 @@ def test_more_than_the_machine_has(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_samples_of_a_pattern() -> None:
     """All of the pattern, and around each window at least what the relief's slopes reach."""
-    twin = outline(read_camera("paper"), fresnel=False)
+    twin = preview_model(read_camera("paper"), fresnel=False)
     near, far = (PointSource((0.0, 0.3), distance) for distance in (10e3, math.inf))
     size = pattern_size(twin, far, (1520, 2028), 2, at_least=2, shortest=450.0)
     assert size.kept == 6080 * 8112 < size.intensity < 1.6 * size.kept
@@ -82,7 +82,7 @@ def test_many_small_windows_take_long() -> None:
     )
     seconds = []
     for each in (camera, large):
-        twin = outline(opened(each), fresnel=False)
+        twin = preview_model(opened(each), fresnel=False)
         near = PointSource(distance_um=3e5)
         size = pattern_size(twin, near, (1520, 2028), 2, at_least=1, shortest=450.0)
         seconds.append(cost_of(size, 9, points=0, held=0).seconds)
@@ -91,7 +91,7 @@ def test_many_small_windows_take_long() -> None:
 
 def test_outline_is_as_steep_as_the_relief() -> None:
     opened = read_camera("small")
-    twin, whole = outline(opened, fresnel=True), Twin.of(opened, fresnel=True)
+    twin, whole = preview_model(opened, fresnel=True), Twin.of(opened, fresnel=True)
     assert twin.camera == whole.camera and twin.fresnel
     assert 0.7 < twin.mask.relief.steepest / whole.mask.relief.steepest <= 1
     points = whole.mask.relief.height_um.numel()
@@ -99,6 +99,6 @@ def test_outline_is_as_steep_as_the_relief() -> None:
 
 
 def test_wavelengths_of_all_channels() -> None:
-    twin = outline(read_camera("small"), fresnel=False)
+    twin = preview_model(read_camera("small"), fresnel=False)
     assert [len(each) for each in colours_of(twin, Light("white-led"), 3)] == [3, 3, 3]
     assert colours_of(twin, Light("535nm"), 3) == [((535.0, 1.0),)] * 3

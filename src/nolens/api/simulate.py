@@ -12,15 +12,15 @@ from nolens.api.inputs import Scene, distance_um, radiance_of, source_of
 from nolens.api.progress import Progress, reported
 from nolens.camera import Frame, OpenCamera, ReliefFile, develop
 from nolens.errors import DataError, OptionError
+from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import read_camera
-from nolens.jobs.optical_bench import OpticalBench
-from nolens.jobs.outline import outline
-from nolens.jobs.scene_channels import in_channels
 from nolens.operators import Region
 from nolens.quantities import Angle, Length
 from nolens.solvers.inputs import Plane, channels_of
 from nolens.twin import Light, Twin
 from nolens.twin import Plane as ScenePlane
+from nolens.twin.preview import preview_model
+from nolens.twin.scene import in_channels
 
 
 class Camera:
@@ -69,12 +69,12 @@ class Camera:
     @property
     def pixel_um(self) -> float:
         """Distance of the pixels of a measurement; of a mosaic, that of the superpixels."""
-        return outline(self.opened).cell_um
+        return preview_model(self.opened).cell_um
 
     @cached_property
     def size(self) -> tuple[int, int]:
         """(height, width) of a measurement in pixels; of a mosaic, superpixels of 2×2."""
-        return self._read(outline(self.opened)).cells
+        return self._read(preview_model(self.opened)).cells
 
     @cached_property
     def twin(self) -> Twin:
@@ -194,7 +194,7 @@ def psf(
     if support is not None:
         rows, columns = camera.size
         size = (rows + support.height, columns + support.width)
-    bench = OpticalBench(camera.twin, Light(light), wavelengths)
+    bench = VirtualExperiment(camera.twin, Light(light), wavelengths)
     source = source_of(distance, angle, diameter)
     with reported(progress, "PSF") as tick:
         values = bench.psf(source, size, tick)
@@ -234,7 +234,7 @@ def simulate_point(
     OptionError
         If a quantity or the light cannot be used.
     """
-    bench = OpticalBench(camera.twin, Light(light), wavelengths)
+    bench = VirtualExperiment(camera.twin, Light(light), wavelengths)
     with reported(progress, "point source") as tick:
         return bench.point(source_of(distance, angle, diameter), fill=fill, seed=seed, tick=tick)
 
@@ -289,7 +289,7 @@ def simulate(
     plane = ScenePlane(
         in_channels(radiance, len(camera.channels)), whole.deg, distance_um(distance), opacity
     )
-    bench = OpticalBench(camera.twin, Light(light), wavelengths, field_points)
+    bench = VirtualExperiment(camera.twin, Light(light), wavelengths, field_points)
     with reported(progress, "measurement") as tick:
         shot = bench.photograph((plane,), fill=fill, seed=seed, tick=tick)
     values = develop(shot.frame).values

@@ -9,8 +9,8 @@ from cyclopts import Parameter
 from nolens.cli.app import Json, Output, Whole, given_options
 from nolens.cli.messages import show
 from nolens.cli.terminal import TerminalReporter
-from nolens.jobs import ReproduceOptions
-from nolens.jobs import reproduce as run
+from nolens.reproduction import ReproduceOptions
+from nolens.reproduction import reproduce as run
 
 
 def reproduce(

@@ -44,7 +44,6 @@ from .refocusing.refocus import RefocusOutcome, refocus
 from .relief import ReliefOutcome, replace_relief
 from .relief_options import ReliefOptions
 from .reporter import Reporter
-from .reproduction import ReproduceOptions, ReproduceOutcome, reproduce
 from .scene_options import PsfOptions, SimulateOptions
 from .simulation import SimulationOutcome, simulate
 
@@ -79,8 +78,6 @@ __all__ = [
     "ReliefOptions",
     "ReliefOutcome",
     "Reporter",
-    "ReproduceOptions",
-    "ReproduceOutcome",
     "ResolutionOutcome",
     "SiemensOptions",
     "SimulateOptions",
@@ -113,7 +110,6 @@ __all__ = [
     "reconstruct",
     "refocus",
     "replace_relief",
-    "reproduce",
     "run_demo",
     "simulate",
     "simulate_psf",

@@ -4,9 +4,9 @@ import math
 from typing import Any
 
 from nolens.camera import OpenCamera
-from nolens.jobs.outline import outline
 from nolens.optics import PointSource
 from nolens.twin import REFERENCE_NM
+from nolens.twin.preview import preview_model
 
 _ANGLES_DEG = (10, 30, 50)
 _DEPTH_MM = 80.0
@@ -28,7 +28,7 @@ def camera_facts(opened: OpenCamera) -> dict[str, Any]:
         in um by the field angle in degrees; electrons at which a pixel clips; names of the
         curves that are placeholders.
     """
-    twin = outline(opened)
+    twin = preview_model(opened)
     camera, sensor = opened.camera, opened.camera.sensor
     near = twin.illumination(PointSource(distance_um=_DEPTH_MM * 1e3), REFERENCE_NM)
     curves = {

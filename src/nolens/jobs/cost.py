@@ -88,7 +88,7 @@ def pattern_size(
     Parameters
     ----------
     twin
-        The camera, as `outline` gives it.
+        The camera, as `preview_model` gives it.
     source
         The point source.
     cells

@@ -18,15 +18,16 @@ from nolens.files import (
     write_together,
 )
 from nolens.jobs.cost import announce, check_memory, colours_of, cost_of, pattern_size
-from nolens.jobs.outline import distance_um, relief_points
-from nolens.jobs.raw import expose_safely, write_raw
+from nolens.jobs.raw import write_raw
 from nolens.jobs.reporter import Reporter
 from nolens.jobs.run import Run
 from nolens.jobs.scene_options import PsfOptions
 from nolens.optics import PointSource
 from nolens.quantities import Share
 from nolens.twin import Twin, mosaic, photocurrents, point_spread
+from nolens.twin.expose import expose_safely
 from nolens.twin.point import Frame, shortest_nm
+from nolens.twin.preview import distance_um, relief_points
 
 _FILL = Share("90", "%")
 _REMEDY = "fewer --cells, a camera with fewer pixels or a coarser grid of its relief needs less"
@@ -78,7 +79,7 @@ def simulate_psf(options: PsfOptions, reporter: Reporter) -> PsfOutcome:
         If an input, an option or an output cannot be used.
     """
     run = Run.begin(options)
-    opened, device, light, bare = run.opened, run.device, run.light, run.outline
+    opened, device, light, bare = run.opened, run.device, run.light, run.preview
     sensor = opened.camera.sensor
     captured = options.output.suffix.lower() == ".dng"
     shape = _shape(options, opened, captured)

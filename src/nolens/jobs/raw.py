@@ -7,7 +7,6 @@ from torch import Tensor
 from nolens.camera import Sensor
 from nolens.errors import OptionError
 from nolens.files import check_output, write_counts, write_dng
-from nolens.twin import expose
 
 _TIFF = (".tif", ".tiff")
 """Of any figure of a sensor; counts are computed in float32."""
@@ -43,21 +42,6 @@ def check_raw(path: Path, sensor: Sensor, more: tuple[str, ...] = ()) -> None:
             f"{path.name} would be a DNG with a whole black level, and the sensor {sensor.name!r} "
             f"has {sensor.black_counts:g}: write {path.with_suffix('.tif').name}, or round it"
         )
-
-
-def expose_safely(electrons: Tensor, sensor: Sensor, *, seed: int) -> Tensor:
-    """Counts of one frame; far beyond the full well, more light changes nothing.
-
-    Parameters
-    ----------
-    electrons
-        Mean electrons of every pixel.
-    sensor
-        Its figures.
-    seed
-        Of the noise.
-    """
-    return expose(electrons.clamp(max=10 * sensor.full_well_electrons + 1000), sensor, seed=seed)
 
 
 def write_raw(path: Path, counts: Tensor, sensor: Sensor, exposure_s: float | None = None) -> None:

@@ -24,7 +24,6 @@ from nolens.files.folder import check_folder
 from nolens.jobs.clock import Clock
 from nolens.jobs.copied import copied_curves
 from nolens.jobs.given import check_apart
-from nolens.jobs.outline import outline
 from nolens.jobs.relief_options import RECORD_FILE, RELIEF_FILE, ReliefOptions
 from nolens.jobs.relief_reach import check_points, continued, reach_deg
 from nolens.jobs.reporter import Reporter
@@ -32,6 +31,7 @@ from nolens.optics.measured import Heights, Tilt, filled, levelled, resampled
 from nolens.optics.roughness import ReliefFigures, relief_figures
 from nolens.quantities import Length
 from nolens.twin import Twin
+from nolens.twin.preview import preview_model
 
 _MOST_BAD = 0.05
 
@@ -89,7 +89,7 @@ def replace_relief(options: ReliefOptions, reporter: Reporter) -> ReliefOutcome:
     check_points(heights.shape, pitch_um, grid)
     heights = resampled(heights, pitch_um, grid.um)
     reporter.advance("map", 0.7)
-    bare = outline(opened)
+    bare = preview_model(opened)
     if options.tile:
         heights = continued(heights, bare, grid, warnings)
     made = _with_relief(opened, heights, grid, options)

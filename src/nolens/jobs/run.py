@@ -11,10 +11,10 @@ from nolens.files import InputFile, RunRecord, camera_files, check_output, read_
 from nolens.jobs.clock import Clock
 from nolens.jobs.device import pick_device
 from nolens.jobs.given import check_apart
-from nolens.jobs.outline import outline
 from nolens.jobs.raw import check_raw
 from nolens.jobs.scene_options import CameraOptions
 from nolens.twin import Light, Twin
+from nolens.twin.preview import preview_model
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Run:
         Where to compute.
     light
         Spectrum of the light.
-    outline
+    preview
         The camera with a stand-in for its relief.
     clock
         When it began.
@@ -44,7 +44,7 @@ class Run:
     files: dict[str, Path]
     device: torch.device
     light: Light
-    outline: Twin
+    preview: Twin
     clock: Clock
 
     @classmethod
@@ -63,7 +63,7 @@ class Run:
         files = {**options.inputs, **camera_files(options.camera, opened.camera)}
         check_apart(options, files)
         device, light = pick_device(options.device), Light(options.light)
-        bare = outline(opened, fresnel=options.fresnel)
+        bare = preview_model(opened, fresnel=options.fresnel)
         return cls(options, opened, files, device, light, bare, clock)
 
     @property

@@ -28,11 +28,9 @@ from nolens.jobs.cost import (
     cost_of,
     pattern_size,
 )
-from nolens.jobs.outline import distance_um, relief_points
-from nolens.jobs.raw import expose_safely, write_raw
+from nolens.jobs.raw import write_raw
 from nolens.jobs.reporter import Reporter
 from nolens.jobs.run import Run
-from nolens.jobs.scene_channels import in_channels
 from nolens.jobs.scene_options import SimulateOptions
 from nolens.operators import Region
 from nolens.optics import PointSource
@@ -48,7 +46,10 @@ from nolens.twin import (
     mosaic,
     photocurrents,
 )
+from nolens.twin.expose import expose_safely
 from nolens.twin.point import shortest_nm
+from nolens.twin.preview import distance_um, relief_points
+from nolens.twin.scene import in_channels
 
 _FILL = Share("90", "%")
 _REMEDY = (
@@ -95,7 +96,7 @@ def simulate(options: SimulateOptions, reporter: Reporter) -> SimulationOutcome:
         If an input, an option or an output cannot be used.
     """
     run = Run.begin(options)
-    opened, device, light, bare = run.opened, run.device, run.light, run.outline
+    opened, device, light, bare = run.opened, run.device, run.light, run.preview
     sensor = opened.camera.sensor
     for path in (options.truth, options.response):
         if path is not None:

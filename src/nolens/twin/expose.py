@@ -85,3 +85,18 @@ def mosaic(planes: Tensor, pattern: str) -> Tensor:
         row, column = divmod(cell, 2)
         out[row::2, column::2] = planes["RGB".index(colour), row::2, column::2]
     return out
+
+
+def expose_safely(electrons: Tensor, sensor: Sensor, *, seed: int) -> Tensor:
+    """Counts of one frame; far beyond the full well, more light changes nothing.
+
+    Parameters
+    ----------
+    electrons
+        Mean electrons of every pixel.
+    sensor
+        Its figures.
+    seed
+        Of the noise.
+    """
+    return expose(electrons.clamp(max=10 * sensor.full_well_electrons + 1000), sensor, seed=seed)

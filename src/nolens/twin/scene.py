@@ -162,3 +162,22 @@ def _steps(at: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
         at[0][middle[0], middle[1]] - at[0][max(middle[0] - 1, 0), middle[1]],
         at[1][middle[0], middle[1]] - at[1][middle[0], max(middle[1] - 1, 0)],
     )
+
+
+_LUMINANCE = (0.2126, 0.7152, 0.0722)
+"""Of linear sRGB (IEC 61966-2-1)."""
+
+
+def in_channels(radiance: Tensor, channels: int) -> Tensor:
+    """A linear picture in colour, or its luminance for a sensor of one channel.
+
+    Parameters
+    ----------
+    radiance
+        (3, height, width).
+    channels
+        Of the sensor.
+    """
+    if channels != 1:
+        return radiance
+    return (radiance * torch.tensor(_LUMINANCE)[:, None, None]).sum(dim=0, keepdim=True)

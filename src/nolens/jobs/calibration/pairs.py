@@ -10,6 +10,7 @@ from nolens.calibrate.psf_from_scenes import SolvedPsf, psf_from_scenes, unexpla
 from nolens.camera import PsfEntry
 from nolens.errors import DataError, OptionError
 from nolens.evaluate import affine_fit, psnr, ssim
+from nolens.experiments.virtual_experiment import solved
 from nolens.files import (
     CAMERA_FILE,
     InputFile,
@@ -26,7 +27,6 @@ from nolens.jobs.calibration.pairs_read import ReadPairs, read_pairs
 from nolens.jobs.clock import Clock
 from nolens.jobs.cost import Cost, announce, check_memory
 from nolens.jobs.given import check_apart
-from nolens.jobs.optical_bench import solved
 from nolens.jobs.reporter import Reporter
 
 _ILL_POSED = 3

@@ -16,11 +16,11 @@ from nolens.files import camera_files, check_output, read_camera, readable, writ
 from nolens.jobs.designing.look_options import LookOptions
 from nolens.jobs.given import check_apart
 from nolens.jobs.measuring.rounded import rounded
-from nolens.jobs.outline import distance_um
 from nolens.jobs.reporter import Reporter
 from nolens.optics import PointSource
 from nolens.quantities import Length
 from nolens.twin import REFERENCE_NM, Light, Twin, point_spread
+from nolens.twin.preview import distance_um
 
 _CELLS = 224
 """Sides of the PSF's window: ten pitches of the paper's lenslets."""

@@ -34,10 +34,10 @@ from nolens.jobs.designing.mask_kinds import made_mask, with_relief
 from nolens.jobs.designing.mask_options import PICTURE_FILE, RECORD_FILE, MaskOptions
 from nolens.jobs.device import pick_device
 from nolens.jobs.given import check_apart
-from nolens.jobs.outline import relief_points
 from nolens.jobs.reporter import Reporter
 from nolens.quantities import Length
 from nolens.twin import Light, Twin
+from nolens.twin.preview import relief_points
 
 _PAPERS = RandomLenslets(
     kind="random-lenslets",

@@ -23,10 +23,10 @@ from nolens.design.masks import (
 from nolens.errors import OptionError
 from nolens.jobs.cost import Cost, announce, check_memory, surface_cost
 from nolens.jobs.designing.mask_options import RELIEF_FILE, MaskOptions
-from nolens.jobs.outline import outline
 from nolens.jobs.reporter import Reporter
 from nolens.quantities import Length
 from nolens.twin import REFERENCE_NM, Light, Twin
+from nolens.twin.preview import preview_model
 
 _OVERHANG = Length("1.5", "mm")
 _PER_PIXEL = (1, 2, 4)
@@ -83,7 +83,7 @@ def made_mask(
     OptionError
         If there is no such mask, or it is too steep for any grid.
     """
-    bare = outline(opened)
+    bare = preview_model(opened)
     radius_um = focusing_radius_um(bare) if options.radius is None else options.radius.um
     if options.kind in ("contour", "optimised"):
         return _designed(options, opened, bare, light, device, reporter, radius_um)
@@ -92,7 +92,7 @@ def made_mask(
         grid = pitch if per_pixel == 1 else Length.of(pitch.um / per_pixel, "um")
         made = _described(options, opened, bare, radius_um, grid)
         try:
-            outline(made)
+            preview_model(made)
             break
         except OptionError as error:
             if per_pixel == _PER_PIXEL[-1]:

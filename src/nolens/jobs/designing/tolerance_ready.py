@@ -25,9 +25,9 @@ from nolens.errors import OptionError
 from nolens.files import read_tolerances
 from nolens.jobs.cost import Cost, check_memory, colours_of, cost_of, pattern_size
 from nolens.jobs.designing.tolerance_options import ToleranceOptions
-from nolens.jobs.outline import outline
 from nolens.optics import PointSource
 from nolens.twin import Light
+from nolens.twin.preview import preview_model
 
 _WAVELENGTHS = 3
 _AT_ONCE = 1000
@@ -96,7 +96,7 @@ def prepare(options: ToleranceOptions, opened: OpenCamera) -> Ready:
         place_of(options.solve, parameters, opened.camera)
     cameras = draw(parameters, options.trials, options.seed)
     check_possible(opened.camera, parameters, cameras)
-    outline(opened)  # Refuses a relief that is coarser than it must be.
+    preview_model(opened)  # Refuses a relief that is coarser than it must be.
     patch = Patch.of(opened)
     sharpness.check(patch.twin.sensor_pitch_um, patch.lenslets.pitch_um)
     channels = colours_of(patch.twin, light, _WAVELENGTHS)

@@ -53,10 +53,10 @@ from nolens.jobs.designing.study_budget import study_budget
 from nolens.jobs.fabrication.figures import Workpieces, figures
 from nolens.jobs.fabrication.options import FabricateOptions
 from nolens.jobs.given import check_apart
-from nolens.jobs.outline import relief_points
 from nolens.jobs.reporter import Reporter
 from nolens.optics import Relief
 from nolens.twin import Twin
+from nolens.twin.preview import relief_points
 
 _BYTES_PER_POINT = 30.0
 _SECONDS_PER_POINT = 150e-9

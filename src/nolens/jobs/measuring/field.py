@@ -12,6 +12,9 @@ from torch import Tensor
 
 from nolens.camera import OpenCamera, develop
 from nolens.errors import OptionError
+from nolens.experiments.dot_grid import DotGrid, dot_grid, found_grid, grid_tangents
+from nolens.experiments.off_axis import OffAxis, off_axis, ray_curves
+from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import (
     CAMERA_FILE,
     PSFS_FILE,
@@ -31,18 +34,15 @@ from nolens.files.plot_field import write_angles_plot, write_dots_plot
 from nolens.jobs.clock import Clock
 from nolens.jobs.cost import announce, check_memory, colours_of, cost_of, pattern_size
 from nolens.jobs.given import check_apart
-from nolens.jobs.measuring.field_angles import OffAxis, captured_off_axis, off_axis, ray_curves
-from nolens.jobs.measuring.field_dots import dot_grid
-from nolens.jobs.measuring.field_found import DotGrid, found_grid, grid_tangents
+from nolens.jobs.measuring.field_captured import captured_off_axis
 from nolens.jobs.measuring.field_options import MeasureFieldOptions
 from nolens.jobs.measuring.field_tell import CORRELATIONS, told_angles, told_grid
-from nolens.jobs.optical_bench import OpticalBench
-from nolens.jobs.outline import distance_um, outline, relief_points
 from nolens.jobs.reporter import Reporter
 from nolens.optics import PointSource
 from nolens.quantities import Length
 from nolens.twin import Light, Twin
 from nolens.twin.point import shortest_nm
+from nolens.twin.preview import distance_um, preview_model, relief_points
 
 _FIELD_STEP_DEG = 12.5
 """From one field point to the next, between which PSFs are blended."""
@@ -146,7 +146,7 @@ def _of_picture(options: MeasureFieldOptions, opened: OpenCamera) -> MeasureFiel
     picture = develop(frame, channels="all" if len(frame.channels) == 1 else "grey").values[0]
     assert isinstance(options.distance, Length)
     grid = found_grid(
-        picture, outline(opened), pitch_um=options.dot_pitch.um,
+        picture, preview_model(opened), pitch_um=options.dot_pitch.um,
         distance_um=options.distance.um, reach_deg=options.reach.deg,
     )  # fmt: skip
     return MeasureFieldOutcome(None, grid, told_grid(grid))
@@ -156,7 +156,7 @@ def _of_folder(
     options: MeasureFieldOptions, opened: OpenCamera | None, reporter: Reporter
 ) -> tuple[MeasureFieldOutcome, list[str]]:
     assert options.psfs is not None
-    twin = None if opened is None else outline(opened)
+    twin = None if opened is None else preview_model(opened)
     found, distance, doubts = captured_off_axis(
         options.psfs, twin, partial(reporter.advance, "PSFs")
     )
@@ -168,7 +168,7 @@ def _of_folder(
 def _of_twin(
     options: MeasureFieldOptions, opened: OpenCamera, reporter: Reporter
 ) -> MeasureFieldOutcome:
-    bare = outline(opened)
+    bare = preview_model(opened)
     away = distance_um(options.distance, opened)
     if options.dot_pitch is not None:
         at = grid_tangents(options.dot_pitch.um, away, options.reach.deg)
@@ -184,7 +184,7 @@ def _of_twin(
         tick = partial(reporter.advance, f"{len(options.angles)} point sources")
     _foretell(opened, bare, farthest, patterns, options, reporter)
     reporter.advance("mask", 0.0)
-    bench = OpticalBench.of(opened, field_points=points)
+    bench = VirtualExperiment.of(opened, field_points=points)
     if options.dot_pitch is not None:
         grid = dot_grid(
             bench, pitch_um=options.dot_pitch.um, distance_um=away, reach_deg=options.reach.deg,

@@ -4,8 +4,8 @@ from dataclasses import asdict
 from typing import Any
 
 from nolens.evaluate import falls_to
-from nolens.jobs.measuring.field_angles import OffAxis
-from nolens.jobs.measuring.field_found import DotGrid
+from nolens.experiments.dot_grid import DotGrid
+from nolens.experiments.off_axis import OffAxis
 from nolens.jobs.measuring.rounded import rounded
 
 CORRELATIONS = (0.6, 0.3)

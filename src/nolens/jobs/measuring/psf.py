@@ -31,10 +31,10 @@ from nolens.jobs.clock import Clock
 from nolens.jobs.given import check_apart
 from nolens.jobs.measuring.psf_options import MeasurePsfOptions
 from nolens.jobs.measuring.rounded import rounded
-from nolens.jobs.outline import outline
 from nolens.jobs.reporter import Reporter
 from nolens.optics import PointSource
 from nolens.twin import REFERENCE_NM
+from nolens.twin.preview import preview_model
 
 _CLOSE = 0.01
 _CURVES = (
@@ -102,7 +102,7 @@ def measure_psf(options: MeasurePsfOptions, reporter: Reporter) -> MeasurePsfOut
     inputs = {role: InputFile.of(path) for role, path in {**options.inputs, **files}.items()}
     reduced_um = None
     if opened is not None:
-        twin = outline(opened)
+        twin = preview_model(opened)
         reduced_um = twin.illumination(PointSource(), REFERENCE_NM).after.reduced_um
     plane = measured.values[0]
     figures = psf_figures(plane, cell_um, reduced_um=reduced_um, noise=options.noise)

@@ -9,6 +9,21 @@ from typing import Any
 
 from nolens.errors import DataError
 from nolens.evaluate import point_pair
+from nolens.experiments.resolution import (
+    EXPECTED_STEPS,
+    POINT_ITERATIONS,
+    POINTS_REGION,
+    TARGET_ITERATIONS,
+    TAU,
+    EdgeResolution,
+    SeenPair,
+    SolverSettings,
+    StarResolution,
+    TwoPoints,
+    edge_resolution,
+    siemens_resolution,
+    two_point_resolution,
+)
 from nolens.files import (
     InputFile,
     RunRecord,
@@ -19,24 +34,7 @@ from nolens.files import (
 )
 from nolens.jobs.clock import Clock
 from nolens.jobs.given import check_apart
-from nolens.jobs.measuring.resolution_bench import (
-    EXPECTED_STEPS,
-    POINT_ITERATIONS,
-    POINTS_REGION,
-    TARGET_ITERATIONS,
-    TAU,
-    SolverSettings,
-    edge_resolution,
-    siemens_resolution,
-    two_point_resolution,
-)
 from nolens.jobs.measuring.resolution_draw import draw_edge, draw_star, draw_two_points
-from nolens.jobs.measuring.resolution_found import (
-    EdgeResolution,
-    SeenPair,
-    StarResolution,
-    TwoPoints,
-)
 from nolens.jobs.measuring.resolution_options import (
     EdgeOptions,
     ResolutionOptions,

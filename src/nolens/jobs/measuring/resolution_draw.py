@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from scipy import ndimage
 
+from nolens.experiments.resolution import EdgeResolution, StarResolution, TwoPoints
 from nolens.files.plot_resolution import (
     ARC_PERIODS,
     EdgeCurves,
@@ -15,7 +16,6 @@ from nolens.files.plot_resolution import (
     plot_star,
     plot_two_points,
 )
-from nolens.jobs.measuring.resolution_found import EdgeResolution, StarResolution, TwoPoints
 
 _MOST_PANELS = 6
 _SIDE_CELLS = 24

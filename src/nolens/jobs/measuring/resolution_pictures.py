@@ -9,14 +9,13 @@ from torch import Tensor
 
 from nolens.camera import Measurement, OpenCamera, develop, prepare_psf
 from nolens.errors import DataError, OptionError
+from nolens.experiments.resolution import TAU, AngularScale
+from nolens.experiments.virtual_experiment import Tick, solved
 from nolens.files import CAMERA_FILE, camera_files, read_camera, read_frame
-from nolens.jobs.measuring.resolution_bench import TAU
 from nolens.jobs.measuring.resolution_options import ResolutionOptions
-from nolens.jobs.measuring.resolution_scale import AngularScale
-from nolens.jobs.optical_bench import Tick, solved
-from nolens.jobs.outline import outline
 from nolens.jobs.reconstruction.options import parse_window
 from nolens.operators import Region
+from nolens.twin.preview import preview_model
 
 
 @dataclass(frozen=True)
@@ -137,7 +136,7 @@ def _read(path: Path, options: ResolutionOptions, camera: GivenCamera) -> Shown:
     height, width = picture.shape
     if camera.opened is None:
         return Shown(picture, _scale(path, options, camera, Region(0, 0, height, width)))
-    sensor = outline(camera.opened).cells
+    sensor = preview_model(camera.opened).cells
     region = Region.centred(height, width, sensor)
     if options.region is not None:
         region = parse_window(options.region, sensor, "--region")
@@ -186,7 +185,7 @@ def _scale(
     if options.cell_angle is not None:
         return AngularScale(math.tan(options.cell_angle.rad))
     assert camera.opened is not None
-    twin = outline(camera.opened)
+    twin = preview_model(camera.opened)
     rows, columns = twin.cells
     if region.height > 2 * rows or region.width > 2 * columns:
         raise DataError(

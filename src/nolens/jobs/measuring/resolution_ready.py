@@ -7,15 +7,15 @@ from pathlib import Path
 import torch
 
 from nolens.camera import OpenCamera
+from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import camera_files, read_camera
 from nolens.jobs.cost import announce, check_memory, colours_of, cost_of, pattern_size
 from nolens.jobs.measuring.resolution_options import ResolutionOptions
-from nolens.jobs.optical_bench import OpticalBench
-from nolens.jobs.outline import distance_um, outline, relief_points
 from nolens.jobs.reporter import Reporter
 from nolens.optics import PointSource
 from nolens.twin import FieldMap, Light, Twin
 from nolens.twin.point import shortest_nm
+from nolens.twin.preview import distance_um, preview_model, relief_points
 
 # Of ADMM, for one channel: bytes for a cell, and transformed samples for a cell and iteration.
 _BYTES_PER_CELL = 80
@@ -61,7 +61,7 @@ class ReadyBench:
         How many stand for a channel.
     distance_um
         Of the target.
-    outline
+    preview
         The camera with a stand-in for its relief.
     made
         The camera with its relief; None before `foretold`.
@@ -72,8 +72,8 @@ class ReadyBench:
     light: Light
     wavelengths: int
     distance_um: float
-    outline: Twin
-    made: OpticalBench | None = None
+    preview: Twin
+    made: VirtualExperiment | None = None
 
     @classmethod
     def of(cls, options: ResolutionOptions) -> "ReadyBench":
@@ -86,7 +86,7 @@ class ReadyBench:
         """
         assert options.simulate is not None
         opened = read_camera(options.simulate)
-        bare = outline(opened)
+        bare = preview_model(opened)
         distance = distance_um(options.distance, opened)
         bare.check_source(PointSource((0.0, 0.0), distance))
         return cls(
@@ -95,7 +95,7 @@ class ReadyBench:
         )  # fmt: skip
 
     @property
-    def bench(self) -> OpticalBench:
+    def bench(self) -> VirtualExperiment:
         """The camera with its relief."""
         assert self.made is not None
         return self.made
@@ -109,8 +109,8 @@ class ReadyBench:
             If it is beyond the model.
         """
         tangent = math.tan(math.radians(angle_deg) / 2)
-        self.outline.check_source(PointSource((tangent, tangent), self.distance_um))
-        region = FieldMap.covering(self.outline, (tangent, tangent)).region
+        self.preview.check_source(PointSource((tangent, tangent), self.distance_um))
+        region = FieldMap.covering(self.preview, (tangent, tangent)).region
         return region.height, region.width
 
     def foretold(self, work: Work, reporter: Reporter) -> "ReadyBench":
@@ -121,7 +121,7 @@ class ReadyBench:
         OptionError
             If the machine has too little memory, or the light cannot be used.
         """
-        bare, sensor = self.outline, self.opened.camera.sensor
+        bare, sensor = self.preview, self.opened.camera.sensor
         colours = colours_of(bare, self.light, self.wavelengths)
         source = PointSource((0.0, 0.0), self.distance_um)
         size = pattern_size(
@@ -138,5 +138,7 @@ class ReadyBench:
         check_memory(cost, device, _REMEDY)
         announce(cost, device, reporter)
         reporter.advance("mask", 0.0)
-        made = OpticalBench.of(self.opened, light=self.light.name, wavelengths=self.wavelengths)
+        made = VirtualExperiment.of(
+            self.opened, light=self.light.name, wavelengths=self.wavelengths
+        )
         return replace(self, made=made)

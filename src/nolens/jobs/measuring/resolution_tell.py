@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from nolens.jobs.measuring.resolution_found import EdgeResolution, StarResolution, TwoPoints
+from nolens.experiments.resolution import EdgeResolution, StarResolution, TwoPoints
 
 _HALF, _TENTH = 0.5, 0.1
 _DIGITS = 5

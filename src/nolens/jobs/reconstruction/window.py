@@ -7,11 +7,11 @@ from torch import Tensor
 
 from nolens.errors import OptionError
 from nolens.files import read_camera
-from nolens.jobs.outline import outline
 from nolens.jobs.reconstruction.options import ReconstructOptions, parse_window
 from nolens.operators import Region
 from nolens.solvers import Problem
 from nolens.twin import FieldMap
+from nolens.twin.preview import preview_model
 
 
 def asked_region(
@@ -45,7 +45,7 @@ def asked_region(
         )
     if options.field is None or options.camera is None:
         return None if options.region is None else region_within(options.region, sensor, psf)
-    camera = outline(read_camera(options.camera))
+    camera = preview_model(read_camera(options.camera))
     cells = tuple(count // options.bin_by for count in camera.cells)
     if cells != sensor:
         raise OptionError(

@@ -1,0 +1,466 @@
+"""A grid of dots in front of a camera: each one located by Snell's law, and judged."""
+
+import cmath
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from nolens.errors import DataError, OptionError
+from nolens.evaluate import Dot, Spot, angles_of, brightest_places, grade, spots_at
+from nolens.experiments.virtual_experiment import Tick, VirtualExperiment, solved
+from nolens.operators import Region
+from nolens.optics import PointSource, Stack
+from nolens.twin import LARGEST_ANGLE_DEG, FieldMap, Seen, Twin
+
+_FEWEST = 5
+_OFF = 0.15
+_PASSES = 3
+_NEAR = 0.3
+"""Pitches from a grid's place within which a bright place is taken for a dot of it."""
+Places = list[tuple[float, float]]
+"""Rows and columns, or the tangents of field angles in their directions."""
+_MIDDLE_DEG = 12.0
+_NEXT = 9
+_NEARLY = 1.005
+_MOST_DOTS = 20_000
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A grid in the plane of tangents, its axes turned and its nearest dot beside the axis.
+
+    Parameters
+    ----------
+    pitch_mm
+        Distance of its dots, as found.
+    turned_deg
+        By how much its rows are turned clockwise in the picture, -45 to 45.
+    beside
+        Tangents, (row, column), of the dot nearest to the axis.
+    asked
+        Tangent of the pitch that it was said to have.
+    """
+
+    pitch_mm: float
+    turned_deg: float
+    beside: tuple[float, float]
+    asked: float
+    _step: complex
+
+    @classmethod
+    def of(cls, tops: Sequence[tuple[float, float]], pitch_um: float, distance_um: float) -> "Pose":
+        r"""Fit a square grid to the dots in the middle of a picture.
+
+        The direction is that of neighbours, by :math:`\arg Σ e^{4iφ} / 4`; then
+        :math:`z = a k + b` for the whole numbers k of the dots, by least squares.
+
+        Parameters
+        ----------
+        tops
+            Tangents, (row, column), of bright places.
+        pitch_um, distance_um
+            What the grid was said to have.
+
+        Raises
+        ------
+        DataError
+            If there are too few, or their pitch is another one.
+        """
+        asked = pitch_um / distance_um
+        if len(tops) < _FEWEST:
+            raise DataError(
+                f"the middle of the picture has {len(tops)} bright dots, of which a grid has "
+                f"{_FEWEST} or more: check that the picture is of a grid of dots"
+            )
+        places = torch.tensor(
+            [complex(column, row) for row, column in tops], dtype=torch.complex128
+        )
+        away = (places[:, None] - places).abs() + torch.eye(len(places)) * 1e9
+        nearest = away.argmin(dim=1)
+        gap = float(away.min(dim=1).values.median())
+        to_mm = distance_um * 1e-3
+        if not math.isclose(gap, asked, rel_tol=_OFF):
+            raise DataError(
+                f"the dots in the middle of the picture lie {gap * to_mm:.3g} mm apart at "
+                f"{to_mm:g} mm, not {pitch_um * 1e-3:g} mm: give the pitch and distance that the "
+                "target has (--dot-pitch, --distance), and the camera it was taken with"
+            )
+        neighbours = (places[nearest] - places)[away.min(dim=1).values < 1.3 * gap]
+        direction = cmath.phase(complex(((neighbours / neighbours.abs()) ** 4).sum())) / 4
+        step = cmath.rect(gap, direction)
+        origin = complex(places[places.abs().argmin()])
+        for _ in range(_PASSES):
+            exact = (places - origin) / step
+            numbers = _whole(exact)
+            on = (exact - numbers).abs() < _NEAR
+            numbers, there = numbers[on], places[on]
+            middle = numbers.mean()
+            spread = numbers - middle
+            step = complex((there * spread.conj()).sum() / (spread.abs() ** 2).sum())
+            origin = complex(there.mean()) - step * complex(middle)
+        turned = math.remainder(cmath.phase(step), math.pi / 2)
+        step = cmath.rect(abs(step), turned)
+        origin -= step * complex(_whole(torch.tensor(origin / step, dtype=torch.complex128)))
+        return cls(abs(step) * to_mm, math.degrees(turned), (origin.imag, origin.real), asked, step)
+
+    def tangent(self, number: tuple[float, float]) -> tuple[float, float]:
+        """Where a dot is that an upright grid on the axis has at some tangents, (row, column)."""
+        upright = complex(number[1], number[0]) / self.asked
+        place = complex(self.beside[1], self.beside[0]) + self._step * upright
+        return place.imag, place.real
+
+
+def _whole(numbers: torch.Tensor) -> torch.Tensor:
+    return torch.complex(numbers.real.round(), numbers.imag.round())
+
+
+@dataclass(frozen=True)
+class Rays:
+    """A camera's layers over the cells of a picture.
+
+    Parameters
+    ----------
+    twin
+        The camera.
+    stack
+        Its layers.
+    axis
+        Row and column of the cell that lies on the axis.
+    """
+
+    twin: Twin
+    stack: Stack
+    axis: tuple[int, int]
+
+    @classmethod
+    def of(cls, twin: Twin, size: tuple[int, int]) -> "Rays":
+        """For a picture of (rows, columns): all of the sensor, or a region around its middle."""
+        rows, columns = (
+            cells // 2 - (cells - count) // 2 for cells, count in zip(twin.cells, size, strict=True)
+        )
+        return cls(twin, twin.stack(), (rows, columns))
+
+    def cells(self, tangents: Places) -> Places:
+        """Where the light of some directions falls."""
+        at, reach, p = self._sines(tangents)
+        moved = self.stack.displacement_um(p) / self.twin.cell_um
+        scale = torch.where(reach > 0, moved / reach.clamp_min(1e-12), 0.0)
+        return _pairs(at * scale[:, None] + torch.tensor(self.axis, dtype=torch.float64))
+
+    def tangents(self, cells: Places) -> Places:
+        """From where light falls on some places."""
+        away = torch.tensor(cells, dtype=torch.float64) - torch.tensor(self.axis)
+        away = away * self.twin.cell_um
+        reach = away.norm(dim=1)
+        p = self.stack.ray(reach)
+        tangent = p / (1 - p * p).sqrt()
+        return _pairs(away * torch.where(reach > 0, tangent / reach.clamp_min(1e-12), 0.0)[:, None])
+
+    def spacings(self, tangents: Places, step: float) -> list[float]:
+        """Cells between dots whose tangents are a step apart, in the direction that is nearer."""
+        _, reach, p = self._sines(tangents)
+        along = self.stack.spread_um(p) * (1 - p * p).pow(1.5)
+        across = torch.where(
+            reach > 0, self.stack.displacement_um(p) / reach.clamp_min(1e-12), self.stack.reduced_um
+        )
+        spacings: list[float] = (torch.minimum(along, across) * (step / self.twin.cell_um)).tolist()
+        return spacings
+
+    def light(self, tangents: Places) -> list[float]:
+        """Light of dots on a plane, 1 on the axis: cos θ for its slant, and `Twin.vignetting`."""
+        _, _, p = self._sines(tangents)
+        light: list[float] = ((1 - p * p).sqrt() * self.twin.vignetting(p)).tolist()
+        return light
+
+    def _sines(self, tangents: Places) -> tuple[Tensor, Tensor, Tensor]:
+        at = torch.tensor(tangents, dtype=torch.float64).reshape(-1, 2)
+        reach = at.norm(dim=1)
+        return at, reach, reach / (1 + reach * reach).sqrt()
+
+
+def between_deg(one: tuple[float, float], other: tuple[float, float]) -> float:
+    """Angle between the rays of two tangents."""
+    across = (
+        one[0] - other[0], one[1] - other[1], one[0] * other[1] - one[1] * other[0],
+    )  # fmt: skip
+    return math.degrees(math.atan2(math.hypot(*across), 1 + one[0] * other[0] + one[1] * other[1]))
+
+
+def _pairs(values: Tensor) -> Places:
+    return [(row, column) for row, column in values.tolist()]
+
+
+@dataclass(frozen=True)
+class DotGrid:
+    """A grid of dots in a picture.
+
+    Parameters
+    ----------
+    dots
+        All that should be there, by angle.
+    good_deg, distorted_deg, lost_deg
+        See `nolens.evaluate.Angles`.
+    pose
+        How the grid was found to stand.
+    cell_deg
+        What a cell in the middle of the picture sees.
+    picture
+        (rows, columns).
+    """
+
+    dots: list[Dot]
+    good_deg: float | None
+    distorted_deg: float | None
+    lost_deg: float | None
+    pose: Pose
+    cell_deg: float
+    picture: Tensor
+
+
+def found_grid(
+    picture: Tensor,
+    twin: Twin,
+    *,
+    pitch_um: float,
+    distance_um: float,
+    reach_deg: float = LARGEST_ANGLE_DEG,
+) -> DotGrid:
+    """Find the dots of a grid in a picture, and judge each.
+
+    Where it should be follows from the camera's layers by Snell's law, once it is known how the
+    grid stands before the camera (`Pose`, from the dots in the middle).
+
+    Parameters
+    ----------
+    picture
+        (rows, columns), linear, around the cell on the camera's axis.
+    twin
+        The camera.
+    pitch_um, distance_um
+        Of the grid; the distance from the camera.
+    reach_deg
+        Half angle up to which dots are looked for.
+
+    Raises
+    ------
+    DataError
+        If there are no dots in the middle of the picture, or they are not so far apart.
+    OptionError
+        If dots so far apart are less than two cells apart in the picture, or beyond number.
+    """
+    step = pitch_um / distance_um
+    cell_tangent = twin.cell_um / twin.stack().reduced_um
+    if step < 2 * cell_tangent:
+        raise OptionError(
+            f"dots {pitch_um * 1e-3:g} mm apart at {distance_um * 1e-3:g} mm are "
+            f"{step / cell_tangent:.2g} cells apart in the picture: to be told apart they need 2 "
+            f"or more, {2 * cell_tangent * distance_um * 1e-3:.2g} mm"
+        )
+    at = grid_tangents(pitch_um, distance_um, reach_deg)
+    rays = Rays.of(twin, (picture.shape[0], picture.shape[1]))
+    pose = Pose.of(rays.tangents(_middle_tops(picture, rays, step)), pitch_um, distance_um)
+    # Up to the last ring, though the pose is not exact.
+    limit = math.tan(math.radians(reach_deg)) * _NEARLY
+    tangents = [each for each in map(pose.tangent, at) if math.hypot(*each) <= limit]
+    tangents.sort(key=lambda each: math.hypot(*each))
+    inside = [_inside(place, picture) for place in rays.cells(tangents)]
+    tangents = [each for each, kept in zip(tangents, inside, strict=True) if kept]
+    spots = spots_at(picture, rays.cells(tangents), rays.spacings(tangents, step))
+    dots = _judged(rays, tangents, spots)
+    ends = angles_of(dots)
+    return DotGrid(
+        dots, ends.good_deg, ends.distorted_deg, ends.lost_deg, pose,
+        math.degrees(math.atan(cell_tangent)), picture,
+    )  # fmt: skip
+
+
+def grid_tangents(
+    pitch_um: float, distance_um: float, reach_deg: float
+) -> list[tuple[float, float]]:
+    """Tangents, (row, column), of all dots of a grid around the axis up to a half angle.
+
+    Raises
+    ------
+    OptionError
+        If there are fewer than nine, or more than 20 000.
+    """
+    step, limit = pitch_um / distance_um, math.tan(math.radians(reach_deg))
+    most = int(limit / step + 1e-9)
+    if (2 * most + 1) ** 2 > _MOST_DOTS:
+        raise OptionError(
+            f"dots {pitch_um * 1e-3:g} mm apart at {distance_um * 1e-3:g} mm are more than "
+            f"{_MOST_DOTS} up to {reach_deg:g} deg: choose a larger pitch or a smaller reach"
+        )
+    if most < 1:
+        raise OptionError(
+            f"of dots {pitch_um * 1e-3:g} mm apart at {distance_um * 1e-3:g} mm, up to "
+            f"{reach_deg:g} deg there is only one: choose a smaller pitch or a larger reach"
+        )
+    return [
+        (i * step, j * step)
+        for i in range(-most, most + 1)
+        for j in range(-most, most + 1)
+        if math.hypot(i, j) * step <= limit * (1 + 1e-9)
+    ]
+
+
+def _judged(rays: Rays, tangents: Places, spots: list[Spot | None]) -> list[Dot]:
+    """Every dot beside those in the middle: within 12°, or the nine next to the axis."""
+    angles = [PointSource(each).angle_deg for each in tangents]
+    expected = rays.light(tangents)
+    middle = [
+        (spot, light)
+        for number, (spot, light) in enumerate(zip(spots, expected, strict=True))
+        if spot is not None and (angles[number] <= _MIDDLE_DEG or number < _NEXT)
+    ]
+    if len(middle) < _FEWEST:
+        raise DataError(
+            f"only {len(middle)} dots of the grid are found in the middle of the picture: check "
+            "--dot-pitch, --distance and --camera, and that the picture is of a grid of dots"
+        )
+    width = _median([spot.width for spot, _ in middle])
+    power = _median([spot.light / light for spot, light in middle])
+    places = rays.cells(tangents)
+    there = rays.tangents(
+        [place if spot is None else spot.place for place, spot in zip(places, spots, strict=True)]
+    )
+    dots = []
+    for number, (place, spot) in enumerate(zip(places, spots, strict=True)):
+        angle, light = angles[number], expected[number]
+        if spot is None:
+            dots.append(Dot(angle, place, None, None, None, None, None, None, light, "lost"))
+            continue
+        off = math.dist(spot.place, place)
+        share = spot.light / power
+        dots.append(
+            Dot(
+                angle_deg=angle,
+                expected=place,
+                found=spot.place,
+                error_cells=off,
+                error_deg=between_deg(tangents[number], there[number]),
+                width_cells=spot.width,
+                width=spot.width / width,
+                light=share,
+                expected_light=light,
+                grade=grade(
+                    width=spot.width / width,
+                    error=off / width,
+                    light=share / light if light > 0 else 0.0,
+                ),
+            )
+        )
+    return dots
+
+
+def _inside(place: tuple[float, float], picture: Tensor) -> bool:
+    return all(0 <= at <= count - 1 for at, count in zip(place, picture.shape, strict=True))
+
+
+def _middle_tops(picture: Tensor, rays: Rays, step: float) -> Places:
+    """Bright places within a few pitches of the axis, or within 12° where that is more."""
+    tangent = max(math.tan(math.radians(_MIDDLE_DEG)), 2.6 * step)
+    (_, column), *_ = rays.cells([(0.0, tangent)])
+    reach = math.ceil(column) - rays.axis[1]
+    top, left = (max(0, at - reach) for at in rays.axis)
+    part = picture[top : rays.axis[0] + reach + 1, left : rays.axis[1] + reach + 1]
+    if part.numel() == 0 or not float(part.max()) > float(part.median()):
+        raise DataError("the middle of the picture is empty: it shows no grid of dots")
+    return [(top + row, left + column) for row, column in brightest_places(part)]
+
+
+def _median(values: list[float]) -> float:
+    return float(torch.tensor(values, dtype=torch.float64).median())
+
+
+def dot_grid(
+    bench: VirtualExperiment,
+    *,
+    pitch_um: float,
+    distance_um: float,
+    reach_deg: float = LARGEST_ANGLE_DEG,
+    iterations: int = 300,
+    fill: float = 0.9,
+    seed: int = 0,
+    tick: Tick | None = None,
+) -> DotGrid:
+    """Show a camera a grid of dots, reconstruct what it measures, and find them in the picture.
+
+    The PSF of the reconstruction is the central one, known as far as light from the grid passes;
+    light can come from the grid's region alone. Each dot is smaller than a cell.
+
+    Parameters
+    ----------
+    bench
+        The camera; between its field points PSFs are blended.
+    pitch_um, distance_um
+        Of the grid.
+    reach_deg
+        Half angle up to which there are dots.
+    iterations
+        Of the reconstruction.
+    fill, seed
+        See `VirtualExperiment.photograph`.
+    tick
+        Called with the share that is done.
+
+    Raises
+    ------
+    OptionError
+        If there are too few dots up to that angle, or the angle is beyond the model.
+    DataError
+        If the picture shows no such grid.
+    """
+    twin = bench.twin
+    at = grid_tangents(pitch_um, distance_um, reach_deg)
+    twin.check_source(PointSource((0.0, math.tan(math.radians(reach_deg))), distance_um))
+    field = _map_of(twin, reach_deg, pitch_um / distance_um)
+    scene = _radiance(field, at)
+
+    def first(share: float) -> None:
+        if tick is not None:
+            tick(0.6 * share)
+
+    def second(share: float) -> None:
+        if tick is not None:
+            tick(0.6 + 0.4 * share)
+
+    channels = len(bench.sensor.channels)
+    seen = Seen(scene.expand(channels, -1, -1).contiguous(), distance_um)
+    shot = bench.seen(field, (seen,), fill=fill, seed=seed, tick=first)
+    rows, columns = twin.cells
+    wide = rows + field.region.height, columns + field.region.width
+    psf = bench.psf(PointSource((0.0, 0.0), distance_um), wide)
+    picture = solved(shot.frame, psf, field.region, iterations=iterations, tick=second)
+    return found_grid(
+        picture.cpu().mean(dim=0), twin, pitch_um=pitch_um, distance_um=distance_um,
+        reach_deg=reach_deg,
+    )  # fmt: skip
+
+
+def _map_of(twin: Twin, reach_deg: float, step: float) -> FieldMap:
+    """Square of cells up to an angle along its sides, and half a pitch more."""
+    limit = math.tan(math.radians(reach_deg))
+    reach = twin.shift_um(PointSource((0.0, limit)))[1] + step / 2 * twin.stack().reduced_um
+    side = 2 * math.ceil(reach / twin.cell_um + 1)
+    return FieldMap(twin, Region.centred(side, side, twin.cells))
+
+
+def _radiance(field: FieldMap, at: Places) -> Tensor:
+    """Dots of one size on the cells, each shared by the four that it lies between."""
+    region = field.region
+    scene = torch.zeros(region.height, region.width, dtype=torch.float64)
+    weight = field.solid_angle()
+    rays = Rays.of(field.twin, (region.height, region.width))
+    for tangent, place in zip(at, rays.cells(at), strict=True):
+        row, column = (math.floor(each) for each in place)
+        down, right = place[0] - row, place[1] - column
+        power = math.cos(math.radians(PointSource(tangent).angle_deg))
+        for i, share in ((0, 1 - down), (1, down)):
+            for j, part in ((0, 1 - right), (1, right)):
+                scene[row + i, column + j] += power * share * part
+    scene = scene / weight
+    return (scene / scene.max()).float()

@@ -1,0 +1,213 @@
+"""A simulated camera with light in front of it: what other jobs take pictures with, in memory."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from nolens.camera import Frame, Measurement, OpenCamera, Sensor, develop
+from nolens.operators import Region
+from nolens.optics import PointSource
+from nolens.solvers import Progress, Reconstructor
+from nolens.twin import (
+    FieldMap,
+    Light,
+    Plane,
+    Seen,
+    Twin,
+    arrange,
+    irradiate,
+    mosaic,
+    photocurrents,
+    point_spread,
+)
+from nolens.twin.expose import expose_safely
+
+Tick = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class SimulatedMeasurement:
+    """What the camera measured of a scene, and what was there.
+
+    Parameters
+    ----------
+    frame
+        The counts.
+    region
+        Cells that light came from.
+    truth
+        Radiance on them, (channels, height, width).
+    response
+        How much of it each cell gives, (height, width), 1 for the brightest.
+    exposure_cd_s_m2
+        Luminance of what has the radiance 1, times the exposure time.
+    """
+
+    frame: Frame
+    region: Region
+    truth: Tensor
+    response: Tensor
+    exposure_cd_s_m2: float
+
+
+@dataclass(frozen=True)
+class VirtualExperiment:
+    """A simulated camera and the light it sees.
+
+    Parameters
+    ----------
+    twin
+        The camera.
+    light
+        Spectrum of the light.
+    wavelengths
+        How many stand for a channel.
+    field_points
+        PSFs along each side of a scene; odd.
+    """
+
+    twin: Twin
+    light: Light
+    wavelengths: int = 1
+    field_points: int = 5
+
+    @classmethod
+    def of(
+        cls, opened: OpenCamera, *, light: str = "white-led", wavelengths: int = 1,
+        field_points: int = 5, device: torch.device | str = "cpu",
+    ) -> "VirtualExperiment":  # fmt: skip
+        """Make a camera ready (seconds for the paper's).
+
+        Raises
+        ------
+        OptionError
+            If the light is unknown, or the relief coarser than it needs.
+        """
+        return cls(Twin.of(opened, device=device), Light(light), wavelengths, field_points)
+
+    @property
+    def sensor(self) -> Sensor:
+        """Of the camera."""
+        return self.twin.camera.sensor
+
+    def psf(
+        self, source: PointSource, cells: tuple[int, int] | None = None, tick: Tick | None = None
+    ) -> Tensor:
+        """PSF without noise on the cells of the reconstruction, in the chief ray's frame.
+
+        Each channel is as bright as the sensor sees it. `cells` may be more than the sensor has.
+        """
+        pattern = point_spread(
+            self.twin, source, cells or self.twin.cells, pixels=self.twin.cell_pixels,
+            light=self.light, wavelengths=self.wavelengths, tick=tick,
+        ).cpu()  # fmt: skip
+        seen = photocurrents(self.twin, self.light, 1.0)
+        return pattern * (seen / seen.max())[:, None, None]
+
+    def point(
+        self, source: PointSource, *, fill: float = 0.9, seed: int = 0, tick: Tick | None = None
+    ) -> Frame:
+        """The sensor's frame of one point source.
+
+        Parameters
+        ----------
+        source
+            The point.
+        fill
+            Share of a full pixel that the brightest one is exposed to; above 1 it clips.
+        seed
+            Of the noise.
+        tick
+            Called with the share that is done.
+        """
+        return self.exposed(self.light_of(source, tick), fill, seed)
+
+    def light_of(self, source: PointSource, tick: Tick | None = None) -> Tensor:
+        """Light of one point on every pixel, in the pixel's colour; points add up."""
+        pattern = point_spread(
+            self.twin, source, (self.sensor.rows, self.sensor.columns),
+            light=self.light, wavelengths=self.wavelengths, frame="sensor", tick=tick,
+        ).cpu()  # fmt: skip
+        seen = photocurrents(self.twin, self.light, 1.0)
+        return mosaic(pattern * (seen / seen.max())[:, None, None], self.sensor.mosaic)
+
+    def photograph(
+        self, planes: tuple[Plane, ...], *, fill: float = 0.9, seed: int = 0,
+        tick: Tick | None = None,
+    ) -> SimulatedMeasurement:  # fmt: skip
+        """The sensor's frame of a scene, with PSFs that vary over the field.
+
+        Parameters
+        ----------
+        planes
+            Pictures at distances.
+        fill
+            Share of a full pixel that the brightest one is exposed to.
+        seed
+            Of the noise.
+        tick
+            Called with the share that is done.
+        """
+        return self.seen(*arrange(self.twin, planes), fill=fill, seed=seed, tick=tick)
+
+    def seen(
+        self, field: FieldMap, seen: tuple[Seen, ...], *, fill: float = 0.9, seed: int = 0,
+        tick: Tick | None = None,
+    ) -> SimulatedMeasurement:  # fmt: skip
+        """The sensor's frame of what is seen on the cells of a map; the rest as `photograph`."""
+        found = irradiate(
+            self.twin, replace(field, twin=self.twin), seen, field_points=self.field_points,
+            light=self.light, wavelengths=self.wavelengths, tick=tick,
+        )  # fmt: skip
+        currents = photocurrents(self.twin, self.light, 1.0)[:, None, None]
+        image = found.light * mosaic(currents.expand(-1, *found.light.shape), self.sensor.mosaic)
+        response = field.solid_angle() * field.vignetting()
+        return SimulatedMeasurement(
+            self.exposed(image, fill, seed),
+            field.region,
+            torch.stack([plane.radiance for plane in seen]).sum(dim=0),
+            (response / response.max()).float(),
+            fill * self.sensor.clip_electrons / float(image.max()),
+        )
+
+    def exposed(self, image: Tensor, fill: float, seed: int) -> Frame:
+        """The sensor's frame of light on every pixel, its brightest exposed to `fill`."""
+        electrons = image * (fill * self.sensor.clip_electrons / float(image.max()))
+        counts = expose_safely(electrons, self.sensor, seed=seed).float()[None]
+        pattern = None if self.sensor.mosaic == "none" else self.sensor.mosaic
+        return Frame(
+            counts, ("grey",) if pattern is None else ("mosaic",), pattern,
+            (self.sensor.black_counts,), self.sensor.saturated_counts,
+            "uint16", f"simulated by {self.twin.camera.name}", black_stated=True,
+        )  # fmt: skip
+
+
+def solved(
+    frame: Frame | Measurement, psf: Tensor, region: Region | None, *, iterations: int = 300,
+    tau: float = 1e-5, tick: Tick | None = None,
+) -> Tensor:  # fmt: skip
+    """Scene on the cells of the region, by ADMM (`nolens.solvers.admm`).
+
+    Parameters
+    ----------
+    frame
+        What the sensor measured.
+    psf
+        On its cells, as large as the sensor or wider, (channels, rows, columns).
+    region
+        Cells that light can come from; None for no limit.
+    iterations, tau
+        As `nolens reconstruct` takes them; all iterations are done.
+    tick
+        Called with the share that is done.
+    """
+    seen = develop(frame) if isinstance(frame, Frame) else frame
+    reconstructor = Reconstructor(psf, region, tau).for_iterations(iterations)
+
+    def advance(progress: Progress) -> None:
+        if tick is not None:
+            tick(progress.iteration / iterations)
+
+    return reconstructor.solve(seen, callback=advance).scene

@@ -1,6 +1,0 @@
-"""`nolens reproduce`: every figure of the paper that simulation can give, beside the paper's."""
-
-from nolens.jobs.reproduction.job import ReproduceOutcome, reproduce
-from nolens.jobs.reproduction.options import ReproduceOptions
-
-__all__ = ["ReproduceOptions", "ReproduceOutcome", "reproduce"]

@@ -1,0 +1,179 @@
+"""Fig. 8: what distance does to the PSF, and two objects told apart by it."""
+
+import math
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from nolens.calibrate.point_register import register
+from nolens.camera import develop
+from nolens.evaluate import scale_fit
+from nolens.experiments.virtual_experiment import solved
+from nolens.operators import Region
+from nolens.optics import PointSource
+from nolens.refocusing import (
+    PsfAt,
+    PsfBetween,
+    Search,
+    Solving,
+    depth_of_focus_per_m,
+    line_cells,
+    lit_cells,
+    sharpness,
+)
+from nolens.reproduction.steps import Found, Step, Tick, within
+from nolens.reproduction.workbench import PINHOLE_UM, TAU, Workbench
+from nolens.twin import FieldMap, Plane
+
+REFERENCE_MM, NEAR_MM = 200.0, (30.0, 80.0)
+FAR_MM = 300.0
+OBJECTS_MM = (80.0, 200.0)
+_KNOWN_MM = (50.0, 500.0)
+_ANGLE_DEG = 40.0
+_SHOWN_CELLS = 300
+_WINDOW_CELLS, _EDGE_CELLS = 2.0, 6
+_SEARCHED, _SEARCH_ITERATIONS = 6.5, 60
+"""One search, in reconstructions of so many iterations: some twelve depths on coarser cells."""
+
+
+def steps(work: Workbench) -> tuple[Step, ...]:
+    """Magnification of the PSF, and a photograph of two objects refocused."""
+    region = _region(work)
+    solving = work.solve_seconds(region, work.size.iterations)
+    searching = _SEARCHED * work.solve_seconds(region, _SEARCH_ITERATIONS)
+    return (
+        Step(
+            "magnification", "fig. 8a: PSFs at four distances", work.parameters(),
+            8 * work.psf_seconds(), lambda tick: _magnified(work, tick),
+        ),
+        Step(
+            "refocus", "fig. 8b–e: two objects, refocused", work.parameters(tau=TAU),
+            2 * (work.scene_seconds() + solving + searching), lambda tick: _refocused(work, tick),
+        ),
+    )  # fmt: skip
+
+
+def _magnified(work: Workbench, tick: Tick) -> Found:
+    """How much larger the PSF is at each distance, by registering it on that of 20 cm."""
+    distances = (REFERENCE_MM, *NEAR_MM, FAR_MM, math.inf)
+    psfs = []
+    for number, distance_mm in enumerate(distances):
+        size = 0.0 if math.isinf(distance_mm) else PINHOLE_UM
+        source = PointSource(distance_um=1e3 * distance_mm, diameter_um=size)
+        part = within(tick, number / len(distances), 1 / len(distances))
+        psfs.append(work.bench.psf(source, tick=part))
+    reduced_mm = work.bench.twin.stack().reduced_um * 1e-3
+    own = 1 + reduced_mm / REFERENCE_MM
+    found: dict[str, Any] = {"reduced_mm": reduced_mm}
+    for distance_mm, psf in zip(distances[1:], psfs[1:], strict=True):
+        expected = (1 + reduced_mm / distance_mm) / own
+        placed = register(psf, psfs[0], magnification=expected)
+        found[f"{distance_mm:g}"] = {
+            "larger": placed.magnification - 1,
+            "by_rays": expected - 1,
+            "correlation": placed.correlation,
+        }
+    corner = [_corner(psf.sum(dim=0)) for psf in (psfs[1], psfs[2], psfs[0])]
+    return Found(found, {"overlay": torch.stack(corner)})
+
+
+def _corner(psf: Tensor) -> Tensor:
+    """The middle of the right edge, where a magnification moves the pattern most."""
+    rows, columns = psf.shape
+    size = min(rows, columns, _SHOWN_CELLS)
+    top = (rows - size) // 2
+    return psf[top : top + size, columns - size :]
+
+
+def _planes(work: Workbench) -> tuple[Plane, ...]:
+    """A near object to the left, in front of a far picture that is seen to the right of it."""
+    near, far = (work.picture(name) for name in ("chelsea", "astronaut"))
+    rows, columns = near.shape[-2:]
+    square = near[:, :, columns - rows :] if columns > rows else near
+    side = square.shape[-1]
+    picture = torch.zeros(len(near), side, 2 * side)
+    picture[:, :, :side] = square
+    opacity = torch.zeros(side, 2 * side)
+    opacity[:, :side] = 1.0
+    wide = torch.zeros(len(far), far.shape[-2], 2 * far.shape[-1])
+    wide[:, :, far.shape[-1] :] = far
+    return (
+        Plane(picture, _ANGLE_DEG, 1e3 * OBJECTS_MM[0], opacity),
+        Plane(wide, _ANGLE_DEG, 1e3 * OBJECTS_MM[1]),
+    )
+
+
+def _region(work: Workbench) -> Region:
+    longer = math.tan(math.radians(_ANGLE_DEG) / 2)
+    return FieldMap.covering(work.preview, (longer / 2, longer)).region
+
+
+def _refocused(work: Workbench, tick: Tick) -> Found:
+    """One frame of both objects: the depth of each found, and both pictures.
+
+    The search knows PSFs of two other distances, nearer and farther than both objects.
+    """
+    shot = work.bench.photograph(_planes(work), seed=work.seed, tick=within(tick, 0.0, 0.4))
+    seen = shot.truth * shot.response
+    known = [PsfAt(work.wide_psf(1e3 * each, shot.region), 1e3 * each) for each in _KNOWN_MM]
+    tick(0.45)
+    solving = Solving(develop(shot.frame), shot.region, TAU, iterations=work.size.iterations)
+    focus_per_m = _depth_of_focus(work, known[-1].psf)
+    between = PsfBetween.of(known, work.bench.twin.stack().reduced_um)
+    search = Search(solving, between.at, known[0].distance_um, known[1].distance_um, focus_per_m)
+    figures: dict[str, Any] = {"depth_of_focus_per_m": focus_per_m, "objects": []}
+    arrays = {"truth": seen}
+    rows, columns = seen.shape[-2:]
+    for number, distance_mm in enumerate(OBJECTS_MM):
+        before = 0.45 + 0.275 * number
+
+        def step(done: int, limit: int, before: float = before) -> bool:
+            tick(before + 0.1 * done / limit)
+            return False
+
+        found = search.run((rows / 2, columns * (1 + 2 * number) / 4), step)
+        picture = solved(
+            shot.frame, work.wide_psf(1e3 * distance_mm, shot.region), shot.region,
+            iterations=work.size.iterations, tau=TAU,
+            tick=within(tick, before + 0.1, 0.175),
+        )  # fmt: skip
+        arrays[f"at-{distance_mm:g}mm"] = scale_fit(picture, seen)
+        figures["objects"].append(
+            {
+                "distance_mm": distance_mm,
+                "found_mm": found.depth_um * 1e-3,
+                "tried": [
+                    {
+                        "depth_mm": each.depth_um * 1e-3,
+                        "sharpness": each.sharpness,
+                        "objective": each.objective,
+                    }
+                    for each in found.tried
+                ],
+            }
+        )
+    return Found({**figures, "halves": _halves(arrays)}, arrays)
+
+
+def _depth_of_focus(work: Workbench, psf: Tensor) -> float:
+    """Difference of 1/z that moves the pattern's edge by one line, in 1/m."""
+    twin = work.bench.twin
+    return depth_of_focus_per_m(
+        line_cells(psf) * twin.cell_um,
+        twin.stack().reduced_um,
+        lit_cells(psf, twin.cells) * twin.cell_um,
+    )
+
+
+def _halves(arrays: dict[str, Tensor]) -> dict[str, list[float]]:
+    """Energy of the gradient of the near object's half and of the far one's, in both pictures."""
+    found = {}
+    for distance_mm in OBJECTS_MM:
+        picture = arrays[f"at-{distance_mm:g}mm"]
+        middle = picture.shape[-1] // 2
+        energy = sharpness(picture, _WINDOW_CELLS)
+        # Cells at the edge between the objects belong to neither.
+        halves = energy[:, : middle - _EDGE_CELLS], energy[:, middle + _EDGE_CELLS :]
+        found[f"{distance_mm:g}"] = [float(half.mean()) for half in halves]
+    return found

@@ -1,0 +1,216 @@
+"""The camera that the figures are made with, and how much of its sensor is read."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from nolens.camera import OpenCamera
+from nolens.experiments.virtual_experiment import VirtualExperiment
+from nolens.jobs.sample_pictures import sample_picture
+from nolens.operators import Region
+from nolens.optics import PointSource
+from nolens.reproduction.steps import Tick
+from nolens.twin import Twin
+from nolens.twin.preview import preview_model
+from nolens.twin.scene import in_channels
+
+NEEDED_BY = "the scenes of the report come"
+"""What scikit-image's photographs are for, as `check_sample_pictures` takes it."""
+PINHOLE_UM = 50.0
+"""The paper's point source: a white LED behind a pinhole, at 300 mm (`uvimprint`, sec. III)."""
+SCREEN_UM = 300e3
+TAU = 1e-5
+
+# Measured on two cores with the paper's camera: seconds for a PSF in one wavelength and for every
+# pixel of it, and for one cell of the transforms' period in one iteration of one channel.
+SECONDS_OF_RELIEF = 3.0
+_SECONDS_PER_PATTERN, _SECONDS_PER_PIXEL = 0.09, 8e-8
+_SECONDS_PER_FIELD_POINT, _SECONDS_PER_BLENDED_PIXEL = 0.045, 2e-8
+"""The same for a PSF that is blended with others over a scene."""
+_SECONDS_PER_CELL = 2.2e-8
+_BYTES_OF_PROGRAM = 1e9
+_BYTES_PER_CELL = 260
+"""Held for a cell of the period of the paper's way of solving."""
+_BYTES_OF_REPORT = 3e7
+_BYTES_KEPT_PER_CELL = 30
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is computed.
+
+    Parameters
+    ----------
+    pixels
+        (rows, columns) of the sensor's middle that are read; None for all of it.
+    field_points
+        PSFs along each side of a scene.
+    iterations
+        Of every photograph.
+    papers_iterations
+        Of the photograph that is solved as the paper does.
+    films_mm
+        Thicknesses of the films of fig. 2c.
+    films_pixels
+        (rows, columns) that are read of each.
+    point_draws, point_iterations
+        Pictures of two points at each separation, and iterations of each.
+    angle_steps
+        From one angle of fig. 6c to the next, in steps of 2.5°.
+    dot_field_points
+        PSFs along each side of the grid of dots.
+    dot_reach_deg
+        Half angle up to which there are dots.
+    """
+
+    pixels: tuple[int, int] | None
+    field_points: int
+    iterations: int
+    papers_iterations: int
+    films_mm: tuple[float, ...]
+    films_pixels: tuple[int, int]
+    point_draws: int
+    point_iterations: int
+    angle_steps: int
+    dot_field_points: int
+    dot_reach_deg: float
+
+
+FULL = Size(
+    pixels=None, field_points=5, iterations=300, papers_iterations=300,
+    films_mm=(0.65, 0.85, 1.05, 1.25, 1.45, 1.65, 1.85, 2.05, 2.25, 2.45),
+    films_pixels=(1520, 2028), point_draws=3, point_iterations=100, angle_steps=1,
+    dot_field_points=9, dot_reach_deg=48.0,
+)  # fmt: skip
+QUICK = Size(
+    pixels=(1014, 1352), field_points=3, iterations=50, papers_iterations=20,
+    films_mm=(0.65, 1.05, 1.25, 1.45, 1.65, 2.05), films_pixels=(760, 1014),
+    point_draws=1, point_iterations=60, angle_steps=4, dot_field_points=3,
+    dot_reach_deg=48.0,
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Workbench:
+    """The camera, the size of the work and the seed of all noise.
+
+    Parameters
+    ----------
+    opened
+        The camera.
+    size
+        How much is computed.
+    seed
+        Of the noise.
+    """
+
+    opened: OpenCamera
+    size: Size
+    seed: int
+
+    @cached_property
+    def bench(self) -> VirtualExperiment:
+        """The simulated camera; its relief takes seconds, so it is made when it is needed."""
+        whole = VirtualExperiment.of(self.opened, field_points=self.size.field_points)
+        return VirtualExperiment(
+            self._read(whole.twin), whole.light, whole.wavelengths, whole.field_points
+        )
+
+    @cached_property
+    def preview(self) -> Twin:
+        """The camera for rays and sizes, in a moment."""
+        return self._read(preview_model(self.opened))
+
+    def _read(self, twin: Twin) -> Twin:
+        return twin.reading(*self.pixels)
+
+    @property
+    def pixels(self) -> tuple[int, int]:
+        """(rows, columns) that are read."""
+        sensor = self.opened.camera.sensor
+        rows, columns = self.size.pixels or (sensor.rows, sensor.columns)
+        return min(rows, sensor.rows), min(columns, sensor.columns)
+
+    @property
+    def reduced(self) -> bool:
+        """Whether less than the whole sensor is read."""
+        sensor = self.opened.camera.sensor
+        return self.pixels != (sensor.rows, sensor.columns)
+
+    @property
+    def source(self) -> PointSource:
+        """The paper's point source."""
+        return PointSource(distance_um=SCREEN_UM, diameter_um=PINHOLE_UM)
+
+    def picture(self, name: str) -> Tensor:
+        """One of scikit-image's photographs in the sensor's channels, linear."""
+        radiance = sample_picture(name, NEEDED_BY)
+        return in_channels(radiance, len(self.opened.camera.sensor.channels))
+
+    def wide_cells(self, region: Region) -> tuple[int, int]:
+        """Cells of the PSF that a scene needs: more than the sensor's where no aperture ends it."""
+        rows, columns = self.preview.cells
+        if self.opened.camera.mask.aperture is not None:
+            return rows, columns
+        return rows + region.height, columns + region.width
+
+    def wide_psf(self, distance_um: float, region: Region, tick: Tick | None = None) -> Tensor:
+        """PSF of a point at some distance, as wide as a scene of this region needs."""
+        source = PointSource(distance_um=distance_um)
+        return self.bench.psf(source, self.wide_cells(region), tick)
+
+    def parameters(self, **more: Any) -> Mapping[str, Any]:
+        """All that the results of a step follow from."""
+        opened = self.opened
+        relief = None if opened.relief_um is None else _digest(opened.relief_um)
+        return {
+            "camera": opened.camera.model_dump(mode="json"),
+            "quantum efficiency": opened.quantum_efficiency.model_dump(mode="json"),
+            "acceptance": opened.acceptance.model_dump(mode="json"),
+            "relief": relief,
+            "size": asdict(self.size),
+            "seed": self.seed,
+            "threads": torch.get_num_threads(),
+            **more,
+        }
+
+    @property
+    def bytes(self) -> float:
+        """Forecast of the most memory that is held at once: solving as the paper does."""
+        rows, columns = self.preview.cells
+        return _BYTES_OF_PROGRAM + 4 * rows * columns * _BYTES_PER_CELL
+
+    @property
+    def written_bytes(self) -> float:
+        """Forecast of what the report's folder will hold."""
+        rows, columns = self.preview.cells
+        return _BYTES_OF_REPORT + rows * columns * _BYTES_KEPT_PER_CELL
+
+    def psf_seconds(self, pixels: tuple[int, int] | None = None) -> float:
+        """Forecast for the PSF of all channels."""
+        rows, columns = pixels or self.pixels
+        each = _SECONDS_PER_PATTERN + rows * columns * _SECONDS_PER_PIXEL
+        return len(self.opened.camera.sensor.channels) * each
+
+    def scene_seconds(self, field_points: int | None = None) -> float:
+        """Forecast for the measurement of a scene."""
+        rows, columns = self.pixels
+        each = _SECONDS_PER_FIELD_POINT + rows * columns * _SECONDS_PER_BLENDED_PIXEL
+        points = field_points or self.size.field_points
+        return len(self.opened.camera.sensor.channels) * points**2 * each
+
+    def solve_seconds(self, region: Region | None, iterations: int) -> float:
+        """Forecast for one reconstruction; without a region, the PSF is the sensor's."""
+        rows, columns = self.preview.cells
+        more = (region.height, region.width) if region is not None else (rows, columns)
+        cells = (rows + more[0]) * (columns + more[1])
+        return len(self.opened.camera.sensor.channels) * cells * iterations * _SECONDS_PER_CELL
+
+
+def _digest(values: Tensor) -> str:
+    return hashlib.sha256(values.cpu().numpy().tobytes()).hexdigest()
