@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from known_pairs import photograph
 
 from nolens.calibrate.many_scenes import ManyScenesAslant
-from nolens.calibrate.pairs_model import KnownScenes, over_the_field
-from nolens.calibrate.pairs_weights import Weights
+from nolens.calibrate.psf_from_scenes import KnownScenes, Weights, over_the_field
 from nolens.errors import DataError
 from nolens.operators import Region
 from reference import direct_sum

@@ -7,9 +7,14 @@ from hypothesis import strategies as st
 from known_pairs import SENSOR, Taken, alike, caustic, photograph, take
 
 from nolens.calibrate.many_scenes import ManyScenesAslant
-from nolens.calibrate.pairs_model import KnownScenes, over_the_field
-from nolens.calibrate.pairs_solver import PsfSolver
-from nolens.calibrate.psf_from_scenes import _refined, psf_from_scenes, unexplained
+from nolens.calibrate.psf_from_scenes import (
+    KnownScenes,
+    PsfSolver,
+    _refined,
+    over_the_field,
+    psf_from_scenes,
+    unexplained,
+)
 from nolens.errors import DataError
 from nolens.operators import CroppedConvolution, Region
 

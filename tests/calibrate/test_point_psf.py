@@ -4,10 +4,8 @@ import pytest
 import torch
 from point_light import Shot, bench, decibels, light_of, rms, warm_pixels
 
-from nolens.calibrate.point import PointPsf, StrayLight, point_psf
+from nolens.calibrate.point import Exposure, Noise, PointPsf, StrayLight, merge, point_psf
 from nolens.calibrate.point_frames import FrameMean
-from nolens.calibrate.point_merge import Exposure, merge
-from nolens.calibrate.point_noise import Noise
 from nolens.calibrate.point_stray import dark_area, stray_light
 from nolens.camera import Frame
 from nolens.errors import DataError

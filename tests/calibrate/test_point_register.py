@@ -8,7 +8,7 @@ from point_light import bench, spots
 
 from nolens.calibrate import point_register
 from nolens.calibrate.distances import Layers
-from nolens.calibrate.point_centre import centroid
+from nolens.calibrate.point import centroid
 from nolens.calibrate.point_register import NEARBY, register
 from nolens.optics import PointSource
 

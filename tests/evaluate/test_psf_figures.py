@@ -10,8 +10,7 @@ from torch import Tensor
 
 from nolens.errors import DataError
 from nolens.evaluate import psf_figures, sparsity
-from nolens.evaluate.psf_figures_autocorrelation import trimmed
-from nolens.evaluate.psf_figures_spectrum import Spectrum, background_of
+from nolens.evaluate.psf_figures import Spectrum, background_of, trimmed
 
 SIDE = 384
 CELL_UM = 3.1

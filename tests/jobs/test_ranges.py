@@ -35,9 +35,14 @@ WITHOUT = {
 def models() -> list[type[BaseModel]]:
     """All options, all parts of descriptions, and what the page sends to the server."""
     for module in pkgutil.walk_packages(nolens.__path__, "nolens."):
-        if module.name.startswith((
-            "nolens.jobs.", "nolens.reproduction.", "nolens.camera.", "nolens.design.",
-        )):
+        if module.name.startswith(
+            (
+                "nolens.jobs.",
+                "nolens.reproduction.",
+                "nolens.camera.",
+                "nolens.design.",
+            )
+        ):
             importlib.import_module(module.name)
     found: list[type[BaseModel]] = [JobOptions, Part, schemas._Given]
     for each in found:

@@ -8,7 +8,7 @@ from posed import Case, pose
 
 from nolens.operators import Region
 from nolens.solvers import AdmmState, Prior
-from nolens.solvers.admm_run import AdmmRun
+from nolens.solvers.admm import AdmmRun
 from nolens.solvers.penalties import Balance
 
 CASE = Case(channels=3, region=Region(1, 2, 4, 5), saturated=0.1)

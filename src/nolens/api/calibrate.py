@@ -8,8 +8,7 @@ from nolens.api.progress import Progress, reported
 from nolens.api.simulate import Camera, Psf
 from nolens.calibrate.distances import Layers, with_mean_light
 from nolens.calibrate.magnify import covered, magnified
-from nolens.calibrate.point import PointPsf, StrayLight, point_psf
-from nolens.calibrate.point_centre import centroid
+from nolens.calibrate.point import PointPsf, StrayLight, centroid, point_psf
 from nolens.calibrate.point_frames import FrameMean, add_frame, match_darks
 from nolens.calibrate.stitch import Capture, Stitched, locate
 from nolens.calibrate.stitch import stitch as merged

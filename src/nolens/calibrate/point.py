@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import torch
@@ -11,16 +12,29 @@ from torch import Tensor
 
 from nolens.calibrate.point_band import Band, usable_band
 from nolens.calibrate.point_frames import FrameMean, black_plane
-from nolens.calibrate.point_merge import Exposure, Merged, merge
-from nolens.calibrate.point_noise import Noise, noise_of_samples, noise_of_sensor, noise_squares
 from nolens.calibrate.point_stray import DarkArea, dark_area, floor, stray_light
 from nolens.camera import Frame, Sensor
 from nolens.camera.measurement import colour_planes
 from nolens.errors import DataError
 
+_BINS = 48
+_LEAST_IN_BIN = 64
+_ROUNDING = 1 / 12
+"""Variance of a count that is rounded to a whole one."""
+_LAPLACES = ((1.0, -2.0, 1.0), (-2.0, 4.0, -2.0), (1.0, -2.0, 1.0))
+_LAPLACES_POWER = 36.0
+_ROUNDS = 3
+_CLEAR_OF_WHITE = 3.0
+"""Standard deviations that the mean of a usable pixel lies below white."""
+_BRIGHT = 0.2
+"""Share of white from which pixels tell how two exposure times compare."""
+_LEAST_BRIGHT = 50
+_MOST_OFF = 0.1
+"""Difference of stated and seen ratio of exposures that is not the shutter's."""
+UNCERTAIN_RATIO = 0.02
+"""The same, that a person should hear of."""
 StrayLight = Literal["auto", "none", "floor"]
 """Fitted where an aperture leaves a dark area, left in, or taken to be the darkest light."""
-
 _MOST_SATURATED = 1e-3
 _AROUND = 15
 _LEAST_CONTRAST = 0.1
@@ -29,9 +43,243 @@ _SMALLEST = 16
 """Pixels along the shorter side of a frame."""
 _LINEAR = 0.95
 """Share of white below which the noise is looked at."""
-
-
 _AS_IS = "or take a PSF that is finished as it is (--as-is)"
+
+
+@dataclass(frozen=True)
+class Noise:
+    r"""Noise of one frame: the variance of a pixel is :math:`σ^2 + g\,s` for a signal s in counts.
+
+    Parameters
+    ----------
+    read_variance
+        σ² without light, in counts².
+    counts_per_electron
+        g, the slope of shot noise.
+    known_from
+        Two or more frames, the camera's description, or the fine structure of one picture.
+    """
+
+    read_variance: float
+    counts_per_electron: float
+    known_from: Literal["frames", "camera", "picture"]
+
+    def variance(self, signal: Tensor) -> Tensor:
+        """Variance of a pixel of one frame, in counts²."""
+        return self.read_variance + self.counts_per_electron * signal.clamp_min(0)
+
+
+def noise_of_sensor(sensor: Sensor) -> Noise:
+    """Noise as the description of the sensor has it."""
+    slope = sensor.counts_per_electron * sensor.gain
+    read = (sensor.read_noise_electrons * slope) ** 2
+    return Noise(read + _ROUNDING, slope, "camera")
+
+
+def noise_of_samples(signals: list[Tensor], squares: list[Tensor], source: Noise) -> Noise:
+    r"""Fit the photon transfer curve :math:`v(s) = σ^2 + g\,s` (`janesick2007`).
+
+    Pixels are gathered by their signal into bins of equal number; a line is laid through the
+    bins' means, each weighted by its own spread, :math:`v/\sqrt{N/2}`, in a few rounds.
+
+    Parameters
+    ----------
+    signals
+        Counts above black, of pixels that are not saturated; any shape.
+    squares
+        For each, a square whose mean is the variance of one frame.
+    source
+        Where the squares come from; its figures serve where there are too few pixels for bins.
+    """
+    signal = torch.cat([each.flatten() for each in signals]).double()
+    square = torch.cat([each.flatten() for each in squares]).double()
+    bins = min(_BINS, len(signal) // _LEAST_IN_BIN)
+    if bins < 2:
+        return source
+    order = signal.argsort()
+    groups = [torch.tensor_split(each[order], bins) for each in (signal, square)]
+    mean, variance = (torch.stack([part.mean() for part in group]) for group in groups)
+    fitted = variance.clamp_min(_ROUNDING)
+    read, slope = float(fitted.min()), 0.0
+    for _ in range(5):
+        weight = fitted.square().reciprocal()
+        centre = (weight * mean).sum() / weight.sum()
+        level = (weight * variance).sum() / weight.sum()
+        spread = (weight * (mean - centre).square()).sum()
+        if float(spread) > 0:
+            slope = float((weight * (mean - centre) * (variance - level)).sum() / spread)
+        slope = max(slope, 0.0)
+        read = max(float(level - slope * centre), _ROUNDING)
+        fitted = read + slope * mean.clamp_min(0)
+    return Noise(read, slope, source.known_from)
+
+
+def noise_squares(plane: Tensor) -> Tensor:
+    r"""Squares with the mean σ², from the fine structure of one picture (`immerkaer1996`).
+
+    The difference of two Laplace operators, :math:`[1, -2, 1]^T [1, -2, 1]`, lets nothing smooth
+    pass, and multiplies the variance of noise by 36.
+
+    Parameters
+    ----------
+    plane
+        (rows, columns) of one colour.
+
+    Returns
+    -------
+    Tensor
+        (rows − 2, columns − 2).
+    """
+    kernel = torch.tensor(_LAPLACES, dtype=plane.dtype)[None, None]
+    return nnf.conv2d(plane[None, None], kernel)[0, 0].square() / _LAPLACES_POWER
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """The mean of some frames of one exposure time.
+
+    Parameters
+    ----------
+    signal
+        Counts above black or dark, float32.
+    clipped
+        Where any of them is saturated.
+    frames
+        How many there are.
+    exposure_s
+        Exposure time.
+    white
+        Count above black from which a pixel is saturated; (rows and columns may be 1).
+    dark_frames
+        Dark frames whose mean was subtracted; None where a known black level was.
+    """
+
+    signal: Tensor
+    clipped: Tensor
+    frames: int
+    exposure_s: float
+    white: Tensor
+    dark_frames: int | None = None
+
+    def variance(self, noise: Noise, signal: Tensor) -> Tensor:
+        """Variance of the mean, for a signal."""
+        dark = 0.0 if self.dark_frames is None else noise.read_variance / self.dark_frames
+        return noise.variance(signal) / self.frames + dark
+
+    def usable(self, noise: Noise) -> Tensor:
+        """Pixels whose mean is not cut off: excluding only those that clip would bias it."""
+        return ~self.clipped & (
+            self.signal + _CLEAR_OF_WHITE * noise.variance(self.signal).sqrt() < self.white
+        )
+
+
+@dataclass(frozen=True)
+class Merged:
+    """A linear picture.
+
+    Parameters
+    ----------
+    rate
+        Counts above black in a second, of the shape of the frames.
+    variance
+        Its variance.
+    saturated
+        Where every exposure clips: there the rate is that of the shortest one, too low.
+    ratios
+        For each exposure, shortest first, how much brighter it is than its time says.
+    """
+
+    rate: Tensor
+    variance: Tensor
+    saturated: Tensor
+    ratios: tuple[float, ...]
+
+
+def merge(exposures: list[Exposure], noise: Noise) -> Merged:
+    r"""Merge exposures, each pixel weighted by how little noise it has.
+
+    For counts :math:`s_j` of time :math:`t_j` the rate is :math:`x = Σ w_j s_j/t_j \,/\, Σ w_j`,
+    :math:`w_j = t_j^2 / v_j`, :math:`v_j = (σ^2 + g\,x\,t_j)/n_j` and the noise of the dark
+    frames: the estimate of least variance for shot and read noise (`hasinoff2010`). The variance
+    is taken for the rate of the round before, not for the noisy count itself, which would favour
+    counts that are too low. Saturated pixels have no weight (`debevec1997`). What the shutter
+    does to the times is seen on pixels that are bright in two exposures and clip in neither
+    (`ratios`), and the times are corrected by it.
+
+    Parameters
+    ----------
+    exposures
+        One for each exposure time.
+    noise
+        Of one frame.
+
+    Raises
+    ------
+    DataError
+        If the brightness of two exposures is not at all as their times say.
+    """
+    ordered = sorted(exposures, key=lambda each: each.exposure_s)
+    usable = [each.usable(noise) for each in ordered]
+    ratios = _ratios(ordered, usable)
+    times = [each.exposure_s * ratio for each, ratio in zip(ordered, ratios, strict=True)]
+    saturated = ~torch.stack(usable).any(dim=0)
+    usable[0] = usable[0] | saturated
+    rate = _weighted(
+        ordered, times, [mask * (each.frames * time * time) for each, time, mask in
+                         zip(ordered, times, usable, strict=True)],
+    )  # fmt: skip
+    for _ in range(_ROUNDS):
+        weights = [
+            mask * time * time / each.variance(noise, rate * time)
+            for each, time, mask in zip(ordered, times, usable, strict=True)
+        ]
+        rate = _weighted(ordered, times, weights)
+    return Merged(rate, torch.stack(weights).sum(dim=0).reciprocal(), saturated, ratios)
+
+
+def _weighted(ordered: list[Exposure], times: list[float], weights: list[Tensor]) -> Tensor:
+    total = torch.stack(weights).sum(dim=0)
+    parts = [
+        weight * each.signal / time
+        for each, time, weight in zip(ordered, times, weights, strict=True)
+    ]
+    return torch.stack(parts).sum(dim=0) / total
+
+
+def _ratios(ordered: list[Exposure], usable: list[Tensor]) -> tuple[float, ...]:
+    """How much brighter each is than its time says, beside the shortest one."""
+    found = [1.0]
+    for (short, long), (one, other) in zip(pairwise(ordered), pairwise(usable), strict=True):
+        both = one & other & (long.signal > _BRIGHT * long.white)
+        if int(both.sum()) < _LEAST_BRIGHT:
+            found.append(found[-1])
+            continue
+        brighter = float(long.signal[both].double().sum() / short.signal[both].double().sum())
+        stated = long.exposure_s / short.exposure_s
+        if not abs(brighter / stated - 1) <= _MOST_OFF:
+            raise DataError(
+                f"frames of {1e3 * long.exposure_s:g} ms are {brighter:.3g} times as bright as "
+                f"those of {1e3 * short.exposure_s:g} ms, not {stated:.3g} times: keep the light "
+                "and all other settings the same, or correct the times (--exposure)"
+            )
+        found.append(found[-1] * brighter / stated)
+    return tuple(found)
+
+
+def centroid(psf: Tensor, dark: Tensor) -> tuple[float, float]:
+    """Centre of the light outside the dark area, (row, column) in cells from the middle.
+
+    Parameters
+    ----------
+    psf
+        (channels, rows, columns), without stray light.
+    dark
+        Bool, (rows, columns): cells that have no light of the point.
+    """
+    light = psf.double().clamp_min(0).sum(dim=0) * ~dark
+    light = light / light.sum()
+    places = [torch.arange(n, dtype=torch.float64) - (n - 1) / 2 for n in light.shape]
+    return float(light.sum(dim=1) @ places[0]), float(light.sum(dim=0) @ places[1])
 
 
 @dataclass(frozen=True)

@@ -1,20 +1,19 @@
 """How good a picture is against the truth, and what a point spread function looks like."""
 
-from nolens.evaluate.dots import Spot, brightest_places, spots_at
-from nolens.evaluate.dots_grades import Angles, Dot, angles_of, grade
+from nolens.evaluate.dots import Angles, Dot, Spot, angles_of, brightest_places, grade, spots_at
 from nolens.evaluate.field import PeakCorrelation, falls_to, peak_correlation
 from nolens.evaluate.pattern import PatternFigures, pattern_figures
 from nolens.evaluate.picture import affine_fit, psnr, scale_fit, ssim
-from nolens.evaluate.psf_figures import PsfFigures, psf_figures
-from nolens.evaluate.psf_figures_clipped import clipped_cells
+from nolens.evaluate.psf_figures import PsfFigures, clipped_cells, psf_figures
 from nolens.evaluate.siemens import (
     STAR_THRESHOLD,
     ResolvedRadius,
     StarContrast,
+    StarPlace,
+    find_star,
     resolved_radii,
     star_contrast,
 )
-from nolens.evaluate.siemens_place import StarPlace, find_star
 from nolens.evaluate.slanted_edge import EdgeResponse, edge_response
 from nolens.evaluate.spectral_magnitude import sparsity, spectral_magnitude
 from nolens.evaluate.targets import STAR_SHARE, angle_of_length, siemens_star, slanted_edge

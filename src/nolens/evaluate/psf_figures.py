@@ -1,16 +1,370 @@
-"""Figures of a point spread function, as the paper's Fig. 5 shows them."""
+"""What a point spread function looks like, in figures: its lines, pitch, contrast and spectrum."""
 
 import math
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
 from nolens.errors import DataError
-from nolens.evaluate.psf_figures_autocorrelation import Autocorrelation
-from nolens.evaluate.psf_figures_spectrum import DIRECTIONS_DEG, Spectrum
 from nolens.evaluate.spectral_magnitude import sparsity
+from nolens.kernels import fast_length, rfft2
 
+DIRECTIONS_DEG = (0, 90, 180, 270)
+"""Directions along which the magnitude is told: to the right, up, to the left and down."""
+_WEDGE_DEG = 10.0
+_RING = 0.0025
+_NOISE_RING = 0.02
+_HIGHEST = 0.5
+"""Cycles to the cell: half width of a direction, width of a ring, the same for noise, the limit."""
+_CROSS, _NEAR = 2, 16
+"""Steps of the transform from an axis that are left out, and from zero up to which they are not."""
+_BLOCK = 3
+_DARKEST = 0.01
+_DEVIATIONS = 2.33
+"""Sides of the means, the share of them that is darker than the background, and how many standard
+deviations below its mean a normal distribution has that share."""
+_STEP = 0.25
+"""Cells from one value of a profile to the next."""
+_BINS = 8192
+_FARTHEST = math.sqrt(0.5)
+"""Cycles to the cell, of the corners of the spectrum."""
+_STRIP = 16
+_LEAST_RISE = 0.01
+"""Of a second peak, over the lowest value before it: less is chance."""
+_FEW = 9
+_SHARE = 1e-4
 _SMALLEST = 16
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Power of a pattern without its mean, by spatial frequency.
+
+    Parameters
+    ----------
+    power
+        |F|² of the pattern less its mean, half of the plane, float64.
+    down, right
+        Frequencies along rows and columns, cycles to the cell.
+    shape
+        Rows and columns of the pattern.
+    noise_power
+        |F|² of white noise on every cell.
+    background
+        Level that the pattern stands on, see `background_of`.
+    total
+        Sum of the pattern without that.
+    """
+
+    power: Tensor
+    down: Tensor
+    right: Tensor
+    shape: tuple[int, int]
+    noise_power: float
+    background: float = 0.0
+    total: float = 1.0
+
+    @classmethod
+    def of(cls, pattern: Tensor, noise: float | None) -> "Spectrum":
+        """Transform a pattern (rows, columns).
+
+        Parameters
+        ----------
+        pattern
+            In any unit.
+        noise
+            Standard deviation of every cell's noise; None takes the power that is left at the
+            frequencies, up to half a cycle to the cell, where it is least: rings of 0.02 cycles,
+            the lowest of them. Patterns with details finer than two cells have power there too,
+            which counts as noise.
+        """
+        rows, columns = pattern.shape
+        shape, values = (rows, columns), pattern.double()
+        power = rfft2((values - values.mean()).contiguous()).abs().square()
+        down = torch.fft.fftfreq(rows, dtype=torch.float64)
+        right = torch.fft.rfftfreq(columns, dtype=torch.float64)
+        spectrum = cls(power, down, right, shape, 0.0)
+        if noise is None:
+            floor = spectrum._rings(_NOISE_RING, None)[1].min()
+        else:
+            floor = torch.tensor(noise**2 * rows * columns)
+        background = background_of(pattern, math.sqrt(float(floor) / (rows * columns)))
+        total = float((values - background).sum())
+        return cls(power, down, right, shape, float(floor), background, total)
+
+    @property
+    def cells(self) -> int:
+        """Number of cells of the pattern."""
+        return self.shape[0] * self.shape[1]
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of every cell's noise, in the pattern's unit."""
+        return math.sqrt(self.noise_power / self.cells)
+
+    @property
+    def radius(self) -> Tensor:
+        """Length of every frequency."""
+        return torch.hypot(self.down[:, None], self.right)
+
+    @property
+    def weight(self) -> Tensor:
+        """How often every column stands in the whole plane."""
+        return column_weights(self.shape[1])
+
+    def magnitude(self, direction_deg: int | None = None) -> tuple[Tensor, Tensor]:
+        r"""Frequencies and spectral magnitude :math:`\sqrt{\langle|F|^2\rangle - N}\,/\,F_0`.
+
+        Over rings of 0.0025 cycles to the cell (or two steps of the transform, where that is
+        more), without the noise's power N; :math:`F_0` is the pattern's light without its
+        background. It is the root mean square over many spots in random places: n of them have
+        :math:`1/\sqrt n` of what one has, so it is no modulation transfer.
+
+        Parameters
+        ----------
+        direction_deg
+            Only what lies within 10° of this direction, but for the axis itself, on which the
+            frame's edges show; None takes all.
+        """
+        at, power, _ = self._rings(_RING, direction_deg)
+        return at, (power - self.noise_power).clamp_min(0).sqrt() / self.total
+
+    def clear_bands(self) -> tuple[tuple[float, float], ...]:
+        """Frequencies, from and to, at which the pattern has more power than noise.
+
+        In cycles to the cell. At their ends Wiener's filter gives half of what it passes
+        (`wiener1949`). Gaps and bands of less than 0.02 cycles are passed over.
+        """
+        at, power, _ = self._rings(_RING, None)
+        clear = power >= 2 * self.noise_power
+        for value in (False, True):
+            for first, last in _runs(clear, value=value):
+                ends = first == 0 if value else last == len(at) - 1
+                if float(at[last] - at[first]) < _NOISE_RING and not ends:
+                    clear[first : last + 1] = not value
+        edges = [float(each) for each in at]
+        edges[0], edges[-1] = 0.0, _HIGHEST
+        return tuple((edges[first], edges[last]) for first, last in _runs(clear, value=True))
+
+    def _rings(self, width: float, direction_deg: int | None) -> tuple[Tensor, Tensor, Tensor]:
+        """Mean frequency, mean power and number of values of rings that hold any."""
+        width = max(width, 2 / min(self.shape))
+        radius = self.radius
+        inside = (radius > 0) & (radius <= _HIGHEST)
+        if direction_deg is not None:
+            angle = torch.atan2(-self.down[:, None], self.right) * (180 / math.pi)
+            # F(-f) is the conjugate of F(f): half of the plane has every direction, modulo 180°.
+            off = (angle - direction_deg + 90).remainder(180) - 90
+            inside &= off.abs() <= _WEDGE_DEG
+            # Frames that do not continue at their edges have a cross of light in their spectrum.
+            steps = (self.down[:, None] * self.shape[0], self.right * self.shape[1])
+            beside = (steps[0].abs() >= _CROSS) & (steps[1].abs() >= _CROSS)
+            inside &= beside | (torch.hypot(*steps) < _NEAR)
+        radius, power = radius[inside], (self.power * self.weight)[inside]
+        weight = self.weight.expand_as(self.power)[inside]
+        # What is left over beyond the last whole ring counts to that.
+        last = max(1, round(_HIGHEST / width)) - 1
+        ring = (radius / width).long().clamp(max=last)
+        count = torch.zeros(last + 1, dtype=torch.float64)
+        sums = [count.clone().index_add_(0, ring, each) for each in (radius * weight, power)]
+        count.index_add_(0, ring, weight)
+        held = count > 0
+        return sums[0][held] / count[held], sums[1][held] / count[held], count[held]
+
+
+def _runs(clear: Tensor, *, value: bool) -> list[tuple[int, int]]:
+    """First and last place of every run of a value."""
+    places: list[tuple[int, int]] = []
+    for place, each in enumerate(clear.tolist()):
+        if each != value:
+            continue
+        if places and places[-1][1] == place - 1:
+            places[-1] = places[-1][0], place
+        else:
+            places.append((place, place))
+    return places
+
+
+def column_weights(columns: int) -> Tensor:
+    """How often every column of a half spectrum stands in the whole one."""
+    weight = torch.full((columns // 2 + 1,), 2.0, dtype=torch.float64)
+    weight[0] = 1.0
+    if columns % 2 == 0:
+        weight[-1] = 1.0
+    return weight
+
+
+def background_of(pattern: Tensor, noise: float) -> float:
+    """Level that the pattern stands on: 1 % of its 3×3 means are darker, but for the noise.
+
+    Parameters
+    ----------
+    pattern
+        (rows, columns), at least 3 of each.
+    noise
+        Standard deviation of every cell's. Of a dark area that has it, 1 % of the 3×3 means are
+        darker by 2.33 thirds of it, which are added.
+    """
+    means = torch.nn.functional.avg_pool2d(pattern[None, None].double(), _BLOCK, 1).flatten()
+    darkest = float(means.sort().values[int(_DARKEST * (len(means) - 1))])
+    return darkest + _DEVIATIONS * noise / _BLOCK
+
+
+@dataclass(frozen=True)
+class Autocorrelation:
+    """Autocorrelation of a pattern without its mean and without white noise; 1 at zero.
+
+    Parameters
+    ----------
+    lag
+        Distances in cells.
+    radial
+        Mean over all directions.
+    row
+        Along the rows, in both directions the same.
+    """
+
+    lag: Tensor
+    radial: Tensor
+    row: Tensor
+
+    @classmethod
+    def of(cls, pattern: Tensor, background: float, noise: float) -> "Autocorrelation":
+        r"""Work it out up to a quarter of the frame, every quarter of a cell.
+
+        .. math:: A(r) = \sum_f P_f\,J_0(2π f r), \qquad A_0(x) = \sum_f P_f \cos(2π f_x x)
+
+        are the band-limited autocorrelation's mean over a circle and its values on a line, without
+        rounding to cells. The frame, without its edge (`trimmed`), stands in zeros: what leaves it
+        does not come in again. Of both, what even light of the same mean would have is taken off.
+
+        Parameters
+        ----------
+        pattern
+            (rows, columns).
+        background
+            What lies evenly under it.
+        noise
+            Standard deviation of white noise in it.
+        """
+        light = trimmed(pattern.double() - background)
+        rows, columns = light.shape
+        cells, reach = rows * columns, min(rows, columns) // 4
+        padded = (
+            fast_length(rows + reach, of_rows=False),
+            fast_length(columns + reach, of_rows=True),
+        )
+        values = torch.zeros(padded, dtype=torch.float64)
+        values[:rows, :columns] = light
+        mean = float(values.sum()) / cells
+        power = rfft2(values).abs().square() - noise**2 * cells
+        power = power * column_weights(padded[1]) / (cells * padded[0] * padded[1])
+        down = torch.fft.fftfreq(padded[0], dtype=torch.float64)
+        right = torch.fft.rfftfreq(padded[1], dtype=torch.float64)
+        lag = torch.arange(0, reach + _STEP, _STEP, dtype=torch.float64)
+        place = (torch.hypot(down[:, None], right) / _FARTHEST * _BINS).flatten()
+        lower = place.long()
+        share = place - lower
+        binned = torch.zeros(_BINS + 2, dtype=torch.float64)
+        for bins, part in ((lower, 1 - share), (lower + 1, share)):
+            binned.index_add_(0, bins, power.flatten() * part)
+        at = torch.arange(_BINS + 2, dtype=torch.float64) * (_FARTHEST / _BINS)
+        radial = torch.special.bessel_j0(2 * math.pi * lag[:, None] * at) @ binned
+        row = torch.cos(2 * math.pi * lag[:, None] * right) @ power.sum(dim=0)
+        # Of the frame, this much still lies over itself: (1 - |x|/columns) (1 - |y|/rows).
+        over = 1 - 2 * lag / math.pi * (1 / rows + 1 / columns) + lag**2 / (math.pi * cells)
+        radial, row = radial - mean**2 * over, row - mean**2 * (1 - lag / columns)
+        return cls(lag, radial / radial[0], row / row[0])
+
+    def level(self) -> float:
+        """Lowest value between the first peak, at zero, and the second.
+
+        Where spots do not touch, that is what chance and the mean that was taken off leave between
+        them, and the first peak above it has the shape of one spot's own autocorrelation.
+        """
+        return float(self.radial[_valley(self.radial)])
+
+    def width(self, profile: Tensor, level: float) -> float | None:
+        """Full width of the first peak half way between 1 and a level, in cells."""
+        half = (1 + level) / 2
+        below = (profile < half).nonzero()
+        if len(below) == 0:
+            return None
+        first = int(below[0])
+        before, after = float(profile[first - 1]), float(profile[first])
+        return 2 * _STEP * (first - 1 + (before - half) / (before - after))
+
+    def pitch(self, profile: Tensor, level: float, *, spread: bool) -> float | None:
+        r"""Distance of the second peak in cells; None without one that rises by 1 %.
+
+        Farther neighbours can make a higher peak: the first one of at least half the height
+        counts.
+
+        Parameters
+        ----------
+        profile
+            `radial` or `row`.
+        level
+            What the peaks stand on.
+        spread
+            The neighbours' peak is spread over a circle of radius r, on which it fades as
+            :math:`1/\sqrt r`: that is made up for, so that it does not seem nearer.
+        """
+        above = profile - level
+        valley = _valley(profile)
+        rest = above[valley:]
+        high = rest >= (rest.min() + rest.max()) / 2
+        start = int(high.nonzero()[0])
+        ends = (~high[start:]).nonzero()
+        length = int(ends[0]) if len(ends) else len(rest) - start
+        peak = valley + start + int(rest[start : start + length].argmax())
+        rise = float(above[peak] - above[valley])
+        if not valley < peak < len(above) - 1 or rise < _LEAST_RISE:
+            return None
+        if spread:
+            above = above * self.lag.sqrt()
+            while above[peak + 1] > above[peak] and peak < len(above) - 2:
+                peak += 1
+        left, top, right = (float(above[peak + step]) for step in (-1, 0, 1))
+        return _STEP * (peak + (left - right) / (2 * (left - 2 * top + right)))
+
+
+def trimmed(light: Tensor) -> Tensor:
+    """Leave out up to a sixteenth of the frame on every side, so that it ends where it is dark.
+
+    Spots that the frame's edge cuts through would count as narrower ones.
+    """
+    for axis in (0, 1):
+        lines = light.square().sum(dim=1 - axis)
+        strip = max(1, len(lines) // _STRIP)
+        first = int(lines[:strip].argmin())
+        last = len(lines) - 1 - int(lines.flip(0)[:strip].argmin())
+        light = light.narrow(axis, first, last + 1 - first)
+    return light
+
+
+def _valley(profile: Tensor) -> int:
+    """The first place below a half after which the profile rises; its end if it does not."""
+    below = (profile < 0.5).nonzero()
+    start = int(below[0]) if len(below) else 0
+    rising = (profile[start + 1 :] > profile[start:-1]).nonzero()
+    return start + int(rising[0]) if len(rising) else len(profile) - 1
+
+
+def clipped_cells(pattern: Tensor) -> int:
+    """Cells that have the very largest value, where many of them lie side by side; otherwise 0.
+
+    Tops that happen to be of the same height are one thing, level tops another.
+
+    Parameters
+    ----------
+    pattern
+        (rows, columns).
+    """
+    top = pattern == pattern.max()
+    beside = int((top[1:] & top[:-1]).sum() + (top[:, 1:] & top[:, :-1]).sum())
+    return int(top.sum()) if beside > max(_FEW, _SHARE * pattern.numel()) else 0
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ import torch
 from torch import Tensor
 
 from nolens.errors import DivergenceError, OptionError
-from nolens.solvers.admm import RELAXATION, admm, stands
-from nolens.solvers.admm_run import AdmmRun
+from nolens.solvers.admm import RELAXATION, AdmmRun, admm, stands
 from nolens.solvers.admm_state import AdmmState
 from nolens.solvers.inputs import Plane
 from nolens.solvers.level import levelled

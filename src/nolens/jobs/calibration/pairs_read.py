@@ -6,7 +6,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from nolens.calibrate.pairs_model import KnownScenes
+from nolens.calibrate.psf_from_scenes import KnownScenes
 from nolens.camera import Frame, Measurement, develop
 from nolens.errors import DataError, OptionError
 from nolens.files import read_frame, read_picture

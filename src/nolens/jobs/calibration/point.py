@@ -9,8 +9,7 @@ from typing import Any
 import torch
 
 from nolens.calibrate.distances import Layers
-from nolens.calibrate.point import PointPsf, point_psf
-from nolens.calibrate.point_merge import UNCERTAIN_RATIO
+from nolens.calibrate.point import UNCERTAIN_RATIO, PointPsf, point_psf
 from nolens.camera import PsfEntry
 from nolens.errors import DataError
 from nolens.files import (

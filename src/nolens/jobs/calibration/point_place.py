@@ -8,8 +8,7 @@ from torch import Tensor
 
 from nolens.calibrate.distances import Layers, with_mean_light
 from nolens.calibrate.magnify import covered, magnified
-from nolens.calibrate.point import PointPsf
-from nolens.calibrate.point_centre import centroid
+from nolens.calibrate.point import PointPsf, centroid
 from nolens.calibrate.point_register import NEARBY, register
 from nolens.camera import PsfEntry, PsfSet
 from nolens.errors import DataError

@@ -1,8 +1,8 @@
-"""How far to the side a camera sees: from its PSFs, or from a picture of a grid of dots."""
+"""`nolens measure field`: how PSFs and a grid of dots change with the field angle."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,11 +10,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from nolens.camera import OpenCamera, develop
-from nolens.errors import OptionError
+from nolens.camera import OpenCamera, PsfEntry, develop
+from nolens.errors import DataError, OptionError
+from nolens.evaluate import clipped_cells, falls_to
 from nolens.experiments.dot_grid import DotGrid, dot_grid, found_grid, grid_tangents
-from nolens.experiments.off_axis import OffAxis, off_axis, ray_curves
-from nolens.experiments.virtual_experiment import VirtualExperiment
+from nolens.experiments.off_axis import OffAxis, compared, off_axis, ray_curves
+from nolens.experiments.virtual_experiment import Tick, VirtualExperiment
 from nolens.files import (
     CAMERA_FILE,
     PSFS_FILE,
@@ -24,6 +25,8 @@ from nolens.files import (
     check_output,
     read_camera,
     read_frame,
+    read_psf,
+    read_psf_set,
     readable,
     write_png,
     write_record,
@@ -34,9 +37,8 @@ from nolens.files.plot_field import write_angles_plot, write_dots_plot
 from nolens.jobs.clock import Clock
 from nolens.jobs.cost import announce, check_memory, colours_of, cost_of, pattern_size
 from nolens.jobs.given import check_apart
-from nolens.jobs.measuring.field_captured import captured_off_axis
 from nolens.jobs.measuring.field_options import MeasureFieldOptions
-from nolens.jobs.measuring.field_tell import CORRELATIONS, told_angles, told_grid
+from nolens.jobs.measuring.rounded import rounded
 from nolens.jobs.reporter import Reporter
 from nolens.optics import PointSource
 from nolens.quantities import Length
@@ -44,12 +46,122 @@ from nolens.twin import Light, Twin
 from nolens.twin.point import shortest_nm
 from nolens.twin.preview import distance_um, preview_model, relief_points
 
+CORRELATIONS = (0.6, 0.3)
+"""Down to the first a picture is good, below the second it is lost (`uvimprint`); the paper does
+not say whether frames count by their own norms or, at one exposure, by the central one's."""
 _FIELD_STEP_DEG = 12.5
 """From one field point to the next, between which PSFs are blended."""
 _ITERATIONS = 300
 _SIZE_UM = 50.0
 """The paper's light: a pinhole of 50 um."""
 _REMEDY = "a camera with fewer pixels or a coarser grid of its relief needs less"
+
+
+def told_angles(found: list[OffAxis]) -> dict[str, Any]:
+    """Figures of PSFs from the side, in values that JSON has."""
+    at = [each.angle_deg for each in found]
+    told: dict[str, Any] = {"angles": [rounded(asdict(each)) for each in found]}
+    for name in ("correlation", "correlation_one_exposure", "correlation_overlap"):
+        values = [getattr(each, name) for each in found]
+        if None not in values:
+            told[f"{name}_falls_to_deg"] = {
+                f"{level:g}": rounded(falls_to(level, at, values)) for level in CORRELATIONS
+            }
+    return told
+
+
+def told_grid(grid: DotGrid) -> dict[str, Any]:
+    """Figures of a grid of dots, in values that JSON has."""
+    return {
+        "good_deg": rounded(grid.good_deg),
+        "distorted_deg": rounded(grid.distorted_deg),
+        "lost_deg": rounded(grid.lost_deg),
+        "pitch_found_mm": rounded(grid.pose.pitch_mm),
+        "turned_deg": rounded(grid.pose.turned_deg),
+        "cell_deg": rounded(grid.cell_deg),
+        "dots": [rounded(asdict(dot)) for dot in grid.dots],
+    }
+
+
+def captured_off_axis(
+    folder: Path, twin: Twin | None, tick: Tick
+) -> tuple[list[OffAxis], float, list[str]]:
+    """Compare the PSFs of a camera's folder that were captured at angles with the central one.
+
+    Parameters
+    ----------
+    folder
+        With its list of PSFs.
+    twin
+        The camera; None leaves out what follows from it.
+    tick
+        Called with the share that is done.
+
+    Returns
+    -------
+    tuple
+        One for each PSF, by angle, the central one first; the distance of the light in um; and
+        sentences to show, one for each doubt.
+
+    Raises
+    ------
+    DataError
+        If there is no central PSF or none from the side, or they do not fit the camera.
+    FileError
+        If a file cannot be read.
+    """
+    central, others = _chosen(folder, read_psf_set(folder).psf)
+    doubts = []
+    first = read_psf(folder, central).mean(dim=0)
+    if twin is not None and not math.isclose(central.cell.um, twin.cell_um, rel_tol=0.01):
+        raise DataError(
+            f"{central.file} has cells of {central.cell}, but a reconstruction with the camera "
+            f"{twin.camera.name!r} has cells of {twin.cell_um:g} µm: give the camera that the PSFs "
+            "are from (--camera)"
+        )
+    found = []
+    for number, entry in enumerate(others):
+        tick(number / len(others))
+        pattern = first if entry is central else read_psf(folder, entry).mean(dim=0)
+        clipped = clipped_cells(pattern)
+        if clipped:
+            doubts.append(
+                f"{clipped} cells of {folder / entry.file}, many side by side, have its very "
+                "largest value: it seems to be clipped. Take a shorter exposure"
+            )
+        found.append(compared(first, pattern, source_of(entry), central.cell.um, twin))
+    return found, central.distance_um, doubts
+
+
+def source_of(entry: PsfEntry) -> PointSource:
+    """Light of a PSF: to the right of the axis, and above it, where rows count downwards."""
+    right, up = (math.tan(angle.rad) for angle in entry.angle)
+    return PointSource((-up, right), entry.distance_um)
+
+
+def _chosen(folder: Path, entries: Sequence[PsfEntry]) -> tuple[PsfEntry, list[PsfEntry]]:
+    """The central PSF, and all of its distance by angle; those of the distance with the most."""
+    captured = [
+        each for each in entries
+        if each.kind == "captured" and (each.on_axis or each.frame == "sensor")
+    ]  # fmt: skip
+    groups: dict[float, list[PsfEntry]] = {}
+    for entry in captured:
+        groups.setdefault(entry.distance_um, []).append(entry)
+    whole = [group for group in groups.values() if any(each.on_axis for each in group)]
+    if not whole:
+        raise DataError(
+            f"{folder} has no captured PSF of a light straight ahead to compare others with: "
+            "calibrate one (nolens calibrate), at the distance of those from the side"
+        )
+    group = max(whole, key=len)
+    if len(group) == 1:
+        raise DataError(
+            f"{folder} has no captured PSF of a light from the side at the distance of "
+            f"{group[0].file}: calibrate some at known angles (nolens calibrate)"
+        )
+    central = next(each for each in group if each.on_axis)
+    return central, sorted(group, key=lambda each: source_of(each).angle_deg)
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,17 @@
-"""How fine a camera resolves: from frames, or from its description, to angles."""
+"""`nolens measure resolution`: two points, Siemens star or slanted edge, seen or simulated."""
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import torch
+from scipy import ndimage
+
+from nolens.camera import OpenCamera
 from nolens.errors import DataError
 from nolens.evaluate import point_pair
 from nolens.experiments.resolution import (
@@ -24,17 +29,29 @@ from nolens.experiments.resolution import (
     siemens_resolution,
     two_point_resolution,
 )
+from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import (
     InputFile,
     RunRecord,
+    camera_files,
     check_output,
+    read_camera,
     readable,
     write_record,
     write_together,
 )
+from nolens.files.plot_resolution import (
+    ARC_PERIODS,
+    EdgeCurves,
+    PairPanel,
+    StarCurves,
+    plot_edge,
+    plot_star,
+    plot_two_points,
+)
 from nolens.jobs.clock import Clock
+from nolens.jobs.cost import announce, check_memory, colours_of, cost_of, pattern_size
 from nolens.jobs.given import check_apart
-from nolens.jobs.measuring.resolution_draw import draw_edge, draw_star, draw_two_points
 from nolens.jobs.measuring.resolution_options import (
     EdgeOptions,
     ResolutionOptions,
@@ -42,15 +59,287 @@ from nolens.jobs.measuring.resolution_options import (
     TwoPointOptions,
 )
 from nolens.jobs.measuring.resolution_pictures import GivenCamera, Shown, shown
-from nolens.jobs.measuring.resolution_ready import ReadyBench, Work
-from nolens.jobs.measuring.resolution_tell import edge_figures, star_figures, two_point_figures
 from nolens.jobs.reporter import Reporter
+from nolens.optics import PointSource
 from nolens.quantities import Angle
+from nolens.twin import FieldMap, Light, Twin
+from nolens.twin.point import shortest_nm
+from nolens.twin.preview import distance_um, preview_model, relief_points
 
+_HALF, _TENTH = 0.5, 0.1
+_DIGITS = 5
+_MOST_PANELS = 6
+_SIDE_CELLS = 24
+# Of ADMM, for one channel: bytes for a cell, and transformed samples for a cell and iteration.
+_BYTES_PER_CELL = 80
+_SAMPLES_PER_CELL = 1.5
+_REMEDY = "a camera with fewer pixels, or a target of a smaller angle, needs less"
 _SPOKES = 36
 _ANGLE = Angle("20", "deg")
 _SIZE_OFF = 0.1
 _PATTERNS = 25
+
+
+def two_point_figures(found: TwoPoints) -> dict[str, Any]:
+    """Dips by separation, and what is resolved."""
+    resolved = found.resolved
+    return {
+        "target": "two-points",
+        "resolved_deg": _short(resolved.value),
+        "plus_minus_deg": _short(resolved.plus_minus),
+        "largest_unresolved_deg": _short(resolved.unresolved),
+        "smallest_resolved_deg": _short(resolved.resolved),
+        "dip_needed": _short(found.threshold),
+        "separations": [
+            {
+                "separation_deg": _short(angle),
+                "dip": _short(dip),
+                "dip_noise": _short(noise),
+                "resolved": dip >= found.threshold,
+            }
+            for angle, dip, noise in zip(
+                found.separations_deg, found.dips, found.noise, strict=True
+            )
+        ],
+    }
+
+
+def star_figures(found: StarResolution) -> dict[str, Any]:
+    """Contrast by frequency and direction, and what is resolved."""
+    star, worst = found.star, found.worst
+    return {
+        "target": "siemens",
+        "resolved_deg": _short(found.resolved_everywhere_deg),
+        "plus_minus_deg": _short(found.plus_minus_deg[worst]),
+        "spoke_deg": _short(found.resolved_everywhere_deg / 2),
+        "worst_direction_deg": _short(float(star.directions_deg[worst])),
+        "finest_of_the_cells": found.at_limit[worst],
+        "contrast_needed": _short(found.threshold * star.wide),
+        "contrast_of_wide_spokes": _short(star.wide),
+        "spokes": star.place.periods,
+        "centre": [_short(each) for each in star.place.centre],
+        "diameter_deg": _short(found.diameter_deg),
+        "directions": [
+            {
+                "direction_deg": _short(float(star.directions_deg[number])),
+                "resolved_deg": _short(found.resolved_deg[number]),
+                "plus_minus_deg": _short(found.plus_minus_deg[number]),
+                "cycles_per_deg": [_short(1 / each) for each in found.pairs_deg[number].tolist()],
+                "contrast": [_short(each) for each in star.contrast[number].tolist()],
+            }
+            for number in range(len(found.resolved_deg))
+        ],
+    }
+
+
+def edge_figures(found: EdgeResolution) -> dict[str, Any]:
+    """Contrast by frequency across the edge."""
+    response = found.response
+    half, tenth = found.per_deg(_HALF), found.per_deg(_TENTH)
+    return {
+        "target": "edge",
+        "resolved_deg": None if tenth is None else _short(1 / tenth),
+        "half_contrast_per_deg": _short(half),
+        "tenth_contrast_per_deg": _short(tenth),
+        "tilt_deg": _short(response.tilt_deg),
+        "direction_deg": _short(response.direction_deg),
+        "cycles_per_deg": [_short(each / found.cell_deg) for each in response.frequencies.tolist()],
+        "contrast": [_short(each) for each in response.transfer.tolist()],
+    }
+
+
+def _short(value: float | None) -> float | None:
+    """Five digits: more is neither known nor worth the paper."""
+    return None if value is None else float(f"{value:.{_DIGITS}g}")
+
+
+def draw_two_points(path: Path, found: TwoPoints) -> None:
+    """Pictures of the points with the light through them, and the dips by separation."""
+    order = sorted(range(len(found.seen)), key=lambda n: abs(found.dips[n] - found.threshold))
+    panels = []
+    for number in sorted(order[:_MOST_PANELS]):
+        each = found.seen[number]
+        picture = each.picture.numpy()
+        light = np.clip(picture, 0, None)
+        middle = [round(at) for at in ndimage.center_of_mass(light**2)]
+        top, left = (max(0, at - _SIDE_CELLS // 2) for at in middle)
+        panels.append(
+            PairPanel(
+                each.separation_deg, found.dips[number],
+                picture[top : top + _SIDE_CELLS, left : left + _SIDE_CELLS],
+                each.pair.at.numpy(), each.pair.trace.numpy(),
+            )
+        )  # fmt: skip
+    plot_two_points(
+        path, panels, separations_deg=found.separations_deg, dips=found.dips, noise=found.noise,
+        threshold=found.threshold, resolved_deg=found.resolved.value,
+        plus_minus_deg=found.resolved.plus_minus,
+    )  # fmt: skip
+
+
+def draw_star(path: Path, found: StarResolution) -> None:
+    """The star, its contrast by frequency and direction, and the light along an arc."""
+    star = found.star
+    turn = math.radians(float(star.directions_deg[found.worst]))
+    pairs = found.pairs_deg[found.worst].numpy()
+    at_limit = float(np.interp(found.resolved_everywhere_deg, pairs, star.radii.numpy()))
+    traces = {}
+    for times in (1.0, 1.2, 1.5):
+        radius = times * at_limit
+        if radius > float(star.radii[-1]):
+            continue
+        periods = np.linspace(-ARC_PERIODS / 2, ARC_PERIODS / 2, 241)
+        turns = turn + periods * (2 * math.pi / star.place.periods)
+        places = [
+            star.place.centre[0] - radius * np.sin(turns),
+            star.place.centre[1] + radius * np.cos(turns),
+        ]
+        light = ndimage.map_coordinates(found.picture.values.numpy(), places, order=3)
+        traces[float(np.interp(radius, star.radii.numpy(), pairs))] = light
+    plot_star(
+        path,
+        StarCurves(
+            found.picture.values.numpy(), star.place.centre, at_limit,
+            (1 / found.pairs_deg).numpy(),
+            star.contrast.numpy(), star.directions_deg.numpy(), found.resolved_deg, found.worst,
+            found.threshold * star.wide, traces,
+        ),
+    )  # fmt: skip
+
+
+def draw_edge(path: Path, found: EdgeResolution) -> None:
+    """The edge, the light across it and the contrast by frequency."""
+    response = found.response
+    plot_edge(
+        path,
+        EdgeCurves(
+            found.picture.values.numpy(), response.at.numpy() * found.cell_deg,
+            response.spread.numpy(), response.frequencies.numpy() / found.cell_deg,
+            response.transfer.numpy(),
+            {level: found.per_deg(level) for level in (0.5, 0.1)},
+        ),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Work:
+    """What has to be done.
+
+    Parameters
+    ----------
+    patterns
+        Patterns of all channels.
+    solves
+        Reconstructions.
+    region
+        (rows, columns) of cells that each one solves for.
+    iterations
+        Of each.
+    """
+
+    patterns: int
+    solves: int
+    region: tuple[int, int]
+    iterations: int
+
+
+@dataclass(frozen=True)
+class ReadyBench:
+    """A camera, before its relief is computed and after.
+
+    Parameters
+    ----------
+    opened
+        The camera.
+    files
+        Files it is read from, by role.
+    light
+        Spectrum of the light.
+    wavelengths
+        How many stand for a channel.
+    distance_um
+        Of the target.
+    preview
+        The camera with a stand-in for its relief.
+    made
+        The camera with its relief; None before `foretold`.
+    """
+
+    opened: OpenCamera
+    files: dict[str, Path]
+    light: Light
+    wavelengths: int
+    distance_um: float
+    preview: Twin
+    made: VirtualExperiment | None = None
+
+    @classmethod
+    def of(cls, options: ResolutionOptions) -> "ReadyBench":
+        """Read the camera.
+
+        Raises
+        ------
+        NolensError
+            If it, the light or the distance cannot be used.
+        """
+        assert options.simulate is not None
+        opened = read_camera(options.simulate)
+        bare = preview_model(opened)
+        distance = distance_um(options.distance, opened)
+        bare.check_source(PointSource((0.0, 0.0), distance))
+        return cls(
+            opened, camera_files(options.simulate, opened.camera), Light(options.light),
+            options.wavelengths, distance, bare,
+        )  # fmt: skip
+
+    @property
+    def bench(self) -> VirtualExperiment:
+        """The camera with its relief."""
+        assert self.made is not None
+        return self.made
+
+    def cells_of(self, angle_deg: float) -> tuple[int, int]:
+        """(rows, columns) of cells that a square target fills.
+
+        Raises
+        ------
+        OptionError
+            If it is beyond the model.
+        """
+        tangent = math.tan(math.radians(angle_deg) / 2)
+        self.preview.check_source(PointSource((tangent, tangent), self.distance_um))
+        region = FieldMap.covering(self.preview, (tangent, tangent)).region
+        return region.height, region.width
+
+    def foretold(self, work: Work, reporter: Reporter) -> "ReadyBench":
+        """Say what the work takes, and make the camera ready for it.
+
+        Raises
+        ------
+        OptionError
+            If the machine has too little memory, or the light cannot be used.
+        """
+        bare, sensor = self.preview, self.opened.camera.sensor
+        colours = colours_of(bare, self.light, self.wavelengths)
+        source = PointSource((0.0, 0.0), self.distance_um)
+        size = pattern_size(
+            bare, source, (sensor.rows, sensor.columns), 1, at_least=2,
+            shortest=shortest_nm(colours),
+        )  # fmt: skip
+        cells = math.prod(a + b for a, b in zip(bare.cells, work.region, strict=True))
+        cost = cost_of(
+            size, work.patterns * sum(map(len, colours)), points=relief_points(self.opened),
+            held=_BYTES_PER_CELL * cells,
+            transformed=int(_SAMPLES_PER_CELL * cells * work.solves * work.iterations),
+        )  # fmt: skip
+        device = torch.device("cpu")
+        check_memory(cost, device, _REMEDY)
+        announce(cost, device, reporter)
+        reporter.advance("mask", 0.0)
+        made = VirtualExperiment.of(
+            self.opened, light=self.light.name, wavelengths=self.wavelengths
+        )
+        return replace(self, made=made)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from functools import partial
 
-from nolens.jobs.measuring.resolution_draw import draw_star, draw_two_points
+from nolens.jobs.measuring.resolution import draw_star, draw_two_points
 from nolens.reproduction.resolution import PERIODS, POINTS_UM, STAR_DEG, read_points, read_star
 from nolens.reproduction.rows import Row
 from nolens.reproduction.steps import Found
