@@ -82,9 +82,13 @@ class ManyScenesAslant(ManyScenes):
     """
 
     def __init__(
-        self, scenes: Tensor, region: Region, sensor: tuple[int, int], psf: tuple[int, int],
+        self,
+        scenes: Tensor,
+        region: Region,
+        sensor: tuple[int, int],
+        psf: tuple[int, int],
         terms: Tensor,
-    ) -> None:  # fmt: skip
+    ) -> None:
         super().__init__((terms[:, None] * scenes).flatten(0, 1), region, sensor, psf)
         self._size = len(terms), len(scenes)
         self.spectra = self.transfer.reshape(*self._size, *self.transfer.shape[-2:])

@@ -225,9 +225,13 @@ def merge(exposures: list[Exposure], noise: Noise) -> Merged:
     saturated = ~torch.stack(usable).any(dim=0)
     usable[0] = usable[0] | saturated
     rate = _weighted(
-        ordered, times, [mask * (each.frames * time * time) for each, time, mask in
-                         zip(ordered, times, usable, strict=True)],
-    )  # fmt: skip
+        ordered,
+        times,
+        [
+            mask * (each.frames * time * time)
+            for each, time, mask in zip(ordered, times, usable, strict=True)
+        ],
+    )
     for _ in range(_ROUNDS):
         weights = [
             mask * time * time / each.variance(noise, rate * time)
@@ -457,8 +461,9 @@ def _noise(
         return noise_of_sensor(sensor)
     for time, mean in means.items():
         each, used = ready[time], _linear(ready[time])
-        for plane, kept in zip(_planes(each.signal, mean.first), _planes(used, mean.first),
-                               strict=True):  # fmt: skip
+        for plane, kept in zip(
+            _planes(each.signal, mean.first), _planes(used, mean.first), strict=True
+        ):
             inner = kept[1:-1, 1:-1]
             around = nnf.avg_pool2d(plane[None, None], 3, 1)[0, 0]
             signals.append(around[inner])

@@ -85,9 +85,11 @@ def usable_band(
     drowned = ((signal < means[1]) & enough).nonzero()
     last = rings if len(drowned) == 0 else int(drowned[0])
     return Band(
-        tuple(centres.tolist()), tuple(signal.tolist()), tuple(means[1].tolist()),
+        tuple(centres.tolist()),
+        tuple(signal.tolist()),
+        tuple(means[1].tolist()),
         last / rings * finest,
-    )  # fmt: skip
+    )
 
 
 def _power(picture: Tensor) -> Tensor:

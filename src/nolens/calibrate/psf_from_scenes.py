@@ -62,9 +62,12 @@ class KnownScenes:
 
     @classmethod
     def of(
-        cls, scenes: Sequence[Tensor], measured: Sequence[Tensor],
-        valid: Sequence[Tensor] | None = None, region: Region | None = None,
-    ) -> Self:  # fmt: skip
+        cls,
+        scenes: Sequence[Tensor],
+        measured: Sequence[Tensor],
+        valid: Sequence[Tensor] | None = None,
+        region: Region | None = None,
+    ) -> Self:
         """Put pairs together, each of one or more channels.
 
         Parameters
@@ -137,9 +140,12 @@ class KnownScenes:
             (top + skipped[0]) // by, (left + skipped[1]) // by, scenes.shape[-2], scenes.shape[-1]
         )
         return replace(
-            self, scenes=scenes, measured=nnf.avg_pool2d(self.measured[None], by)[0], valid=~dark,
+            self,
+            scenes=scenes,
+            measured=nnf.avg_pool2d(self.measured[None], by)[0],
+            valid=~dark,
             region=region,
-        )  # fmt: skip
+        )
 
     def _check_light(self) -> None:
         for name, given in (("scene", self.scenes), ("measurement", self.measured)):
@@ -278,7 +284,7 @@ class PsfSolver:
 
     def __init__(
         self, known: KnownScenes, terms: Tensor, support: Tensor, tau: float = TAU
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._support = support
         size = (support.shape[0], support.shape[1])
         light = known.measured.mean(dim=(-2, -1), keepdim=True)
@@ -296,9 +302,12 @@ class PsfSolver:
         self._tau = tau * wide * float(self._back(self._data)[0].abs().max())
 
     def solve(
-        self, steps: int, *, start: Tensor | None = None,
+        self,
+        steps: int,
+        *,
+        start: Tensor | None = None,
         tick: Callable[[float], None] | None = None,
-    ) -> Tensor:  # fmt: skip
+    ) -> Tensor:
         """Do so many steps of ADMM.
 
         Parameters
@@ -459,9 +468,13 @@ class SolvedPsf:
 
 
 def psf_from_scenes(
-    known: KnownScenes, *, support: Tensor | None = None, tau: float = TAU, steps: int = STEPS,
+    known: KnownScenes,
+    *,
+    support: Tensor | None = None,
+    tau: float = TAU,
+    steps: int = STEPS,
     tick: Tick | None = None,
-) -> SolvedPsf:  # fmt: skip
+) -> SolvedPsf:
     """Solve one PSF from all measurements together: crop-aware and non-negative.
 
     First on coarse cells, for its support: solved without one, the PSF's light stands out of the
@@ -498,9 +511,10 @@ def psf_from_scenes(
     within = support[inner].float()
     solver = PsfSolver(known, over_the_field(known), within, tau)
     found = solver.solve(
-        steps, start=None if start is None else start[inner],
+        steps,
+        start=None if start is None else start[inner],
         tick=None if tick is None else lambda share: tick(_COARSE_SHARE + 0.8 * share),
-    )  # fmt: skip
+    )
     varying = solver.misfit(found)
     alone = PsfSolver(known, torch.ones_like(known.scenes[:1]), within)
     found = found[:1] * alone.fit_gains(found[:1])

@@ -127,9 +127,12 @@ def _fading(count: int) -> Plane:
 
 
 def _between_cells(
-    spectrum: NDArray[np.complex128], shape: tuple[int, int], start: Cells, reach: float,
+    spectrum: NDArray[np.complex128],
+    shape: tuple[int, int],
+    start: Cells,
+    reach: float,
     step: float,
-) -> Cells:  # fmt: skip
+) -> Cells:
     """Peak of the cross-correlation on a finer grid around a place, and between its points."""
     steps = np.arange(-round(reach / step), round(reach / step) + 1) * step
     rows = np.exp(2j * np.pi * np.outer(start[0] + steps, fft.fftfreq(shape[0])))

@@ -72,9 +72,12 @@ class Placement:
 
 
 def place(
-    patterns: list[Plane], expected: list[Cells], reference: int, search: list[float],
+    patterns: list[Plane],
+    expected: list[Cells],
+    reference: int,
+    search: list[float],
     tick: Callable[[float], None] | None = None,
-) -> Placement:  # fmt: skip
+) -> Placement:
     r"""Find the shift of every pattern against one of them.
 
     Every two that overlap are matched (`matched`). Then all shifts s are solved together:
@@ -121,8 +124,10 @@ def place(
     shifts, misfit = _solved(used, sorted(reached), reference)
     return Placement(
         tuple(shifts.get(number) for number in range(len(patterns))),
-        tuple(correlations), tuple(used), misfit,
-    )  # fmt: skip
+        tuple(correlations),
+        tuple(used),
+        misfit,
+    )
 
 
 def _least_alike(cells: int) -> float:
@@ -166,7 +171,9 @@ def _solved(
         ]
         off = np.hypot(*(system @ solution - measured).T)
         weights = trust * np.minimum(1.0, _ROBUST_CELLS / np.maximum(off, 1e-9))
-    shifts = {number: (float(row), float(column)) for number, (row, column)
-              in zip(free, solution, strict=True)}  # fmt: skip
+    shifts = {
+        number: (float(row), float(column))
+        for number, (row, column) in zip(free, solution, strict=True)
+    }
     misfit = float(np.sqrt((weights * off**2).sum() / weights.sum()))
     return {**shifts, reference: (0.0, 0.0)}, misfit

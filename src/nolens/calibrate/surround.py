@@ -62,9 +62,14 @@ def filled(captured: Tensor, region: Region) -> Tensor:
 
 
 def extend(
-    captured: Tensor, pictures: list[Measurement], region: Region, *, rounds: int, tau: float,
+    captured: Tensor,
+    pictures: list[Measurement],
+    region: Region,
+    *,
+    rounds: int,
+    tau: float,
     step: Callable[[int], bool] | None = None,
-) -> Extended:  # fmt: skip
+) -> Extended:
     r"""Estimate the PSF beyond the sensor's edge from pictures of unknown scenes.
 
     Minimises :math:`\sum_k ½‖b_k - C(h * v_k)‖^2 + τ R(v_k)` over scenes :math:`v_k \ge 0` in the
@@ -155,9 +160,12 @@ def _residual(
 
 
 def _surround(
-    psf: Tensor, captured: Tensor, pictures: list[Measurement], scenes: list[Tensor],
+    psf: Tensor,
+    captured: Tensor,
+    pictures: list[Measurement],
+    scenes: list[Tensor],
     region: Region,
-) -> tuple[Tensor, float, float]:  # fmt: skip
+) -> tuple[Tensor, float, float]:
     """Non-negative least squares for the PSF outside what was captured, given the scenes.
 
     Also the misfits that it begins and ends with.

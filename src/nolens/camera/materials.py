@@ -21,9 +21,18 @@ LINES_NM = {"F": 486.13, "d": 587.56, "C": 656.27}
 """Fraunhofer lines that glass is known by."""
 
 _BUILT_IN = (
-    "air", "pua311", "pdms", "sylgard184", "noa61", "polycarbonate", "pmma", "cover-glass",
-    "d263", "bk7", "fused-silica",
-)  # fmt: skip
+    "air",
+    "pua311",
+    "pdms",
+    "sylgard184",
+    "noa61",
+    "polycarbonate",
+    "pmma",
+    "cover-glass",
+    "d263",
+    "bk7",
+    "fused-silica",
+)
 _LOWEST, _HIGHEST = 1.0, 4.0
 _PROBES = 1000
 

@@ -224,8 +224,9 @@ class RaspberrySource:
         frame = frame_of(values, raw, metadata, self._bits, self.name)
         exposure_s, gain = _used(metadata)
         details: dict[str, float | int | str] = {
-            "format": str(raw["format"]), "sensor_bits": self._bits,
-        }  # fmt: skip
+            "format": str(raw["format"]),
+            "sensor_bits": self._bits,
+        }
         correction = _MODULES / self._model / "parameters" / "dpc_enable"
         with suppress(OSError):  # Most sensors' drivers have none.
             details["defect_correction"] = int(correction.read_text().strip() not in ("0", "N"))

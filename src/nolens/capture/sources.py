@@ -49,10 +49,11 @@ def available_sources() -> tuple[SourceFact, ...]:
         found = [SourceFact("raspberry", "Raspberry Pi camera", False, str(error))]
     else:
         found = [
-            SourceFact(f"raspberry:{number}" if number else "raspberry", f"Raspberry Pi {model}",
-                       True, "")
+            SourceFact(
+                f"raspberry:{number}" if number else "raspberry", f"Raspberry Pi {model}", True, ""
+            )
             for number, model in enumerate(models)
-        ]  # fmt: skip
+        ]
     return (
         *found,
         SourceFact(f"twin:{_LIVE}", "Simulated camera", True, ""),

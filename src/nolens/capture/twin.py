@@ -217,9 +217,11 @@ class TwinSource:
                 twin = Twin.of(self._opened)
                 camera = twin.camera
                 model = PlainModel.of(
-                    twin, FieldMap.covering(twin, _half_field(twin)),
-                    distance_um=camera.reference_distance.um, light=Light(_LIGHT),
-                )  # fmt: skip
+                    twin,
+                    FieldMap.covering(twin, _half_field(twin)),
+                    distance_um=camera.reference_distance.um,
+                    light=Light(_LIGHT),
+                )
                 currents = photocurrents(twin, Light(_LIGHT), _LUMINANCE_CD_M2)[:, None, None]
                 size = camera.sensor.rows, camera.sensor.columns
                 current = mosaic(currents.expand(-1, *size), camera.sensor.mosaic)

@@ -78,10 +78,18 @@ def tolerance(
             show(line)
         return 0
     given = {
-        "camera": camera, "tolerances": tolerances, "output": output, "criterion": criterion,
-        "model": model, "light": light, "trials": trials, "seed": seed, "limit": limit,
-        "yield": yield_, "solve": solve,
-    }  # fmt: skip
+        "camera": camera,
+        "tolerances": tolerances,
+        "output": output,
+        "criterion": criterion,
+        "model": model,
+        "light": light,
+        "trials": trials,
+        "seed": seed,
+        "limit": limit,
+        "yield": yield_,
+        "solve": solve,
+    }
     reporter = TerminalReporter()
     with reporter:
         options = ToleranceOptions.gather({k: v for k, v in given.items() if v is not None})

@@ -59,9 +59,11 @@ def studio(
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         serve(
-            Studio(workspace, host=host, source=source, say=say), listening, browser=browser,
+            Studio(workspace, host=host, source=source, say=say),
+            listening,
+            browser=browser,
             started=started,
-        )  # fmt: skip
+        )
     except KeyboardInterrupt:
         say("the studio has ended")
         return 130

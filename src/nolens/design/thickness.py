@@ -123,11 +123,13 @@ class LensletStack:
             replace(
                 self,
                 thicknesses_um=(
-                    *self.thicknesses_um[:layer], value, *self.thicknesses_um[layer + 1 :],
+                    *self.thicknesses_um[:layer],
+                    value,
+                    *self.thicknesses_um[layer + 1 :],
                 ),
             )._error()
             for value in (0.0, _STEP_UM)
-        )  # fmt: skip
+        )
         if bool((without == with_step).any()):
             raise OptionError(
                 f"the thickness of layer {layer} does not move the focus of parallel rays: solve "

@@ -172,9 +172,11 @@ def _refined(
     start = np.array(centre)
     simplex = start + np.array([[0.0, 0.0], [1.0, 0.3], [-0.3, 1.0]])
     found = optimize.minimize(
-        lost, start, method="Nelder-Mead",
+        lost,
+        start,
+        method="Nelder-Mead",
         options={"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-9 * abs(lost(start))},
-    ).x  # fmt: skip
+    ).x
     return float(found[0]), float(found[1])
 
 
@@ -284,9 +286,12 @@ def star_contrast(
             fit = _fundamental(ring.where(part), beside[part], radius)
             contrast[sector, number], noise[sector, number] = fit
     return StarContrast(
-        place, torch.from_numpy(radii), torch.from_numpy(contrast), torch.from_numpy(noise),
+        place,
+        torch.from_numpy(radii),
+        torch.from_numpy(contrast),
+        torch.from_numpy(noise),
         torch.from_numpy(np.degrees(middles)),
-    )  # fmt: skip
+    )
 
 
 def resolved_radii(
@@ -349,10 +354,18 @@ def _fundamental(cells: _Cells, beside: _Array, radius: float) -> tuple[float, f
     """Contrast of the spokes in a piece of a ring, and its standard deviation."""
     outwards, wave = cells.radius - radius, cells.periods * cells.turn
     cos, sin = np.cos(wave), np.sin(wave)
-    basis = np.stack([
-        cos, sin, np.ones_like(wave), beside, outwards * cos, outwards * sin,
-        np.cos(3 * wave), np.sin(3 * wave),
-    ])  # fmt: skip
+    basis = np.stack(
+        [
+            cos,
+            sin,
+            np.ones_like(wave),
+            beside,
+            outwards * cos,
+            outwards * sin,
+            np.cos(3 * wave),
+            np.sin(3 * wave),
+        ]
+    )
     inverse = np.linalg.pinv(basis @ basis.T)
     fit = inverse @ (basis @ cells.light)
     rest = ((cells.light - fit @ basis) ** 2).sum() / max(len(wave) - len(basis), 1)

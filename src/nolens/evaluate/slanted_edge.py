@@ -107,9 +107,11 @@ def edge_response(picture: Tensor) -> EdgeResponse:
     place = (first + middle, start + slope * middle)
     tilt = math.degrees(math.atan(slope))
     return EdgeResponse(
-        tilt, 90.0 - tilt if lying else tilt, place[::-1] if lying else place,
+        tilt,
+        90.0 - tilt if lying else tilt,
+        place[::-1] if lying else place,
         *map(torch.from_numpy, (at, _levelled(spread), frequencies, transfer)),
-    )  # fmt: skip
+    )
 
 
 def _rows_with_edge(values: _Array) -> tuple[int, int]:

@@ -117,9 +117,12 @@ def point_pair(picture: Tensor, separation: float) -> PointPair:
     trace = ndimage.map_coordinates(values, places, order=5, mode="constant")
     dip, apart = _dip(trace, separation, off)
     return PointPair(
-        dip, apart, math.degrees(math.atan2(0.0 - unit[0], unit[1])),
-        torch.from_numpy(at), torch.from_numpy(trace / trace.max()),
-    )  # fmt: skip
+        dip,
+        apart,
+        math.degrees(math.atan2(0.0 - unit[0], unit[1])),
+        torch.from_numpy(at),
+        torch.from_numpy(trace / trace.max()),
+    )
 
 
 def resolved_separation(

@@ -184,8 +184,10 @@ class Rays:
 def between_deg(one: tuple[float, float], other: tuple[float, float]) -> float:
     """Angle between the rays of two tangents."""
     across = (
-        one[0] - other[0], one[1] - other[1], one[0] * other[1] - one[1] * other[0],
-    )  # fmt: skip
+        one[0] - other[0],
+        one[1] - other[1],
+        one[0] * other[1] - one[1] * other[0],
+    )
     return math.degrees(math.atan2(math.hypot(*across), 1 + one[0] * other[0] + one[1] * other[1]))
 
 
@@ -272,9 +274,14 @@ def found_grid(
     dots = _judged(rays, tangents, spots)
     ends = angles_of(dots)
     return DotGrid(
-        dots, ends.good_deg, ends.distorted_deg, ends.lost_deg, pose,
-        math.degrees(math.atan(cell_tangent)), picture,
-    )  # fmt: skip
+        dots,
+        ends.good_deg,
+        ends.distorted_deg,
+        ends.lost_deg,
+        pose,
+        math.degrees(math.atan(cell_tangent)),
+        picture,
+    )
 
 
 def grid_tangents(
@@ -436,9 +443,12 @@ def dot_grid(
     psf = bench.psf(PointSource((0.0, 0.0), distance_um), wide)
     picture = solved(shot.frame, psf, field.region, iterations=iterations, tick=second)
     return found_grid(
-        picture.cpu().mean(dim=0), twin, pitch_um=pitch_um, distance_um=distance_um,
+        picture.cpu().mean(dim=0),
+        twin,
+        pitch_um=pitch_um,
+        distance_um=distance_um,
         reach_deg=reach_deg,
-    )  # fmt: skip
+    )
 
 
 def _map_of(twin: Twin, reach_deg: float, step: float) -> FieldMap:

@@ -107,9 +107,11 @@ class AngularScale:
             columns * share / twin.cell_um + cells[1] // 2 - region.left,
         ]
         values = ndimage.map_coordinates(
-            picture.double().cpu().numpy(), [each.numpy() for each in places], order=5,
+            picture.double().cpu().numpy(),
+            [each.numpy() for each in places],
+            order=5,
             mode="nearest",
-        )  # fmt: skip
+        )
         return FlatPicture(torch.from_numpy(values), self.tangent, (-first[0], -first[1]))
 
 
@@ -280,9 +282,14 @@ class StarResolution:
             for each, turn, angle in zip(found, turns, resolved, strict=True)
         ]
         return cls(
-            picture, star, torch.tensor(pairs), tuple(resolved), tuple(off),
-            tuple(each.at_limit for each in found), threshold,
-        )  # fmt: skip
+            picture,
+            star,
+            torch.tensor(pairs),
+            tuple(resolved),
+            tuple(off),
+            tuple(each.at_limit for each in found),
+            threshold,
+        )
 
 
 @dataclass(frozen=True)
@@ -354,9 +361,13 @@ class _Camera:
 
     @classmethod
     def ready(
-        cls, bench: VirtualExperiment, distance_um: float, region: Region, settings: SolverSettings,
+        cls,
+        bench: VirtualExperiment,
+        distance_um: float,
+        region: Region,
+        settings: SolverSettings,
         tick: Tick,
-    ) -> "_Camera":  # fmt: skip
+    ) -> "_Camera":
         rows, columns = bench.twin.cells
         wide = (rows + region.height, columns + region.width)
         psf = bench.psf(PointSource((0.0, 0.0), distance_um), wide, tick)
@@ -365,9 +376,13 @@ class _Camera:
     def picture(self, frame: Frame, tick: Tick) -> Tensor:
         """The mean of the channels of what was photographed, solved as one."""
         return solved(
-            develop(frame, channels="grey"), self.psf, self.region,
-            iterations=self.settings.iterations, tau=self.settings.tau, tick=tick,
-        )[0]  # fmt: skip
+            develop(frame, channels="grey"),
+            self.psf,
+            self.region,
+            iterations=self.settings.iterations,
+            tau=self.settings.tau,
+            tick=tick,
+        )[0]
 
 
 def two_point_resolution(
@@ -425,10 +440,12 @@ def two_point_resolution(
             light = torch.zeros(())
             for side in (-1, 1):
                 source = PointSource(
-                    (row * scale.tangent - side * half * math.sin(turn),
-                     column * scale.tangent + side * half * math.cos(turn)),
+                    (
+                        row * scale.tangent - side * half * math.sin(turn),
+                        column * scale.tangent + side * half * math.cos(turn),
+                    ),
                     distance_um,
-                )  # fmt: skip
+                )
                 light = light + bench.light_of(source)
             noise = settings.seed + _SEED_STEP * number
             picture = camera.picture(bench.exposed(light, settings.fill, noise), told.part)
@@ -490,9 +507,13 @@ def siemens_resolution(
     """
     square_deg = 2 * math.degrees(math.atan(math.tan(math.radians(angle_deg) / 2) / STAR_SHARE))
     picture = _photographed(
-        bench, lambda side: siemens_star(side, periods), distance_um, square_deg,
-        settings or SolverSettings(TARGET_ITERATIONS), tick,
-    )  # fmt: skip
+        bench,
+        lambda side: siemens_star(side, periods),
+        distance_um,
+        square_deg,
+        settings or SolverSettings(TARGET_ITERATIONS),
+        tick,
+    )
     return StarResolution.of(picture, periods=periods, threshold=threshold)
 
 
@@ -527,16 +548,24 @@ def edge_resolution(
         If the angle is beyond the model.
     """
     picture = _photographed(
-        bench, lambda side: slanted_edge(side, EDGE_TILT_DEG), distance_um, angle_deg,
-        settings or SolverSettings(TARGET_ITERATIONS), tick,
-    )  # fmt: skip
+        bench,
+        lambda side: slanted_edge(side, EDGE_TILT_DEG),
+        distance_um,
+        angle_deg,
+        settings or SolverSettings(TARGET_ITERATIONS),
+        tick,
+    )
     return EdgeResolution.of(picture)
 
 
 def _photographed(
-    bench: VirtualExperiment, target: Callable[[int], Tensor], distance_um: float, angle_deg: float,
-    settings: SolverSettings, tick: Tick | None,
-) -> FlatPicture:  # fmt: skip
+    bench: VirtualExperiment,
+    target: Callable[[int], Tensor],
+    distance_um: float,
+    angle_deg: float,
+    settings: SolverSettings,
+    tick: Tick | None,
+) -> FlatPicture:
     """A square target on a screen, reconstructed, its fall-off of light divided out."""
     tangent = math.tan(math.radians(angle_deg) / 2)
     region = FieldMap.covering(bench.twin, (tangent, tangent)).region
@@ -547,9 +576,11 @@ def _photographed(
     side = min(_MOST_PIXELS, math.ceil(_PIXELS_PER_CELL * scale.cells(angle_deg)))
     radiance = target(side).float().expand(len(bench.sensor.channels), -1, -1)
     shot = bench.photograph(
-        (Plane(radiance, angle_deg, distance_um),), fill=settings.fill, seed=settings.seed,
+        (Plane(radiance, angle_deg, distance_um),),
+        fill=settings.fill,
+        seed=settings.seed,
         tick=told.part,
-    )  # fmt: skip
+    )
     told.next()
     return scale.flat(camera.picture(shot.frame, told.part) / shot.response)
 

@@ -75,9 +75,14 @@ class VirtualExperiment:
 
     @classmethod
     def of(
-        cls, opened: OpenCamera, *, light: str = "white-led", wavelengths: int = 1,
-        field_points: int = 5, device: torch.device | str = "cpu",
-    ) -> "VirtualExperiment":  # fmt: skip
+        cls,
+        opened: OpenCamera,
+        *,
+        light: str = "white-led",
+        wavelengths: int = 1,
+        field_points: int = 5,
+        device: torch.device | str = "cpu",
+    ) -> "VirtualExperiment":
         """Make a camera ready (seconds for the paper's).
 
         Raises
@@ -100,9 +105,14 @@ class VirtualExperiment:
         Each channel is as bright as the sensor sees it. `cells` may be more than the sensor has.
         """
         pattern = point_spread(
-            self.twin, source, cells or self.twin.cells, pixels=self.twin.cell_pixels,
-            light=self.light, wavelengths=self.wavelengths, tick=tick,
-        ).cpu()  # fmt: skip
+            self.twin,
+            source,
+            cells or self.twin.cells,
+            pixels=self.twin.cell_pixels,
+            light=self.light,
+            wavelengths=self.wavelengths,
+            tick=tick,
+        ).cpu()
         seen = photocurrents(self.twin, self.light, 1.0)
         return pattern * (seen / seen.max())[:, None, None]
 
@@ -127,16 +137,25 @@ class VirtualExperiment:
     def light_of(self, source: PointSource, tick: Tick | None = None) -> Tensor:
         """Light of one point on every pixel, in the pixel's colour; points add up."""
         pattern = point_spread(
-            self.twin, source, (self.sensor.rows, self.sensor.columns),
-            light=self.light, wavelengths=self.wavelengths, frame="sensor", tick=tick,
-        ).cpu()  # fmt: skip
+            self.twin,
+            source,
+            (self.sensor.rows, self.sensor.columns),
+            light=self.light,
+            wavelengths=self.wavelengths,
+            frame="sensor",
+            tick=tick,
+        ).cpu()
         seen = photocurrents(self.twin, self.light, 1.0)
         return mosaic(pattern * (seen / seen.max())[:, None, None], self.sensor.mosaic)
 
     def photograph(
-        self, planes: tuple[Plane, ...], *, fill: float = 0.9, seed: int = 0,
+        self,
+        planes: tuple[Plane, ...],
+        *,
+        fill: float = 0.9,
+        seed: int = 0,
         tick: Tick | None = None,
-    ) -> SimulatedMeasurement:  # fmt: skip
+    ) -> SimulatedMeasurement:
         """The sensor's frame of a scene, with PSFs that vary over the field.
 
         Parameters
@@ -153,14 +172,24 @@ class VirtualExperiment:
         return self.seen(*arrange(self.twin, planes), fill=fill, seed=seed, tick=tick)
 
     def seen(
-        self, field: FieldMap, seen: tuple[Seen, ...], *, fill: float = 0.9, seed: int = 0,
+        self,
+        field: FieldMap,
+        seen: tuple[Seen, ...],
+        *,
+        fill: float = 0.9,
+        seed: int = 0,
         tick: Tick | None = None,
-    ) -> SimulatedMeasurement:  # fmt: skip
+    ) -> SimulatedMeasurement:
         """The sensor's frame of what is seen on the cells of a map; the rest as `photograph`."""
         found = irradiate(
-            self.twin, replace(field, twin=self.twin), seen, field_points=self.field_points,
-            light=self.light, wavelengths=self.wavelengths, tick=tick,
-        )  # fmt: skip
+            self.twin,
+            replace(field, twin=self.twin),
+            seen,
+            field_points=self.field_points,
+            light=self.light,
+            wavelengths=self.wavelengths,
+            tick=tick,
+        )
         currents = photocurrents(self.twin, self.light, 1.0)[:, None, None]
         image = found.light * mosaic(currents.expand(-1, *found.light.shape), self.sensor.mosaic)
         response = field.solid_angle() * field.vignetting()
@@ -178,16 +207,26 @@ class VirtualExperiment:
         counts = expose_safely(electrons, self.sensor, seed=seed).float()[None]
         pattern = None if self.sensor.mosaic == "none" else self.sensor.mosaic
         return Frame(
-            counts, ("grey",) if pattern is None else ("mosaic",), pattern,
-            (self.sensor.black_counts,), self.sensor.saturated_counts,
-            "uint16", f"simulated by {self.twin.camera.name}", black_stated=True,
-        )  # fmt: skip
+            counts,
+            ("grey",) if pattern is None else ("mosaic",),
+            pattern,
+            (self.sensor.black_counts,),
+            self.sensor.saturated_counts,
+            "uint16",
+            f"simulated by {self.twin.camera.name}",
+            black_stated=True,
+        )
 
 
 def solved(
-    frame: Frame | Measurement, psf: Tensor, region: Region | None, *, iterations: int = 300,
-    tau: float = 1e-5, tick: Tick | None = None,
-) -> Tensor:  # fmt: skip
+    frame: Frame | Measurement,
+    psf: Tensor,
+    region: Region | None,
+    *,
+    iterations: int = 300,
+    tau: float = 1e-5,
+    tick: Tick | None = None,
+) -> Tensor:
     """Scene on the cells of the region, by ADMM (`nolens.solvers.admm`).
 
     Parameters

@@ -115,7 +115,10 @@ class _Place:
             return _MIDDLE_MM - half, _MIDDLE_MM + half
 
         return cls(
-            camera, frame, mould, scale,
+            camera,
+            frame,
+            mould,
+            scale,
             outer=ends(frame.outer_width_mm),
             inner=ends(frame.inner_width_mm),
             package=ends(frame.package_width_mm),
@@ -123,7 +126,7 @@ class _Place:
             top=top,
             floor=top + frame.height_mm * scale,
             below=camera.layers[camera.mask.surface + 1 :],
-        )  # fmt: skip
+        )
 
     @property
     def glass_top(self) -> float:
@@ -145,18 +148,20 @@ def _parts(place: _Place) -> list[Shape]:
     top, floor, inner = place.top, place.floor, place.inner
     ground = left - _OVERHANG_MM, right + _OVERHANG_MM
     resin = (
-        (inner[0] - rim, top), (inner[1] + rim, top), (inner[1], top + rim), (inner[1], floor),
-        (inner[0], floor), (inner[0], top + rim),
-    )  # fmt: skip
+        (inner[0] - rim, top),
+        (inner[1] + rim, top),
+        (inner[1], top + rim),
+        (inner[1], floor),
+        (inner[0], floor),
+        (inner[0], top + rim),
+    )
     shapes: list[Shape] = [
         box(ground[0], floor, ground[1], floor + _BOARD_MM, "board", "board"),
         Area(resin, "resin", "resin"),
         box(*_corners(place.package, place.glass_top, floor), "package", "package"),
     ]
     for out, into, way in ((left, inner[0], -1), (right, inner[1], 1)):
-        wall = (
-            (out, top), (into + way * rim, top), (into, top + rim), (into, floor), (out, floor)
-        )  # fmt: skip
+        wall = ((out, top), (into + way * rim, top), (into, top + rim), (into, floor), (out, floor))
         shapes.append(Area(wall, "frame", "wall"))
     shapes.append(_mould(place))
     levels = place.levels
@@ -204,13 +209,20 @@ def _named(place: _Place) -> list[tuple[str, Point, str]]:
     frame, levels = place.frame, place.levels
     poured = poured_layer(place.camera)
     named = [
-        ((sum((place.outer[0], place.inner[0])) / 2, (place.top + place.floor) / 2),
-         f"frame, wall {millimetres(frame.wall_mm)}, rim {millimetres(frame.rim_mm)} at 45°"),
-        ((_along(place.package, 0.06), (place.glass_top + place.floor) / 2 + _BOARD_MM / 2),
-         "package of the sensor; its inside is a sketch"),
-        ((_along(place.pixels, 0.1), (place.top + place.glass_top) / 2),
-         f"{poured.name or 'resin'}: {material_name(poured)}, t′ = {millimetres(frame.layer_mm)}"),
-    ]  # fmt: skip
+        (
+            (sum((place.outer[0], place.inner[0])) / 2, (place.top + place.floor) / 2),
+            f"frame, wall {millimetres(frame.wall_mm)}, rim {millimetres(frame.rim_mm)} at 45°",
+        ),
+        (
+            (_along(place.package, 0.06), (place.glass_top + place.floor) / 2 + _BOARD_MM / 2),
+            "package of the sensor; its inside is a sketch",
+        ),
+        (
+            (_along(place.pixels, 0.1), (place.top + place.glass_top) / 2),
+            f"{poured.name or 'resin'}: {material_name(poured)}, "
+            f"t′ = {millimetres(frame.layer_mm)}",
+        ),
+    ]
     for number, layer in enumerate(place.below):
         share = 0.3 + 0.3 * number / max(1, len(place.below) - 1)
         at = _along(place.pixels, share), (levels[number] + levels[number + 1]) / 2
@@ -218,10 +230,12 @@ def _named(place: _Place) -> list[tuple[str, Point, str]]:
         named.append((at, f"{name}, {millimetres(layer.thickness.mm)}"))
     named += [
         ((_along(place.pixels, 0.75), levels[-1]), "pixels"),
-        ((_along(place.pixels, 0.92), (2 * place.top + _TOP_MM) / 3),
-         f"mould of PDMS, {place.mould.thickness_mm:.4g} thick and wider than the frame"),
+        (
+            (_along(place.pixels, 0.92), (2 * place.top + _TOP_MM) / 3),
+            f"mould of PDMS, {place.mould.thickness_mm:.4g} thick and wider than the frame",
+        ),
         ((place.outer[1] + _OVERHANG_MM / 2, place.floor + _BOARD_MM / 2), "board"),
-    ]  # fmt: skip
+    ]
     return [(chr(ord("A") + number), at, name) for number, (at, name) in enumerate(named)]
 
 

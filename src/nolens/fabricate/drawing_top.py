@@ -76,8 +76,10 @@ def draw_top(camera: Camera, frame: FrameGeometry) -> Drawing:
     shapes.append(box(first[0], first[1] - 1.6, first[0] + 1.6, first[1], "air", "pixel-0-0"))
     names = _names(camera, frame, outer, on_paper)
     shapes += names
-    texts = [f"outside {millimetres(frame.outer_width_mm)}",
-             f"inside {millimetres(frame.inner_width_mm)}"]  # fmt: skip
+    texts = [
+        f"outside {millimetres(frame.outer_width_mm)}",
+        f"inside {millimetres(frame.inner_width_mm)}",
+    ]
     y = outer[3] + _ROW_MM + 1
     for ends, text in zip((inner, outer), reversed(texts), strict=True):
         shapes += width_dimension(ends[0], ends[2], y, text, outer[3])
@@ -140,13 +142,19 @@ def _names(
     x, y = frame.inner_width_mm / 2, frame.inner_height_mm / 2
     package = f"{millimetres(frame.package_width_mm)} × {millimetres(frame.package_height_mm)}"
     named = [
-        (on_paper(x + (frame.rim_mm + frame.wall_mm) / 2, 0.9 * y),
-         f"wall {millimetres(frame.wall_mm)}: mould lies here"),
-        (on_paper(0.8 * x, 0.3 * (sensor.height_mm / 2 + frame.package_height_mm / 2)),
-         f"package {package}"),
-        (on_paper(0.4 * sensor.width_mm, -0.2 * sensor.height_mm),
-         f"pixels {millimetres(sensor.width_mm)} × {millimetres(sensor.height_mm)}"),
-    ]  # fmt: skip
+        (
+            on_paper(x + (frame.rim_mm + frame.wall_mm) / 2, 0.9 * y),
+            f"wall {millimetres(frame.wall_mm)}: mould lies here",
+        ),
+        (
+            on_paper(0.8 * x, 0.3 * (sensor.height_mm / 2 + frame.package_height_mm / 2)),
+            f"package {package}",
+        ),
+        (
+            on_paper(0.4 * sensor.width_mm, -0.2 * sensor.height_mm),
+            f"pixels {millimetres(sensor.width_mm)} × {millimetres(sensor.height_mm)}",
+        ),
+    ]
     if frame.rim_mm > 0:
         at = on_paper(x + frame.rim_mm / 2, 0.6 * y)
         named.append((at, f"pouring rim {millimetres(frame.rim_mm)} at 45°"))

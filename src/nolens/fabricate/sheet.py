@@ -137,14 +137,20 @@ def _materials(work: Work, relief_file: str) -> Section:
     )
     share = f"{100 * work.process.surplus:g} %"
     amounts = (
-        ("PDMS, base (Sylgard 184)", f"{work.base_g:.2f} g",
-         f"mould of {mould.base_g:.2f} g + {share}"),
-        ("PDMS, hardener", f"{work.hardener_g:.2f} g",
-         f"mould of {mould.hardener_g:.2f} g + {share}"),
+        (
+            "PDMS, base (Sylgard 184)",
+            f"{work.base_g:.2f} g",
+            f"mould of {mould.base_g:.2f} g + {share}",
+        ),
+        (
+            "PDMS, hardener",
+            f"{work.hardener_g:.2f} g",
+            f"mould of {mould.hardener_g:.2f} g + {share}",
+        ),
         (f"resin: {work.resin_name}", work.pour, _pour_note(work)),
         ("sensor on its board", "1", f"{work.camera.sensor.name}; check its package: {package}"),
         ("master mask", "1", "relief as in the files, or the diffuser that they model"),
-    )  # fmt: skip
+    )
     solid = "the relief as a solid, for a printer that is fine enough"
     files = (*FILES, (relief_file, solid))
     tools = (
@@ -157,13 +163,17 @@ def _materials(work: Work, relief_file: str) -> Section:
     return Section(
         "Materials, files, tools",
         (
-            Table("Amounts for one camera", ("what", "amount", "how it comes about"),
-                  (0.3, 0.27, 0.43), amounts),
+            Table(
+                "Amounts for one camera",
+                ("what", "amount", "how it comes about"),
+                (0.3, 0.27, 0.43),
+                amounts,
+            ),
             *(Text(note[0].upper() + note[1:] + ".", "warning") for note in resin.notes),
             Table("Files", ("file", "what for"), (0.3, 0.7), files),
             Text(f"Tools: {tools}"),
         ),
-    )  # fmt: skip
+    )
 
 
 def _pour_note(work: Work) -> str:
@@ -187,9 +197,8 @@ def _record(work: Work) -> Section:
         ("1  height of the frame", height, *four),
         ("2  wall's top over the glass", f"{work.layer}{work.allowed}", *four),
         ("3  height when cured", height, *four),
-        (f"4  t′ = row 3 − {work.glass_top} mm", f"{work.layer}{work.allowed}",
-         *four),
-    )  # fmt: skip
+        (f"4  t′ = row 3 − {work.glass_top} mm", f"{work.layer}{work.allowed}", *four),
+    )
     return Section(
         "Record of what was measured",
         (

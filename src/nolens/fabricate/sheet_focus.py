@@ -178,9 +178,13 @@ def expected_lines(opened: OpenCamera, thicknesses_mm: tuple[float, ...]) -> tup
         layers[poured] = layers[poured].model_copy(update={"thickness": thickness})
         other = replace(twin, camera=camera.model_copy(update={"layers": tuple(layers)}))
         psf = point_spread(
-            other, source, twin.cells, pixels=twin.cell_pixels, light=Light("white-led"),
+            other,
+            source,
+            twin.cells,
+            pixels=twin.cell_pixels,
+            light=Light("white-led"),
             wavelengths=1,
-        )  # fmt: skip
+        )
         width_um = pattern_figures(psf.mean(dim=0), twin.cell_um).width_um
         found.append(Lines(thickness_mm, width_um))
     return tuple(found)

@@ -136,18 +136,24 @@ def _pour(work: Work) -> tuple[Step, ...]:
             work.pour,
             (Blank("poured", "µl" if work.resin.mass_mg is None else "mg"),),
         ),
-        Step("Degas until no more bubbles rise; a few minutes (advice).", "paper",
-             blanks=(Blank("time", "min"),)),
+        Step(
+            "Degas until no more bubbles rise; a few minutes (advice).",
+            "paper",
+            blanks=(Blank("time", "min"),),
+        ),
         Step(
             "Lay the mould on, relief down, mark to mark. One edge first, then let it sink, do "
             "not press (advice): what is too much leaves by the rim and the vents.",
             "paper",
         ),
-        Step("Check through the mould: no bubble over the pixels, and no wall's top that the "
-             "mould does not touch.", "advice"),
+        Step(
+            "Check through the mould: no bubble over the pixels, and no wall's top that the "
+            "mould does not touch.",
+            "advice",
+        ),
         _cure(work),
         Step("Let it cool. Peel the mould off slowly, from a corner.", "paper"),
-    )  # fmt: skip
+    )
 
 
 def _cure(work: Work) -> Step:

@@ -62,9 +62,15 @@ def write_angles_plot(
         for level in levels:
             left.axhline(level, color=_OTHER, linewidth=0.7, linestyle=(0, (6, 4)))
             left.annotate(
-                f"{level:g}", (1, level), (-2, 2), xycoords=("axes fraction", "data"),
-                textcoords="offset points", ha="right", color=_OTHER, fontsize=8,
-            )  # fmt: skip
+                f"{level:g}",
+                (1, level),
+                (-2, 2),
+                xycoords=("axes fraction", "data"),
+                textcoords="offset points",
+                ha="right",
+                color=_OTHER,
+                fontsize=8,
+            )
         left.set_ylabel("correlation with the central PSF; overlap")
         left.set_title("likeness to the central PSF")
         left.legend(fontsize=8, frameon=False, loc="best")
@@ -140,9 +146,14 @@ def _draw(
     values = [each for each in curves[name] if each is not None]
     if len(values) == len(at):
         axes.plot(
-            at, values, style, color=colour, label=label, markersize=4,
+            at,
+            values,
+            style,
+            color=colour,
+            label=label,
+            markersize=4,
             linewidth=1.2,
-        )  # fmt: skip
+        )
 
 
 def _draw_picture(axes: "Axes", dots: Sequence[Dot], picture: Tensor) -> None:
@@ -158,9 +169,14 @@ def _draw_picture(axes: "Axes", dots: Sequence[Dot], picture: Tensor) -> None:
         if at:
             rows, columns = zip(*at, strict=True)
             axes.scatter(
-                columns, rows, s=size, facecolors="none", edgecolors=colour, linewidths=0.8,
+                columns,
+                rows,
+                s=size,
+                facecolors="none",
+                edgecolors=colour,
+                linewidths=0.8,
                 label=f"{name}: {len(at)}",
-            )  # fmt: skip
+            )
     axes.set_xlim(-0.5, values.shape[1] - 0.5)
     axes.set_ylim(values.shape[0] - 0.5, -0.5)
     axes.set_xticks([])

@@ -89,17 +89,22 @@ def _show(
     half = [side * step_um / 2 for side in sides]
     axes.set_xlabel("um")
     return axes.imshow(
-        part.numpy(), cmap=colours, vmin=None if most is None else 0, vmax=most,
-        extent=(-half[1], half[1], half[0], -half[0]), interpolation="nearest",
-    )  # fmt: skip
+        part.numpy(),
+        cmap=colours,
+        vmin=None if most is None else 0,
+        vmax=most,
+        extent=(-half[1], half[1], half[0], -half[0]),
+        interpolation="nearest",
+    )
 
 
 def _draw_magnitude(axes: "Axes", plot: MaskPlot) -> None:
     """Spectral magnitude of one square millimetre over the spatial frequency."""
     frequencies = np.geomspace(3, 0.48e3 / plot.cell_um, 60)
     for psf, colour, name in (
-        (plot.psf, _OWN, "this mask"), (plot.papers_psf, _PAPERS, "the paper's diffuser"),
-    ):  # fmt: skip
+        (plot.psf, _OWN, "this mask"),
+        (plot.papers_psf, _PAPERS, "the paper's diffuser"),
+    ):
         pattern = psf[min(1, len(psf) - 1)]
         values = []
         for each in frequencies:

@@ -113,30 +113,44 @@ def _draw_autocorrelation(axes: "Axes", figures: PsfFigures) -> None:
         (figures.autocorrelation, "black", "-", "all directions"),
     ):
         axes.plot(
-            np.concatenate([-lag[::-1], lag]), np.concatenate([values[::-1], values]),
-            color=colour, linestyle=style, linewidth=1.3, label=label,
-        )  # fmt: skip
+            np.concatenate([-lag[::-1], lag]),
+            np.concatenate([values[::-1], values]),
+            color=colour,
+            linestyle=style,
+            linewidth=1.3,
+            label=label,
+        )
     axes.set_xlim(-shown, shown)
     axes.axhline(0, color="0.85", linewidth=0.8, zorder=0)
     half = (1 + figures.level) / 2
     width = figures.fwhm_um
     axes.annotate(
-        "", (-width / 2, half), (width / 2, half),
+        "",
+        (-width / 2, half),
+        (width / 2, half),
         arrowprops={"arrowstyle": "<->", "color": _MARK, "shrinkA": 0, "shrinkB": 0},
-    )  # fmt: skip
+    )
     axes.annotate(
         f"FWHM {width:.2f} µm\nline {figures.line_width_um:.2f} µm\n"
         f"half way to 0: {figures.fwhm_over_mean_um:.2f} µm",
-        (width / 2, half), (10, 0), textcoords="offset points", color=_MARK, va="center",
-    )  # fmt: skip
+        (width / 2, half),
+        (10, 0),
+        textcoords="offset points",
+        color=_MARK,
+        va="center",
+    )
     axes.axhline(figures.level, color=_MARK, linewidth=0.7, linestyle=":", zorder=0)
     if pitch is not None:
         top = float(np.interp(pitch, lag, figures.autocorrelation))
         axes.plot([pitch, pitch], [figures.level, top], color=_MARK, linewidth=0.9)
         axes.annotate(
-            f"pitch {pitch:.2f} µm", (pitch, top), (0, 14), textcoords="offset points",
-            color=_MARK, ha="center",
-        )  # fmt: skip
+            f"pitch {pitch:.2f} µm",
+            (pitch, top),
+            (0, 14),
+            textcoords="offset points",
+            color=_MARK,
+            ha="center",
+        )
     axes.set_xlabel("distance, µm")
     axes.set_ylabel("autocorrelation, mean taken off")
     axes.set_title("(b) autocorrelation")
@@ -148,21 +162,32 @@ def _draw_magnitude(axes: "Axes", values: NDArray[np.float64], figures: PsfFigur
     lowest = max(_DECADES * max(figures.magnitude), figures.noise_magnitude / 2)
     for angle, (at, magnitude) in figures.direction_magnitude.items():
         axes.plot(
-            at, np.maximum(magnitude, lowest / 10), color=_COLOURS[angle], linewidth=0.8,
-            linestyle="-" if angle < 180 else (0, (3, 3)), label=f"{angle}°",
-        )  # fmt: skip
+            at,
+            np.maximum(magnitude, lowest / 10),
+            color=_COLOURS[angle],
+            linewidth=0.8,
+            linestyle="-" if angle < 180 else (0, (3, 3)),
+            label=f"{angle}°",
+        )
     axes.plot(figures.per_mm, figures.magnitude, color="black", linewidth=1.4, label="mean")
     if figures.noise_magnitude > lowest:
         axes.axhline(figures.noise_magnitude, color="0.5", linestyle="--", linewidth=0.9)
         axes.annotate(
-            "noise", (0, figures.noise_magnitude), (4, 3),
-            textcoords="offset points", color="0.4", fontsize=8,
-        )  # fmt: skip
+            "noise",
+            (0, figures.noise_magnitude),
+            (4, 3),
+            textcoords="offset points",
+            color="0.4",
+            fontsize=8,
+        )
     axes.axvline(figures.line_per_mm, color=_MARK, linewidth=0.8)
     axes.annotate(
-        f" line {figures.line_per_mm:.3g}/mm", (figures.line_per_mm, 0.02),
-        xycoords=("data", "axes fraction"), color=_MARK, fontsize=8,
-    )  # fmt: skip
+        f" line {figures.line_per_mm:.3g}/mm",
+        (figures.line_per_mm, 0.02),
+        xycoords=("data", "axes fraction"),
+        color=_MARK,
+        fontsize=8,
+    )
     axes.set_yscale("log")
     axes.set_ylim(lowest, 1.3)
     axes.set_xlim(0, 500 / figures.cell_um)

@@ -11,8 +11,10 @@ from torch import Tensor
 from nolens.errors import DataError
 
 STYLE: dict[Any, Any] = {
-    "font.size": 9, "axes.spines.top": False, "axes.spines.right": False,
-}  # fmt: skip
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+}
 DPI = 160
 _SHOWN = 5
 _INK = 0.85
@@ -58,9 +60,12 @@ def plot_films(
             middle, color=_PREDICTED, linewidth=1, label=f"by rays: {middle:.2f} ± {off:.2f} mm"
         )
         axes.plot(
-            thicknesses, [widths_um[each] for each in thicknesses], "o-", color=_OURS,
+            thicknesses,
+            [widths_um[each] for each in thicknesses],
+            "o-",
+            color=_OURS,
             label="films, simulated",
-        )  # fmt: skip
+        )
         axes.plot(*paper, "D", color=_PAPER, label=f"the paper's sharpest film: {paper[0]:g} mm")
         axes.set_xlabel("thickness of the PDMS film, mm")
         axes.set_ylabel("FWHM of the\nautocorrelation, µm")

@@ -149,15 +149,24 @@ def plot_two_points(
         title = "dip between the points"
         if resolved_deg is not None and plus_minus_deg is not None:
             axes.axvspan(
-                resolved_deg - plus_minus_deg, resolved_deg + plus_minus_deg,
-                color=_ACCENT, alpha=0.15, linewidth=0,
-            )  # fmt: skip
+                resolved_deg - plus_minus_deg,
+                resolved_deg + plus_minus_deg,
+                color=_ACCENT,
+                alpha=0.15,
+                linewidth=0,
+            )
             axes.axvline(resolved_deg, color=_ACCENT, linewidth=0.9)
             title = f"resolved from {resolved_deg:.3f}° ± {plus_minus_deg:.3f}° on"
         axes.errorbar(
-            separations_deg, [100 * dip for dip in dips], [100 * each for each in noise],
-            color="black", marker="o", markersize=4, linewidth=1, capsize=2,
-        )  # fmt: skip
+            separations_deg,
+            [100 * dip for dip in dips],
+            [100 * each for each in noise],
+            color="black",
+            marker="o",
+            markersize=4,
+            linewidth=1,
+            capsize=2,
+        )
         axes.set_xlabel("separation, degrees")
         axes.set_ylabel("dip, %")
         axes.set_ylim(-4, 104)
@@ -192,13 +201,18 @@ def plot_star(path: Path, curves: StarCurves) -> None:
         for number, direction in enumerate(curves.directions_deg):
             is_worst = number == worst
             axes.plot(
-                curves.cycles_per_deg[number], curves.contrast[number],
-                color=_WORST if is_worst else _ACCENT, linewidth=1.6 if is_worst else 0.8,
-                alpha=1.0 if is_worst else 0.5, zorder=3 if is_worst else 2,
-                label=f"spokes at {direction:g}° (worst)" if is_worst
-                else "other directions" if number == (worst + 1) % len(curves.directions_deg)
+                curves.cycles_per_deg[number],
+                curves.contrast[number],
+                color=_WORST if is_worst else _ACCENT,
+                linewidth=1.6 if is_worst else 0.8,
+                alpha=1.0 if is_worst else 0.5,
+                zorder=3 if is_worst else 2,
+                label=f"spokes at {direction:g}° (worst)"
+                if is_worst
+                else "other directions"
+                if number == (worst + 1) % len(curves.directions_deg)
                 else None,
-            )  # fmt: skip
+            )
         axes.axhline(curves.needed, color=_GUIDE, linewidth=0.8, linestyle=":")
         axes.set_xlabel("cycles to the degree")
         axes.set_ylabel("contrast")
@@ -233,9 +247,11 @@ def plot_edge(path: Path, curves: EdgeCurves) -> None:
             if frequency is not None:
                 contrast.plot([frequency], [level], "o", color=_WORST, markersize=5)
                 contrast.annotate(
-                    f"{frequency:.2f}/deg", (frequency, level), xytext=(6, 5),
+                    f"{frequency:.2f}/deg",
+                    (frequency, level),
+                    xytext=(6, 5),
                     textcoords="offset points",
-                )  # fmt: skip
+                )
         contrast.set_xlabel("cycles to the degree")
         contrast.set_ylabel("contrast")
         contrast.set_ylim(bottom=0)
@@ -288,9 +304,14 @@ def _figure(path: Path, size: tuple[float, float]) -> Iterator["Figure"]:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    with mpl.rc_context({
-        "font.size": 9, "axes.titlesize": 9, "axes.spines.top": False, "axes.spines.right": False,
-    }):  # fmt: skip
+    with mpl.rc_context(
+        {
+            "font.size": 9,
+            "axes.titlesize": 9,
+            "axes.spines.top": False,
+            "axes.spines.right": False,
+        }
+    ):
         figure = Figure(figsize=size, layout="constrained")
         yield figure
         save_plot(figure, path)

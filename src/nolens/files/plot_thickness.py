@@ -91,9 +91,11 @@ def _draw_widths(axes: "Axes", material: ColourCurves) -> None:
     axes.axvline(material.thickness_mm, color="black", linewidth=0.9)
     for wavelength_nm, widths in material.widths_um.items():
         axes.plot(
-            material.thicknesses_mm, widths, color=_LINE.get(wavelength_nm, "0.3"),
+            material.thicknesses_mm,
+            widths,
+            color=_LINE.get(wavelength_nm, "0.3"),
             label=f"{wavelength_nm:g} nm",
-        )  # fmt: skip
+        )
     off = f" ± {material.plus_minus_mm:.2f}" if material.plus_minus_mm > 0 else ""
     low, high = material.sharp_mm
     axes.set_title(

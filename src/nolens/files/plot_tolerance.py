@@ -95,10 +95,13 @@ def _draw_bars(axes: Axes, study: Study) -> None:
                 axes.barh(place, change, 0.7, color=_BETTER if better else _WORSE, alpha=0.8)
                 if abs(change) > 0.04 * rows[-1].worst:
                     axes.annotate(
-                        sign, (change, place), (4 if change > 0 else -4, 0),
-                        textcoords="offset points", va="center",
+                        sign,
+                        (change, place),
+                        (4 if change > 0 else -4, 0),
+                        textcoords="offset points",
+                        va="center",
                         ha="left" if change > 0 else "right",
-                    )  # fmt: skip
+                    )
     axes.axvline(0, color="black", linewidth=0.8)
     axes.margins(x=0.08)
     axes.set_yticks(range(len(rows)), [_amount(row.parameter) for row in rows])
@@ -112,9 +115,14 @@ def _draw_curve(axes: Axes, study: Study, name: str) -> None:
     number = [each.name for each in parameters].index(name)
     drawn = study.cameras[: len(study.figures), number].numpy()
     axes.plot(
-        drawn, _measured(study.figures), ".", color=_NEUTRAL, markersize=3,
-        alpha=0.6 if len(drawn) < 300 else 0.25, label="cameras drawn",
-    )  # fmt: skip
+        drawn,
+        _measured(study.figures),
+        ".",
+        color=_NEUTRAL,
+        markersize=3,
+        alpha=0.6 if len(drawn) < 300 else 0.25,
+        label="cameras drawn",
+    )
     values, figures = study.curves[name]
     axes.plot(
         values.numpy(),

@@ -20,8 +20,13 @@ from nolens.files.read_png import read_png_samples
 from nolens.files.read_tiff import read_tiff_samples
 
 _KINDS = {
-    ".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".tif": "TIFF", ".tiff": "TIFF", ".npy": "npy",
-}  # fmt: skip
+    ".png": "PNG",
+    ".jpg": "JPEG",
+    ".jpeg": "JPEG",
+    ".tif": "TIFF",
+    ".tiff": "TIFF",
+    ".npy": "npy",
+}
 PICTURE_SUFFIXES = tuple(_KINDS)
 """Suffixes of the files that `read_picture` reads."""
 _ACCEPTED = (

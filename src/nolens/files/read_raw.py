@@ -16,16 +16,38 @@ from nolens.files.quiet import quiet_library, quiet_stderr
 from nolens.files.tiff_directories import check_directories
 
 RAW_SUFFIXES = (
-    ".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".sr2", ".raf", ".rw2", ".orf",
-    ".pef", ".srw", ".3fr", ".iiq", ".raw",
-)  # fmt: skip
+    ".dng",
+    ".cr2",
+    ".cr3",
+    ".crw",
+    ".nef",
+    ".nrw",
+    ".arw",
+    ".sr2",
+    ".raf",
+    ".rw2",
+    ".orf",
+    ".pef",
+    ".srw",
+    ".3fr",
+    ".iiq",
+    ".raw",
+)
 
 _MAKE, _DNG_VERSION = 271, 50706
 # What LibRaw says, and what damaged tags make of the code of rawpy and tifffile.
 _DAMAGE = (
-    rawpy.LibRawError, tifffile.TiffFileError, OSError, ValueError, LookupError, RuntimeError,
-    ArithmeticError, TypeError, struct.error, MemoryError,
-)  # fmt: skip
+    rawpy.LibRawError,
+    tifffile.TiffFileError,
+    OSError,
+    ValueError,
+    LookupError,
+    RuntimeError,
+    ArithmeticError,
+    TypeError,
+    struct.error,
+    MemoryError,
+)
 
 
 def read_raw(path: Path) -> Frame:
@@ -44,9 +66,11 @@ def read_raw(path: Path) -> Frame:
     except _DAMAGE as error:
         said = error.args[0].decode() if error.args and isinstance(error.args[0], bytes) else error
         raise damage(
-            path, "camera raw of a known kind", ValueError(said),
+            path,
+            "camera raw of a known kind",
+            ValueError(said),
             "Copy it again from where it was made, or convert it to DNG",
-        ) from error  # fmt: skip
+        ) from error
 
 
 def _check_camera(path: Path) -> None:

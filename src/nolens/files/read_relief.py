@@ -28,8 +28,14 @@ _HIGHEST_UM = 1e9
 _LARGEST_SPAN_UM = 1e5
 _PER_UNIT_UM = {2: 25_400.0, 3: 10_000.0}
 _IMAGEJ_UNITS_UM = {
-    "nm": 1e-3, "um": 1.0, "µm": 1.0, "\\u00b5m": 1.0, "micron": 1.0, "microns": 1.0, "mm": 1e3,
-}  # fmt: skip
+    "nm": 1e-3,
+    "um": 1.0,
+    "µm": 1.0,
+    "\\u00b5m": 1.0,
+    "micron": 1.0,
+    "microns": 1.0,
+    "mm": 1e3,
+}
 
 
 @dataclass(frozen=True)

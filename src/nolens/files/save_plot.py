@@ -94,8 +94,10 @@ def _dark(colour: Any) -> Any:
     hue, light, saturation = colorsys.rgb_to_hls(red, green, blue)
     if saturation < _GREY:
         light = 0.92 - 0.8 * light
-    return (*colorsys.hls_to_rgb(hue, max(light, _LEAST_LIGHT * (saturation >= _GREY)), saturation),
-            alpha)  # fmt: skip
+    return (
+        *colorsys.hls_to_rgb(hue, max(light, _LEAST_LIGHT * (saturation >= _GREY)), saturation),
+        alpha,
+    )
 
 
 def _is_white(colour: Any) -> bool:

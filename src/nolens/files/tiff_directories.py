@@ -56,9 +56,15 @@ def _walk(path: Path, file: BinaryIO) -> None:
         data = file.read(tags * entry)
         if len(data) < tags * entry:
             return
-        fields = np.frombuffer(data, [("code", f"{order}u2"), ("type", f"{order}u2"),
-                                      ("count", f"{order}u{8 if big else 4}"),
-                                      ("value", f"V{8 if big else 4}")])  # fmt: skip
+        fields = np.frombuffer(
+            data,
+            [
+                ("code", f"{order}u2"),
+                ("type", f"{order}u2"),
+                ("count", f"{order}u{8 if big else 4}"),
+                ("value", f"V{8 if big else 4}"),
+            ],
+        )
         sizes = _SIZES[np.minimum(fields["type"], len(_SIZES) - 1)].astype(np.float64)
         held = sizes * fields["count"]
         if held.size and held.max() > _MOST_BYTES:

@@ -19,10 +19,16 @@ _LARGEST = 2**32 - 1  # Of the two numbers of a fraction.
 _SMALLEST = 22  # LibRaw takes a smaller picture for none.
 # Linear sRGB from CIE XYZ (IEC 61966-2-1): the camera's colours are taken as sRGB's primaries.
 _SRGB_FROM_XYZ = (
-    3.2406, -1.5372, -0.4986,
-    -0.9689, 1.8758, 0.0415,
-    0.0557, -0.2040, 1.0570,
-)  # fmt: skip
+    3.2406,
+    -1.5372,
+    -0.4986,
+    -0.9689,
+    1.8758,
+    0.0415,
+    0.0557,
+    -0.2040,
+    1.0570,
+)
 
 
 def write_dng(

@@ -51,24 +51,39 @@ def write_frame(path: str | Path, frame: Frame, *, model: str = "lensless camera
     elif suffix == ".dng":
         assert frame.mosaic is not None
         write_dng(
-            path, frame.counts[0], pattern=frame.mosaic, black=round(black), white=_white(frame),
-            exposure_s=frame.exposure_s, model=model,
-        )  # fmt: skip
+            path,
+            frame.counts[0],
+            pattern=frame.mosaic,
+            black=round(black),
+            white=_white(frame),
+            exposure_s=frame.exposure_s,
+            model=model,
+        )
     elif _whole(frame.counts):
         write_counts(
-            path, frame.counts[0], mosaic=frame.mosaic, black=black, white=_white(frame),
+            path,
+            frame.counts[0],
+            mosaic=frame.mosaic,
+            black=black,
+            white=_white(frame),
             exposure_s=frame.exposure_s,
-        )  # fmt: skip
+        )
     else:
         note = {
-            "mosaic": frame.mosaic, "black": black, "white": frame.white,
+            "mosaic": frame.mosaic,
+            "black": black,
+            "white": frame.white,
             "exposure_s": frame.exposure_s,
-        }  # fmt: skip
+        }
         with atomic_write(path) as temporary:
             tifffile.imwrite(
-                temporary, frame.counts[0].numpy(), photometric="minisblack",
-                description=json.dumps(note), metadata=None, software=SOFTWARE,
-            )  # fmt: skip
+                temporary,
+                frame.counts[0].numpy(),
+                photometric="minisblack",
+                description=json.dumps(note),
+                metadata=None,
+                software=SOFTWARE,
+            )
 
 
 def check_holds(path: Path, frame: Frame) -> None:

@@ -79,13 +79,25 @@ def write_report_pdf(path: str | Path, report: Report) -> None:
         story += _section(section)
     with atomic_write(path) as temporary:
         document = BaseDocTemplate(
-            str(temporary), pagesize=A4, title=report.title, subject=report.subtitle,
-            creator="nolens", author="nolens", invariant=1, lang="en-GB",
-        )  # fmt: skip
+            str(temporary),
+            pagesize=A4,
+            title=report.title,
+            subject=report.subtitle,
+            creator="nolens",
+            author="nolens",
+            invariant=1,
+            lang="en-GB",
+        )
         inside = Frame(
-            _MARGIN, _FOOT, _WIDTH, A4[1] - _FOOT - _MARGIN,
-            leftPadding=0, rightPadding=0, topPadding=0, bottomPadding=0,
-        )  # fmt: skip
+            _MARGIN,
+            _FOOT,
+            _WIDTH,
+            A4[1] - _FOOT - _MARGIN,
+            leftPadding=0,
+            rightPadding=0,
+            topPadding=0,
+            bottomPadding=0,
+        )
         document.addPageTemplates([PageTemplate(frames=[inside], onPage=_foot)])
         with _binary_streams():
             document.build(story)
@@ -141,10 +153,17 @@ def _table(rows: tuple[ReportRow, ...]) -> Table:
         rest = (row.paper, row.ours, row.ratio, row.why)
         cells.append([Paragraph(what, _CELL), *(Paragraph(escape(each), _CELL) for each in rest)])
     table = Table(cells, [share * _WIDTH for share in _SHARES], repeatRows=1)
-    table.setStyle(TableStyle([
-        ("LINEBELOW", (0, 0), (-1, -1), 0.4, _LINE), ("BACKGROUND", (0, 0), (-1, 0), _LIGHT),
-        ("VALIGN", (0, 0), (-1, -1), "TOP"),
-        ("LEFTPADDING", (0, 0), (-1, -1), 3), ("RIGHTPADDING", (0, 0), (-1, -1), 3),
-        ("TOPPADDING", (0, 0), (-1, -1), 2), ("BOTTOMPADDING", (0, 0), (-1, -1), 3),
-    ]))  # fmt: skip
+    table.setStyle(
+        TableStyle(
+            [
+                ("LINEBELOW", (0, 0), (-1, -1), 0.4, _LINE),
+                ("BACKGROUND", (0, 0), (-1, 0), _LIGHT),
+                ("VALIGN", (0, 0), (-1, -1), "TOP"),
+                ("LEFTPADDING", (0, 0), (-1, -1), 3),
+                ("RIGHTPADDING", (0, 0), (-1, -1), 3),
+                ("TOPPADDING", (0, 0), (-1, -1), 2),
+                ("BOTTOMPADDING", (0, 0), (-1, -1), 3),
+            ]
+        )
+    )
     return table

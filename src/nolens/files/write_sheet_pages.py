@@ -73,13 +73,25 @@ def build_pages(path: Path, sheet: Sheet) -> None:
     """
     register_fonts()
     document = BaseDocTemplate(
-        str(path), pagesize=A4, title=sheet.title, subject=sheet.subtitle, creator="nolens",
-        author="nolens", invariant=1, lang="en-GB",
-    )  # fmt: skip
+        str(path),
+        pagesize=A4,
+        title=sheet.title,
+        subject=sheet.subtitle,
+        creator="nolens",
+        author="nolens",
+        invariant=1,
+        lang="en-GB",
+    )
     inside = Frame(
-        _MARGIN, _FOOT, _WIDTH, A4[1] - _FOOT - _HEAD_ROOM,
-        leftPadding=0, rightPadding=0, topPadding=0, bottomPadding=0,
-    )  # fmt: skip
+        _MARGIN,
+        _FOOT,
+        _WIDTH,
+        A4[1] - _FOOT - _HEAD_ROOM,
+        leftPadding=0,
+        rightPadding=0,
+        topPadding=0,
+        bottomPadding=0,
+    )
     document.addPageTemplates([PageTemplate(frames=[inside])])
     story: list[Flowable] = [
         Paragraph(escape(sheet.title), _TITLE),
@@ -118,10 +130,16 @@ def _text(text: Text) -> Flowable:
     if text.kind == "note":
         return Paragraph(escape(text.text), _NOTE)
     framed = Grid([[Paragraph(escape(text.text), _CELL)]], colWidths=[_WIDTH])
-    framed.setStyle(TableStyle([
-        ("BACKGROUND", (0, 0), (-1, -1), _WARNING), ("BOX", (0, 0), (-1, -1), 0.8, HexColor(INK)),
-        ("TOPPADDING", (0, 0), (-1, -1), 3), ("BOTTOMPADDING", (0, 0), (-1, -1), 5),
-    ]))  # fmt: skip
+    framed.setStyle(
+        TableStyle(
+            [
+                ("BACKGROUND", (0, 0), (-1, -1), _WARNING),
+                ("BOX", (0, 0), (-1, -1), 0.8, HexColor(INK)),
+                ("TOPPADDING", (0, 0), (-1, -1), 3),
+                ("BOTTOMPADDING", (0, 0), (-1, -1), 5),
+            ]
+        )
+    )
     return framed
 
 
@@ -135,12 +153,19 @@ def _step(number: int, step: Step) -> Flowable:
     lines = [_Rules((blank,), widths[3] - 10) for blank in step.blanks]
     origin = Paragraph(escape(step.origin), _NOTE)
     grid = Grid([[_Tick(), Paragraph(f"{number}", _NUMBER), words, lines, origin]], widths)
-    grid.setStyle(TableStyle([
-        ("VALIGN", (0, 0), (-1, -1), "TOP"), ("LINEBELOW", (0, 0), (-1, -1), 0.4, _GREY),
-        ("LEFTPADDING", (0, 0), (-1, -1), 2), ("LEFTPADDING", (3, 0), (3, 0), 8),
-        ("RIGHTPADDING", (0, 0), (-1, -1), 2),
-        ("TOPPADDING", (0, 0), (-1, -1), 2), ("BOTTOMPADDING", (0, 0), (-1, -1), 4),
-    ]))  # fmt: skip
+    grid.setStyle(
+        TableStyle(
+            [
+                ("VALIGN", (0, 0), (-1, -1), "TOP"),
+                ("LINEBELOW", (0, 0), (-1, -1), 0.4, _GREY),
+                ("LEFTPADDING", (0, 0), (-1, -1), 2),
+                ("LEFTPADDING", (3, 0), (3, 0), 8),
+                ("RIGHTPADDING", (0, 0), (-1, -1), 2),
+                ("TOPPADDING", (0, 0), (-1, -1), 2),
+                ("BOTTOMPADDING", (0, 0), (-1, -1), 4),
+            ]
+        )
+    )
     return grid
 
 
@@ -148,18 +173,28 @@ def _table(table: Table) -> Flowable:
     widths = [share * _WIDTH for share in table.shares]
     rows = [[Paragraph(escape(head), _HEAD) for head in table.columns]]
     for row in table.rows:
-        rows.append([
-            Paragraph(escape(cell), _CELL) if isinstance(cell, str)
-            else _Rules((cell,), width - 8)
-            for cell, width in zip(row, widths, strict=True)
-        ])  # fmt: skip
+        rows.append(
+            [
+                Paragraph(escape(cell), _CELL)
+                if isinstance(cell, str)
+                else _Rules((cell,), width - 8)
+                for cell, width in zip(row, widths, strict=True)
+            ]
+        )
     grid = Grid(rows, widths, repeatRows=1)
-    grid.setStyle(TableStyle([
-        ("GRID", (0, 0), (-1, -1), 0.5, _GREY), ("BACKGROUND", (0, 0), (-1, 0), _LIGHT),
-        ("VALIGN", (0, 0), (-1, -1), "MIDDLE"),
-        ("LEFTPADDING", (0, 0), (-1, -1), 4), ("RIGHTPADDING", (0, 0), (-1, -1), 4),
-        ("TOPPADDING", (0, 0), (-1, -1), 3), ("BOTTOMPADDING", (0, 0), (-1, -1), 4),
-    ]))  # fmt: skip
+    grid.setStyle(
+        TableStyle(
+            [
+                ("GRID", (0, 0), (-1, -1), 0.5, _GREY),
+                ("BACKGROUND", (0, 0), (-1, 0), _LIGHT),
+                ("VALIGN", (0, 0), (-1, -1), "MIDDLE"),
+                ("LEFTPADDING", (0, 0), (-1, -1), 4),
+                ("RIGHTPADDING", (0, 0), (-1, -1), 4),
+                ("TOPPADDING", (0, 0), (-1, -1), 3),
+                ("BOTTOMPADDING", (0, 0), (-1, -1), 4),
+            ]
+        )
+    )
     return grid
 
 

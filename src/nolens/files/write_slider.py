@@ -118,9 +118,13 @@ def _html(page: SliderPage) -> str:
 </noscript>
 """
     return html_page(
-        page.title, body, style="write_slider.css", scheme="dark", head=_POLICY,
+        page.title,
+        body,
+        style="write_slider.css",
+        scheme="dark",
+        head=_POLICY,
         end=f"<script>\nconst told = {data};\n{script}</script>\n",
-    )  # fmt: skip
+    )
 
 
 def _embedded(page: Tensor, white: float) -> str:

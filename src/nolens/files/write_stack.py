@@ -56,13 +56,19 @@ def write_stack(
     more = {"mode": "composite"} if colour else {}
     with atomic_write(path) as temporary:
         tifffile.imwrite(
-            temporary, counts if colour else counts[:, 0], imagej=True, photometric="minisblack",
+            temporary,
+            counts if colour else counts[:, 0],
+            imagej=True,
+            photometric="minisblack",
             metadata={
-                "axes": "ZCYX" if colour else "ZYX", "Labels": labels, **more,
+                "axes": "ZCYX" if colour else "ZYX",
+                "Labels": labels,
+                **more,
                 "depths_mm": ",".join(_number(each) for each in depths_um),
-                "linear": "true", "per_count": f"{white / 65535:.9g}",
+                "linear": "true",
+                "per_count": f"{white / 65535:.9g}",
             },
-        )  # fmt: skip
+        )
 
 
 def write_depths(path: str | Path, per_m: Tensor) -> None:
@@ -83,9 +89,13 @@ def write_depths(path: str | Path, per_m: Tensor) -> None:
     millimetres = (1e3 / per_m.clamp_min(0)).numpy().astype(np.float32)
     with atomic_write(path) as temporary:
         tifffile.imwrite(
-            temporary, millimetres, photometric="minisblack", metadata=None,
-            description=json.dumps({"quantity": "depth", "unit": _MM}), software=SOFTWARE,
-        )  # fmt: skip
+            temporary,
+            millimetres,
+            photometric="minisblack",
+            metadata=None,
+            description=json.dumps({"quantity": "depth", "unit": _MM}),
+            software=SOFTWARE,
+        )
 
 
 def _number(depth_um: float) -> str:

@@ -69,9 +69,13 @@ def write_sweep(
     back = slice(-2, 0, -1)
     with atomic_write(path) as temporary:
         frames[0].save(
-            temporary, format="png", save_all=True, append_images=[*frames[1:], *frames[back]],
-            duration=[*pauses, *pauses[back]], loop=0,
-        )  # fmt: skip
+            temporary,
+            format="png",
+            save_all=True,
+            append_images=[*frames[1:], *frames[back]],
+            duration=[*pauses, *pauses[back]],
+            loop=0,
+        )
 
 
 def _labelled(picture: Image.Image, text: str, place: float) -> Image.Image:

@@ -99,9 +99,18 @@ def run_demo(folder: Path, reporter: Reporter) -> DemoResult:
     picture = folder / "demo.png"
     write_png(picture, _side_by_side(develop(read_frame(measurement_path)).values, fitted, truth))
     command = (
-        "reconstruct", str(measurement_path), "--psf", str(psf_path), "--psf-wider", "--region",
-        region, "--tau", f"{_TAU:g}", "-o", str(options.output[0]),
-    )  # fmt: skip
+        "reconstruct",
+        str(measurement_path),
+        "--psf",
+        str(psf_path),
+        "--psf-wider",
+        "--region",
+        region,
+        "--tau",
+        f"{_TAU:g}",
+        "-o",
+        str(options.output[0]),
+    )
     return DemoResult(picture, psnr(fitted, truth, 1.0), outcome, command)
 
 
@@ -116,9 +125,14 @@ def _capture(
     wide = Twin.of(opened(preset("paper"))).reading(*_PSF_PIXELS)
     source = PointSource(distance_um=_DISTANCE_UM, diameter_um=_SOURCE_UM)
     psf = point_spread(
-        wide, source, _PSF_PIXELS, light=light, wavelengths=_WAVELENGTHS, frame="sensor",
+        wide,
+        source,
+        _PSF_PIXELS,
+        light=light,
+        wavelengths=_WAVELENGTHS,
+        frame="sensor",
         tick=lambda share: reporter.advance("point source", share),
-    )  # fmt: skip
+    )
     sensor = wide.camera.sensor
 
     reporter.note(
@@ -128,9 +142,14 @@ def _capture(
     twin = wide.reading(*_SCENE_PIXELS)
     field, seen = arrange(twin, (Plane(photograph, _ANGLE_DEG, _DISTANCE_UM),))
     irradiated = irradiate(
-        twin, field, seen, field_points=_FIELD_POINTS, light=light, wavelengths=_WAVELENGTHS,
+        twin,
+        field,
+        seen,
+        field_points=_FIELD_POINTS,
+        light=light,
+        wavelengths=_WAVELENGTHS,
         tick=lambda share: reporter.advance("scene", share),
-    )  # fmt: skip
+    )
     paths = folder / "measurement.dng", folder / "psf.dng"
     sees = photocurrents(twin, light, 1.0)[:, None, None]
     colours = mosaic(sees.expand(-1, *_SCENE_PIXELS), sensor.mosaic)
@@ -138,9 +157,12 @@ def _capture(
     for path, image, seed in zip(paths, images, (1, 2), strict=True):
         electrons = image * (_FILL * sensor.clip_electrons / float(image.max()))
         write_dng(
-            path, expose(electrons, sensor, seed=seed), pattern=sensor.mosaic,
-            black=int(sensor.black_counts), white=sensor.white_counts,
-        )  # fmt: skip
+            path,
+            expose(electrons, sensor, seed=seed),
+            pattern=sensor.mosaic,
+            black=int(sensor.black_counts),
+            white=sensor.white_counts,
+        )
     response = field.solid_angle() * field.vignetting()
     truth = seen[0].radiance * (response / response.max()).float()
     return *paths, truth, f"{field.region.height}x{field.region.width}"

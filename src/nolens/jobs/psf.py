@@ -87,9 +87,13 @@ def simulate_psf(options: PsfOptions, reporter: Reporter) -> PsfOutcome:
     bare.check_source(source)
     colours = colours_of(bare, light, options.wavelengths)
     size = pattern_size(
-        bare, source, _with_edge(bare, source, shape), shape.pixels, at_least=2,
+        bare,
+        source,
+        _with_edge(bare, source, shape),
+        shape.pixels,
+        at_least=2,
         shortest=shortest_nm(colours),
-    )  # fmt: skip
+    )
     held = 8 * math.prod(shape.cells) * len(sensor.channels)
     cost = cost_of(size, sum(map(len, colours)), points=relief_points(opened), held=held)
     check_memory(cost, device, _REMEDY)
@@ -99,10 +103,15 @@ def simulate_psf(options: PsfOptions, reporter: Reporter) -> PsfOutcome:
     reporter.advance("mask", 0.0)
     twin = Twin.of(opened, device=device, fresnel=options.fresnel)
     pattern = point_spread(
-        twin, source, shape.cells, pixels=shape.pixels, light=light,
-        wavelengths=options.wavelengths, frame=shape.frame,
+        twin,
+        source,
+        shape.cells,
+        pixels=shape.pixels,
+        light=light,
+        wavelengths=options.wavelengths,
+        frame=shape.frame,
         tick=partial(reporter.advance, "point source"),
-    ).cpu()  # fmt: skip
+    ).cpu()
     # As a captured one has it, so that a scene in this light comes out in its own colours.
     seen = photocurrents(twin, light, 1.0)
     pattern *= (seen / seen.max())[:, None, None]

@@ -55,12 +55,20 @@ def write_raw(path: Path, counts: Tensor, sensor: Sensor, exposure_s: float | No
     white = sensor.saturated_counts
     if path.suffix.lower() == ".dng":
         write_dng(
-            path, counts, pattern=sensor.mosaic, black=int(sensor.black_counts), white=white,
+            path,
+            counts,
+            pattern=sensor.mosaic,
+            black=int(sensor.black_counts),
+            white=white,
             exposure_s=exposure_s,
-        )  # fmt: skip
+        )
     else:
         pattern = None if sensor.mosaic == "none" else sensor.mosaic
         write_counts(
-            path, counts, mosaic=pattern, black=sensor.black_counts, white=white,
+            path,
+            counts,
+            mosaic=pattern,
+            black=sensor.black_counts,
+            white=white,
             exposure_s=exposure_s,
-        )  # fmt: skip
+        )

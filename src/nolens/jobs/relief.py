@@ -121,16 +121,22 @@ def replace_relief(options: ReliefOptions, reporter: Reporter) -> ReliefOutcome:
         reporter.warn(warning)
     summary["seconds"] = clock.seconds
     record = RunRecord(
-        started=clock.started, inputs=inputs, parameters=options.model_dump(mode="json"),
-        result=summary, history=[], warnings=warnings,
-    )  # fmt: skip
+        started=clock.started,
+        inputs=inputs,
+        parameters=options.model_dump(mode="json"),
+        result=summary,
+        history=[],
+        warnings=warnings,
+    )
     write_camera(
-        options.output, made.camera, made.relief_um,
+        options.output,
+        made.camera,
+        made.relief_um,
         more={
             **copied_curves(options.camera, opened),
             RECORD_FILE: partial(write_record, record=record),
         },
-    )  # fmt: skip
+    )
     return ReliefOutcome(made, summary)
 
 

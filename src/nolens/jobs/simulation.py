@@ -116,9 +116,14 @@ def simulate(options: SimulateOptions, reporter: Reporter) -> SimulationOutcome:
     reporter.advance("mask", 0.0)
     twin = Twin.of(opened, device=device, fresnel=options.fresnel)
     irradiated = irradiate(
-        twin, replace(field, twin=twin), seen, field_points=options.field_points, light=light,
-        wavelengths=options.wavelengths, tick=partial(reporter.advance, "scene"),
-    )  # fmt: skip
+        twin,
+        replace(field, twin=twin),
+        seen,
+        field_points=options.field_points,
+        light=light,
+        wavelengths=options.wavelengths,
+        tick=partial(reporter.advance, "scene"),
+    )
     currents = photocurrents(twin, light, options.luminance.cd_m2)[:, None, None]
     rate = irradiated.light * mosaic(currents.expand(-1, *irradiated.light.shape), sensor.mosaic)
     if options.exposure is not None:

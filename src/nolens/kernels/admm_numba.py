@@ -63,9 +63,16 @@ def update_splits_(
         rows = block_rows(block, blocks, height)
         following = heads[(block + 1) % blocks]
         last[block] = _sweep_block(
-            z, following, data, states, places, constants, kind, rows,
+            z,
+            following,
+            data,
+            states,
+            places,
+            constants,
+            kind,
+            rows,
             sums[block] if counted else None,
-        )  # fmt: skip
+        )
 
     for_each_block(sweep, blocks, pair.numel())
     if tv > 0:
@@ -134,9 +141,14 @@ def _sweep_measured(image, a, ahead, b, valid, q, k, span, sums):  # type: ignor
         stop = min(start + _SEGMENT, end)
         prefetch_row(ahead[start:stop])
         values = row_sensor(
-            image[start:stop], a[start:stop], b[start - begin : stop - begin],
-            valid[start - begin : stop - begin], q[start:stop], k, sums,
-        )  # fmt: skip
+            image[start:stop],
+            a[start:stop],
+            b[start - begin : stop - begin],
+            valid[start - begin : stop - begin],
+            q[start:stop],
+            k,
+            sums,
+        )
         _add(sums, 0, values)
         _add_one(sums, 12, values[4])
 

@@ -60,14 +60,36 @@ def update_splits_(
     with torch.cuda.device_of(pair):  # type: ignore[no-untyped-call]
         if tv:
             _update_gradient[(programs,)](
-                _floats(pair), rows, columns, constants, sums, height, width, isotropic, _BLOCK,
+                _floats(pair),
+                rows,
+                columns,
+                constants,
+                sums,
+                height,
+                width,
+                isotropic,
+                _BLOCK,
                 **_OPTIONS,
-            )  # fmt: skip
+            )
         _update_cells[(programs,)](
-            _floats(pair), _floats(out), data, valid, measured, scene,
-            rows if tv else None, columns if tv else None, constants, sums,
-            height, width, *windows[0], *windows[1], isotropic, _BLOCK, **_OPTIONS,
-        )  # fmt: skip
+            _floats(pair),
+            _floats(out),
+            data,
+            valid,
+            measured,
+            scene,
+            rows if tv else None,
+            columns if tv else None,
+            constants,
+            sums,
+            height,
+            width,
+            *windows[0],
+            *windows[1],
+            isotropic,
+            _BLOCK,
+            **_OPTIONS,
+        )
     return None if sums is None else sums.double().sum(dim=0).tolist()
 
 
@@ -166,9 +188,16 @@ def _store_sums(sums, field, split, split_old, turned):  # type: ignore[no-untyp
 
 @triton.jit  # type: ignore[untyped-decorator]
 def _update_gradient(  # type: ignore[no-untyped-def]
-    pair, rows, columns, constants, sums, height, width,
-    ISOTROPIC: tl.constexpr, BLOCK: tl.constexpr,
-):  # fmt: skip
+    pair,
+    rows,
+    columns,
+    constants,
+    sums,
+    height,
+    width,
+    ISOTROPIC: tl.constexpr,
+    BLOCK: tl.constexpr,
+):
     """Split u = Ψv; v is the pair's real part."""
     cell = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     mask = cell < height * width
@@ -203,11 +232,29 @@ def _update_gradient(  # type: ignore[no-untyped-def]
 
 @triton.jit  # type: ignore[untyped-decorator]
 def _update_cells(  # type: ignore[no-untyped-def]
-    pair, out, data, valid, measured, scene, rows, columns, constants, sums, height, width,
-    sensor_top, sensor_left, sensor_height, sensor_width,
-    region_top, region_left, region_height, region_width,
-    ISOTROPIC: tl.constexpr, BLOCK: tl.constexpr,
-):  # fmt: skip
+    pair,
+    out,
+    data,
+    valid,
+    measured,
+    scene,
+    rows,
+    columns,
+    constants,
+    sums,
+    height,
+    width,
+    sensor_top,
+    sensor_left,
+    sensor_height,
+    sensor_width,
+    region_top,
+    region_left,
+    region_height,
+    region_width,
+    ISOTROPIC: tl.constexpr,
+    BLOCK: tl.constexpr,
+):
     """Splits x = Mv and w = v; then (q_x, μ₂Ψᵀq_u + μ₃q_w) in the place of (v, Mv)."""
     cell = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     mask = cell < height * width

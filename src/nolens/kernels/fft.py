@@ -79,9 +79,13 @@ def irfft2(spectrum: Tensor, shape: tuple[int, int]) -> Tensor:
     array = spectrum.numpy()
     if _DUCC is not None:
         result = _DUCC.c2r(
-            array, axes=_AXES, lastsize=shape[1], forward=False, inorm=2,
+            array,
+            axes=_AXES,
+            lastsize=shape[1],
+            forward=False,
+            inorm=2,
             nthreads=threads_for(array.size),
-        )  # fmt: skip
+        )
         return torch.from_numpy(result)
     return torch.from_numpy(scipy.fft.irfft2(array, s=shape, workers=threads_for(array.size)))
 
@@ -101,9 +105,13 @@ def transform_(array: Array, axes: tuple[int, ...], *, forward: bool) -> None:
     threads = threads_for(array.size)
     if _DUCC is not None:
         _DUCC.c2c(
-            array, out=array, axes=axes, forward=forward, inorm=0 if forward else 2,
+            array,
+            out=array,
+            axes=axes,
+            forward=forward,
+            inorm=0 if forward else 2,
             nthreads=threads,
-        )  # fmt: skip
+        )
         return
     transform = scipy.fft.fftn if forward else scipy.fft.ifftn
     result = transform(array, axes=axes, overwrite_x=True, workers=threads)

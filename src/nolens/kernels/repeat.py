@@ -174,7 +174,5 @@ def _tensors(states: list[SplitState]) -> list[Tensor]:
     return [
         tensor
         for each in states
-        for tensor in (
-            each.data, each.valid, each.measured, each.rows, each.columns, each.scene
-        )
-    ]  # fmt: skip
+        for tensor in (each.data, each.valid, each.measured, each.rows, each.columns, each.scene)
+    ]

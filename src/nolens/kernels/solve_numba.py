@@ -76,9 +76,15 @@ def _solve_half(here, there, transfer, laplacian, mu, rest, buffers):  # type: i
     mu_x, mu_u = mu[0], mu[1]
     for j in range(here_re.size):
         first_re, first_im, second_re, second_im = _solved(
-            here_re[j], here_im[j], there_re[j], there_im[j], h_re[j], h_im[j],
-            mu_x, rest + mu_u * laplacian[j],
-        )  # fmt: skip
+            here_re[j],
+            here_im[j],
+            there_re[j],
+            there_im[j],
+            h_re[j],
+            h_im[j],
+            mu_x,
+            rest + mu_u * laplacian[j],
+        )
         here_re[j] = first_re
         here_im[j] = first_im
         there_re[j] = second_re

@@ -43,8 +43,9 @@ class CroppedConvolution(LinearOperator):
         period = self.geometry.period
         self.transfer = torch.empty(
             (self.channels, period[0], period[1] // 2 + 1),
-            dtype=psf.dtype.to_complex(), device=psf.device,
-        )  # fmt: skip
+            dtype=psf.dtype.to_complex(),
+            device=psf.device,
+        )
         """Half spectrum of the PSF, (channels, height, width // 2 + 1) of the period."""
         for plane, transfer in zip(psf, self.transfer, strict=True):
             part = plane[top : top + height, left : left + width]

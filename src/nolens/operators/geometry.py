@@ -105,15 +105,20 @@ class Geometry:
             period=(rows.period, columns.period),
             sensor=(rows.sensor_start, columns.sensor_start, *sensor),
             scene=(
-                rows.scene_start, columns.scene_start, rows.scene_length, columns.scene_length,
+                rows.scene_start,
+                columns.scene_start,
+                rows.scene_length,
+                columns.scene_length,
             ),
             psf=(
-                rows.psf_start, columns.psf_start,
-                rows.psf_stop - rows.psf_start, columns.psf_stop - columns.psf_start,
+                rows.psf_start,
+                columns.psf_start,
+                rows.psf_stop - rows.psf_start,
+                columns.psf_stop - columns.psf_start,
             ),
             psf_shift=(rows.psf_start - psf[0] // 2, columns.psf_start - psf[1] // 2),
             origin=(scene_origin[0], scene_origin[1]),
-        )  # fmt: skip
+        )
 
 
 def _unlimited(sensor: int, psf: int, *, of_rows: bool) -> _Axis:

@@ -59,9 +59,15 @@ def propagate(
         complex64, (finer · rows, finer · columns).
     """
     spectrum = pass_layers_(
-        fft2_(field), pitch_um, stack, wavelength_um,
-        carrier=carrier, offset_um=offset_um, band_per_um=band_per_um, surfaces=surfaces,
-    )  # fmt: skip
+        fft2_(field),
+        pitch_um,
+        stack,
+        wavelength_um,
+        carrier=carrier,
+        offset_um=offset_um,
+        band_per_um=band_per_um,
+        surfaces=surfaces,
+    )
     if finer > 1:
         spectrum = _padded(spectrum, finer)
     return ifft2_(spectrum)

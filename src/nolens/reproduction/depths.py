@@ -44,14 +44,20 @@ def steps(work: Workbench) -> tuple[Step, ...]:
     searching = _SEARCHED * work.solve_seconds(region, _SEARCH_ITERATIONS)
     return (
         Step(
-            "magnification", "fig. 8a: PSFs at four distances", work.parameters(),
-            8 * work.psf_seconds(), lambda tick: _magnified(work, tick),
+            "magnification",
+            "fig. 8a: PSFs at four distances",
+            work.parameters(),
+            8 * work.psf_seconds(),
+            lambda tick: _magnified(work, tick),
         ),
         Step(
-            "refocus", "fig. 8b–e: two objects, refocused", work.parameters(tau=TAU),
-            2 * (work.scene_seconds() + solving + searching), lambda tick: _refocused(work, tick),
+            "refocus",
+            "fig. 8b–e: two objects, refocused",
+            work.parameters(tau=TAU),
+            2 * (work.scene_seconds() + solving + searching),
+            lambda tick: _refocused(work, tick),
         ),
-    )  # fmt: skip
+    )
 
 
 def _magnified(work: Workbench, tick: Tick) -> Found:
@@ -134,10 +140,13 @@ def _refocused(work: Workbench, tick: Tick) -> Found:
 
         found = search.run((rows / 2, columns * (1 + 2 * number) / 4), step)
         picture = solved(
-            shot.frame, work.wide_psf(1e3 * distance_mm, shot.region), shot.region,
-            iterations=work.size.iterations, tau=TAU,
+            shot.frame,
+            work.wide_psf(1e3 * distance_mm, shot.region),
+            shot.region,
+            iterations=work.size.iterations,
+            tau=TAU,
             tick=within(tick, before + 0.1, 0.175),
-        )  # fmt: skip
+        )
         arrays[f"at-{distance_mm:g}mm"] = scale_fit(picture, seen)
         figures["objects"].append(
             {

@@ -26,16 +26,20 @@ def steps(work: Workbench) -> tuple[Step, ...]:
     scene = work.scene_seconds(work.size.dot_field_points)
     return (
         Step(
-            "off-axis", "fig. 6c: PSFs from the side", work.parameters(angles_deg=angles),
-            (len(angles) + 1) * work.psf_seconds(), lambda tick: _correlated(work, tick),
+            "off-axis",
+            "fig. 6c: PSFs from the side",
+            work.parameters(angles_deg=angles),
+            (len(angles) + 1) * work.psf_seconds(),
+            lambda tick: _correlated(work, tick),
         ),
         Step(
-            "dots", "fig. 6d: a grid of dots",
+            "dots",
+            "fig. 6d: a grid of dots",
             work.parameters(pitch_deg=PITCH_DEG),
             1.3 * (scene + work.solve_seconds(region, work.size.iterations)),
             lambda tick: _dots(work, tick),
         ),
-    )  # fmt: skip
+    )
 
 
 def angles_deg(work: Workbench) -> list[float]:
@@ -52,9 +56,13 @@ def _reach_cells(work: Workbench) -> float:
 def _correlated(work: Workbench, tick: Tick) -> Found:
     """Correlation, overlap and light of a point source at every angle."""
     found = off_axis(
-        work.bench, angles_deg(work), distance_um=SCREEN_UM, diameter_um=PINHOLE_UM,
-        seed=work.seed, tick=tick,
-    )  # fmt: skip
+        work.bench,
+        angles_deg(work),
+        distance_um=SCREEN_UM,
+        diameter_um=PINHOLE_UM,
+        seed=work.seed,
+        tick=tick,
+    )
     return Found({"off_axis": [asdict(each) for each in found]})
 
 
@@ -63,9 +71,14 @@ def _dots(work: Workbench, tick: Tick) -> Found:
     bench = replace(work.bench, field_points=work.size.dot_field_points)
     pitch_um = math.tan(math.radians(PITCH_DEG)) * SCREEN_UM
     wide = dot_grid(
-        bench, pitch_um=pitch_um, distance_um=SCREEN_UM, reach_deg=work.size.dot_reach_deg,
-        iterations=work.size.iterations, seed=work.seed, tick=within(tick, 0.0, 0.8),
-    )  # fmt: skip
+        bench,
+        pitch_um=pitch_um,
+        distance_um=SCREEN_UM,
+        reach_deg=work.size.dot_reach_deg,
+        iterations=work.size.iterations,
+        seed=work.seed,
+        tick=within(tick, 0.0, 0.8),
+    )
     figures: dict[str, Any] = {
         "good_deg": wide.good_deg,
         "distorted_deg": wide.distorted_deg,
@@ -76,10 +89,14 @@ def _dots(work: Workbench, tick: Tick) -> Found:
     }
     try:
         fine = dot_grid(
-            replace(bench, field_points=3), pitch_um=PAPERS_PITCH_UM, distance_um=SCREEN_UM,
+            replace(bench, field_points=3),
+            pitch_um=PAPERS_PITCH_UM,
+            distance_um=SCREEN_UM,
             reach_deg=min(_PAPERS_REACH_DEG, work.size.dot_reach_deg),
-            iterations=work.size.iterations, seed=work.seed, tick=within(tick, 0.8, 0.2),
-        )  # fmt: skip
+            iterations=work.size.iterations,
+            seed=work.seed,
+            tick=within(tick, 0.8, 0.2),
+        )
         grades = [each.grade for each in fine.dots]
         figures["papers_pitch"] = {
             grade: grades.count(grade) for grade in ("good", "distorted", "lost")

@@ -95,9 +95,13 @@ def reproduce(
     }
     warnings = [f"{name}: {each.refused}" for name, each in found.items() if each.refused]
     record = RunRecord(
-        started=clock.started, inputs=inputs, parameters=options.model_dump(mode="json"),
-        result=summary, history=[], warnings=warnings,
-    )  # fmt: skip
+        started=clock.started,
+        inputs=inputs,
+        parameters=options.model_dump(mode="json"),
+        result=summary,
+        history=[],
+        warnings=warnings,
+    )
     write_report(options.output, told, record, timing)
     return ReproduceOutcome(summary)
 

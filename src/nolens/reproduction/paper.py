@@ -42,9 +42,7 @@ PAPER: dict[str, Printed] = {
     "aperture": Printed("mean NA of a lenslet", "sec. II and III", "about 0.035", 0.035),
     "depth of focus": Printed("depth of focus", "sec. II", "about 0.41 mm", 0.41),
     "film": Printed("thickness of the sharpest PDMS film", "fig. 2c", "1.25 mm", 1.25),
-    "film width": Printed(
-        "FWHM of the autocorrelation behind it", "fig. 2c", "20.15 µm", 20.15
-    ),
+    "film width": Printed("FWHM of the autocorrelation behind it", "fig. 2c", "20.15 µm", 20.15),
     "width": Printed("FWHM of the PSF's autocorrelation", "fig. 5b", "20.15 µm", 20.15),
     "line": Printed("width of a line of the PSF, FWHM/√2", "sec. III", "14.25 µm", 14.25),
     "pitch": Printed("mean pitch of the PSF's pattern", "fig. 5b", "69.75 µm", 69.75),
@@ -53,7 +51,9 @@ PAPER: dict[str, Printed] = {
     "siemens": Printed("Siemens star resolved in all directions", "fig. 6b", "0.73°", 0.73),
     "correlation 0.6": Printed(
         "half angle at which the correlation with the central PSF falls to 0.6",
-        "fig. 6c and sec. III", "22.5°", 22.5,
+        "fig. 6c and sec. III",
+        "22.5°",
+        22.5,
     ),
     "correlation 0.3": Printed(
         "half angle at which it falls to 0.3", "fig. 6c and sec. III", "38°", 38.0
@@ -70,9 +70,7 @@ PAPER: dict[str, Printed] = {
     "scene 7d": Printed("a scene at 10 cm", "fig. 7d", "a picture"),
     "scene 7e": Printed("a scene at 50 cm", "fig. 7e", "a picture"),
     "scene 7f": Printed("a scene at 60 cm", "fig. 7f", "a picture"),
-    "seconds": Printed(
-        "time for a photograph", "sec. III", "up to 250 s on an RTX 3090", 250.0
-    ),
+    "seconds": Printed("time for a photograph", "sec. III", "up to 250 s on an RTX 3090", 250.0),
     "magnification 8": Printed(
         "PSF for 8 cm, larger than for 20 cm by", "fig. 8a and sec. III", "0.36 %", 0.36
     ),
@@ -84,5 +82,5 @@ PAPER: dict[str, Printed] = {
     ),
     "near object": Printed("the near object's distance", "fig. 8d", "8 cm", 8.0),
     "far object": Printed("the far object's distance", "fig. 8e", "20 cm", 20.0),
-}  # fmt: skip
+}
 """By the key that rows have."""

@@ -15,10 +15,13 @@ def steps(work: Workbench) -> tuple[Step, ...]:
     """One frame of the paper's point source, and its figures."""
     return (
         Step(
-            "psf", "fig. 5: the PSF", work.parameters(), 2.0 + work.psf_seconds(),
+            "psf",
+            "fig. 5: the PSF",
+            work.parameters(),
+            2.0 + work.psf_seconds(),
             lambda tick: _captured(work, tick),
         ),
-    )  # fmt: skip
+    )
 
 
 def _captured(work: Workbench, tick: Tick) -> Found:

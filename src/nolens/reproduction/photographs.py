@@ -90,9 +90,13 @@ def _photograph(work: Workbench, scene: Scene, tick: Tick) -> Found:
     psf = work.wide_psf(scene.distance_um, shot.region)
     begun = time.perf_counter()
     picture = solved(
-        shot.frame, psf, shot.region, iterations=work.size.iterations, tau=TAU,
+        shot.frame,
+        psf,
+        shot.region,
+        iterations=work.size.iterations,
+        tau=TAU,
         tick=within(tick, 0.5, solved_share),
-    )  # fmt: skip
+    )
     seconds = {"photograph": time.perf_counter() - begun}
     figures: dict[str, Any] = {
         "region": [shot.region.height, shot.region.width],

@@ -65,9 +65,11 @@ def tell(work: Workbench, found: Mapping[str, Found]) -> Told:
     drafts = [section(work, found) for section in _SECTIONS]
     reduced = work.reduced
     report = Report(
-        _TITLE, _subtitle(work), _intro(work),
+        _TITLE,
+        _subtitle(work),
+        _intro(work),
         tuple(draft.finished(reduced=reduced) for draft in drafts),
-    )  # fmt: skip
+    )
     return Told(report, [row.stored(reduced=reduced) for draft in drafts for row in draft.rows])
 
 
@@ -138,13 +140,15 @@ def write_report(folder: Path, told: Told, record: RunRecord, timing: Mapping[st
     writers |= {
         folder / "timing.json": partial(_write_bytes, content=to_json(timing, indent=1) + b"\n"),
         folder / "reproduction.md": partial(
-            write_report_markdown, report=_timed(report, seconds, str(timing["machine"])),
-            folder=PICTURES, notes=notes,
+            write_report_markdown,
+            report=_timed(report, seconds, str(timing["machine"])),
+            folder=PICTURES,
+            notes=notes,
         ),
         folder / "report.json": partial(write_record, record=record),
         folder / "report.pdf": partial(write_report_pdf, report=report),
         folder / "report.html": partial(write_report_html, report=report),
-    }  # fmt: skip
+    }
     write_into(folder, writers)
 
 
@@ -154,10 +158,12 @@ def _timed(report: Report, seconds: Mapping[str, float], machine: str) -> Report
         return report
     longest = max(seconds.values())
     row = Row(
-        "seconds", longest, f"up to {longest:.0f} s",
+        "seconds",
+        longest,
+        f"up to {longest:.0f} s",
         f"The reconstruction alone, three colours, on {machine}: another machine than the "
         "paper's, so the ratio says what a person waits and no more.",
-    ).told(reduced=False)  # fmt: skip
+    ).told(reduced=False)
 
     def exchanged(each: ReportRow) -> ReportRow:
         return row if each.what == PAPER["seconds"].what else each

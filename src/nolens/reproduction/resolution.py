@@ -36,15 +36,20 @@ def steps(work: Workbench) -> tuple[Step, ...]:
     star = work.scene_seconds() + work.solve_seconds(region, size.iterations) / len(_channels(work))
     return (
         Step(
-            "two-points", "fig. 6a: two points", work.parameters(distance_um=POINTS_UM, tau=TAU),
-            points, lambda tick: _points(work, tick),
+            "two-points",
+            "fig. 6a: two points",
+            work.parameters(distance_um=POINTS_UM, tau=TAU),
+            points,
+            lambda tick: _points(work, tick),
         ),
         Step(
-            "siemens", "fig. 6b: a Siemens star",
-            work.parameters(periods=PERIODS, angle_deg=STAR_DEG, tau=TAU), star,
+            "siemens",
+            "fig. 6b: a Siemens star",
+            work.parameters(periods=PERIODS, angle_deg=STAR_DEG, tau=TAU),
+            star,
             lambda tick: _star(work, tick),
         ),
-    )  # fmt: skip
+    )
 
 
 def _channels(work: Workbench) -> tuple[str, ...]:
@@ -87,17 +92,24 @@ def read_points(found: Found) -> TwoPoints:
         SeenPair(
             each["separation_deg"],
             PointPair(
-                each["dip"], each["separation"], each["direction_deg"],
-                torch.tensor(each["at"]), torch.tensor(each["trace"]),
+                each["dip"],
+                each["separation"],
+                each["direction_deg"],
+                torch.tensor(each["at"]),
+                torch.tensor(each["trace"]),
             ),
             found.arrays[f"pair-{number}"][0],
         )
         for number, each in enumerate(figures["seen"])
-    )  # fmt: skip
+    )
     return TwoPoints(
-        tuple(figures["separations_deg"]), tuple(figures["dips"]), tuple(figures["noise"]),
-        ResolvedSeparation(**figures["resolved"]), figures["threshold"], seen,
-    )  # fmt: skip
+        tuple(figures["separations_deg"]),
+        tuple(figures["dips"]),
+        tuple(figures["noise"]),
+        ResolvedSeparation(**figures["resolved"]),
+        figures["threshold"],
+        seen,
+    )
 
 
 def _star(work: Workbench, tick: Tick) -> Found:

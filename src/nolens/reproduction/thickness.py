@@ -39,14 +39,20 @@ def steps(work: Workbench, camera: str) -> tuple[Step, ...]:
     seconds = SECONDS_OF_RELIEF + len(work.size.films_mm) * work.psf_seconds(pixels)
     return (
         Step(
-            "thickness", "fig. 2a, b: thickness by ray matrices", work.parameters(**_FILM), 1.0,
+            "thickness",
+            "fig. 2a, b: thickness by ray matrices",
+            work.parameters(**_FILM),
+            1.0,
             lambda tick: _designed(camera),
         ),
         Step(
-            "films", "fig. 2c: films of PDMS", work.parameters(material=_FILM_OF), seconds,
+            "films",
+            "fig. 2c: films of PDMS",
+            work.parameters(material=_FILM_OF),
+            seconds,
             lambda tick: _films(work, tick),
         ),
-    )  # fmt: skip
+    )
 
 
 def _designed(camera: str) -> Found:

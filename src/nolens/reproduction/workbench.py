@@ -82,17 +82,31 @@ class Size:
 
 
 FULL = Size(
-    pixels=None, field_points=5, iterations=300, papers_iterations=300,
+    pixels=None,
+    field_points=5,
+    iterations=300,
+    papers_iterations=300,
     films_mm=(0.65, 0.85, 1.05, 1.25, 1.45, 1.65, 1.85, 2.05, 2.25, 2.45),
-    films_pixels=(1520, 2028), point_draws=3, point_iterations=100, angle_steps=1,
-    dot_field_points=9, dot_reach_deg=48.0,
-)  # fmt: skip
-QUICK = Size(
-    pixels=(1014, 1352), field_points=3, iterations=50, papers_iterations=20,
-    films_mm=(0.65, 1.05, 1.25, 1.45, 1.65, 2.05), films_pixels=(760, 1014),
-    point_draws=1, point_iterations=60, angle_steps=4, dot_field_points=3,
+    films_pixels=(1520, 2028),
+    point_draws=3,
+    point_iterations=100,
+    angle_steps=1,
+    dot_field_points=9,
     dot_reach_deg=48.0,
-)  # fmt: skip
+)
+QUICK = Size(
+    pixels=(1014, 1352),
+    field_points=3,
+    iterations=50,
+    papers_iterations=20,
+    films_mm=(0.65, 1.05, 1.25, 1.45, 1.65, 2.05),
+    films_pixels=(760, 1014),
+    point_draws=1,
+    point_iterations=60,
+    angle_steps=4,
+    dot_field_points=3,
+    dot_reach_deg=48.0,
+)
 
 
 @dataclass(frozen=True)

@@ -167,10 +167,14 @@ class AdmmState:
             for name in _ARRAYS
         }
         sums = [
-            torch.cat([torch.tensor(getattr(each, name), dtype=torch.float64).reshape(-1)
-                       for name in _SUMS])
+            torch.cat(
+                [
+                    torch.tensor(getattr(each, name), dtype=torch.float64).reshape(-1)
+                    for name in _SUMS
+                ]
+            )
             for each in self.sums
-        ]  # fmt: skip
+        ]
         return {
             **held,
             "penalties": torch.tensor(self.penalties, dtype=torch.float64),

@@ -172,10 +172,11 @@ def _responses(problem: Problem, channel: int, bin_by: int) -> Tensor:
     rows, columns = forward.sensor[0] // bin_by, forward.sensor[1] // bin_by
     top, left, height, width = (*forward.geometry.origin, *problem.scene_shape[1:])
     region = Region(
-        top // bin_by, left // bin_by,
+        top // bin_by,
+        left // bin_by,
         -(-(top + height) // bin_by) - top // bin_by,
         -(-(left + width) // bin_by) - left // bin_by,
-    )  # fmt: skip
+    )
     reach = (rows + region.height + 1, columns + region.width + 1)
     psf = _between_blocks(irfft2(forward.transfer[channel], forward.geometry.period), bin_by, reach)
     coarse = CroppedConvolution(psf[None] * bin_by**2, (rows, columns), region)

@@ -132,9 +132,13 @@ class Stream:
         """Scene in unit norms and iterations of a frame that is solved as a photo is."""
         state = AdmmState.cold(problem)
         result = admm(
-            problem, iterations=_STOP.iterations, tolerance=0.0,
-            scene_tolerance=_STOP.scene_tolerance, state=state, callback=deadline,
-        )  # fmt: skip
+            problem,
+            iterations=_STOP.iterations,
+            tolerance=0.0,
+            scene_tolerance=_STOP.scene_tolerance,
+            state=state,
+            callback=deadline,
+        )
         self._run = AdmmRun(problem, state, balance=Balance(), relaxation=RELAXATION)
         return result.scene / problem.scale, result.iterations
 

@@ -90,9 +90,14 @@ def create_app(studio: Studio) -> FastAPI:
                 pool.shutdown(wait=False, cancel_futures=True)
 
     app = FastAPI(
-        title="nolens studio", version=__version__, lifespan=life, docs_url=None, redoc_url=None,
-        openapi_url="/api/openapi.json", responses={"4XX": {"model": Trouble}},
-    )  # fmt: skip
+        title="nolens studio",
+        version=__version__,
+        lifespan=life,
+        docs_url=None,
+        redoc_url=None,
+        openapi_url="/api/openapi.json",
+        responses={"4XX": {"model": Trouble}},
+    )
 
     @app.get("/api/about", response_model=About)
     async def about() -> Response:

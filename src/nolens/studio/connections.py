@@ -23,10 +23,18 @@ def configuration(app: FastAPI) -> uvicorn.Config:
         It.
     """
     config = uvicorn.Config(
-        app, http=_Requests, ws=_Messages, log_level="error", access_log=False,
-        server_header=False, ws_max_size=FRAME_BYTES, ws_per_message_deflate=False,
-        timeout_graceful_shutdown=1, proxy_headers=False, lifespan="on",
-    )  # fmt: skip
+        app,
+        http=_Requests,
+        ws=_Messages,
+        log_level="error",
+        access_log=False,
+        server_header=False,
+        ws_max_size=FRAME_BYTES,
+        ws_per_message_deflate=False,
+        timeout_graceful_shutdown=1,
+        proxy_headers=False,
+        lifespan="on",
+    )
     logging.getLogger("uvicorn.error").addFilter(is_ours)
     return config
 

@@ -93,9 +93,11 @@ def _work(
         traceback.print_exc()
         where = traceback.extract_tb(error.__traceback__)[-1]
         channel.tell(
-            "failed", place.id, f"this is a bug in nolens: {type(error).__name__}: {error} "
+            "failed",
+            place.id,
+            f"this is a bug in nolens: {type(error).__name__}: {error} "
             f"({Path(where.filename).name}, line {where.lineno})",
-        )  # fmt: skip
+        )
     else:
         reporter.flush()
         ended = "cancelled" if reporter.stopped else "done"

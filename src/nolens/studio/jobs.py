@@ -106,9 +106,12 @@ class JobQueue:
         finally:
             self._checking -= 1
         job = Job(
-            id=identity, kind=request.kind, title=title_of(request.kind, request.options),
-            status="queued", options=dict(request.options),
-        )  # fmt: skip
+            id=identity,
+            kind=request.kind,
+            title=title_of(request.kind, request.options),
+            status="queued",
+            options=dict(request.options),
+        )
         self._jobs[identity], self._resolved[identity] = job, given
         place = len(self._queue)
         if _is_brief(job):  # Before the first that is not.
@@ -293,9 +296,12 @@ class JobQueue:
                     job = self._read(name)
                 except NolensError as error:
                     job = Job(
-                        id=name, kind="", title=f"{name}/{_RECORD}", status="failed",
+                        id=name,
+                        kind="",
+                        title=f"{name}/{_RECORD}",
+                        status="failed",
                         error=readable(str(error)),
-                    )  # fmt: skip
+                    )
                 if job is not None:
                     self._jobs[name] = job
         self._prune()

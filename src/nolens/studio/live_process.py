@@ -110,9 +110,13 @@ class LiveView:
             return
         _, number, verb, *what = told
         verbs: dict[str, Callable[..., Any]] = {
-            "start": self._start, "stop": self._stop, "settings": self._set, "scene": self._see,
-            "picture": self._see_picture, "save": self._save,
-        }  # fmt: skip
+            "start": self._start,
+            "stop": self._stop,
+            "settings": self._set,
+            "scene": self._see,
+            "picture": self._see_picture,
+            "save": self._save,
+        }
         result, refused = None, None
         try:
             result = verbs[verb](*what)
@@ -258,9 +262,13 @@ class LiveView:
             return None, str(error)
 
     def _send(
-        self, source: LiveSource, taken: Taken, solved: Solved | None, trouble: str | None,
+        self,
+        source: LiveSource,
+        taken: Taken,
+        solved: Solved | None,
+        trouble: str | None,
         parts: dict[str, bytes],
-    ) -> None:  # fmt: skip
+    ) -> None:
         now = time.monotonic()
         self._sent.append(now)
         while self._sent[0] < now - _FPS_OVER_S:

@@ -120,9 +120,11 @@ def kept_psf(work: Path, given: str, opened: OpenCamera, psf: Tensor, shot: Shot
     folder = work / CAMERAS / unused(work / CAMERAS, name)
     distance = opened.camera.reference_distance
     entry = PsfEntry(
-        file=f"psf-{distance.mm:g}mm.tif", cell=cell_of(shot.frame, opened, None, None),
-        channels=opened.camera.sensor.channels, distance=distance,
-    )  # fmt: skip
+        file=f"psf-{distance.mm:g}mm.tif",
+        cell=cell_of(shot.frame, opened, None, None),
+        channels=opened.camera.sensor.channels,
+        distance=distance,
+    )
     write_psfs(folder, {entry: psf}, more=copied_camera(given, opened))
     return folder / entry.file
 

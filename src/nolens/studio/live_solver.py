@@ -95,9 +95,10 @@ class LiveSolver:
             if self._stream is None or self._posed != posed:
                 self._posed = posed
                 self._stream = Stream(
-                    replace(problem, tau=settings.tau), iterations=settings.iterations,
+                    replace(problem, tau=settings.tau),
+                    iterations=settings.iterations,
                     latency_s=_LATENCY_S,
-                )  # fmt: skip
+                )
             solved = self._stream.solve(seen.values, seen.valid)
             picture, iterations = solved.photograph, solved.iterations
         return Solved(picture / brightness, seen.channels, iterations)

@@ -33,9 +33,12 @@ from nolens.studio.workspace import (
 )
 
 _INLINE = {
-    ".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".pdf": "application/pdf",
+    ".png": "image/png",
+    ".jpg": "image/jpeg",
+    ".jpeg": "image/jpeg",
+    ".pdf": "application/pdf",
     ".json": "application/json",
-}  # fmt: skip
+}
 """What a browser may show by itself: nothing that runs scripts in the page's place."""
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _LONGEST = 150

@@ -8,10 +8,21 @@ Method = Literal["wiener", "admm"]
 EntryKind = Literal["folder", "raw", "picture", "camera", "record", "other"]
 Status = Literal["queued", "running", "done", "failed", "cancelled"]
 JobKind = Literal[
-    "reconstruct", "refocus", "simulate", "psf", "calibrate", "design-thickness", "design-look",
-    "fabricate", "measure-psf", "measure-two-points", "measure-siemens", "measure-edge",
-    "measure-field", "preview",
-]  # fmt: skip
+    "reconstruct",
+    "refocus",
+    "simulate",
+    "psf",
+    "calibrate",
+    "design-thickness",
+    "design-look",
+    "fabricate",
+    "measure-psf",
+    "measure-two-points",
+    "measure-siemens",
+    "measure-edge",
+    "measure-field",
+    "preview",
+]
 ENDED: tuple[Status, ...] = ("done", "failed", "cancelled")
 
 

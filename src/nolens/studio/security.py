@@ -115,9 +115,11 @@ class Guard:
         headers = Headers(scope=scope)
         if len(headers.getlist("host")) != 1 or not self._rules.serves(headers["host"]):
             return _trouble(
-                scope, 403, f"this studio is not served as {headers.get('host', '')[:100]!r}: open "
+                scope,
+                403,
+                f"this studio is not served as {headers.get('host', '')[:100]!r}: open "
                 "the address that the terminal shows",
-            )  # fmt: skip
+            )
         origin = headers.get("origin")
         if origin is not None and not _same_origin(origin, headers["host"]):
             return _trouble(scope, 403, "requests from other pages are not answered")
@@ -139,9 +141,11 @@ class Guard:
         by_query = any(_equal(each, token) for each in given)
         if not by_query and not any(_equal(each, token) for each in _cookies(headers)):
             return _trouble(
-                scope, 401, "this studio needs its token: open the address that the terminal "
+                scope,
+                401,
+                "this studio needs its token: open the address that the terminal "
                 "shows, with ?token=... at its end",
-            )  # fmt: skip
+            )
         if by_query and scope["type"] == "http" and scope["path"] == "/":
             # The token goes on as a cookie, and out of the address and the browser's history.
             rest = parse_qs(scope["query_string"].decode("latin-1"), keep_blank_values=True)

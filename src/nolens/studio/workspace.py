@@ -25,9 +25,24 @@ SHOTS, CAMERAS, PICTURES, UPLOADS, JOBS = "shots", "cameras", "pictures", "uploa
 CALIBRATION = "calibration"
 """Frames of a calibration: of the point source and dark ones. They are no photographs."""
 RAW_SUFFIXES = (
-    ".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".sr2", ".raf", ".rw2", ".orf",
-    ".pef", ".srw", ".3fr", ".iiq", ".raw", ".npy",
-)  # fmt: skip
+    ".dng",
+    ".cr2",
+    ".cr3",
+    ".crw",
+    ".nef",
+    ".nrw",
+    ".arw",
+    ".sr2",
+    ".raf",
+    ".rw2",
+    ".orf",
+    ".pef",
+    ".srw",
+    ".3fr",
+    ".iiq",
+    ".raw",
+    ".npy",
+)
 PICTURE_SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
 _CAMERA, _PSFS = "camera.toml", "psfs.toml"
 TIFF_SUFFIXES = (".tif", ".tiff")
@@ -195,9 +210,12 @@ class Workspace:
         about = path.stat()
         kind = _kind(path)
         entry = Entry(
-            name=there.name, path=text, kind=kind, changed=about.st_mtime,
+            name=there.name,
+            path=text,
+            kind=kind,
+            changed=about.st_mtime,
             bytes=0 if kind in ("folder", "camera") else about.st_size,
-        )  # fmt: skip
+        )
         return entry, path
 
     def make(self, name: str) -> Path:
@@ -356,11 +374,13 @@ def _presets() -> tuple[CameraInfo, ...]:
     """The cameras that come with the package."""
     return tuple(
         CameraInfo(
-            id=path.stem, name=path.stem, psfs=[],
+            id=path.stem,
+            name=path.stem,
+            psfs=[],
             note=str(parse_toml(path.read_text(encoding="utf-8"), path.name).get("note", "")),
         )
         for path in _preset_files()
-    )  # fmt: skip
+    )
 
 
 def _psfs(identity: str, listed: dict[str, Any]) -> list[PsfInfo]:

@@ -79,9 +79,14 @@ def irradiate(
         If `field_points` is even or less than 1, or light passes beyond the relief.
     """
     sums = summed(
-        twin, field, seen, field_points=field_points, light=light, wavelengths=wavelengths,
+        twin,
+        field,
+        seen,
+        field_points=field_points,
+        light=light,
+        wavelengths=wavelengths,
         tick=tick,
-    )  # fmt: skip
+    )
     return sums.finish()
 
 
@@ -112,9 +117,11 @@ def summed(
     done = 0
     for plane in seen:
         work.twin = sampled(
-            twin, pitch / per_pixel, shortest_nm=shortest_nm(colours),
+            twin,
+            pitch / per_pixel,
+            shortest_nm=shortest_nm(colours),
             distance_um=plane.distance_um,
-        )  # fmt: skip
+        )
         for node in work.nodes:
             for channel, colour in enumerate(colours):
 
@@ -223,9 +230,13 @@ class PatternSums:
             twin = twin.accepting_all()
             vignetting = float(twin.vignetting(torch.tensor(source.p, dtype=torch.float64)))
         pattern = colour_pattern(
-            twin, source, grid, colour, tick,
+            twin,
+            source,
+            grid,
+            colour,
+            tick,
             average=self.per_pixel,
-        ).div_(vignetting)  # fmt: skip
+        ).div_(vignetting)
         spectra = {step: rfft2(patch.to(pattern.device)) for step, patch in patches.items()}
         for number, phase in enumerate(self.phases):
             if phase != _GREY[0] and "RGB".index(phase) != channel:

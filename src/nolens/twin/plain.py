@@ -72,9 +72,14 @@ class PlainModel:
         point = torch.zeros(len(twin.camera.sensor.channels), *weights.shape)
         point[:, middle[0], middle[1]] = 1 / weights[middle]
         sums = summed(
-            twin, field, (Seen(point, distance_um),), field_points=1, light=light,
-            wavelengths=wavelengths, tick=tick,
-        )  # fmt: skip
+            twin,
+            field,
+            (Seen(point, distance_um),),
+            field_points=1,
+            light=light,
+            wavelengths=wavelengths,
+            tick=tick,
+        )
         return cls(twin, field, distance_um, weights, field.tangents(), sums)
 
     def light(self, radiance: Tensor) -> Tensor:

@@ -76,9 +76,11 @@ def point_spread(
     channels = twin.camera.sensor.channels
     colours = [light.wavelengths(twin.quantum_efficiency, each, wavelengths) for each in channels]
     ready = sampled(
-        twin, twin.sensor_pitch_um / per_pixel, shortest_nm=shortest_nm(colours),
+        twin,
+        twin.sensor_pitch_um / per_pixel,
+        shortest_nm=shortest_nm(colours),
         distance_um=source.distance_um,
-    )  # fmt: skip
+    )
     planes = []
     for number, colour in enumerate(colours):
 
@@ -87,10 +89,13 @@ def point_spread(
                 tick((number + share) / len(channels))
 
         plane = colour_pattern(
-            ready, source, grid.finer(per_pixel * pixels),
-            colour, colour_tick,
+            ready,
+            source,
+            grid.finer(per_pixel * pixels),
+            colour,
+            colour_tick,
             average=per_pixel * pixels,
-        )  # fmt: skip
+        )
         if source.diameter_um > 0:
             plane = _blurred(twin, source, plane, grid)
         planes.append(plane[edge : edge + cells[0], edge : edge + cells[1]])
@@ -131,9 +136,13 @@ def colour_pattern(
                 tick((number + share) / len(wavelengths))
 
         pattern = point_pattern(
-            twin.illumination(source, wavelength_nm), twin.mask, twin.media(wavelength_nm), grid,
-            response=twin.response(), tick=part_tick,
-        )  # fmt: skip
+            twin.illumination(source, wavelength_nm),
+            twin.mask,
+            twin.media(wavelength_nm),
+            grid,
+            response=twin.response(),
+            tick=part_tick,
+        )
         if average > 1:
             pattern = nnf.avg_pool2d(pattern[None, None], average)[0, 0]
         total = pattern.mul_(weight) if total is None else total.add_(pattern, alpha=weight)

@@ -118,6 +118,10 @@ def contour_relief(
     start = squared_um2 * (-tile.bulge / (2 * radius_um))
     target = target.to(start.device)
     return descend(
-        tile, start, limits, lambda pattern: 1 - correlation(pattern, target),
-        iterations=iterations, stop=stop,
-    )  # fmt: skip
+        tile,
+        start,
+        limits,
+        lambda pattern: 1 - correlation(pattern, target),
+        iterations=iterations,
+        stop=stop,
+    )

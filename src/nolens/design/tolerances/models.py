@@ -87,9 +87,11 @@ class WaveModel:
         grid = Grid(rows, columns, pixel, (0.0, -aside)).finer(per_pixel)
         distance = twin.camera.reference_distance.um
         step = field_step(
-            twin, grid.pitch_um, shortest_nm=min(each for each, _ in self.colours),
+            twin,
+            grid.pitch_um,
+            shortest_nm=min(each for each, _ in self.colours),
             distance_um=distance,
-        )  # fmt: skip
+        )
         mask = self._mask(builds, number, step * grid.pitch_um)
         total = torch.zeros(rows, columns)
         for wavelength_nm, weight in self.colours:
@@ -117,8 +119,9 @@ class WaveModel:
         """The relief as it came out, on the grid of the field."""
         twin, scale = self.patch.twin, float(builds.scale[number])
         relief = twin.mask.relief
-        cast = Relief(relief.height_um * (float(builds.gain[number]) * scale),
-                      relief.grid_um * scale)  # fmt: skip
+        cast = Relief(
+            relief.height_um * (float(builds.gain[number]) * scale), relief.grid_um * scale
+        )
         rows, columns = (math.floor(extent / grid_um) + 1 for extent in cast.extent_um)
         heights = cast.sample(Grid(rows, columns, grid_um))
         return MaskSurface(Relief(heights, grid_um), twin.mask.opening)

@@ -79,15 +79,43 @@ def variables(camera: Camera) -> dict[str, Variable]:
     positive = math.nextafter(0, 1)
     sensor_um = camera.sensor.columns * camera.sensor.pitch.um
     found += [
-        Variable("wedge", "deg", 0.0, -_WEDGE_LIMIT_DEG, _WEDGE_LIMIT_DEG,
-                 (0.0, _rounded(min(0.5, steepest))), "assumed: the mould lies on a printed frame"),
-        Variable("relief.gain", "%", 100.0, positive, 200.0,
-                 (100.0, 5.0), "assumed: depth of the mould's copy"),
-        Variable("relief.shrinkage", "%", 0.0, -_SCALE_LIMIT, _SCALE_LIMIT,
-                 (2.0, 1.0), "assumed: shrinkage of a resin as it cures"),
-        Variable("decentre", "um", 0.0, -sensor_um / 2, sensor_um / 2,
-                 (0.0, _rounded(min(100.0, sensor_um / 8))), "assumed: laid on by hand"),
-    ]  # fmt: skip
+        Variable(
+            "wedge",
+            "deg",
+            0.0,
+            -_WEDGE_LIMIT_DEG,
+            _WEDGE_LIMIT_DEG,
+            (0.0, _rounded(min(0.5, steepest))),
+            "assumed: the mould lies on a printed frame",
+        ),
+        Variable(
+            "relief.gain",
+            "%",
+            100.0,
+            positive,
+            200.0,
+            (100.0, 5.0),
+            "assumed: depth of the mould's copy",
+        ),
+        Variable(
+            "relief.shrinkage",
+            "%",
+            0.0,
+            -_SCALE_LIMIT,
+            _SCALE_LIMIT,
+            (2.0, 1.0),
+            "assumed: shrinkage of a resin as it cures",
+        ),
+        Variable(
+            "decentre",
+            "um",
+            0.0,
+            -sensor_um / 2,
+            sensor_um / 2,
+            (0.0, _rounded(min(100.0, sensor_um / 8))),
+            "assumed: laid on by hand",
+        ),
+    ]
     return {each.name: each for each in found}
 
 
@@ -160,11 +188,25 @@ def _of_layer(camera: Camera, number: int, name: str) -> list[Variable]:
     note = "a printed frame" if moulded else "the part's usual spread"
     air = index < _AIR_BELOW
     return [
-        Variable(f"{name}.thickness", "um", thickness, math.nextafter(0, 1), math.inf,
-                 (thickness, usual), f"assumed: {note}"),
-        Variable(f"{name}.index", "", index, 1.0, 4.0,
-                 None if air else (index, 0.005), "" if air else "assumed: from batch to batch"),
-    ]  # fmt: skip
+        Variable(
+            f"{name}.thickness",
+            "um",
+            thickness,
+            math.nextafter(0, 1),
+            math.inf,
+            (thickness, usual),
+            f"assumed: {note}",
+        ),
+        Variable(
+            f"{name}.index",
+            "",
+            index,
+            1.0,
+            4.0,
+            None if air else (index, 0.005),
+            "" if air else "assumed: from batch to batch",
+        ),
+    ]
 
 
 def _rounded(value: float) -> float:

@@ -82,20 +82,31 @@ def calibrate_distances(
     for number, (distance, source) in enumerate(sources.items()):
         reporter.advance("distances", number / len(sources))
         found = scaled_psf(
-            measured[source.file], source.cell.um, layers,
-            measured_um=source.distance_um, wanted_um=_um(distance),
-        )  # fmt: skip
+            measured[source.file],
+            source.cell.um,
+            layers,
+            measured_um=source.distance_um,
+            wanted_um=_um(distance),
+        )
         entry = PsfEntry(
-            file=psf_file(distance), cell=source.cell, channels=source.channels,
-            distance=distance, kind="scaled", usable_per_mm=source.usable_per_mm,
-        )  # fmt: skip
+            file=psf_file(distance),
+            cell=source.cell,
+            channels=source.channels,
+            distance=distance,
+            kind="scaled",
+            usable_per_mm=source.usable_per_mm,
+        )
         made[entry] = found.psf
-        rows.append({
-            "file": entry.file, "distance": str(distance), "from": source.file,
-            "from_distance": str(source.distance),
-            "magnification": round(found.magnification, 6),
-            "unknown_share": found.unknown_share,
-        })  # fmt: skip
+        rows.append(
+            {
+                "file": entry.file,
+                "distance": str(distance),
+                "from": source.file,
+                "from_distance": str(source.distance),
+                "magnification": round(found.magnification, 6),
+                "unknown_share": found.unknown_share,
+            }
+        )
         warnings += _doubts(found, distance)
     reporter.advance("distances", 1.0)
     for text in warnings:
@@ -109,10 +120,13 @@ def calibrate_distances(
         "seconds": clock.seconds,
     }
     record = RunRecord(
-        started=clock.started, inputs=inputs,
+        started=clock.started,
+        inputs=inputs,
         parameters=options.model_dump(mode="json", by_alias=True),
-        result=summary, history=[], warnings=warnings,
-    )  # fmt: skip
+        result=summary,
+        history=[],
+        warnings=warnings,
+    )
     write_psfs(
         options.folder, made, more={options.record.name: partial(write_record, record=record)}
     )

@@ -80,9 +80,12 @@ def calibrate_pairs(options: CalibratePairsOptions, reporter: Reporter) -> Calib
             + ("" if options.each_channel else ", or solve each channel (--each-channel)")
         )
     entry = PsfEntry(
-        file=options.psf.name, cell=cell, channels=channels, distance=options.distance,
+        file=options.psf.name,
+        cell=cell,
+        channels=channels,
+        distance=options.distance,
         kind="solved",
-    )  # fmt: skip
+    )
     rounds = 1 + (len(names) if options.check else 0)
     cost, device = _cost(read, rounds), torch.device("cpu")
     check_memory(cost, device, "fewer or smaller pictures need less")
@@ -113,9 +116,13 @@ def calibrate_pairs(options: CalibratePairsOptions, reporter: Reporter) -> Calib
         "seconds": clock.seconds,
     }
     record = RunRecord(
-        started=clock.started, inputs=inputs, parameters=options.model_dump(mode="json"),
-        result=summary, history=[], warnings=warnings,
-    )  # fmt: skip
+        started=clock.started,
+        inputs=inputs,
+        parameters=options.model_dump(mode="json"),
+        result=summary,
+        history=[],
+        warnings=warnings,
+    )
     more = {options.record.name: partial(write_record, record=record)}
     write_psfs(options.output, {entry: psf}, more=more)
     return CalibratedPsf(psf, entry, summary)
@@ -128,9 +135,11 @@ def _groups(read: ReadPairs, options: CalibratePairsOptions) -> list[list[int]]:
 
 
 def _solved(
-    read: ReadPairs, names: list[str], options: CalibratePairsOptions,
+    read: ReadPairs,
+    names: list[str],
+    options: CalibratePairsOptions,
     tick: Callable[[float], None],
-) -> list[SolvedPsf]:  # fmt: skip
+) -> list[SolvedPsf]:
     """A PSF for each group of channels, of some of the pairs."""
     groups = _groups(read, options)
     found = []
@@ -144,21 +153,24 @@ def _solved(
 
 
 def _left_out(
-    read: ReadPairs, names: list[str], left: str, options: CalibratePairsOptions,
+    read: ReadPairs,
+    names: list[str],
+    left: str,
+    options: CalibratePairsOptions,
     tick: Callable[[float], None],
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """How well a pair is explained and reconstructed with the PSF of the others."""
     others = [name for name in names if name != left]
     psf = torch.stack([each.psf for each in _solved(read, others, options, tick)])
     groups = _groups(read, options)
-    misfit = torch.cat([
-        unexplained(read.known([left], group), plane)
-        for group, plane in zip(groups, psf, strict=True)
-    ])  # fmt: skip
+    misfit = torch.cat(
+        [
+            unexplained(read.known([left], group), plane)
+            for group, plane in zip(groups, psf, strict=True)
+        ]
+    )
     truth = read.pictures[left]
-    scene = solved(
-        read.measured[left], psf, read.region, iterations=_ITERATIONS, tau=_TAU
-    )  # fmt: skip
+    scene = solved(read.measured[left], psf, read.region, iterations=_ITERATIONS, tau=_TAU)
     peak = float(truth.max())
     shown = affine_fit(scene, truth).clamp(0, peak)
     large = min(truth.shape[-2:]) >= _WINDOW

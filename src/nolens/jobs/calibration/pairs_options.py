@@ -70,9 +70,12 @@ class CalibratePairsOptions(JobOptions):
             ("measured", f"no folder of measurements is given: {_COMMAND}"),
             ("pictures", f"no folder of pictures is given: {_COMMAND}"),
             ("output", "no output is given; name the folder of the camera's PSFs (-o folder)"),
-            ("distance", "no distance is given: say how far the pictures were from the camera "
-                         "(--distance 300mm, or infinity)"),
-        ):  # fmt: skip
+            (
+                "distance",
+                "no distance is given: say how far the pictures were from the camera "
+                "(--distance 300mm, or infinity)",
+            ),
+        ):
             if not given.get(name):
                 raise OptionError(what)
         return cls.checked(given)
@@ -112,8 +115,9 @@ def named_pairs(measured: Path, pictures: Path) -> dict[str, tuple[Path, Path]]:
     """
     found = [_by_name(folder) for folder in (measured, pictures)]
     for folder, here, there, other in (
-        (measured, found[0], found[1], pictures), (pictures, found[1], found[0], measured),
-    ):  # fmt: skip
+        (measured, found[0], found[1], pictures),
+        (pictures, found[1], found[0], measured),
+    ):
         alone = sorted(here.keys() - there.keys())
         if alone:
             raise FileError(

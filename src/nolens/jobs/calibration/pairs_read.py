@@ -53,9 +53,7 @@ class ReadPairs:
         )
 
 
-def read_pairs(
-    options: CalibratePairsOptions, pairs: dict[str, tuple[Path, Path]]
-) -> ReadPairs:  # fmt: skip
+def read_pairs(options: CalibratePairsOptions, pairs: dict[str, tuple[Path, Path]]) -> ReadPairs:
     """Read all of them.
 
     Raises
@@ -119,9 +117,11 @@ def _check_light(values: Tensor, source: str, what: str) -> None:
 
 
 def _region(
-    options: CalibratePairsOptions, pictures: dict[str, Tensor], files: dict[str, Path],
+    options: CalibratePairsOptions,
+    pictures: dict[str, Tensor],
+    files: dict[str, Path],
     sensor: tuple[int, int],
-) -> Region:  # fmt: skip
+) -> Region:
     first = next(iter(pictures))
     rows, columns = pictures[first].shape[-2:]
     for name, picture in pictures.items():

@@ -80,19 +80,28 @@ def calibrate_point(options: CalibratePointOptions, reporter: Reporter) -> Calib
     announce(cost, device, reporter)
     reporter.advance("PSF", 0.0)
     found = point_psf(
-        frames.exposures, frames.darks, cell_um=cell.um, stray=options.stray_light,
-        sensor=None if opened is None else opened.camera.sensor, as_is=options.as_is,
-    )  # fmt: skip
+        frames.exposures,
+        frames.darks,
+        cell_um=cell.um,
+        stray=options.stray_light,
+        sensor=None if opened is None else opened.camera.sensor,
+        as_is=options.as_is,
+    )
     reporter.advance("PSF", 0.5)
     place = placed(found, options, layers, psfs, cell.um)
     reporter.advance("PSF", 1.0)
 
     usable = min(band.usable_per_mm for band in found.bands)
     entry = PsfEntry(
-        file=options.psf.name, cell=cell, channels=_channels(frames),
-        distance=options.distance, angle=options.angle, kind="captured", frame=place.frame,
+        file=options.psf.name,
+        cell=cell,
+        channels=_channels(frames),
+        distance=options.distance,
+        angle=options.angle,
+        kind="captured",
+        frame=place.frame,
         usable_per_mm=round(usable, 2) if usable > 0 else None,
-    )  # fmt: skip
+    )
     if psfs is not None and psfs.psf[0].channels != entry.channels:
         raise DataError(
             f"the PSF {psfs.psf[0].file} of the folder has the channels "
@@ -116,9 +125,13 @@ def calibrate_point(options: CalibratePointOptions, reporter: Reporter) -> Calib
         "seconds": clock.seconds,
     }
     record = RunRecord(
-        started=clock.started, inputs=inputs, parameters=options.model_dump(mode="json"),
-        result=summary, history=[], warnings=warnings,
-    )  # fmt: skip
+        started=clock.started,
+        inputs=inputs,
+        parameters=options.model_dump(mode="json"),
+        result=summary,
+        history=[],
+        warnings=warnings,
+    )
     camera[options.record.name] = partial(write_record, record=record)
     write_psfs(options.output, {entry: place.psf}, more=camera)
     return CalibratedPsf(place.psf, entry, summary)

@@ -136,9 +136,11 @@ def _check_one_exposure(mean: FrameMean) -> None:
 
 
 def _matched(
-    exposures: dict[float, FrameMean], darks: dict[float, FrameMean], timed: bool,
+    exposures: dict[float, FrameMean],
+    darks: dict[float, FrameMean],
+    timed: bool,
     warnings: list[str],
-) -> dict[float, FrameMean]:  # fmt: skip
+) -> dict[float, FrameMean]:
     """The dark frames that belong to each exposure time."""
     if not darks:
         return {}

@@ -44,9 +44,12 @@ class Placed:
 
 
 def placed(
-    found: PointPsf, options: CalibratePointOptions, layers: Layers | None, psfs: PsfSet | None,
+    found: PointPsf,
+    options: CalibratePointOptions,
+    layers: Layers | None,
+    psfs: PsfSet | None,
     cell_um: float,
-) -> Placed:  # fmt: skip
+) -> Placed:
     """Bring a PSF into its place.
 
     One from straight ahead is laid over that of the nearest other distance in the folder, or
@@ -113,9 +116,13 @@ def _of_other_distance(entry: PsfEntry, options: CalibratePointOptions) -> bool:
 
 
 def _laid_over(
-    found: PointPsf, options: CalibratePointOptions, layers: Layers | None, cell_um: float,
-    entry: PsfEntry, other: Tensor,
-) -> Placed:  # fmt: skip
+    found: PointPsf,
+    options: CalibratePointOptions,
+    layers: Layers | None,
+    cell_um: float,
+    entry: PsfEntry,
+    other: Tensor,
+) -> Placed:
     expected = None
     if layers is not None:
         here, there = layers.magnification(_um(options)), layers.magnification(entry.distance_um)
@@ -148,9 +155,12 @@ def _laid_over(
 
 
 def _moved(
-    found: PointPsf, shift: tuple[float, float], figures: dict[str, Any], layers: Layers | None,
+    found: PointPsf,
+    shift: tuple[float, float],
+    figures: dict[str, Any],
+    layers: Layers | None,
     cell_um: float,
-) -> Placed:  # fmt: skip
+) -> Placed:
     """The PSF with its light, which lies beside the middle by so many cells, in the middle."""
     back = -shift[0], -shift[1]
     psf = magnified(found.psf, 1.0, moved=back)

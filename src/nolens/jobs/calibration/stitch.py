@@ -83,10 +83,13 @@ def calibrate_stitch(options: CalibrateStitchOptions, reporter: Reporter) -> Cal
     usable = [each.usable_per_mm for each in captured.entries]
     name = distance_name(captured.distance)
     entry = PsfEntry(
-        file=f"stitched-{name}.tif", cell=first.cell, channels=first.channels,
-        distance=captured.distance, kind="stitched",
+        file=f"stitched-{name}.tif",
+        cell=first.cell,
+        channels=first.channels,
+        distance=captured.distance,
+        kind="stitched",
         usable_per_mm=min((each for each in usable if each is not None), default=None),
-    )  # fmt: skip
+    )
     rows = _rows(captures, captured, found, layers)
     warnings = _doubts(rows, found)
     for text in warnings:
@@ -109,13 +112,18 @@ def calibrate_stitch(options: CalibrateStitchOptions, reporter: Reporter) -> Cal
         "seconds": clock.seconds,
     }
     record = RunRecord(
-        started=clock.started, inputs=inputs, parameters=options.model_dump(mode="json"),
-        result=summary, history=[], warnings=warnings,
-    )  # fmt: skip
+        started=clock.started,
+        inputs=inputs,
+        parameters=options.model_dump(mode="json"),
+        result=summary,
+        history=[],
+        warnings=warnings,
+    )
     write_psfs(
-        options.folder, {entry: found.psf},
+        options.folder,
+        {entry: found.psf},
         more={record_file: partial(write_record, record=record)},
-    )  # fmt: skip
+    )
     return CalibratedPsf(found.psf, entry, summary)
 
 
@@ -166,16 +174,18 @@ def _rows(
         seen = shift[1] * cell, -shift[0] * cell
         off = math.dist(stated, seen)
         slope = search_um(entry.angle, layers) / STATED_DEG
-        rows.append({
-            "file": entry.file,
-            "angle": [str(each) for each in entry.angle],
-            "stated_shift_um": [round(each, 2) + 0.0 for each in stated],
-            "shift_um": [round(each, 2) + 0.0 for each in seen],
-            "off_um": round(off, 2),
-            "off_deg": round(off / slope, 3),
-            "gain": [round(each, 5) for each in found.gains[number]],
-            "correlation": round(found.placement.correlations[number], 5),
-        })  # fmt: skip
+        rows.append(
+            {
+                "file": entry.file,
+                "angle": [str(each) for each in entry.angle],
+                "stated_shift_um": [round(each, 2) + 0.0 for each in stated],
+                "shift_um": [round(each, 2) + 0.0 for each in seen],
+                "off_um": round(off, 2),
+                "off_deg": round(off / slope, 3),
+                "gain": [round(each, 5) for each in found.gains[number]],
+                "correlation": round(found.placement.correlations[number], 5),
+            }
+        )
     return rows
 
 

@@ -79,9 +79,13 @@ def calibrate_surround(options: CalibrateSurroundOptions, reporter: Reporter) ->
         reporter.warn(text)
     name = distance_name(source.distance)
     entry = PsfEntry(
-        file=f"extended-{name}.tif", cell=source.cell, channels=source.channels,
-        distance=source.distance, kind="extended", usable_per_mm=source.usable_per_mm,
-    )  # fmt: skip
+        file=f"extended-{name}.tif",
+        cell=source.cell,
+        channels=source.channels,
+        distance=source.distance,
+        kind="extended",
+        usable_per_mm=source.usable_per_mm,
+    )
     record_file = f"extend-{name}.json"
     summary = {
         "folder": readable(options.folder),
@@ -100,13 +104,18 @@ def calibrate_surround(options: CalibrateSurroundOptions, reporter: Reporter) ->
         "seconds": clock.seconds,
     }
     record = RunRecord(
-        started=clock.started, inputs=inputs, parameters=options.model_dump(mode="json"),
-        result=summary, history=[], warnings=warnings,
-    )  # fmt: skip
+        started=clock.started,
+        inputs=inputs,
+        parameters=options.model_dump(mode="json"),
+        result=summary,
+        history=[],
+        warnings=warnings,
+    )
     write_psfs(
-        options.folder, {entry: found.psf},
+        options.folder,
+        {entry: found.psf},
         more={record_file: partial(write_record, record=record)},
-    )  # fmt: skip
+    )
     return CalibratedPsf(found.psf, entry, summary)
 
 

@@ -217,10 +217,15 @@ class _Run:
         named_s = shot.exposure_s if math.isnan(exposure_s) else exposure_s
         path = self.naming.next(named_s, _suffix(shot, self.options.average))
         keep(
-            path, shot, levels, frames,
-            options=self.options, started=self.clock.started, inputs=self.inputs,
+            path,
+            shot,
+            levels,
+            frames,
+            options=self.options,
+            started=self.clock.started,
+            inputs=self.inputs,
             warnings=self.warnings,
-        )  # fmt: skip
+        )
         self.files += 1
         self.outputs.append(readable(path))
 

@@ -67,10 +67,14 @@ def look_at_design(options: LookOptions, reporter: Reporter) -> LookOutcome:
     source_um = distance_um(options.distance, opened)
     twin = _patch(opened)
     psf = point_spread(
-        twin, PointSource(distance_um=source_um), (_CELLS, _CELLS), pixels=_pixels(opened),
-        light=Light(f"{REFERENCE_NM:g}nm"), wavelengths=1,
+        twin,
+        PointSource(distance_um=source_um),
+        (_CELLS, _CELLS),
+        pixels=_pixels(opened),
+        light=Light(f"{REFERENCE_NM:g}nm"),
+        wavelengths=1,
         tick=lambda share: reporter.advance("PSF", share),
-    )  # fmt: skip
+    )
     plane = psf[0]
     if not float(plane.max()) > 0:
         raise DataError(
@@ -134,9 +138,10 @@ def _patch(opened: OpenCamera) -> Twin:
     channel = "G" if "G" in sensor.channels else sensor.channels[0]
     curve = opened.quantum_efficiency
     grey = SpectralCurve(
-        source=curve.source, wavelength_nm=curve.wavelength_nm,
+        source=curve.source,
+        wavelength_nm=curve.wavelength_nm,
         values={"grey": curve.values[channel]},
-    )  # fmt: skip
+    )
     small = sensor.model_copy(update={"rows": side, "columns": side, "mosaic": "none"})
     camera = opened.camera.model_copy(update={"sensor": small})
     return Twin.of(replace(opened, camera=camera, quantum_efficiency=grey))
@@ -147,9 +152,12 @@ def _stack(opened: OpenCamera, source_um: float) -> LensletStack:
     relief = camera.mask.relief
     radius_um = relief.radius.um if isinstance(relief, RandomLenslets) else math.inf
     return LensletStack(
-        tuple(layer.thickness.um for layer in camera.layers), camera.indices(REFERENCE_NM),
-        camera.mask.surface, radius_um, source_um,
-    )  # fmt: skip
+        tuple(layer.thickness.um for layer in camera.layers),
+        camera.indices(REFERENCE_NM),
+        camera.mask.surface,
+        radius_um,
+        source_um,
+    )
 
 
 def _layers(opened: OpenCamera) -> list[dict[str, Any]]:
@@ -171,9 +179,13 @@ def _focus(opened: OpenCamera, stack: LensletStack) -> dict[str, Any]:
     """Where lenslets are in focus, by ray matrices; nothing of masks that have none."""
     relief, surface = opened.camera.mask.relief, opened.camera.mask.surface
     found: dict[str, Any] = {
-        "radius_mm": None, "pitch_um": None, "mask_layer": surface, "best_thickness_mm": None,
-        "aperture": None, "depth_of_focus_mm": None,
-    }  # fmt: skip
+        "radius_mm": None,
+        "pitch_um": None,
+        "mask_layer": surface,
+        "best_thickness_mm": None,
+        "aperture": None,
+        "depth_of_focus_mm": None,
+    }
     if not isinstance(relief, RandomLenslets):
         return found
     best_um = float(stack.focused_thickness_um(surface))
@@ -208,16 +220,19 @@ def _told(figures: PsfFigures | None) -> dict[str, Any]:
     if figures is None:
         empty: list[float] = []
         return {
-            "fwhm_um": None, "line_width_um": None, "contrast": None,
+            "fwhm_um": None,
+            "line_width_um": None,
+            "contrast": None,
             "autocorrelation": {"um": empty, "value": empty},
             "magnitude": {"per_mm": empty, "value": empty},
-        }  # fmt: skip
+        }
     return {
         "fwhm_um": rounded(figures.fwhm_um),
         "line_width_um": rounded(figures.line_width_um),
         "contrast": rounded(figures.contrast),
         "autocorrelation": {
-            "um": rounded(figures.lag_um), "value": rounded(figures.autocorrelation),
+            "um": rounded(figures.lag_um),
+            "value": rounded(figures.autocorrelation),
         },
         "magnitude": {"per_mm": rounded(figures.per_mm), "value": rounded(figures.magnitude)},
-    }  # fmt: skip
+    }

@@ -114,23 +114,32 @@ def design_mask(options: MaskOptions, reporter: Reporter) -> MaskOutcome:
         target = spread_over(made.target, (psf.shape[1], psf.shape[2]))
         summary["target_correlation"] = [float(correlation(each, target)) for each in psf]
     plot = MaskPlot(
-        heights_um=twin.mask.relief.height_um.cpu(), grid_um=twin.mask.relief.grid_um,
-        psf=psf, papers_psf=papers_psf, cell_um=twin.cell_um,
+        heights_um=twin.mask.relief.height_um.cpu(),
+        grid_um=twin.mask.relief.grid_um,
+        psf=psf,
+        papers_psf=papers_psf,
+        cell_um=twin.cell_um,
         title=made.opened.camera.name,
-    )  # fmt: skip
+    )
     summary["seconds"] = clock.seconds
     record = RunRecord(
-        started=clock.started, inputs=inputs, parameters=options.model_dump(mode="json"),
-        result=summary, history=[], warnings=[],
-    )  # fmt: skip
+        started=clock.started,
+        inputs=inputs,
+        parameters=options.model_dump(mode="json"),
+        result=summary,
+        history=[],
+        warnings=[],
+    )
     write_camera(
-        options.output, made.opened.camera, made.opened.relief_um,
+        options.output,
+        made.opened.camera,
+        made.opened.relief_um,
         more={
             **copied_curves(options.camera, opened),
             PICTURE_FILE: partial(plot_mask, plot=plot),
             RECORD_FILE: partial(write_record, record=record),
         },
-    )  # fmt: skip
+    )
     return MaskOutcome(made.opened, summary)
 
 

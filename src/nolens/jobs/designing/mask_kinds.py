@@ -60,9 +60,12 @@ class MadeMask:
 
 
 def made_mask(
-    options: MaskOptions, opened: OpenCamera, light: Light, device: torch.device,
+    options: MaskOptions,
+    opened: OpenCamera,
+    light: Light,
+    device: torch.device,
     reporter: Reporter,
-) -> MadeMask:  # fmt: skip
+) -> MadeMask:
     """Make the mask that is asked for.
 
     Parameters
@@ -113,9 +116,12 @@ def _described(
         relief = RandomLenslets(
             kind="random-lenslets",
             radius=options.radius or Length.of(round(radius_um, 2), "um"),
-            pitch=options.pitch, smoothing=options.smoothing, seed=options.seed,
-            grid=grid, overhang=_overhang(options, opened),
-        )  # fmt: skip
+            pitch=options.pitch,
+            smoothing=options.smoothing,
+            seed=options.seed,
+            grid=grid,
+            overhang=_overhang(options, opened),
+        )
         return with_relief(named, relief)
     size = _size(options, opened, grid.um)
     beyond = 0 if options.smoothing is None else smoothing_margin(options.smoothing.um, grid.um)
@@ -127,22 +133,34 @@ def _described(
         assert options.arrangement is not None
         surface = lenslet_array(
             radius_um=math.copysign(radius_um, media.below - media.above),
-            pitch_um=options.pitch.um, arrangement=options.arrangement,
-            smoothing_um=options.smoothing.um, size=size, grid_um=grid.um,
-        )  # fmt: skip
+            pitch_um=options.pitch.um,
+            arrangement=options.arrangement,
+            smoothing_um=options.smoothing.um,
+            size=size,
+            grid_um=grid.um,
+        )
     else:
         assert options.angle is not None and options.feature is not None
         surface = gaussian_diffuser(
-            angle_rad=options.angle.rad, feature_um=options.feature.um,
-            index_step=media.below - media.above, size=size, grid_um=grid.um, seed=options.seed,
-        )  # fmt: skip
+            angle_rad=options.angle.rad,
+            feature_um=options.feature.um,
+            index_step=media.below - media.above,
+            size=size,
+            grid_um=grid.um,
+            seed=options.seed,
+        )
     return _with_heights(named, surface.height_um, grid)
 
 
 def _designed(
-    options: MaskOptions, opened: OpenCamera, bare: Twin, light: Light,
-    device: torch.device, reporter: Reporter, radius_um: float,
-) -> MadeMask:  # fmt: skip
+    options: MaskOptions,
+    opened: OpenCamera,
+    bare: Twin,
+    light: Light,
+    device: torch.device,
+    reporter: Reporter,
+    radius_um: float,
+) -> MadeMask:
     """A camera whose mask repeats a tile that is designed for its PSF."""
     limits, iterations = options.limits, options.iterations
     assert iterations is not None
@@ -170,9 +188,14 @@ def _designed(
         lines = random_contours(layout.side, layout.grid_um, options.spacing.um, options.seed)
         target = line_target(lines, options.line.um, layout.samples_per_cell)
         heights = contour_relief(
-            tile, lines.to(device), target, limits,
-            radius_um=radius_um, iterations=iterations, stop=stop,
-        )  # fmt: skip
+            tile,
+            lines.to(device),
+            target,
+            limits,
+            radius_um=radius_um,
+            iterations=iterations,
+            stop=stop,
+        )
     else:
         pitch_um = 2 * limits.slope * radius_um if options.pitch is None else options.pitch.um
         start = lenslet_start(tile, radius_um, pitch_um, options.seed).to(device)

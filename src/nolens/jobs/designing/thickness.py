@@ -101,9 +101,13 @@ def design_thickness(options: ThicknessOptions) -> ThicknessOutcome:
             )
         if options.output is not None and camera is not None:
             record = RunRecord(
-                started=clock.started, inputs=inputs, parameters=options.model_dump(mode="json"),
-                result=summary, history=[], warnings=[],
-            )  # fmt: skip
+                started=clock.started,
+                inputs=inputs,
+                parameters=options.model_dump(mode="json"),
+                result=summary,
+                history=[],
+                warnings=[],
+            )
             write_camera(
                 options.output, camera, more={RECORD_FILE: partial(write_record, record=record)}
             )

@@ -130,9 +130,15 @@ class Case:
         replicas += [Medium.given(name, None) for name in names]
         pitch, rounding = _lenslets(opened, options)
         return cls(
-            opened, _cover(opened, options), film, options.radius, tuple(replicas), pitch,
-            rounding, options,
-        )  # fmt: skip
+            opened,
+            _cover(opened, options),
+            film,
+            options.radius,
+            tuple(replicas),
+            pitch,
+            rounding,
+            options,
+        )
 
     def inputs(self, wavelength_nm: float, replica: Medium) -> dict[str, Uncertain]:
         """Every quantity that the figures of a replica follow from, by name; lengths in um."""
@@ -177,9 +183,11 @@ class Case:
     def replica_of(self, values: Mapping[str, Tensor]) -> Replica:
         """The replica, of such quantities."""
         return Replica(
-            values["replica index"], self.radius_of(values), self.cover_of(values),
+            values["replica index"],
+            self.radius_of(values),
+            self.cover_of(values),
             self.options.source_um,
-        )  # fmt: skip
+        )
 
     def check(self) -> None:
         """Refuse a film that is none, before anything is computed.

@@ -147,15 +147,20 @@ def _study(options: ToleranceOptions, ready: Ready, reporter: Reporter) -> tuple
     _announce(options, ready, reporter)
     better = ready.sharpness.smaller_is_better
     response = respond(
-        ready.criterion, ready.parameters, smaller_is_better=better, at_once=ready.at_once,
+        ready.criterion,
+        ready.parameters,
+        smaller_is_better=better,
+        at_once=ready.at_once,
         tick=partial(reporter.advance, "sensitivities"),
-    )  # fmt: skip
+    )
     limit = _reachable(options, ready.sharpness, response)
     curves = _curves(ready, response)
     figures = evaluate(
-        ready.criterion, ready.cameras, at_once=ready.at_once,
+        ready.criterion,
+        ready.cameras,
+        at_once=ready.at_once,
         stop=lambda done: reporter.step("camera", done, options.trials, "the trials"),
-    )  # fmt: skip
+    )
     solved = None
     stopped = len(figures) < options.trials
     if options.solve is not None and options.wanted is not None and limit is not None:
@@ -244,9 +249,11 @@ def _solve(
         total = max(MOST_STEPS, steps + 1) * options.trials
         before = steps * options.trials
         figures = evaluate(
-            ready.criterion, cameras(tolerance), at_once=ready.at_once,
+            ready.criterion,
+            cameras(tolerance),
+            at_once=ready.at_once,
             stop=lambda done: reporter.step("camera", before + done, total, "the trials"),
-        )  # fmt: skip
+        )
         if len(figures) < options.trials:
             raise _StoppedError
         steps += 1

@@ -191,10 +191,12 @@ def _pieces(
 ) -> Workpieces:
     name, frame = opened.camera.name, measures[0]
     whole = made_surface(
-        relief, options.surface, name,
+        relief,
+        options.surface,
+        name,
         crop_mm=None if options.crop is None else (options.crop[0].mm, options.crop[1].mm),
         mould_shrinkage=options.mould_shrinkage.value,
-    )  # fmt: skip
+    )
     mask = whole if options.pitch is None else whole.coarser(options.pitch.um)
     check_height_map(mask)
     levels = Levels(mask, options.levels)
@@ -202,9 +204,13 @@ def _pieces(
     thinned = decimated(whole, options.triangles)
     solid = frame_solid(frame, f"frame of {name}, in mm; cut corner at pixel (0, 0)")
     pieces = Workpieces(
-        *measures, solid.grown(options.printer_shrinkage.value), mask, levels, thinned,
+        *measures,
+        solid.grown(options.printer_shrinkage.value),
+        mask,
+        levels,
+        thinned,
         relief_solid(thinned, options.base.mm),
-    )  # fmt: skip
+    )
     for each in (pieces.solid, pieces.relief):
         each.check_closed()
     return pieces

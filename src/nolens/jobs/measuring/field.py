@@ -142,9 +142,10 @@ def source_of(entry: PsfEntry) -> PointSource:
 def _chosen(folder: Path, entries: Sequence[PsfEntry]) -> tuple[PsfEntry, list[PsfEntry]]:
     """The central PSF, and all of its distance by angle; those of the distance with the most."""
     captured = [
-        each for each in entries
+        each
+        for each in entries
         if each.kind == "captured" and (each.on_axis or each.frame == "sensor")
-    ]  # fmt: skip
+    ]
     groups: dict[float, list[PsfEntry]] = {}
     for entry in captured:
         groups.setdefault(entry.distance_um, []).append(entry)
@@ -211,9 +212,10 @@ def measure_field(options: MeasureFieldOptions, reporter: Reporter) -> MeasureFi
         files["PSFs"] = options.psfs / PSFS_FILE
     check_apart(options, files)
     for path, suffixes in (
-        (options.plot, (".png",)), (options.output, (".png", ".tif", ".tiff")),
+        (options.plot, (".png",)),
+        (options.output, (".png", ".tif", ".tiff")),
         (options.record, (".json",)),
-    ):  # fmt: skip
+    ):
         if path is not None:
             check_output(path, suffixes)
     warnings: list[str] = []
@@ -238,9 +240,13 @@ def measure_field(options: MeasureFieldOptions, reporter: Reporter) -> MeasureFi
     }
     if options.record is not None:
         record = RunRecord(
-            started=clock.started, inputs=inputs, parameters=options.model_dump(mode="json"),
-            result=summary, history=[], warnings=warnings,
-        )  # fmt: skip
+            started=clock.started,
+            inputs=inputs,
+            parameters=options.model_dump(mode="json"),
+            result=summary,
+            history=[],
+            warnings=warnings,
+        )
         write_together(
             {options.record: partial(write_record, record=record), **_writers(options, outcome)}
         )
@@ -258,9 +264,12 @@ def _of_picture(options: MeasureFieldOptions, opened: OpenCamera) -> MeasureFiel
     picture = develop(frame, channels="all" if len(frame.channels) == 1 else "grey").values[0]
     assert isinstance(options.distance, Length)
     grid = found_grid(
-        picture, preview_model(opened), pitch_um=options.dot_pitch.um,
-        distance_um=options.distance.um, reach_deg=options.reach.deg,
-    )  # fmt: skip
+        picture,
+        preview_model(opened),
+        pitch_um=options.dot_pitch.um,
+        distance_um=options.distance.um,
+        reach_deg=options.reach.deg,
+    )
     return MeasureFieldOutcome(None, grid, told_grid(grid))
 
 
@@ -299,15 +308,24 @@ def _of_twin(
     bench = VirtualExperiment.of(opened, field_points=points)
     if options.dot_pitch is not None:
         grid = dot_grid(
-            bench, pitch_um=options.dot_pitch.um, distance_um=away, reach_deg=options.reach.deg,
-            iterations=_ITERATIONS, seed=options.seed, tick=tick,
-        )  # fmt: skip
+            bench,
+            pitch_um=options.dot_pitch.um,
+            distance_um=away,
+            reach_deg=options.reach.deg,
+            iterations=_ITERATIONS,
+            seed=options.seed,
+            tick=tick,
+        )
         told = {"distance_mm": _millimetres(away), **told_grid(grid)}
         return MeasureFieldOutcome(None, grid, told)
     found = off_axis(
-        bench, [angle.deg for angle in options.angles], distance_um=away,
-        diameter_um=0.0 if math.isinf(away) else _SIZE_UM, seed=options.seed, tick=tick,
-    )  # fmt: skip
+        bench,
+        [angle.deg for angle in options.angles],
+        distance_um=away,
+        diameter_um=0.0 if math.isinf(away) else _SIZE_UM,
+        seed=options.seed,
+        tick=tick,
+    )
     told = {"distance_mm": _millimetres(away), **told_angles(found)}
     rays = ray_curves(bench.twin, options.angles[-1].deg, away)
     return MeasureFieldOutcome(found, None, told, rays)
@@ -337,13 +355,19 @@ def _foretell(
         reach = bare.shift_um(PointSource(farthest.tangent))[1] / bare.cell_um
         more = math.ceil(4 * reach / (math.isqrt(patterns) - 1))
     size = pattern_size(
-        bare, farthest, (rows + more, columns + more), pixels, at_least=1 if grid else 2,
+        bare,
+        farthest,
+        (rows + more, columns + more),
+        pixels,
+        at_least=1 if grid else 2,
         shortest=shortest_nm(colours),
-    )  # fmt: skip
+    )
     cost = cost_of(
-        size, patterns * len(colours) * (2 if grid else 1), points=relief_points(opened),
+        size,
+        patterns * len(colours) * (2 if grid else 1),
+        points=relief_points(opened),
         held=8 * sensor.rows * sensor.columns * (patterns if not grid else 12),
-    )  # fmt: skip
+    )
     device = torch.device("cpu")
     check_memory(cost, device, _REMEDY)
     announce(cost, device, reporter)
@@ -367,9 +391,12 @@ def _writers(
     grid = outcome.grid
     if options.plot is not None and grid is not None:
         writers[options.plot] = partial(
-            write_dots_plot, dots=grid.dots, picture=grid.picture, good_deg=grid.good_deg,
+            write_dots_plot,
+            dots=grid.dots,
+            picture=grid.picture,
+            good_deg=grid.good_deg,
             lost_deg=grid.lost_deg,
-        )  # fmt: skip
+        )
     elif options.plot is not None and outcome.angles is not None:
         writers[options.plot] = partial(
             write_angles_plot,
@@ -385,7 +412,7 @@ def _writers(
             },
             rays=outcome.rays,
             levels=CORRELATIONS,
-        )  # fmt: skip
+        )
     if options.output is not None and grid is not None:
         writers[options.output] = partial(_write_picture, picture=grid.picture[None])
     return writers

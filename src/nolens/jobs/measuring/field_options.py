@@ -17,9 +17,16 @@ _TELLS = {
     "PSFS": ("psfs", "camera", "plot"),
     "--dots": ("dots", "dot_pitch", "distance", "reach", "camera", "plot"),
     "--simulate": (
-        "simulate", "angles", "dot_pitch", "distance", "reach", "seed", "plot", "output",
+        "simulate",
+        "angles",
+        "dot_pitch",
+        "distance",
+        "reach",
+        "seed",
+        "plot",
+        "output",
     ),
-}  # fmt: skip
+}
 _OF_DOTS = ("reach", "output")
 _OffAxis = Annotated[Angle, Between("0 deg", "89.9 deg")]
 _Reach = Annotated[Angle, Between("0.1 deg", "89.9 deg")]
@@ -135,8 +142,11 @@ class MeasureFieldOptions(JobOptions):
     @property
     def written(self) -> tuple[Written, ...]:
         """Plot, picture and record."""
-        named = (("plot", self.plot, "--plot"), ("picture", self.output, "-o"),
-                 ("record of the run", self.record, "--plot"))  # fmt: skip
+        named = (
+            ("plot", self.plot, "--plot"),
+            ("picture", self.output, "-o"),
+            ("record of the run", self.record, "--plot"),
+        )
         return tuple(Written(what, path, option) for what, path, option in named if path)
 
 

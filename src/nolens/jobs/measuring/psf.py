@@ -122,9 +122,13 @@ def measure_psf(options: MeasurePsfOptions, reporter: Reporter) -> MeasurePsfOut
     }
     if options.plot is not None and options.record is not None:
         record = RunRecord(
-            started=clock.started, inputs=inputs, parameters=options.model_dump(mode="json"),
-            result=summary, history=[], warnings=warnings,
-        )  # fmt: skip
+            started=clock.started,
+            inputs=inputs,
+            parameters=options.model_dump(mode="json"),
+            result=summary,
+            history=[],
+            warnings=warnings,
+        )
         write_together(
             {
                 options.record: partial(write_record, record=record),

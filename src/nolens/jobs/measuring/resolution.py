@@ -165,16 +165,23 @@ def draw_two_points(path: Path, found: TwoPoints) -> None:
         top, left = (max(0, at - _SIDE_CELLS // 2) for at in middle)
         panels.append(
             PairPanel(
-                each.separation_deg, found.dips[number],
+                each.separation_deg,
+                found.dips[number],
                 picture[top : top + _SIDE_CELLS, left : left + _SIDE_CELLS],
-                each.pair.at.numpy(), each.pair.trace.numpy(),
+                each.pair.at.numpy(),
+                each.pair.trace.numpy(),
             )
-        )  # fmt: skip
+        )
     plot_two_points(
-        path, panels, separations_deg=found.separations_deg, dips=found.dips, noise=found.noise,
-        threshold=found.threshold, resolved_deg=found.resolved.value,
+        path,
+        panels,
+        separations_deg=found.separations_deg,
+        dips=found.dips,
+        noise=found.noise,
+        threshold=found.threshold,
+        resolved_deg=found.resolved.value,
         plus_minus_deg=found.resolved.plus_minus,
-    )  # fmt: skip
+    )
 
 
 def draw_star(path: Path, found: StarResolution) -> None:
@@ -199,12 +206,18 @@ def draw_star(path: Path, found: StarResolution) -> None:
     plot_star(
         path,
         StarCurves(
-            found.picture.values.numpy(), star.place.centre, at_limit,
+            found.picture.values.numpy(),
+            star.place.centre,
+            at_limit,
             (1 / found.pairs_deg).numpy(),
-            star.contrast.numpy(), star.directions_deg.numpy(), found.resolved_deg, found.worst,
-            found.threshold * star.wide, traces,
+            star.contrast.numpy(),
+            star.directions_deg.numpy(),
+            found.resolved_deg,
+            found.worst,
+            found.threshold * star.wide,
+            traces,
         ),
-    )  # fmt: skip
+    )
 
 
 def draw_edge(path: Path, found: EdgeResolution) -> None:
@@ -213,12 +226,14 @@ def draw_edge(path: Path, found: EdgeResolution) -> None:
     plot_edge(
         path,
         EdgeCurves(
-            found.picture.values.numpy(), response.at.numpy() * found.cell_deg,
-            response.spread.numpy(), response.frequencies.numpy() / found.cell_deg,
+            found.picture.values.numpy(),
+            response.at.numpy() * found.cell_deg,
+            response.spread.numpy(),
+            response.frequencies.numpy() / found.cell_deg,
             response.transfer.numpy(),
             {level: found.per_deg(level) for level in (0.5, 0.1)},
         ),
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)
@@ -288,9 +303,13 @@ class ReadyBench:
         distance = distance_um(options.distance, opened)
         bare.check_source(PointSource((0.0, 0.0), distance))
         return cls(
-            opened, camera_files(options.simulate, opened.camera), Light(options.light),
-            options.wavelengths, distance, bare,
-        )  # fmt: skip
+            opened,
+            camera_files(options.simulate, opened.camera),
+            Light(options.light),
+            options.wavelengths,
+            distance,
+            bare,
+        )
 
     @property
     def bench(self) -> VirtualExperiment:
@@ -323,15 +342,21 @@ class ReadyBench:
         colours = colours_of(bare, self.light, self.wavelengths)
         source = PointSource((0.0, 0.0), self.distance_um)
         size = pattern_size(
-            bare, source, (sensor.rows, sensor.columns), 1, at_least=2,
+            bare,
+            source,
+            (sensor.rows, sensor.columns),
+            1,
+            at_least=2,
             shortest=shortest_nm(colours),
-        )  # fmt: skip
+        )
         cells = math.prod(a + b for a, b in zip(bare.cells, work.region, strict=True))
         cost = cost_of(
-            size, work.patterns * sum(map(len, colours)), points=relief_points(self.opened),
+            size,
+            work.patterns * sum(map(len, colours)),
+            points=relief_points(self.opened),
             held=_BYTES_PER_CELL * cells,
             transformed=int(_SAMPLES_PER_CELL * cells * work.solves * work.iterations),
-        )  # fmt: skip
+        )
         device = torch.device("cpu")
         check_memory(cost, device, _REMEDY)
         announce(cost, device, reporter)
@@ -387,15 +412,21 @@ def measure_two_points(options: TwoPointOptions, reporter: Reporter) -> Resoluti
         pictures_taken = EXPECTED_STEPS * options.draws
         side = (POINTS_REGION, POINTS_REGION)
         work = Work(
-            patterns=2 * pictures_taken, solves=pictures_taken, region=side,
+            patterns=2 * pictures_taken,
+            solves=pictures_taken,
+            region=side,
             iterations=run.settings.iterations,
-        )  # fmt: skip
+        )
         ready = run.ready(reporter, lambda _: work)
         found = two_point_resolution(
-            ready.bench, ready.distance_um, direction_deg=options.direction.deg,
-            draws=options.draws, threshold=options.dip.value, settings=run.settings,
+            ready.bench,
+            ready.distance_um,
+            direction_deg=options.direction.deg,
+            draws=options.draws,
+            threshold=options.dip.value,
+            settings=run.settings,
             tick=partial(reporter.advance, "two points"),
-        )  # fmt: skip
+        )
     resolved = found.resolved
     if resolved.value is None:
         run.warn(
@@ -429,18 +460,23 @@ def measure_siemens(options: SiemensOptions, reporter: Reporter) -> ResolutionOu
     if options.simulate is None:
         (each,) = run.shown(reporter)
         found = StarResolution.of(
-            each.scale.flat(each.picture), periods=options.spokes,
+            each.scale.flat(each.picture),
+            periods=options.spokes,
             threshold=options.threshold.value,
-        )  # fmt: skip
+        )
         _check_size(found, options)
     else:
         angle = options.angle or _ANGLE
         ready = run.ready(reporter, partial(run.target_work, angle_deg=angle.deg))
         found = siemens_resolution(
-            ready.bench, ready.distance_um, angle.deg, periods=options.spokes or _SPOKES,
-            threshold=options.threshold.value, settings=run.settings,
+            ready.bench,
+            ready.distance_um,
+            angle.deg,
+            periods=options.spokes or _SPOKES,
+            threshold=options.threshold.value,
+            settings=run.settings,
             tick=partial(reporter.advance, "Siemens star"),
-        )  # fmt: skip
+        )
     if any(found.at_limit):
         run.warn(
             reporter,
@@ -473,9 +509,12 @@ def measure_edge(options: EdgeOptions, reporter: Reporter) -> ResolutionOutcome:
     else:
         ready = run.ready(reporter, partial(run.target_work, angle_deg=options.angle.deg))
         found = edge_resolution(
-            ready.bench, ready.distance_um, options.angle.deg, settings=run.settings,
+            ready.bench,
+            ready.distance_um,
+            options.angle.deg,
+            settings=run.settings,
             tick=partial(reporter.advance, "slanted edge"),
-        )  # fmt: skip
+        )
     return run.finish(found, edge_figures(found), partial(draw_edge, found=found))
 
 
@@ -508,9 +547,12 @@ class _Run:
         given = GivenCamera.of(self.options)
         self._reads(given.files)
         return shown(
-            self.options, given, self.settings.iterations,
-            tick=partial(reporter.advance, "frames"), warn=partial(self.warn, reporter),
-        )  # fmt: skip
+            self.options,
+            given,
+            self.settings.iterations,
+            tick=partial(reporter.advance, "frames"),
+            warn=partial(self.warn, reporter),
+        )
 
     def warn(self, reporter: Reporter, text: str) -> None:
         """Say a doubt, and keep it for the record."""
@@ -526,14 +568,18 @@ class _Run:
     def target_work(self, ready: ReadyBench, angle_deg: float) -> Work:
         """What a picture of a screen takes."""
         return Work(
-            patterns=_PATTERNS, solves=1, region=ready.cells_of(angle_deg),
+            patterns=_PATTERNS,
+            solves=1,
+            region=ready.cells_of(angle_deg),
             iterations=self.settings.iterations,
-        )  # fmt: skip
+        )
 
     def finish(
-        self, found: TwoPoints | StarResolution | EdgeResolution, figures: dict[str, Any],
+        self,
+        found: TwoPoints | StarResolution | EdgeResolution,
+        figures: dict[str, Any],
         plot: Callable[[Path], None],
-    ) -> ResolutionOutcome:  # fmt: skip
+    ) -> ResolutionOutcome:
         """Write the plot and the record, if they are asked for."""
         options, settings = self.options, self.settings
         solved = options.simulate is not None or options.psf is not None
@@ -548,10 +594,13 @@ class _Run:
         }
         if options.plot is not None and options.record is not None:
             record = RunRecord(
-                started=self.clock.started, inputs=self.inputs,
-                parameters=options.model_dump(mode="json"), result=summary, history=[],
+                started=self.clock.started,
+                inputs=self.inputs,
+                parameters=options.model_dump(mode="json"),
+                result=summary,
+                history=[],
                 warnings=self.warnings,
-            )  # fmt: skip
+            )
             write_together(
                 {options.record: partial(write_record, record=record), options.plot: plot}
             )

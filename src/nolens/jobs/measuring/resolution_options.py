@@ -125,9 +125,11 @@ class ResolutionOptions(JobOptions):
         """
         if self.psf is None:
             for name, value in (
-                ("psf-wider", self.psf_wider), ("dark", self.dark),
-                ("iterations", self.iterations), ("tau", self.tau),
-            ):  # fmt: skip
+                ("psf-wider", self.psf_wider),
+                ("dark", self.dark),
+                ("iterations", self.iterations),
+                ("tau", self.tau),
+            ):
                 if value:
                     raise OptionError(
                         f"--{name} goes with raw frames, which --psf reconstructs: give --psf too, "

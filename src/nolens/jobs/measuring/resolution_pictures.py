@@ -117,9 +117,13 @@ def shown(
             tick((number + share) / len(ready))
 
         picture = solved(
-            each.seen, each.psf, each.region, iterations=iterations,
-            tau=options.tau or TAU, tick=part,
-        )[0]  # fmt: skip
+            each.seen,
+            each.psf,
+            each.region,
+            iterations=iterations,
+            tau=options.tau or TAU,
+            tick=part,
+        )[0]
         found.append(Shown(picture, scale))
     return found
 

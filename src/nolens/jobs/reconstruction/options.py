@@ -182,8 +182,11 @@ class ReconstructOptions(JobOptions):
     def inputs(self) -> dict[str, Path]:
         """Files that are read, by role."""
         roles = {
-            "measurement": self.measurement, "psf": self.psf, "dark": self.dark, "flat": self.flat,
-        }  # fmt: skip
+            "measurement": self.measurement,
+            "psf": self.psf,
+            "dark": self.dark,
+            "flat": self.flat,
+        }
         return {role: path for role, path in roles.items() if path is not None}
 
     @property

@@ -9,9 +9,19 @@ from nolens.jobs.reconstruction.options import ReconstructOptions
 from nolens.solvers import AdmmState, Problem
 
 _POSING = (
-    "black", "white", "mosaic", "bgr", "psf_scale", "psf_wider", "prior", "bin", "channels",
-    "region", "field", "camera",
-)  # fmt: skip
+    "black",
+    "white",
+    "mosaic",
+    "bgr",
+    "psf_scale",
+    "psf_wider",
+    "prior",
+    "bin",
+    "channels",
+    "region",
+    "field",
+    "camera",
+)
 """Options that decide what problem is solved; how long and where may change."""
 
 

@@ -72,10 +72,13 @@ def reconstruct_sequence(
     device = pick_device(options.device)
     frames = open_sequence(options.measurement, mosaic=options.mosaic, bgr=options.bgr)
     inputs = {
-        **{role: InputFile.of(path) for role, path in options.inputs.items()
-           if role != "measurement"},
+        **{
+            role: InputFile.of(path)
+            for role, path in options.inputs.items()
+            if role != "measurement"
+        },
         **{f"frame {path.name}": InputFile.of(path) for path in frames.sources},
-    }  # fmt: skip
+    }
     work = _Work(options, read_development(options), device, reporter)
     count, interrupted = len(frames.names), False
     for number in range(count):

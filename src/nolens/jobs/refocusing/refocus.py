@@ -109,9 +109,13 @@ def refocus(options: RefocusOptions, reporter: Reporter) -> RefocusOutcome:
         "outputs": [readable(path) for path in (*writers, options.record)],
     }
     record = RunRecord(
-        started=clock.started, inputs=inputs, parameters=options.model_dump(mode="json"),
-        result=summary, history=[], warnings=warnings,
-    )  # fmt: skip
+        started=clock.started,
+        inputs=inputs,
+        parameters=options.model_dump(mode="json"),
+        result=summary,
+        history=[],
+        warnings=warnings,
+    )
     writers[options.record] = partial(write_record, record=record)
     write_into(options.output, writers)
     return RefocusOutcome(picture, pages, summary)
@@ -123,9 +127,14 @@ def _measured(options: RefocusOptions) -> Measurement:
     dark = read(options.dark) if options.dark else None
     flat = read(options.flat) if options.flat else None
     return develop(
-        frame, dark=dark, flat=flat, black=options.black, white=options.white,
-        bin_by=options.bin, channels=options.channels,
-    )  # fmt: skip
+        frame,
+        dark=dark,
+        flat=flat,
+        black=options.black,
+        white=options.white,
+        bin_by=options.bin,
+        channels=options.channels,
+    )
 
 
 def _solving(

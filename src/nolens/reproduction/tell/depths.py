@@ -33,30 +33,43 @@ def magnification(work: Workbench, found: Mapping[str, Found]) -> Draft:
         value = 100 * each["larger"]
         printed = (PAPER[key].value or 0.0) / 100
         implied = printed / (1 / distance_mm - 1 / REFERENCE_MM)
-        rows.append(Row(
-            key, value, f"{value:.2f} %",
-            f"By registering one PSF on the other; 1 + D/z with the stack's D = {reduced_mm:.2f} "
-            f"mm gives {100 * each['by_rays']:.2f} %. The paper's figure would be that of "
-            f"D = {implied:.2f} mm"
-            + (
-                ", as its other one would; but the cover glass and the air below it alone are "
-                f"{_cover_mm(work):.2f} mm. Its two figures agree with each other, not with its "
-                "camera: the distances or the way it measured are not what they are said to be."
-                if distance_mm == NEAR_MM[-1] else "."
-            ),
-        ))  # fmt: skip
+        rows.append(
+            Row(
+                key,
+                value,
+                f"{value:.2f} %",
+                "By registering one PSF on the other; 1 + D/z with the stack's D = "
+                f"{reduced_mm:.2f} mm gives {100 * each['by_rays']:.2f} %. "
+                "The paper's figure would be that of "
+                f"D = {implied:.2f} mm"
+                + (
+                    ", as its other one would; but the cover glass and the air below it alone are "
+                    f"{_cover_mm(work):.2f} mm. Its two figures agree with each other, not with "
+                    "its camera: the distances or the way it measured are not what they are said "
+                    "to be."
+                    if distance_mm == NEAR_MM[-1]
+                    else "."
+                ),
+            )
+        )
     far = 100 * ((1 + figures[f"{FAR_MM:g}"]["larger"]) / (1 + figures["inf"]["larger"]) - 1)
     sensor = work.opened.camera.sensor
     half_um = max(sensor.rows, sensor.columns) / 2 * sensor.pitch.um
-    rows.append(Row(
-        "magnification 30", far, f"{far:.2f} %",
-        f"At the edge of the whole sensor that is {far / 100 * half_um:.0f} µm, no more than a "
-        "line of the PSF is wide: a registration finds it, the eye hardly does.",
-    ))  # fmt: skip
+    rows.append(
+        Row(
+            "magnification 30",
+            far,
+            f"{far:.2f} %",
+            f"At the edge of the whole sensor that is {far / 100 * half_um:.0f} µm, no more than a "
+            "line of the PSF is wide: a registration finds it, the eye hardly does.",
+        )
+    )
     draw = partial(
-        plot_overlay, patterns=found["magnification"].arrays["overlay"],
-        names=("3 cm", "8 cm", "20 cm"), cell_um=work.preview.cell_um,
-    )  # fmt: skip
+        plot_overlay,
+        patterns=found["magnification"].arrays["overlay"],
+        names=("3 cm", "8 cm", "20 cm"),
+        cell_um=work.preview.cell_um,
+    )
     caption = (
         "The PSF at the middle of the sensor's right edge for a point source at three "
         "distances, binarised and laid over each other as in fig. 8a. Where all agree it is black."
@@ -108,10 +121,12 @@ def _object_row(key: str, number: int, figures: Mapping[str, Any]) -> Row:
     far = f"{ends[1]:.1f} cm" if ends[1] < 1e4 else "infinity"
     sharp, blurred = (figures["halves"][f"{at:g}"][number] for at in (own, other))
     return Row(
-        key, found_mm / 10, f"{found_mm / 10:.1f} cm",
+        key,
+        found_mm / 10,
+        f"{found_mm / 10:.1f} cm",
         f"Found by itself as the depth at which this object is sharpest, from PSFs at 5 and 50 cm "
         f"alone. The pattern's edge moves by one line between {ends[0]:.1f} and {far}: that is "
         f"the depth of focus. With its own PSF the object's gradients have {sharp / blurred:.2f} "
         "times the energy that they have with the other one's.",
         sized=True,
-    )  # fmt: skip
+    )

@@ -86,13 +86,15 @@ def _overlap(work: Workbench) -> Row:
     wide, high = 100 * moved_mm / width_mm, 100 * moved_mm / height_mm
     printed = (PAPER["overlap"].value or 0.0) / 100
     return Row(
-        "overlap", wide, f"{wide:.1f} % of the width, {high:.1f} % of the height",
+        "overlap",
+        wide,
+        f"{wide:.1f} % of the width, {high:.1f} % of the height",
         f"The chief ray at 10° moves by {moved_mm:.3f} mm on the sensor of {width_mm:.2f}×"
         f"{height_mm:.2f} mm, through the layers by Snell's law; moved both ways at once, "
         f"{wide + high - wide * high / 100:.1f} % are lost. The paper's {100 * printed:.1f} % "
         f"would be {printed * width_mm:.2f} mm across or {printed * height_mm:.2f} mm up, which "
         "no ray does in its stack; it does not say how it counts.",
-    )  # fmt: skip
+    )
 
 
 def dots(work: Workbench, found: Mapping[str, Found]) -> Draft:
@@ -108,7 +110,8 @@ def dots(work: Workbench, found: Mapping[str, Found]) -> Draft:
     good, lost = figures["good_deg"], figures["lost_deg"]
     rows = (
         Row(
-            "dots clear", None if good is None else 2 * good,
+            "dots clear",
+            None if good is None else 2 * good,
             "none" if good is None else f"{2 * good:.0f}°",
             "Full angle up to which dots are less than √2 as wide as in the middle, less than "
             "half a width off the place where Snell's law puts them, and have more than half of "
@@ -116,7 +119,8 @@ def dots(work: Workbench, found: Mapping[str, Found]) -> Draft:
             sized=True,
         ),
         Row(
-            "dots lost", None if lost is None else 2 * lost,
+            "dots lost",
+            None if lost is None else 2 * lost,
             f"beyond {2 * reach:.0f}°" if lost is None else f"{2 * lost:.0f}°",
             "Full angle from which on dots do not stand five times the clutter above it, or have "
             f"less than a tenth of the light expected. {_left(listed, lost)} The clutter grows "
@@ -126,20 +130,26 @@ def dots(work: Workbench, found: Mapping[str, Found]) -> Draft:
             "does less.",
             sized=True,
         ),
-    )  # fmt: skip
+    )
     caption = (
         f"Dots {figures['pitch_mm']:.1f} mm ({PITCH_DEG:g}°) apart at "
         f"{SCREEN_UM * 1e-3:g} mm, up to a half angle of {reach:g}°, "
         "reconstructed with the central PSF; each ring is where Snell's law puts a dot."
     )
     draw = partial(
-        write_dots_plot, dots=listed, picture=found["dots"].arrays["picture"][0],
-        good_deg=good, lost_deg=lost,
-    )  # fmt: skip
+        write_dots_plot,
+        dots=listed,
+        picture=found["dots"].arrays["picture"][0],
+        good_deg=good,
+        lost_deg=lost,
+    )
     return Draft(
-        "dots", title, (_pitch_text(figures["papers_pitch"]),),
-        (Drawn("dots", caption, draw),), rows,
-    )  # fmt: skip
+        "dots",
+        title,
+        (_pitch_text(figures["papers_pitch"]),),
+        (Drawn("dots", caption, draw),),
+        rows,
+    )
 
 
 def _left(dots: list[Dot], lost_deg: float | None) -> str:

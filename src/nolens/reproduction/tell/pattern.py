@@ -30,30 +30,37 @@ def psf(work: Workbench, found: Mapping[str, Found]) -> Draft:
     spread = _directions_differ(figures)
     rows = (
         Row(
-            "width", width, f"{width:.2f} µm",
+            "width",
+            width,
+            f"{width:.2f} µm",
             f"{_described(work)}Half height is counted from the pattern's mean, all directions "
             f"averaged; counted from the valley beside the peak it is {figures.fwhm_um:.1f} µm. "
             "The paper does not say which it takes.",
         ),
         Row("line", line, f"{line:.2f} µm", "The row above over √2."),
         Row(
-            "pitch", pitch, "no second peak" if pitch is None else f"{pitch:.1f} µm",
+            "pitch",
+            pitch,
+            "no second peak" if pitch is None else f"{pitch:.1f} µm",
             "As described, see above. The second peak of all directions together "
             "lies a little farther out than that of one line"
             + (
-                "." if figures.row_pitch_um is None
+                "."
+                if figures.row_pitch_um is None
                 else f", which the paper draws and which gives {figures.row_pitch_um:.1f} µm here."
             ),
         ),
         Row(
-            "mtf", None, f"equal within {100 * spread:.0f} %",
+            "mtf",
+            None,
+            f"equal within {100 * spread:.0f} %",
             f"Mean spectral magnitude from {_LOWEST_PER_MM:g} to {figures.line_per_mm:.0f} "
             "lines/mm along the rows and along the columns, the larger over the smaller. At 0° and "
             "180°, as at 90° and 270°, any PSF has the same spectrum, so four curves say as much "
             "as two. What the paper calls the MTF is drawn here as spectral magnitude: it falls "
             "with one over the root of the number of spots, which a modulation transfer does not.",
         ),
-    )  # fmt: skip
+    )
     pattern = found["psf"].arrays["psf"][0]
     draw = partial(write_psf_plot, figures=figures, psf=pattern, cell_um=figures.cell_um)
     caption = (
@@ -81,8 +88,9 @@ def _directions_differ(figures: PsfFigures) -> float:
     means = []
     for at, values in figures.direction_magnitude.values():
         inside = [
-            value for per_mm, value in zip(at, values, strict=True)
+            value
+            for per_mm, value in zip(at, values, strict=True)
             if _LOWEST_PER_MM <= per_mm <= figures.line_per_mm
-        ]  # fmt: skip
+        ]
         means.append(sum(inside) / len(inside))
     return max(means) / min(means) - 1

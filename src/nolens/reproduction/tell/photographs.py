@@ -110,19 +110,23 @@ def _exposure(found: Mapping[str, Found]) -> Row:
     low, high = (1e3 * each / _SCREEN_CD_M2 for each in (min(given), max(given)))
     dim, bright = (1e3 * min(given) / each for each in (_PAPERS_MS[1], _PAPERS_MS[0]))
     return Row(
-        "exposure", None, f"{low:.0f} ms (60°) to {high:.0f} ms (30°) at {_SCREEN_CD_M2:g} cd/m²",
+        "exposure",
+        None,
+        f"{low:.0f} ms (60°) to {high:.0f} ms (30°) at {_SCREEN_CD_M2:g} cd/m²",
         "To 90 % of a full pixel, the screen's white as bright as said; the paper does not give "
         f"it. The paper's times fit a 60° scene on a screen of {dim:.0f}–{bright:.0f} cd/m². "
         "The height of the sensor's quantum efficiency is assumed (65 % in green), and absorption "
         "in the resin, a tenth in the paper, is left out.",
-    )  # fmt: skip
+    )
 
 
 def _seconds(found: Mapping[str, Found]) -> Row:
     """The time differs from run to run, so it stands in a file of its own."""
     return Row(
-        "seconds", None, "see timing.json",
+        "seconds",
+        None,
+        "see timing.json",
         "Seconds differ from run to run, and this report is the same for the same seed: they "
         "stand in timing.json beside it, with the machine. The paper works on 4056×3040 cells, "
         "the full linear convolution; here the period is that of sensor and scene together.",
-    )  # fmt: skip
+    )

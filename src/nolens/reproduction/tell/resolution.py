@@ -25,7 +25,9 @@ def two_points(work: Workbench, found: Mapping[str, Found]) -> Draft:
     twin = work.preview
     cell_deg = _cell_deg(work)
     row = Row(
-        "two points", value, text,
+        "two points",
+        value,
+        text,
         f"Rayleigh's criterion, a dip of {100 * points.threshold:.1f} %, in pictures of two points "
         f"at {POINTS_UM * 1e-3:g} mm, {work.size.point_draws} of each separation with other noise, "
         f"{work.size.point_iterations} iterations. A scene of two points is what a sparse, "
@@ -33,7 +35,7 @@ def two_points(work: Workbench, found: Mapping[str, Found]) -> Draft:
         f"µm sees {cell_deg:.2f}°. The paper's LEDs have a size, its "
         "PSF is a captured one, and it moves LEDs in steps that it does not give.",
         sized=True,
-    )  # fmt: skip
+    )
     caption = (
         "Reconstructions of two points, the light along the line through them, and the dip by "
         "separation."
@@ -53,7 +55,9 @@ def siemens(work: Workbench, found: Mapping[str, Found]) -> Draft:
     value = figures["resolved_deg"]
     best = min(figures["by_direction_deg"].values())
     row = Row(
-        "siemens", value, f"{value:.2f}° ± {figures['plus_minus_deg']:.2f}°",
+        "siemens",
+        value,
+        f"{value:.2f}° ± {figures['plus_minus_deg']:.2f}°",
         f"Angle of a bright spoke and the dark one beside it where the contrast falls to "
         f"{100 * star.threshold:.0f} % of that of wide spokes, in the worst of all directions "
         f"(in the best, {best:.2f}°); one spoke alone is half of it. {PERIODS} pairs of spokes "
@@ -62,7 +66,7 @@ def siemens(work: Workbench, found: Mapping[str, Found]) -> Draft:
         "bright and dark spokes are what total variation does best: a scene of fine texture is "
         "resolved less well.",
         sized=True,
-    )  # fmt: skip
+    )
     caption = "The star as it is reconstructed, its contrast by frequency and direction."
     drawn = Drawn("siemens", caption, partial(draw_star, found=star), 165.0)
     return Draft("siemens", title, (), (drawn,), (row,))

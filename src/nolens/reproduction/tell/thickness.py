@@ -12,9 +12,16 @@ from nolens.reproduction.tell.draft import Draft, Drawn, empty, refusal
 from nolens.reproduction.workbench import Workbench
 
 _RAYS = (
-    "radius", "radius printed", "thickness pdms", "± pdms", "thickness pua311", "± pua311",
-    "focal length", "aperture", "depth of focus",
-)  # fmt: skip
+    "radius",
+    "radius printed",
+    "thickness pdms",
+    "± pdms",
+    "thickness pua311",
+    "± pua311",
+    "focal length",
+    "aperture",
+    "depth of focus",
+)
 _FILMS = ("film", "film width")
 
 
@@ -29,29 +36,41 @@ def rays(work: Workbench, found: Mapping[str, Found]) -> Draft:
     replicas: dict[str, Any] = figures["replicas"]
     rows = [
         Row(
-            "radius", radius, f"{radius:.3f} mm",
+            "radius",
+            radius,
+            f"{radius:.3f} mm",
             "Exact ray matrices of eq. 1 for the paper's film at 0.4 mm. It gives no thickness of "
             "the film; 0.305 mm (0.012 inch) is assumed, and 0.1 mm more would add 0.04 mm to R.",
         ),
-    ]  # fmt: skip
+    ]
     rows.append(
         Row(
-            "radius printed", printed, "–" if printed is None else f"{printed:.3f} mm",
+            "radius printed",
+            printed,
+            "–" if printed is None else f"{printed:.3f} mm",
             "Eq. 3 as printed has t_g where the matrices give (n_p/n_g)·t_g; that factor is the "
             "1 % between the two.",
         )
-    )  # fmt: skip
+    )
     for name in ("pdms", "pua311"):
         exact = replicas[name]["thickness_mm"]
         by_print = replicas[name]["printed_thickness_mm"]
         also = "" if by_print is None else f" With the R of eq. 3 as printed: {by_print:.2f} mm."
         rows += [
-            Row(f"thickness {name}", exact["value"], f"{exact['value']:.2f} mm",
-                 f"Eq. 5 from the R above.{also}"),
-            Row(f"± {name}", exact["plus_minus"], f"{exact['plus_minus']:.2f} mm",
-                 "From d_p ± 0.2 mm alone, to first order; the paper does not say how it adds up "
-                 "its own."),
-        ]  # fmt: skip
+            Row(
+                f"thickness {name}",
+                exact["value"],
+                f"{exact['value']:.2f} mm",
+                f"Eq. 5 from the R above.{also}",
+            ),
+            Row(
+                f"± {name}",
+                exact["plus_minus"],
+                f"{exact['plus_minus']:.2f} mm",
+                "From d_p ± 0.2 mm alone, to first order; the paper does not say how it adds up "
+                "its own.",
+            ),
+        ]
     rows += _lenslet(figures["master"], replicas["pua311"])
     return Draft("thickness", title, (), (), tuple(rows))
 
@@ -102,25 +121,32 @@ def films(work: Workbench, found: Mapping[str, Found]) -> Draft:
     beside = "" if at_paper is None else f" At 1.25 mm it is {at_paper:.2f} µm."
     rows = (
         Row(
-            "film", sharpest, f"{sharpest:g} mm",
+            "film",
+            sharpest,
+            f"{sharpest:g} mm",
             f"The sharpest of these films; the minimum is flat: from {min(within):g} to "
             f"{max(within):g} mm the lines are at most 5 % wider, so which of a few films is "
             f"sharpest says little. The paper's own t′ is 1.44 mm, and 1.25 mm was the best of "
             "the films that it made, whose other thicknesses it does not give.",
         ),
         Row(
-            "film width", widths[sharpest], f"{widths[sharpest]:.2f} µm",
+            "film width",
+            widths[sharpest],
+            f"{widths[sharpest]:.2f} µm",
             f"Without noise, the mean taken off, all directions averaged.{beside} What was said "
             "of the width in fig. 5 holds here, too.",
         ),
-    )  # fmt: skip
+    )
     patterns = {thickness: arrays[f"psf-{1000 * thickness:.0f}um"][0] for thickness in widths}
     paper = PAPER["film"].value or 0.0, PAPER["film width"].value or 0.0
     draw = partial(
-        plot_films, widths_um=widths, patterns=patterns,
-        predicted_mm=(exact["value"], exact["plus_minus"]), paper=paper,
+        plot_films,
+        widths_um=widths,
+        patterns=patterns,
+        predicted_mm=(exact["value"], exact["plus_minus"]),
+        paper=paper,
         cell_um=work.preview.cell_um,
-    )  # fmt: skip
+    )
     caption = (
         "Above, the middle of the PSF behind films of several thicknesses, each as bright as its "
         "brightest spot; below, the FWHM of the PSF's autocorrelation. The line and the band are "
