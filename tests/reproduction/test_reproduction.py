@@ -10,9 +10,9 @@ from watching import Watcher
 
 from nolens.camera import preset_text
 from nolens.reproduction import ReproduceOptions, depths, job, photographs, reproduce
+from nolens.reproduction import photographs as told
 from nolens.reproduction import workbench as sizes
 from nolens.reproduction.paper import PAPER
-from nolens.reproduction.tell import photographs as told
 
 TINY = sizes.Size(
     pixels=None, field_points=1, iterations=6, papers_iterations=2, films_mm=(1.25, 1.45),

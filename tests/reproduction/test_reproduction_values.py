@@ -15,11 +15,11 @@ from nolens.jobs import SimulateOptions, simulate
 from nolens.operators import Region
 from nolens.quantities import Luminance
 from nolens.reproduction import depths, photographs, thickness
+from nolens.reproduction import depths as tell_depths
+from nolens.reproduction import field as tell_field
 from nolens.reproduction.paper import PAPER
 from nolens.reproduction.rows import Row
 from nolens.reproduction.steps import Found
-from nolens.reproduction.tell import depths as tell_depths
-from nolens.reproduction.tell import field as tell_field
 from nolens.reproduction.workbench import FULL, QUICK, Workbench
 from nolens.solvers import Problem
 from nolens.twin import Plane

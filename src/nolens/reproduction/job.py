@@ -20,9 +20,7 @@ from nolens.reproduction import (
     resolution,
     thickness,
 )
-from nolens.reproduction.folder import check_report_folder
-from nolens.reproduction.machine import machine_name
-from nolens.reproduction.options import STEPS, ReproduceOptions
+from nolens.reproduction.options import STEPS, ReproduceOptions, check_report_folder, machine_name
 from nolens.reproduction.photographs import SCENES
 from nolens.reproduction.report import tell, write_report
 from nolens.reproduction.steps import Found, Step, carry_out

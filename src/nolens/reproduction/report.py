@@ -14,11 +14,7 @@ from nolens.files.report import Report, ReportRow
 from nolens.files.write_report_html import write_report_html
 from nolens.files.write_report_markdown import write_report_markdown
 from nolens.files.write_report_pdf import write_report_pdf
-from nolens.reproduction.options import PICTURES
-from nolens.reproduction.paper import PAPER
-from nolens.reproduction.rows import Row
-from nolens.reproduction.steps import Found
-from nolens.reproduction.tell import (
+from nolens.reproduction import (
     depths,
     field,
     pattern,
@@ -26,7 +22,11 @@ from nolens.reproduction.tell import (
     resolution,
     thickness,
 )
-from nolens.reproduction.tell.draft import Draft
+from nolens.reproduction.draft import Draft
+from nolens.reproduction.options import PICTURES
+from nolens.reproduction.paper import PAPER
+from nolens.reproduction.rows import Row
+from nolens.reproduction.steps import Found
 from nolens.reproduction.workbench import Workbench
 
 _TITLE = "The paper's figures, made again"

@@ -1,6 +1,8 @@
-"""Fig. 2: how thick a replica must be, by ray matrices, and how sharp films of PDMS are."""
+"""Fig. 2c: the thickness of the film, and the sharpest of some."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import torch
@@ -10,9 +12,13 @@ from nolens.camera import Camera
 from nolens.design.focus import depth_of_focus_um, lenslet_aperture
 from nolens.evaluate import pattern_figures
 from nolens.experiments.virtual_experiment import VirtualExperiment
+from nolens.files.plot_reproduce import plot_films
 from nolens.jobs.designing.thickness import design_thickness
 from nolens.jobs.designing.thickness_options import ThicknessOptions
 from nolens.quantities import Length
+from nolens.reproduction.draft import Draft, Drawn, empty, refusal
+from nolens.reproduction.paper import PAPER
+from nolens.reproduction.rows import Row
 from nolens.reproduction.steps import Found, Step, Tick, within
 from nolens.reproduction.workbench import SECONDS_OF_RELIEF, Workbench
 
@@ -23,6 +29,18 @@ _FILM_OF = "pdms"
 _SHOWN_CELLS = 96
 _PAPERS_WAVELENGTH_UM = 0.5
 """Its depth of focus of 0.41 mm is that of NA 0.035 at 500 nm."""
+_RAYS = (
+    "radius",
+    "radius printed",
+    "thickness pdms",
+    "± pdms",
+    "thickness pua311",
+    "± pua311",
+    "focal length",
+    "aperture",
+    "depth of focus",
+)
+_FILMS = ("film", "film width")
 
 
 def steps(work: Workbench, camera: str) -> tuple[Step, ...]:
@@ -142,3 +160,133 @@ def _middle(psf: Tensor) -> Tensor:
     size = min(rows, columns, _SHOWN_CELLS)
     top, left = (rows - size) // 2, (columns - size) // 2
     return torch.clone(psf[top : top + size, left : left + size])
+
+
+def rays(work: Workbench, found: Mapping[str, Found]) -> Draft:
+    """Radius and thickness by ray matrices."""
+    title = "Fig. 2a, b: how thick the replica must be"
+    reason = refusal(found, ("thickness",))
+    if reason is not None:
+        return empty("thickness", title, _RAYS, reason)
+    figures = found["thickness"].figures
+    radius, printed = figures["radius_mm"]["value"], figures["printed_radius_mm"]
+    replicas: dict[str, Any] = figures["replicas"]
+    rows = [
+        Row(
+            "radius",
+            radius,
+            f"{radius:.3f} mm",
+            "Exact ray matrices of eq. 1 for the paper's film at 0.4 mm. It gives no thickness of "
+            "the film; 0.305 mm (0.012 inch) is assumed, and 0.1 mm more would add 0.04 mm to R.",
+        ),
+    ]
+    rows.append(
+        Row(
+            "radius printed",
+            printed,
+            "–" if printed is None else f"{printed:.3f} mm",
+            "Eq. 3 as printed has t_g where the matrices give (n_p/n_g)·t_g; that factor is the "
+            "1 % between the two.",
+        )
+    )
+    for name in ("pdms", "pua311"):
+        exact = replicas[name]["thickness_mm"]
+        by_print = replicas[name]["printed_thickness_mm"]
+        also = "" if by_print is None else f" With the R of eq. 3 as printed: {by_print:.2f} mm."
+        rows += [
+            Row(
+                f"thickness {name}",
+                exact["value"],
+                f"{exact['value']:.2f} mm",
+                f"Eq. 5 from the R above.{also}",
+            ),
+            Row(
+                f"± {name}",
+                exact["plus_minus"],
+                f"{exact['plus_minus']:.2f} mm",
+                "From d_p ± 0.2 mm alone, to first order; the paper does not say how it adds up "
+                "its own.",
+            ),
+        ]
+    rows += _lenslet(figures["master"], replicas["pua311"])
+    return Draft("thickness", title, (), (), tuple(rows))
+
+
+def _lenslet(master: dict[str, float], replica: dict[str, Any]) -> list[Row]:
+    """Focal length, NA and depth of focus of one lenslet of the master film."""
+    focal, aperture = master["focal_length_mm"], master["aperture"]
+    depth = master["depth_of_focus_mm"]
+    others = {name: replica[name]["value"] for name in ("index", "focal_length_mm", "aperture")}
+    return [
+        Row(
+            "focal length",
+            focal,
+            f"{focal:.2f} mm",
+            f"R/(n_p − 1) of the master film, as in air, with n_p = {master['index']:.2f}: that is "
+            "what the sentence is about, and the paper rounds it. The replica in PUA 311 "
+            f"(n′ = {others['index']:.2f}) has {others['focal_length_mm']:.2f} mm.",
+        ),
+        Row(
+            "aperture",
+            aperture,
+            f"{aperture:.3f}",
+            "Half the pitch over the focal length above. With the 1 mm and half of 69.75 µm it is "
+            f"0.035. A lenslet of the replica has {others['aperture']:.3f}.",
+        ),
+        Row(
+            "depth of focus",
+            depth,
+            f"{depth:.2f} mm",
+            "λ/NA², so it goes with the square of the row above: 0.41 mm is 500 nm / 0.035², and "
+            "this is at 500 nm too.",
+        ),
+    ]
+
+
+def films(work: Workbench, found: Mapping[str, Found]) -> Draft:
+    """Films of PDMS: how sharp their PSFs are."""
+    title = "Fig. 2c: films of PDMS of several thicknesses"
+    reason = refusal(found, ("films", "thickness"))
+    if reason is not None:
+        return empty("films", title, _FILMS, reason)
+    figures, arrays = found["films"].figures, found["films"].arrays
+    widths = dict(zip(figures["thicknesses_mm"], figures["widths_um"], strict=True))
+    sharpest = min(widths, key=lambda thickness: widths[thickness])
+    exact = found["thickness"].figures["replicas"]["pdms"]["thickness_mm"]
+    at_paper = widths.get(PAPER["film"].value or 0.0)
+    within = [each for each, width in widths.items() if width <= 1.05 * widths[sharpest]]
+    beside = "" if at_paper is None else f" At 1.25 mm it is {at_paper:.2f} µm."
+    rows = (
+        Row(
+            "film",
+            sharpest,
+            f"{sharpest:g} mm",
+            f"The sharpest of these films; the minimum is flat: from {min(within):g} to "
+            f"{max(within):g} mm the lines are at most 5 % wider, so which of a few films is "
+            f"sharpest says little. The paper's own t′ is 1.44 mm, and 1.25 mm was the best of "
+            "the films that it made, whose other thicknesses it does not give.",
+        ),
+        Row(
+            "film width",
+            widths[sharpest],
+            f"{widths[sharpest]:.2f} µm",
+            f"Without noise, the mean taken off, all directions averaged.{beside} What was said "
+            "of the width in fig. 5 holds here, too.",
+        ),
+    )
+    patterns = {thickness: arrays[f"psf-{1000 * thickness:.0f}um"][0] for thickness in widths}
+    paper = PAPER["film"].value or 0.0, PAPER["film width"].value or 0.0
+    draw = partial(
+        plot_films,
+        widths_um=widths,
+        patterns=patterns,
+        predicted_mm=(exact["value"], exact["plus_minus"]),
+        paper=paper,
+        cell_um=work.preview.cell_um,
+    )
+    caption = (
+        "Above, the middle of the PSF behind films of several thicknesses, each as bright as its "
+        "brightest spot; below, the FWHM of the PSF's autocorrelation. The line and the band are "
+        "t′ by ray matrices and its ±."
+    )
+    return Draft("films", title, (), (Drawn("films", caption, draw, 165.0),), rows)
