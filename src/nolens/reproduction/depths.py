@@ -12,8 +12,7 @@ from nolens.calibrate.point_register import register
 from nolens.camera import develop, exposure_white
 from nolens.evaluate import scale_fit
 from nolens.experiments.virtual_experiment import solved
-from nolens.files.plot_reproduce import plot_overlay
-from nolens.files.plot_reproduce_pictures import Panel, plot_pictures
+from nolens.files.plot_reproduce import Panel, plot_overlay, plot_pictures
 from nolens.operators import Region
 from nolens.optics import PointSource
 from nolens.refocusing import (

@@ -12,8 +12,7 @@ from nolens.files import CAMERA_FILE, atomic_write, is_sequence, read_camera, wr
 from nolens.files.read_camera import write_description
 from nolens.files.save_plot import dark_plots
 from nolens.jobs.copied import copied_camera
-from nolens.jobs.designing.look import with_thickness
-from nolens.jobs.designing.look_options import Thicknesses
+from nolens.jobs.designing.look import Thicknesses, with_thickness
 from nolens.jobs.given import JobOptions
 from nolens.jobs.reporter import Reporter
 from nolens.studio.job_kinds import KINDS

@@ -1,16 +1,28 @@
-"""From frames of a point source to a PSF in the camera's folder."""
+"""`nolens calibrate`: frames of a point source become a PSF in a camera's folder."""
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import torch
+from torch import Tensor
 
-from nolens.calibrate.distances import Layers
-from nolens.calibrate.point import UNCERTAIN_RATIO, PointPsf, point_psf
-from nolens.camera import PsfEntry
+from nolens.calibrate.distances import Layers, with_mean_light
+from nolens.calibrate.magnify import covered, magnified
+from nolens.calibrate.point import UNCERTAIN_RATIO, PointPsf, centroid, point_psf
+from nolens.calibrate.point_frames import (
+    SAME_TIME,
+    UNKNOWN_S,
+    FrameMean,
+    add_frame,
+    check_alike,
+    match_darks,
+)
+from nolens.calibrate.point_register import NEARBY, register
+from nolens.camera import Frame, PsfEntry, PsfSet, Sensor
 from nolens.errors import DataError
 from nolens.files import (
     CAMERA_FILE,
@@ -18,6 +30,8 @@ from nolens.files import (
     RunRecord,
     camera_files,
     check_folder,
+    read_frame,
+    read_psf,
     readable,
     write_psfs,
     write_record,
@@ -29,18 +43,361 @@ from nolens.jobs.calibration.folder import (
     chosen_camera,
     folder_psfs,
 )
-from nolens.jobs.calibration.point_frames import ReadFrames, read_frames
 from nolens.jobs.calibration.point_options import CalibratePointOptions
-from nolens.jobs.calibration.point_place import placed
 from nolens.jobs.clock import Clock
 from nolens.jobs.copied import copied_camera
 from nolens.jobs.cost import Cost, announce, check_memory
 from nolens.jobs.given import check_apart
 from nolens.jobs.reporter import Reporter
 
+_LEAST_ALIKE = 0.4
+_LARGE_DEG, _LARGE_SHARE = 2.0, 0.05
+_OFF_PREDICTED = 0.2
+"""Of M − 1: twins are predicted to 2 %, the paper's own figures are two thirds off."""
 # As the paper's camera showed on two busy cores, with 4 frames of each of two exposure times.
 _BYTES_PER_PIXEL, _BYTES_PER_EXPOSURE = 100, 40
 _SECONDS_PER_PIXEL = 4e-6
+
+
+@dataclass(frozen=True)
+class ReadFrames:
+    """What was read.
+
+    Parameters
+    ----------
+    exposures
+        Means of frames by exposure time in s.
+    darks
+        For each of these times, the mean of its dark frames; none where there are no dark frames.
+    timed
+        Whether the exposure times are known.
+    warnings
+        What a person should know.
+    """
+
+    exposures: dict[float, FrameMean]
+    darks: dict[float, FrameMean]
+    timed: bool
+    warnings: tuple[str, ...]
+
+    @property
+    def first(self) -> Frame:
+        """One of the frames."""
+        return next(iter(self.exposures.values())).first
+
+
+def read_frames(
+    options: CalibratePointOptions, sensor: Sensor | None, reporter: Reporter
+) -> ReadFrames:
+    """Read all frames, and average those of one exposure time.
+
+    Parameters
+    ----------
+    options
+        They name the files.
+    sensor
+        The camera's, which says what files do not: mosaic, black and white level.
+    reporter
+        Sees how far the work is.
+
+    Raises
+    ------
+    NolensError
+        If a file cannot be read, or frames do not fit together.
+    """
+    total = len(options.frames) + len(options.dark)
+    exposures: dict[float, FrameMean] = {}
+    known: list[bool] = []
+    for number, path in enumerate(options.frames):
+        reporter.advance("frames", number / total)
+        frame = _read(path, options, sensor)
+        stated = options.exposure[number % len(options.exposure)].s if options.exposure else None
+        time = frame.exposure_s if stated is None else stated
+        known.append(time is not None)
+        if known[-1] != known[0]:
+            raise DataError(
+                f"{path} says {'its' if known[-1] else 'no'} exposure time, but "
+                f"{options.frames[0]} does {'not' if known[-1] else 'so'}: give the time of every "
+                "frame (--exposure, once for each in their order)"
+            )
+        if number > 0:
+            check_alike(frame, next(iter(exposures.values())).first)
+        add_frame(exposures, frame, time)
+    if not known[0]:
+        _check_one_exposure(exposures[UNKNOWN_S])
+    darks: dict[float, FrameMean] = {}
+    for number, path in enumerate(options.dark, start=len(options.frames)):
+        reporter.advance("frames", number / total)
+        frame = _read(path, options, sensor)
+        check_alike(frame, next(iter(exposures.values())).first, "dark frame")
+        add_frame(darks, frame, frame.exposure_s or None, "dark frame")
+    reporter.advance("frames", 1.0)
+    warnings = [
+        f"frames of {1e3 * time:g} ms differ by {100 * mean.uneven:.2g} % in brightness: a light "
+        "that flickers, or settings that changed between them"
+        for time, mean in exposures.items()
+        if not mean.alike
+    ]
+    first = next(iter(exposures.values())).first
+    if not darks and not first.black_stated:
+        warnings.append(
+            f"{first.source} does not say which count is black, and {first.black[0]:g} is taken: "
+            "give dark frames (--dark), or a camera (--camera)"
+        )
+    if not math.isfinite(min(mean.white for mean in exposures.values())):
+        warnings.append(
+            f"{first.source} does not say from which count a pixel is saturated: make sure that "
+            "none is"
+        )
+    matched = _matched(exposures, darks, known[0], warnings)
+    return ReadFrames(exposures, matched, known[0], tuple(warnings))
+
+
+def _read(path: Path, options: CalibratePointOptions, sensor: Sensor | None) -> Frame:
+    frame = read_frame(path, mosaic=options.mosaic)
+    if sensor is None:
+        return frame
+    whole = tuple(frame.counts.shape[-2:]) == (sensor.rows, sensor.columns)
+    if frame.channels == ("grey",) and sensor.mosaic != "none" and whole:
+        frame = replace(frame, channels=("mosaic",), mosaic=sensor.mosaic)
+    if not frame.black_stated and len(frame.channels) == 1:
+        white = min(sensor.saturated_counts, math.inf if frame.white is None else frame.white)
+        frame = replace(frame, black=(sensor.black_counts,), white=white, black_stated=True)
+    return frame
+
+
+def _check_one_exposure(mean: FrameMean) -> None:
+    if not mean.alike:
+        raise DataError(
+            f"the frames do not say their exposure times, and differ by {100 * mean.uneven:.3g} % "
+            f"in brightness from {mean.first.source}: give the times (--exposure, once for each "
+            "frame in their order), or frames of one exposure"
+        )
+
+
+def _matched(
+    exposures: dict[float, FrameMean],
+    darks: dict[float, FrameMean],
+    timed: bool,
+    warnings: list[str],
+) -> dict[float, FrameMean]:
+    """The dark frames that belong to each exposure time."""
+    if not darks:
+        return {}
+    if not timed and len(darks) > 1:
+        raise DataError(
+            "the dark frames have several exposure times, and those of the frames are not known: "
+            "give them (--exposure), or dark frames of the same time only"
+        )
+    found = match_darks(exposures, darks)
+    for time, mean in found.items():
+        own = mean.first.exposure_s
+        same = own is not None and math.isclose(own, time, rel_tol=SAME_TIME)
+        if timed and not same and own is not None:
+            warnings.append(
+                f"dark frames of {1e3 * own:g} ms are taken for frames of {1e3 * time:g} ms: where "
+                "the sensor's dark current counts, take dark frames of every exposure time"
+            )
+    return found
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A PSF in its place.
+
+    Parameters
+    ----------
+    psf
+        (channels, rows, columns).
+    frame
+        What its middle follows.
+    figures
+        How it was found, in values that JSON has.
+    warnings
+        What a person should know.
+    """
+
+    psf: Tensor
+    frame: Literal["chief-ray", "sensor"]
+    figures: dict[str, Any]
+    warnings: list[str] = field(default_factory=list)
+
+
+def placed(
+    found: PointPsf,
+    options: CalibratePointOptions,
+    layers: Layers | None,
+    psfs: PsfSet | None,
+    cell_um: float,
+) -> Placed:
+    """Bring a PSF into its place.
+
+    One from straight ahead is laid over that of the nearest other distance in the folder, or
+    else, where an aperture leaves a dark area, its light is centred; without one it stays where
+    the sensor saw it. One from the side stays there as well, and one that is taken as it is.
+
+    Parameters
+    ----------
+    found
+        The PSF as it was captured.
+    options
+        They say where the light was.
+    layers
+        The camera's, if they are known.
+    psfs
+        What the folder has.
+    cell_um
+        Distance of the cells.
+
+    Raises
+    ------
+    DataError
+        If the folder's PSFs are not of the same camera.
+    """
+    reference = _reference(options, psfs)
+    other = None if reference is None else read_psf(options.output, reference)
+    if reference is not None and other is not None and other.shape != found.psf.shape:
+        raise DataError(
+            f"the PSF {options.output / reference.file} has {other.shape[-2]}×{other.shape[-1]} "
+            f"cells, but these frames {found.psf.shape[-2]}×{found.psf.shape[-1]}: they are of "
+            "another camera or setting. Give another folder (-o)"
+        )
+    if options.as_is:
+        return Placed(found.psf, "chief-ray", {"centred_by": "its file", "shift_um": [0.0, 0.0]})
+    on_axis = all(each.deg == 0 for each in options.angle)
+    if not on_axis:
+        return _as_seen(found, options, layers, cell_um)
+    if reference is not None and other is not None and _of_other_distance(reference, options):
+        return _laid_over(found, options, layers, cell_um, reference, other)
+    if found.area is not None:
+        dark = found.area.on_cells(*found.psf.shape[-2:])
+        shift = centroid(found.psf, dark)
+        return _moved(found, shift, {"centred_by": "centroid"}, layers, cell_um)
+    return Placed(found.psf, "chief-ray", {"centred_by": "stated angle", "shift_um": [0.0, 0.0]})
+
+
+def _reference(options: CalibratePointOptions, psfs: PsfSet | None) -> PsfEntry | None:
+    """A captured PSF to compare with: of the nearest other distance, straight ahead if any is."""
+    captured = [each for each in (psfs.psf if psfs else ()) if each.kind == "captured"]
+    if not captured:
+        return None
+    here = _diopters(_um(options))
+    return min(
+        captured,
+        key=lambda each: (
+            not (each.on_axis and _of_other_distance(each, options)),
+            abs(_diopters(each.distance_um) - here),
+        ),
+    )
+
+
+def _of_other_distance(entry: PsfEntry, options: CalibratePointOptions) -> bool:
+    return entry.on_axis and entry.frame == "chief-ray" and entry.distance != options.distance
+
+
+def _laid_over(
+    found: PointPsf,
+    options: CalibratePointOptions,
+    layers: Layers | None,
+    cell_um: float,
+    entry: PsfEntry,
+    other: Tensor,
+) -> Placed:
+    expected = None
+    if layers is not None:
+        here, there = layers.magnification(_um(options)), layers.magnification(entry.distance_um)
+        expected = here / there
+    laid = register(found.psf, other, magnification=expected or NEARBY)
+    if laid.correlation < _LEAST_ALIKE:
+        raise DataError(
+            f"the pattern is not that of {options.output / entry.file} in another size: their "
+            f"correlation is {laid.correlation:.2f}, and less than {_LEAST_ALIKE:g} means another "
+            "camera, another mask or a wrong distance. Give another folder (-o), or calibrate "
+            f"{entry.distance} again"
+        )
+    figures: dict[str, Any] = {
+        "centred_by": entry.file,
+        "correlation": round(laid.correlation, 5),
+        "magnification": round(laid.magnification, 6),
+        "expected_magnification": None if expected is None else round(expected, 6),
+    }
+    place = _moved(found, laid.shift, figures, layers, cell_um)
+    if expected is not None:
+        off = abs(laid.magnification - expected)
+        half = min(found.psf.shape[-2:]) / 2
+        if off > _OFF_PREDICTED * abs(expected - 1) and off * half > 0.5:
+            place.warnings.append(
+                f"the pattern is {laid.magnification:.4f} times as large as that of "
+                f"{entry.distance}, and the layers say {expected:.4f}: check both distances and "
+                "the layers of the camera"
+            )
+    return place
+
+
+def _moved(
+    found: PointPsf,
+    shift: tuple[float, float],
+    figures: dict[str, Any],
+    layers: Layers | None,
+    cell_um: float,
+) -> Placed:
+    """The PSF with its light, which lies beside the middle by so many cells, in the middle."""
+    back = -shift[0], -shift[1]
+    psf = magnified(found.psf, 1.0, moved=back)
+    psf = with_mean_light(psf, covered((psf.shape[-2], psf.shape[-1]), 1.0, moved=back))
+    figures["shift_um"] = [_rounded(shift[1] * cell_um), _rounded(-shift[0] * cell_um)]
+    place = Placed(psf, "chief-ray", figures)
+    size = math.hypot(*shift)
+    if layers is None:
+        far, text = size > _LARGE_SHARE * min(psf.shape[-2:]), ""
+    else:
+        reduced = layers.before.reduced_um + layers.after.reduced_um
+        angle = math.degrees(math.atan(size * cell_um / reduced))
+        far, text = angle > _LARGE_DEG, f", as of a light {angle:.1f}° off the axis"
+    if far:
+        place.warnings.append(
+            f"the pattern lies {size * cell_um:.0f} µm beside the middle{text}, and was moved "
+            "there: if the light was not meant to be straight ahead, say where it was (--angle)"
+        )
+    return place
+
+
+def _as_seen(
+    found: PointPsf, options: CalibratePointOptions, layers: Layers | None, cell_um: float
+) -> Placed:
+    figures: dict[str, Any] = {"centred_by": "stated angle"}
+    place = Placed(found.psf, "sensor", figures)
+    if layers is None:
+        return place
+    expected = layers.shift_um(options.angle)
+    figures["expected_shift_um"] = [_rounded(each) for each in expected]
+    if found.area is None:
+        return place
+    row, column = centroid(found.psf, found.area.on_cells(*found.psf.shape[-2:]))
+    seen = column * cell_um, -row * cell_um
+    figures["shift_um"] = [_rounded(each) for each in seen]
+    reduced = layers.before.reduced_um + layers.after.reduced_um
+    off = math.degrees(math.atan(math.dist(seen, expected) / reduced))
+    if off > _LARGE_DEG:
+        place.warnings.append(
+            f"the pattern lies {seen[0]:z.0f} µm to the right and {seen[1]:z.0f} µm up of the "
+            f"middle, and by Snell's law an angle of {options.angle[0]}, {options.angle[1]} "
+            f"puts it at {expected[0]:.0f} and {expected[1]:.0f}: about {off:.1f}° off. "
+            "Check the angle, and that the whole pattern is on the sensor"
+        )
+    return place
+
+
+def _um(options: CalibratePointOptions) -> float:
+    return math.inf if options.distance == "infinity" else options.distance.um
+
+
+def _diopters(distance_um: float) -> float:
+    return 1e6 / distance_um
+
+
+def _rounded(value: float) -> float:
+    return round(value, 3) + 0.0
 
 
 def calibrate_point(options: CalibratePointOptions, reporter: Reporter) -> CalibratedPsf:

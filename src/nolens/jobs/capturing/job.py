@@ -1,37 +1,157 @@
-"""From a camera to files, frame by frame."""
+"""`nolens capture`: raw frames of any source, one after the other."""
 
 import math
 import time
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
-from itertools import count
+from itertools import count, cycle
+from pathlib import Path
 from typing import Any
 
 from nolens.capture import (
     CameraSource,
     Levels,
+    Limits,
     Shot,
     TwinSource,
     available_sources,
+    exposure_for,
     open_source,
 )
-from nolens.errors import NolensError
-from nolens.files import InputFile, readable
-from nolens.jobs.capturing.exposures import exposures
-from nolens.jobs.capturing.keep import Burst, keep
-from nolens.jobs.capturing.naming import Naming
+from nolens.errors import FileError, NolensError
+from nolens.files import PICTURE_SUFFIXES, InputFile, read_picture, readable
+from nolens.jobs.capturing.keep import Burst, Naming, keep
 from nolens.jobs.capturing.options import CaptureOptions, Kind
-from nolens.jobs.capturing.scenes import Stage
 from nolens.jobs.clock import Clock
 from nolens.jobs.given import check_apart
 from nolens.jobs.reporter import Reporter
 
+_LONGEST_S = 1.0
+"""That is tried unasked."""
+_FIRST_S = 0.01
+_TRIES = 12
+_DIGITS = 2
 _LOOK_S = 0.1
 _DARK = 0.02
 """Mean of a dark frame, as a share of its range, from which on light must have reached it."""
 _FAINT = 0.2
 _CLIPPED = 1e-3
+
+
+def exposures(
+    source: CameraSource, options: CaptureOptions, reporter: Reporter
+) -> tuple[float, ...]:
+    """Exposure times of the frames of one round, the shortest first; NaN where none can be set.
+
+    Parameters
+    ----------
+    source
+        The open camera.
+    options
+        They say the first exposure time, and how many there are.
+    reporter
+        Sees the tries.
+
+    Raises
+    ------
+    OptionError
+        If one of them, or the gain, is beyond the camera.
+    CameraError
+        If the camera gives no frames.
+    """
+    limits = source.limits
+    if limits is None:
+        return (math.nan,)
+    if options.exposure is not None:
+        first_s = options.exposure.s
+        limits.check(first_s, options.gain)
+    else:
+        first_s = _found(source, limits, options, reporter)
+    times = tuple(first_s * options.factor**number for number in range(options.bracket))
+    limits.check(times[-1], options.gain)
+    return times
+
+
+def _found(
+    source: CameraSource, limits: Limits, options: CaptureOptions, reporter: Reporter
+) -> float:
+    """An exposure time that fits what the camera sees now."""
+    tried = Limits((limits.exposure_s[0], min(limits.exposure_s[1], _LONGEST_S)), limits.gain)
+    exposure_s = min(max(_FIRST_S, tried.exposure_s[0]), tried.exposure_s[1])
+    for number in range(_TRIES):
+        reporter.advance("exposure", number / _TRIES)
+        source.set(exposure_s=exposure_s, gain=options.gain)
+        levels = Levels.of(source.shot().frame)
+        better_s = exposure_for(levels, exposure_s, tried, every_pixel=options.kind == "psf")
+        if better_s == exposure_s:
+            break
+        exposure_s = better_s
+    reporter.advance("exposure", 1.0)
+    if exposure_s >= _LONGEST_S:
+        reporter.note(f"exposed {_LONGEST_S:g} s, the longest unasked: more light, or --exposure")
+    digits = _DIGITS - 1 - math.floor(math.log10(exposure_s))
+    return min(max(round(exposure_s, digits), tried.exposure_s[0]), tried.exposure_s[1])
+
+
+class Stage:
+    """Shows a simulated camera what a real one would be put before.
+
+    Parameters
+    ----------
+    options
+        They say what the frames are to show, and which pictures there are.
+
+    Raises
+    ------
+    FileError
+        If there is no such picture, or a folder without any.
+    """
+
+    def __init__(self, options: CaptureOptions) -> None:
+        self._kind = options.kind
+        self._paths = [] if options.scene is None else _pictures(options.scene)
+        self._next: Iterator[Path] = cycle(self._paths)
+
+    def inputs(self) -> dict[str, InputFile]:
+        """Hash the pictures, while they are as they are read."""
+        if len(self._paths) == 1:
+            return {"scene": InputFile.of(self._paths[0])}
+        return {
+            f"scene {number}": InputFile.of(path)
+            for number, path in enumerate(self._paths, start=1)
+        }
+
+    def prepare(self, source: TwinSource, reporter: Reporter) -> None:
+        """Show what is seen first."""
+        if self._kind == "dark":
+            reporter.note("the simulated camera is covered")
+            source.show_dark()
+        elif self._kind == "psf":
+            reporter.note("the simulated camera looks at a point source, straight ahead")
+            source.show_point()
+        elif self._paths:
+            source.show(read_picture(self._paths[0]).radiance)
+
+    def turn(self, source: TwinSource) -> None:
+        """Show the next picture, where there are several: each frame sees another one."""
+        if self._kind == "frame" and len(self._paths) > 1:
+            source.show(read_picture(next(self._next)).radiance)
+
+
+def _pictures(path: Path) -> list[Path]:
+    if not path.is_dir():
+        return [path]
+    found = sorted(
+        each
+        for each in path.iterdir()
+        if each.suffix.lower() in PICTURE_SUFFIXES and not each.name.startswith(".")
+    )
+    if not found:
+        raise FileError(
+            f"the folder {path} holds no picture; its files can be {', '.join(PICTURE_SUFFIXES)}"
+        )
+    return found
 
 
 class CaptureReporter(Reporter):

@@ -1,20 +1,24 @@
-"""A quick look at a design: its layers, where it is sharp, and its PSF, in about a second."""
+"""A design as the studio's page shows it while sliders move."""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
+from pydantic import Field
 from torch import Tensor
 
 from nolens.camera import OpenCamera, RandomLenslets, SpectralCurve
+from nolens.camera.part import PositiveLength
+from nolens.camera.psf_set import Depth
 from nolens.design.focus import depth_of_focus_um, lenslet_aperture
 from nolens.design.thickness import LensletStack
 from nolens.errors import DataError, NolensError, OptionError
 from nolens.evaluate import PsfFigures, psf_figures
 from nolens.files import camera_files, check_output, read_camera, readable, write_png
-from nolens.jobs.designing.look_options import LookOptions
-from nolens.jobs.given import check_apart
+from nolens.jobs.fields import FilePath, Name, Word
+from nolens.jobs.given import JobOptions, Written, check_apart
 from nolens.jobs.measuring.rounded import rounded
 from nolens.jobs.reporter import Reporter
 from nolens.optics import PointSource
@@ -24,6 +28,55 @@ from nolens.twin.preview import distance_um
 
 _CELLS = 224
 """Sides of the PSF's window: ten pitches of the paper's lenslets."""
+
+
+class Thicknesses(JobOptions):
+    """Thickness of some layers of a camera, by name or, of one without a name, by its number."""
+
+    thickness: dict[Word, PositiveLength] = Field(default_factory=dict, max_length=20)
+
+
+class LookOptions(Thicknesses):
+    """What a quick look at a design can be told.
+
+    Attributes
+    ----------
+    camera
+        Preset, folder or .toml file.
+    thickness
+        Of layers, by their names, in place of the camera's.
+    distance
+        Of the point source; None takes the camera's reference_distance.
+    output
+        Picture of the PSF to write (.png).
+    """
+
+    camera: Name = "paper"
+    distance: Depth | None = None
+    output: FilePath
+
+    @classmethod
+    def gather(cls, given: dict[str, Any]) -> Self:
+        """Options by name.
+
+        Raises
+        ------
+        OptionError
+            If one is missing, or its value cannot be used.
+        """
+        if not given.get("output"):
+            raise OptionError("no output is given; name the picture of the PSF (-o psf.png)")
+        return cls.checked(given)
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """None but the camera's."""
+        return {}
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """The picture."""
+        return (Written("picture", self.output),)
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,10 @@
-"""How far off a camera may be made: from its description to trials, plots and a record."""
+"""`nolens design tolerance`: how far off each part of a camera may be."""
 
 import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,13 +13,22 @@ import torch
 from torch import Tensor
 
 from nolens.amounts import amount
+from nolens.camera import Camera, OpenCamera
 from nolens.design.tolerances import (
     MOST_STEPS,
     Allowed,
+    Criterion,
+    Parameter,
+    Patch,
+    RayModel,
     Response,
     Sharpness,
     Study,
+    WaveModel,
     Yield,
+    check_possible,
+    criterion_of,
+    default_parameters,
     draw,
     evaluate,
     find,
@@ -37,23 +46,218 @@ from nolens.files import (
     RunRecord,
     camera_files,
     read_camera,
+    read_tolerances,
     readable,
     write_record,
     write_trials,
 )
 from nolens.files.folder import check_folder, write_into
 from nolens.jobs.clock import Clock
-from nolens.jobs.cost import duration_text
+from nolens.jobs.cost import Cost, check_memory, colours_of, cost_of, duration_text, pattern_size
 from nolens.jobs.designing.tolerance_options import ToleranceOptions
-from nolens.jobs.designing.tolerance_ready import Ready, parameters_of, place_of, prepare
-from nolens.jobs.designing.tolerance_summary import summary_of
 from nolens.jobs.given import check_apart
 from nolens.jobs.reporter import Reporter
+from nolens.optics import PointSource
+from nolens.twin import Light
+from nolens.twin.preview import preview_model
 
+_WAVELENGTHS = 3
+_AT_ONCE = 1000
+_CPU = torch.device("cpu")
 _CURVES = 3
 _POINTS = 9
 _LONG_S = 20.0
 _SLOW_S = 2
+
+
+@dataclass(frozen=True)
+class Ready:
+    """A study that has been checked and can be computed.
+
+    Parameters
+    ----------
+    camera
+        The description.
+    parameters
+        What varies.
+    sharpness
+        The criterion's kind.
+    patch
+        Of the mask.
+    criterion
+        From cameras to their figures.
+    at_once
+        Cameras that are computed in one portion.
+    cameras
+        Drawn, (trials, parameters).
+    cost
+        Of one portion.
+    """
+
+    camera: Camera
+    parameters: tuple[Parameter, ...]
+    sharpness: Sharpness
+    patch: Patch
+    criterion: Criterion
+    at_once: int
+    cameras: Tensor
+    cost: Cost
+
+
+def parameters_of(opened: OpenCamera, tolerances: Path | None) -> tuple[Parameter, ...]:
+    """Tolerances from a file, or what is assumed.
+
+    Raises
+    ------
+    NolensError
+        If the file cannot be used, or the camera's mask is flat.
+    """
+    if tolerances is None:
+        return default_parameters(opened.camera)
+    return read_tolerances(tolerances, opened.camera)
+
+
+def prepare(options: ToleranceOptions, opened: OpenCamera) -> Ready:
+    """Check all that can be checked before anything takes long.
+
+    Raises
+    ------
+    NolensError
+        If an option, the tolerances or the camera cannot be used.
+    """
+    sharpness, light = Sharpness.parse(options.criterion), Light(options.light)
+    parameters = parameters_of(opened, options.tolerances)
+    options.limit_for(sharpness, 1.0)
+    if options.solve is not None:
+        place_of(options.solve, parameters, opened.camera)
+    cameras = draw(parameters, options.trials, options.seed)
+    check_possible(opened.camera, parameters, cameras)
+    preview_model(opened)  # Refuses a relief that is coarser than it must be.
+    patch = Patch.of(opened)
+    sharpness.check(patch.twin.sensor_pitch_um, patch.lenslets.pitch_um)
+    channels = colours_of(patch.twin, light, _WAVELENGTHS)
+    colours = channels[len(channels) // 2]
+    threads = torch.get_num_threads()
+    model: WaveModel | RayModel = WaveModel(patch, sharpness, colours, threads)
+    if options.model == "rays":
+        model = RayModel(patch, sharpness, sum(nm * weight for nm, weight in colours))
+    criterion = criterion_of(model, opened.camera, tuple(each.name for each in parameters))
+    at_once = _AT_ONCE if options.model == "rays" else threads
+    cost = Cost(0, 0) if options.model == "rays" else _cost_of_portion(patch, colours, at_once)
+    check_memory(cost, _CPU, "thinner layers, or --model rays, need less")
+    return Ready(opened.camera, parameters, sharpness, patch, criterion, at_once, cameras, cost)
+
+
+def _cost_of_portion(patch: Patch, colours: tuple[tuple[float, float], ...], cameras: int) -> Cost:
+    """Patterns of some cameras, side by side."""
+    twin = patch.twin
+    source = PointSource(distance_um=twin.camera.reference_distance.um)
+    cells = round(patch.side_um[0] / twin.cell_um), round(patch.side_um[1] / twin.cell_um)
+    size = pattern_size(
+        twin, source, cells, twin.cell_pixels, at_least=2, shortest=min(nm for nm, _ in colours)
+    )
+    points = twin.mask.relief.height_um.numel()
+    one = cost_of(size, len(colours), points=points, held=0)
+    return Cost(bytes=cameras * one.bytes, seconds=one.seconds)
+
+
+def place_of(name: str, parameters: tuple[Parameter, ...], camera: Camera) -> int:
+    """Place of a parameter among those that vary.
+
+    Raises
+    ------
+    OptionError
+        If the camera has none of this name, or it does not vary.
+    """
+    full = find(variables(camera), camera, name).name
+    names = [each.name for each in parameters]
+    if full not in names:
+        raise OptionError(
+            f"--solve {name}: it is not among the parameters of the tolerances, which are "
+            f"{', '.join(names)}: add it, with any tolerance and its distribution"
+        )
+    return names.index(full)
+
+
+def summary_of(options: ToleranceOptions, ready: Ready, study: Study) -> dict[str, Any]:
+    """Figures of a study, in values that JSON has; None where there is no finite one.
+
+    Parameters
+    ----------
+    options
+        What was asked for.
+    ready
+        What was computed.
+    study
+        What was found.
+    """
+    response, finite = study.response, study.figures[study.figures.isfinite()]
+    prediction = response.predict()
+    height, width = ready.patch.side_um
+    summary: dict[str, Any] = {
+        "camera": ready.camera.name,
+        "criterion": ready.sharpness.name,
+        "unit": ready.sharpness.unit,
+        "model": options.model,
+        "light": options.light,
+        "patch_mm": [round(height * 1e-3, 4), round(width * 1e-3, 4)],
+        "nominal": response.nominal,
+        "sensitivities": [
+            {
+                "parameter": row.parameter.name,
+                "distribution": row.parameter.distribution,
+                "mean": row.parameter.middle,
+                "tolerance": row.parameter.tolerance,
+                "tolerance_means": row.parameter.tolerance_means,
+                "unit": row.parameter.unit,
+                "change_at_minus": _finite_or_none(row.minus),
+                "change_at_plus": _finite_or_none(row.plus),
+                "linear": _finite_or_none(row.linear),
+                "quadratic": _finite_or_none(row.quadratic),
+                "note": row.parameter.note,
+            }
+            for row in response.sensitivities
+        ],
+        "budget": [asdict(line) for line in study.budget],
+        "prediction": {
+            "mean": _finite_or_none(prediction.mean),
+            "root_sum_square_sigma": _finite_or_none(prediction.linear_sigma),
+            "second_order_sigma": _finite_or_none(prediction.sigma),
+        },
+        "trials": len(study.figures),
+        "not_measurable": len(study.figures) - len(finite),
+        "mean": _finite_or_none(float(finite.mean())) if len(finite) else None,
+        "sigma": _finite_or_none(float(finite.std())) if len(finite) > 1 else None,
+        "levels": {f"{100 * k:.0f} %": _finite_or_none(v) for k, v in study.levels.items()},
+        "limit": study.limit,
+    }
+    if study.passed is not None:
+        summary["yield"] = _yield_summary(study.passed)
+    if study.solved is not None:
+        name, wanted, allowed = study.solved
+        unit = next(each.unit for each in ready.parameters if each.name == name)
+        summary["solved"] = {
+            "parameter": name,
+            "wanted_yield": wanted,
+            "verdict": allowed.verdict,
+            "tolerance": allowed.tolerance,
+            "unit": unit,
+            "reached": _yield_summary(allowed.reached),
+        }
+    return summary
+
+
+def _yield_summary(found: Yield) -> dict[str, Any]:
+    return {
+        "share": found.share,
+        "passed": found.passed,
+        "trials": found.trials,
+        "interval_95": list(found.interval()),
+    }
+
+
+def _finite_or_none(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 @dataclass(frozen=True)
