@@ -102,7 +102,7 @@ KINDS: dict[JobKind, Kind] = {
     ),
     "design-look": Kind(
         "Look at",
-        f"{_JOBS}.designing.look_options:LookOptions",
+        f"{_JOBS}.designing.look:LookOptions",
         f"{_JOBS}.designing.look:look_at_design",
         about=("camera",),
         cameras=("camera",),
