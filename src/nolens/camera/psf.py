@@ -214,6 +214,6 @@ def _check_light(psf: Measurement, values: Tensor) -> None:
     if not (peak > 0 and peak - float(median) > _PEAK_SIGMAS * noise):
         raise DataError(
             f"the PSF {psf.source} shows nothing above its background: its peak is {peak:g}, "
-            f"its median {float(median):g}, with noise of {noise:.2g}. A picture of a point of "
-            "light is needed; check the file, the exposure and the black level (--black)"
+            f"its median {float(median):g}, with noise of {noise:.2g}. A picture of a point "
+            "source is needed; check the file, the exposure and the black level (--black)"
         )
