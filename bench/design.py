@@ -20,6 +20,7 @@ from skimage import data as photographs
 from torch import Tensor
 
 from machine import Others, describe
+from nolens.amounts import shown_unit
 from nolens.camera import exposure_white, preset_text
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import read_frame, write_png
@@ -144,7 +145,7 @@ def thickness_table(found: dict[str, Any]) -> list[str]:
 def tolerance_table(found: dict[str, Any]) -> list[str]:
     """Worst offenders, prediction and yield."""
     study = found["tolerance"]
-    unit, passed, guess = study["unit"], study["yield"], study["prediction"]
+    unit, passed, guess = shown_unit(study["unit"]), study["yield"], study["prediction"]
     lines = [
         "## Tolerances",
         "",
@@ -156,7 +157,7 @@ def tolerance_table(found: dict[str, Any]) -> list[str]:
     ]
     for row in study["sensitivities"]:
         lines.append(
-            f"| {row['parameter']} | {row['mean']:.4g} ± {row['tolerance']:g} {row['unit']} "
+            f"| {row['parameter']} | {row['mean']:.4g} ± {row['tolerance']:g} {shown_unit(row['unit'])} "
             f"({row['tolerance_means']}) | "
             f"{row['change_at_minus']:+.2g}, {row['change_at_plus']:+.2g} {unit} |"
         )

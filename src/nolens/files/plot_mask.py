@@ -87,7 +87,7 @@ def _show(
     starts = [(count - side) // 2 for count, side in zip(values.shape, sides, strict=True)]
     part = values[starts[0] : starts[0] + sides[0], starts[1] : starts[1] + sides[1]]
     half = [side * step_um / 2 for side in sides]
-    axes.set_xlabel("um")
+    axes.set_xlabel("µm")
     return axes.imshow(
         part.numpy(),
         cmap=colours,
