@@ -157,8 +157,8 @@ def tolerance_table(found: dict[str, Any]) -> list[str]:
     ]
     for row in study["sensitivities"]:
         lines.append(
-            f"| {row['parameter']} | {row['mean']:.4g} ± {row['tolerance']:g} {shown_unit(row['unit'])} "
-            f"({row['tolerance_means']}) | "
+            f"| {row['parameter']} | {row['mean']:.4g} ± {row['tolerance']:g} "
+            f"{shown_unit(row['unit'])} ({row['tolerance_means']}) | "
             f"{row['change_at_minus']:+.2g}, {row['change_at_plus']:+.2g} {unit} |"
         )
     low, high = passed["interval_95"]
