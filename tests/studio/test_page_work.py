@@ -75,10 +75,14 @@ def test_files_for_the_workshop_can_be_downloaded(visit: Visit) -> None:
 def test_photograph_forms_and_is_found_again(visit: Visit, studio_folder: Path, shot: str) -> None:
     page = visit.show("photograph")
     await_text(page, "figcaption [role=status]", r"\d+ × \d+ pixels")
-    assert (
-        page.get_by_label("In the workspace").evaluate("(each) => each.selectedOptions[0].label")
-        == shot
-    )
+    chooser = page.get_by_label("In the workspace")
+    folder = next(studio_folder.rglob(shot)).parent
+    newest = max(folder.glob("[0-9]*[0-9].dng"), key=lambda each: each.stat().st_mtime_ns)
+    # Another test may have saved one since.
+    assert chooser.evaluate("(each) => each.selectedOptions[0].label") == newest.name
+    if newest.name != shot:
+        chooser.select_option(label=shot)
+        await_text(page, "figcaption [role=status]", r"\d+ × \d+ pixels")
     page.get_by_role("button", name="Draft").click()
     page.get_by_role("button", name="Reconstruct").click()
     await_text(page, "#main .view b", r"\.png$")
