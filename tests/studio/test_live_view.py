@@ -95,14 +95,14 @@ def likeness(picture: Image.Image, radiance: torch.Tensor) -> float:
     return float(np.corrcoef(seen.ravel(), scene.permute(1, 2, 0).numpy().ravel())[0, 1])
 
 
+def shows_chart(header: Header, parts: dict[str, Image.Image]) -> bool:
+    """The exposure is the chart's, and so is the picture."""
+    return header["number"] > 5 and likeness(parts["picture"], chart()) > 0.75
+
+
 def test_shows_the_scene(studio: Running) -> None:
     with connect(studio.frames, max_size=None) as socket:
-        header, parts = frame_until(
-            socket,
-            lambda header, parts: (
-                header["number"] > 5 and likeness(parts["picture"], chart()) > 0.75
-            ),
-        )
+        header, parts = frame_until(socket, shows_chart)
         assert parts["raw"].size == (160, 128)
         histogram = np.array([header["histogram"][name] for name in "RGB"])
         assert histogram.shape == (3, 64)
@@ -179,6 +179,7 @@ def encoded(pixels: NDArray[np.uint8], kind: str) -> bytes:
 
 def test_frozen_frame_stays_and_is_what_is_saved(studio: Running) -> None:
     with connect(studio.frames, max_size=None) as socket:
+        frame_until(socket, shows_chart)
         seen = socket.recv(timeout=PATIENCE_S)
         socket.send("ok")
         assert studio.post("live/settings", {"frozen": True})["frozen"]
