@@ -19,6 +19,8 @@ from nolens.quantities import Angle, Length, Quantity, Share
 from nolens.ranges import Between
 
 _KINDS: dict[str, type[Quantity]] = {"um": Length, "deg": Angle, "%": Share}
+_LEAST = 1e-9
+"""Of a tolerance: its fourth power is still a number."""
 _RANGES = {
     "um": Between("-10 m", "10 m"),
     "deg": Between("-89.9 deg", "89.9 deg"),
@@ -114,6 +116,11 @@ def _parameter(row: _Row, known: dict[str, Variable], camera: Camera) -> Paramet
     if tolerance < 0:
         raise OptionError(
             f"{row.name}: a tolerance of {row.tolerance} is negative: it is ±, so give 0 or more"
+        )
+    if 0 < tolerance < _LEAST:
+        raise OptionError(
+            f"{row.name}: a tolerance of {row.tolerance} is less than anything measures: give 0, "
+            f"or at least {_LEAST:g} in the unit of the value"
         )
     at_most = None
     if row.at_most is not None:
