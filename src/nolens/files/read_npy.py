@@ -35,7 +35,7 @@ def open_npy(path: Path) -> NDArray[Any]:
     """
     try:
         # A map of the file is refused where the file is shorter than its header says.
-        with np.errstate(over="ignore"):
+        with np.errstate(all="ignore"):
             array: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
     # The header is text that numpy evaluates: damage can raise nearly anything. What numpy says
     # of it is advice to load it nevertheless.

@@ -74,7 +74,7 @@ def read_state(
     check_exists(path, _ACCEPTED)
     try:
         _check_list(path)
-        with zipfile.ZipFile(path) as archive:
+        with np.errstate(all="ignore"), zipfile.ZipFile(path) as archive:
             members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             if extra := sorted(members.keys() - like.keys() - {_ABOUT}):
                 raise _no_state(path, f"it holds {readable(extra[0])[:40]!r}")
