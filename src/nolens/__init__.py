@@ -12,14 +12,15 @@ def __getattr__(name: str) -> object:
         return version("nolens")
     if name.startswith("__"):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return _front_door()[0](name)
+    return _exports()[0](name)
 
 
 def __dir__() -> list[str]:
-    return [*_front_door()[2], "__version__"]
+    return [*_exports()[2], "__version__"]
 
 
-def _front_door() -> tuple:  # type: ignore[type-arg]
+def _exports():
+    """Access, list and names of what the stub beside this file exports."""
     import lazy_loader
 
-    return lazy_loader.attach_stub(__name__, __file__)  # type: ignore[no-any-return]
+    return lazy_loader.attach_stub(__name__, __file__)
