@@ -3,12 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from nolens.api.inputs import Raw, frame_of, length_um
+from nolens.api.inputs import Raw, angle_of, frame_of, length_um
 from nolens.api.progress import Progress, reported
 from nolens.api.simulate import Camera, Psf
-from nolens.calibrate.distances import Layers, with_mean_light
-from nolens.calibrate.magnify import covered, magnified
-from nolens.calibrate.point import PointPsf, StrayLight, centroid, point_psf
+from nolens.calibrate.distances import Layers
+from nolens.calibrate.point import PointPsf, StrayLight, centroid, moved_to_middle, point_psf
 from nolens.calibrate.point_frames import FrameMean, add_frame, match_darks
 from nolens.calibrate.stitch import Capture, Stitched, locate
 from nolens.calibrate.stitch import stitch as merged
@@ -94,10 +93,8 @@ def calibrate_psf(
     point = point_psf(means, darks, cell_um=pixel_um, stray=stray_light, as_is=as_is)
     psf = point.psf
     if centre and not as_is and point.area is not None:
-        size = psf.shape[-2], psf.shape[-1]
-        shift = centroid(psf, point.area.on_cells(*size))
-        back = (-shift[0], -shift[1])
-        psf = with_mean_light(magnified(psf, 1.0, moved=back), covered(size, 1.0, moved=back))
+        dark_area = point.area.on_cells(psf.shape[-2], psf.shape[-1])
+        psf = moved_to_middle(psf, centroid(psf, dark_area))
     first = next(iter(means.values())).first
     names = first.channels if first.mosaic is None else ("R", "G", "B")
     return CalibratedPsf(psf, names, point, pixel_um)
@@ -132,7 +129,7 @@ def stitch_psfs(
         If none is of a source straight ahead.
     """
     parsed = [
-        (_angle(each[0]), _angle(each[1]), given.values.cpu()) for each, given in psfs.items()
+        (angle_of(each[0]), angle_of(each[1]), given.values.cpu()) for each, given in psfs.items()
     ]
     ahead = [n for n, (right, up, _) in enumerate(parsed) if right.deg == 0 and up.deg == 0]
     if not ahead or len(parsed) < 2:
@@ -170,7 +167,3 @@ def _means(given: list[Raw], role: str) -> dict[float, FrameMean]:
         frame = frame_of(each, role)
         add_frame(means, frame, frame.exposure_s, role)
     return means
-
-
-def _angle(given: str | Angle) -> Angle:
-    return given if isinstance(given, Angle) else Angle.parse(given)

@@ -134,11 +134,20 @@ def source_of(
     OptionError
         If a quantity has no unit, or another one.
     """
-    right, up = (
-        math.tan((each if isinstance(each, Angle) else Angle.parse(each)).rad) for each in angle
-    )
+    right, up = (math.tan(angle_of(each).rad) for each in angle)
     depth = distance_um(distance)
     return PointSource((-up, right), depth, 0.0 if math.isinf(depth) else length_um(diameter))
+
+
+def angle_of(given: str | Angle) -> Angle:
+    """An angle such as ``"20deg"``.
+
+    Raises
+    ------
+    OptionError
+        If it has no unit, or is none.
+    """
+    return given if isinstance(given, Angle) else Angle.parse(given)
 
 
 def length_um(given: str | Length) -> float:

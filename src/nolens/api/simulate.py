@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from nolens.api.image import Image
-from nolens.api.inputs import Scene, distance_um, radiance_of, source_of
+from nolens.api.inputs import Scene, angle_of, distance_um, radiance_of, source_of
 from nolens.api.progress import Progress, reported
 from nolens.camera import Frame, OpenCamera, ReliefFile, develop
 from nolens.errors import DataError, OptionError
@@ -285,9 +285,11 @@ def simulate(
     radiance, opacity = radiance_of(scene)
     if not 0 < fill <= 1:
         raise OptionError(f"fill is {fill!r}; give a fraction above 0 and up to 1, such as 0.9")
-    whole = angle if isinstance(angle, Angle) else Angle.parse(angle)
     plane = ScenePlane(
-        in_channels(radiance, len(camera.channels)), whole.deg, distance_um(distance), opacity
+        in_channels(radiance, len(camera.channels)),
+        angle_of(angle).deg,
+        distance_um(distance),
+        opacity,
     )
     bench = VirtualExperiment(camera.twin, Light(light), wavelengths, field_points)
     with reported(progress, "measurement") as tick:

@@ -10,6 +10,8 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
+from nolens.calibrate.distances import with_mean_light
+from nolens.calibrate.magnify import covered, magnified
 from nolens.calibrate.point_band import Band, usable_band
 from nolens.calibrate.point_frames import FrameMean, black_plane
 from nolens.calibrate.point_stray import DarkArea, dark_area, floor, stray_light
@@ -268,6 +270,23 @@ def _ratios(ordered: list[Exposure], usable: list[Tensor]) -> tuple[float, ...]:
             )
         found.append(found[-1] * brighter / stated)
     return tuple(found)
+
+
+def moved_to_middle(psf: Tensor, shift: tuple[float, float]) -> Tensor:
+    """A PSF whose light lies `shift` (row, column) beside the middle, moved back into it.
+
+    What moves in from beyond its edges has the mean light around it.
+
+    Parameters
+    ----------
+    psf
+        (channels, rows, columns).
+    shift
+        In pixels, as `centroid` gives it.
+    """
+    back = (-shift[0], -shift[1])
+    known = covered((psf.shape[-2], psf.shape[-1]), 1.0, moved=back)
+    return with_mean_light(magnified(psf, 1.0, moved=back), known)
 
 
 def centroid(psf: Tensor, dark: Tensor) -> tuple[float, float]:

@@ -10,9 +10,8 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
-from nolens.calibrate.distances import Layers, with_mean_light
-from nolens.calibrate.magnify import covered, magnified
-from nolens.calibrate.point import UNCERTAIN_RATIO, PointPsf, centroid, point_psf
+from nolens.calibrate.distances import Layers
+from nolens.calibrate.point import UNCERTAIN_RATIO, PointPsf, centroid, moved_to_middle, point_psf
 from nolens.calibrate.point_frames import (
     SAME_TIME,
     UNKNOWN_S,
@@ -342,9 +341,7 @@ def _moved(
     cell_um: float,
 ) -> Placed:
     """The PSF with its light, which lies beside the middle by so many cells, in the middle."""
-    back = -shift[0], -shift[1]
-    psf = magnified(found.psf, 1.0, moved=back)
-    psf = with_mean_light(psf, covered((psf.shape[-2], psf.shape[-1]), 1.0, moved=back))
+    psf = moved_to_middle(found.psf, shift)
     figures["shift_um"] = [_rounded(shift[1] * cell_um), _rounded(-shift[0] * cell_um)]
     place = Placed(psf, "chief-ray", figures)
     size = math.hypot(*shift)
