@@ -18,7 +18,7 @@ import nolens
 from nolens.camera.part import Part
 from nolens.design.uncertain import Uncertain
 from nolens.jobs.fields import FilePath
-from nolens.jobs.given import JobOptions
+from nolens.jobs.options import JobOptions
 from nolens.quantities import Quantity
 from nolens.ranges import Between
 from nolens.studio import schemas

@@ -22,7 +22,6 @@ from .designing.tolerance import ToleranceOutcome, study_tolerances, tolerances_
 from .designing.tolerance_options import ToleranceOptions
 from .fabrication.fabricate import fabricate
 from .fabrication.options import FabricateOptions
-from .fields import expand_home
 from .material_facts import material_facts
 from .measuring.field import MeasureFieldOutcome, measure_field
 from .measuring.field_options import MeasureFieldOptions
@@ -36,14 +35,16 @@ from .measuring.resolution import (
 )
 from .measuring.resolution_options import EdgeOptions, SiemensOptions, TwoPointOptions
 from .measuring.target import TargetOptions, make_target
+from .options import expand_home
 from .psf import PsfOutcome, simulate_psf
 from .reconstruction.job import Outcome, reconstruct
 from .reconstruction.options import ReconstructOptions
 from .refocusing.options import RefocusOptions
-from .refocusing.refocus import RefocusOutcome, refocus
+from .refocusing.refocus import Refocused, refocus
 from .relief import ReliefOutcome, replace_relief
 from .relief_options import ReliefOptions
 from .reporter import Reporter
+from .run import Result
 from .scene_options import PsfOptions, SimulateOptions
 from .simulation import SimulationOutcome, simulate
 
@@ -74,11 +75,12 @@ __all__ = [
     "PsfOutcome",
     "ReconstructOptions",
     "RefocusOptions",
-    "RefocusOutcome",
+    "Refocused",
     "ReliefOptions",
     "ReliefOutcome",
     "Reporter",
     "ResolutionOutcome",
+    "Result",
     "SiemensOptions",
     "SimulateOptions",
     "SimulationOutcome",

@@ -7,23 +7,18 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from nolens.camera.part import refusal
+from nolens.camera.part import Counts, refusal
 from nolens.camera.psf_set import Depth, FieldAngle
 from nolens.errors import OptionError
+from nolens.jobs.device import DeviceName
+from nolens.jobs.options import Option, expand_home
 from nolens.quantities import Angle, Duration, Share
 from nolens.ranges import Between
+from nolens.solvers import Prior
 
 _WINDOW = re.compile(r"([0-9]{1,6})x([0-9]{1,6})(?:([+-][0-9]{1,6})([+-][0-9]{1,6}))?")
 _LONGEST_PATH, _LONGEST_NAME = 4000, 255
 """Bytes, of which systems take no more."""
-
-
-def expand_home(path: Path) -> Path:
-    """Take ~ for the home folder, where the shell has not done so (--psf=~/psf.dng)."""
-    try:
-        return path.expanduser()
-    except RuntimeError:  # No such user: then it is a name like any other.
-        return path
 
 
 def _nameable(path: Path) -> Path:
@@ -101,3 +96,67 @@ Interval = Annotated[Duration, Between("1 µs", "1000000 s")]
 Fraction = Annotated[Share, Between("0 %", "100 %")]
 Distances = Annotated[tuple[Depth, ...], Field(max_length=1000)]
 Mosaic = Literal["RGGB", "BGGR", "GRBG", "GBRG"]
+
+INPUT, SOLVER, PICTURE = "Files and channels", "Model and solver", "Picture"
+"""Headings of options that several jobs have."""
+
+# Options that several jobs have, each with its text: ``dark: Dark = None``.
+
+Dark = Annotated[
+    FilePath | None,
+    Option(
+        "Dark frame; it is subtracted, and holds the black level too.",
+        INPUT,
+        role="input",
+        label="Dark frame",
+    ),
+]
+Flat = Annotated[
+    FilePath | None,
+    Option("Flat field; the measurement is divided by it.", INPUT, role="input"),
+]
+Black = Annotated[
+    Counts | None,
+    Option("Black level in counts. Camera raw says it.", INPUT, label="Black level"),
+]
+White = Annotated[
+    Counts | None,
+    Option(
+        "Count from which a pixel is saturated. Camera raw and 8 or 16-bit files say it.",
+        INPUT,
+        label="Saturated from",
+    ),
+]
+RawMosaic = Annotated[
+    Word | None,
+    Option(
+        "RGGB, BGGR, GRBG or GBRG: a .tif, .png or .npy holds raw counts of a colour mosaic.",
+        INPUT,
+        label="Colour mosaic",
+    ),
+]
+Bgr = Annotated[
+    bool,
+    Option("Colour channels are stored as B, G, R.", INPUT, label="Channels in the order B, G, R"),
+]
+Channels = Annotated[
+    Word, Option("all, grey, or letters such as g or rg.", INPUT, label="Channels")
+]
+Support = Annotated[
+    Window | None,
+    Option(
+        "Scene pixels that light can come from: HEIGHTxWIDTH around the middle of the sensor, or "
+        "HEIGHTxWIDTH+TOP+LEFT in pixels of the sensor's frame.",
+        SOLVER,
+        default="no limit",
+        label="Support of the scene",
+    ),
+]
+Device = Annotated[
+    DeviceName, Option("Where to compute; auto takes CUDA where there is one.", SOLVER)
+]
+ScenePrior = Annotated[Prior, Option("What the scene is assumed to be like.", SOLVER)]
+Flip = Annotated[
+    Literal["none", "vertical", "horizontal", "both"],
+    Option("Turn the picture over.", PICTURE, label="Turn the picture"),
+]

@@ -22,7 +22,7 @@ from nolens.files import (
     write_png,
 )
 from nolens.jobs.fields import FilePath
-from nolens.jobs.given import JobOptions, Written, check_apart
+from nolens.jobs.options import JobOptions, Written, check_apart
 from nolens.jobs.reporter import Reporter
 
 _LONG_SIDE = 1200

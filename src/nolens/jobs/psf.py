@@ -17,10 +17,10 @@ from nolens.files import (
     write_tiff32,
     write_together,
 )
+from nolens.jobs.camera_run import Run
 from nolens.jobs.cost import announce, check_memory, colours_of, cost_of, pattern_size
 from nolens.jobs.raw import write_raw
 from nolens.jobs.reporter import Reporter
-from nolens.jobs.run import Run
 from nolens.jobs.scene_options import PsfOptions
 from nolens.optics import PointSource
 from nolens.quantities import Share
@@ -130,7 +130,7 @@ def simulate_psf(options: PsfOptions, reporter: Reporter) -> PsfOutcome:
         "frame": shape.frame,
         "mean": float(pattern.mean()),
         "peak_over_mean": float(pattern.max() / pattern.mean()),
-        "outputs": [readable(path) for _, path, _ in options.written],
+        "outputs": [readable(each.path) for each in options.written],
         "device": str(device),
     }
     if captured:

@@ -23,7 +23,7 @@ from nolens.files import (
 from nolens.files.folder import check_folder
 from nolens.jobs.clock import Clock
 from nolens.jobs.copied import copied_curves
-from nolens.jobs.given import check_apart
+from nolens.jobs.options import check_apart
 from nolens.jobs.relief_options import RECORD_FILE, RELIEF_FILE, ReliefOptions
 from nolens.jobs.relief_reach import check_points, continued, reach_deg
 from nolens.jobs.reporter import Reporter
@@ -115,7 +115,7 @@ def replace_relief(options: ReliefOptions, reporter: Reporter) -> ReliefOutcome:
         if isinstance(described, Flat)
         else _figures(relief_figures(bare.mask.relief)),
         "reach_deg": reach,
-        "outputs": [readable(path) for _, path, _ in options.written],
+        "outputs": [readable(each.path) for each in options.written],
     }
     for warning in warnings:
         reporter.warn(warning)

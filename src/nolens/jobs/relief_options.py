@@ -7,7 +7,7 @@ from nolens.camera.part import PositiveLength
 from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE
 from nolens.jobs.fields import FilePath, Name
-from nolens.jobs.given import JobOptions, Written
+from nolens.jobs.options import JobOptions, Written
 
 RELIEF_FILE = "relief.tif"
 """Name of the heights in the folder of the camera."""

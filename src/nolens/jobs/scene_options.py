@@ -23,7 +23,7 @@ from nolens.jobs.fields import (
     Word,
     record_beside,
 )
-from nolens.jobs.given import JobOptions, Written
+from nolens.jobs.options import JobOptions, Written
 from nolens.quantities import Angle, Length, Luminance, Share
 from nolens.ranges import Between
 

@@ -20,6 +20,7 @@ from nolens.files import (
     write_tiff32,
     write_together,
 )
+from nolens.jobs.camera_run import Run
 from nolens.jobs.cost import (
     Cost,
     announce,
@@ -30,7 +31,6 @@ from nolens.jobs.cost import (
 )
 from nolens.jobs.raw import write_raw
 from nolens.jobs.reporter import Reporter
-from nolens.jobs.run import Run
 from nolens.jobs.scene_options import SimulateOptions
 from nolens.operators import Region
 from nolens.optics import PointSource
@@ -152,7 +152,7 @@ def simulate(options: SimulateOptions, reporter: Reporter) -> SimulationOutcome:
         "largest_angle_deg": round(largest_angle, 3),
         "seconds": run.seconds,
         "device": str(device),
-        "outputs": [readable(path) for _, path, _ in options.written],
+        "outputs": [readable(each.path) for each in options.written],
     }
     record = run.record(inputs, summary, warnings)
     writers: dict[Path, Callable[[Path], None]] = {

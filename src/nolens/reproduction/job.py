@@ -9,7 +9,7 @@ from nolens import __version__
 from nolens.files import InputFile, RunRecord, camera_files, read_camera, readable
 from nolens.jobs.clock import Clock
 from nolens.jobs.cost import Cost, check_memory, duration_text
-from nolens.jobs.given import check_apart
+from nolens.jobs.options import check_apart
 from nolens.jobs.reporter import Reporter
 from nolens.jobs.sample_pictures import check_sample_pictures
 from nolens.reproduction import (
@@ -88,7 +88,7 @@ def reproduce(
         "reduced": work.reduced,
         "seed": options.seed,
         "rows": told.rows,
-        "outputs": [readable(path) for _, path, _ in options.written],
+        "outputs": [readable(each.path) for each in options.written],
         "seconds": clock.seconds,
     }
     warnings = [f"{name}: {each.refused}" for name, each in found.items() if each.refused]

@@ -9,7 +9,7 @@ from typing import Annotated
 from nolens.errors import FileError
 from nolens.files import check_folder
 from nolens.jobs.fields import FilePath, Name
-from nolens.jobs.given import JobOptions, Written
+from nolens.jobs.options import JobOptions, Written
 from nolens.ranges import Between
 
 _INFO = Path("/proc/cpuinfo")

@@ -13,7 +13,7 @@ from nolens.files.read_camera import write_description
 from nolens.files.save_plot import dark_plots
 from nolens.jobs.copied import copied_camera
 from nolens.jobs.designing.look import Thicknesses, with_thickness
-from nolens.jobs.given import JobOptions
+from nolens.jobs.options import JobOptions
 from nolens.jobs.reporter import Reporter
 from nolens.studio.job_kinds import KINDS
 from nolens.studio.schemas import JobKind

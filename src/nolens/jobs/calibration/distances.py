@@ -23,7 +23,7 @@ from nolens.files import (
 from nolens.jobs.calibration.distances_options import CalibrateDistancesOptions, psf_file
 from nolens.jobs.calibration.folder import folder_camera
 from nolens.jobs.clock import Clock
-from nolens.jobs.given import check_apart
+from nolens.jobs.options import check_apart
 from nolens.jobs.reporter import Reporter
 from nolens.quantities import Length
 
@@ -116,7 +116,7 @@ def calibrate_distances(
         "reduced_thickness_mm": round(layers.after.reduced_um * 1e-3, 5),
         "psfs": rows,
         "warnings": warnings,
-        "outputs": [readable(path) for _, path, _ in options.written],
+        "outputs": [readable(each.path) for each in options.written],
         "seconds": clock.seconds,
     }
     record = RunRecord(

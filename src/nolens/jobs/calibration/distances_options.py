@@ -12,7 +12,7 @@ from nolens.errors import OptionError
 from nolens.files import PSFS_FILE
 from nolens.jobs.calibration.point_options import distance_name
 from nolens.jobs.fields import Distances, FilePath
-from nolens.jobs.given import JobOptions, Written
+from nolens.jobs.options import JobOptions, Written
 from nolens.quantities import Length
 from nolens.ranges import Between
 

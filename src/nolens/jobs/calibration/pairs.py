@@ -30,7 +30,7 @@ from nolens.jobs.calibration.folder import CalibratedPsf, cell_of, folder_camera
 from nolens.jobs.calibration.pairs_options import CalibratePairsOptions, named_pairs
 from nolens.jobs.clock import Clock
 from nolens.jobs.cost import Cost, announce, check_memory
-from nolens.jobs.given import check_apart
+from nolens.jobs.options import check_apart
 from nolens.jobs.reconstruction.options import parse_window
 from nolens.jobs.reporter import Reporter
 from nolens.operators import Region
@@ -249,7 +249,7 @@ def calibrate_pairs(options: CalibratePairsOptions, reporter: Reporter) -> Calib
         "pairs": rows,
         "left_out": checks,
         "warnings": warnings,
-        "outputs": [readable(path) for _, path, _ in options.written],
+        "outputs": [readable(each.path) for each in options.written],
         "seconds": clock.seconds,
     }
     record = RunRecord(

@@ -9,7 +9,7 @@ from nolens.errors import FileError, OptionError
 from nolens.files import PSFS_FILE
 from nolens.jobs.calibration.point_options import distance_name
 from nolens.jobs.fields import FilePath, Window, Word
-from nolens.jobs.given import JobOptions, Written
+from nolens.jobs.options import JobOptions, Written
 
 _COMMAND = "nolens calibrate pairs MEASURED PICTURES --distance 300mm -o FOLDER"
 

@@ -46,7 +46,7 @@ from nolens.jobs.calibration.point_options import CalibratePointOptions
 from nolens.jobs.clock import Clock
 from nolens.jobs.copied import copied_camera
 from nolens.jobs.cost import Cost, announce, check_memory
-from nolens.jobs.given import check_apart
+from nolens.jobs.options import check_apart
 from nolens.jobs.reporter import Reporter
 
 _LEAST_ALIKE = 0.4
@@ -473,7 +473,7 @@ def calibrate_point(options: CalibratePointOptions, reporter: Reporter) -> Calib
         **place.figures,
         "warnings": warnings,
         "outputs": [
-            *(readable(path) for _, path, _ in options.written),
+            *(readable(each.path) for each in options.written),
             *(readable(options.output / name) for name in camera),
         ],
         "seconds": clock.seconds,

@@ -11,7 +11,7 @@ from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
 from nolens.files import PSFS_FILE
 from nolens.jobs.fields import Exposure, FieldAngles, FilePath, Files, Mosaic, Name
-from nolens.jobs.given import JobOptions, Written
+from nolens.jobs.options import JobOptions, Written
 from nolens.quantities import Angle, Length
 
 

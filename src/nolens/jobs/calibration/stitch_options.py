@@ -10,7 +10,7 @@ from nolens.camera.part import PositiveLength
 from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
 from nolens.jobs.fields import FilePath, FullAngle, Name
-from nolens.jobs.given import JobOptions, Written
+from nolens.jobs.options import JobOptions, Written
 
 
 class CalibrateStitchOptions(JobOptions):

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Self
 from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
 from nolens.jobs.fields import FilePath, Files, Window
-from nolens.jobs.given import JobOptions, Written
+from nolens.jobs.options import JobOptions, Written
 from nolens.ranges import Between
 
 

@@ -24,7 +24,7 @@ from nolens.files import PICTURE_SUFFIXES, InputFile, read_picture, readable
 from nolens.jobs.capturing.keep import Burst, Naming, keep
 from nolens.jobs.capturing.options import CaptureOptions, Kind
 from nolens.jobs.clock import Clock
-from nolens.jobs.given import check_apart
+from nolens.jobs.options import check_apart
 from nolens.jobs.reporter import Reporter
 
 _LONGEST_S = 1.0

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal, Self
 
 from nolens.errors import OptionError
 from nolens.jobs.fields import Exposure, FilePath, Interval, Mosaic, Name, record_beside
-from nolens.jobs.given import JobOptions, Written
+from nolens.jobs.options import JobOptions, Written
 from nolens.ranges import Between
 
 Kind = Literal["frame", "dark", "psf"]

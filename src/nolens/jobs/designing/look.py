@@ -18,8 +18,8 @@ from nolens.errors import DataError, NolensError, OptionError
 from nolens.evaluate import PsfFigures, psf_figures
 from nolens.files import camera_files, check_output, read_camera, readable, write_png
 from nolens.jobs.fields import FilePath, Name, Word
-from nolens.jobs.given import JobOptions, Written, check_apart
 from nolens.jobs.measuring.rounded import rounded
+from nolens.jobs.options import JobOptions, Written, check_apart
 from nolens.jobs.reporter import Reporter
 from nolens.optics import PointSource
 from nolens.quantities import Length

@@ -33,7 +33,7 @@ from nolens.jobs.cost import check_memory, surface_cost
 from nolens.jobs.designing.mask_kinds import made_mask, with_relief
 from nolens.jobs.designing.mask_options import PICTURE_FILE, RECORD_FILE, MaskOptions
 from nolens.jobs.device import pick_device
-from nolens.jobs.given import check_apart
+from nolens.jobs.options import check_apart
 from nolens.jobs.reporter import Reporter
 from nolens.quantities import Length
 from nolens.twin import Light, Twin
@@ -105,7 +105,7 @@ def design_mask(options: MaskOptions, reporter: Reporter) -> MaskOutcome:
         "paper_diffuser": _plain(papers),
         "magnitude_per_mm": list(FREQUENCIES_PER_MM),
         "stop_reason": "interrupted" if made.stopped else "finished",
-        "outputs": [readable(path) for _, path, _ in options.written],
+        "outputs": [readable(each.path) for each in options.written],
         "device": str(device),
     }
     if made.layout is not None:

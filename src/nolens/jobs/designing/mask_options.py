@@ -14,7 +14,7 @@ from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE
 from nolens.jobs.device import DeviceName
 from nolens.jobs.fields import FilePath, Iterations, Name, Seed, Word
-from nolens.jobs.given import JobOptions, Written
+from nolens.jobs.options import JobOptions, Written
 from nolens.quantities import Angle, Length, Share
 from nolens.ranges import Between
 

@@ -29,7 +29,7 @@ from nolens.files.plot_thickness import ColourCurves, plot_thickness
 from nolens.jobs.clock import Clock
 from nolens.jobs.designing.thickness_case import Case, Medium
 from nolens.jobs.designing.thickness_options import RECORD_FILE, ThicknessOptions
-from nolens.jobs.given import check_apart
+from nolens.jobs.options import check_apart
 from nolens.quantities import Length
 
 _COLOURS_NM = (450.0, 500.0, 550.0, 600.0, 650.0)
@@ -244,7 +244,7 @@ def design_thickness(options: ThicknessOptions) -> ThicknessOutcome:
             _material(case, medium, figures)
             for medium, figures in zip(case.replicas, found, strict=True)
         ],
-        "outputs": [readable(path) for _, path, _ in options.written],
+        "outputs": [readable(each.path) for each in options.written],
     }
     camera = with_replica(case, found[0]) if options.output is not None else None
     summary["seconds"] = clock.seconds

@@ -12,8 +12,8 @@ from nolens.camera.psf_set import Depth
 from nolens.design.uncertain import Uncertain
 from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE
-from nolens.jobs.fields import FilePath, Name, expand_home
-from nolens.jobs.given import JobOptions, Written
+from nolens.jobs.fields import FilePath, Name
+from nolens.jobs.options import JobOptions, Written, expand_home
 from nolens.quantities import Length
 from nolens.ranges import Between
 

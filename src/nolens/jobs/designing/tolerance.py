@@ -55,7 +55,7 @@ from nolens.files.folder import check_folder, write_into
 from nolens.jobs.clock import Clock
 from nolens.jobs.cost import Cost, check_memory, colours_of, cost_of, duration_text, pattern_size
 from nolens.jobs.designing.tolerance_options import ToleranceOptions
-from nolens.jobs.given import check_apart
+from nolens.jobs.options import check_apart
 from nolens.jobs.reporter import Reporter
 from nolens.optics import PointSource
 from nolens.twin import Light
@@ -316,7 +316,7 @@ def study_tolerances(options: ToleranceOptions, reporter: Reporter) -> Tolerance
     summary = {
         **summary_of(options, ready, study),
         "stop_reason": "interrupted" if stopped else "finished",
-        "outputs": [readable(path) for _, path, _ in options.written],
+        "outputs": [readable(each.path) for each in options.written],
         "seconds": clock.seconds,
     }
     record = RunRecord(
@@ -482,7 +482,7 @@ def _write(
     title = (
         f"{summary['camera']}: {summary['criterion']} by {summary['model']}, light {options.light}"
     )
-    paths = [path for _, path, _ in options.written]
+    paths = [each.path for each in options.written]
     write_into(
         options.output,
         {

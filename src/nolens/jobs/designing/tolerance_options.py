@@ -9,7 +9,7 @@ from pydantic import Field
 from nolens.design.tolerances import Sharpness
 from nolens.errors import OptionError
 from nolens.jobs.fields import FilePath, Name, Seed, Word
-from nolens.jobs.given import JobOptions, Written
+from nolens.jobs.options import JobOptions, Written
 from nolens.quantities import Length, Share
 from nolens.ranges import Between
 

@@ -52,7 +52,7 @@ from nolens.jobs.cost import Cost, announce, check_memory, duration_text
 from nolens.jobs.designing.study_budget import study_budget
 from nolens.jobs.fabrication.figures import Workpieces, figures
 from nolens.jobs.fabrication.options import FabricateOptions
-from nolens.jobs.given import check_apart
+from nolens.jobs.options import check_apart
 from nolens.jobs.reporter import Reporter
 from nolens.optics import Relief
 from nolens.twin import Twin
@@ -109,7 +109,7 @@ def fabricate(options: FabricateOptions, reporter: Reporter) -> dict[str, Any]:
     summary = {
         "camera": opened.camera.name,
         **figures(options, opened, pieces, relief),
-        "outputs": [readable(path) for _, path, _ in options.written],
+        "outputs": [readable(each.path) for each in options.written],
     }
     for warning in warnings:
         reporter.warn(warning)

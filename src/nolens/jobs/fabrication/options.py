@@ -13,7 +13,7 @@ from nolens.errors import OptionError
 from nolens.fabricate.levels import MOST_LEVELS
 from nolens.fabricate.surface import SurfaceName
 from nolens.jobs.fields import FilePath, Name
-from nolens.jobs.given import JobOptions, Written
+from nolens.jobs.options import JobOptions, Written
 from nolens.quantities import Angle, Length, Share
 from nolens.ranges import Between
 

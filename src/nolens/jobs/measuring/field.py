@@ -36,9 +36,9 @@ from nolens.files import (
 from nolens.files.plot_field import write_angles_plot, write_dots_plot
 from nolens.jobs.clock import Clock
 from nolens.jobs.cost import announce, check_memory, colours_of, cost_of, pattern_size
-from nolens.jobs.given import check_apart
 from nolens.jobs.measuring.field_options import MeasureFieldOptions
 from nolens.jobs.measuring.rounded import rounded
+from nolens.jobs.options import check_apart
 from nolens.jobs.reporter import Reporter
 from nolens.optics import PointSource
 from nolens.quantities import Length
@@ -235,7 +235,7 @@ def measure_field(options: MeasureFieldOptions, reporter: Reporter) -> MeasureFi
         **outcome.summary,
         "camera": None if opened is None else opened.camera.name,
         "warnings": warnings,
-        "outputs": [readable(path) for _, path, _ in options.written],
+        "outputs": [readable(each.path) for each in options.written],
         "seconds": clock.seconds,
     }
     if options.record is not None:

@@ -9,7 +9,7 @@ from nolens.camera.part import PositiveLength, refusal
 from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
 from nolens.jobs.fields import FilePath, Name, Seed, record_beside
-from nolens.jobs.given import JobOptions, Written
+from nolens.jobs.options import JobOptions, Written
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
 

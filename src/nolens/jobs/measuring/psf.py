@@ -28,9 +28,9 @@ from nolens.files import (
 )
 from nolens.files.plot_psf import write_psf_plot
 from nolens.jobs.clock import Clock
-from nolens.jobs.given import check_apart
 from nolens.jobs.measuring.psf_options import MeasurePsfOptions
 from nolens.jobs.measuring.rounded import rounded
+from nolens.jobs.options import check_apart
 from nolens.jobs.reporter import Reporter
 from nolens.optics import PointSource
 from nolens.twin import REFERENCE_NM
@@ -117,7 +117,7 @@ def measure_psf(options: MeasurePsfOptions, reporter: Reporter) -> MeasurePsfOut
         **_told(figures),
         **_lenslets(figures, reduced_um),
         "warnings": warnings,
-        "outputs": [readable(path) for _, path, _ in options.written],
+        "outputs": [readable(each.path) for each in options.written],
         "seconds": clock.seconds,
     }
     if options.plot is not None and options.record is not None:

@@ -7,7 +7,7 @@ from nolens.camera import BlackLevel
 from nolens.camera.part import PixelPitch
 from nolens.errors import OptionError
 from nolens.jobs.fields import FilePath, Name, Word, record_beside
-from nolens.jobs.given import JobOptions, Written
+from nolens.jobs.options import JobOptions, Written
 from nolens.ranges import Between
 
 

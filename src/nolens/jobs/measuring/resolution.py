@@ -51,7 +51,6 @@ from nolens.files.plot_resolution import (
 )
 from nolens.jobs.clock import Clock
 from nolens.jobs.cost import announce, check_memory, colours_of, cost_of, pattern_size
-from nolens.jobs.given import check_apart
 from nolens.jobs.measuring.resolution_options import (
     EdgeOptions,
     ResolutionOptions,
@@ -59,6 +58,7 @@ from nolens.jobs.measuring.resolution_options import (
     TwoPointOptions,
 )
 from nolens.jobs.measuring.resolution_pictures import GivenCamera, Shown, shown
+from nolens.jobs.options import check_apart
 from nolens.jobs.reporter import Reporter
 from nolens.optics import PointSource
 from nolens.quantities import Angle
@@ -589,7 +589,7 @@ class _Run:
             "iterations": settings.iterations if solved else None,
             "tau": settings.tau if solved else None,
             "warnings": self.warnings,
-            "outputs": [readable(path) for _, path, _ in options.written],
+            "outputs": [readable(each.path) for each in options.written],
             "seconds": self.clock.seconds,
         }
         if options.plot is not None and options.record is not None:

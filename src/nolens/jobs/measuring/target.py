@@ -7,7 +7,7 @@ from nolens.errors import OptionError
 from nolens.evaluate.targets import siemens_star, slanted_edge
 from nolens.files import check_output, write_png
 from nolens.jobs.fields import FilePath
-from nolens.jobs.given import JobOptions, Written
+from nolens.jobs.options import JobOptions, Written
 from nolens.quantities import Angle
 from nolens.ranges import Between
 

@@ -24,7 +24,7 @@ from nolens.files import (
 )
 from nolens.jobs.clock import Clock
 from nolens.jobs.device import pick_device
-from nolens.jobs.given import check_apart
+from nolens.jobs.options import check_apart
 from nolens.jobs.reconstruction.options import ReconstructOptions
 from nolens.jobs.reconstruction.read import developed, read_development, read_measurement
 from nolens.jobs.reconstruction.resume import about_run, resumed

@@ -23,11 +23,10 @@ from nolens.jobs.fields import (
     Tau,
     Window,
     Word,
-    expand_home,
     record_beside,
     window_numbers,
 )
-from nolens.jobs.given import JobOptions, Written, check_apart, explain
+from nolens.jobs.options import JobOptions, Written, check_apart, expand_home, explain
 from nolens.operators import Region
 from nolens.printable import quoted
 from nolens.ranges import Between

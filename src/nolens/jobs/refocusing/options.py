@@ -1,19 +1,36 @@
-"""What `nolens refocus` can be told, as a frozen model."""
+"""Options of `nolens refocus`."""
 
 import math
 import re
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator
 
-from nolens.camera.part import Counts, refusal
+from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE, PSFS_FILE
-from nolens.jobs.device import DeviceName
-from nolens.jobs.fields import Bin, FilePath, Iterations, Tau, Window, Word
-from nolens.jobs.given import JobOptions, Written
+from nolens.jobs.fields import (
+    INPUT,
+    SOLVER,
+    Bgr,
+    Bin,
+    Black,
+    Channels,
+    Dark,
+    Device,
+    FilePath,
+    Flat,
+    Flip,
+    Iterations,
+    RawMosaic,
+    ScenePrior,
+    Support,
+    Tau,
+    White,
+)
+from nolens.jobs.options import JobOptions, Option, Written
 from nolens.quantities import Length
 from nolens.ranges import Between
 from nolens.solvers import Prior
@@ -66,93 +83,132 @@ _Row = Annotated[int, Between(0, 999_999)]
 Depths = Annotated[tuple[Depth, Depth], BeforeValidator(_two_depths), AfterValidator(_near_first)]
 
 
-class RefocusOptions(JobOptions):
-    """What `nolens refocus` can be told.
+_DEPTH = "Depth"
 
-    Attributes
-    ----------
-    measurement
-        File of the measurement.
-    psfs
-        Folder of the camera's PSFs.
-    output
-        Folder of all that is written.
-    depth
-        Of the picture; None finds the sharpest one.
-    at
-        Row and column of the picture that is to be sharp; None for the whole picture.
-    search
-        Nearest and farthest depth to look at; None takes those of the PSFs.
-    stack
-        Nearest and farthest depth of a focal stack; None for no stack.
-    steps
-        Depths of the stack.
-    dark, flat, black, white, mosaic, bgr, channels, bin
-        How the measurement is read, as in `ReconstructOptions`.
-    region, tau, prior, iterations, device
-        How it is reconstructed, as there.
-    flip
-        Turns the pictures over: vertical, horizontal or both.
+
+class RefocusOptions(JobOptions):
+    """Focus a photograph at any depth, after it was taken.
+
+    nolens refocus raw.dng --psfs camera -o out
+
+    nolens refocus raw.dng --psfs camera --stack 8cm,50cm -o out
+
+    Without --depth the sharpest depth is found: the one whose PSF explains the photograph best,
+    or with --at the one at which that place is sharpest.
     """
 
-    measurement: FilePath
-    psfs: FilePath
-    output: FilePath
-    depth: Depth | None = None
-    at: Annotated[tuple[_Row, _Row], BeforeValidator(_place)] | None = None
-    search: Depths | None = None
-    stack: Depths | None = None
-    steps: Annotated[int, Between(2, _MOST_STEPS)] = 9
-    dark: FilePath | None = None
-    flat: FilePath | None = None
-    black: Counts | None = None
-    white: Counts | None = None
-    mosaic: Word | None = None
-    bgr: bool = False
-    channels: Word = "all"
-    bin: Bin = 1
-    region: Window | None = None
-    tau: Tau = 1e-4
-    prior: Prior = Prior.TV
-    iterations: Iterations = 100
-    device: DeviceName = "auto"
-    flip: Literal["none", "vertical", "horizontal", "both"] = "none"
+    usage = "refocus RAW --psfs FOLDER -o FOLDER"
 
-    @classmethod
-    def gather(cls, given: dict[str, Any]) -> Self:
-        """Options as the command line gives them.
+    measurement: Annotated[
+        FilePath,
+        Option(
+            "What the sensor measured: camera raw, .png, .tif or .npy.",
+            needed="the measurement (nolens refocus RAW --psfs FOLDER -o FOLDER)",
+            role="input",
+            positional=True,
+            label="Raw file",
+        ),
+    ]
+    psfs: Annotated[
+        FilePath,
+        Option(
+            f"Folder with the camera's PSFs at some distances ({PSFS_FILE}, as nolens calibrate "
+            "writes it), and camera.toml where there is one. Between distances PSFs are magnified.",
+            needed=f"the folder with the camera's {PSFS_FILE} (--psfs FOLDER)",
+            role="input",
+            label="Camera",
+        ),
+    ]
+    output: Annotated[
+        FilePath,
+        Option(
+            "Folder for the pictures: focused.png, focused.tif (16 bits, linear) and "
+            "refocus.json (the record); with --stack also stack.tif (for ImageJ), sweep.png "
+            "(animated), sweep.html (a page with a slider), all-in-focus.png, depth.png and "
+            "depth.tif (mm).",
+            needed="the folder for the pictures (-o FOLDER)",
+            role="output",
+            flag="-o",
+        ),
+    ]
+    depth: Annotated[
+        Depth | None,
+        Option(
+            "Distance that is to be sharp, such as 8cm, or infinity.",
+            _DEPTH,
+            default="the sharpest",
+        ),
+    ] = None
+    at: Annotated[
+        tuple[_Row, _Row] | None,
+        BeforeValidator(_place),
+        Option(
+            "ROW,COLUMN of focused.png, in pixels: what is to be sharp.",
+            _DEPTH,
+            default="the whole picture",
+        ),
+    ] = None
+    search: Annotated[
+        Depths | None,
+        Option(
+            "NEAR,FAR: depths between which the sharpest is sought, such as 8cm,infinity.",
+            _DEPTH,
+            default="the distances of the PSFs",
+        ),
+    ] = None
+    stack: Annotated[
+        Depths | None,
+        Option(
+            "NEAR,FAR: pictures at depths from near to far, in equal steps of 1/distance. Without "
+            "--depth or --at, focused.png is left out.",
+            _DEPTH,
+            label="Nearest and Farthest",
+        ),
+    ] = None
+    steps: Annotated[int, Between(2, _MOST_STEPS), Option("How many.", _DEPTH, label="Depths")] = 9
+    dark: Dark = None
+    flat: Flat = None
+    black: Black = None
+    white: White = None
+    mosaic: RawMosaic = None
+    bgr: Bgr = False
+    channels: Channels = "all"
+    bin: Annotated[Bin, Option("Average N×N pixels into one.", INPUT, label="Binning")] = 1
+    region: Support = None
+    tau: Annotated[
+        Tau, Option("Weight of the prior.", SOLVER, default="1e-4", label="τ, weight of the prior")
+    ] = 1e-4
+    prior: ScenePrior = Prior.TV
+    iterations: Annotated[
+        Iterations,
+        Option(
+            "Limit of the iterations for a picture; while searching, at most 60.",
+            SOLVER,
+            label="Iterations, at most",
+        ),
+    ] = 100
+    device: Device = "auto"
+    flip: Flip = "none"
 
-        Raises
-        ------
-        OptionError
-            If one is missing, its value cannot be used, or two do not go together.
-        """
-        for name, what in (
-            ("measurement", "the measurement (nolens refocus RAW --psfs FOLDER -o FOLDER)"),
-            ("psfs", f"the folder with the camera's {PSFS_FILE} (--psfs FOLDER)"),
-            ("output", "the folder for the pictures (-o FOLDER)"),
-        ):
-            if not given.get(name):
-                raise OptionError(f"no {name} is given; name {what}")
-        options = cls.checked(given)
-        if options.depth is not None:
-            for name, value in (("at", options.at), ("search", options.search)):
+    def check_together(self) -> None:
+        """Refuse a depth that is stated and sought, and steps or a search without their use."""
+        if self.depth is not None:
+            for name, value in (("at", self.at), ("search", self.search)):
                 if value is not None:
                     raise OptionError(
-                        f"--depth {options.depth} says the depth, and --{name} has it found: "
+                        f"--depth {self.depth} says the depth, and --{name} has it found: "
                         "leave one out"
                     )
-        if "steps" in given and options.stack is None:
+        if "steps" in self.model_fields_set and self.stack is None:
             raise OptionError(
-                f"--steps {options.steps} are those of a focal stack: say between which depths, "
+                f"--steps {self.steps} are those of a focal stack: say between which depths, "
                 "such as --stack 8cm,50cm"
             )
-        if options.search is not None and not options.focused:
+        if self.search is not None and not self.focused:
             raise OptionError(
                 "--search looks for the sharpest depth, and --stack alone looks for none: add "
                 "--at, or leave one out"
             )
-        return options
 
     @property
     def focused(self) -> bool:
@@ -165,20 +221,17 @@ class RefocusOptions(JobOptions):
         return self.output / RECORD_FILE
 
     @property
+    def output_folder(self) -> Path:
+        """It is made where it does not exist."""
+        return self.output
+
+    @property
     def inputs(self) -> dict[str, Path]:
         """Files that are read, by role, but for the PSFs."""
-        roles = {
-            "measurement": self.measurement,
-            "list of PSFs": self.psfs / PSFS_FILE,
-            "camera": self.psfs / CAMERA_FILE,
-            "dark": self.dark,
-            "flat": self.flat,
-        }
-        return {
-            role: path
-            for role, path in roles.items()
-            if path is not None and (role != "camera" or path.is_file())
-        }
+        files = super().inputs
+        files["list of PSFs"] = files.pop("psfs") / PSFS_FILE
+        camera = self.psfs / CAMERA_FILE
+        return files | {"camera": camera} if camera.is_file() else files
 
     @property
     def written(self) -> tuple[Written, ...]:

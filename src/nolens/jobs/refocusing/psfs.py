@@ -9,7 +9,7 @@ from nolens.camera import Camera, Frame, Measurement, PsfEntry, PsfKind, develop
 from nolens.camera.measurement import bin_mean
 from nolens.camera.psf_warnings import edge_warning
 from nolens.errors import DataError, OptionError
-from nolens.files import CAMERA_FILE, InputFile, read_camera, read_psf, read_psf_set
+from nolens.files import CAMERA_FILE, read_camera, read_psf, read_psf_set
 from nolens.jobs.refocusing.options import RefocusOptions
 from nolens.refocusing import (
     PsfAt,
@@ -40,8 +40,8 @@ class DepthPsfs:
         Cells along one of the measurement's.
     depth_of_focus_per_m
         Difference of 1/z that can be told.
-    inputs
-        Their files, by role.
+    files
+        Theirs, by role.
     warnings
         Sentences to show.
     """
@@ -49,7 +49,7 @@ class DepthPsfs:
     between: PsfBetween
     bin_by: int
     depth_of_focus_per_m: float
-    inputs: dict[str, InputFile]
+    files: dict[str, Path]
     warnings: tuple[str, ...]
 
     @property
@@ -81,7 +81,7 @@ def read_depth_psfs(options: RefocusOptions, measurement: Measurement) -> DepthP
             "needs those straight ahead, at several distances (nolens calibrate)"
         )
     camera = _camera(options.psfs)
-    inputs = {f"PSF {each.file}": InputFile.of(options.psfs / each.file) for each in entries}
+    files = {f"PSF {each.file}": options.psfs / each.file for each in entries}
     if camera is not None:
         _check_readout(measurement, camera, entries[0], options.bin)
     read = [(entry, _read(options, entry, measurement)) for entry in entries]
@@ -98,7 +98,7 @@ def read_depth_psfs(options: RefocusOptions, measurement: Measurement) -> DepthP
         depth_of_focus_per_m(
             line_cells(known[0].psf) * cell_um, reduced, lit_cells(known[0].psf, seen) * cell_um
         ),
-        inputs,
+        files,
         (*warnings, *_gaps(between)),
     )
 

@@ -12,30 +12,18 @@ from torch import Tensor
 
 from nolens.camera import Measurement, arrange_rgb, develop, exposure_white
 from nolens.errors import OptionError
-from nolens.files import (
-    InputFile,
-    RunRecord,
-    check_folder,
-    read_frame,
-    readable,
-    write_into,
-    write_png,
-    write_record,
-    write_tiff16,
-)
+from nolens.files import read_frame, write_png, write_tiff16
 from nolens.files.plot_depth import plot_depth
 from nolens.files.write_slider import SliderPage, write_slider
 from nolens.files.write_stack import write_depths, write_stack
 from nolens.files.write_sweep import write_sweep
-from nolens.jobs.clock import Clock
-from nolens.jobs.cost import Cost, announce
-from nolens.jobs.device import pick_device
-from nolens.jobs.given import check_apart
+from nolens.jobs.cost import Cost
 from nolens.jobs.reconstruction.solve import solving_cost
 from nolens.jobs.reconstruction.window import oriented, region_within
 from nolens.jobs.refocusing.options import FOCUSED_FILES, STACK_FILES, RefocusOptions, depth_um
 from nolens.jobs.refocusing.psfs import DepthPsfs, read_depth_psfs
 from nolens.jobs.reporter import Reporter
+from nolens.jobs.run import Product, Run, Writer, job
 from nolens.refocusing import (
     AllInFocus,
     Search,
@@ -326,8 +314,8 @@ def in_mm(depth: float) -> float | str:
 
 
 @dataclass(frozen=True)
-class RefocusOutcome:
-    """What a refocusing came to.
+class Refocused:
+    """Pictures of a refocusing.
 
     Parameters
     ----------
@@ -335,81 +323,49 @@ class RefocusOutcome:
         Radiance at the depth that was asked for or found; None if only a stack was.
     pages
         The focal stack; None without one.
-    summary
-        Depths and figures, in values that JSON has.
     """
 
     picture: Tensor | None
     pages: Pages | None
-    summary: dict[str, Any]
 
 
-def refocus(options: RefocusOptions, reporter: Reporter) -> RefocusOutcome:
-    """Read, find the depth, reconstruct and write; nothing is written unless all went well.
-
-    Parameters
-    ----------
-    options
-        What to read, which depths, where to write.
-    reporter
-        Sees notes, warnings and every look.
+@job
+def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
+    """Find the depth, reconstruct, and write pictures, stack and record.
 
     Raises
     ------
     NolensError
-        If an input, an option or an output cannot be used.
+        If an input, an option or an output cannot be used; then nothing is written.
     """
-    clock = Clock()
-    check_folder(options.output)
-    check_apart(options, options.inputs)
-    device = pick_device(options.device)
+    options, reporter = run.options, run.reporter
     measurement = _measured(options)
     psfs = read_depth_psfs(options, measurement)
-    check_apart(options, {role: Path(each.path) for role, each in psfs.inputs.items()})
-    work = RefocusWork(options, psfs, _solving(options, measurement, psfs, device), reporter)
-    warnings = work.warnings()
-    for text in warnings:
-        reporter.warn(text)
-    announce(work.cost(), device, reporter)
-    inputs = {role: InputFile.of(path) for role, path in options.inputs.items()} | psfs.inputs
+    run.reads(psfs.files)
+    work = RefocusWork(options, psfs, _solving(options, measurement, psfs, run.device), reporter)
+    run.warn(*work.warnings())
+    run.begin(work.cost())
 
-    summary: dict[str, Any] = {
+    figures: dict[str, Any] = {
         "depth_of_focus_per_m": psfs.depth_of_focus_per_m,
         "mask_to_sensor_um": psfs.between.reduced_um,
         "psf_distances_mm": [in_mm(each) for each in psfs.distances_um],
     }
     picture, pages, stopped = None, None, False
-    writers: dict[Path, Callable[[Path], None]] = {}
+    writers: dict[Path, Writer] = {}
     if options.focused:
         picture, found = work.focused()
         stopped = found is not None and not found.finished
-        summary |= work.told(found)
-        for text in work.doubts(found):
-            warnings.append(text)
-            reporter.warn(text)
+        figures |= work.told(found)
+        run.warn(*work.doubts(found))
         for name, write in zip(FOCUSED_FILES, (write_png, write_tiff16), strict=True):
             writers[options.output / name] = partial(write, radiance=picture)
     if options.stack is not None and not stopped:
         pages, stopped = work.stacked()
-        summary["stack_mm"] = [in_mm(each) for each in pages.stack.depths_um]
+        figures["stack_mm"] = [in_mm(each) for each in pages.stack.depths_um]
         writers |= stack_writers(options.output, pages, f"{options.measurement.name} refocused")
-    summary |= {
-        "stop_reason": "interrupted" if stopped else "finished",
-        "seconds": clock.seconds,
-        "device": str(device),
-        "outputs": [readable(path) for path in (*writers, options.record)],
-    }
-    record = RunRecord(
-        started=clock.started,
-        inputs=inputs,
-        parameters=options.model_dump(mode="json"),
-        result=summary,
-        history=[],
-        warnings=warnings,
-    )
-    writers[options.record] = partial(write_record, record=record)
-    write_into(options.output, writers)
-    return RefocusOutcome(picture, pages, summary)
+    figures["stop_reason"] = "interrupted" if stopped else "finished"
+    return Product(Refocused(picture, pages), figures, writers)
 
 
 def _measured(options: RefocusOptions) -> Measurement:

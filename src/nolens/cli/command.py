@@ -1,0 +1,184 @@
+"""A command made of the declaration of its job: `nolens.jobs.options`."""
+
+import inspect
+import json
+from collections.abc import Callable, Iterable, Sequence
+from enum import Enum
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+
+from cyclopts import Group, Parameter, Token
+from pydantic import BeforeValidator
+
+from nolens.cli.messages import show
+from nolens.cli.terminal import TerminalReporter
+from nolens.jobs.options import JobOptions, Option
+from nolens.jobs.reporter import Reporter
+from nolens.jobs.run import Result
+
+Options = TypeVar("Options", bound=JobOptions)
+
+Json = Annotated[
+    bool,
+    Parameter(
+        name="--json",
+        negative=(),
+        show_default=False,
+        help="Print one JSON object on standard output.",
+    ),
+]
+_Config = Annotated[
+    Path | None,
+    Parameter(help="TOML file with the same names; options on the command line come before it."),
+]
+_MOST_LISTED = 12
+_BY_NAME = inspect.Parameter.KEYWORD_ONLY
+_BY_PLACE = inspect.Parameter.POSITIONAL_OR_KEYWORD
+_REST = inspect.Parameter.VAR_POSITIONAL
+
+
+def whole(kind: type, tokens: Sequence[Token]) -> int:
+    """A whole number; cyclopts would round 2.5 without a word."""
+    try:
+        return int(tokens[0].value)
+    except ValueError:
+        raise ValueError(f"{tokens[0].value} is no whole number, such as 2") from None
+
+
+def command(
+    model: type[Options],
+    job: Callable[[Options, Reporter], Result[Any]],
+    lines: Callable[[dict[str, Any]], Iterable[str]],
+    *,
+    name: str,
+    reporter: Callable[[], TerminalReporter] = TerminalReporter,
+) -> Callable[..., int]:
+    """Make the command of a job.
+
+    Its options and its help are those that the model declares; ``--config`` and ``--json`` are
+    every command's.
+
+    Parameters
+    ----------
+    model
+        Options of the job.
+    job
+        What does it.
+    lines
+        What a person at a terminal is told of the summary; the files that were written follow.
+    name
+        Of the command.
+    reporter
+        Makes what shows how far it is.
+    """
+
+    def run(*places: Any, **names: Any) -> int:
+        values = dict(signature.bind_partial(*places, **names).arguments)
+        as_json, config = values.pop("json_", False), values.pop("config", None)
+        options = {key: each for key, each in values.items() if each is not None and each != ()}
+        watching = reporter()
+        with watching:
+            summary = job(model.gather(options, config), watching).summary
+        told = [json.dumps(summary)] if as_json else [*lines(summary), *_listed(summary["outputs"])]
+        for line in told:
+            show(line)
+        return 130 if watching.interrupted else 0
+
+    signature = inspect.Signature(_parameters(model), return_annotation=int)
+    run.__signature__ = signature  # type: ignore[attr-defined]
+    run.__annotations__ = {each.name: each.annotation for each in signature.parameters.values()}
+    run.__annotations__["return"] = int
+    run.__doc__, run.__name__ = model.__doc__, name
+    return run
+
+
+def _listed(outputs: list[str]) -> list[str]:
+    """Files that were written, the last one for many."""
+    more = len(outputs) - _MOST_LISTED
+    return outputs if more <= 0 else [*outputs[:_MOST_LISTED], f"and {more} more, to {outputs[-1]}"]
+
+
+def _parameters(model: type[JobOptions]) -> list[inspect.Parameter]:
+    groups: dict[str, Group] = {}
+    ordered = sorted(model.model_fields, key=lambda field: not Option.of(model, field).positional)
+    found = []
+    for field in ordered:
+        heading = Option.of(model, field).group
+        group = (
+            groups.setdefault(heading, Group(heading, sort_key=len(groups))) if heading else None
+        )
+        found.append(_parameter(model, field, group))
+    return [
+        *found,
+        inspect.Parameter("config", _BY_NAME, default=None, annotation=_Config),
+        inspect.Parameter("json_", _BY_NAME, default=False, annotation=Json),
+    ]
+
+
+def _parameter(model: type[JobOptions], name: str, group: Group | None) -> inspect.Parameter:
+    """How one field is given at a terminal."""
+    field, option = model.model_fields[name], Option.of(model, name)
+    kind = _kind(field.annotation, field.metadata)
+    text = option.help
+    if field.is_required():
+        text += " Needed."
+    elif default := option.default or _default(field.default):
+        text += f"  [default: {default}]"
+    settings: dict[str, Any] = {"help": text, "show_default": False}
+    external = field.alias or name
+    if option.flag:
+        settings["name"] = (f"--{external.replace('_', '-')}", option.flag)
+    elif external != name:
+        settings["name"] = f"--{external.replace('_', '-')}"
+    if group is not None:
+        settings["group"] = group
+    if kind is bool and not option.negative:
+        settings["negative"] = ()
+    if option.several:
+        settings["consume_multiple"] = True
+    if int in (kind, *get_args(kind)):
+        settings["converter"] = whole
+    if str in (kind, *get_args(kind)):
+        settings["allow_leading_hyphen"] = _is_signed(field.annotation)
+    if option.positional and get_origin(kind) is tuple:
+        annotation: Any = Annotated[get_args(kind)[0], Parameter(**settings)]
+        return inspect.Parameter(name, _REST, annotation=annotation)
+    place = _BY_PLACE if option.positional else _BY_NAME
+    annotation = Annotated[kind | None, Parameter(**settings)]
+    return inspect.Parameter(name, place, default=None, annotation=annotation)
+
+
+def _kind(annotation: Any, metadata: Iterable[Any] = ()) -> Any:
+    """Type of what is typed: the model itself reads quantities and all else that has a notation."""
+    if get_origin(annotation) is Annotated:
+        inner, *more = get_args(annotation)
+        return _kind(inner, more)
+    if any(isinstance(each, BeforeValidator) for each in metadata):
+        return str
+    arguments = [each for each in get_args(annotation) if each is not NoneType]
+    if get_origin(annotation) in (Union, UnionType):
+        return _kind(arguments[0]) if len(arguments) == 1 else str
+    if get_origin(annotation) is tuple:
+        if arguments[-1] is Ellipsis:
+            return tuple[_kind(arguments[0]), ...]  # type: ignore[misc]
+        return tuple[tuple(_kind(each) for each in arguments)]  # type: ignore[misc]
+    plain = annotation in (bool, int, float, Path) or get_origin(annotation) is Literal
+    return annotation if plain or issubclass(annotation, Enum) else str
+
+
+def _is_signed(annotation: Any) -> bool:
+    """Whether a text may begin with a hyphen, as a quantity may."""
+    if isinstance(annotation, type) and annotation.__module__.startswith("nolens."):
+        return not issubclass(annotation, Enum)
+    return any(_is_signed(each) for each in get_args(annotation))
+
+
+def _default(value: Any) -> str:
+    if value is None or value is False or value == ():
+        return ""
+    if isinstance(value, tuple):
+        return ",".join(map(_default, value))
+    if isinstance(value, Enum):
+        return str(value.value)
+    return f"{value:g}" if isinstance(value, float) else str(value)

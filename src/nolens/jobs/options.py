@@ -1,0 +1,367 @@
+"""How a job is declared: the fields of its options, their checks, and the files they name."""
+
+import difflib
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Literal, NamedTuple, Self, get_args, get_origin
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+)
+
+from nolens.camera.part import refusal
+from nolens.documents import parse_toml
+from nolens.errors import OptionError
+from nolens.files.text_file import read_text
+from nolens.printable import quoted
+from nolens.quantities import Quantity
+
+# Of Linux; temporary files add some characters to a name.
+_LONGEST_NAME, _LONGEST_PATH = 220, 4000
+_CONTROL = re.compile(rb"[\x00-\x1f\x7f]")
+
+
+Role = Literal["value", "input", "output", "camera", "material"]
+"""What a field names: a value, files to read or to write, a camera, or a material."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """What a person is told of a field, as in ``steps: Annotated[int, Option("How many.")] = 9``.
+
+    Everything that shows or takes a job's options (the command line, its help, TOML files, the
+    studio and the record) takes them from here.
+
+    Attributes
+    ----------
+    help
+        What it means, as a person reads it.
+    group
+        Heading under which the help lists it.
+    default
+        What is taken where nothing is given, for a field without a plain default.
+    needed
+        For a field without a default: what is to be named, and how.
+    role
+        What it names.
+    flag
+        A short spelling, such as ``-o``.
+    positional
+        Whether it is given by its place, without its name.
+    negative
+        Whether a switch can be turned off by ``--no-...``.
+    several
+        Whether one name may be followed by several values.
+    label
+        What the studio's page calls it.
+    """
+
+    help: str
+    group: str = ""
+    _: KW_ONLY
+    default: str = ""
+    needed: str = ""
+    role: Role = "value"
+    flag: str = ""
+    positional: bool = False
+    negative: bool = True
+    several: bool = False
+    label: str = ""
+
+    @classmethod
+    def of(cls, model: "type[JobOptions]", name: str) -> "Option":
+        """What is declared for a field.
+
+        Raises
+        ------
+        TypeError
+            If nothing is: every field of a job's options has its text.
+        """
+        for each in reversed(model.model_fields[name].metadata):
+            if isinstance(each, cls):
+                return each
+        raise TypeError(f"{model.__name__}.{name} has no Option: say what it means")
+
+
+class Written(NamedTuple):
+    """A file that a job writes.
+
+    Parameters
+    ----------
+    what
+        Its role, for messages.
+    path
+        Where it goes.
+    option
+        The option that names it.
+    suffixes
+        Those it may have; empty where the job itself names the file.
+    """
+
+    what: str
+    path: Path
+    option: str = "-o"
+    suffixes: tuple[str, ...] = ()
+
+
+class JobOptions(BaseModel):
+    """Options of a job: unchangeable, without unknown names.
+
+    The docstring of a model is the help of its command, and every field has an `Option`.
+
+    Attributes
+    ----------
+    usage
+        The shortest way to run it.
+    """
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True
+    )
+    usage: ClassVar[str] = ""
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _one_of_several(cls, value: Any, info: ValidationInfo) -> Any:
+        """One text, path or quantity stands for a tuple of it, where any number is meant."""
+        field = cls.model_fields[str(info.field_name)]
+        read = any(isinstance(each, BeforeValidator) for each in field.metadata)
+        one = isinstance(value, (str, Path, Quantity)) and not read
+        return (value,) if one and _takes_several(field.annotation) else value
+
+    @field_validator("*", mode="after")
+    @classmethod
+    def _paths_can_be(cls, value: Any) -> Any:
+        """Refuse a path that no system has, before it is asked for."""
+        for each in value if isinstance(value, tuple) else (value,):
+            if isinstance(each, Path) and (reason := _no_path(each)):
+                raise refusal(reason)
+        return value
+
+    @classmethod
+    def checked(cls, given: Mapping[str, Any]) -> Self:
+        """Options from values by name.
+
+        Raises
+        ------
+        OptionError
+            If a value cannot be used.
+        """
+        try:
+            return cls.model_validate(given)
+        except ValidationError as error:
+            raise OptionError(explain(error)) from None
+
+    @classmethod
+    def gather(cls, given: dict[str, Any], config: Path | None = None) -> Self:
+        """Options as a person gave them and, for what that leaves out, from a TOML file.
+
+        Parameters
+        ----------
+        given
+            Options by name.
+        config
+            TOML file with any of the same names; relative paths in it start from its folder.
+
+        Raises
+        ------
+        FileError
+            If the TOML file cannot be read.
+        DataError
+            If it is no TOML file.
+        OptionError
+            If a name is unknown (with the nearest known one), one is missing, its value cannot be
+            used, or two do not go together.
+        """
+        stored = {} if config is None else cls._stored(expand_home(config))
+        values = {**stored, **given}
+        for name, field in cls.model_fields.items():
+            if field.is_required() and values.get(name) in (None, "", (), []):
+                needed = Option.of(cls, name).needed
+                raise OptionError(f"no {name} is given; name {needed}")
+        try:
+            options = cls.model_validate(values)
+        except ValidationError as error:
+            raise OptionError(explain(error, dict.fromkeys({*stored} - {*given}, config))) from None
+        options.check_together()
+        if config is not None:
+            check_apart(options, {"configuration": config})
+        return options
+
+    def check_together(self) -> None:
+        """Refuse options that do not go together; `model_fields_set` has those that were given.
+
+        Raises
+        ------
+        OptionError
+            If there are such.
+        """
+
+    @classmethod
+    def _stored(cls, config: Path) -> dict[str, Any]:
+        """Values of a TOML file, its relative paths from its folder."""
+        values = parse_toml(read_text(config), str(config))
+        names = [name.replace("-", "_") for name in values]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice:
+            raise OptionError(
+                f"{config} has the key {twice} twice, with _ and with -: leave one out"
+            )
+        values = dict(zip(names, values.values(), strict=True))
+        spellings = cls.spellings()
+        for key, value in values.items():
+            if key not in spellings:
+                raise OptionError(
+                    f"{config} has the key {key!r}, which is no option{_nearest(key, spellings)}"
+                )
+            name = spellings[key]
+            if Option.of(cls, name).role in ("input", "output"):
+                several = _takes_several(cls.model_fields[name].annotation)
+                values[key] = _beside(config, key, value, several=several)
+        return values
+
+    @classmethod
+    def spellings(cls) -> dict[str, str]:
+        """Field by each name that a person may give it, its own first."""
+        return {field.alias or name: name for name, field in cls.model_fields.items()} | {
+            name: name for name in cls.model_fields
+        }
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Files that are read, by role."""
+        found: dict[str, Path] = {}
+        for name in type(self).model_fields:
+            value = getattr(self, name)
+            if Option.of(type(self), name).role == "input" and isinstance(value, Path):
+                found[name] = value
+        return found
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """Files that are written."""
+        raise NotImplementedError
+
+    @property
+    def record(self) -> Path | None:
+        """File of the run's record; None where none is written."""
+        return None
+
+    @property
+    def output_folder(self) -> Path | None:
+        """Folder that is made for what is written; None where there must be one."""
+        return None
+
+
+def _beside(config: Path, name: str, value: Any, *, several: bool) -> Any:
+    """A path of a TOML file, or a list of them, from the folder of that file."""
+    files = value if several and isinstance(value, list) else [value]
+    if not all(isinstance(each, str) for each in files):
+        more = " or a list of them" if several else ""
+        raise OptionError(f"{name} in {config} is {value!r}; give a file name{more}")
+    paths = tuple(config.parent / expand_home(Path(each)) for each in files)
+    return paths if several else paths[0]
+
+
+def expand_home(path: Path) -> Path:
+    """Take ~ for the home folder, where the shell has not done so (--psf=~/psf.dng)."""
+    try:
+        return path.expanduser()
+    except RuntimeError:  # No such user: then it is a name like any other.
+        return path
+
+
+def _nearest(name: str, known: Mapping[str, str]) -> str:
+    near = difflib.get_close_matches(name, known, n=1)
+    return f". Did you mean {near[0]!r}?" if near else f"; known are {', '.join(known)}"
+
+
+def _no_path(path: Path) -> str | None:
+    """Why this cannot be a path; None if it can."""
+    try:
+        encoded = os.fsencode(path)
+    except UnicodeEncodeError:
+        return "it has half of a character in it (a lone surrogate): give the whole name"
+    if _CONTROL.search(encoded):
+        return "it has control characters, such as NUL or a new line: give a name without them"
+    if len(encoded) > _LONGEST_PATH or max(map(len, encoded.split(b"/"))) > _LONGEST_NAME:
+        return (
+            f"a name may have {_LONGEST_NAME} bytes and a path {_LONGEST_PATH}: give a shorter one"
+        )
+    return None
+
+
+def _takes_several(annotation: Any) -> bool:
+    """Whether a type is a tuple of any length, or is one of several that a value may have."""
+    if get_origin(annotation) is tuple:
+        return get_args(annotation)[-1] is Ellipsis
+    return any(_takes_several(each) for each in get_args(annotation))
+
+
+def check_apart(options: JobOptions, read: Mapping[str, Path]) -> None:
+    """Refuse to write over a file that is read, or over another one that is written.
+
+    Parameters
+    ----------
+    options
+        They name the files to write.
+    read
+        Files that are read, by role.
+
+    Raises
+    ------
+    OptionError
+        If two of them are one file.
+    """
+    before: list[Path] = []
+    for what, path, option, _ in options.written:
+        for role, other in read.items():
+            if _same(path, other):
+                raise OptionError(
+                    f"the {what} {path} would overwrite the {role} {other}: give another name "
+                    f"({option})"
+                )
+        if any(_same(path, other) for other in before):
+            raise OptionError(
+                f"the {what} {path} is given twice: give each its own name ({option})"
+            )
+        before.append(path)
+
+
+def explain(error: ValidationError, sources: Mapping[str, Path | None] | None = None) -> str:
+    """Say on one line what was given for which option, and what would be accepted.
+
+    Parameters
+    ----------
+    error
+        Of the model of the options.
+    sources
+        For options from a file, that file.
+    """
+    found: dict[str, list[str]] = {}
+    for each in error.errors(include_url=False):
+        name = str(each["loc"][0]) if each["loc"] else ""
+        if sources and name in sources:
+            what = f"{name} in {sources[name]}"
+        else:
+            what = f"--{name.replace('_', '-')}"
+        message = each["msg"][:1].lower() + each["msg"][1:]
+        reasons = found.setdefault(f"{what} is {quoted(each['input'])}", [])
+        reasons.append(message.removeprefix("input should be ") if reasons else message)
+    return "; ".join(f"{what}: {' or '.join(reasons)}" for what, reasons in found.items())
+
+
+def _same(one: Path, other: Path) -> bool:
+    """Whether two paths lead to one file."""
+    try:
+        return one.resolve() == other.resolve() or one.samefile(other)
+    except (OSError, ValueError, RuntimeError):  # At least one of them does not exist.
+        return False
