@@ -10,7 +10,7 @@ import torch
 
 from nolens.camera import PRESETS
 from nolens.errors import FileError, OptionError
-from nolens.files import SUFFIXES, write_counts, write_tiff16, write_tiff32
+from nolens.files import frame_suffixes, write_counts, write_tiff16, write_tiff32
 from nolens.studio.workspace import PICTURE_SUFFIXES, RAW_SUFFIXES, Workspace, unused
 
 
@@ -107,7 +107,7 @@ def test_names_are_never_used_twice(tmp_path: Path) -> None:
 
 
 def test_knows_what_the_package_reads_without_loading_it(space: Workspace) -> None:
-    assert set(SUFFIXES) <= {*RAW_SUFFIXES, *PICTURE_SUFFIXES}
+    assert set(frame_suffixes()) <= {*RAW_SUFFIXES, *PICTURE_SUFFIXES}
     assert set(space.presets()) == set(PRESETS)
 
 

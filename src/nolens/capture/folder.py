@@ -8,7 +8,7 @@ from threading import Event
 
 from nolens.capture.source import Shot
 from nolens.errors import CameraError, NolensError, OptionError
-from nolens.files import SUFFIXES, read_frame
+from nolens.files import frame_suffixes, read_frame
 
 _LOOK_S = 0.2
 _QUIET_S = 0.4
@@ -114,7 +114,7 @@ class FolderSource:
         found = {}
         try:
             for path in self._folder.iterdir():
-                if path.suffix.lower() in SUFFIXES and not path.name.startswith("."):
+                if path.suffix.lower() in frame_suffixes() and not path.name.startswith("."):
                     try:
                         stat = path.stat()
                     except OSError:  # It was moved or deleted since it was listed.

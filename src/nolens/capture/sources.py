@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nolens.errors import CameraError, OptionError
+from nolens.plugins import load_plugin, plugin_names
 
 if TYPE_CHECKING:
     from nolens.capture.source import CameraSource
@@ -58,6 +59,7 @@ def available_sources() -> tuple[SourceFact, ...]:
         *found,
         SourceFact(f"twin:{_LIVE}", "Simulated camera", True, ""),
         SourceFact("folder", "Watched folder", True, ""),
+        *(SourceFact(name, name, True, "") for name in plugin_names("nolens.sources")),
     )
 
 
@@ -74,7 +76,9 @@ def open_source(
     ----------
     text
         ``auto`` (the Raspberry Pi's camera where there is one, else the simulated one),
-        ``raspberry``, ``raspberry:1``, ``twin``, ``twin:CAMERA`` or ``folder:PATH``.
+        ``raspberry``, ``raspberry:1``, ``twin``, ``twin:CAMERA`` or ``folder:PATH``; or the name
+        under which another package adds one (entry point ``nolens.sources``), which is called
+        with what follows the colon.
     existing, mosaic, tell
         For folders, as `FolderSource` takes them.
 
@@ -110,7 +114,11 @@ def open_source(
         with suppress(RuntimeError):  # No such user: then it is a name like any other.
             path = path.expanduser()
         return FolderSource(path, existing=existing, mosaic=mosaic, tell=tell)
-    raise OptionError(f"there is no source {text!r}; accepted are {_ACCEPTED}")
+    make: Callable[[str], CameraSource] | None = load_plugin("nolens.sources", kind)
+    if make is not None:
+        return make(rest)
+    more = "".join(f", or {name}" for name in plugin_names("nolens.sources"))
+    raise OptionError(f"there is no source {text!r}; accepted are {_ACCEPTED}{more}")
 
 
 def _raspberry_models() -> list[str]:

@@ -3,7 +3,7 @@ from .description import describe
 from .folder import check_folder, write_into
 from .frames import FrameSequence, is_sequence, open_sequence
 from .names import readable
-from .read import SUFFIXES, read_frame
+from .read import frame_suffixes, read_frame
 from .read_camera import CAMERA_FILE, camera_files, read_camera, write_camera
 from .read_material import read_material
 from .read_picture import PICTURE_SUFFIXES, Picture, check_scans, read_picture
@@ -33,7 +33,6 @@ __all__ = [
     "FRAME_SUFFIXES",
     "PICTURE_SUFFIXES",
     "PSFS_FILE",
-    "SUFFIXES",
     "FrameSequence",
     "HeightMap",
     "InputFile",
@@ -48,6 +47,7 @@ __all__ = [
     "check_scans",
     "check_step",
     "describe",
+    "frame_suffixes",
     "hash_file",
     "is_sequence",
     "layout",

@@ -8,7 +8,7 @@ from pathlib import Path
 from nolens.camera import Frame
 from nolens.errors import FileError
 from nolens.files.check_input import check_exists
-from nolens.files.read import SUFFIXES, declared, read_frame
+from nolens.files.read import declared, frame_suffixes, read_frame
 from nolens.files.read_npy import frame_of_npy, open_npy
 from nolens.files.read_tiff import count_pages, read_tiff
 
@@ -101,7 +101,7 @@ def _of_folder(folder: Path, mosaic: str | None, bgr: bool) -> FrameSequence:
             (
                 each
                 for each in folder.iterdir()
-                if each.suffix.lower() in SUFFIXES and not each.name.startswith(".")
+                if each.suffix.lower() in frame_suffixes() and not each.name.startswith(".")
             ),
             key=lambda each: [
                 (int(part), "") if part.isdigit() else (-1, part)
@@ -113,7 +113,8 @@ def _of_folder(folder: Path, mosaic: str | None, bgr: bool) -> FrameSequence:
         raise FileError(f"cannot read {folder}: {error.strerror or error}") from error
     if not files:
         raise FileError(
-            f"the folder {folder} holds no frame; its files can be {', '.join(sorted(SUFFIXES))}"
+            f"the folder {folder} holds no frame; its files can be "
+            f"{', '.join(sorted(frame_suffixes()))}"
         )
     stems = [each.stem for each in files]
     names = tuple(

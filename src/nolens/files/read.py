@@ -1,24 +1,29 @@
 """Reading a frame of any accepted format."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 from nolens.camera import MOSAICS, Frame
 from nolens.errors import FileError, OptionError
 from nolens.files.check_input import check_content, check_exists
+from nolens.files.limits import check_bytes, check_size
 from nolens.files.read_npy import read_npy
 from nolens.files.read_png import read_png
 from nolens.files.read_raw import RAW_SUFFIXES, read_raw
 from nolens.files.read_tiff import read_tiff
+from nolens.plugins import load_plugin, plugin_names
 
 _READERS = {".png": read_png, ".tif": read_tiff, ".tiff": read_tiff, ".npy": read_npy}
 _READERS |= dict.fromkeys(RAW_SUFFIXES, read_raw)
 
-SUFFIXES = tuple(_READERS)
-"""Suffixes of the files that can be read."""
-
 _CONTENT = {".png": ("PNG",), ".tif": ("TIFF",), ".tiff": ("TIFF",), ".npy": ("npy",)}
 _NOT_LINEAR = (".jpg", ".jpeg", ".webp", ".gif", ".bmp", ".heic", ".avif", ".jp2", ".mp4")
+
+
+def frame_suffixes() -> tuple[str, ...]:
+    """Suffixes of the files that can be read, those that other packages add among them."""
+    return (*_READERS, *(f".{name}" for name in plugin_names("nolens.readers")))
 
 
 def read_frame(path: str | Path, *, mosaic: str | None = None, bgr: bool = False) -> Frame:
@@ -27,7 +32,8 @@ def read_frame(path: str | Path, *, mosaic: str | None = None, bgr: bool = False
     Parameters
     ----------
     path
-        Camera raw (.dng, .cr2, .nef and others), .tif, .png or .npy.
+        Camera raw (.dng, .cr2, .nef and others), .tif, .png or .npy; or with a suffix that another
+        package adds (entry point ``nolens.readers``, named like the suffix without its dot).
     mosaic
         Says that the single channel of a TIFF, PNG or npy file is a colour mosaic: the colours
         of its 2×2 cell row by row, ``"RGGB"``, ``"BGGR"``, ``"GRBG"`` or ``"GBRG"``.
@@ -52,9 +58,28 @@ def read_frame(path: str | Path, *, mosaic: str | None = None, bgr: bool = False
             f"{_accepted()}"
         )
     if suffix not in _READERS:
+        frame = _read_by_plugin(path, suffix)
+        if frame is not None:
+            return declared(frame, mosaic=mosaic, bgr=bgr)
         raise FileError(f"{path}: the suffix {suffix or '(none)'} is not known. {_accepted()}")
     check_content(path, _CONTENT.get(suffix, ("TIFF", None)), _accepted())
     return declared(_READERS[suffix](path), mosaic=mosaic, bgr=bgr)
+
+
+def _read_by_plugin(path: Path, suffix: str) -> Frame | None:
+    """Frame by the reader of another package; None where there is none."""
+    read: Callable[[Path], Frame] | None = load_plugin("nolens.readers", suffix.removeprefix("."))
+    if read is None:
+        return None
+    check_bytes(path)
+    try:
+        frame = read(path)
+    except OSError as error:
+        raise FileError(f"cannot read {path}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise FileError(f"{path} cannot be read as {suffix}: {error}") from error
+    check_size(frame.counts.shape, frame.counts.element_size(), path)
+    return frame
 
 
 def declared(frame: Frame, *, mosaic: str | None, bgr: bool) -> Frame:
@@ -80,7 +105,7 @@ def declared(frame: Frame, *, mosaic: str | None, bgr: bool) -> Frame:
 def _accepted() -> str:
     return (
         "Accepted are camera raw (.dng, .cr2, .nef and others), 8 or 16-bit .png and .tif, "
-        "float .tif, and .npy"
+        "float .tif, and .npy" + "".join(f", .{name}" for name in plugin_names("nolens.readers"))
     )
 
 
