@@ -1,0 +1,1 @@
+"""A package that adds to nolens: what docs/extending.md shows."""
