@@ -9,13 +9,19 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from nolens.cli.messages import say
+from nolens.jobs.clock import Pace, duration_text
 from nolens.jobs.reporter import Reporter
 from nolens.printable import printable
 from nolens.solvers import Progress as Iteration
 
+_SURE_S, _LONG_S = 5.0, 60.0
+"""After how long the pace of some work is believed, and what is worth a line."""
+
 
 class TerminalReporter(Reporter):
     """Notes and warnings on standard error; a progress bar where that is a terminal.
+
+    Where it is none, work that takes minutes says so once its pace is known.
 
     The first Ctrl-C during work that goes in steps ends it after a step, and what is done so far
     is written. A second one, or one during any other work, does what it did before the job: the
@@ -28,6 +34,7 @@ class TerminalReporter(Reporter):
         self._bar: Progress | None = None
         self._task: TaskID | None = None
         self._work = ""
+        self._pace, self._announced = Pace(), ""
         # FORCE_COLOR and the like make rich take anything for a terminal.
         if sys.stderr is not None and sys.stderr.isatty():
             self._bar = Progress(
@@ -81,6 +88,11 @@ class TerminalReporter(Reporter):
     def _show(self, work: str, text: str, state: str, done: float, total: float) -> None:
         """Move the bar; a new one, with a clock of its own, for other work than before."""
         if self._bar is None:
+            left = self._pace.seconds_left(work, done / total)
+            long = left is not None and left > _LONG_S and self._pace.seconds > _SURE_S
+            if left is not None and long and self._announced != work:
+                self._announced = work
+                say(f"{printable(text)}: about {duration_text(left)} to go")
             return
         text = printable(text)
         if self._task is None or work != self._work:

@@ -13,6 +13,7 @@ from typing import Any
 
 from nolens.errors import NolensError
 from nolens.jobs import Reporter
+from nolens.jobs.clock import Pace
 from nolens.solvers import Progress
 from nolens.studio.job_build import Place, build, declarations
 from nolens.studio.schemas import JobKind
@@ -130,7 +131,7 @@ class ChannelReporter(Reporter):
         self._channel, self._identity, self._cancelled = channel, identity, cancelled
         self._rows: list[dict[str, float | None]] = []
         self._told = 0.0
-        self._work, self._begun, self._from = "", 0.0, 0.0
+        self._work, self._pace = "", Pace()
 
     def note(self, text: str) -> None:
         """Say something a person should know before it happens."""
@@ -174,14 +175,10 @@ class ChannelReporter(Reporter):
             raise _CancelledError
 
     def _progress(self, what: str, share: float, done: int | None, limit: int | None) -> None:
-        now = time.monotonic()
-        if what != self._work or share < self._from:
-            self._work, self._begun, self._from = what, now, share
-        elif now - self._told < _EVERY_S and share < 1:
+        now, left = time.monotonic(), self._pace.seconds_left(what, share)
+        if now - self._told < _EVERY_S and share < 1 and what == self._work:
             return
-        gone = share - self._from
-        left = (now - self._begun) * (1 - share) / gone if gone > 0 else None
-        self._told = now
+        self._told, self._work = now, what
         self.flush()
         told = {"what": what, "share": share, "done": done, "limit": limit, "seconds_left": left}
         self._channel.tell("progress", self._identity, told)
