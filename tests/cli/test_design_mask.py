@@ -129,7 +129,7 @@ def test_the_table_a_person_sees(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ((), "no kind of mask is given: random-lenslets"),
+        ((), "no kind is given; name one of random-lenslets"),
         (("contours", "-o", "m"), "contour"),
         (("contour",), "no output is given"),
         (("contour", "-o", "m", "--pitch", "70um"), "does not have it; it has --radius"),

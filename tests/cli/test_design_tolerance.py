@@ -59,7 +59,7 @@ def test_files_say_what_was_found(tmp_path: Path, few: Path) -> None:
     told = studied(*QUICK, few, *asked, "-o", out)
     names = ["tolerance.json", "tolerance.png", "trials.csv"]
     assert sorted(listing(out)) == names
-    assert told["outputs"] == [str(out / name) for name in (names[0], names[2], names[1])]
+    assert told["outputs"] == [str(out / name) for name in (names[2], names[1], names[0])]
     record = json.loads((out / "tolerance.json").read_text())
     assert record["result"] == told and set(record["inputs"]) == {"tolerances"}
     assert 'name = "resin.thickness"' in record["parameters"]["tolerance_description"]

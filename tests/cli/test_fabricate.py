@@ -15,7 +15,6 @@ from nolens.camera import Camera, material, preset
 from nolens.errors import FileError
 from nolens.files import read_camera, write_camera
 from nolens.jobs import FabricateOptions
-from nolens.jobs import fabricate as job
 from nolens.twin import Twin
 
 QUICK = ("--crop", "0.3x0.2mm", "--triangles", 4000)
@@ -283,7 +282,7 @@ def test_nothing_is_half_written(
     def fail(path: Path, library: object) -> None:
         raise error
 
-    monkeypatch.setitem(job.__globals__, "write_oasis", fail)
+    monkeypatch.setattr("nolens.jobs.fabrication.fabricate.write_oasis", fail)
     done = run("fabricate", "small", "-o", out, "--levels", 3, *QUICK)
     assert done.code != 0 and done.out == ""
     assert listing(tmp_path) == before

@@ -1,111 +1,9 @@
 """`nolens design thickness`."""
 
-import json
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
-from cyclopts import Parameter
-
-from nolens.cli.app import Json, Output, Quantity
-from nolens.cli.messages import show
+from nolens.cli.command import command
 from nolens.jobs import ThicknessOptions, design_thickness
-
-Sensor = Parameter(group="Sensor")
-Master = Parameter(group="Master")
-Replica = Parameter(group="Replica")
-Light = Parameter(group="Light")
-Result = Parameter(group="Result")
-
-
-def thickness(
-    *,
-    camera: Annotated[str | None, Sensor] = None,
-    glass: Annotated[str | None, Quantity, Sensor] = None,
-    glass_material: Annotated[str | None, Sensor] = None,
-    glass_index: Annotated[str | None, Quantity, Sensor] = None,
-    gap: Annotated[str | None, Quantity, Sensor] = None,
-    no_glass: Annotated[bool, Parameter(negative=(), show_default=False), Sensor] = False,
-    film: Annotated[str | None, Quantity, Master] = None,
-    film_material: Annotated[str | None, Master] = None,
-    film_index: Annotated[str | None, Quantity, Master] = None,
-    film_distance: Annotated[str | None, Quantity, Master] = None,
-    film_side: Annotated[Literal["scene", "sensor"] | None, Master] = None,
-    radius: Annotated[str | None, Quantity, Master] = None,
-    material: Annotated[tuple[str, ...] | None, Replica] = None,
-    index: Annotated[tuple[str, ...] | None, Quantity, Replica] = None,
-    pitch: Annotated[str | None, Quantity, Replica] = None,
-    wavelength: Annotated[str | None, Quantity, Light] = None,
-    distance: Annotated[str | None, Quantity, Light] = None,
-    plot: Annotated[Path | None, Result] = None,
-    output: Annotated[Path | None, Output, Result] = None,
-    json_: Annotated[bool, Json] = False,
-) -> int:
-    """How thick the resin must be on a sensor, and how far off it may be.
-
-    nolens design thickness --film 0.305mm --film-distance 0.4mm+-0.2mm --material pua311
-
-    Put the diffuser over the sensor, find the distance at which the pattern of a point source
-    is sharpest, and say it here. Every length and index can have a ±, as in 0.4mm±0.2mm; all
-    results then have theirs.
-
-    Parameters
-    ----------
-    camera
-        Has the layers over the sensor: paper, paper-film, small, live, a folder with camera.toml,
-        or a .toml file.  [default: paper]
-    glass
-        Thickness of the cover glass.  [default: the camera's]
-    glass_material
-        Of the cover glass: a name (nolens material list) or a .toml file.  [default: the camera's]
-    glass_index
-        Its refractive index, in place of a material.
-    gap
-        Air between glass and sensor.  [default: the camera's]
-    no_glass
-        The sensor is bare: no glass, and no gap but that of --gap.  [default: off]
-    film
-        Thickness of the master film.  [default: 0.305mm, with which the paper's figures come out]
-    film_material
-        Of the film.  [default: polycarbonate]
-    film_index
-        Its refractive index, in place of a material.
-    film_distance
-        From the film to the cover glass, or the bare sensor, where its pattern is sharpest.
-        [default: 0.4mm±0.2mm, the paper's]
-    film_side
-        Where the film's relief faces when that is measured.  [default: scene]
-    radius
-        Radius of curvature of the lenslets, where it is known; then no film is needed.
-    material
-        Of the replica; again for more.  [default: pdms and pua311, the paper's]
-    index
-        Its refractive index, in place of a material; again for more.
-    pitch
-        Distance of neighbouring lenslets.  [default: the camera's]
-    wavelength
-        Of the light that is to be in focus.  [default: 587.56nm, where indices are given]
-    distance
-        From the camera to the point source, in the measurement and in use, or infinity.
-        [default: infinity]
-    plot
-        Picture to write: focus by colour, width of the lines by thickness (.png).
-    output
-        Folder to write the camera with this replica into, for nolens psf --camera FOLDER.
-    json_
-        Print one JSON object on standard output.
-    """
-    given = {
-        name: value
-        for name, value in locals().items()
-        if value not in (None, (), False) and name != "json_"
-    }
-    summary = design_thickness(ThicknessOptions.gather(given)).summary
-    if json_:
-        show(json.dumps(summary))
-        return 0
-    for line in _lines(summary):
-        show(line)
-    return 0
 
 
 def _lines(summary: dict[str, Any]) -> list[str]:
@@ -113,9 +11,7 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     for found in summary["materials"]:
         lines += ["", *_replica(found)]
     lines += ["", *_colours(summary["materials"])]
-    if summary["outputs"]:
-        lines += ["", *summary["outputs"]]
-    return lines
+    return [*lines, ""] if summary["outputs"] else lines
 
 
 def _sensor(summary: dict[str, Any]) -> str:
@@ -218,3 +114,6 @@ def _length(figure: dict[str, Any], digits: int | None = None) -> str:
 def _medium(layer: dict[str, Any]) -> str:
     index = f"n {layer['index']:.4g}"
     return index if layer["material"].startswith("n ") else f"{layer['material']} ({index})"
+
+
+thickness = command(ThicknessOptions, design_thickness, _lines, name="thickness")

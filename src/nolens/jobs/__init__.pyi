@@ -14,12 +14,11 @@ from .camera_facts import camera_facts
 from .capturing.job import CaptureOutcome, CaptureReporter, capture_frames
 from .capturing.options import CaptureOptions
 from .demo import DemoResult, run_demo
-from .designing.mask import MaskOutcome, design_mask
+from .designing.mask import design_mask
 from .designing.mask_options import MaskOptions
-from .designing.thickness import ThicknessOutcome, design_thickness
+from .designing.thickness import design_thickness
 from .designing.thickness_options import ThicknessOptions
-from .designing.tolerance import ToleranceOutcome, study_tolerances, tolerances_text
-from .designing.tolerance_options import ToleranceOptions
+from .designing.tolerance import ToleranceOptions, study_tolerances
 from .fabrication.fabricate import fabricate
 from .fabrication.options import FabricateOptions
 from .material_facts import material_facts
@@ -65,7 +64,6 @@ __all__ = [
     "EdgeOptions",
     "FabricateOptions",
     "MaskOptions",
-    "MaskOutcome",
     "MeasureFieldOptions",
     "MeasureFieldOutcome",
     "MeasurePsfOptions",
@@ -83,9 +81,7 @@ __all__ = [
     "SimulateOptions",
     "TargetOptions",
     "ThicknessOptions",
-    "ThicknessOutcome",
     "ToleranceOptions",
-    "ToleranceOutcome",
     "TwoPointOptions",
     "calibrate_distances",
     "calibrate_pairs",
@@ -113,5 +109,4 @@ __all__ = [
     "simulate",
     "simulate_psf",
     "study_tolerances",
-    "tolerances_text",
 ]

@@ -204,8 +204,9 @@ class JobOptions(BaseModel):
             if field.is_required() and values.get(name) in (None, "", (), []):
                 one = name.removesuffix("s") if _takes_several(field.annotation) else name
                 raise OptionError(f"no {one} is given; name {Option.of(cls, name).needed}")
+        external = {name: field.alias or name for name, field in cls.model_fields.items()}
         try:
-            options = cls.model_validate(values)
+            options = cls.model_validate({external.get(key, key): values[key] for key in values})
         except ValidationError as error:
             sources = dict.fromkeys({*stored} - {*given}, config)
             raise OptionError(explain(error, sources)) from None

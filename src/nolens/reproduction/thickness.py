@@ -15,6 +15,7 @@ from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files.plot_reproduce import plot_films
 from nolens.jobs.designing.thickness import design_thickness
 from nolens.jobs.designing.thickness_options import ThicknessOptions
+from nolens.jobs.reporter import Reporter
 from nolens.quantities import Length
 from nolens.reproduction.draft import Draft, Drawn, empty, refusal
 from nolens.reproduction.paper import PAPER
@@ -76,7 +77,7 @@ def steps(work: Workbench, camera: str) -> tuple[Step, ...]:
 def _designed(camera: str) -> Found:
     """What `nolens design thickness` finds from the paper's measurement of its master."""
     given = {"camera": camera, **_FILM, "material": _REPLICAS}
-    summary = design_thickness(ThicknessOptions.gather(given)).summary
+    summary = design_thickness(ThicknessOptions.gather(given), Reporter()).summary
     figures: dict[str, Any] = {
         name: summary[name] for name in ("radius_mm", "printed_radius_mm", "film")
     }

@@ -2,9 +2,9 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any, Self
+from dataclasses import replace
+from functools import partial
+from typing import Annotated, Any
 
 from pydantic import Field
 from torch import Tensor
@@ -16,11 +16,11 @@ from nolens.design.focus import depth_of_focus_um, lenslet_aperture
 from nolens.design.thickness import LensletStack
 from nolens.errors import DataError, NolensError, OptionError
 from nolens.evaluate import PsfFigures, psf_figures
-from nolens.files import camera_files, check_output, read_camera, readable, write_png
-from nolens.jobs.fields import FilePath, Name, Word
+from nolens.files import camera_files, read_camera, readable, write_png
+from nolens.jobs.fields import CAMERAS, FilePath, Name, Word
 from nolens.jobs.measuring.rounded import rounded
-from nolens.jobs.options import JobOptions, Written, check_apart
-from nolens.jobs.reporter import Reporter
+from nolens.jobs.options import JobOptions, Option, Written
+from nolens.jobs.run import Product, Run, job
 from nolens.optics import PointSource
 from nolens.quantities import Length
 from nolens.twin import REFERENCE_NM, Light, Twin, point_spread
@@ -31,91 +31,61 @@ _CELLS = 224
 
 
 class Thicknesses(JobOptions):
-    """Thickness of some layers of a camera, by name or, of one without a name, by its number."""
+    """Thickness of some layers of a camera."""
 
-    thickness: dict[Word, PositiveLength] = Field(default_factory=dict, max_length=20)
+    thickness: Annotated[
+        dict[Word, PositiveLength],
+        Field(max_length=20),
+        Option(
+            "Of layers in place of the camera's, by name, or by number from 0 for one without a "
+            "name.",
+            label="Layers",
+        ),
+    ] = Field(default_factory=dict)
 
 
 class LookOptions(Thicknesses):
-    """What a quick look at a design can be told.
+    """See the focus and the PSF of a design."""
 
-    Attributes
-    ----------
-    camera
-        Preset, folder or .toml file.
-    thickness
-        Of layers, by their names, in place of the camera's.
-    distance
-        Of the point source; None takes the camera's reference_distance.
-    output
-        Picture of the PSF to write (.png).
-    """
-
-    camera: Name = "paper"
-    distance: Depth | None = None
-    output: FilePath
-
-    @classmethod
-    def gather(cls, given: dict[str, Any]) -> Self:
-        """Options by name.
-
-        Raises
-        ------
-        OptionError
-            If one is missing, or its value cannot be used.
-        """
-        if not given.get("output"):
-            raise OptionError("no output is given; name the picture of the PSF (-o psf.png)")
-        return cls.checked(given)
-
-    @property
-    def inputs(self) -> dict[str, Path]:
-        """None but the camera's."""
-        return {}
+    camera: Annotated[Name, Option(f"{CAMERAS}.", role="camera", label="Description")] = "paper"
+    distance: Annotated[
+        Depth | None,
+        Option(
+            "From the camera to the point source, or infinity.",
+            default="the camera's reference_distance",
+        ),
+    ] = None
+    output: Annotated[
+        FilePath,
+        Option(
+            "Picture of the PSF to write (.png).",
+            needed="the picture of the PSF (-o psf.png)",
+            role="output",
+            flag="-o",
+        ),
+    ]
 
     @property
     def written(self) -> tuple[Written, ...]:
         """The picture."""
-        return (Written("picture", self.output),)
+        return (Written("picture", self.output, suffixes=(".png",)),)
 
 
-@dataclass(frozen=True)
-class LookOutcome:
-    """What a look came to.
-
-    Parameters
-    ----------
-    psf
-        (rows, columns).
-    summary
-        All figures, in values that JSON has.
-    """
-
-    psf: Tensor
-    summary: dict[str, Any]
-
-
-def look_at_design(options: LookOptions, reporter: Reporter) -> LookOutcome:
+@job
+def look_at_design(run: Run[LookOptions]) -> Product[Tensor]:
     """Work out focus and PSF of a camera, with other layers if they are given.
 
     The focus is that of ray matrices; the PSF is the twin's at 550 nm, of a window as large as
     some pitches, which stands for the rest.
-
-    Parameters
-    ----------
-    options
-        What to look at, where to write.
-    reporter
-        Sees how far the work is.
 
     Raises
     ------
     NolensError
         If the camera, an option or an output cannot be used.
     """
-    check_output(options.output, (".png",))
+    options = run.options
     opened = read_camera(options.camera)
-    check_apart(options, camera_files(options.camera, opened.camera))
+    run.reads(camera_files(options.camera, opened.camera))
     opened = with_thickness(opened, options.thickness)
     source_um = distance_um(options.distance, opened)
     twin = _patch(opened)
@@ -126,7 +96,7 @@ def look_at_design(options: LookOptions, reporter: Reporter) -> LookOutcome:
         pixels=_pixels(opened),
         light=Light(f"{REFERENCE_NM:g}nm"),
         wavelengths=1,
-        tick=lambda share: reporter.advance("PSF", share),
+        tick=partial(run.reporter.advance, "PSF"),
     )
     plane = psf[0]
     if not float(plane.max()) > 0:
@@ -136,7 +106,6 @@ def look_at_design(options: LookOptions, reporter: Reporter) -> LookOutcome:
     cell_um = opened.camera.sensor.pitch.um * _pixels(opened)
     stack = _stack(opened, source_um)
     reduced_um = float(stack.behind_um)
-    write_png(options.output, psf)
     summary = {
         "camera": opened.camera.name,
         "layers": _layers(opened),
@@ -144,11 +113,10 @@ def look_at_design(options: LookOptions, reporter: Reporter) -> LookOutcome:
         **_focus(opened, stack),
         "reduced_mm": rounded(reduced_um * 1e-3),
         "cell_um": cell_um,
-        **_told(_figures(plane, cell_um, reduced_um, reporter)),
+        **_told(_figures(plane, cell_um, reduced_um, run)),
         "psf": readable(options.output),
-        "outputs": [readable(options.output)],
     }
-    return LookOutcome(plane, summary)
+    return Product(plane, summary, {options.output: partial(write_png, radiance=psf)})
 
 
 def with_thickness(opened: OpenCamera, thickness: Mapping[str, Length]) -> OpenCamera:
@@ -259,13 +227,13 @@ def _focus(opened: OpenCamera, stack: LensletStack) -> dict[str, Any]:
 
 
 def _figures(
-    plane: Tensor, cell_um: float, reduced_um: float, reporter: Reporter
+    plane: Tensor, cell_um: float, reduced_um: float, run: Run[LookOptions]
 ) -> PsfFigures | None:
     try:
         return psf_figures(plane, cell_um, reduced_um=reduced_um, noise=0.0)
     except NolensError as error:
         # A flat mask, or far out of focus: there is a picture all the same.
-        reporter.warn(str(error))
+        run.warn(str(error))
         return None
 
 

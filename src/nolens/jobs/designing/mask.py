@@ -1,8 +1,10 @@
 """A camera with another mask: regular, random, or designed for its PSF."""
 
 import math
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -16,25 +18,13 @@ from nolens.design.masks import (
     mask_figures,
     spread_over,
 )
-from nolens.files import (
-    InputFile,
-    RunRecord,
-    camera_files,
-    read_camera,
-    readable,
-    write_camera,
-    write_record,
-)
-from nolens.files.folder import check_folder
+from nolens.files import camera_files, read_camera, write_camera
 from nolens.files.plot_mask import MaskPlot, plot_mask
-from nolens.jobs.clock import Clock
 from nolens.jobs.copied import copied_curves
 from nolens.jobs.cost import check_memory, surface_cost
 from nolens.jobs.designing.mask_kinds import made_mask, with_relief
-from nolens.jobs.designing.mask_options import PICTURE_FILE, RECORD_FILE, MaskOptions
-from nolens.jobs.device import pick_device
-from nolens.jobs.options import check_apart
-from nolens.jobs.reporter import Reporter
+from nolens.jobs.designing.mask_options import PICTURE_FILE, MaskOptions
+from nolens.jobs.run import Product, Run, Writer, job
 from nolens.quantities import Length
 from nolens.twin import Light, Twin
 from nolens.twin.preview import relief_points
@@ -52,44 +42,19 @@ _PAPERS = RandomLenslets(
 _MIDDLE_PIXELS = 1152
 
 
-@dataclass(frozen=True)
-class MaskOutcome:
-    """A camera with a new mask.
-
-    Parameters
-    ----------
-    opened
-        The camera.
-    summary
-        Figures of the mask and of the paper's, in values that JSON has.
-    """
-
-    opened: OpenCamera
-    summary: dict[str, Any]
-
-
-def design_mask(options: MaskOptions, reporter: Reporter) -> MaskOutcome:
+@job
+def design_mask(run: Run[MaskOptions]) -> Product[OpenCamera]:
     """Design a mask for a camera and write the camera that has it.
-
-    Parameters
-    ----------
-    options
-        Which mask, for which camera, where to write.
-    reporter
-        Sees notes and how far the work is.
 
     Raises
     ------
     NolensError
         If an option or an output cannot be used; then nothing is written.
     """
-    clock = Clock()
-    opened = read_camera(options.camera)
-    files = camera_files(options.camera, opened.camera)
-    check_apart(options, files)
-    check_folder(options.output)
-    device, light = pick_device(options.device), Light(options.light)
-    inputs = {role: InputFile.of(path) for role, path in files.items()}
+    options, reporter, device = run.options, run.reporter, run.device
+    opened, light = read_camera(options.camera), Light(options.light)
+    run.reads(camera_files(options.camera, opened.camera))
+    run.begin()
     made = made_mask(options, opened, light, device, reporter)
 
     reporter.advance("figures", 0.0)
@@ -105,8 +70,6 @@ def design_mask(options: MaskOptions, reporter: Reporter) -> MaskOutcome:
         "paper_diffuser": _plain(papers),
         "magnitude_per_mm": list(FREQUENCIES_PER_MM),
         "stop_reason": "interrupted" if made.stopped else "finished",
-        "outputs": [readable(each.path) for each in options.written],
-        "device": str(device),
     }
     if made.layout is not None:
         summary["period_um"] = made.layout.side * made.layout.grid_um
@@ -121,26 +84,22 @@ def design_mask(options: MaskOptions, reporter: Reporter) -> MaskOutcome:
         cell_um=twin.cell_um,
         title=made.opened.camera.name,
     )
-    summary["seconds"] = clock.seconds
-    record = RunRecord(
-        started=clock.started,
-        inputs=inputs,
-        parameters=options.model_dump(mode="json"),
-        result=summary,
-        history=[],
-        warnings=[],
+    more: dict[str, Writer] = {
+        **copied_curves(options.camera, opened),
+        PICTURE_FILE: partial(plot_mask, plot=plot),
+    }
+
+    def commit(writers: Mapping[Path, Writer]) -> None:
+        named = {path.name: write for path, write in writers.items()}
+        write_camera(options.output, made.opened.camera, made.opened.relief_um, more=named)
+
+    return Product(
+        made.opened,
+        summary,
+        {options.output / name: write for name, write in more.items()},
+        outputs=tuple(each.path for each in options.written if each.path != options.record),
+        commit=commit,
     )
-    write_camera(
-        options.output,
-        made.opened.camera,
-        made.opened.relief_um,
-        more={
-            **copied_curves(options.camera, opened),
-            PICTURE_FILE: partial(plot_mask, plot=plot),
-            RECORD_FILE: partial(write_record, record=record),
-        },
-    )
-    return MaskOutcome(made.opened, summary)
 
 
 def _middle(opened: OpenCamera, device: torch.device) -> Twin:

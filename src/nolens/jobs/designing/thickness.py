@@ -2,9 +2,9 @@
 
 import math
 from collections.abc import Mapping
-from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -14,22 +14,13 @@ from nolens.camera import MATERIALS, Camera, Mask, RandomLenslets
 from nolens.design.closed_forms import printed_radius_um, replica_thickness_um
 from nolens.design.replica import WIDER
 from nolens.design.uncertain import Propagated, Uncertain, propagate
-from nolens.errors import FileError, OptionError
-from nolens.files import (
-    InputFile,
-    RunRecord,
-    atomic_write,
-    camera_files,
-    check_output,
-    readable,
-    write_camera,
-    write_record,
-)
+from nolens.errors import OptionError
+from nolens.files import CAMERA_FILE, camera_files
 from nolens.files.plot_thickness import ColourCurves, plot_thickness
-from nolens.jobs.clock import Clock
+from nolens.files.read_camera import write_description
 from nolens.jobs.designing.thickness_case import Case, Medium
-from nolens.jobs.designing.thickness_options import RECORD_FILE, ThicknessOptions
-from nolens.jobs.options import check_apart
+from nolens.jobs.designing.thickness_options import ThicknessOptions
+from nolens.jobs.run import Product, Run, Writer, job
 from nolens.quantities import Length
 
 _COLOURS_NM = (450.0, 500.0, 550.0, 600.0, 650.0)
@@ -195,26 +186,9 @@ def with_replica(case: Case, figures: Mapping[str, Propagated]) -> Camera:
     )
 
 
-@dataclass(frozen=True)
-class ThicknessOutcome:
-    """What the design came to.
-
-    Parameters
-    ----------
-    summary
-        All figures, in values that JSON has.
-    """
-
-    summary: dict[str, Any]
-
-
-def design_thickness(options: ThicknessOptions) -> ThicknessOutcome:
+@job
+def design_thickness(run: Run[ThicknessOptions]) -> Product[list[dict[str, Propagated]]]:
     """Find the thickness of each replica, and write what was asked for.
-
-    Parameters
-    ----------
-    options
-        What is known of sensor, master and materials, and where to write.
 
     Raises
     ------
@@ -222,16 +196,11 @@ def design_thickness(options: ThicknessOptions) -> ThicknessOutcome:
         If an input or an option cannot be used, or a material cannot focus on this sensor; then
         nothing is written.
     """
-    clock = Clock()
+    options = run.options
     case = Case.of(options)
     case.check()
-    files = {**options.inputs, **camera_files(options.camera, case.opened.camera)}
-    check_apart(options, files)
-    if options.plot is not None:
-        check_output(options.plot, (".png",))
-    if options.output is not None and options.output.exists() and not options.output.is_dir():
-        raise FileError(f"{options.output} is a file: give the name of a folder (-o)")
-    inputs = {role: InputFile.of(path) for role, path in files.items()}
+    run.reads(camera_files(options.camera, case.opened.camera))
+    run.begin()
     found = [_figures(case, medium) for medium in case.replicas]
     summary = {
         "camera": case.opened.camera.name,
@@ -244,32 +213,18 @@ def design_thickness(options: ThicknessOptions) -> ThicknessOutcome:
             _material(case, medium, figures)
             for medium, figures in zip(case.replicas, found, strict=True)
         ],
-        "outputs": [readable(each.path) for each in options.written],
     }
-    camera = with_replica(case, found[0]) if options.output is not None else None
-    summary["seconds"] = clock.seconds
-    with ExitStack() as stack:
-        if options.plot is not None:
-            plot_thickness(
-                stack.enter_context(atomic_write(options.plot)),
-                [
-                    curves(case, medium, figures)
-                    for medium, figures in zip(case.replicas, found, strict=True)
-                ],
-            )
-        if options.output is not None and camera is not None:
-            record = RunRecord(
-                started=clock.started,
-                inputs=inputs,
-                parameters=options.model_dump(mode="json"),
-                result=summary,
-                history=[],
-                warnings=[],
-            )
-            write_camera(
-                options.output, camera, more={RECORD_FILE: partial(write_record, record=record)}
-            )
-    return ThicknessOutcome(summary)
+    writers: dict[Path, Writer] = {}
+    if options.plot is not None:
+        drawn = [
+            curves(case, medium, figures)
+            for medium, figures in zip(case.replicas, found, strict=True)
+        ]
+        writers[options.plot] = partial(plot_thickness, materials=drawn)
+    if options.output is not None:
+        camera = with_replica(case, found[0])
+        writers[options.output / CAMERA_FILE] = partial(write_description, camera=camera)
+    return Product(found, summary, writers)
 
 
 def _figures(case: Case, medium: Medium) -> dict[str, Propagated]:

@@ -1,19 +1,19 @@
-"""What `nolens design thickness` can be told, as a frozen model."""
+"""Options of `nolens design thickness`."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
-from pydantic_core import PydanticCustomError
 
+from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth
 from nolens.design.uncertain import Uncertain
 from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE
-from nolens.jobs.fields import FilePath, Name
-from nolens.jobs.options import JobOptions, Written, expand_home
+from nolens.jobs.fields import CAMERAS, FilePath, Name
+from nolens.jobs.options import JobOptions, Option, Written, expand_home
 from nolens.quantities import Length
 from nolens.ranges import Between
 
@@ -30,7 +30,7 @@ def _reading(read: Callable[[Any], Uncertain]) -> BeforeValidator:
         try:
             return read(given)
         except OptionError as error:
-            raise PydanticCustomError("quantity", "{reason}", {"reason": str(error)}) from None
+            raise refusal(str(error)) from None
 
     return BeforeValidator(convert)
 
@@ -51,6 +51,9 @@ class _Around(Between):
 Thickness = Annotated[Uncertain, _reading(Uncertain.length), _Around("0 mm", "10 m")]
 Size = Annotated[Uncertain, _reading(Uncertain.length), _Around("1 nm", "10 m")]
 Index = Annotated[Uncertain, _reading(Uncertain.number), _Around(1.0, 4.0, _OF_AIR)]
+_SENSOR, _MASTER, _REPLICA = "Sensor", "Master", "Replica"
+_LIGHT, _RESULT = "Light", "Result"
+_BY_NUMBER = "Its refractive index, in place of a material"
 _FILM = ("film", "film_material", "film_index", "film_distance", "film_side")
 _GLASS = ("glass", "glass_material", "glass_index")
 _ONE_OF = (
@@ -61,76 +64,133 @@ _ONE_OF = (
 
 
 class ThicknessOptions(JobOptions):
-    """What `nolens design thickness` can be told; lengths and indices with or without ±.
+    """How thick the resin must be on a sensor, and how far off it may be.
 
-    Attributes
-    ----------
-    camera
-        Preset, folder or .toml file that has the layers over the sensor.
-    glass, gap
-        Thickness of the cover glass and of the air below it, in place of the camera's.
-    glass_material, glass_index
-        What the glass is made of, in place of the camera's.
-    no_glass
-        The sensor has no cover glass; then the camera's gap counts no more, either.
-    film, film_material, film_index, film_distance, film_side
-        The master: its thickness (None: the paper's), what it is made of, where it is sharpest
-        over the cover glass or bare sensor (None: the paper's), and where its relief faces.
-    radius
-        Radius of curvature of the lenslets, in place of a film.
-    material, index
-        Of the replica: names or .toml files, or numbers; several make a table. Neither: the
-        paper's two materials.
-    pitch
-        Of the lenslets; None takes the camera's.
-    wavelength
-        Of the light.
-    distance
-        From the camera to the point source.
-    plot
-        Picture to write.
-    output
-        Folder of the camera to write.
+    nolens design thickness --film 0.305mm --film-distance 0.4mm+-0.2mm --material pua311
+
+    Put the diffuser over the sensor, find the distance at which the pattern of a point source
+    is sharpest, and say it here. Every length and index can have a ±, as in 0.4mm±0.2mm; all
+    results then have theirs.
     """
 
-    camera: Name = "paper"
-    glass: Thickness | None = None
-    glass_material: Name | None = None
-    glass_index: Index | None = None
-    gap: Thickness | None = None
-    no_glass: bool = False
-    film: Size | None = None
-    film_material: Name | None = None
-    film_index: Index | None = None
-    film_distance: Thickness | None = None
-    film_side: Literal["scene", "sensor"] | None = None
-    radius: Size | None = None
-    material: Annotated[tuple[Name, ...], Field(max_length=100)] = ()
-    index: Annotated[tuple[Index, ...], Field(max_length=100)] = ()
-    pitch: Size | None = None
-    wavelength: Annotated[Length, Between("1 nm", "1 mm")] = Length("587.56", "nm")
-    distance: Depth = "infinity"
-    plot: FilePath | None = None
-    output: FilePath | None = None
+    usage = "design thickness --film 0.305mm --film-distance 0.4mm --material pua311"
 
-    @classmethod
-    def gather(cls, given: dict[str, Any]) -> Self:
-        """Options as the command line gives them.
+    camera: Annotated[
+        Name,
+        Option(f"Has the layers over the sensor: {CAMERAS}.", _SENSOR, role="camera"),
+    ] = "paper"
+    glass: Annotated[
+        Thickness | None, Option("Thickness of the cover glass.", _SENSOR, default="the camera's")
+    ] = None
+    glass_material: Annotated[
+        Name | None,
+        Option(
+            "Of the cover glass: a name (nolens material list) or a .toml file.",
+            _SENSOR,
+            default="the camera's",
+            role="material",
+        ),
+    ] = None
+    glass_index: Annotated[Index | None, Option(f"{_BY_NUMBER}.", _SENSOR)] = None
+    gap: Annotated[
+        Thickness | None,
+        Option("Air between glass and sensor.", _SENSOR, default="the camera's"),
+    ] = None
+    no_glass: Annotated[
+        bool,
+        Option(
+            "The sensor is bare: no glass, and no gap but that of --gap.",
+            _SENSOR,
+            default="off",
+            negative=False,
+        ),
+    ] = False
+    film: Annotated[
+        Size | None,
+        Option(
+            "Thickness of the master film.",
+            _MASTER,
+            default="0.305mm, with which the paper's figures come out",
+        ),
+    ] = None
+    film_material: Annotated[
+        Name | None, Option("Of the film.", _MASTER, default="polycarbonate", role="material")
+    ] = None
+    film_index: Annotated[Index | None, Option(f"{_BY_NUMBER}.", _MASTER)] = None
+    film_distance: Annotated[
+        Thickness | None,
+        Option(
+            "From the film to the cover glass, or the bare sensor, where its pattern is sharpest.",
+            _MASTER,
+            default="0.4mm±0.2mm, the paper's",
+        ),
+    ] = None
+    film_side: Annotated[
+        Literal["scene", "sensor"] | None,
+        Option("Where the film's relief faces when that is measured.", _MASTER, default="scene"),
+    ] = None
+    radius: Annotated[
+        Size | None,
+        Option(
+            "Radius of curvature of the lenslets, where it is known; then no film is needed.",
+            _MASTER,
+        ),
+    ] = None
+    material: Annotated[
+        tuple[Name, ...],
+        Field(max_length=100),
+        Option(
+            "Of the replica; again for more.",
+            _REPLICA,
+            default="pdms and pua311, the paper's",
+            role="material",
+        ),
+    ] = ()
+    index: Annotated[
+        tuple[Index, ...],
+        Field(max_length=100),
+        Option(f"{_BY_NUMBER}; again for more.", _REPLICA),
+    ] = ()
+    pitch: Annotated[
+        Size | None,
+        Option("Distance of neighbouring lenslets.", _REPLICA, default="the camera's"),
+    ] = None
+    wavelength: Annotated[
+        Length,
+        Between("1 nm", "1 mm"),
+        Option(
+            "Of the light that is to be in focus.",
+            _LIGHT,
+            default="587.56nm, where indices are given",
+        ),
+    ] = Length("587.56", "nm")
+    distance: Annotated[
+        Depth,
+        Option(
+            "From the camera to the point source, in the measurement and in use, or infinity.",
+            _LIGHT,
+        ),
+    ] = "infinity"
+    plot: Annotated[
+        FilePath | None,
+        Option(
+            "Picture to write: focus by colour, width of the lines by thickness (.png).",
+            _RESULT,
+            role="output",
+        ),
+    ] = None
+    output: Annotated[
+        FilePath | None,
+        Option(
+            "Folder to write the camera with this replica into, for nolens psf --camera FOLDER.",
+            _RESULT,
+            role="output",
+            flag="-o",
+        ),
+    ] = None
 
-        Raises
-        ------
-        OptionError
-            If a value cannot be used, or two do not go together.
-        """
-        options = cls.checked(given)
-        options._check_together()
-        if options.output is not None and len(options.material) + len(options.index) != 1:
-            raise OptionError(
-                "-o writes one camera, of one material: give one --material or --index"
-            )
-        return options
-
-    def _check_together(self) -> None:
+    def check_together(self) -> None:
+        """Refuse what is said twice, and a camera of several materials."""
         given = [name for name in _FILM if getattr(self, name) is not None]
         if self.radius is not None and given:
             raise OptionError(
@@ -146,11 +206,25 @@ class ThicknessOptions(JobOptions):
                     f"{_option(one)} and {_option(other)} are both given, and each says the "
                     "index: leave one out"
                 )
+        if self.output is not None and len(self.material) + len(self.index) != 1:
+            raise OptionError(
+                "-o writes one camera, of one material: give one --material or --index"
+            )
 
     @property
     def source_um(self) -> float:
         """Distance of the point source in um."""
         return self.distance.um if isinstance(self.distance, Length) else float("inf")
+
+    @property
+    def record(self) -> Path | None:
+        """File of the run's record, beside the camera."""
+        return None if self.output is None else self.output / RECORD_FILE
+
+    @property
+    def output_folder(self) -> Path | None:
+        """It is made where it does not exist."""
+        return self.output
 
     @property
     def inputs(self) -> dict[str, Path]:
@@ -169,7 +243,7 @@ class ThicknessOptions(JobOptions):
     @property
     def written(self) -> tuple[Written, ...]:
         """Plot, camera and record."""
-        found = [] if self.plot is None else [Written("plot", self.plot, "--plot")]
+        found = [] if self.plot is None else [Written("plot", self.plot, "--plot", (".png",))]
         if self.output is not None:
             found += [
                 Written("camera", self.output / CAMERA_FILE),

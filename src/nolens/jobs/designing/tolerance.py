@@ -1,15 +1,17 @@
 """`nolens design tolerance`: how far off each part of a camera may be."""
 
 import math
+import re
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import torch
+from pydantic import ConfigDict, Field, RootModel
 from torch import Tensor
 
 from nolens.amounts import amount
@@ -41,26 +43,23 @@ from nolens.design.tolerances import (
     variables,
 )
 from nolens.errors import OptionError
-from nolens.files import (
-    InputFile,
-    RunRecord,
-    camera_files,
-    read_camera,
-    read_tolerances,
-    readable,
-    write_record,
-    write_trials,
-)
-from nolens.files.folder import check_folder, write_into
-from nolens.jobs.clock import Clock
+from nolens.files import camera_files, read_camera, read_tolerances, write_trials
 from nolens.jobs.cost import Cost, check_memory, colours_of, cost_of, duration_text, pattern_size
-from nolens.jobs.designing.tolerance_options import ToleranceOptions
-from nolens.jobs.options import check_apart
+from nolens.jobs.fields import CAMERAS, FilePath, Name, Seed, Word
+from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.reporter import Reporter
+from nolens.jobs.run import Product, Run, Writer, job
 from nolens.optics import PointSource
+from nolens.quantities import Length, Share
+from nolens.ranges import Between
 from nolens.twin import Light
 from nolens.twin.preview import preview_model
 
+RECORD_FILE, TRIALS_FILE, PLOT_FILE = "tolerance.json", "trials.csv", "tolerance.png"
+_TIMES = re.compile(r"\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*[x×]\s*")
+_CRITERION, _TRIALS, _YIELD, _RESULT = "Criterion", "Trials", "Yield", "Result"
+_Wanted = Annotated[Share, Between("0.01 %", "99.99 %")]
+_ENOUGH = "1000 show a yield to within 2 or 3 %"
 _WAVELENGTHS = 3
 _AT_ONCE = 1000
 _CPU = torch.device("cpu")
@@ -68,6 +67,171 @@ _CURVES = 3
 _POINTS = 9
 _LONG_S = 20.0
 _SLOW_S = 2
+
+
+class Limit(RootModel[Annotated[str, Field(max_length=40)]]):
+    """What a good camera meets: a length, a fraction, or so many times the nominal figure."""
+
+    model_config = ConfigDict(frozen=True)
+
+    def __str__(self) -> str:
+        return self.root
+
+    def value(self, sharpness: Sharpness, nominal: float) -> float:
+        """The limit in the criterion's unit.
+
+        Parameters
+        ----------
+        sharpness
+            The criterion.
+        nominal
+            Its figure with every parameter in its middle.
+
+        Raises
+        ------
+        OptionError
+            If the text is no limit for this criterion.
+        """
+        times = _TIMES.fullmatch(self.root)
+        if times is not None:
+            limit = float(times[1]) * nominal
+        else:
+            kind = Length if sharpness.unit == "um" else Share
+            try:
+                limit = kind.parse(self.root).to(sharpness.unit)
+            except OptionError as error:
+                raise OptionError(
+                    f"--limit: {error}; or give it as a multiple of the nominal figure, such as "
+                    "1.2x"
+                ) from None
+        if not limit > 0:
+            raise OptionError(f"--limit {self} is not more than zero: nothing meets it")
+        return limit
+
+
+class ToleranceOptions(JobOptions):
+    """How far off a camera may be made: what each part does, and how many cameras are good.
+
+    nolens design tolerance paper --show > tolerances.toml
+    nolens design tolerance paper tolerances.toml --limit 1.1x -o out
+    """
+
+    usage = "design tolerance CAMERA [TOLERANCES.toml] -o FOLDER"
+
+    camera: Annotated[
+        Name,
+        Option(
+            f"{CAMERAS}.",
+            needed="the camera (nolens design tolerance CAMERA -o FOLDER)",
+            role="camera",
+            positional=True,
+        ),
+    ]
+    tolerances: Annotated[
+        FilePath | None,
+        Option(
+            ".toml file of the parameters and their distributions.",
+            default="what --show prints, all of it assumed",
+            role="input",
+            positional=True,
+        ),
+    ] = None
+    output: Annotated[
+        FilePath | None,
+        Option(
+            "Folder for tolerance.json, trials.csv and tolerance.png. Needed, but for --show.",
+            _RESULT,
+            role="output",
+            flag="-o",
+        ),
+    ] = None
+    criterion: Annotated[
+        Word,
+        Option(
+            "line-width (at half height), contrast, or mtf@ and a frequency such as mtf@40/mm, of "
+            "the pattern of a point source at the camera's reference_distance.",
+            _CRITERION,
+        ),
+    ] = "line-width"
+    model: Annotated[
+        Literal["wave", "rays"],
+        Option(
+            "wave: the twin's wave optics on a patch of the mask; rays: ray matrices and "
+            "diffraction of its lenslets, quick and rough.",
+            _CRITERION,
+        ),
+    ] = "wave"
+    light: Annotated[
+        Word,
+        Option("white-led, daylight, equal-energy (in green), or one wavelength.", _CRITERION),
+    ] = "550nm"
+    trials: Annotated[
+        int,
+        Between(10, 1_000_000, _ENOUGH),
+        Option("Cameras that are drawn.", _TRIALS),
+    ] = 1000
+    seed: Annotated[Seed, Option("Of the random numbers.", _TRIALS)] = 0
+    limit: Annotated[
+        Limit | None,
+        Option(
+            "What a good camera meets: 15um, 120% for contrast and MTF, or 1.1x the nominal "
+            "figure.",
+            _YIELD,
+        ),
+    ] = None
+    wanted: Annotated[
+        _Wanted | None,
+        Field(alias="yield"),
+        Option("Fraction of good cameras that --solve is for, such as 90%.", _YIELD),
+    ] = None
+    solve: Annotated[
+        Word | None,
+        Option(
+            "Parameter whose largest tolerance for that yield is found, all others as given.",
+            _YIELD,
+        ),
+    ] = None
+    show: Annotated[
+        bool,
+        Option(
+            "Print the tolerances that would be used, to edit them, and do nothing else.",
+            negative=False,
+        ),
+    ] = False
+
+    def check_together(self) -> None:
+        """Refuse a study without a folder, and a yield without what it is for."""
+        if self.show:
+            return
+        if self.output is None:
+            raise OptionError("no output is given; name a folder for the trials and plots (-o out)")
+        if (self.wanted is None) != (self.solve is None):
+            raise OptionError(
+                "--yield and --solve go together: the yield that is wanted, and the parameter "
+                "whose tolerance is to be found, such as --yield 90% --solve resin.thickness"
+            )
+        if self.solve is not None and self.limit is None:
+            raise OptionError(
+                "--solve needs a limit that the cameras have to meet: give --limit, such as 1.2x"
+            )
+
+    @property
+    def output_folder(self) -> Path | None:
+        """It is made where it does not exist; none where the tolerances are only shown."""
+        return None if self.show else self.output
+
+    @property
+    def record(self) -> Path | None:
+        """File of the run's record."""
+        return None if self.output_folder is None else self.output_folder / RECORD_FILE
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """Trials, plots and record."""
+        if self.output_folder is None:
+            return ()
+        names = {"trials": TRIALS_FILE, "plots": PLOT_FILE, "record of the run": RECORD_FILE}
+        return tuple(Written(what, self.output_folder / name) for what, name in names.items())
 
 
 @dataclass(frozen=True)
@@ -127,7 +291,8 @@ def prepare(options: ToleranceOptions, opened: OpenCamera) -> Ready:
     """
     sharpness, light = Sharpness.parse(options.criterion), Light(options.light)
     parameters = parameters_of(opened, options.tolerances)
-    options.limit_for(sharpness, 1.0)
+    if options.limit is not None:
+        options.limit.value(sharpness, 1.0)
     if options.solve is not None:
         place_of(options.solve, parameters, opened.camera)
     cameras = draw(parameters, options.trials, options.seed)
@@ -260,79 +425,34 @@ def _finite_or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-@dataclass(frozen=True)
-class ToleranceOutcome:
-    """What a study of tolerances came to.
-
-    Parameters
-    ----------
-    study
-        All that was found.
-    summary
-        Figures of the run, in values that JSON has.
-    """
-
-    study: Study
-    summary: dict[str, Any]
-
-
-def tolerances_text(camera: str, tolerances: Path | None) -> str:
-    """Give the tolerances of a camera, assumed or from a file, as TOML text to edit.
-
-    Raises
-    ------
-    NolensError
-        If the camera or the file cannot be used.
-    """
-    opened = read_camera(camera)
-    return parameters_to_toml(parameters_of(opened, tolerances), opened.camera)
-
-
-def study_tolerances(options: ToleranceOptions, reporter: Reporter) -> ToleranceOutcome:
+@job
+def study_tolerances(run: Run[ToleranceOptions]) -> Product[Study | None]:
     """Read a camera and its tolerances, draw cameras, and write what was found.
-
-    Parameters
-    ----------
-    options
-        What to read, how to compute, where to write.
-    reporter
-        Sees notes and how far the work is; may stop it between two trials.
 
     Raises
     ------
     NolensError
         If an input, an option or an output cannot be used; then nothing is written.
     """
-    clock = Clock()
+    options = run.options
     opened = read_camera(options.camera)
-    files = {**options.inputs, **camera_files(options.camera, opened.camera)}
-    check_apart(options, files)
-    check_folder(options.output)
+    run.reads(camera_files(options.camera, opened.camera))
+    if options.show:
+        parameters = parameters_of(opened, options.tolerances)
+        return Product(None, {"tolerances": parameters_to_toml(parameters, opened.camera)})
     ready = prepare(options, opened)
-    inputs = {role: InputFile.of(path) for role, path in files.items()}
-
+    run.begin()
     with _one_thread():
-        study, stopped = _study(options, ready, reporter)
+        study, stopped = _study(options, ready, run.reporter)
     summary = {
         **summary_of(options, ready, study),
         "stop_reason": "interrupted" if stopped else "finished",
-        "outputs": [readable(each.path) for each in options.written],
-        "seconds": clock.seconds,
     }
-    record = RunRecord(
-        started=clock.started,
-        inputs=inputs,
-        parameters={
-            **options.model_dump(mode="json", by_alias=True),
-            "camera_description": ready.camera.model_dump(mode="json"),
-            "tolerance_description": parameters_to_toml(ready.parameters, ready.camera),
-        },
-        result=summary,
-        history=[],
-        warnings=[],
-    )
-    _write(options, study, record, summary)
-    return ToleranceOutcome(study, summary)
+    described = {
+        "camera_description": ready.camera.model_dump(mode="json"),
+        "tolerance_description": parameters_to_toml(ready.parameters, ready.camera),
+    }
+    return Product(study, summary, _writers(options, study, summary), described)
 
 
 @contextmanager
@@ -402,9 +522,9 @@ def _reachable(options: ToleranceOptions, sharpness: Sharpness, response: Respon
             "the pattern of the camera as it is described has no line that could be measured: "
             "choose another --criterion, or a thickness nearer to the focus"
         )
-    limit = options.limit_for(sharpness, response.nominal)
-    if limit is None:
+    if options.limit is None:
         return None
+    limit = options.limit.value(sharpness, response.nominal)
     best, unit = response.best, sharpness.unit
     if (limit < best) if sharpness.smaller_is_better else (limit > best):
         raise OptionError(
@@ -473,21 +593,17 @@ class _StoppedError(Exception):
     """A person stopped the search between two trials."""
 
 
-def _write(
-    options: ToleranceOptions, study: Study, record: RunRecord, summary: dict[str, Any]
-) -> None:
+def _writers(
+    options: ToleranceOptions, study: Study, summary: dict[str, Any]
+) -> dict[Path, Writer]:
     # Here, because matplotlib takes as long to load as some commands to run.
     from nolens.files.plot_tolerance import plot_tolerance
 
+    assert options.output is not None
     title = (
         f"{summary['camera']}: {summary['criterion']} by {summary['model']}, light {options.light}"
     )
-    paths = [each.path for each in options.written]
-    write_into(
-        options.output,
-        {
-            paths[0]: partial(write_record, record=record),
-            paths[1]: partial(write_trials, study=study),
-            paths[2]: partial(plot_tolerance, study=study, title=title),
-        },
-    )
+    return {
+        options.output / TRIALS_FILE: partial(write_trials, study=study),
+        options.output / PLOT_FILE: partial(plot_tolerance, study=study, title=title),
+    }

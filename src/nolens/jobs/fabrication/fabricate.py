@@ -1,10 +1,7 @@
 """A camera's files for the workshop: frame, mask, amounts, process sheet."""
 
 import math
-from collections.abc import Callable
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import torch
 
@@ -28,32 +25,25 @@ from nolens.fabricate import (
 from nolens.fabricate.levels import MOST_LEVELS
 from nolens.fabricate.sheet import process_sheet
 from nolens.files import (
-    InputFile,
-    RunRecord,
     camera_files,
-    check_folder,
     check_height_map,
     check_step,
     layout,
     read_camera,
-    readable,
     write_3mf,
     write_gds,
     write_height_map,
-    write_into,
     write_oasis,
-    write_record,
     write_step,
     write_stl,
 )
 from nolens.files.write_sheet import write_sheet_html, write_sheet_pdf
-from nolens.jobs.clock import Clock
-from nolens.jobs.cost import Cost, announce, check_memory, duration_text
+from nolens.jobs.cost import Cost, check_memory, duration_text
 from nolens.jobs.designing.study_budget import study_budget
 from nolens.jobs.fabrication.figures import Workpieces, figures
 from nolens.jobs.fabrication.options import FabricateOptions
-from nolens.jobs.options import check_apart
 from nolens.jobs.reporter import Reporter
+from nolens.jobs.run import Product, Run, Writer, job
 from nolens.optics import Relief
 from nolens.twin import Twin
 from nolens.twin.preview import relief_points
@@ -66,67 +56,37 @@ _LONG_S = 10.0
 _CPU = torch.device("cpu")
 
 
-def fabricate(options: FabricateOptions, reporter: Reporter) -> dict[str, Any]:
+@job
+def fabricate(run: Run[FabricateOptions]) -> Product[Workpieces]:
     """Read a camera and write all files that it is made from; all of them or none.
-
-    Parameters
-    ----------
-    options
-        What to read, how to make it, where to write.
-    reporter
-        Sees notes, warnings and how far the work is.
-
-    Returns
-    -------
-    dict
-        Figures of the run, in values that JSON has.
 
     Raises
     ------
     NolensError
         If the camera, an option or an output cannot be used.
     """
-    clock = Clock()
+    options, reporter = run.options, run.reporter
     opened = read_camera(options.camera)
-    files = {**options.inputs, **camera_files(options.camera, opened.camera)}
-    check_apart(options, files)
-    check_folder(options.output)
+    run.reads(camera_files(options.camera, opened.camera))
     if options.step:
         check_step()
     frame, resin, mould = _measures(options, opened)
     budget = None if options.tolerances is None else study_budget(options.tolerances, opened.camera)
-    warnings = _warnings(options, opened, resin)
-    twin = _twin(opened, reporter)
+    run.begin(_cost(opened))
+    reporter.advance("mask", 0.0)
+    twin = Twin.of(opened)
     relief = twin.mask.relief
-    inputs = {role: InputFile.of(path) for role, path in files.items()}
     pieces = _pieces(options, opened, relief, (frame, resin, mould))
-    warnings += _fit_warnings(frame, opened, relief)
-    warnings += _level_warnings(pieces.levels, quarter_um(twin))
     reporter.advance("process sheet", 0.0)
     sheet = process_sheet(opened, frame, resin, mould, budget, relief_file=options.relief_file)
     _foretell(pieces, reporter)
     library = layout(pieces.levels, pieces.levels.polygons(partial(reporter.advance, "layout")))
-    summary = {
-        "camera": opened.camera.name,
-        **figures(options, opened, pieces, relief),
-        "outputs": [readable(each.path) for each in options.written],
-    }
-    for warning in warnings:
-        reporter.warn(warning)
-    summary["seconds"] = clock.seconds
-    record = RunRecord(
-        started=clock.started,
-        inputs=inputs,
-        parameters={
-            **options.model_dump(mode="json"),
-            "camera_description": opened.camera.model_dump(mode="json"),
-        },
-        result=summary,
-        history=[],
-        warnings=warnings,
+    run.warn(
+        *_warnings(options, opened, resin),
+        *_fit_warnings(frame, opened, relief),
+        *_level_warnings(pieces.levels, quarter_um(twin)),
     )
-    shrinkage = options.printer_shrinkage.value
-    writers: dict[str, Callable[[Path], None]] = {
+    writers: dict[str, Writer] = {
         "frame.stl": partial(write_stl, solid=pieces.solid),
         "frame.3mf": partial(write_3mf, solid=pieces.solid),
         "mask.tif": partial(write_height_map, surface=pieces.mask),
@@ -135,14 +95,20 @@ def fabricate(options: FabricateOptions, reporter: Reporter) -> dict[str, Any]:
         options.relief_file: partial(write_stl, solid=pieces.relief),
         "sheet.html": partial(write_sheet_html, sheet=sheet),
         "sheet.pdf": partial(write_sheet_pdf, sheet=sheet),
-        "fabricate.json": partial(write_record, record=record),
     }
     if options.step:
         writers["frame.step"] = partial(
-            write_step, frame=frame, title=pieces.solid.title, shrinkage=shrinkage
+            write_step,
+            frame=frame,
+            title=pieces.solid.title,
+            shrinkage=options.printer_shrinkage.value,
         )
-    write_into(options.output, {options.output / name: write for name, write in writers.items()})
-    return summary
+    return Product(
+        pieces,
+        {"camera": opened.camera.name, **figures(options, opened, pieces, relief)},
+        {options.output / name: write for name, write in writers.items()},
+        {"camera_description": opened.camera.model_dump(mode="json")},
+    )
 
 
 def _measures(
@@ -168,8 +134,8 @@ def _measures(
     return frame, resin, mould
 
 
-def _twin(opened: OpenCamera, reporter: Reporter) -> Twin:
-    """The camera with its relief."""
+def _cost(opened: OpenCamera) -> Cost:
+    """Memory and time of the relief, where there is one that this machine can hold."""
     if isinstance(opened.camera.mask.relief, Flat):
         raise OptionError(
             f"the mask of {opened.camera.name!r} is flat: there is nothing to write as a mask. "
@@ -178,9 +144,7 @@ def _twin(opened: OpenCamera, reporter: Reporter) -> Twin:
     points = relief_points(opened)
     cost = Cost(_BYTES_OF_PROGRAM + points * _BYTES_PER_POINT, points * _SECONDS_PER_POINT)
     check_memory(cost, _CPU, "a coarser grid of the camera's relief, or a smaller overhang")
-    announce(cost, _CPU, reporter)
-    reporter.advance("mask", 0.0)
-    return Twin.of(opened)
+    return cost
 
 
 def _pieces(
