@@ -1,35 +1,18 @@
 """The folder that a camera's PSFs are gathered in."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 from decimal import Decimal
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 from torch import Tensor
 
-from nolens.camera import Frame, OpenCamera, PsfEntry, PsfSet
+from nolens.camera import Frame, OpenCamera, PsfEntry, PsfSet, psf_set_to_toml
+from nolens.camera.explain import psf_set_from_mapping
 from nolens.errors import DataError, FileError, OptionError
-from nolens.files import CAMERA_FILE, PSFS_FILE, read_camera, read_psf_set
+from nolens.files import CAMERA_FILE, PSFS_FILE, read_camera, read_psf_set, write_tiff32
+from nolens.jobs.run import Writer
 from nolens.quantities import Length
-
-
-@dataclass(frozen=True)
-class CalibratedPsf:
-    """A PSF that was added to a folder.
-
-    Parameters
-    ----------
-    psf
-        (channels, rows, columns).
-    entry
-        How the folder lists it.
-    summary
-        Figures, in values that JSON has.
-    """
-
-    psf: Tensor
-    entry: PsfEntry
-    summary: dict[str, Any]
 
 
 def folder_camera(folder: Path) -> OpenCamera | None:
@@ -53,6 +36,36 @@ def folder_psfs(folder: Path) -> PsfSet | None:
         If the folder's psfs.toml is none.
     """
     return read_psf_set(folder) if (folder / PSFS_FILE).is_file() else None
+
+
+def psf_writers(folder: Path, psfs: Mapping[PsfEntry, Tensor]) -> dict[Path, Writer]:
+    """What writes PSFs into a folder, and its list with them; those of the same kind are replaced.
+
+    Parameters
+    ----------
+    folder
+        Of the PSFs.
+    psfs
+        (channels, rows, columns) for each entry.
+
+    Raises
+    ------
+    DataError
+        If they do not fit the PSFs that are there.
+    """
+    listed, there = folder / PSFS_FILE, folder_psfs(folder)
+    before = () if there is None else there.psf
+    kept = [each for each in before if not any(new.replaces(each) for new in psfs)]
+    text = psf_set_to_toml(psf_set_from_mapping({"psf": [*kept, *psfs]}, str(listed)))
+    writers: dict[Path, Writer] = {
+        folder / entry.file: partial(write_tiff32, radiance=psf) for entry, psf in psfs.items()
+    }
+    writers[listed] = partial(_write_text, text=text)
+    return writers
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8", newline="\n")
 
 
 def chosen_camera(folder: Path, given: str | None) -> tuple[OpenCamera | None, str | None]:
