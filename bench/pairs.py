@@ -46,7 +46,7 @@ def judged(data: Path, name: str, scratch: Path, psf: Tensor) -> tuple[dict[str,
     path = scratch / "psf.tif"
     write_tiff32(path, psf[None])
     outcome, truth = pair(data, name, scratch, path)
-    shown = affine_fit(outcome.picture, truth).clamp(0, 1)
+    shown = affine_fit(outcome.value, truth).clamp(0, 1)
     misfit = unexplained(known(data, (name,)), psf)
     figures = {
         "psnr_db": psnr(shown, truth, 1.0),

@@ -18,7 +18,7 @@ from torch import Tensor
 from machine import describe
 from nolens.evaluate import affine_fit, psnr, ssim
 from nolens.files import write_png
-from nolens.jobs import Outcome, ReconstructOptions, Reporter, reconstruct
+from nolens.jobs import ReconstructOptions, Reporter, Result, reconstruct
 
 OUT = Path("docs") / "results"
 PAIRS = ("im43", "im65", "im157", "im189", "im394")
@@ -34,7 +34,7 @@ class Quiet(Reporter):
         print(f"warning: {text}", file=sys.stderr)
 
 
-def hand(data: Path) -> Outcome:
+def hand(data: Path) -> Result[Tensor]:
     """Reconstruct the hand at full size."""
     folder = data / "diffusercam-hand"
     return reconstruct(
@@ -51,7 +51,7 @@ def hand(data: Path) -> Outcome:
 
 def pair(
     data: Path, name: str, scratch: Path, psf: Path | None = None, tau: float | None = None
-) -> tuple[Outcome, Tensor]:
+) -> tuple[Result[Tensor], Tensor]:
     """Reconstruct one of the five pairs; its picture and what the lensed camera saw.
 
     With the estimate of the PSF beside the data, or with another one; with the program's own
@@ -102,7 +102,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         for name in PAIRS:
             outcome, truth = pair(data, name, Path(scratch))
-            fitted, figures = judged(outcome.picture, truth)
+            fitted, figures = judged(outcome.value, truth)
             rows.append({"name": name, **figures, **outcome.summary})
             panels.append(torch.cat([fitted, truth.clamp(0, 1)], dim=-2))
     write_png(OUT / "pairs.png", torch.cat(panels, dim=-1))

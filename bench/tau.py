@@ -64,7 +64,7 @@ def main() -> None:
                 measurement=folder / f"{name}-raw.tif", psf=psf, psf_wider=True, tau=tau,
                 region=summary["region"], output=(folder / f"{name}-{tau:g}.png",),
             )  # fmt: skip
-            picture = reconstruct(options, Reporter()).picture
+            picture = reconstruct(options, Reporter()).value
             peak = float(truth.max())
             rows[tau].append(f"{psnr(scale_fit(picture, truth), truth, peak):.1f}")
             print(name, tau, rows[tau][-1], flush=True)

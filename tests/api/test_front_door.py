@@ -77,7 +77,7 @@ def test_command_gives_the_same(
         tau=1e-5,
         output=(tmp_path / "photo.png",),
     )
-    theirs = reconstruct(options, Reporter()).picture
+    theirs = reconstruct(options, Reporter()).value
     values = nl.reconstruct(np.asarray(shot), psf, support=support, tau=1e-5).values
     assert torch.equal(values, theirs)
     # Without the frame no pixel is known to be saturated; nothing else differs.
@@ -94,7 +94,7 @@ def test_psf_is_that_of_the_command(camera: nl.Camera, tmp_path: Path) -> None:
     options = PsfOptions.gather(
         {"camera": "small", "distance": "200mm", "angle": "2deg,1deg", "output": tmp_path / "p.tif"}
     )
-    theirs = simulate_psf(options, Reporter()).pattern
+    theirs = simulate_psf(options, Reporter()).value
     assert torch.equal(nl.psf(camera, "200mm", angle=("2deg", "1deg")).values, theirs)
 
 

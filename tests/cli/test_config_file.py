@@ -122,7 +122,7 @@ def test_home_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ("penalties = [1, 2]", ["penalties in", "run.toml"]),
         ("method = 'amdm'", ["method in", "'amdm'", "'admm', 'fista' or 'wiener'"]),
         ("black = 'dark'", ["black in", "'dark'", "number", "'auto'"]),
-        ("output = 3", ["output in", "3", "a file name or a list of them"]),
+        ("output = 3", ["output in", "3", "the path of a file or a list of them"]),
         ("output = []", ["no output is given"]),
         ("psf = 3", ["psf in", "3", "path"]),
         ("tiff-bits = 8", ["tiff_bits in", "16 or 32"]),

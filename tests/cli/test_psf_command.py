@@ -62,12 +62,12 @@ def test_angles_are_the_photographers(at: str, signs: tuple[int, int], tmp_path:
         assert (abs(shift) < 1e-6) if sign == 0 else shift * sign > 100
         assert step == pytest.approx(shift, abs=8)
     # In the chief ray's frame the pattern stays where it is.
-    pattern(*asked, "--at", at, "-o", out)
+    pattern(*asked, "--angle", at, "-o", out)
     assert all(abs(a) < 8 for a in centre(values(out)[0]))
 
 
 def test_shift_is_the_twins(tmp_path: Path) -> None:
-    told = pattern("--at", "20deg,-5deg", "-o", tmp_path / "psf.tif")
+    told = pattern("--angle", "20deg,-5deg", "-o", tmp_path / "psf.tif")
     tangent = [torch.tan(torch.deg2rad(torch.tensor(a, dtype=torch.float64))) for a in (5, 20)]
     source = PointSource((float(tangent[0]), float(tangent[1])))
     row, column = Twin.of(read_camera("small")).shift_um(source)
@@ -78,15 +78,15 @@ def test_shift_is_the_twins(tmp_path: Path) -> None:
 def test_size_of_the_light_blurs(tmp_path: Path) -> None:
     """Behind 1.28 mm of air, a light of 2 mm at 80 mm has an image of 32 um."""
     peaks = []
-    for given in (("--depth", "80mm", "--size", "0um"), ("--depth", "80mm", "--size", "2mm")):
+    for given in (("--distance", "80mm", "--size", "0um"), ("--distance", "80mm", "--size", "2mm")):
         peaks.append(pattern(*given, "--bin", 1, "-o", tmp_path / "psf.tif")["peak_over_mean"])
     assert peaks[1] < 0.4 * peaks[0]
-    far = pattern("--depth", "infinity", "-o", tmp_path / "psf.tif")
+    far = pattern("--distance", "infinity", "-o", tmp_path / "psf.tif")
     assert far["peak_over_mean"] > 10
 
 
 def test_more_cells_show_what_falls_beside(tmp_path: Path) -> None:
-    away = ("--at", "10deg,0deg", "--frame", "sensor")
+    away = ("--angle", "10deg,0deg", "--frame", "sensor")
     pattern(*away, "-o", tmp_path / "psf.tif")
     pattern(*away, "--cells", "256x320", "-o", tmp_path / "wide.tif")
     wide, narrow = values(tmp_path / "wide.tif"), values(tmp_path / "psf.tif")
@@ -137,7 +137,7 @@ def test_a_png_is_for_looking_at(tmp_path: Path) -> None:
 
 
 def test_text_for_people(tmp_path: Path) -> None:
-    done = run("psf", *SMALL, "--at", "20deg,0deg", "-o", tmp_path / "psf.tif")
+    done = run("psf", *SMALL, "--angle", "20deg,0deg", "-o", tmp_path / "psf.tif")
     assert done.code == 0 and done.err == ""
     assert "20° off the axis: the pattern moves 45" in done.out
     for words in ("µm to the right and 0.0 µm up", "peak", "psf.tif", "psf.json"):

@@ -22,6 +22,8 @@ SUMMARY = {
     "stop_reason",
     "objective",
     "tau",
+    "default_tau",
+    "warnings",
     "seconds",
     "device",
     "outputs",

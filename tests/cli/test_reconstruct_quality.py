@@ -96,7 +96,7 @@ def test_interrupted_run_goes_on(camera: Camera, tmp_path: Path) -> None:
     outcome = reconstruct(_options(camera, out), Watcher(12))
     assert outcome.summary["iterations"] == 12
     state = tmp_path / "out.state.npz"
-    assert outcome.summary["outputs"][-1] == str(state)
+    assert str(state) in outcome.summary["outputs"]
     reconstruct(_options(camera, out, resume=state), Watcher(math.inf))
     a, b = read_frame(whole).counts, read_frame(out).counts
     torch.testing.assert_close(a, b, rtol=1e-3, atol=1e-3 * float(a.max()))

@@ -53,14 +53,14 @@ SIMULATE: list[tuple[list[object], list[str]]] = [
 
 PSF: list[tuple[list[object], list[str]]] = [
     (["--angle", "20deg"], ["angle is '20deg'", "two angles", "20deg,0deg"]),
-    (["--at", "20,0"], ["angle is '20'", "no unit", "20 deg"]),
-    (["--at", "-95deg,0deg"], ["angle is '-95deg'", "-89.9 deg to 89.9 deg"]),
-    (["--at", "45deg,45deg"], ["54.7 deg off the axis", "holds to 50 deg"]),
+    (["--angle", "20,0"], ["angle is '20'", "no unit", "20 deg"]),
+    (["--angle", "-95deg,0deg"], ["angle is '-95deg'", "-89.9 deg to 89.9 deg"]),
+    (["--angle", "45deg,45deg"], ["54.7 deg off the axis", "holds to 50 deg"]),
     (["--distance", "80"], ["distance is '80'", "no unit", "80 mm", "'infinity'"]),
-    (["--depth", "9mm"], ["9 mm is nearer", "10 mm or more"]),
+    (["--distance", "9mm"], ["9 mm is nearer", "10 mm or more"]),
     (["--size", "50"], ["size is '50'", "no unit", "50 mm"]),
     (["--size", "-1um"], ["size is '-1um'", "0 µm to 10 m"]),
-    (["--size", "9um", "--depth", "infinity"], ["--size 9 um at infinity", "Leave --size out"]),
+    (["--size", "9um", "--distance", "infinity"], ["--size 9 um at infinity", "Leave --size out"]),
     (["--size", "10m"], ["GB of memory", "the machine has"]),
     (["--cells", "9"], ["cells is '9'", "HEIGHTxWIDTH"]),
     (["--cells", "99999999999999x9"], ["cells is", "HEIGHTxWIDTH"]),
@@ -184,7 +184,7 @@ def test_camera(asked: str, name: str, tmp_path: Path) -> None:
     (tmp_path / "camera.toml").write_text(spoil(text))
     given = [scene(tmp_path / "s.png"), "--angle", "80deg"]
     if asked == "psf":
-        given = ["--at", "40deg,0deg"]
+        given = ["--angle", "40deg,0deg"]
     more = ("--camera", "camera.toml", "--light", "535nm", "-o", "x.dng")
     refuses(tmp_path, words, asked, *given, *more)
 
@@ -225,7 +225,7 @@ def test_angle_that_no_pixel_accepts(tmp_path: Path) -> None:
     (tmp_path / "camera.toml").write_text(text)
     words = ["no light from 40 deg off the axis", "do not accept it", "smaller angle"]
     for name in ("psf.tif", "psf.dng"):
-        refuses(tmp_path, words, "psf", "--camera", tmp_path, "--at", "40deg,0deg", "-o", name)
+        refuses(tmp_path, words, "psf", "--camera", tmp_path, "--angle", "40deg,0deg", "-o", name)
 
 
 def test_no_cuda(tmp_path: Path) -> None:
@@ -243,6 +243,6 @@ def test_by_the_installed_command(tmp_path: Path) -> None:
     before = listing(tmp_path)
     done = command("simulate", picture, "--distance", "5mm", "-o", tmp_path / "raw.dng", "--json")
     check_refused(done, "nearer than the mask's near limit", "10 mm or more")
-    done = command("psf", "--at", "60deg,0deg", "-o", tmp_path / "psf.tif", "--json")
+    done = command("psf", "--angle", "60deg,0deg", "-o", tmp_path / "psf.tif", "--json")
     check_refused(done, "60.0 deg off the axis", "holds to 50 deg")
     assert listing(tmp_path) == before

@@ -61,7 +61,7 @@ def test_ctrl_c_on_a_terminal_keeps_the_picture_so_far(
     assert record["history"][-1]["iteration"] == summary["iterations"]
     state = tmp_path / "out.state.npz"
     assert sorted(listing(tmp_path)) == ["out.json", "out.png", state.name]
-    assert summary["outputs"][-1] == str(state)
+    assert str(state) in summary["outputs"]
     limit = summary["iterations"] + 5
     done = run(*large[:4], "--iterations", limit, "--tolerance", 0, "-o", png, "--resume", state)
     assert done.code == 0, done.err

@@ -340,7 +340,8 @@ def _about(data: bytes) -> Any:
 def _array(data: bytes) -> Any:
     """What a member holds; None where it was damaged before."""
     try:
-        return np.load(io.BytesIO(data))
+        with np.errstate(all="ignore"):
+            return np.load(io.BytesIO(data))
     except Exception:  # Its header is text that numpy evaluates: it can raise nearly anything.
         return None
 

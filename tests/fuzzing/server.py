@@ -74,7 +74,7 @@ class Server:
             if status >= 500 and status != 507:
                 trouble = f"status {status}"
         except (httpx.InvalidURL, ValueError):
-            status = None  # No client can send it.
+            return Outcome("never sent", "", 0, (), None)  # No client can send it.
         except httpx.TimeoutException:
             trouble = "hang"
         except httpx.HTTPError as error:

@@ -14,7 +14,8 @@ from nolens.jobs import (
     Reporter,
     SimulateOptions,
 )
-from nolens.jobs.reconstruction.options import check_apart, parse_window
+from nolens.jobs.options import check_apart
+from nolens.jobs.reconstruction.options import parse_window
 from nolens.operators import Region
 from nolens.solvers import Method
 

@@ -16,6 +16,7 @@ from nolens.cli.terminal import TerminalReporter
 from nolens.jobs.options import JobOptions, Option
 from nolens.jobs.reporter import Reporter
 from nolens.jobs.run import Result
+from nolens.quantities import Quantity
 
 Options = TypeVar("Options", bound=JobOptions)
 
@@ -30,7 +31,10 @@ Json = Annotated[
 ]
 _Config = Annotated[
     Path | None,
-    Parameter(help="TOML file with the same names; options on the command line come before it."),
+    Parameter(
+        help="TOML file with any of these options, with _ or - in their names; relative paths in "
+        "it start from its folder. What is given here comes before it."
+    ),
 ]
 _MOST_LISTED = 12
 _BY_NAME = inspect.Parameter.KEYWORD_ONLY
@@ -79,7 +83,7 @@ def command(
         options = {key: each for key, each in values.items() if each is not None and each != ()}
         watching = reporter()
         with watching:
-            summary = job(model.gather(options, config), watching).summary
+            summary = job(model.gather(options, config, watching.note), watching).summary
         told = [json.dumps(summary)] if as_json else [*lines(summary), *_listed(summary["outputs"])]
         for line in told:
             show(line)
@@ -104,11 +108,14 @@ def _parameters(model: type[JobOptions]) -> list[inspect.Parameter]:
     ordered = sorted(model.model_fields, key=lambda field: not Option.of(model, field).positional)
     found = []
     for field in ordered:
-        heading = Option.of(model, field).group
-        group = (
-            groups.setdefault(heading, Group(heading, sort_key=len(groups))) if heading else None
-        )
-        found.append(_parameter(model, field, group))
+        option = Option.of(model, field)
+        heading = option.group
+        if heading and heading not in groups:
+            groups[heading] = Group(heading, sort_key=len(groups))
+        parameter = _parameter(model, field, groups.get(heading))
+        found.append(parameter)
+        if option.former:
+            found.append(_former(parameter, option.former))
     return [
         *found,
         inspect.Parameter("config", _BY_NAME, default=None, annotation=_Config),
@@ -149,6 +156,13 @@ def _parameter(model: type[JobOptions], name: str, group: Group | None) -> inspe
     return inspect.Parameter(name, place, default=None, annotation=annotation)
 
 
+def _former(parameter: inspect.Parameter, name: str) -> inspect.Parameter:
+    """The same option by its name of the version before, which the help does not show."""
+    kind, *settings = get_args(parameter.annotation)
+    hidden = Parameter(name=f"--{name.replace('_', '-')}", show=False)
+    return parameter.replace(name=name, annotation=Annotated[kind, *settings, hidden])
+
+
 def _kind(annotation: Any, metadata: Iterable[Any] = ()) -> Any:
     """Type of what is typed: the model itself reads quantities and all else that has a notation."""
     if get_origin(annotation) is Annotated:
@@ -177,8 +191,12 @@ def _is_signed(annotation: Any) -> bool:
 def _default(value: Any) -> str:
     if value is None or value is False or value == ():
         return ""
+    if value is True:
+        return "on"
     if isinstance(value, tuple):
         return ",".join(map(_default, value))
     if isinstance(value, Enum):
         return str(value.value)
+    if isinstance(value, Quantity):
+        return f"{value.number}{value.unit}"
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -31,8 +31,8 @@ from .measuring.resolution import (
 from .measuring.resolution_options import EdgeOptions, SiemensOptions, TwoPointOptions
 from .measuring.target import TargetOptions, make_target
 from .options import expand_home
-from .psf import PsfOutcome, simulate_psf
-from .reconstruction.job import Outcome, reconstruct
+from .psf import simulate_psf
+from .reconstruction.job import reconstruct
 from .reconstruction.options import ReconstructOptions
 from .refocusing.options import RefocusOptions
 from .refocusing.refocus import Refocused, refocus
@@ -41,7 +41,7 @@ from .relief_options import ReliefOptions
 from .reporter import Reporter
 from .run import Result
 from .scene_options import PsfOptions, SimulateOptions
-from .simulation import SimulationOutcome, simulate
+from .simulation import simulate
 
 __all__ = [
     "CalibrateDistancesOptions",
@@ -62,9 +62,7 @@ __all__ = [
     "MeasureFieldOutcome",
     "MeasurePsfOptions",
     "MeasurePsfOutcome",
-    "Outcome",
     "PsfOptions",
-    "PsfOutcome",
     "ReconstructOptions",
     "RefocusOptions",
     "Refocused",
@@ -75,7 +73,6 @@ __all__ = [
     "Result",
     "SiemensOptions",
     "SimulateOptions",
-    "SimulationOutcome",
     "TargetOptions",
     "ThicknessOptions",
     "ThicknessOutcome",

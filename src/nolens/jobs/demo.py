@@ -11,9 +11,10 @@ from nolens.camera import develop, exposure_white, opened, preset
 from nolens.errors import FileError
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import read_frame, write_dng, write_png
-from nolens.jobs.reconstruction.job import Outcome, reconstruct
+from nolens.jobs.reconstruction.job import reconstruct
 from nolens.jobs.reconstruction.options import ReconstructOptions
 from nolens.jobs.reporter import Reporter
+from nolens.jobs.run import Result
 from nolens.jobs.sample_pictures import sample_picture
 from nolens.optics import PointSource
 from nolens.twin import (
@@ -59,7 +60,7 @@ class DemoResult:
 
     picture: Path
     psnr_db: float
-    outcome: Outcome
+    outcome: Result[Tensor]
     command: tuple[str, ...]
 
 
@@ -95,7 +96,7 @@ def run_demo(folder: Path, reporter: Reporter) -> DemoResult:
         output=(folder / "reconstruction.png",),
     )
     outcome = reconstruct(options, reporter)
-    fitted = scale_fit(outcome.picture, truth)
+    fitted = scale_fit(outcome.value, truth)
     picture = folder / "demo.png"
     write_png(picture, _side_by_side(develop(read_frame(measurement_path)).values, fitted, truth))
     command = (

@@ -97,6 +97,11 @@ Fraction = Annotated[Share, Between("0 %", "100 %")]
 Distances = Annotated[tuple[Depth, ...], Field(max_length=1000)]
 Mosaic = Literal["RGGB", "BGGR", "GRBG", "GBRG"]
 
+CAMERAS = "paper, paper-film, small, live, a folder with camera.toml, or a .toml file"
+"""What the name of a camera may be."""
+LIGHTS = "white-led, daylight, equal-energy, or one wavelength such as 535nm"
+"""What the spectrum of a light may be."""
+MAIN = "What matters most"
 INPUT, SOLVER, PICTURE = "Files and channels", "Model and solver", "Picture"
 """Headings of options that several jobs have."""
 
@@ -147,14 +152,12 @@ Support = Annotated[
     Option(
         "Scene pixels that light can come from: HEIGHTxWIDTH around the middle of the sensor, or "
         "HEIGHTxWIDTH+TOP+LEFT in pixels of the sensor's frame.",
-        SOLVER,
+        MAIN,
         default="no limit",
         label="Support of the scene",
     ),
 ]
-Device = Annotated[
-    DeviceName, Option("Where to compute; auto takes CUDA where there is one.", SOLVER)
-]
+Device = Annotated[DeviceName, Option("Where to compute; auto takes CUDA where there is one.")]
 ScenePrior = Annotated[Prior, Option("What the scene is assumed to be like.", SOLVER)]
 Flip = Annotated[
     Literal["none", "vertical", "horizontal", "both"],

@@ -3,7 +3,7 @@
 import difflib
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal, NamedTuple, Self, get_args, get_origin
@@ -62,6 +62,8 @@ class Option:
         Whether one name may be followed by several values.
     label
         What the studio's page calls it.
+    former
+        Its name in the version before, which is still taken, with a note.
     """
 
     help: str
@@ -75,6 +77,7 @@ class Option:
     negative: bool = True
     several: bool = False
     label: str = ""
+    former: str = ""
 
     @classmethod
     def of(cls, model: "type[JobOptions]", name: str) -> "Option":
@@ -161,7 +164,12 @@ class JobOptions(BaseModel):
             raise OptionError(explain(error)) from None
 
     @classmethod
-    def gather(cls, given: dict[str, Any], config: Path | None = None) -> Self:
+    def gather(
+        cls,
+        given: dict[str, Any],
+        config: Path | None = None,
+        note: Callable[[str], None] = lambda text: None,
+    ) -> Self:
         """Options as a person gave them and, for what that leaves out, from a TOML file.
 
         Parameters
@@ -170,6 +178,8 @@ class JobOptions(BaseModel):
             Options by name.
         config
             TOML file with any of the same names; relative paths in it start from its folder.
+        note
+            Is told of names of the version before.
 
         Raises
         ------
@@ -182,15 +192,23 @@ class JobOptions(BaseModel):
             used, or two do not go together.
         """
         stored = {} if config is None else cls._stored(expand_home(config))
-        values = {**stored, **given}
-        for name, field in cls.model_fields.items():
+        values: dict[str, Any] = {}
+        for key, value in {**stored, **given}.items():
+            name = cls.spellings().get(key, key)
+            if name in cls.model_fields and Option.of(cls, name).former == key:
+                note(f"{key} is called {name} now; the former name goes with the next version")
+            if name not in values or key in given:
+                values[name] = value
+        for name in sorted(cls.model_fields, key=lambda each: not Option.of(cls, each).positional):
+            field = cls.model_fields[name]
             if field.is_required() and values.get(name) in (None, "", (), []):
-                needed = Option.of(cls, name).needed
-                raise OptionError(f"no {name} is given; name {needed}")
+                one = name.removesuffix("s") if _takes_several(field.annotation) else name
+                raise OptionError(f"no {one} is given; name {Option.of(cls, name).needed}")
         try:
             options = cls.model_validate(values)
         except ValidationError as error:
-            raise OptionError(explain(error, dict.fromkeys({*stored} - {*given}, config))) from None
+            sources = dict.fromkeys({*stored} - {*given}, config)
+            raise OptionError(explain(error, sources)) from None
         options.check_together()
         if config is not None:
             check_apart(options, {"configuration": config})
@@ -231,9 +249,12 @@ class JobOptions(BaseModel):
     @classmethod
     def spellings(cls) -> dict[str, str]:
         """Field by each name that a person may give it, its own first."""
-        return {field.alias or name: name for name, field in cls.model_fields.items()} | {
-            name: name for name in cls.model_fields
-        }
+        found = {field.alias or name: name for name, field in cls.model_fields.items()}
+        for name in cls.model_fields:
+            found.setdefault(name, name)
+            former = Option.of(cls, name).former
+            found |= {former: name} if former else {}
+        return found
 
     @property
     def inputs(self) -> dict[str, Path]:
@@ -266,7 +287,7 @@ def _beside(config: Path, name: str, value: Any, *, several: bool) -> Any:
     files = value if several and isinstance(value, list) else [value]
     if not all(isinstance(each, str) for each in files):
         more = " or a list of them" if several else ""
-        raise OptionError(f"{name} in {config} is {value!r}; give a file name{more}")
+        raise OptionError(f"{name} in {config} is {value!r}; give the path of a file{more}")
     paths = tuple(config.parent / expand_home(Path(each)) for each in files)
     return paths if several else paths[0]
 

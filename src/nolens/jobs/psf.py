@@ -3,24 +3,16 @@
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import torch
 from torch import Tensor
 
 from nolens.camera import OpenCamera
 from nolens.errors import DataError, OptionError
-from nolens.files import (
-    readable,
-    write_png,
-    write_record,
-    write_tiff32,
-    write_together,
-)
-from nolens.jobs.camera_run import Run
-from nolens.jobs.cost import announce, check_memory, colours_of, cost_of, pattern_size
-from nolens.jobs.raw import write_raw
-from nolens.jobs.reporter import Reporter
+from nolens.files import write_png, write_tiff32
+from nolens.jobs.cost import check_memory, colours_of, cost_of, pattern_size
+from nolens.jobs.raw import SimulatedCamera, write_raw
+from nolens.jobs.run import Product, Run, Writer, job
 from nolens.jobs.scene_options import PsfOptions
 from nolens.optics import PointSource
 from nolens.quantities import Share
@@ -38,23 +30,6 @@ _LUX = 1.0
 
 
 @dataclass(frozen=True)
-class PsfOutcome:
-    """What the simulation of a point source came to.
-
-    Parameters
-    ----------
-    pattern
-        Irradiance without noise, (channels, rows, columns), each channel as bright as the sensor
-        sees it beside the brightest one.
-    summary
-        Figures of the run, in values that JSON has.
-    """
-
-    pattern: Tensor
-    summary: dict[str, Any]
-
-
-@dataclass(frozen=True)
 class _Shape:
     """What is computed: cells of so many pixels, in one of the frames."""
 
@@ -63,23 +38,20 @@ class _Shape:
     frame: Frame
 
 
-def simulate_psf(options: PsfOptions, reporter: Reporter) -> PsfOutcome:
-    """Read a camera, simulate and write; nothing is written unless all went well.
+@job
+def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
+    """Irradiance without noise, (channels, rows, columns), by a camera of a point source.
 
-    Parameters
-    ----------
-    options
-        What to read, how to simulate, where to write.
-    reporter
-        Sees notes, warnings and how far the work is.
+    Each channel is as bright as the sensor sees it beside the brightest one.
 
     Raises
     ------
     NolensError
-        If an input, an option or an output cannot be used.
+        If an input, an option or an output cannot be used; then nothing is written.
     """
-    run = Run.begin(options)
-    opened, device, light, bare = run.opened, run.device, run.light, run.preview
+    options, reporter, device = run.options, run.reporter, run.device
+    simulated = SimulatedCamera.of(run)
+    opened, light, bare = simulated.opened, simulated.light, simulated.preview
     sensor = opened.camera.sensor
     captured = options.output.suffix.lower() == ".dng"
     shape = _shape(options, opened, captured)
@@ -97,9 +69,8 @@ def simulate_psf(options: PsfOptions, reporter: Reporter) -> PsfOutcome:
     held = 8 * math.prod(shape.cells) * len(sensor.channels)
     cost = cost_of(size, sum(map(len, colours)), points=relief_points(opened), held=held)
     check_memory(cost, device, _REMEDY)
-    announce(cost, device, reporter)
+    run.begin(cost)
 
-    inputs = run.inputs()
     reporter.advance("mask", 0.0)
     twin = Twin.of(opened, device=device, fresnel=options.fresnel)
     pattern = point_spread(
@@ -121,7 +92,7 @@ def simulate_psf(options: PsfOptions, reporter: Reporter) -> PsfOutcome:
             "not accept it, or it falls beside them. Choose a smaller angle or more --cells"
         )
     shift = twin.shift_um(source)
-    summary = {
+    figures = {
         "camera": opened.camera.name,
         "angle_deg": round(source.angle_deg, 3),
         "shift_um": [round(shift[1], 3), round(0.0 - shift[0], 3)],
@@ -130,8 +101,6 @@ def simulate_psf(options: PsfOptions, reporter: Reporter) -> PsfOutcome:
         "frame": shape.frame,
         "mean": float(pattern.mean()),
         "peak_over_mean": float(pattern.max() / pattern.mean()),
-        "outputs": [readable(each.path) for each in options.written],
-        "device": str(device),
     }
     if captured:
         image = mosaic(pattern, sensor.mosaic)
@@ -139,10 +108,10 @@ def simulate_psf(options: PsfOptions, reporter: Reporter) -> PsfOutcome:
         scale = fill * sensor.clip_electrons / float(image.max())
         electrons = image * scale
         exposure_s = scale / (_LUX * float(seen.max()))
-        summary["exposure_s"] = exposure_s
+        figures["exposure_s"] = exposure_s
         counts = expose_safely(electrons, sensor, seed=options.seed)
-        summary["saturated_share"] = float((counts >= sensor.saturated_counts).double().mean())
-        write = partial(write_raw, counts=counts, sensor=sensor, exposure_s=exposure_s)
+        figures["saturated_share"] = float((counts >= sensor.saturated_counts).double().mean())
+        write: Writer = partial(write_raw, counts=counts, sensor=sensor, exposure_s=exposure_s)
     elif options.output.suffix.lower() == ".png":
         reporter.note(
             f"{options.output} is for looking at: reconstruct with the .tif or .dng of this PSF"
@@ -150,10 +119,7 @@ def simulate_psf(options: PsfOptions, reporter: Reporter) -> PsfOutcome:
         write = partial(write_png, radiance=pattern)
     else:
         write = partial(write_tiff32, radiance=pattern)
-    summary["seconds"] = run.seconds
-    record = run.record(inputs, summary, [])
-    write_together({options.record: partial(write_record, record=record), options.output: write})
-    return PsfOutcome(pattern, summary)
+    return Product(pattern, figures, {options.output: write}, simulated.parameters)
 
 
 def _source(options: PsfOptions, opened: OpenCamera) -> PointSource:

@@ -1,35 +1,62 @@
-"""What a simulated sensor makes of light: noisy counts in a file."""
+"""What simulations begin with, a camera, and end with, its sensor's noisy counts in a file."""
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from torch import Tensor
 
-from nolens.camera import Sensor
+from nolens.camera import OpenCamera, Sensor
 from nolens.errors import OptionError
-from nolens.files import check_output, write_counts, write_dng
+from nolens.files import camera_files, read_camera, write_counts, write_dng
+from nolens.jobs.run import Run
+from nolens.jobs.scene_options import CameraOptions
+from nolens.twin import Light, Twin
+from nolens.twin.preview import preview_model
 
-_TIFF = (".tif", ".tiff")
-"""Of any figure of a sensor; counts are computed in float32."""
 
-
-def check_raw(path: Path, sensor: Sensor, more: tuple[str, ...] = ()) -> None:
-    """Refuse a file that cannot hold the sensor's counts, before any work is done for it.
+@dataclass(frozen=True)
+class SimulatedCamera:
+    """A camera whose description was read and suits what is to be written.
 
     Parameters
     ----------
-    path, sensor
-        The file, and whose counts.
-    more
-        Suffixes of files that hold something else, and may be written too.
-
-    Raises
-    ------
-    FileError
-        If its suffix is none of these, or it cannot be written.
-    OptionError
-        If it is a DNG, and the sensor has no colour mosaic or no whole black level.
+    opened
+        The camera.
+    light
+        Spectrum of the light.
+    preview
+        The camera with a stand-in for its relief.
     """
-    check_output(path, (".dng", *_TIFF, *more))
+
+    opened: OpenCamera
+    light: Light
+    preview: Twin
+
+    @classmethod
+    def of(cls, run: Run[Any]) -> "SimulatedCamera":
+        """Read the camera of a run whose options are `CameraOptions`.
+
+        Raises
+        ------
+        NolensError
+            If the camera or the light cannot be used, or the output not hold its counts.
+        """
+        options: CameraOptions = run.options
+        opened = read_camera(options.camera)
+        _check_raw(options.output, opened.camera.sensor)
+        run.reads(camera_files(options.camera, opened.camera))
+        bare = preview_model(opened, fresnel=options.fresnel)
+        return cls(opened, Light(options.light), bare)
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """What the record has of it."""
+        return {"camera_description": self.opened.camera.model_dump(mode="json")}
+
+
+def _check_raw(path: Path, sensor: Sensor) -> None:
+    """Refuse a DNG of a sensor without a colour mosaic or a whole black level."""
     if path.suffix.lower() != ".dng":
         return
     if sensor.mosaic == "none":

@@ -62,6 +62,8 @@ class Product(Generic[Value]):
         Of the record, beside the options: what was chosen where they say nothing.
     history
         Of the record: an entry for each iteration.
+    outputs
+        Files or folders to list in place of those of the writers.
     commit
         Writes all files, all or none. None writes them as they are, into the folder of the
         options where they have one.
@@ -72,6 +74,7 @@ class Product(Generic[Value]):
     writers: Mapping[Path, Writer] = field(default_factory=dict)
     parameters: Mapping[str, Any] = field(default_factory=dict)
     history: list[dict[str, float]] = field(default_factory=list)
+    outputs: tuple[Path, ...] | None = None
     commit: Callable[[Mapping[Path, Writer]], None] | None = None
 
 
@@ -100,6 +103,9 @@ class Run(Generic[Options]):
         for _, path, _, suffixes in options.written:
             if suffixes:
                 check_output(path, suffixes)
+        record, folder = options.record, options.output_folder
+        if record is not None and record.parent != folder:
+            check_output(record, (".json",))
         if options.output_folder is not None:
             check_folder(options.output_folder)
         self.reads(options.inputs)
@@ -136,15 +142,33 @@ class Run(Generic[Options]):
         FileError
             If one of them cannot be read any more.
         """
-        self._inputs = {role: InputFile.of(path) for role, path in self._files.items()}
+        self._inputs = {
+            role: InputFile.of(path) for role, path in self._files.items() if not path.is_dir()
+        }
         if cost is not None:
             announce(cost, self.device, self.reporter)
 
-    def warn(self, *texts: str) -> None:
-        """Say what may make the result worse than it could be, and keep it for the record."""
+    @property
+    def inputs(self) -> dict[str, InputFile]:
+        """The files that are read, hashed, by role."""
+        if self._inputs is None:
+            self.begin()
+        return self._inputs or {}
+
+    def warn(self, *texts: str, aloud: bool = True) -> None:
+        """Say what may make the result worse than it could be, and keep it for the record.
+
+        Parameters
+        ----------
+        texts
+            Warnings.
+        aloud
+            Whether they are more than a line of the record.
+        """
         for text in texts:
             self.warnings.append(text)
-            self.reporter.warn(text)
+            if aloud:
+                self.reporter.warn(text)
 
     def finish(self, product: Product[Value]) -> Result[Value]:
         """Write what the work came to, and the record.
@@ -155,9 +179,7 @@ class Run(Generic[Options]):
             If a file cannot be written; then none is.
         """
         options = self.options
-        if self._inputs is None:
-            self.begin()
-        files = [*product.writers]
+        files = [*(product.writers if product.outputs is None else product.outputs)]
         if options.record is not None:
             files.append(options.record)
         summary = {
@@ -183,7 +205,7 @@ class Run(Generic[Options]):
         summary["seconds"] = self.clock.seconds  # With all that was written.
         record = RunRecord(
             started=self.clock.started,
-            inputs=self._inputs or {},
+            inputs=self.inputs,
             parameters={
                 **self.options.model_dump(mode="json", by_alias=True),
                 **product.parameters,

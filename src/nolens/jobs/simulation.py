@@ -1,36 +1,19 @@
 """From pictures of a scene to what a simulated camera measures of them."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import Tensor
 
 from nolens.camera import OpenCamera, Sensor
 from nolens.errors import DataError
-from nolens.files import (
-    check_output,
-    read_picture,
-    readable,
-    write_record,
-    write_tiff32,
-    write_together,
-)
-from nolens.jobs.camera_run import Run
-from nolens.jobs.cost import (
-    Cost,
-    announce,
-    check_memory,
-    colours_of,
-    cost_of,
-    pattern_size,
-)
-from nolens.jobs.raw import write_raw
-from nolens.jobs.reporter import Reporter
+from nolens.files import read_picture, write_tiff32
+from nolens.jobs.cost import Cost, check_memory, colours_of, cost_of, pattern_size
+from nolens.jobs.raw import SimulatedCamera, write_raw
+from nolens.jobs.run import Product, Run, Writer, job
 from nolens.jobs.scene_options import SimulateOptions
 from nolens.operators import Region
 from nolens.optics import PointSource
@@ -64,43 +47,19 @@ _BYTES_PER_CELL = 120
 """Held while the cells' directions are found."""
 
 
-@dataclass(frozen=True)
-class SimulationOutcome:
-    """What a simulation came to.
-
-    Parameters
-    ----------
-    truth
-        Radiance of the scene on the cells of the reconstruction, (channels, height, width).
-    summary
-        Figures of the run, in values that JSON has.
-    """
-
-    truth: Tensor
-    summary: dict[str, Any]
-
-
-def simulate(options: SimulateOptions, reporter: Reporter) -> SimulationOutcome:
-    """Read pictures and a camera, simulate and write; nothing is written unless all went well.
-
-    Parameters
-    ----------
-    options
-        What to read, how to simulate, where to write.
-    reporter
-        Sees notes, warnings and how far the work is.
+@job
+def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
+    """Radiance of the scene on the pixels of the reconstruction, (channels, height, width).
 
     Raises
     ------
     NolensError
-        If an input, an option or an output cannot be used.
+        If an input, an option or an output cannot be used; then nothing is written.
     """
-    run = Run.begin(options)
-    opened, device, light, bare = run.opened, run.device, run.light, run.preview
+    options, reporter, device = run.options, run.reporter, run.device
+    simulated = SimulatedCamera.of(run)
+    opened, light, bare = simulated.opened, simulated.light, simulated.preview
     sensor = opened.camera.sensor
-    for path in (options.truth, options.response):
-        if path is not None:
-            check_output(path, (".tif", ".tiff"))
     check_field_points(options.field_points)
     planes = _planes(options, opened)
     colours = colours_of(bare, light, options.wavelengths)
@@ -110,9 +69,8 @@ def simulate(options: SimulateOptions, reporter: Reporter) -> SimulationOutcome:
     truth = torch.stack([plane.radiance for plane in seen]).sum(dim=0)
     if options.exposure is None:
         _brightest(truth)
-    announce(cost, device, reporter)
+    run.begin(cost)
 
-    inputs = run.inputs()
     reporter.advance("mask", 0.0)
     twin = Twin.of(opened, device=device, fresnel=options.fresnel)
     irradiated = irradiate(
@@ -133,13 +91,11 @@ def simulate(options: SimulateOptions, reporter: Reporter) -> SimulationOutcome:
     electrons = rate * exposure_s
     counts = expose_safely(electrons, sensor, seed=options.seed)
     error = _field_error(irradiated, rate, exposure_s, sensor)
-    warnings = _warnings(error, options.field_points)
-    for text in warnings:
-        reporter.warn(text)
+    run.warn(*_warnings(error, options.field_points))
 
     response = field.solid_angle() * field.vignetting()
     largest_angle = max(PointSource(plane.tangents).angle_deg for plane in planes)
-    summary = {
+    figures = {
         "camera": opened.camera.name,
         "region": _region(field.region, twin.cells),
         "cells": list(twin.cells),
@@ -150,22 +106,16 @@ def simulate(options: SimulateOptions, reporter: Reporter) -> SimulationOutcome:
         "field_points": options.field_points,
         "field_error": error,
         "largest_angle_deg": round(largest_angle, 3),
-        "seconds": run.seconds,
-        "device": str(device),
-        "outputs": [readable(each.path) for each in options.written],
     }
-    record = run.record(inputs, summary, warnings)
-    writers: dict[Path, Callable[[Path], None]] = {
-        options.record: partial(write_record, record=record),
-        options.output: partial(write_raw, counts=counts, sensor=sensor, exposure_s=exposure_s),
+    writers: dict[Path, Writer] = {
+        options.output: partial(write_raw, counts=counts, sensor=sensor, exposure_s=exposure_s)
     }
     if options.truth is not None:
         writers[options.truth] = partial(write_tiff32, radiance=truth)
     if options.response is not None:
         share = (response / response.max()).float()[None]
         writers[options.response] = partial(write_tiff32, radiance=share)
-    write_together(writers)
-    return SimulationOutcome(truth, summary)
+    return Product(truth, figures, writers, simulated.parameters)
 
 
 def _psf_cells(region: Region, twin: Twin) -> str:

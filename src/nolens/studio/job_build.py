@@ -13,7 +13,7 @@ from nolens.files.read_camera import write_description
 from nolens.files.save_plot import dark_plots
 from nolens.jobs.copied import copied_camera
 from nolens.jobs.designing.look import Thicknesses, with_thickness
-from nolens.jobs.options import JobOptions
+from nolens.jobs.options import JobOptions, Option
 from nolens.jobs.reporter import Reporter
 from nolens.studio.job_kinds import KINDS
 from nolens.studio.schemas import JobKind
@@ -94,7 +94,7 @@ def build(kind: JobKind, given: Mapping[str, Any], place: Place) -> Ready:
     options = {name: value for name, value in given.items() if name not in about.own}
     own = {name: value for name, value in given.items() if name in about.own}
     for name in options:
-        if name not in model.model_fields:
+        if name not in model.spellings():
             known = [each for each in model.model_fields if each not in about.chosen]
             raise OptionError(
                 f"there is no option {name!r} of {kind}; known are {', '.join(known)}"
@@ -102,15 +102,15 @@ def build(kind: JobKind, given: Mapping[str, Any], place: Place) -> Ready:
     _check_texts(options)
     changed = Thicknesses.checked({"thickness": own["thickness"]}) if "thickness" in own else None
     folder, chosen = _CHOSEN[kind](options, own, place)
-    read = _gather(model, {**options, **chosen})
+    read = model.gather({**options, **chosen})
 
     def run(reporter: Reporter) -> dict[str, Any]:
         ready = read
         if changed is not None:
             camera = _changed_camera(options["camera"], changed, place)
-            ready = _gather(model, {**options, **chosen, "camera": camera})
+            ready = model.gather({**options, **chosen, "camera": camera})
         with dark_plots() as dark:
-            summary = _summary(_named(about.run), ready, reporter, kind)
+            summary = dict(_named(about.run)(ready, reporter).summary)
         if dark and "plot" in chosen:
             path = chosen["plot"].with_suffix(".dark.png")
             with atomic_write(path) as temporary:
@@ -121,20 +121,24 @@ def build(kind: JobKind, given: Mapping[str, Any], place: Place) -> Ready:
     return Ready(folder, run)
 
 
+def declarations() -> dict[JobKind, dict[str, dict[str, str]]]:
+    """The options of every kind of job: what the page calls each, its help, and what it names."""
+    found: dict[JobKind, dict[str, dict[str, str]]] = {}
+    for kind, about in KINDS.items():
+        model: type[JobOptions] = _named(about.options)
+        options = {name: Option.of(model, field) for name, field in model.spellings().items()}
+        found[kind] = {
+            name: {"label": each.label, "help": each.help, "role": each.role}
+            for name, each in options.items()
+        } | {
+            name: {"label": label, "help": "", "role": "value"} for name, label in about.own.items()
+        }
+    return found
+
+
 def _named(path: str) -> Any:
     module, name = path.split(":")
     return getattr(importlib.import_module(module), name)
-
-
-def _gather(model: Any, options: Mapping[str, Any]) -> Any:
-    if model.__name__ == "ReconstructOptions":
-        return model.gather(dict(options), None)
-    return model.gather(dict(options))
-
-
-def _summary(job: Any, options: Any, reporter: Reporter, kind: JobKind) -> dict[str, Any]:
-    outcome = job(options) if kind == "design-thickness" else job(options, reporter)
-    return dict(outcome if isinstance(outcome, dict) else outcome.summary)
 
 
 def _check_texts(options: Mapping[str, Any]) -> None:

@@ -1,11 +1,11 @@
-"""The kinds of jobs: which command each is, and which of its options are files."""
+"""The kinds of jobs: which command each is, and the page's paths among its options."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from nolens.errors import OptionError
-from nolens.studio.schemas import JobKind
+from nolens.studio.schemas import JobKind, JobOption
 from nolens.studio.workspace import Workspace
 
 
@@ -21,16 +21,10 @@ class Kind:
         Class of its options and its function, as ``"module:name"`` (they load the numerics).
     about
         Options that name what it works on, the first that is given counts.
-    files
-        Options that are paths, or lists of them.
-    cameras
-        Options that are a preset, or the path of a camera's folder or .toml file.
-    materials
-        Options that are names of materials, or paths of .toml files.
     chosen
         Options that the studio chooses: what is written, and where.
     own
-        Options of the studio's, beside those of the command.
+        Options of the studio's, beside those of the command, with what the page calls them.
     brief
         Whether it answers a person who waits: it goes before others, and is not kept for long.
     """
@@ -39,11 +33,8 @@ class Kind:
     options: str
     run: str
     about: tuple[str, ...]
-    files: tuple[str, ...] = ()
-    cameras: tuple[str, ...] = ()
-    materials: tuple[str, ...] = ()
     chosen: tuple[str, ...] = ("output",)
-    own: tuple[str, ...] = ()
+    own: Mapping[str, str] = field(default_factory=dict)
     brief: bool = False
 
 
@@ -55,23 +46,18 @@ KINDS: dict[JobKind, Kind] = {
         f"{_JOBS}.reconstruction.options:ReconstructOptions",
         f"{_JOBS}.reconstruction.job:reconstruct",
         about=("measurement",),
-        files=("measurement", "psf", "dark", "flat", "resume"),
-        cameras=("camera",),
     ),
     "refocus": Kind(
         "Refocus",
         f"{_JOBS}.refocusing.options:RefocusOptions",
         f"{_JOBS}.refocusing.refocus:refocus",
         about=("measurement",),
-        files=("measurement", "psfs", "dark", "flat"),
     ),
     "simulate": Kind(
         "Simulate",
         f"{_JOBS}.scene_options:SimulateOptions",
         f"{_JOBS}.simulation:simulate",
         about=("scenes",),
-        files=("scenes",),
-        cameras=("camera",),
         chosen=("output", "truth", "response"),
     ),
     "psf": Kind(
@@ -79,33 +65,27 @@ KINDS: dict[JobKind, Kind] = {
         f"{_JOBS}.scene_options:PsfOptions",
         f"{_JOBS}.psf:simulate_psf",
         about=("camera",),
-        cameras=("camera",),
     ),
     "calibrate": Kind(
         "Calibrate",
         f"{_JOBS}.calibration.point_options:CalibratePointOptions",
         f"{_JOBS}.calibration.point:calibrate_point",
         about=("name", "frames"),
-        files=("frames", "dark"),
-        cameras=("camera",),
-        own=("name",),
+        own={"name": "Folder of its PSFs"},
     ),
     "design-thickness": Kind(
         "Thickness for",
         f"{_JOBS}.designing.thickness_options:ThicknessOptions",
         f"{_JOBS}.designing.thickness:design_thickness",
         about=("camera", "material"),
-        cameras=("camera",),
-        materials=("material", "film_material", "glass_material"),
         chosen=("output", "plot"),
-        own=("name",),
+        own={"name": "Name"},
     ),
     "design-look": Kind(
         "Look at",
         f"{_JOBS}.designing.look:LookOptions",
         f"{_JOBS}.designing.look:look_at_design",
         about=("camera",),
-        cameras=("camera",),
         brief=True,
     ),
     "fabricate": Kind(
@@ -113,17 +93,13 @@ KINDS: dict[JobKind, Kind] = {
         f"{_JOBS}.fabrication.options:FabricateOptions",
         f"{_JOBS}.fabrication.fabricate:fabricate",
         about=("camera",),
-        files=("tolerances",),
-        cameras=("camera",),
-        own=("thickness",),
+        own={"thickness": "Layers"},
     ),
     "measure-psf": Kind(
         "Measure",
         f"{_JOBS}.measuring.psf_options:MeasurePsfOptions",
         f"{_JOBS}.measuring.psf:measure_psf",
         about=("psf",),
-        files=("psf",),
-        cameras=("camera",),
         chosen=("plot",),
     ),
     "measure-two-points": Kind(
@@ -131,8 +107,6 @@ KINDS: dict[JobKind, Kind] = {
         f"{_JOBS}.measuring.resolution_options:TwoPointOptions",
         f"{_JOBS}.measuring.resolution:measure_two_points",
         about=("simulate", "frames"),
-        files=("frames", "psf", "dark"),
-        cameras=("camera", "simulate"),
         chosen=("plot",),
     ),
     "measure-siemens": Kind(
@@ -140,8 +114,6 @@ KINDS: dict[JobKind, Kind] = {
         f"{_JOBS}.measuring.resolution_options:SiemensOptions",
         f"{_JOBS}.measuring.resolution:measure_siemens",
         about=("simulate", "frames"),
-        files=("frames", "psf", "dark"),
-        cameras=("camera", "simulate"),
         chosen=("plot",),
     ),
     "measure-edge": Kind(
@@ -149,8 +121,6 @@ KINDS: dict[JobKind, Kind] = {
         f"{_JOBS}.measuring.resolution_options:EdgeOptions",
         f"{_JOBS}.measuring.resolution:measure_edge",
         about=("simulate", "frames"),
-        files=("frames", "psf", "dark"),
-        cameras=("camera", "simulate"),
         chosen=("plot",),
     ),
     "measure-field": Kind(
@@ -158,8 +128,6 @@ KINDS: dict[JobKind, Kind] = {
         f"{_JOBS}.measuring.field_options:MeasureFieldOptions",
         f"{_JOBS}.measuring.field:measure_field",
         about=("simulate", "psfs", "dots"),
-        files=("psfs", "dots"),
-        cameras=("camera", "simulate"),
         chosen=("plot", "output"),
     ),
     "preview": Kind(
@@ -167,7 +135,6 @@ KINDS: dict[JobKind, Kind] = {
         f"{_JOBS}.preview:PreviewOptions",
         f"{_JOBS}.preview:preview",
         about=("path",),
-        files=("path",),
         brief=True,
     ),
 }
@@ -184,8 +151,24 @@ def title_of(kind: JobKind, given: Mapping[str, Any]) -> str:
     return f"{KINDS[kind].title} {first.rstrip('/').rsplit('/', 1)[-1][:100]}{more}"
 
 
-def with_paths(kind: JobKind, given: Mapping[str, Any], workspace: Workspace) -> dict[str, Any]:
+def with_paths(
+    kind: JobKind,
+    declared: Mapping[str, JobOption],
+    given: Mapping[str, Any],
+    workspace: Workspace,
+) -> dict[str, Any]:
     """Options with real paths in place of the page's, each checked to lie in a named folder.
+
+    Parameters
+    ----------
+    kind
+        Of the job.
+    declared
+        Its options.
+    given
+        What the page asks for.
+    workspace
+        Folders that the page knows.
 
     Raises
     ------
@@ -211,19 +194,19 @@ def with_paths(kind: JobKind, given: Mapping[str, Any], workspace: Workspace) ->
         is_file = "/" in text or text.lower().endswith(".toml")
         return str(workspace.resolve(text)) if is_file else text
 
+    change: dict[str, Callable[[str], str]] = {
+        "input": lambda text: str(workspace.resolve(text)),
+        "camera": camera,
+        "material": material,
+    }
     found: dict[str, Any] = {}
     for name, value in given.items():
         if value is None:
             continue
         if name in about.chosen or name == "record":
             raise OptionError(f"{name} is chosen by the studio: leave it out")
-        if name in about.files:
-            value = _each(name, value, lambda text: str(workspace.resolve(text)))
-        elif name in about.cameras:
-            value = _each(name, value, camera)
-        elif name in about.materials:
-            value = _each(name, value, material)
-        found[name] = value
+        role = declared[name].role if name in declared else "value"
+        found[name] = _each(name, value, change[role]) if role in change else value
     return found
 
 

@@ -6,13 +6,15 @@ import queue
 import threading
 import time
 import traceback
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from nolens.errors import NolensError
 from nolens.jobs import Reporter
 from nolens.solvers import Progress
-from nolens.studio.job_build import Place, build
+from nolens.studio.job_build import Place, build, declarations
 from nolens.studio.schemas import JobKind
 from nolens.studio.worker import Channel, Told
 
@@ -54,25 +56,31 @@ def _listen(
             work.put(message)
         elif message[0] == "cancel":
             cancelled.add(message[1])
+        elif message[0] == "asked" and message[2] == "declarations":
+            _answer(channel, message[1], declarations)
         elif message[0] == "asked":
             _, number, _, identity, kind, given, folder = message
-            _check(channel, number, Place(Path(folder), identity), kind, given)
+            place = Place(Path(folder), identity)
+            _answer(channel, number, partial(_check, kind, given, place))
     # Work that is going on would hold the process for as long as it takes.
     os._exit(0)
 
 
-def _check(
-    channel: Channel, number: int, place: Place, kind: JobKind, given: dict[str, Any]
-) -> None:
+def _check(kind: JobKind, given: dict[str, Any], place: Place) -> None:
+    build(kind, given, place)
+
+
+def _answer(channel: Channel, number: int, work: Callable[[], Any]) -> None:
+    """Answer with what some work gives, or with what is wrong."""
     try:
-        build(kind, given, place)
+        answer = work()
     except NolensError as error:
         channel.answer(number, refused=str(error))
     except Exception as error:
         traceback.print_exc()
         channel.answer(number, refused=f"a bug in nolens: {type(error).__name__}: {error}")
     else:
-        channel.answer(number)
+        channel.answer(number, answer)
 
 
 def _work(

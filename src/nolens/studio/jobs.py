@@ -18,7 +18,15 @@ from nolens.files.atomic import atomic_write
 from nolens.files.names import readable
 from nolens.files.text_file import read_text
 from nolens.studio.job_kinds import KINDS, title_of, with_paths
-from nolens.studio.schemas import ENDED, Job, JobProgress, JobRequest, JobShort, Status
+from nolens.studio.schemas import (
+    ENDED,
+    Job,
+    JobDeclarations,
+    JobProgress,
+    JobRequest,
+    JobShort,
+    Status,
+)
 from nolens.studio.worker import RefusedError, Told, Worker
 from nolens.studio.workspace import JOBS, WORK, Workspace, is_name
 
@@ -60,6 +68,7 @@ class JobQueue:
         self._cancelling = False
         self._worker: Worker | None = None
         self._grace: asyncio.TimerHandle | None = None
+        self._declarations: JobDeclarations | None = None
         # One thread, so that what is written first is first on the disk.
         self._disk = ThreadPoolExecutor(1, "jobs")
         self._load()
@@ -121,12 +130,26 @@ class JobQueue:
         self._next()
         return job
 
+    async def declarations(self) -> JobDeclarations:
+        """The options of every kind of job; the process that works on jobs has them.
+
+        Raises
+        ------
+        RefusedError
+            If that process cannot be started.
+        """
+        if self._declarations is None:
+            kinds = await self._working().ask("declarations", seconds=_CHECK_S)
+            self._declarations = JobDeclarations(kinds=kinds)
+        return self._declarations
+
     async def _checked(self, request: JobRequest) -> tuple[str, dict[str, Any]]:
         """Name of a new job, and its options with real paths."""
         identity = self._new_id(request.kind)
         loop = asyncio.get_running_loop()
+        declared = (await self.declarations()).kinds[request.kind]
         given = await loop.run_in_executor(
-            self._disk, with_paths, request.kind, request.options, self._workspace
+            self._disk, with_paths, request.kind, declared, request.options, self._workspace
         )
         work = str(self._workspace.work)
         await self._working().ask("check", identity, request.kind, given, work, seconds=_CHECK_S)

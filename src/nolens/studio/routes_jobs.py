@@ -4,7 +4,7 @@ from fastapi import APIRouter
 
 from nolens.studio.jobs import JobQueue
 from nolens.studio.requests import JsonRoute
-from nolens.studio.schemas import Job, JobId, JobRequest, Jobs
+from nolens.studio.schemas import Job, JobDeclarations, JobId, JobRequest, Jobs
 
 
 def jobs_router(queue: JobQueue) -> APIRouter:
@@ -18,6 +18,10 @@ def jobs_router(queue: JobQueue) -> APIRouter:
     @router.post("", status_code=201)
     async def submit(request: JobRequest) -> JobId:
         return JobId(id=(await queue.submit(request)).id)
+
+    @router.get("/options")
+    async def options() -> JobDeclarations:
+        return await queue.declarations()
 
     @router.get("/{identity}")
     async def job(identity: str) -> Job:

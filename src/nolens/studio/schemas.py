@@ -216,6 +216,20 @@ class JobRequest(_Given):
     options: dict[str, Any] = Field(default_factory=dict)
 
 
+class JobOption(BaseModel):
+    """An option of a job, as the job declares it."""
+
+    label: str
+    help: str
+    role: Literal["value", "input", "output", "camera", "material"]
+
+
+class JobDeclarations(BaseModel):
+    """The options of every kind of job, by name."""
+
+    kinds: dict[JobKind, dict[str, JobOption]]
+
+
 class JobId(BaseModel):
     """The name of a new job."""
 

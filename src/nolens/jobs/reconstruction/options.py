@@ -1,32 +1,42 @@
-"""Every option of a reconstruction, as one frozen model: the command line's and the TOML's."""
+"""Options of `nolens reconstruct`."""
 
-import difflib
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import Field
 
 from nolens.camera import BlackLevel
-from nolens.camera.part import Counts
-from nolens.documents import parse_toml
 from nolens.errors import OptionError
-from nolens.files import read_text
-from nolens.jobs.device import DeviceName
+from nolens.files import is_sequence
 from nolens.jobs.fields import (
+    CAMERAS,
+    INPUT,
+    MAIN,
+    PICTURE,
+    SOLVER,
+    Bgr,
     Bin,
+    Channels,
+    Dark,
+    Device,
     FilePath,
     Files,
+    Flat,
+    Flip,
     FullAngle,
     Interval,
     Iterations,
     Name,
+    RawMosaic,
+    ScenePrior,
+    Support,
     Tau,
+    White,
     Window,
-    Word,
     record_beside,
     window_numbers,
 )
-from nolens.jobs.options import JobOptions, Written, check_apart, expand_home, explain
+from nolens.jobs.options import JobOptions, Option, Written
 from nolens.operators import Region
 from nolens.printable import quoted
 from nolens.ranges import Between
@@ -36,157 +46,195 @@ _Penalty = Annotated[float, Between(1e-9, 1e9)]
 
 
 class ReconstructOptions(JobOptions):
-    """What `nolens reconstruct` can be told; a TOML file holds the same names.
+    """Reconstruct a photograph from a measurement and a PSF, or a sequence of them.
 
-    Attributes
-    ----------
-    measurement, psf
-        Files of the measurement and of the point spread function.
-    output
-        Pictures to write: .png (8-bit sRGB), .tif (linear).
-    tiff_bits
-        16 (scaled so that white is 65535) or 32 (radiance as it is).
-    dark, flat
-        Files of a dark frame (it holds the black level too) and of a flat field.
-    black
-        Black level in counts; "auto" reads it off the PSF's darkest corner. None takes what
-        the files say.
-    white
-        Count from which a pixel is saturated, where the files do not say.
-    mosaic
-        Colour mosaic of a TIFF, PNG or npy that holds raw counts.
-    bgr
-        The files' channels are in the order B, G, R.
-    psf_scale, psf_wider
-        Which of the two a larger PSF file is: finer by this factor, or wider.
-    quality
-        draft, photo or exact: how to solve and when to stop. None is photo, or what `method` says.
-    method
-        Solver.
-    tau
-        Weight of the prior (Wiener: of ‖v‖²/2), in unit norms. None takes the method's own.
-    prior
-        What the scene is assumed to be like.
-    iterations, tolerance
-        Limit, and relative residual at which to stop. None takes the preset's own. In a sequence,
-        the iterations of every frame after the first.
-    smooth_part
-        Whether ADMM solves for the smooth part of a full view directly. None takes the preset's.
-    resume
-        State file of an interrupted run to go on with.
-    latency
-        Longest time for a frame of a sequence.
-    penalties
-        μ₁, μ₂, μ₃ of ADMM to start with. None leaves them to the program.
-    balance
-        Whether ADMM's penalties are balanced as it runs.
-    relaxation
-        α of ADMM, between 0 and 2.
-    bin
-        Cells of bin × bin pixels. None makes them no finer than the PSF carries.
-    channels
-        all, grey, or letters such as g or rg.
-    region
-        Cells that light can come from: HEIGHTxWIDTH around the middle of the sensor, or
-        HEIGHTxWIDTH+TOP+LEFT in the cells of the sensor's frame.
-    field, camera
-        Angle from side to side that light can come from, and the camera (preset, folder, .toml)
-        whose layers make cells of it.
-    crop
-        Part of the scene that is written, in the same notation, or "all". None takes the
-        region, or without one the sensor's frame.
-    flip
-        Turns the picture over: vertical, horizontal or both.
-    device
-        auto, cpu or cuda.
+    nolens reconstruct raw.dng --psf psf.dng -o out.png
+
+    nolens reconstruct frames/ --psf psf.dng -o pictures
     """
 
-    measurement: FilePath
-    psf: FilePath
-    output: Files = Field(min_length=1)
-    tiff_bits: Literal[16, 32] = 16
-    dark: FilePath | None = None
-    flat: FilePath | None = None
-    black: BlackLevel = None
-    white: Counts | None = None
-    mosaic: Word | None = None
-    bgr: bool = False
-    psf_scale: Bin | None = None
-    psf_wider: bool = False
-    quality: Quality | None = None
-    method: Method = Method.ADMM
-    tau: Tau | None = None
-    prior: Prior = Prior.TV
-    iterations: Iterations | None = None
-    tolerance: Annotated[float, Between(0, 1)] | None = None
-    smooth_part: bool | None = None
-    resume: FilePath | None = None
-    latency: Interval | None = None
-    penalties: tuple[_Penalty, _Penalty, _Penalty] | None = None
-    balance: bool = True
-    relaxation: Annotated[float, Between(0.01, 1.99)] = 1.8
-    bin: Bin | None = None
-    channels: Word = "all"
-    region: Window | None = None
-    field: FullAngle | None = None
-    camera: Name | None = None
-    crop: Window | Literal["all"] | None = None
-    flip: Literal["none", "vertical", "horizontal", "both"] = "none"
-    device: DeviceName = "auto"
+    usage = "reconstruct RAW --psf PSF -o out.png (-o again for each further picture)"
 
-    @classmethod
-    def gather(cls, given: dict[str, Any], config: Path | None) -> "ReconstructOptions":
-        """Options from the command line and, for what it leaves out, from a TOML file.
+    measurement: Annotated[
+        FilePath,
+        Option(
+            "What the sensor measured: camera raw, .png, .tif or .npy; or a sequence of frames: a "
+            "folder of such files, a .tif of many pages, a .npy of (frames, height, width[, 1 or "
+            "3]).",
+            needed="the measurement (nolens reconstruct RAW --psf PSF -o out.png)",
+            role="input",
+            positional=True,
+            label="Raw file",
+        ),
+    ]
+    psf: Annotated[
+        FilePath,
+        Option(
+            "What the sensor measures of a point source: the same kinds of file.",
+            needed="the point spread function (--psf FILE)",
+            role="input",
+            label="PSF",
+        ),
+    ]
+    output: Annotated[
+        Files,
+        Field(min_length=1),
+        Option(
+            "Picture to write: .png (8-bit sRGB; the 99.5th percentile is white) or .tif (linear); "
+            "may be given several times. The record of the run goes beside the first, as .json. "
+            "For a sequence, a folder: a .png for every frame, with one white for all.",
+            needed="the picture to write (-o out.png)",
+            role="output",
+            flag="-o",
+        ),
+    ]
+    psf_wider: Annotated[
+        bool,
+        Option(
+            "The PSF is an extended one: its file also shows light that falls beside the sensor.",
+            MAIN,
+            label="Extended PSF",
+        ),
+    ] = False
+    region: Support = None
+    tau: Annotated[
+        Tau | None,
+        Option(
+            "Weight of the prior: less shows more detail, more hides noise. Try 1e-5 where the PSF "
+            "is exact.",
+            MAIN,
+            default="1e-4; wiener 0.1",
+            label="τ, weight of the prior",
+        ),
+    ] = None
+    quality: Annotated[
+        Quality | None,
+        Option(
+            "draft: one pass of the Wiener filter. photo: until the picture no longer changes "
+            "visibly. exact: until all relative residuals are below 1e-4.",
+            MAIN,
+            default="photo",
+            label="Quality",
+        ),
+    ] = None
+    dark: Dark = None
+    flat: Flat = None
+    black: Annotated[
+        BlackLevel,
+        Option(
+            'Black level in counts, or "auto": read off the PSF\'s darkest corner. Camera raw says '
+            "it.",
+            INPUT,
+            label="Black level",
+        ),
+    ] = None
+    white: White = None
+    mosaic: RawMosaic = None
+    bgr: Bgr = False
+    channels: Channels = "all"
+    bin: Annotated[
+        Bin | None,
+        Option(
+            "Average N×N pixels into one.",
+            INPUT,
+            default="what the PSF carries with draft, a quarter of that otherwise; 1 beside "
+            "--region or --crop",
+            label="Binning",
+        ),
+    ] = None
+    psf_scale: Annotated[
+        Bin | None,
+        Option(
+            "The PSF file is finer: N×N of its pixels are one of the measurement's.",
+            INPUT,
+            label="PSF pixels finer by",
+        ),
+    ] = None
+    field: Annotated[
+        FullAngle | None,
+        Option(
+            "Support of the scene as an angle from side to side, such as 56deg; needs --camera.",
+            SOLVER,
+            label="Field of view from side to side",
+        ),
+    ] = None
+    camera: Annotated[
+        Name | None, Option(f"For --field: {CAMERAS}.", SOLVER, role="camera", label="PSF")
+    ] = None
+    method: Annotated[Method, Option("How to solve.", SOLVER)] = Method.ADMM
+    prior: ScenePrior = Prior.TV
+    iterations: Annotated[
+        Iterations | None,
+        Option(
+            "Limit of the iterations; in a sequence, those of a frame after the first.",
+            SOLVER,
+            default="200; exact 5000; fista 300; in a sequence 8",
+            label="Iterations, at most",
+        ),
+    ] = None
+    tolerance: Annotated[
+        Annotated[float, Between(0, 1)] | None,
+        Option("Relative residual at which to stop, instead of the preset's rule.", SOLVER),
+    ] = None
+    smooth_part: Annotated[
+        bool | None,
+        Option(
+            "Low-frequency correction: solve directly for the shading of a scene that fills the "
+            "view. It needs a PSF that is exactly the camera's.",
+            SOLVER,
+            default="with exact",
+        ),
+    ] = None
+    resume: Annotated[
+        FilePath | None,
+        Option(
+            "State that an interrupted run left (.state.npz): goes on with it, given the same "
+            "files and options.",
+            SOLVER,
+            role="input",
+        ),
+    ] = None
+    latency: Annotated[
+        Interval | None,
+        Option(
+            "Longest time for a frame of a sequence, such as 200ms.", SOLVER, default="no bound"
+        ),
+    ] = None
+    penalties: Annotated[
+        tuple[_Penalty, _Penalty, _Penalty] | None,
+        Option("Three penalties of ADMM to start with, as three numbers.", SOLVER),
+    ] = None
+    balance: Annotated[bool, Option("Balance ADMM's penalties while it runs.", SOLVER)] = True
+    relaxation: Annotated[
+        float, Between(0.01, 1.99), Option("Over-relaxation of ADMM, between 0 and 2.", SOLVER)
+    ] = 1.8
+    device: Device = "auto"
+    crop: Annotated[
+        Window | Literal["all"] | None,
+        Option(
+            "Part of the scene to write, written like --region, or all.",
+            PICTURE,
+            default="the support, or without one the sensor's frame",
+        ),
+    ] = None
+    flip: Flip = "none"
+    tiff_bits: Annotated[
+        Literal[16, 32], Option("16 (white is 65535) or 32 (radiance as float).", PICTURE)
+    ] = 16
 
-        Parameters
-        ----------
-        given
-            Options that were given, by name.
-        config
-            TOML file with any of the same names; relative paths in it start from its folder.
-
-        Raises
-        ------
-        FileError
-            If the TOML file cannot be read.
-        DataError
-            If it is no TOML file.
-        OptionError
-            If a name is unknown (with the nearest known one) or a value cannot be used.
-        """
-        config = expand_home(config) if config else None
-        stored = _read_config(config) if config else {}
-        values = {**stored, **given}
-        for name in values:
-            if name not in cls.model_fields:
-                raise OptionError(
-                    f"{config} has the key {name!r}, which is no option{_nearest(name, cls)}"
-                )
-        for name, what in (
-            ("measurement", "the measurement (nolens reconstruct RAW --psf PSF -o out.png)"),
-            ("psf", "the point spread function (--psf FILE)"),
-            ("output", "the picture to write (-o out.png)"),
-        ):
-            if not values.get(name):
-                raise OptionError(f"no {name} is given; name {what}")
-        try:
-            options = cls.model_validate(values)
-        except ValidationError as error:
-            raise OptionError(explain(error, dict.fromkeys({*stored} - {*given}, config))) from None
-        if config:
-            check_apart(options, {"configuration": config})
-        return options
+    @property
+    def is_sequence(self) -> bool:
+        """Whether the measurement is a folder or stack of frames."""
+        return is_sequence(self.measurement)
 
     @property
     def inputs(self) -> dict[str, Path]:
-        """Files that are read, by role."""
-        roles = {
-            "measurement": self.measurement,
-            "psf": self.psf,
-            "dark": self.dark,
-            "flat": self.flat,
-        }
-        return {role: path for role, path in roles.items() if path is not None}
+        """Files that are read, by role; the frames of a stack have theirs."""
+        files = super().inputs
+        files.pop("resume", None)  # A state says what it belongs to.
+        if self.is_sequence and self.measurement.is_file():
+            del files["measurement"]
+        return files
 
     @property
     def bin_by(self) -> int:
@@ -218,9 +266,15 @@ class ReconstructOptions(JobOptions):
             )
 
     @property
+    def output_folder(self) -> Path | None:
+        """That of a sequence's pictures."""
+        return self.output[0] if self.is_sequence else None
+
+    @property
     def written(self) -> tuple[Written, ...]:
         """Pictures and record."""
-        pictures = tuple(Written("output", path) for path in self.output)
+        suffixes = () if self.is_sequence else (".png", ".tif", ".tiff")
+        pictures = tuple(Written("output", path, suffixes=suffixes) for path in self.output)
         return (*pictures, Written("record of the run", self.record))
 
 
@@ -239,29 +293,3 @@ def parse_window(text: str, sensor: tuple[int, int], option: str) -> Region:
     if top is None or left is None:
         return Region.centred(height, width, sensor)
     return Region(top, left, height, width)
-
-
-def _read_config(path: Path) -> dict[str, Any]:
-    values = parse_toml(read_text(path), str(path))
-    names = [name.replace("-", "_") for name in values]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice:
-        raise OptionError(f"{path} has the key {twice} twice, with _ and with -: leave one out")
-    values = dict(zip(names, values.values(), strict=True))
-    for name in ("measurement", "psf", "dark", "flat", "resume"):
-        if isinstance(values.get(name), str):
-            values[name] = path.parent / expand_home(Path(values[name]))
-    if "output" in values:
-        output = values["output"]
-        files = [output] if isinstance(output, str) else output
-        if not isinstance(files, list) or not all(isinstance(file, str) for file in files):
-            raise OptionError(f"output in {path} is {output!r}; give a file name or a list of them")
-        values["output"] = tuple(path.parent / expand_home(Path(file)) for file in files)
-    return values
-
-
-def _nearest(name: str, model: type[BaseModel]) -> str:
-    near = difflib.get_close_matches(name, model.model_fields, n=1)
-    return (
-        f". Did you mean {near[0]!r}?" if near else f"; known are {', '.join(model.model_fields)}"
-    )

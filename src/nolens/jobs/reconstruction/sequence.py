@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -12,19 +11,11 @@ from nolens.camera import Frame, Measurement, arrange_rgb, exposure_white
 from nolens.errors import FileError, NolensError, OptionError
 from nolens.files import (
     FrameSequence,
-    InputFile,
-    RunRecord,
-    check_folder,
-    check_output,
     open_sequence,
     readable,
     write_into,
     write_png,
-    write_record,
 )
-from nolens.jobs.clock import Clock
-from nolens.jobs.device import pick_device
-from nolens.jobs.options import check_apart
 from nolens.jobs.reconstruction.options import ReconstructOptions
 from nolens.jobs.reconstruction.read import developed, read_development
 from nolens.jobs.reconstruction.solve import (
@@ -33,53 +24,41 @@ from nolens.jobs.reconstruction.solve import (
     reconstructor_of,
 )
 from nolens.jobs.reconstruction.window import asked_region, crop_window, oriented
-from nolens.jobs.reporter import Reporter
+from nolens.jobs.run import Product, Run
 from nolens.solvers import Development, Method, Stream
 
 _DROPS_TOLD = 5
 """Frames that are dropped with a warning each; of more, the record has all."""
 
 
-def reconstruct_sequence(
-    options: ReconstructOptions, reporter: Reporter
-) -> tuple[Tensor, dict[str, Any]]:
+def reconstruct_sequence(run: Run[ReconstructOptions]) -> Product[Tensor]:
     """Reconstruct every frame of a folder or stack into a folder of pictures.
 
-    The PSF, and all that follows from it, are laid out once, with the first frame that can be used;
+    The PSF, and all that follows from it, are prepared once, with the first frame that can be used;
     every later frame starts from the one before (`Stream`). A frame that cannot be used is
     dropped, with a warning. Pictures are written as they come, and share the white of the first.
 
     Parameters
     ----------
-    options
-        `measurement` is the sequence, `output` the folder.
-    reporter
-        Sees notes, warnings and every frame; what was written stays if it wants to stop.
+    run
+        Its `measurement` is the sequence, its `output` the folder.
 
     Returns
     -------
-    tuple
-        The last picture, and the summary.
+    Product
+        The last picture.
 
     Raises
     ------
     NolensError
-        If an input, an option or an output cannot be used, or no frame can.
+        If an input or an option cannot be used, or no frame can.
     """
-    clock = Clock()
+    options, reporter = run.options, run.reporter
     folder = _folder(options)
-    check_apart(options, options.inputs)
-    device = pick_device(options.device)
     frames = open_sequence(options.measurement, mosaic=options.mosaic, bgr=options.bgr)
-    inputs = {
-        **{
-            role: InputFile.of(path)
-            for role, path in options.inputs.items()
-            if role != "measurement"
-        },
-        **{f"frame {path.name}": InputFile.of(path) for path in frames.sources},
-    }
-    work = _Work(options, read_development(options), device, reporter)
+    run.reads({f"frame {path.name}": path for path in frames.sources})
+    run.begin()
+    work = _Work(run, options, read_development(options))
     count, interrupted = len(frames.names), False
     for number in range(count):
         work.take(frames, number, folder)
@@ -87,40 +66,29 @@ def reconstruct_sequence(
             interrupted = True
             break
     silent = len(work.dropped) - _DROPS_TOLD
-    picture = work.picture
-    if silent > 0 and picture is not None:
+    if silent > 0 and work.picture is not None:
         reporter.warn(f"{silent} more frames are dropped: {readable(options.record)} says why")
-    if picture is None:
+    if work.picture is None:
         raise FileError(
             f"none of the {count} frames of {options.measurement} can be used: {work.dropped[0][1]}"
         )
-    summary = {
+    figures = {
         "method": Method.ADMM.value,
         "frames": len(work.rows),
         "dropped": [name for name, _ in work.dropped],
         "stop_reason": "interrupted" if interrupted else "end of the sequence",
-        "seconds": clock.seconds,
-        "device": str(device),
-        "outputs": [readable(path) for path in (folder, options.record)],
     }
-    record = RunRecord(
-        started=clock.started,
-        inputs=inputs,
-        parameters={
-            **work.options.model_dump(mode="json"),
-            "bin": work.options.bin_by,
-            "black": work.development.black,
-            "tau": work.tau,
-            "white_radiance": work.white,
-            "names": [name for name in frames.names if (folder / f"{name}.png").exists()],
-            "threads": torch.get_num_threads(),
-        },
-        result=summary,
-        history=work.rows,
-        warnings=work.warnings,
+    parameters = {
+        "bin": work.options.bin_by,
+        "black": work.development.black,
+        "tau": work.tau,
+        "white_radiance": work.white,
+        "names": [name for name in frames.names if (folder / f"{name}.png").exists()],
+        "threads": torch.get_num_threads(),
+    }
+    return Product(
+        work.picture, figures, parameters=parameters, history=work.rows, outputs=(folder,)
     )
-    write_into(folder, {options.record: partial(write_record, record=record)})
-    return picture, summary
 
 
 def _folder(options: ReconstructOptions) -> Path:
@@ -136,23 +104,18 @@ def _folder(options: ReconstructOptions) -> Path:
             "a sequence is solved by ADMM, each frame from the one before: leave out --method, "
             "--quality draft and --resume"
         )
-    folder = options.output[0]
-    check_folder(folder)
-    check_output(options.record, (".json",))
-    return folder
+    return options.output[0]
 
 
 @dataclass
 class _Work:
     """What is carried from frame to frame."""
 
+    run: Run[ReconstructOptions]
     options: ReconstructOptions
     development: Development
-    device: torch.device
-    reporter: Reporter
     rows: list[dict[str, float]] = field(default_factory=list)
     dropped: list[tuple[str, str]] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
     picture: Tensor | None = None
     white: float | None = None
     tau: float | None = None
@@ -169,7 +132,7 @@ class _Work:
             else:
                 measurement = self.development.measurement(frame)
             solved = self._stream.solve(
-                measurement.values.to(self.device), measurement.valid.to(self.device)
+                measurement.values.to(self.run.device), measurement.valid.to(self.run.device)
             )
             top, left, height, width = self._window
             scene = solved.scene[:, top : top + height, left : left + width].cpu()
@@ -180,7 +143,7 @@ class _Work:
             if self._stream is None and isinstance(error, OptionError):
                 raise
             self.dropped.append((name, str(error)))
-            self._warn(f"{name} is dropped: {error}", aloud=len(self.dropped) <= _DROPS_TOLD)
+            self.run.warn(f"{name} is dropped: {error}", aloud=len(self.dropped) <= _DROPS_TOLD)
             return
         shown = arrange_rgb(picture, measurement.channels)
         write_into(folder, {folder / f"{name}.png": partial(_write, shown, self.white)})
@@ -189,29 +152,23 @@ class _Work:
         self.rows.append(row)
 
     def _begin(self, frame: Frame) -> tuple[Stream, Measurement]:
-        options, ready = developed(self.options, self.development, frame, self.reporter)
+        options, ready = developed(self.options, self.development, frame, self.run.reporter)
         self.options, self.development = options, ready.development
         measurement, prepared = ready.measurement, ready.prepared
         for text in prepared.notes:
-            self.reporter.note(text)
-        for text in prepared.warnings:
-            self._warn(text)
+            self.run.reporter.note(text)
+        self.run.warn(*prepared.warnings)
         psf = prepared.values
         region = asked_region(options, measurement.size, psf)
-        reconstructor = reconstructor_of(options, psf, region, self.device)
+        reconstructor = reconstructor_of(options, psf, region, self.run.device)
         problem = reconstructor.problem(measurement)
         self.tau = reconstructor.weight
         self._window = crop_window(options, problem)
         limit = reconstructor.limits.iterations
-        announce_solving(problem, limit, self.device, self.reporter)
+        announce_solving(problem, limit, self.run.device, self.run.reporter)
         latency = None if options.latency is None else options.latency.s
         each = {} if options.iterations is None else {"iterations": options.iterations}
         return reconstructor.stream(problem, latency_s=latency, **each), measurement
-
-    def _warn(self, text: str, *, aloud: bool = True) -> None:
-        self.warnings.append(text)
-        if aloud:
-            self.reporter.warn(text)
 
 
 def _write(picture: Tensor, white: float, path: Path) -> None:

@@ -13,6 +13,7 @@ from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE, PSFS_FILE
 from nolens.jobs.fields import (
     INPUT,
+    MAIN,
     SOLVER,
     Bgr,
     Bin,
@@ -166,6 +167,10 @@ class RefocusOptions(JobOptions):
         ),
     ] = None
     steps: Annotated[int, Between(2, _MOST_STEPS), Option("How many.", _DEPTH, label="Depths")] = 9
+    region: Support = None
+    tau: Annotated[
+        Tau, Option("Weight of the prior.", MAIN, default="1e-4", label="τ, weight of the prior")
+    ] = 1e-4
     dark: Dark = None
     flat: Flat = None
     black: Black = None
@@ -174,10 +179,6 @@ class RefocusOptions(JobOptions):
     bgr: Bgr = False
     channels: Channels = "all"
     bin: Annotated[Bin, Option("Average N×N pixels into one.", INPUT, label="Binning")] = 1
-    region: Support = None
-    tau: Annotated[
-        Tau, Option("Weight of the prior.", SOLVER, default="1e-4", label="τ, weight of the prior")
-    ] = 1e-4
     prior: ScenePrior = Prior.TV
     iterations: Annotated[
         Iterations,

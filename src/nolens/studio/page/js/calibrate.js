@@ -10,7 +10,7 @@ import { folderOf, number } from "./format.js";
 import { exposureAdvice } from "./histogram.js";
 import { fileLinks, JobView, run } from "./jobs.js";
 import { draw, live } from "./live.js";
-import { NAMES } from "./names.js";
+import { option } from "./names.js";
 import { banner, told } from "./notices.js";
 import { LightControls } from "./viewfinder_light.js";
 
@@ -103,10 +103,10 @@ class Calibrate {
         h("figure", { class: "view" }, h("div", { class: "frame" }, this.canvas, this.centring.overlay),
           h("figcaption", {}, h("b", {}, "Sensor"), this.centring.said))),
       h("ol", { class: "side steps" },
-        step(group("1 Camera", field(NAMES.calibrate.camera, this.camera), field(NAMES.calibrate.name, this.name))),
+        step(group("1 Camera", option("calibrate", "camera", this.camera), option("calibrate", "name", this.name))),
         step(group("2 Point source",
           h("p", {}, "Put a point source (a white LED behind a pinhole of 50 to 100 µm) straight before the camera, and darken the room. Move it until its light lies on the cross."),
-          field(NAMES.calibrate.distance, this.distance), this.pointer)),
+          option("calibrate", "distance", this.distance), this.pointer)),
         step(group("3 Exposure", ...this.light.elements, this.advice)),
         step(group("4 Frames", h("p", {}, "Their mean has less noise. The exposure is held from here on."), ...this.frames.elements)),
         step(group("5 Dark frames", h("p", {}, "Cover the point source, and leave the room and the exposure as they are."), ...this.darks.elements)),

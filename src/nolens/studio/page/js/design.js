@@ -3,10 +3,10 @@
 
 import { fileUrl } from "./api.js";
 import { cameras } from "./choices.js";
-import { button, field, figureTable, fill, group, h, setOptions, slider } from "./dom.js";
+import { button, figureTable, fill, group, h, setOptions, slider } from "./dom.js";
 import { later, mm, number } from "./format.js";
 import { cancel, fileLinks, follow, JobView, start } from "./jobs.js";
-import { NAMES } from "./names.js";
+import { label, option } from "./names.js";
 import { told } from "./notices.js";
 import { curve, noCurve } from "./plots.js";
 import { blur } from "./rays.js";
@@ -47,8 +47,8 @@ class Design {
     this.redraw = later(told(() => this.ask()), WAIT_MS);
     fill(place, h("h1", { class: "unseen" }, "Design"), h("div", { class: "bench left" },
       h("div", { class: "side" },
-        group("Camera", field(NAMES.fabricate.camera, this.camera), this.note),
-        group(NAMES.fabricate.thickness, this.layers, this.best, this.angle.element)),
+        group("Camera", option("fabricate", "camera", this.camera), this.note),
+        group(label("fabricate", "thickness"), this.layers, this.best, this.angle.element)),
       h("div", { class: "stage" },
         h("div", { class: "drawn" },
           h("section", { class: "group", "aria-label": "Layers to scale" }, this.drawing),

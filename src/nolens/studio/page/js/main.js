@@ -6,6 +6,7 @@ import { designPanel } from "./design.js";
 import { jobsDrawer } from "./jobs_drawer.js";
 import { measurePanel } from "./measure.js";
 import { dismiss, trouble } from "./notices.js";
+import { declarations } from "./names.js";
 import { photographPanel } from "./photograph.js";
 import { viewfinderPanel } from "./viewfinder.js";
 
@@ -26,12 +27,14 @@ const panels = {};
 let current = "";
 
 /** Show the panel that the address names; one is made when it is first shown. */
-function route() {
+async function route() {
   const [asked] = location.hash.slice(1).split("?");
   const name = NAMES.includes(asked) ? asked : NAMES[0];
   if (name === current) return;
   panels[current]?.leave?.();
   current = name;
+  if (name !== "viewfinder") await declarations;
+  if (name !== current) return;
   for (const place of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-panel]"))) {
     place.hidden = place.dataset.panel !== name;
     if (!place.hidden && !(name in panels)) panels[name] = MAKERS[name](place);

@@ -2,14 +2,14 @@
 /** Measure: how good a camera is, as plots and figures. */
 
 import { calibratedCameras, cameras, filesBy, psfChoices } from "./choices.js";
-import { field, figureTable, fill, h, segments, setOptions } from "./dom.js";
+import { figureTable, fill, h, segments, setOptions } from "./dom.js";
 import { dotRows, edgeRows, fieldRows, jobPlot, psfFigures, psfPlot, starRows, twoPointRows } from "./figures.js";
 import { Measurement, offerCameras, Target } from "./measurement.js";
-import { NAMES } from "./names.js";
+import { option } from "./names.js";
 import { told } from "./notices.js";
 
-const NAME = NAMES["measure-two-points"];
-const FIELD = NAMES["measure-field"];
+const POINTS = "measure-two-points";
+const FIELD = "measure-field";
 
 /** Pictures in linear light, as reconstructions are kept. @param {{name: string}} entry */
 const linear = ({ name }) => /\.(tiff?|npy)$/i.test(name);
@@ -24,7 +24,7 @@ const text = (input) => input.value.trim() || undefined;
 function psfCard() {
   const psf = h("select", {});
   const card = new Measurement({
-    title: "PSF", name: "psf", kind: "measure-psf", controls: [field(NAMES["measure-psf"].psf, psf)],
+    title: "PSF", name: "psf", kind: "measure-psf", controls: [option("measure-psf", "psf", psf)],
     about: "Line width, pitch, autocorrelation and spectrum of a PSF.",
     options: () => {
       if (!psf.value) throw new Error("There is no PSF yet: calibrate the camera (key 3), or save a raw frame on the Viewfinder (key s).");
@@ -43,9 +43,9 @@ function pointsCard() {
   const card = new Measurement({
     title: "Two points", name: "two-points", kind: "measure-two-points",
     about: "How close two point sources may be and still be resolved, in a simulation of the camera.",
-    controls: [field(NAME.simulate, camera), h("div", { class: "row" },
-      h("div", { class: "grow" }, field(NAME.distance, distance)),
-      h("div", { class: "narrow" }, field(NAME.draws, draws)))],
+    controls: [option(POINTS, "simulate", camera), h("div", { class: "row" },
+      h("div", { class: "grow" }, option(POINTS, "distance", distance)),
+      h("div", { class: "narrow" }, option(POINTS, "draws", draws)))],
     options: () => ({ simulate: camera.value, distance: text(distance), draws: Number(draws.value) || 1 }),
     found: (job) => [jobPlot(job, "Dip between two points by their separation"),
       figureTable(twoPointRows(job.summary), "Resolution of two points")],
@@ -61,7 +61,7 @@ function pointsCard() {
  */
 function targetCard({ title, kind, about, picture, plot, angle, rows }) {
   const wide = typed({ value: angle });
-  const target = new Target({ picture, simulated: [field(NAMES[kind].angle, wide)] });
+  const target = new Target({ picture, simulated: [option(kind, "angle", wide)] });
   const card = new Measurement({
     title, kind, about, name: kind.replace("measure-", ""), controls: target.elements,
     options: () => (target.simulated
@@ -77,8 +77,8 @@ function sideCard() {
   const camera = h("select", {});
   const folder = h("select", {});
   const angles = typed({ value: "0deg,10deg,20deg,30deg,40deg" });
-  const simulated = h("div", { class: "fields" }, field(FIELD.simulate, camera), field(FIELD.angles, angles));
-  const captured = h("div", { class: "fields", hidden: true }, field(FIELD.psfs, folder));
+  const simulated = h("div", { class: "fields" }, option(FIELD, "simulate", camera), option(FIELD, "angles", angles));
+  const captured = h("div", { class: "fields", hidden: true }, option(FIELD, "psfs", folder));
   const way = segments("Where the PSFs are from", [["simulation", "Simulation"], ["captured", "Captured PSFs"]],
     "simulation", (chosen) => { simulated.hidden = chosen !== "simulation"; captured.hidden = !simulated.hidden; });
   const card = new Measurement({
@@ -100,13 +100,13 @@ function dotsCard() {
   const pitch = typed({ value: "20mm" });
   const distance = typed({ value: "300mm" });
   const reach = typed({ value: "30deg" });
-  const target = new Target({ picture: "grid of dots", simulated: [field(FIELD.reach, reach)] });
+  const target = new Target({ picture: "grid of dots", simulated: [option(FIELD, "reach", reach)] });
   const card = new Measurement({
     title: "Field of dots", name: "dots", kind: "measure-field",
     about: "Up to which angle a grid of dots is seen clearly, and where it is lost.",
     controls: [...target.elements, h("div", { class: "row" },
-      h("div", { class: "grow" }, field(FIELD.dot_pitch, pitch)),
-      h("div", { class: "grow" }, field(FIELD.distance, distance)))],
+      h("div", { class: "grow" }, option(FIELD, "dot_pitch", pitch)),
+      h("div", { class: "grow" }, option(FIELD, "distance", distance)))],
     options: () => {
       const grid = { dot_pitch: text(pitch), distance: text(distance) };
       return target.simulated ? { simulate: target.camera.value, reach: text(reach), ...grid }

@@ -1,33 +1,32 @@
 // @ts-check
 /** What the page calls the options of each kind of job: on its fields, and in what the studio says. */
 
-const READING = {
-  dark: "Dark frame", black: "Black level", white: "Saturated from", mosaic: "Colour mosaic",
-  bgr: "Channels in the order B, G, R", channels: "Channels", bin: "Binning", region: "Support of the scene",
-  flip: "Turn the picture", tau: "τ, weight of the prior", iterations: "Iterations, at most",
-};
+import { get } from "./api.js";
+import { field } from "./dom.js";
 
-/** @type {Record<string, Record<string, string>>} by kind of job, then by option */
-export const NAMES = {
-  reconstruct: {
-    ...READING, measurement: "Raw file", psf: "PSF", psf_scale: "PSF pixels finer by", psf_wider: "Extended PSF",
-    quality: "Quality", field: "Field of view from side to side", camera: "PSF",
-  },
-  refocus: { ...READING, measurement: "Raw file", psfs: "Camera", stack: "Nearest and Farthest", steps: "Depths" },
-  calibrate: {
-    camera: "Description", name: "Folder of its PSFs", distance: "Distance from the mask", frames: "Frames", dark: "Dark frames",
-  },
-  fabricate: { camera: "Description", thickness: "Layers" },
-  "design-look": { camera: "Description", thickness: "Layers" },
-  "measure-psf": { psf: "PSF" },
-  "measure-two-points": { simulate: "Camera", distance: "Distance", draws: "Repeats" },
-  "measure-siemens": { simulate: "Camera", camera: "Camera", angle: "Field angle that it fills", frames: "Picture" },
-  "measure-edge": { simulate: "Camera", camera: "Camera", angle: "Field angle that it fills", frames: "Picture" },
-  "measure-field": {
-    simulate: "Camera", camera: "Camera", psfs: "PSFs of", angles: "Half angles", dots: "Picture",
-    dot_pitch: "Distance of the dots", distance: "Distance of the grid", reach: "Half angle with dots",
-  },
-};
+/** @type {Record<string, Record<string, {label: string, help: string}>>} by kind of job, then by option */
+let declared = {};
+
+/** The options as the jobs declare them; they come when the studio's process for jobs has started. */
+export const declarations = get("api/jobs/options").then(({ kinds }) => {
+  declared = kinds;
+}, () => {});
+
+/** What the page calls an option. @param {string} kind @param {string} option */
+export const label = (kind, option) => declared[kind]?.[option]?.label || option.replaceAll("_", " ");
+
+/**
+ * An option's control with its name, and its help where one points at it.
+ *
+ * @param {string} kind
+ * @param {string} option
+ * @param {HTMLElement} control
+ */
+export function option(kind, option, control) {
+  const element = field(label(kind, option), control);
+  element.title = worded(kind, declared[kind]?.[option]?.help ?? "");
+  return element;
+}
 
 /**
  * What the studio says of a job, with the page's fields in place of the command's options.
@@ -36,11 +35,11 @@ export const NAMES = {
  * @param {string} text
  */
 export function worded(kind, text) {
-  const names = NAMES[kind] ?? {};
+  const name = (/** @type {string} */ option) => declared[kind]?.[option]?.label;
   return text
     .replace(/--([a-z][a-z-]*[a-z])/g, (flag, option) => {
-      const name = names[option.replaceAll("-", "_")];
-      return name ? `“${name}”` : `${flag} of the command line`;
+      const called = name(option.replaceAll("-", "_"));
+      return called ? `“${called}”` : `${flag} of the command line`;
     })
-    .replace(/(^|; )([a-z_]+)(?= is )/g, (whole, before, option) => (names[option] ? `${before}“${names[option]}”` : whole));
+    .replace(/(^|; )([a-z_]+)(?= is )/g, (whole, before, option) => (name(option) ? `${before}“${name(option)}”` : whole));
 }

@@ -9,7 +9,7 @@ import { button, field, fill, group, h, segments, setOptions } from "./dom.js";
 import { folderOf, percent } from "./format.js";
 import { fileLinks, JobView, run } from "./jobs.js";
 import { live } from "./live.js";
-import { NAMES } from "./names.js";
+import { option } from "./names.js";
 import { told } from "./notices.js";
 import { curve, noCurve } from "./plots.js";
 import { ReconstructionOptions } from "./reconstruction.js";
@@ -59,9 +59,9 @@ class Photograph {
           h("div", { class: "row" }, this.maker), this.job.element, this.curve)),
       h("div", { class: "stage" }, this.mode.element, this.picture, this.compare.element, this.depths.element),
       h("div", { class: "side" },
-        group("Refocus", field(NAMES.refocus.psfs, this.cameras), h("div", { class: "row" },
+        group("Refocus", option("refocus", "psfs", this.cameras), h("div", { class: "row" },
           h("div", { class: "grow" }, field("Nearest", this.near)), h("div", { class: "grow" }, field("Farthest", this.far)),
-          h("div", { class: "narrow" }, field(NAMES.refocus.steps, this.steps))), h("div", { class: "row" }, this.refocuser), this.stackJob.element))));
+          h("div", { class: "narrow" }, option("refocus", "steps", this.steps))), h("div", { class: "row" }, this.refocuser), this.stackJob.element))));
     this.dropHere();
     told(async () => this.finish(await this.job.again()))();
     told(async () => this.focused(await this.stackJob.again(), false))();

@@ -4,10 +4,10 @@
 import { offerFiles } from "./choices.js";
 import { field, h, segments, slider, tick } from "./dom.js";
 import { folderOf, number } from "./format.js";
-import { NAMES } from "./names.js";
+import { label, option } from "./names.js";
 import { told } from "./notices.js";
 
-const NAME = NAMES.reconstruct;
+const KIND = "reconstruct";
 const TAU = 1e-4;
 const TURNS = [["none", "As it is"], ["vertical", "Upside down"], ["horizontal", "Mirrored"], ["both", "Turned by 180°"]];
 const MOSAICS = ["RGGB", "BGGR", "GRBG", "GBRG"];
@@ -30,14 +30,14 @@ const value = (input) => {
 export class ReconstructionOptions {
   /** @param {(input: HTMLInputElement, select: HTMLSelectElement) => Promise<void>} bring stores a file of the visitor's and chooses it */
   constructor(bring) {
-    this.quality = segments(NAME.quality, [["draft", "Draft"], ["photo", "Photo"], ["exact", "Exact"]], "photo", () => {});
+    this.quality = segments(label(KIND, "quality"), [["draft", "Draft"], ["photo", "Photo"], ["exact", "Exact"]], "photo", () => {});
     this.dark = h("select", {});
     this.darkFile = h("input", { type: "file", onchange: told(() => bring(this.darkFile, this.dark)) });
     this.black = typed("as the file says; a number, or auto");
     this.white = typed("as the file says");
     this.mosaic = chosen([["", "As the file says"], ...MOSAICS.map((each) => [each, each])]);
-    this.bgr = tick(NAME.bgr, false);
-    this.wider = tick(NAME.psf_wider, false);
+    this.bgr = tick(label(KIND, "bgr"), false);
+    this.wider = tick(label(KIND, "psf_wider"), false);
     this.scale = counted("1", 64);
     this.region = typed("rows x columns, such as 400x400");
     this.angle = typed("such as 40deg");
@@ -45,21 +45,21 @@ export class ReconstructionOptions {
     this.channels = typed("all; grey, or letters such as rg");
     this.flip = chosen(TURNS);
     this.ownTau = tick("Choose τ", false, (on) => { this.tau.element.hidden = !on; });
-    this.tau = slider({ label: NAME.tau, min: 1e-6, max: 1e-1, value: TAU, log: true, text: (tau) => number(tau, 2) });
+    this.tau = slider({ label: label(KIND, "tau"), min: 1e-6, max: 1e-1, value: TAU, log: true, text: (tau) => number(tau, 2) });
     this.tau.element.hidden = true;
     this.iterations = counted("by quality", 100000);
     const more = (/** @type {string} */ title, /** @type {HTMLElement[]} */ ...fields) =>
       h("details", {}, h("summary", {}, title), h("div", { class: "fields" }, ...fields));
     this.elements = [
       this.quality.element,
-      more("The files", field(NAME.dark, this.dark), field("Or a dark frame of yours", this.darkFile), field(NAME.black, this.black), field(NAME.white, this.white),
-        field(NAME.mosaic, this.mosaic), this.bgr.element,
+      more("The files", option(KIND, "dark", this.dark), field("Or a dark frame of yours", this.darkFile), option(KIND, "black", this.black), option(KIND, "white", this.white),
+        option(KIND, "mosaic", this.mosaic), this.bgr.element,
         h("p", { class: "pale" }, "A PSF file that is larger than the raw file is either:"),
-        this.wider.element, field(NAME.psf_scale, this.scale)),
+        this.wider.element, option(KIND, "psf_scale", this.scale)),
       more("The scene", h("p", { class: "pale" }, "Where light can come from; everywhere, if both stay empty:"),
-        field(NAME.region, this.region), field(NAME.field, this.angle),
-        field(NAME.bin, this.bin), field(NAME.channels, this.channels), field(NAME.flip, this.flip)),
-      more("The solver", this.ownTau.element, this.tau.element, field(NAME.iterations, this.iterations)),
+        option(KIND, "region", this.region), option(KIND, "field", this.angle),
+        option(KIND, "bin", this.bin), option(KIND, "channels", this.channels), option(KIND, "flip", this.flip)),
+      more("The solver", this.ownTau.element, this.tau.element, option(KIND, "iterations", this.iterations)),
     ];
   }
 
