@@ -221,7 +221,7 @@ def test_text_for_people(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--distance", "300mm"], ["no frames is given", "nolens calibrate FRAME"]),
+        (["--distance", "300mm"], ["no frame is given", "nolens calibrate FRAME"]),
         (["a.dng"], ["no distance is given"]),
         (["a.dng", "--distance", "300"], ["300 has no unit"]),
         (["a.dng", "--distance", "0mm"], ["0.1 µm to 1000000 m"]),

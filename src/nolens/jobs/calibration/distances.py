@@ -14,7 +14,7 @@ from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
 from nolens.files import CAMERA_FILE, PSFS_FILE, read_psf, read_psf_set, readable
 from nolens.jobs.calibration.fields import PsfFolder, Reduced, distance_name
-from nolens.jobs.calibration.folder import folder_camera, psf_writers
+from nolens.jobs.calibration.folder import added, folder_camera
 from nolens.jobs.fields import Distances
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Run, job
@@ -190,7 +190,7 @@ def calibrate_distances(run: Run[CalibrateDistancesOptions]) -> Product[dict[Psf
         "reduced_thickness_mm": round(layers.after.reduced_um * 1e-3, 5),
         "psfs": rows,
     }
-    return Product(made, figures, psf_writers(options.folder, made))
+    return added(made, figures, options.folder, made)
 
 
 def _layers(options: CalibrateDistancesOptions) -> Layers:

@@ -2,16 +2,15 @@
 
 from collections.abc import Mapping
 from decimal import Decimal
-from functools import partial
 from pathlib import Path
+from typing import Any
 
 from torch import Tensor
 
-from nolens.camera import Frame, OpenCamera, PsfEntry, PsfSet, psf_set_to_toml
-from nolens.camera.explain import psf_set_from_mapping
+from nolens.camera import Frame, OpenCamera, PsfEntry, PsfSet
 from nolens.errors import DataError, FileError, OptionError
-from nolens.files import CAMERA_FILE, PSFS_FILE, read_camera, read_psf_set, write_tiff32
-from nolens.jobs.run import Writer
+from nolens.files import CAMERA_FILE, PSFS_FILE, read_camera, read_psf_set, write_psfs
+from nolens.jobs.run import Product, Value, Writer
 from nolens.quantities import Length
 
 
@@ -38,34 +37,34 @@ def folder_psfs(folder: Path) -> PsfSet | None:
     return read_psf_set(folder) if (folder / PSFS_FILE).is_file() else None
 
 
-def psf_writers(folder: Path, psfs: Mapping[PsfEntry, Tensor]) -> dict[Path, Writer]:
-    """What writes PSFs into a folder, and its list with them; those of the same kind are replaced.
+def added(
+    value: Value,
+    figures: Mapping[str, Any],
+    folder: Path,
+    psfs: Mapping[PsfEntry, Tensor],
+    more: Mapping[str, Writer] | None = None,
+) -> Product[Value]:
+    """What a job hands over that adds PSFs to a folder and to its list.
 
     Parameters
     ----------
+    value, figures
+        As of `Product`.
     folder
         Of the PSFs.
     psfs
         (channels, rows, columns) for each entry.
-
-    Raises
-    ------
-    DataError
-        If they do not fit the PSFs that are there.
+    more
+        What writes further files, by name in the folder.
     """
-    listed, there = folder / PSFS_FILE, folder_psfs(folder)
-    before = () if there is None else there.psf
-    kept = [each for each in before if not any(new.replaces(each) for new in psfs)]
-    text = psf_set_to_toml(psf_set_from_mapping({"psf": [*kept, *psfs]}, str(listed)))
-    writers: dict[Path, Writer] = {
-        folder / entry.file: partial(write_tiff32, radiance=psf) for entry, psf in psfs.items()
-    }
-    writers[listed] = partial(_write_text, text=text)
-    return writers
+    writers = {folder / name: write for name, write in (more or {}).items()}
+    outputs = (*(folder / entry.file for entry in psfs), folder / PSFS_FILE, *writers)
 
+    def commit(writers: Mapping[Path, Writer]) -> None:
+        names = {str(path.relative_to(folder)): write for path, write in writers.items()}
+        write_psfs(folder, psfs, more=names)
 
-def _write_text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8", newline="\n")
+    return Product(value, figures, writers, outputs=outputs, commit=commit)
 
 
 def chosen_camera(folder: Path, given: str | None) -> tuple[OpenCamera | None, str | None]:

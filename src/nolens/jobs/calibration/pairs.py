@@ -17,7 +17,7 @@ from nolens.evaluate import affine_fit, psnr, ssim
 from nolens.experiments.virtual_experiment import solved
 from nolens.files import CAMERA_FILE, PSFS_FILE, camera_files, read_frame, read_picture
 from nolens.jobs.calibration.fields import distance_name
-from nolens.jobs.calibration.folder import cell_of, folder_camera, folder_psfs, psf_writers
+from nolens.jobs.calibration.folder import added, cell_of, folder_camera, folder_psfs
 from nolens.jobs.cost import Cost, check_memory
 from nolens.jobs.fields import INPUT, Black, Dark, FilePath, Mosaic, White, Window
 from nolens.jobs.options import JobOptions, Option, Written
@@ -402,7 +402,7 @@ def calibrate_pairs(run: Run[CalibratePairsOptions]) -> Product[Tensor]:
         "pairs": rows,
         "left_out": checks,
     }
-    return Product(psf, figures, psf_writers(options.output, {entry: psf}))
+    return added(psf, figures, options.output, {entry: psf})
 
 
 def _groups(read: ReadPairs, options: CalibratePairsOptions) -> list[list[int]]:

@@ -9,7 +9,7 @@ from nolens.calibrate.distances import Layers
 from nolens.camera.part import refusal
 from nolens.errors import OptionError
 from nolens.files import read_camera
-from nolens.jobs.fields import FullAngle, Name
+from nolens.jobs.fields import CAMERAS, FullAngle, Name
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Run, job
 from nolens.operators import Region
@@ -43,11 +43,7 @@ class CalibratePlanOptions(JobOptions):
 
     camera: Annotated[
         Name,
-        Option(
-            "paper, paper-film, small, live, a folder with camera.toml, or a .toml file.",
-            role="camera",
-            positional=True,
-        ),
+        Option(f"{CAMERAS}.", role="camera", positional=True),
     ] = "paper"
     angle: Annotated[
         tuple[FullAngle, FullAngle],

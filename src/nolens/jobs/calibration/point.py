@@ -22,11 +22,11 @@ from nolens.camera import Frame, PsfEntry, PsfSet, Sensor
 from nolens.errors import DataError
 from nolens.files import CAMERA_FILE, camera_files, read_frame, read_psf
 from nolens.jobs.calibration.folder import (
+    added,
     cell_of,
     check_free,
     chosen_camera,
     folder_psfs,
-    psf_writers,
 )
 from nolens.jobs.calibration.point_options import CalibratePointOptions
 from nolens.jobs.copied import copied_camera
@@ -445,9 +445,7 @@ def calibrate_point(run: Run[CalibratePointOptions]) -> Product[Tensor]:
         **_figures(found, frames),
         **place.figures,
     }
-    writers = psf_writers(options.output, {entry: place.psf})
-    writers |= {options.output / name: write for name, write in camera.items()}
-    return Product(place.psf, figures, writers)
+    return added(place.psf, figures, options.output, {entry: place.psf}, camera)
 
 
 def _cost(frames: ReadFrames) -> Cost:

@@ -11,7 +11,7 @@ from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
 from nolens.files import PSFS_FILE
 from nolens.jobs.calibration.fields import distance_name
-from nolens.jobs.fields import Exposure, FieldAngles, FilePath, Files, Mosaic, Name
+from nolens.jobs.fields import CAMERAS, Exposure, FieldAngles, FilePath, Files, Mosaic, Name
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.quantities import Angle
 
@@ -84,8 +84,7 @@ class CalibratePointOptions(JobOptions):
     camera: Annotated[
         Name | None,
         Option(
-            "paper, paper-film, small, live, a folder with camera.toml, or a .toml file; it is "
-            "copied into the folder.",
+            f"{CAMERAS}; it is copied into the folder.",
             _FRAMES,
             default="that of the folder, if it has one",
             role="camera",

@@ -24,7 +24,7 @@ from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
 from nolens.files import CAMERA_FILE, PSFS_FILE, read_psf, read_psf_set, readable
 from nolens.jobs.calibration.fields import NEEDED_FOLDER, Reduced, distance_name
-from nolens.jobs.calibration.folder import folder_camera, psf_writers
+from nolens.jobs.calibration.folder import added, folder_camera
 from nolens.jobs.cost import duration_text
 from nolens.jobs.fields import FilePath
 from nolens.jobs.options import JobOptions, Option, Written
@@ -262,7 +262,7 @@ def calibrate_stitch(run: Run[CalibrateStitchOptions]) -> Product[Tensor]:
         "misfit_cells": round(placement.misfit, 4),
         "captures": rows,
     }
-    return Product(found.psf, figures, psf_writers(options.folder, {entry: found.psf}))
+    return added(found.psf, figures, options.folder, {entry: found.psf})
 
 
 def _check_sizes(captures: list[Capture], captured: Captured) -> None:

@@ -12,7 +12,7 @@ from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
 from nolens.files import PSFS_FILE, read_frame, read_psf, read_psf_set, readable
 from nolens.jobs.calibration.fields import PsfFolder, distance_name
-from nolens.jobs.calibration.folder import psf_writers
+from nolens.jobs.calibration.folder import added
 from nolens.jobs.cost import duration_text
 from nolens.jobs.fields import Files, Window
 from nolens.jobs.options import JobOptions, Option, Written
@@ -162,7 +162,7 @@ def calibrate_surround(run: Run[CalibrateSurroundOptions]) -> Product[Tensor]:
         "misfit": [round(each, 7) for each in found.misfit],
         "interrupted": stopped,
     }
-    return Product(found.psf, figures, psf_writers(options.folder, {entry: found.psf}))
+    return added(found.psf, figures, options.folder, {entry: found.psf})
 
 
 def _source(options: CalibrateSurroundOptions, psfs: PsfSet) -> PsfEntry:
