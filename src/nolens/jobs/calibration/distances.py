@@ -112,6 +112,11 @@ class CalibrateDistancesOptions(JobOptions):
         return self.folder / "distances.json"
 
     @property
+    def output_folder(self) -> Path:
+        """That of the PSFs."""
+        return self.folder
+
+    @property
     def inputs(self) -> dict[str, Path]:
         """Nothing but what the folder lists."""
         return {}

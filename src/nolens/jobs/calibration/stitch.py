@@ -82,6 +82,11 @@ class CalibrateStitchOptions(JobOptions):
         return self.folder / f"stitch-{distance_name(self.distance)}.json"
 
     @property
+    def output_folder(self) -> Path:
+        """That of the PSFs."""
+        return self.folder
+
+    @property
     def inputs(self) -> dict[str, Path]:
         """Nothing but what the folder lists."""
         return {}

@@ -85,6 +85,11 @@ class CalibrateSurroundOptions(JobOptions):
         return self.folder / f"extend-{distance_name(self.distance)}.json"
 
     @property
+    def output_folder(self) -> Path:
+        """That of the PSFs."""
+        return self.folder
+
+    @property
     def inputs(self) -> dict[str, Path]:
         """Pictures, by role."""
         return {f"picture {number}": path for number, path in enumerate(self.pictures, start=1)}
