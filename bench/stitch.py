@@ -125,14 +125,14 @@ def main() -> None:
         write_camera(folder, opened.camera)
         write_psfs(folder, psfs)
         made = calibrate_stitch(CalibrateStitchOptions(folder=folder), Quiet())
-    size = (made.psf.shape[-2], made.psf.shape[-1])
+    size = (made.value.shape[-2], made.value.shape[-1])
     source = PointSource(distance_um=DISTANCE_UM, diameter_um=50.0)
     region = shot.region
     cases: dict[str, tuple[Tensor, Region | None]] = {
         "captured": (ahead, None),
         "captured, region": (ahead, region),
         "captured, mean light around it, region": (filled(ahead, region), region),
-        "stitched, region": (made.psf, region),
+        "stitched, region": (made.value, region),
         "the twin's wide PSF of straight ahead, region": (bench.psf(source, size), region),
     }
     truth = shot.truth * shot.response

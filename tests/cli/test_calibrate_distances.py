@@ -119,7 +119,7 @@ def test_text_for_people(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], ["no folder is given", "calibrate distances FOLDER"]),
+        ([], ["no folder is given", "the camera's PSFs"]),
         (["camera"], ["no distance is given", "--at 8cm"]),
         (["camera", "--at", "8"], ["8 has no unit"]),
         (["camera", "--at", "-8cm"], ["0.1 µm to 1000000 m"]),

@@ -137,8 +137,8 @@ def test_one_pair_is_too_few(pairs: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], ["no folder of measurements", "calibrate pairs"]),
-        (["measured"], ["no folder of pictures"]),
+        ([], ["no measured is given", "the folder of measurements", "calibrate pairs"]),
+        (["measured"], ["no pictures is given", "the folder of pictures"]),
         (["measured", "shown", "-o", "out"], ["no distance is given"]),
         (["measured", "shown", "--distance", "30cm"], ["no output is given"]),
         (["measured", "shown", "--distance", "30", "-o", "out"], ["30 has no unit"]),

@@ -212,7 +212,7 @@ def test_text_for_people(tmp_path: Path) -> None:
     assert done.code == 0 and done.err == "", done
     for words in ("2 frames of 10 ms", "2 frames of 40 ms, ", "% clipped",
                   "0 % saturated in all of them",
-                  "counts to the electron (from the frames)", "128×160 cells of 3.1 um",
+                  "counts to the electron (from the frames)", "128×160 pixels of 3.1 um",
                   "of the sensor is dark", "centred by centroid", "lines to the mm",
                   str(tmp_path / "camera" / "psf-300mm.tif")):  # fmt: skip
         assert words in done.out, words

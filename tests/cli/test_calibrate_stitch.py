@@ -103,6 +103,7 @@ def test_added_to_the_folder(tmp_path: Path) -> None:
     assert float((psf - truth)[inner].abs().mean()) < 0.03
     record = json.loads((made / "stitch-300mm.json").read_text())
     assert record["result"] == told and len(record["inputs"]) == len(ANGLES)
+    assert record["parameters"]["distance"] == "300 mm"
 
 
 def test_text_and_reconstruction(tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ def test_pictures(tmp_path: Path) -> None:
     pictures = [raw(tmp_path / f"{seed}.tif", seed) for seed in (1, 2)]
     done = run("calibrate", "surround", made, *pictures, "--region", "20x24", "--rounds", 2)
     assert done.code == 0 and done.err == "", done
-    assert "extended to 68×88 cells by pictures" in done.out and "2 rounds" in done.out
+    assert "extended to 68×88 pixels by pictures" in done.out and "2 rounds" in done.out
     record = json.loads((made / "extend-300mm.json").read_text())
     told = record["result"]
     assert told["misfit"][-1] < 0.8 * told["misfit"][0] and len(told["misfit"]) == 3
@@ -65,6 +65,7 @@ def test_bad_input(tmp_path: Path) -> None:
             ("46×64 cells", "same camera"),
             (raw(tmp_path / "cut.tif", 1, (46, 64)), "--region", "20x24"),
         ),
+        (("would overwrite the picture 1",), (made / "extended-300mm.tif", "--region", "20x24")),
         (("no file",), (tmp_path / "none.tif", "--region", "20x24")),
         (("--distance 1 m", "300 mm"), ("--distance", "1m", "--region", "20x24")),
         (("rounds",), ("--rounds", 0, "--region", "20x24")),

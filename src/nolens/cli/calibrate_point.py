@@ -1,88 +1,9 @@
 """`nolens calibrate`, of frames of a point source."""
 
-import json
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
-from cyclopts import Parameter
-
-from nolens.cli.app import Json, Output, Quantity, given_options
-from nolens.cli.messages import show
-from nolens.cli.terminal import TerminalReporter
+from nolens.cli.command import command
 from nolens.jobs import CalibratePointOptions, calibrate_point
-
-Frames = Parameter(group="Frames")
-Source = Parameter(group="Point source")
-Result = Parameter(group="Result")
-
-
-def point(
-    *frames: Path,
-    distance: Annotated[str | None, Quantity, Source] = None,
-    angle: Annotated[str | None, Quantity, Source] = None,
-    dark: Annotated[tuple[Path, ...] | None, Frames, Parameter(consume_multiple=True)] = None,
-    exposure: Annotated[tuple[str, ...] | None, Quantity, Frames] = None,
-    camera: Annotated[str | None, Frames] = None,
-    pixel: Annotated[str | None, Quantity, Frames] = None,
-    mosaic: Annotated[Literal["RGGB", "BGGR", "GRBG", "GBRG"] | None, Frames] = None,
-    stray_light: Annotated[Literal["auto", "none", "floor"] | None, Result] = None,
-    as_is: Annotated[bool | None, Result] = None,
-    output: Annotated[Path | None, Output, Result] = None,
-    json_: Annotated[bool, Json] = False,
-) -> int:
-    """Make a PSF of pictures of one point source, and add it to a camera's folder.
-
-    nolens calibrate point*.dng --distance 300mm --camera paper -o mycamera
-
-    Once for each place of the light: the folder gathers the PSFs of all distances and angles. Use
-    a white LED behind a pinhole of 50 um in a dark room; more frames make less noise, and frames
-    of several exposure times keep the faint parts where the long ones clip.
-
-    Parameters
-    ----------
-    frames
-        Camera raw (.dng and others), .tif, .png or .npy, all of the same light. Needed.
-    distance
-        Of the light from the camera, such as 300mm, or infinity. Needed.
-    angle
-        Field angles of the light, to the right and up as the photographer sees it, such as
-        20deg,-10deg.  [default: 0deg,0deg]
-    dark
-        Frames with the light off, after the others; those of each exposure time are subtracted
-        from its frames.  [default: none, and the black level of the files]
-    exposure
-        Exposure time, such as 10ms: once for all frames, or once for each in their order.
-        [default: what the files say]
-    camera
-        paper, paper-film, small, live, a folder with camera.toml, or a .toml file; it is copied
-        into the folder.  [default: that of the folder, if it has one]
-    pixel
-        Distance of the pixels in the frames, such as 1.55um, where no camera is known.
-    mosaic
-        Colours of the 2×2 cell of frames whose files do not say it.
-    stray_light
-        auto takes away a smooth background where an aperture leaves a dark area, none leaves all
-        in, floor takes the darkest light there is for stray light.  [default: auto]
-    as_is
-        The frames are a finished PSF, such as another group's: subtract its black level and
-        nothing else, and warn where frames of a camera would be refused. The middle of the file
-        is its zero shift.  [default: off]
-    output
-        Folder of the camera's PSFs; made if it is not there. The PSF, the list psfs.toml and the
-        record calibrate-….json go into it. Needed.
-    json_
-        Print one JSON object on standard output.
-    """
-    given = given_options(locals())
-    reporter = TerminalReporter()
-    with reporter:
-        summary = calibrate_point(CalibratePointOptions.gather(given), reporter).summary
-    if json_:
-        show(json.dumps(summary))
-        return 0
-    for line in _lines(summary):
-        show(line)
-    return 0
 
 
 def _lines(summary: dict[str, Any]) -> list[str]:
@@ -95,12 +16,12 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     )
     usable = summary["usable_per_mm"]
     rows, columns = summary["cells"]
-    lines = [
+    return [
         *(_exposure(each) for each in summary["exposures"]),
         f"{100 * summary['saturated_share']:.2g} % saturated in all of them",
         f"noise of a frame: {noise['read_counts']:.3g} counts in the dark, and "
         f"{noise['counts_per_electron']:.3g} counts to the electron (from {known[noise['from']]})",
-        f"{rows}×{columns} cells of {summary['cell']}; peak over noise {signal} dB",
+        f"{rows}×{columns} pixels of {summary['cell']}; peak over noise {signal} dB",
         f"energy: {energy}",
         _background(summary),
         _centre(summary),
@@ -108,7 +29,6 @@ def _lines(summary: dict[str, Any]) -> list[str]:
         if usable is None
         else f"stands out of the noise up to {usable:.1f} lines to the mm",
     ]
-    return [*lines, *summary["outputs"]]
 
 
 def _exposure(figures: dict[str, Any]) -> str:
@@ -154,3 +74,6 @@ def _centre(summary: dict[str, Any]) -> str:
 
 def _place(what: str, shift_um: list[float]) -> str:
     return f"{what} {shift_um[0]:z.1f} µm to the right and {shift_um[1]:z.1f} µm up"
+
+
+point = command(CalibratePointOptions, calibrate_point, _lines, name="point")

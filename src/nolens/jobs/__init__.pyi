@@ -1,15 +1,10 @@
-from .calibration.distances import CalibrateDistancesOutcome, calibrate_distances
-from .calibration.distances_options import CalibrateDistancesOptions
-from .calibration.folder import CalibratedPsf
-from .calibration.pairs import calibrate_pairs
-from .calibration.pairs_options import CalibratePairsOptions
-from .calibration.plan import CalibratePlanOutcome, calibrate_plan
+from .calibration.distances import CalibrateDistancesOptions, calibrate_distances
+from .calibration.pairs import CalibratePairsOptions, calibrate_pairs
+from .calibration.plan import CalibratePlanOptions, calibrate_plan
 from .calibration.point import calibrate_point
 from .calibration.point_options import CalibratePointOptions
-from .calibration.stitch import calibrate_stitch
-from .calibration.stitch_options import CalibratePlanOptions, CalibrateStitchOptions
-from .calibration.surround import calibrate_surround
-from .calibration.surround_options import CalibrateSurroundOptions
+from .calibration.stitch import CalibrateStitchOptions, calibrate_stitch
+from .calibration.surround import CalibrateSurroundOptions, calibrate_surround
 from .camera_facts import camera_facts
 from .capturing.job import CaptureOutcome, CaptureReporter, capture_frames
 from .capturing.options import CaptureOptions
@@ -49,14 +44,11 @@ from .simulation import simulate
 
 __all__ = [
     "CalibrateDistancesOptions",
-    "CalibrateDistancesOutcome",
     "CalibratePairsOptions",
     "CalibratePlanOptions",
-    "CalibratePlanOutcome",
     "CalibratePointOptions",
     "CalibrateStitchOptions",
     "CalibrateSurroundOptions",
-    "CalibratedPsf",
     "CaptureOptions",
     "CaptureOutcome",
     "CaptureReporter",

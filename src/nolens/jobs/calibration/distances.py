@@ -1,81 +1,161 @@
-"""From one measured PSF of a folder to those of other distances."""
+"""`nolens calibrate distances`: from one measured PSF of a folder to those of other distances."""
 
 import math
-from dataclasses import dataclass
-from functools import partial
-from typing import Any, Literal
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
+from pydantic import BeforeValidator, Field
 from torch import Tensor
 
 from nolens.calibrate.distances import Layers, Scaled, scaled_psf
 from nolens.camera import PsfEntry, PsfKind, PsfSet
+from nolens.camera.part import refusal
+from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
-from nolens.files import (
-    CAMERA_FILE,
-    InputFile,
-    RunRecord,
-    read_psf,
-    read_psf_set,
-    readable,
-    write_psfs,
-    write_record,
-)
-from nolens.jobs.calibration.distances_options import CalibrateDistancesOptions, psf_file
-from nolens.jobs.calibration.folder import folder_camera
-from nolens.jobs.clock import Clock
-from nolens.jobs.options import check_apart
-from nolens.jobs.reporter import Reporter
+from nolens.files import CAMERA_FILE, PSFS_FILE, read_psf, read_psf_set, readable
+from nolens.jobs.calibration.fields import PsfFolder, Reduced, distance_name
+from nolens.jobs.calibration.folder import added, folder_camera
+from nolens.jobs.fields import Distances
+from nolens.jobs.options import JobOptions, Option, Written
+from nolens.jobs.run import Product, Run, job
 from nolens.quantities import Length
+from nolens.ranges import Between
 
 MEASURED: tuple[PsfKind, ...] = ("stitched", "extended", "captured", "solved")
 """Kinds that a PSF of another distance is made of; the first one has the widest view."""
+_DIGITS = 5
 _MUCH_UNKNOWN = 0.001
 _DEFOCUSED_MM = 20.0
 
 
-@dataclass(frozen=True)
-class CalibrateDistancesOutcome:
-    """PSFs that were added to a folder.
+def _two(given: Any) -> Any:
+    if not isinstance(given, str):
+        return given
+    parts = [part.strip() for part in given.split(",")]
+    if len(parts) != 2:
+        raise refusal("give two distances, such as 8cm,1m or 8cm,infinity")
+    return tuple(parts)
 
-    Parameters
-    ----------
-    psfs
-        (channels, rows, columns), by how the folder lists them.
-    summary
-        Figures, in values that JSON has.
+
+class CalibrateDistancesOptions(JobOptions):
+    """Make PSFs of other distances of a measured one, by how the rays magnify the pattern.
+
+    nolens calibrate distances mycamera --at 8cm --at 20cm --at infinity
+
+    A point source at the distance z casts a pattern 1 + D/z times as large as a far one does, D
+    being the reduced thickness between mask and sensor. The larger the measured PSF, the better:
+    one that was stitched is taken before one that was captured.
     """
 
-    psfs: dict[PsfEntry, Tensor]
-    summary: dict[str, Any]
+    usage = "calibrate distances FOLDER --at 8cm --at 20cm"
+
+    folder: PsfFolder
+    at: Annotated[
+        Distances, Option("Distance that a PSF is wanted at, or infinity; again for more.")
+    ] = ()
+    between: Annotated[
+        tuple[Depth, Depth] | None,
+        BeforeValidator(_two),
+        Option("The nearest and the farthest of several distances, such as 8cm,1m, with --count."),
+    ] = None
+    count: Annotated[
+        Annotated[int, Between(2, 1000)] | None,
+        Option(
+            "How many distances --between has; they are equally far apart in 1/z, as patterns are "
+            "in size."
+        ),
+    ] = None
+    source: Annotated[
+        Depth | None,
+        Field(alias="from"),
+        Option(
+            "Distance of the measured PSF that all come from.", default="the nearest one, in 1/z"
+        ),
+    ] = None
+    reduced: Reduced = None
+
+    def check_together(self) -> None:
+        """Refuse no distance, one given twice, and a span without a number of distances."""
+        if not self.at and self.between is None:
+            raise OptionError(
+                "no distance is given: say which PSFs are wanted (--at 8cm --at infinity, or "
+                "--between 8cm,1m --count 8)"
+            )
+        if (self.between is None) != (self.count is None):
+            raise OptionError("--between and --count go together: --between 8cm,1m --count 8")
+        names = [distance_name(each) for each in self.distances]
+        for each in names:
+            if names.count(each) > 1:
+                raise OptionError(f"the distance {each} is given twice: give it once")
+
+    @property
+    def distances(self) -> tuple[Length | Literal["infinity"], ...]:
+        """All distances that PSFs are wanted at."""
+        if self.between is None or self.count is None:
+            return self.at
+        ends = [0.0 if isinstance(each, str) else 1 / each.mm for each in self.between]
+        if ends[0] <= ends[1]:
+            raise OptionError(
+                f"--between {self.between[0]},{self.between[1]}: give the nearer distance first, "
+                "such as 8cm,1m"
+            )
+        steps = [
+            ends[0] + (ends[1] - ends[0]) * number / (self.count - 1)
+            for number in range(1, self.count - 1)
+        ]
+        inner = [Length.of(float(f"{1 / each:.{_DIGITS}g}"), "mm") for each in steps]
+        return (*self.at, self.between[0], *inner, self.between[1])
+
+    @property
+    def record(self) -> Path:
+        """File of the run's record."""
+        return self.folder / "distances.json"
+
+    @property
+    def output_folder(self) -> Path:
+        """That of the PSFs."""
+        return self.folder
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Nothing but what the folder lists."""
+        return {}
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """PSFs, list and record."""
+        return (
+            *(
+                Written(f"PSF of {distance}", self.folder / _psf_file(distance), "--at")
+                for distance in self.distances
+            ),
+            Written("list of PSFs", self.folder / PSFS_FILE),
+            Written("record of the run", self.record),
+        )
 
 
-def calibrate_distances(
-    options: CalibrateDistancesOptions, reporter: Reporter
-) -> CalibrateDistancesOutcome:
+def _psf_file(distance: Length | Literal["infinity"]) -> str:
+    return f"scaled-{distance_name(distance)}.tif"
+
+
+@job
+def calibrate_distances(run: Run[CalibrateDistancesOptions]) -> Product[dict[PsfEntry, Tensor]]:
     """Scale a measured PSF to other distances, and add them to its folder.
-
-    Parameters
-    ----------
-    options
-        Which folder, which distances.
-    reporter
-        Sees warnings and how far the work is.
 
     Raises
     ------
     NolensError
         If the folder or an option cannot be used; then nothing is written.
     """
-    clock = Clock()
+    options, reporter = run.options, run.reporter
     psfs = read_psf_set(options.folder)
     layers = _layers(options)
     sources = {distance: _source(options, psfs, distance) for distance in options.distances}
-    files = {f"PSF {each.file}": options.folder / each.file for each in sources.values()}
-    check_apart(options, files)
+    run.reads({f"PSF {each.file}": options.folder / each.file for each in sources.values()})
     if (options.folder / CAMERA_FILE).is_file():
-        files["camera"] = options.folder / CAMERA_FILE
-    inputs = {role: InputFile.of(path) for role, path in files.items()}
+        run.reads({"camera": options.folder / CAMERA_FILE})
     measured = {each.file: read_psf(options.folder, each) for each in sources.values()}
+    run.begin()
     made: dict[PsfEntry, Tensor] = {}
     rows: list[dict[str, Any]] = []
     warnings: list[str] = []
@@ -89,7 +169,7 @@ def calibrate_distances(
             wanted_um=_um(distance),
         )
         entry = PsfEntry(
-            file=psf_file(distance),
+            file=_psf_file(distance),
             cell=source.cell,
             channels=source.channels,
             distance=distance,
@@ -107,30 +187,15 @@ def calibrate_distances(
                 "unknown_share": found.unknown_share,
             }
         )
-        warnings += _doubts(found, distance)
+        warnings += _warnings(found, distance)
     reporter.advance("distances", 1.0)
-    for text in warnings:
-        reporter.warn(text)
-    summary = {
+    run.warn(*warnings)
+    figures = {
         "folder": readable(options.folder),
         "reduced_thickness_mm": round(layers.after.reduced_um * 1e-3, 5),
         "psfs": rows,
-        "warnings": warnings,
-        "outputs": [readable(each.path) for each in options.written],
-        "seconds": clock.seconds,
     }
-    record = RunRecord(
-        started=clock.started,
-        inputs=inputs,
-        parameters=options.model_dump(mode="json", by_alias=True),
-        result=summary,
-        history=[],
-        warnings=warnings,
-    )
-    write_psfs(
-        options.folder, made, more={options.record.name: partial(write_record, record=record)}
-    )
-    return CalibrateDistancesOutcome(made, summary)
+    return added(made, figures, options.folder, made)
 
 
 def _layers(options: CalibrateDistancesOptions) -> Layers:
@@ -175,20 +240,20 @@ def _source(
     return min(there, key=lambda each: abs(1 / each.distance_um - wanted))
 
 
-def _doubts(found: Scaled, distance: Length | Literal["infinity"]) -> list[str]:
-    doubts = []
+def _warnings(found: Scaled, distance: Length | Literal["infinity"]) -> list[str]:
+    texts = []
     if found.unknown_share > _MUCH_UNKNOWN:
-        doubts.append(
+        texts.append(
             f"{100 * found.unknown_share:.2g} % of the PSF of {distance} lies beyond the measured "
             "one, and has the mean light of its neighbourhood: a stitched PSF, or one measured at "
             "a nearer distance would not need that"
         )
     if isinstance(distance, Length) and distance.mm < _DEFOCUSED_MM:
-        doubts.append(
+        texts.append(
             f"{distance} is so near that the lenslets focus behind the sensor, which scaling does "
             "not show: measure a PSF there"
         )
-    return doubts
+    return texts
 
 
 def _um(distance: Length | Literal["infinity"]) -> float:

@@ -1,6 +1,6 @@
 """The folder that a camera's PSFs are gathered in."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -9,27 +9,9 @@ from torch import Tensor
 
 from nolens.camera import Frame, OpenCamera, PsfEntry, PsfSet
 from nolens.errors import DataError, FileError, OptionError
-from nolens.files import CAMERA_FILE, PSFS_FILE, read_camera, read_psf_set
+from nolens.files import CAMERA_FILE, PSFS_FILE, read_camera, read_psf_set, write_psfs
+from nolens.jobs.run import Product, Value, Writer
 from nolens.quantities import Length
-
-
-@dataclass(frozen=True)
-class CalibratedPsf:
-    """A PSF that was added to a folder.
-
-    Parameters
-    ----------
-    psf
-        (channels, rows, columns).
-    entry
-        How the folder lists it.
-    summary
-        Figures, in values that JSON has.
-    """
-
-    psf: Tensor
-    entry: PsfEntry
-    summary: dict[str, Any]
 
 
 def folder_camera(folder: Path) -> OpenCamera | None:
@@ -53,6 +35,36 @@ def folder_psfs(folder: Path) -> PsfSet | None:
         If the folder's psfs.toml is none.
     """
     return read_psf_set(folder) if (folder / PSFS_FILE).is_file() else None
+
+
+def added(
+    value: Value,
+    figures: Mapping[str, Any],
+    folder: Path,
+    psfs: Mapping[PsfEntry, Tensor],
+    more: Mapping[str, Writer] | None = None,
+) -> Product[Value]:
+    """What a job hands over that adds PSFs to a folder and to its list.
+
+    Parameters
+    ----------
+    value, figures
+        As of `Product`.
+    folder
+        Of the PSFs.
+    psfs
+        (channels, rows, columns) for each entry.
+    more
+        What writes further files, by name in the folder.
+    """
+    writers = {folder / name: write for name, write in (more or {}).items()}
+    outputs = (*(folder / entry.file for entry in psfs), folder / PSFS_FILE, *writers)
+
+    def commit(writers: Mapping[Path, Writer]) -> None:
+        names = {str(path.relative_to(folder)): write for path, write in writers.items()}
+        write_psfs(folder, psfs, more=names)
+
+    return Product(value, figures, writers, outputs=outputs, commit=commit)
 
 
 def chosen_camera(folder: Path, given: str | None) -> tuple[OpenCamera | None, str | None]:

@@ -2,37 +2,27 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import torch
 from torch import Tensor
 
 from nolens.calibrate.psf_from_scenes import KnownScenes, SolvedPsf, psf_from_scenes, unexplained
 from nolens.camera import Frame, Measurement, PsfEntry, develop
-from nolens.errors import DataError, OptionError
+from nolens.camera.part import PixelPitch
+from nolens.camera.psf_set import Depth
+from nolens.errors import DataError, FileError, OptionError
 from nolens.evaluate import affine_fit, psnr, ssim
 from nolens.experiments.virtual_experiment import solved
-from nolens.files import (
-    CAMERA_FILE,
-    InputFile,
-    RunRecord,
-    camera_files,
-    check_folder,
-    read_frame,
-    read_picture,
-    readable,
-    write_psfs,
-    write_record,
-)
-from nolens.jobs.calibration.folder import CalibratedPsf, cell_of, folder_camera, folder_psfs
-from nolens.jobs.calibration.pairs_options import CalibratePairsOptions, named_pairs
-from nolens.jobs.clock import Clock
-from nolens.jobs.cost import Cost, announce, check_memory
-from nolens.jobs.options import check_apart
+from nolens.files import CAMERA_FILE, PSFS_FILE, camera_files, read_frame, read_picture
+from nolens.jobs.calibration.fields import distance_name
+from nolens.jobs.calibration.folder import added, cell_of, folder_camera, folder_psfs
+from nolens.jobs.cost import Cost, check_memory
+from nolens.jobs.fields import INPUT, Black, Dark, FilePath, Mosaic, White, Window
+from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.reconstruction.options import parse_window
-from nolens.jobs.reporter import Reporter
+from nolens.jobs.run import Product, Run, job
 from nolens.operators import Region
 
 _LARGEST = 3
@@ -45,6 +35,179 @@ _WINDOW = 11
 # As the DiffuserCam pairs showed on two cores, for each cell of sensor and picture and channel of a
 # pair.
 _BYTES_PER_CELL, _SECONDS_PER_CELL = 150.0, 7e-6
+
+
+_PAIRS, _RESULT = "Pairs", "Result"
+
+
+class CalibratePairsOptions(JobOptions):
+    """Solve the PSF from measurements of known pictures, where no point source is to be had.
+
+    nolens calibrate pairs measured pictures --distance 300mm --pixel 1.55um -o mycamera
+
+    Show pictures with much detail on a screen, five or more, the room dark; the PSF is the one
+    that explains all of the measurements. It is as large as sensor and picture together, an
+    extended PSF: nolens reconstruct takes it with --psf-wider.
+    """
+
+    usage = "calibrate pairs MEASURED PICTURES --distance 300mm -o FOLDER"
+
+    measured: Annotated[
+        FilePath,
+        Option(
+            "Folder of what the camera measured: camera raw, .tif, .png or .npy.",
+            needed="the folder of measurements (nolens calibrate pairs MEASURED PICTURES "
+            "--distance 300mm -o FOLDER)",
+            role="input",
+            positional=True,
+        ),
+    ]
+    pictures: Annotated[
+        FilePath,
+        Option(
+            "Folder of what was shown, with the same names: .png, .jpg or .tif of 8 or 16 bits "
+            "(sRGB), or float .tif and .npy (linear). Their pixels are those of a reconstruction: "
+            "pixel (i, j) is the one whose light falls through the middle of the PSF onto pixel "
+            "(i, j) of the sensor; with a colour mosaic, onto superpixel (i, j) of 2×2 pixels.",
+            needed="the folder of pictures (nolens calibrate pairs MEASURED PICTURES --distance "
+            "300mm -o FOLDER)",
+            role="input",
+            positional=True,
+        ),
+    ]
+    distance: Annotated[
+        Depth,
+        Option(
+            "Of the pictures from the camera, such as 300mm, or infinity.",
+            _PAIRS,
+            needed="that of the pictures from the camera (--distance 300mm, or infinity)",
+        ),
+    ]
+    pixel: Annotated[
+        PixelPitch | None,
+        Option(
+            "Distance of the pixels in the measurements, such as 1.55um, where the folder has no "
+            "camera.",
+            _PAIRS,
+        ),
+    ] = None
+    region: Annotated[
+        Window | None,
+        Option(
+            "Where the pictures' pixels lie: HEIGHTxWIDTH+TOP+LEFT in pixels of the sensor's "
+            "frame.",
+            _PAIRS,
+            default="in the middle",
+        ),
+    ] = None
+    dark: Dark = None
+    black: Black = None
+    white: White = None
+    mosaic: Annotated[
+        Mosaic | None, Option("Colour mosaic of measurements whose files do not say it.", INPUT)
+    ] = None
+    bgr: Annotated[
+        bool,
+        Option("Colour channels of all files are stored as B, G, R.", INPUT, negative=False),
+    ] = False
+    each_channel: Annotated[
+        bool,
+        Option(
+            "A PSF for each channel.",
+            _RESULT,
+            default="one for all channels, from all of them",
+            negative=False,
+        ),
+    ] = False
+    check: Annotated[
+        bool,
+        Option(
+            "Also solve without each pair in turn, and say how well that one is reconstructed.",
+            _RESULT,
+            negative=False,
+        ),
+    ] = False
+    output: Annotated[
+        FilePath,
+        Option(
+            "Folder of the camera's PSFs; made if it is not there. The PSF, the list psfs.toml and "
+            "the record pairs-….json go into it.",
+            _RESULT,
+            needed="the folder of the camera's PSFs (-o folder)",
+            role="output",
+            flag="-o",
+        ),
+    ]
+
+    @property
+    def psf(self) -> Path:
+        """File of the PSF."""
+        return self.output / f"solved-{distance_name(self.distance)}.tif"
+
+    @property
+    def record(self) -> Path:
+        """File of the run's record."""
+        return self.output / f"pairs-{distance_name(self.distance)}.json"
+
+    @property
+    def output_folder(self) -> Path:
+        """It is made where it does not exist."""
+        return self.output
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Dark frame, by role; the pairs are found in their folders."""
+        return {} if self.dark is None else {"dark frame": self.dark}
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """PSF, list and record."""
+        return (
+            Written("PSF", self.psf),
+            Written("list of PSFs", self.output / PSFS_FILE),
+            Written("record of the run", self.record),
+        )
+
+
+def named_pairs(measured: Path, pictures: Path) -> dict[str, tuple[Path, Path]]:
+    """Files of the same name, but for the suffix, in both folders, in the order of their names.
+
+    Raises
+    ------
+    FileError
+        If a folder is none or has two files of one name, or a file has no partner.
+    """
+    found = [_by_name(folder) for folder in (measured, pictures)]
+    for folder, here, there, other in (
+        (measured, found[0], found[1], pictures),
+        (pictures, found[1], found[0], measured),
+    ):
+        alone = sorted(here.keys() - there.keys())
+        if alone:
+            raise FileError(
+                f"{folder / here[alone[0]].name} has no partner in {other} ({len(found[0])} "
+                f"measurements, {len(found[1])} pictures): give both the same name, such as "
+                f"{alone[0]}.png, and keep other files elsewhere"
+            )
+    if not found[0]:
+        raise FileError(f"{measured} is empty: give a folder of measurements, and one of pictures")
+    return {name: (found[0][name], found[1][name]) for name in sorted(found[0])}
+
+
+def _by_name(folder: Path) -> dict[str, Path]:
+    if not folder.is_dir():
+        raise FileError(f"{folder} is no folder: give one of measurements and one of pictures")
+    files: dict[str, Path] = {}
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith(".") or not path.is_file():
+            continue
+        if path.stem in files:
+            raise FileError(
+                f"{path} and {files[path.stem].name} have one name, and it is not clear which is "
+                "meant: keep one of them elsewhere"
+            )
+        files[path.stem] = path
+    return files
 
 
 @dataclass(frozen=True)
@@ -177,35 +340,27 @@ def _region(
     return region
 
 
-def calibrate_pairs(options: CalibratePairsOptions, reporter: Reporter) -> CalibratedPsf:
+@job
+def calibrate_pairs(run: Run[CalibratePairsOptions]) -> Product[Tensor]:
     """Solve the PSF that explains measurements of known pictures, and add it to a folder.
-
-    Parameters
-    ----------
-    options
-        What to read, where the pictures were, where to write.
-    reporter
-        Sees warnings and how far the work is.
 
     Raises
     ------
     NolensError
         If a file, an option or the folder cannot be used; then nothing is written.
     """
-    clock = Clock()
-    check_folder(options.output)
+    options = run.options
     pairs = named_pairs(options.measured, options.pictures)
     names = list(pairs)
     if options.check and len(names) < 2:
         raise OptionError("--check solves without each pair in turn, and there is only one")
-    files = dict(options.inputs)
+    files: dict[str, Path] = {}
     for name, (measured, picture) in pairs.items():
         files |= {f"measurement {name}": measured, f"picture {name}": picture}
     opened, psfs = folder_camera(options.output), folder_psfs(options.output)
     if opened is not None:
         files |= camera_files(options.output / CAMERA_FILE, opened.camera)
-    check_apart(options, files)
-    inputs = {role: InputFile.of(path) for role, path in files.items()}
+    run.reads(files)
     read = read_pairs(options, pairs)
     cell = cell_of(read.first, opened, psfs, options.pixel)
     channels = read.channels if options.each_channel else ("grey",)
@@ -224,12 +379,12 @@ def calibrate_pairs(options: CalibratePairsOptions, reporter: Reporter) -> Calib
         kind="solved",
     )
     rounds = 1 + (len(names) if options.check else 0)
-    cost, device = _cost(read, rounds), torch.device("cpu")
-    check_memory(cost, device, "fewer or smaller pictures need less")
-    announce(cost, device, reporter)
+    cost = _cost(read, rounds)
+    check_memory(cost, run.device, "fewer or smaller pictures need less")
+    run.begin(cost)
 
     def tick(number: int) -> Callable[[float], None]:
-        return lambda share: reporter.advance("PSF", (number + share) / rounds)
+        return lambda share: run.reporter.advance("PSF", (number + share) / rounds)
 
     found = _solved(read, names, options, tick(0))
     psf = torch.stack([each.psf for each in found])
@@ -238,31 +393,16 @@ def calibrate_pairs(options: CalibratePairsOptions, reporter: Reporter) -> Calib
         for number, left in enumerate(names if options.check else [])
     ]
     rows = _rows(read, names, found)
-    warnings = _doubts(rows)
-    for text in warnings:
-        reporter.warn(text)
-    summary = {
+    run.warn(*_warnings(rows))
+    figures = {
         "camera": None if opened is None else opened.camera.name,
         **entry.model_dump(mode="json"),
         "cells": list(psf.shape[-2:]),
         "support_share": round(float(found[0].support.double().mean()), 4),
         "pairs": rows,
         "left_out": checks,
-        "warnings": warnings,
-        "outputs": [readable(each.path) for each in options.written],
-        "seconds": clock.seconds,
     }
-    record = RunRecord(
-        started=clock.started,
-        inputs=inputs,
-        parameters=options.model_dump(mode="json"),
-        result=summary,
-        history=[],
-        warnings=warnings,
-    )
-    more = {options.record.name: partial(write_record, record=record)}
-    write_psfs(options.output, {entry: psf}, more=more)
-    return CalibratedPsf(psf, entry, summary)
+    return added(psf, figures, options.output, {entry: psf})
 
 
 def _groups(read: ReadPairs, options: CalibratePairsOptions) -> list[list[int]]:
@@ -341,10 +481,10 @@ def _rows(read: ReadPairs, names: list[str], found: list[SolvedPsf]) -> list[dic
     ]
 
 
-def _doubts(rows: list[dict[str, Any]]) -> list[str]:
-    doubts = []
+def _warnings(rows: list[dict[str, Any]]) -> list[str]:
+    texts = []
     if len(rows) < _ILL_POSED:
-        doubts.append(
+        texts.append(
             f"{len(rows)} pair{'' if len(rows) == 1 else 's'} can be explained by many PSFs: take "
             "five or more, of pictures with much detail"
         )
@@ -352,12 +492,12 @@ def _doubts(rows: list[dict[str, Any]]) -> list[str]:
     middle = sorted(means)[len(means) // 2]
     for row, mean in zip(rows, means, strict=True):
         if mean > _LIKE_NONE or (len(rows) > 2 and mean > _UNLIKE_THE_OTHERS * middle):
-            doubts.append(
+            texts.append(
                 f"the pair {row['name']} is explained badly ({100 * mean:.0f} % of its measurement "
                 f"is left, {100 * middle:.0f} % of the others): is that the picture that was "
                 "shown, in its place and not turned?"
             )
-    return doubts
+    return texts
 
 
 def _cost(read: ReadPairs, rounds: int) -> Cost:

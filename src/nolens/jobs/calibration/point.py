@@ -1,13 +1,10 @@
 """`nolens calibrate`: frames of a point source become a PSF in a camera's folder."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-import torch
 from torch import Tensor
 
 from nolens.calibrate.distances import Layers
@@ -23,31 +20,19 @@ from nolens.calibrate.point_frames import (
 from nolens.calibrate.point_register import NEARBY, register
 from nolens.camera import Frame, PsfEntry, PsfSet, Sensor
 from nolens.errors import DataError
-from nolens.files import (
-    CAMERA_FILE,
-    InputFile,
-    RunRecord,
-    camera_files,
-    check_folder,
-    read_frame,
-    read_psf,
-    readable,
-    write_psfs,
-    write_record,
-)
+from nolens.files import CAMERA_FILE, camera_files, read_frame, read_psf
 from nolens.jobs.calibration.folder import (
-    CalibratedPsf,
+    added,
     cell_of,
     check_free,
     chosen_camera,
     folder_psfs,
 )
 from nolens.jobs.calibration.point_options import CalibratePointOptions
-from nolens.jobs.clock import Clock
 from nolens.jobs.copied import copied_camera
-from nolens.jobs.cost import Cost, announce, check_memory
-from nolens.jobs.options import check_apart
+from nolens.jobs.cost import Cost, check_memory
 from nolens.jobs.reporter import Reporter
+from nolens.jobs.run import Product, Run, Writer, job
 
 _LEAST_ALIKE = 0.4
 _LARGE_DEG, _LARGE_SHARE = 2.0, 0.05
@@ -397,29 +382,20 @@ def _rounded(value: float) -> float:
     return round(value, 3) + 0.0
 
 
-def calibrate_point(options: CalibratePointOptions, reporter: Reporter) -> CalibratedPsf:
+@job
+def calibrate_point(run: Run[CalibratePointOptions]) -> Product[Tensor]:
     """Average, clean and centre frames of a point source, and add the PSF to a folder.
-
-    Parameters
-    ----------
-    options
-        What to read, where the light was, where to write.
-    reporter
-        Sees warnings and how far the work is.
 
     Raises
     ------
     NolensError
         If a frame, an option or the folder cannot be used; then nothing is written.
     """
-    clock = Clock()
-    check_folder(options.output)
+    options, reporter = run.options, run.reporter
     opened, copied = chosen_camera(options.output, options.camera)
-    files = dict(options.inputs)
-    camera: dict[str, Callable[[Path], None]] = {}
+    camera: dict[str, Writer] = {}
     if opened is not None:
-        files |= camera_files(copied or options.output / CAMERA_FILE, opened.camera)
-    check_apart(options, files)
+        run.reads(camera_files(copied or options.output / CAMERA_FILE, opened.camera))
     if opened is not None and copied is not None:
         camera = copied_camera(copied, opened)
         check_free(options.output, list(camera))
@@ -428,10 +404,9 @@ def calibrate_point(options: CalibratePointOptions, reporter: Reporter) -> Calib
     frames = read_frames(options, None if opened is None else opened.camera.sensor, reporter)
     cell = cell_of(frames.first, opened, psfs, options.pixel)
     layers = None if opened is None else Layers.of_camera(opened.camera)
-    inputs = {role: InputFile.of(path) for role, path in files.items()}
-    cost, device = _cost(frames), torch.device("cpu")
-    check_memory(cost, device, "frames of fewer exposure times need less")
-    announce(cost, device, reporter)
+    cost = _cost(frames)
+    check_memory(cost, run.device, "frames of fewer exposure times need less")
+    run.begin(cost)
     reporter.advance("PSF", 0.0)
     found = point_psf(
         frames.exposures,
@@ -462,33 +437,15 @@ def calibrate_point(options: CalibratePointOptions, reporter: Reporter) -> Calib
             f"{', '.join(psfs.psf[0].channels)}, but these frames {', '.join(entry.channels)}: "
             "give another folder (-o)"
         )
-    warnings = [*frames.warnings, *_doubts(found, frames, usable, options.as_is), *place.warnings]
-    for text in warnings:
-        reporter.warn(text)
-    summary = {
+    run.warn(*frames.warnings, *_warnings(found, frames, usable, options.as_is), *place.warnings)
+    figures = {
         "camera": None if opened is None else opened.camera.name,
         **entry.model_dump(mode="json"),
         "cells": list(place.psf.shape[-2:]),
         **_figures(found, frames),
         **place.figures,
-        "warnings": warnings,
-        "outputs": [
-            *(readable(each.path) for each in options.written),
-            *(readable(options.output / name) for name in camera),
-        ],
-        "seconds": clock.seconds,
     }
-    record = RunRecord(
-        started=clock.started,
-        inputs=inputs,
-        parameters=options.model_dump(mode="json"),
-        result=summary,
-        history=[],
-        warnings=warnings,
-    )
-    camera[options.record.name] = partial(write_record, record=record)
-    write_psfs(options.output, {entry: place.psf}, more=camera)
-    return CalibratedPsf(place.psf, entry, summary)
+    return added(place.psf, figures, options.output, {entry: place.psf}, camera)
 
 
 def _cost(frames: ReadFrames) -> Cost:
@@ -503,28 +460,28 @@ def _channels(frames: ReadFrames) -> tuple[str, ...]:
     return frames.first.channels if frames.first.mosaic is None else ("R", "G", "B")
 
 
-def _doubts(found: PointPsf, frames: ReadFrames, usable: float, as_is: bool) -> list[str]:
-    doubts = []
+def _warnings(found: PointPsf, frames: ReadFrames, usable: float, as_is: bool) -> list[str]:
+    texts = []
     if found.saturated_share > 0:
-        doubts.append(
+        texts.append(
             f"{100 * found.saturated_share:.2g} % of the pixels are saturated in every exposure, "
             "and too dark there: a frame of a shorter exposure gives them back"
         )
     if found.area is None and not frames.darks and not as_is:
-        doubts.append(
+        texts.append(
             "the pattern fills the sensor, so that nothing tells stray light from its own: what "
             "there is stays in. Dark frames (--dark), with the room as it was and the point "
             "covered, take it away"
         )
     off = max(abs(ratio - 1) for ratio in found.ratios)
     if off > UNCERTAIN_RATIO:
-        doubts.append(
+        texts.append(
             f"the exposures are up to {100 * off:.2g} % off what their times say, and were "
             "corrected: the light or the shutter is not steady"
         )
     if usable <= 0:
-        doubts.append("the pattern's structure does not stand out of its noise: take more frames")
-    return doubts
+        texts.append("the pattern's structure does not stand out of its noise: take more frames")
+    return texts
 
 
 def _figures(found: PointPsf, frames: ReadFrames) -> dict[str, Any]:

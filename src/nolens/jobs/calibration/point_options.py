@@ -1,7 +1,7 @@
-"""What `nolens calibrate` can be told, as a frozen model."""
+"""Options of `nolens calibrate`, of frames of a point source."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated
 
 from pydantic import Field
 
@@ -10,91 +10,146 @@ from nolens.camera.part import PixelPitch
 from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
 from nolens.files import PSFS_FILE
-from nolens.jobs.fields import Exposure, FieldAngles, FilePath, Files, Mosaic, Name
-from nolens.jobs.options import JobOptions, Written
-from nolens.quantities import Angle, Length
+from nolens.jobs.calibration.fields import distance_name
+from nolens.jobs.fields import CAMERAS, Exposure, FieldAngles, FilePath, Files, Mosaic, Name
+from nolens.jobs.options import JobOptions, Option, Written
+from nolens.quantities import Angle
+
+_SOURCE, _FRAMES, _RESULT = "Point source", "Frames", "Result"
 
 
 class CalibratePointOptions(JobOptions):
-    """What `nolens calibrate` can be told.
+    """Make a PSF of pictures of one point source, and add it to a camera's folder.
 
-    Attributes
-    ----------
-    frames
-        Pictures of one point source.
-    output
-        Folder of the camera's PSFs.
-    distance, angle
-        Of the point source; the angles are to the right and up as the photographer sees it.
-    dark
-        Pictures with the light off.
-    camera
-        Preset, folder or .toml file; None takes that of the folder, if it has one.
-    pixel
-        Distance of the pixels in the frames; None takes the camera's.
-    exposure
-        Exposure time of all frames or of each one; none takes what the files say.
-    mosaic
-        Of frames whose files do not say it.
-    stray_light
-        What is taken away as light of other sources.
-    as_is
-        Whether the frames are a finished PSF, of which only the black level is subtracted.
+    nolens calibrate point*.dng --distance 300mm --camera paper -o mycamera
+
+    Once for each place of the point source: the folder gathers the PSFs of all distances and
+    angles. Use a white LED behind a pinhole of 50 um in a dark room; more frames make less noise,
+    and frames of several exposure times keep the faint parts where the long ones clip.
     """
 
-    frames: Files = Field(min_length=1)
-    output: FilePath
-    distance: Depth
-    angle: FieldAngles = (Angle("0", "deg"), Angle("0", "deg"))
-    dark: Files = ()
-    camera: Name | None = None
-    pixel: PixelPitch | None = None
-    exposure: Annotated[tuple[Exposure, ...], Field(max_length=100_000)] = ()
-    mosaic: Mosaic | None = None
-    stray_light: StrayLight = "auto"
-    as_is: bool = False
+    usage = "calibrate FRAME... --distance 300mm -o FOLDER"
 
-    @classmethod
-    def gather(cls, given: dict[str, Any]) -> Self:
-        """Options as the command line gives them.
+    frames: Annotated[
+        Files,
+        Field(min_length=1),
+        Option(
+            "Camera raw (.dng and others), .tif, .png or .npy, all of the same point source.",
+            needed="the frames of one point source (nolens calibrate FRAME... --distance 300mm -o "
+            "FOLDER)",
+            role="input",
+            positional=True,
+            label="Frames",
+        ),
+    ]
+    distance: Annotated[
+        Depth,
+        Option(
+            "Of the point source from the camera, such as 300mm, or infinity.",
+            _SOURCE,
+            needed="that of the point source from the camera (--distance 300mm, or infinity)",
+            label="Distance from the mask",
+        ),
+    ]
+    angle: Annotated[
+        FieldAngles,
+        Option(
+            "Field angles of the point source, to the right and up as the photographer sees it, "
+            "such as 20deg,-10deg.",
+            _SOURCE,
+            default="0deg,0deg",
+        ),
+    ] = (Angle("0", "deg"), Angle("0", "deg"))
+    dark: Annotated[
+        Files,
+        Option(
+            "Frames with the point source off, after the others; those of each exposure time are "
+            "subtracted from its frames.",
+            _FRAMES,
+            default="none, and the black level of the files",
+            role="input",
+            several=True,
+            label="Dark frames",
+        ),
+    ] = ()
+    exposure: Annotated[
+        tuple[Exposure, ...],
+        Field(max_length=100_000),
+        Option(
+            "Exposure time, such as 10ms: once for all frames, or once for each in their order.",
+            _FRAMES,
+            default="what the files say",
+        ),
+    ] = ()
+    camera: Annotated[
+        Name | None,
+        Option(
+            f"{CAMERAS}; it is copied into the folder.",
+            _FRAMES,
+            default="that of the folder, if it has one",
+            role="camera",
+            label="Description",
+        ),
+    ] = None
+    pixel: Annotated[
+        PixelPitch | None,
+        Option(
+            "Distance of the pixels in the frames, such as 1.55um, where no camera is known.",
+            _FRAMES,
+        ),
+    ] = None
+    mosaic: Annotated[
+        Mosaic | None, Option("Colour mosaic of frames whose files do not say it.", _FRAMES)
+    ] = None
+    stray_light: Annotated[
+        StrayLight,
+        Option(
+            "auto subtracts a smooth background where an aperture leaves a dark area, none leaves "
+            "all in, floor takes the darkest light there is for stray light.",
+            _RESULT,
+        ),
+    ] = "auto"
+    as_is: Annotated[
+        bool,
+        Option(
+            "The frames are a finished PSF, such as another group's: subtract its black level and "
+            "nothing else, and warn where frames of a camera would be refused. The middle of the "
+            "file is its zero shift.",
+            _RESULT,
+            default="off",
+        ),
+    ] = False
+    output: Annotated[
+        FilePath,
+        Option(
+            "Folder of the camera's PSFs; made if it is not there. The PSF, the list psfs.toml and "
+            "the record calibrate-….json go into it.",
+            _RESULT,
+            needed="the folder of the camera's PSFs (-o folder)",
+            role="output",
+            flag="-o",
+        ),
+    ]
 
-        Raises
-        ------
-        OptionError
-            If one is missing, or its value cannot be used, or two do not go together.
-        """
-        if not given.get("frames"):
+    def check_together(self) -> None:
+        """Refuse other times than frames, stray light of a finished PSF, and a frame twice."""
+        if len(self.exposure) not in (0, 1, len(self.frames)):
             raise OptionError(
-                "no frame is given: nolens calibrate FRAME... --distance 300mm -o FOLDER"
-            )
-        if not given.get("output"):
-            raise OptionError(
-                "no output is given; name the folder of the camera's PSFs (-o folder)"
-            )
-        if not given.get("distance"):
-            raise OptionError(
-                "no distance is given: say how far the point source was from the camera "
-                "(--distance 300mm, or infinity)"
-            )
-        options = cls.checked(given)
-        if len(options.exposure) not in (0, 1, len(options.frames)):
-            raise OptionError(
-                f"--exposure is given {len(options.exposure)} times for {len(options.frames)} "
+                f"--exposure is given {len(self.exposure)} times for {len(self.frames)} "
                 "frames: give it once, for all of them, or once for each in their order"
             )
-        if options.as_is and options.stray_light != "auto":
+        if self.as_is and self.stray_light != "auto":
             raise OptionError(
-                f"--as-is and --stray-light {options.stray_light} are both given: a PSF that is "
+                f"--as-is and --stray-light {self.stray_light} are both given: a PSF that is "
                 "taken as it is keeps its stray light. Leave one of them out"
             )
-        twice = [path for path in options.frames if options.frames.count(path) > 1]
-        both = [path for path in options.dark if path in options.frames]
+        twice = [path for path in self.frames if self.frames.count(path) > 1]
+        both = [path for path in self.dark if path in self.frames]
         if twice or both:
             raise OptionError(
                 f"{(twice or both)[0]} is given twice: a frame counts once, as a frame or as a "
                 "dark frame"
             )
-        return options
 
     @property
     def suffix(self) -> str:
@@ -115,6 +170,11 @@ class CalibratePointOptions(JobOptions):
         return self.output / f"calibrate-{self.suffix}.json"
 
     @property
+    def output_folder(self) -> Path:
+        """It is made where it does not exist."""
+        return self.output
+
+    @property
     def inputs(self) -> dict[str, Path]:
         """Frames and dark frames, by role."""
         return {
@@ -131,8 +191,3 @@ class CalibratePointOptions(JobOptions):
             Written("list of PSFs", self.output / PSFS_FILE),
             Written("record of the run", self.record),
         )
-
-
-def distance_name(distance: Length | Literal["infinity"]) -> str:
-    """A distance as the names of files have it, the same for 30 cm and 300 mm."""
-    return f"{distance.mm:.6g}mm" if isinstance(distance, Length) else distance

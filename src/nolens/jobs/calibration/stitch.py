@@ -4,7 +4,10 @@ import math
 from collections import Counter
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from torch import Tensor
 
 from nolens.calibrate.distances import Layers
 from nolens.calibrate.stitch import (
@@ -17,24 +20,16 @@ from nolens.calibrate.stitch import (
 )
 from nolens.calibrate.stitch_place import Placement
 from nolens.camera import PsfEntry, PsfSet
+from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
-from nolens.files import (
-    CAMERA_FILE,
-    PSFS_FILE,
-    InputFile,
-    RunRecord,
-    read_psf,
-    read_psf_set,
-    readable,
-    write_psfs,
-    write_record,
-)
-from nolens.jobs.calibration.folder import CalibratedPsf, folder_camera
-from nolens.jobs.calibration.point_options import distance_name
-from nolens.jobs.calibration.stitch_options import CalibrateStitchOptions
-from nolens.jobs.clock import Clock
+from nolens.files import CAMERA_FILE, PSFS_FILE, read_psf, read_psf_set, readable
+from nolens.jobs.calibration.fields import NEEDED_FOLDER, Reduced, distance_name
+from nolens.jobs.calibration.folder import added, folder_camera
 from nolens.jobs.cost import duration_text
+from nolens.jobs.fields import FilePath
+from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.reporter import Reporter
+from nolens.jobs.run import Product, Run, job
 from nolens.quantities import Length
 
 _REDUCED_SHARE = 0.15
@@ -46,6 +41,70 @@ _LONG_S = 20
 _OFF_DEG = 1.5
 _MISFIT_CELLS = 1.0
 _UNKNOWN_SHARE = 0.1
+
+
+class CalibrateStitchOptions(JobOptions):
+    """Merge PSFs that were captured at several angles into an extended one, beyond the sensor.
+
+    nolens calibrate stitch mycamera
+
+    nolens reconstruct raw.dng --psf mycamera/stitched-300mm.tif --psf-wider --region 414x414
+
+    A camera without an aperture sees light through mask that the PSF from straight ahead does
+    not show. Point sources from the side move the pattern, so that the sensor sees its other
+    parts: nolens calibrate plan lists the angles. They need be right to 3° only: each PSF is
+    placed by what it has in common with the others.
+    """
+
+    usage = "calibrate stitch FOLDER"
+
+    folder: Annotated[
+        FilePath,
+        Option(
+            "Of the camera's PSFs, as nolens calibrate makes it, with one from straight ahead and "
+            "others at angles (--angle).",
+            needed=NEEDED_FOLDER,
+            role="input",
+            positional=True,
+        ),
+    ]
+    distance: Annotated[
+        Depth | None,
+        Option("Of the point sources.", default="the only one that was captured at angles"),
+    ] = None
+    reduced: Reduced = None
+
+    @property
+    def record(self) -> Path | None:
+        """File of the run's record; None until the distance in its name is known."""
+        if self.distance is None:
+            return None
+        return self.folder / f"stitch-{distance_name(self.distance)}.json"
+
+    @property
+    def output_folder(self) -> Path:
+        """That of the PSFs."""
+        return self.folder
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Nothing but what the folder lists."""
+        return {}
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """PSF, list and record, once the distance in their names is known."""
+        if self.distance is None or self.record is None:
+            return ()
+        return (
+            Written("PSF", self.folder / _psf_file(self.distance), "FOLDER"),
+            Written("list of PSFs", self.folder / PSFS_FILE, "FOLDER"),
+            Written("record of the run", self.record, "FOLDER"),
+        )
+
+
+def _psf_file(distance: Length | Literal["infinity"]) -> str:
+    return f"stitched-{distance_name(distance)}.tif"
 
 
 @dataclass(frozen=True)
@@ -154,28 +213,22 @@ def _joined(distance: Length | Literal["infinity"]) -> str:
     return str(distance).replace(" ", "")
 
 
-def calibrate_stitch(options: CalibrateStitchOptions, reporter: Reporter) -> CalibratedPsf:
+@job
+def calibrate_stitch(run: Run[CalibrateStitchOptions]) -> Product[Tensor]:
     """Register the captured PSFs of one distance, merge them, and add the result to their folder.
-
-    Parameters
-    ----------
-    options
-        Which folder, which distance.
-    reporter
-        Sees warnings and how far the work is.
 
     Raises
     ------
     NolensError
         If the folder or an option cannot be used; then nothing is written.
     """
-    clock = Clock()
-    captured = chosen(options, read_psf_set(options.folder))
+    reporter = run.reporter
+    captured = chosen(run.options, read_psf_set(run.options.folder))
+    options = run.options = run.options.model_copy(update={"distance": captured.distance})
     layers, inexact = stack_of(options)
-    files = {f"PSF {each.file}": options.folder / each.file for each in captured.entries}
+    run.reads({f"PSF {each.file}": options.folder / each.file for each in captured.entries})
     if (options.folder / CAMERA_FILE).is_file():
-        files["camera"] = options.folder / CAMERA_FILE
-    inputs = {role: InputFile.of(path) for role, path in files.items()}
+        run.reads({"camera": options.folder / CAMERA_FILE})
     captures = [
         Capture.at_angle(
             read_psf(options.folder, each), each.angle, layers, each.cell.um, inexact=inexact
@@ -183,6 +236,7 @@ def calibrate_stitch(options: CalibrateStitchOptions, reporter: Reporter) -> Cal
         for each in captured.entries
     ]
     _check_sizes(captures, captured)
+    run.begin()
     _announce(captures, reporter)
     placement = locate(captures, captured.reference, partial(reporter.advance, "overlaps"))
     _check_placement(placement, captured)
@@ -192,9 +246,8 @@ def calibrate_stitch(options: CalibrateStitchOptions, reporter: Reporter) -> Cal
 
     first = captured.entries[0]
     usable = [each.usable_per_mm for each in captured.entries]
-    name = distance_name(captured.distance)
     entry = PsfEntry(
-        file=f"stitched-{name}.tif",
+        file=_psf_file(captured.distance),
         cell=first.cell,
         channels=first.channels,
         distance=captured.distance,
@@ -202,40 +255,19 @@ def calibrate_stitch(options: CalibrateStitchOptions, reporter: Reporter) -> Cal
         usable_per_mm=min((each for each in usable if each is not None), default=None),
     )
     rows = _rows(captures, captured, found, layers)
-    warnings = _doubts(rows, found)
-    for text in warnings:
-        reporter.warn(text)
-    record_file = f"stitch-{name}.json"
-    written = (entry.file, PSFS_FILE, record_file)
-    sensor = captures[0].psf.shape[-2:]
-    summary = {
+    run.warn(*_warnings(rows, found))
+    figures = {
         "folder": readable(options.folder),
         "distance": str(captured.distance),
         "file": entry.file,
-        "sensor_cells": list(sensor),
+        "sensor_cells": list(captures[0].psf.shape[-2:]),
         "cells": list(found.psf.shape[-2:]),
         "region": list(found.region),
         "known_share": round(found.known_share, 6),
         "misfit_cells": round(placement.misfit, 4),
         "captures": rows,
-        "warnings": warnings,
-        "outputs": [readable(options.folder / each) for each in written],
-        "seconds": clock.seconds,
     }
-    record = RunRecord(
-        started=clock.started,
-        inputs=inputs,
-        parameters=options.model_dump(mode="json"),
-        result=summary,
-        history=[],
-        warnings=warnings,
-    )
-    write_psfs(
-        options.folder,
-        {entry: found.psf},
-        more={record_file: partial(write_record, record=record)},
-    )
-    return CalibratedPsf(found.psf, entry, summary)
+    return added(found.psf, figures, options.folder, {entry: found.psf})
 
 
 def _check_sizes(captures: list[Capture], captured: Captured) -> None:
@@ -300,8 +332,8 @@ def _rows(
     return rows
 
 
-def _doubts(rows: list[dict[str, Any]], found: Stitched) -> list[str]:
-    doubts = [
+def _warnings(rows: list[dict[str, Any]], found: Stitched) -> list[str]:
+    texts = [
         f"{row['file']} lies {row['off_um']:.0f} µm beside where its angle of "
         f"{', '.join(row['angle'])} puts it, about {row['off_deg']:.1f}°: check the angle, and "
         "the layers of the camera if others are off alike"
@@ -309,18 +341,18 @@ def _doubts(rows: list[dict[str, Any]], found: Stitched) -> list[str]:
         if row["off_deg"] > _OFF_DEG
     ]
     if found.placement.misfit > _MISFIT_CELLS:
-        doubts.append(
+        texts.append(
             f"the overlaps disagree by {found.placement.misfit:.1f} cells about where the PSFs "
             "lie: was the camera moved or turned between the captures?"
         )
     if 0 in found.region:
-        doubts.append(
+        texts.append(
             "no scene around the middle has its whole PSF seen: capture the opposite angles too, "
             "and the corners"
         )
     if found.known_share < 1 - _UNKNOWN_SHARE:
-        doubts.append(
+        texts.append(
             f"{100 * (1 - found.known_share):.0f} % of the stitched PSF was seen by none, and has "
             "the mean light around it: capture more angles, also in the corners"
         )
-    return doubts
+    return texts

@@ -1,32 +1,27 @@
-"""From a captured PSF and ordinary pictures to a PSF that goes on beyond the sensor."""
+"""`nolens calibrate surround`: a captured PSF that goes on beyond the sensor."""
 
-from functools import partial
+from pathlib import Path
+from typing import Annotated, Literal
 
 import torch
 from torch import Tensor
 
 from nolens.calibrate.surround import PSF_STEPS, SCENE_STEPS, Extended, extend, filled, steps
 from nolens.camera import Measurement, PsfEntry, PsfSet, develop
+from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
-from nolens.files import (
-    PSFS_FILE,
-    InputFile,
-    RunRecord,
-    read_frame,
-    read_psf,
-    read_psf_set,
-    readable,
-    write_psfs,
-    write_record,
-)
-from nolens.jobs.calibration.folder import CalibratedPsf
-from nolens.jobs.calibration.point_options import distance_name
-from nolens.jobs.calibration.surround_options import CalibrateSurroundOptions
-from nolens.jobs.clock import Clock
+from nolens.files import PSFS_FILE, read_frame, read_psf, read_psf_set, readable
+from nolens.jobs.calibration.fields import PsfFolder, distance_name
+from nolens.jobs.calibration.folder import added
 from nolens.jobs.cost import duration_text
+from nolens.jobs.fields import Files, Window
+from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.reconstruction.options import parse_window
 from nolens.jobs.reporter import Reporter
+from nolens.jobs.run import Product, Run, job
 from nolens.operators import Region
+from nolens.quantities import Length
+from nolens.ranges import Between
 
 _TAU = 1e-5
 _SECONDS_PER_CELL = 2e-8
@@ -34,32 +29,110 @@ _SECONDS_PER_CELL = 2e-8
 _LONG_S = 20
 
 
-def calibrate_surround(options: CalibrateSurroundOptions, reporter: Reporter) -> CalibratedPsf:
-    """Extend a captured PSF beyond the sensor, and add the result to its folder.
+class CalibrateSurroundOptions(JobOptions):
+    """Extrapolate a captured PSF beyond the sensor, without further captures.
 
-    Parameters
-    ----------
-    options
-        Which folder, which pictures.
-    reporter
-        Sees warnings and how far the work is; can stop it after a round.
+    nolens calibrate surround mycamera raw1.dng raw2.dng --region 414x414
+
+    nolens reconstruct raw1.dng --psf mycamera/extended-300mm.tif --psf-wider --region 414x414
+
+    For a camera without an aperture. Without pictures, the PSF goes on with its mean light; that
+    alone is worth most. From pictures of ordinary scenes the pattern itself is estimated together
+    with the scenes, where they show it: scenes that fill a small part of the sensor do. Captures
+    at angles give more than either (nolens calibrate stitch).
+
+    Ctrl-C ends it after a step, and the PSF so far is written.
+    """
+
+    usage = "calibrate surround FOLDER RAW... --region 414x414"
+
+    folder: PsfFolder
+    pictures: Annotated[
+        Files,
+        Option(
+            "Raw frames of different scenes, whose light comes from the support only.",
+            role="input",
+            positional=True,
+        ),
+    ] = ()
+    region: Annotated[
+        Window,
+        Option(
+            "Support of the scene, where its light comes from: HEIGHTxWIDTH in scene pixels, "
+            "around the middle, or +TOP+LEFT after it; nolens calibrate plan tells it for an "
+            "angle.",
+            needed="the support of the scene, where its light comes from, in pixels (--region "
+            "414x414; nolens calibrate plan CAMERA --angle 56deg tells it for an angle)",
+        ),
+    ]
+    distance: Annotated[
+        Depth | None, Option("Of the PSF to extrapolate.", default="the only captured one")
+    ] = None
+    rounds: Annotated[
+        int, Between(1, 100), Option("Turns in which scenes and PSF are estimated.")
+    ] = 4
+
+    def check_together(self) -> None:
+        """Refuse a picture that is given twice."""
+        if len(set(self.pictures)) < len(self.pictures):
+            raise OptionError("a picture is given twice: it counts once")
+
+    @property
+    def record(self) -> Path | None:
+        """File of the run's record; None until the distance in its name is known."""
+        if self.distance is None:
+            return None
+        return self.folder / f"extend-{distance_name(self.distance)}.json"
+
+    @property
+    def output_folder(self) -> Path:
+        """That of the PSFs."""
+        return self.folder
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Pictures, by role."""
+        return {f"picture {number}": path for number, path in enumerate(self.pictures, start=1)}
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """PSF, list and record, once the distance in their names is known."""
+        if self.distance is None or self.record is None:
+            return ()
+        return (
+            Written("PSF", self.folder / _psf_file(self.distance), "FOLDER"),
+            Written("list of PSFs", self.folder / PSFS_FILE, "FOLDER"),
+            Written("record of the run", self.record, "FOLDER"),
+        )
+
+
+def _psf_file(distance: Length | Literal["infinity"]) -> str:
+    return f"extended-{distance_name(distance)}.tif"
+
+
+@job
+def calibrate_surround(run: Run[CalibrateSurroundOptions]) -> Product[Tensor]:
+    """Extrapolate a captured PSF beyond the sensor, and add the result to its folder.
+
+    The reporter can stop it after a step.
 
     Raises
     ------
     NolensError
         If the folder, a picture or an option cannot be used; then nothing is written.
     """
-    clock = Clock()
-    source = _source(options, read_psf_set(options.folder))
+    reporter = run.reporter
+    source = _source(run.options, read_psf_set(run.options.folder))
+    options = run.options = run.options.model_copy(update={"distance": source.distance})
     psf = read_psf(options.folder, source)
     if not float(psf.sum()) > 0:
         raise DataError(f"{source.file} is dark: calibrate it again")
     sensor = (psf.shape[-2], psf.shape[-1])
     region = parse_window(options.region, sensor, "--region")
     _check_region(region, sensor)
-    files = {f"PSF {source.file}": options.folder / source.file, **options.inputs}
+    run.reads({f"PSF {source.file}": options.folder / source.file})
     pictures = [_picture(options, number, psf, source) for number in range(len(options.pictures))]
-    inputs = {role: InputFile.of(path) for role, path in files.items()}
+    run.begin()
     wide = filled(psf, region)
     _announce(wide, options, reporter)
     stopped = False
@@ -74,20 +147,16 @@ def calibrate_surround(options: CalibrateSurroundOptions, reporter: Reporter) ->
     if pictures:
         step(0)
         found = extend(psf, pictures, region, rounds=options.rounds, tau=_TAU, step=step)
-    warnings = _doubts(found)
-    for text in warnings:
-        reporter.warn(text)
-    name = distance_name(source.distance)
+    run.warn(*_warnings(found))
     entry = PsfEntry(
-        file=f"extended-{name}.tif",
+        file=_psf_file(source.distance),
         cell=source.cell,
         channels=source.channels,
         distance=source.distance,
         kind="extended",
         usable_per_mm=source.usable_per_mm,
     )
-    record_file = f"extend-{name}.json"
-    summary = {
+    figures = {
         "folder": readable(options.folder),
         "from": source.file,
         "file": entry.file,
@@ -97,26 +166,8 @@ def calibrate_surround(options: CalibrateSurroundOptions, reporter: Reporter) ->
         "rounds": max(0, len(found.misfit) - 1),
         "misfit": [round(each, 7) for each in found.misfit],
         "interrupted": stopped,
-        "warnings": warnings,
-        "outputs": [
-            readable(options.folder / each) for each in (entry.file, PSFS_FILE, record_file)
-        ],
-        "seconds": clock.seconds,
     }
-    record = RunRecord(
-        started=clock.started,
-        inputs=inputs,
-        parameters=options.model_dump(mode="json"),
-        result=summary,
-        history=[],
-        warnings=warnings,
-    )
-    write_psfs(
-        options.folder,
-        {entry: found.psf},
-        more={record_file: partial(write_record, record=record)},
-    )
-    return CalibratedPsf(found.psf, entry, summary)
+    return added(found.psf, figures, options.folder, {entry: found.psf})
 
 
 def _source(options: CalibrateSurroundOptions, psfs: PsfSet) -> PsfEntry:
@@ -182,13 +233,13 @@ def _announce(wide: Tensor, options: CalibrateSurroundOptions, reporter: Reporte
         reporter.note(f"this takes up to {duration_text(seconds)} on two cores")
 
 
-def _doubts(found: Extended) -> list[str]:
-    doubts = []
+def _warnings(found: Extended) -> list[str]:
+    texts = []
     if found.misfit and not found.found:
         share = 1 - found.misfit[1] / found.misfit[0]
-        doubts.append(
+        texts.append(
             f"the pictures show too little of what lies beyond the sensor ({100 * share:.1f} % of "
             "what their reconstruction leaves over): it has the pattern's mean light. Captures at "
             "angles give more (nolens calibrate plan)"
         )
-    return doubts
+    return texts
