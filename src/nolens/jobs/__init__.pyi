@@ -11,7 +11,7 @@ from .calibration.stitch_options import CalibratePlanOptions, CalibrateStitchOpt
 from .calibration.surround import calibrate_surround
 from .calibration.surround_options import CalibrateSurroundOptions
 from .camera_facts import camera_facts
-from .capturing.job import CaptureOutcome, CaptureReporter, capture_frames
+from .capturing.job import CaptureReporter, capture_frames
 from .capturing.options import CaptureOptions
 from .demo import DemoResult, run_demo
 from .designing.mask import MaskOutcome, design_mask
@@ -59,7 +59,6 @@ __all__ = [
     "CalibrateSurroundOptions",
     "CalibratedPsf",
     "CaptureOptions",
-    "CaptureOutcome",
     "CaptureReporter",
     "DemoResult",
     "EdgeOptions",
