@@ -41,8 +41,7 @@ from .reconstruction.job import reconstruct
 from .reconstruction.options import ReconstructOptions
 from .refocusing.options import RefocusOptions
 from .refocusing.refocus import Refocused, refocus
-from .relief import ReliefOutcome, replace_relief
-from .relief_options import ReliefOptions
+from .relief import ReliefOptions, replace_relief
 from .reporter import Reporter
 from .run import Result
 from .scene_options import PsfOptions, SimulateOptions
@@ -74,7 +73,6 @@ __all__ = [
     "RefocusOptions",
     "Refocused",
     "ReliefOptions",
-    "ReliefOutcome",
     "Reporter",
     "ResolutionOutcome",
     "Result",
