@@ -13,7 +13,7 @@ from .calibration.surround_options import CalibrateSurroundOptions
 from .camera_facts import camera_facts
 from .capturing.job import CaptureReporter, capture_frames
 from .capturing.options import CaptureOptions
-from .demo import DemoResult, run_demo
+from .demo import DemoOptions, run_demo
 from .designing.mask import MaskOutcome, design_mask
 from .designing.mask_options import MaskOptions
 from .designing.thickness import ThicknessOutcome, design_thickness
@@ -59,7 +59,7 @@ __all__ = [
     "CalibratedPsf",
     "CaptureOptions",
     "CaptureReporter",
-    "DemoResult",
+    "DemoOptions",
     "EdgeOptions",
     "FabricateOptions",
     "MaskOptions",
