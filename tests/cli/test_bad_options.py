@@ -117,7 +117,7 @@ COMMANDS: list[tuple[list[object], list[str]]] = [
     (["info", "missing.dng"], ["no file missing.dng"]),
     (["info", "/dev/null"], ["no file but a device"]),
     (["info", "a.dng", "--jsn"], ["--jsn", "Did you mean --json?"]),
-    (["demo", "-o", __file__], ["cannot make", "File exists"]),
+    (["demo", "-o", __file__], ["is a file", "give the name of a folder"]),
     (["demo", "here"], ["'here' is more than demo takes", "demo -o FOLDER"]),
 ]
 

@@ -235,7 +235,7 @@ def test_text_for_people(heights: Heights, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["small"], ["no MAP is given", "nolens camera relief CAMERA MAP -o FOLDER"]),
+        (["small"], ["no map is given", "nolens camera relief CAMERA MAP -o FOLDER"]),
         (["small", "map.tif"], ["no output is given", "-o folder"]),
         (["smal", "map.tif", "-o", "made"], ["Did you mean the preset 'small'"]),
         (["small", "no.tif", "-o", "made"], ["there is no file no.tif"]),

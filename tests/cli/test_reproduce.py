@@ -20,7 +20,7 @@ def test_the_help_says_what_is_written_and_the_defaults() -> None:
 
 
 def test_a_folder_is_needed() -> None:
-    check_refused(run("reproduce"), "--output")
+    check_refused(run("reproduce"), "no output is given", "-o FOLDER")
 
 
 def test_a_folder_that_holds_something_else_is_left_alone(tmp_path: Path) -> None:

@@ -22,8 +22,9 @@ TINY = sizes.Size(
 
 
 @pytest.fixture(autouse=True)
-def small_scenes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Scenes of a few degrees, which the camera `small` sees in a moment."""
+def small_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Scenes of a few degrees, which the camera `small` sees in a moment, and little work."""
+    monkeypatch.setattr(job, "FULL", TINY)
     scenes = tuple(
         photographs.Scene(each.name, each.picture, 8.0, each.distance_um)
         for each in photographs.SCENES
@@ -51,7 +52,7 @@ def camera(tmp_path: Path) -> str:
 
 def made(folder: Path, watcher: Watcher, camera: str) -> dict[str, bytes]:
     options = ReproduceOptions(output=folder, camera=camera)
-    reproduce(options, watcher, TINY)
+    reproduce(options, watcher)
     return {
         str(path.relative_to(folder)): path.read_bytes()
         for path in folder.rglob("*")

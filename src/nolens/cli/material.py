@@ -3,10 +3,10 @@
 import json
 from typing import Annotated, Any
 
-from cyclopts import App
+from cyclopts import App, Parameter
 
 from nolens.camera import MATERIALS, Material, material_to_toml
-from nolens.cli.app import Json
+from nolens.cli.command import Json
 from nolens.cli.messages import say, show
 from nolens.files import read_material
 from nolens.jobs import material_facts
@@ -22,16 +22,16 @@ _FORMULAS = {
 }
 
 
+_JSON = "Print one JSON object on standard output:"
+_All = Annotated[Json, Parameter(help=f"{_JSON} all materials and what follows from each.")]
+_One = Annotated[Json, Parameter(help=f"{_JSON} the description and what follows from it.")]
+
+
 @material.command(name="list")
-def list_materials(*, json_: Annotated[bool, Json] = False) -> int:
+def list_materials(*, json_: _All = False) -> int:
     """List the materials that come with nolens.
 
     nolens material list
-
-    Parameters
-    ----------
-    json_
-        Print one JSON object on standard output: all materials and what follows from each.
     """
     if json_:
         show(json.dumps({"materials": [_described(each) for each in MATERIALS.values()]}))
@@ -46,7 +46,7 @@ def list_materials(*, json_: Annotated[bool, Json] = False) -> int:
 
 
 @material.command(name="show")
-def show_material(name: str, /, *, json_: Annotated[bool, Json] = False) -> int:
+def show_material(name: str, /, *, json_: _One = False) -> int:
     """Print a material as TOML, and on standard error what follows from it.
 
     nolens material show noa61 > my-resin.toml
@@ -58,8 +58,6 @@ def show_material(name: str, /, *, json_: Annotated[bool, Json] = False) -> int:
     ----------
     name
         One of the names of nolens material list, or a .toml file.
-    json_
-        Print one JSON object on standard output: the description and what follows from it.
     """
     found = read_material(name)
     if json_:

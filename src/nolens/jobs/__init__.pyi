@@ -6,9 +6,9 @@ from .calibration.point_options import CalibratePointOptions
 from .calibration.stitch import CalibrateStitchOptions, calibrate_stitch
 from .calibration.surround import CalibrateSurroundOptions, calibrate_surround
 from .camera_facts import camera_facts
-from .capturing.job import CaptureOutcome, CaptureReporter, capture_frames
+from .capturing.job import CaptureReporter, capture_frames
 from .capturing.options import CaptureOptions
-from .demo import DemoResult, run_demo
+from .demo import DemoOptions, run_demo
 from .designing.mask import design_mask
 from .designing.mask_options import MaskOptions
 from .designing.thickness import design_thickness
@@ -35,8 +35,7 @@ from .reconstruction.job import reconstruct
 from .reconstruction.options import ReconstructOptions
 from .refocusing.options import RefocusOptions
 from .refocusing.refocus import Refocused, refocus
-from .relief import ReliefOutcome, replace_relief
-from .relief_options import ReliefOptions
+from .relief import ReliefOptions, replace_relief
 from .reporter import Reporter
 from .run import Result
 from .scene_options import PsfOptions, SimulateOptions
@@ -50,9 +49,8 @@ __all__ = [
     "CalibrateStitchOptions",
     "CalibrateSurroundOptions",
     "CaptureOptions",
-    "CaptureOutcome",
     "CaptureReporter",
-    "DemoResult",
+    "DemoOptions",
     "EdgeOptions",
     "FabricateOptions",
     "MaskOptions",
@@ -65,7 +63,6 @@ __all__ = [
     "RefocusOptions",
     "Refocused",
     "ReliefOptions",
-    "ReliefOutcome",
     "Reporter",
     "ResolutionOutcome",
     "Result",

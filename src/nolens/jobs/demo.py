@@ -1,20 +1,22 @@
 """The demonstration: the paper's camera, simulated, and the photograph made from its files."""
 
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
 from nolens.camera import develop, exposure_white, opened, preset
-from nolens.errors import FileError
 from nolens.evaluate import psnr, scale_fit
-from nolens.files import read_frame, write_dng, write_png
+from nolens.files import read_frame, readable, write_dng, write_into, write_png
+from nolens.jobs.fields import FilePath
+from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.reconstruction.job import reconstruct
 from nolens.jobs.reconstruction.options import ReconstructOptions
 from nolens.jobs.reporter import Reporter
-from nolens.jobs.run import Result
+from nolens.jobs.run import Product, Run, job
 from nolens.jobs.sample_pictures import sample_picture
 from nolens.optics import PointSource
 from nolens.twin import (
@@ -42,37 +44,60 @@ _FILL = 0.9
 _TAU = 1e-5
 
 
-@dataclass(frozen=True)
-class DemoResult:
-    """Where the picture is, and how good it came out.
+class DemoOptions(JobOptions):
+    """Simulate a small lensless camera, and reconstruct a photograph from its files."""
 
-    Parameters
-    ----------
-    picture
-        PNG: measurement | reconstruction | truth.
-    psnr_db
-        Of the linear reconstruction, after one scale factor.
-    outcome
-        What `reconstruct` gave.
-    command
-        Arguments of `nolens` that reconstruct the same from the camera's files.
-    """
+    usage = "demo -o FOLDER"
 
-    picture: Path
-    psnr_db: float
-    outcome: Result[Tensor]
-    command: tuple[str, ...]
+    output: Annotated[
+        FilePath,
+        Option("Folder for the files of the camera and the pictures.", role="output", flag="-o"),
+    ] = Path("demo")
+
+    @property
+    def output_folder(self) -> Path:
+        """It is made where it does not exist."""
+        return self.output
+
+    @property
+    def measurement(self) -> Path:
+        """What the simulated camera measures of the scene."""
+        return self.output / "measurement.dng"
+
+    @property
+    def psf(self) -> Path:
+        """What it measures of a point source."""
+        return self.output / "psf.dng"
+
+    @property
+    def picture(self) -> Path:
+        """Measurement | reconstruction | truth."""
+        return self.output / "demo.png"
+
+    def reconstruction(self, region: str) -> ReconstructOptions:
+        """How the camera's files are reconstructed."""
+        return ReconstructOptions(
+            measurement=self.measurement,
+            psf=self.psf,
+            psf_wider=True,
+            region=region,
+            tau=_TAU,
+            output=(self.output / "reconstruction.png",),
+        )
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """Files of the camera, and the picture; those of the reconstruction are named by it."""
+        return (
+            Written("measurement", self.measurement),
+            Written("PSF", self.psf),
+            Written("picture", self.picture),
+        )
 
 
-def run_demo(folder: Path, reporter: Reporter) -> DemoResult:
+@job
+def run_demo(run: Run[DemoOptions]) -> Product[Tensor]:
     """Simulate a camera, write what it would write, reconstruct from those files.
-
-    Parameters
-    ----------
-    folder
-        Gets measurement.dng, psf.dng, reconstruction.png and demo.png; made if missing.
-    reporter
-        Sees notes and iterations.
 
     Raises
     ------
@@ -81,44 +106,45 @@ def run_demo(folder: Path, reporter: Reporter) -> DemoResult:
     FileError
         If the folder cannot be made.
     """
+    options = run.options
     photograph = sample_picture("astronaut", "the photograph of the demonstration comes")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(f"cannot make {folder}: {error.strerror or error}") from error
-    measurement_path, psf_path, truth, region = _capture(photograph, folder, reporter)
-    options = ReconstructOptions(
-        measurement=measurement_path,
-        psf=psf_path,
-        psf_wider=True,
-        region=region,
-        tau=_TAU,
-        output=(folder / "reconstruction.png",),
-    )
-    outcome = reconstruct(options, reporter)
-    fitted = scale_fit(outcome.value, truth)
-    picture = folder / "demo.png"
-    write_png(picture, _side_by_side(develop(read_frame(measurement_path)).values, fitted, truth))
-    command = (
+    truth, region = _capture(photograph, options, run.reporter)
+    asked = options.reconstruction(region)
+    solved = reconstruct(asked, run.reporter)
+    run.warn(*solved.summary["warnings"], aloud=False)
+    fitted = scale_fit(solved.value, truth)
+    shown = _side_by_side(develop(read_frame(options.measurement)).values, fitted, truth)
+    command = [
+        "nolens",
         "reconstruct",
-        str(measurement_path),
+        str(options.measurement),
         "--psf",
-        str(psf_path),
+        str(options.psf),
         "--psf-wider",
         "--region",
         region,
         "--tau",
         f"{_TAU:g}",
         "-o",
-        str(options.output[0]),
+        str(asked.output[0]),
+    ]
+    figures = {
+        **solved.summary,
+        "psnr_db": psnr(fitted, truth, 1.0),
+        "picture": readable(options.picture),
+        "command": command,
+    }
+    files = [options.measurement, options.psf, *map(Path, solved.summary["outputs"])]
+    return Product(
+        solved.value,
+        figures,
+        {options.picture: partial(write_png, radiance=shown)},
+        outputs=(*files, options.picture),
     )
-    return DemoResult(picture, psnr(fitted, truth, 1.0), outcome, command)
 
 
-def _capture(
-    photograph: Tensor, folder: Path, reporter: Reporter
-) -> tuple[Path, Path, Tensor, str]:
-    """Files of the simulated camera; what its reconstruction is to show, and where."""
+def _capture(photograph: Tensor, options: DemoOptions, reporter: Reporter) -> tuple[Tensor, str]:
+    """Write the files of the simulated camera; what their reconstruction is to show, and where."""
     light = Light("white-led")
     reporter.note(
         f"the paper's camera: a point source at 300 mm, on the middle {_size(_PSF_PIXELS)} pixels"
@@ -151,22 +177,24 @@ def _capture(
         wavelengths=_WAVELENGTHS,
         tick=lambda share: reporter.advance("scene", share),
     )
-    paths = folder / "measurement.dng", folder / "psf.dng"
+    paths = options.measurement, options.psf
     sees = photocurrents(twin, light, 1.0)[:, None, None]
     colours = mosaic(sees.expand(-1, *_SCENE_PIXELS), sensor.mosaic)
     images = irradiated.light * colours, mosaic(psf * sees, sensor.mosaic)
+    writers = {}
     for path, image, seed in zip(paths, images, (1, 2), strict=True):
         electrons = image * (_FILL * sensor.clip_electrons / float(image.max()))
-        write_dng(
-            path,
-            expose(electrons, sensor, seed=seed),
+        writers[path] = partial(
+            write_dng,
+            counts=expose(electrons, sensor, seed=seed),
             pattern=sensor.mosaic,
             black=int(sensor.black_counts),
             white=sensor.white_counts,
         )
+    write_into(options.output, writers)
     response = field.solid_angle() * field.vignetting()
     truth = seen[0].radiance * (response / response.max()).float()
-    return *paths, truth, f"{field.region.height}x{field.region.width}"
+    return truth, f"{field.region.height}x{field.region.width}"
 
 
 def _size(pixels: tuple[int, int]) -> str:

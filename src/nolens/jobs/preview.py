@@ -1,8 +1,8 @@
 """A picture of any file that can be read, to be looked at before it is worked on."""
 
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any
 
 import torch
 import torch.nn.functional as nnf
@@ -11,9 +11,8 @@ from torch import Tensor
 from nolens.camera import Frame, arrange_rgb, exposure_white
 from nolens.camera.measurement import colour_planes
 from nolens.capture import Levels
-from nolens.errors import NolensError, OptionError
+from nolens.errors import NolensError
 from nolens.files import (
-    check_output,
     is_sequence,
     open_sequence,
     read_frame,
@@ -22,39 +21,27 @@ from nolens.files import (
     write_png,
 )
 from nolens.jobs.fields import FilePath
-from nolens.jobs.options import JobOptions, Written, check_apart
-from nolens.jobs.reporter import Reporter
+from nolens.jobs.options import JobOptions, Option, Written
+from nolens.jobs.run import Product, Run, job
 
 _LONG_SIDE = 1200
 _JPEG = (".jpg", ".jpeg")
 
 
 class PreviewOptions(JobOptions):
-    """What a preview is made of.
+    """Look at a raw frame or a picture, and see how bright it is."""
 
-    Attributes
-    ----------
-    path
-        File to look at; of a folder or stack of frames, the first one.
-    output
-        PNG to write.
-    """
-
-    path: FilePath
-    output: FilePath
-
-    @classmethod
-    def gather(cls, given: dict[str, Any]) -> Self:
-        """Options by name.
-
-        Raises
-        ------
-        OptionError
-            If one is missing, or its value cannot be used.
-        """
-        if not given.get("path"):
-            raise OptionError("no path is given: name the file to look at")
-        return cls.checked(given)
+    path: Annotated[
+        FilePath,
+        Option(
+            "Camera raw, a picture, or a folder or stack of frames, of which the first is shown.",
+            needed="the file to look at",
+            role="input",
+        ),
+    ]
+    output: Annotated[
+        FilePath, Option("PNG to write.", needed="the PNG to write", role="output", flag="-o")
+    ]
 
     @property
     def inputs(self) -> dict[str, Path]:
@@ -64,50 +51,27 @@ class PreviewOptions(JobOptions):
     @property
     def written(self) -> tuple[Written, ...]:
         """The picture."""
-        return (Written("picture", self.output),)
+        return (Written("picture", self.output, suffixes=(".png",)),)
 
 
-@dataclass(frozen=True)
-class PreviewOutcome:
-    """What a preview came to.
-
-    Parameters
-    ----------
-    picture
-        Linear, (1 or 3, rows, columns), as it was written.
-    summary
-        Figures of the file, in values that JSON has.
-    """
-
-    picture: Tensor
-    summary: dict[str, Any]
-
-
-def preview(options: PreviewOptions, reporter: Reporter) -> PreviewOutcome:
+@job
+def preview(run: Run[PreviewOptions]) -> Product[Tensor]:
     """Write a small sRGB picture of a raw frame or a picture, and say how bright it is.
-
-    Parameters
-    ----------
-    options
-        What to read, where to write.
-    reporter
-        Is told what it begins with.
 
     Raises
     ------
     NolensError
         If the file cannot be read, or is black everywhere.
     """
-    check_output(options.output, (".png",))
-    check_apart(options, options.inputs)
-    reporter.advance("preview", 0.0)
+    options = run.options
+    run.reporter.advance("preview", 0.0)
     about: dict[str, Any] = {}
     if options.path.suffix.lower() in _JPEG:
         shown = read_picture(options.path).radiance
         size = shown.shape[-2:]
     else:
         frame = _frame(options.path)
-        shown, size = _cells(frame), frame.counts.shape[-2:]
+        shown, size = _pixels(frame), frame.counts.shape[-2:]
         levels = Levels.of(frame)
         about = {
             "histogram": {name: list(bins) for name, bins in levels.histogram.items()},
@@ -118,24 +82,16 @@ def preview(options: PreviewOptions, reporter: Reporter) -> PreviewOutcome:
             "white": frame.white,
         }
     small = _small(shown)
-    write_png(options.output, small, _white(small))
-    return PreviewOutcome(
-        small,
-        {
-            "picture": readable(options.output),
-            "rows": size[0],
-            "columns": size[1],
-            **about,
-            "outputs": [readable(options.output)],
-        },
-    )
+    figures = {"picture": readable(options.output), "rows": size[0], "columns": size[1], **about}
+    write = partial(write_png, radiance=small, white=_white(small))
+    return Product(small, figures, {options.output: write})
 
 
 def _frame(path: Path) -> Frame:
     return open_sequence(path).read(0) if is_sequence(path) else read_frame(path)
 
 
-def _cells(frame: Frame) -> Tensor:
+def _pixels(frame: Frame) -> Tensor:
     """Linear values above black: a pixel for each 2×2 cell of a mosaic."""
     black = sum(frame.black) / len(frame.black)
     if frame.mosaic is None:
@@ -147,10 +103,10 @@ def _cells(frame: Frame) -> Tensor:
 
 
 def _small(values: Tensor) -> Tensor:
-    share = _LONG_SIDE / max(values.shape[-2:])
-    if share >= 1:
+    factor = _LONG_SIDE / max(values.shape[-2:])
+    if factor >= 1:
         return values
-    size = [max(1, round(count * share)) for count in values.shape[-2:]]
+    size = [max(1, round(count * factor)) for count in values.shape[-2:]]
     return nnf.interpolate(values[None].float(), size=size, mode="area")[0]
 
 

@@ -1,82 +1,174 @@
 """A relief that was measured takes the place of the one that a camera describes."""
 
-from dataclasses import asdict, dataclass, replace
-from functools import partial
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
 
 from nolens.camera import Flat, OpenCamera, RandomLenslets, ReliefFile
+from nolens.camera.part import PositiveLength
 from nolens.errors import DataError, OptionError
 from nolens.files import (
+    CAMERA_FILE,
     HeightMap,
-    InputFile,
-    RunRecord,
     camera_files,
     read_camera,
     read_height_map,
     readable,
     write_camera,
-    write_record,
 )
-from nolens.files.folder import check_folder
-from nolens.jobs.clock import Clock
 from nolens.jobs.copied import copied_curves
-from nolens.jobs.options import check_apart
-from nolens.jobs.relief_options import RECORD_FILE, RELIEF_FILE, ReliefOptions
+from nolens.jobs.fields import CAMERAS, FilePath, Name
+from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.relief_reach import check_points, continued, reach_deg
-from nolens.jobs.reporter import Reporter
+from nolens.jobs.run import Product, Run, Writer, job
 from nolens.optics.measured import Heights, Tilt, filled, levelled, resampled
 from nolens.optics.roughness import ReliefFigures, relief_figures
 from nolens.quantities import Length
 from nolens.twin import Twin
 from nolens.twin.preview import preview_model
 
+RELIEF_FILE, RECORD_FILE = "relief.tif", "relief.json"
+"""Heights and record, in the folder of the camera."""
+_FILE, _PART, _RESULT = "What the file holds", "What was measured", "Result"
 _MOST_BAD = 0.05
 
 
-@dataclass(frozen=True)
-class ReliefOutcome:
-    """A camera with a measured relief.
+class ReliefOptions(JobOptions):
+    """Put a relief that was measured on a microscope in the place of a camera's own.
 
-    Parameters
-    ----------
-    opened
-        The camera.
-    summary
-        Figures of the map and of both reliefs, in values that JSON has.
+    nolens camera relief paper heights.tif --pitch 0.5um --unit um --mirror -o measured
+
+    nolens psf --camera measured -o psf.tif
+
+    Then the twin simulates the part that was really made.
+
+    A camera's relief has the rows and columns of its picture; a microscope shows the mask from
+    the scene, as the mirror image of that. For a map of the replica give --mirror, also for one
+    of its master, or for the mask.tif of either from nolens fabricate. For one of the mould,
+    which is the mirror image of both, give --invert --turn 180 instead, and for the relief.tif
+    of a camera neither. This is for a camera that stands upright, and for a mould turned over
+    like a page; where the map lies otherwise, --turn it.
     """
 
-    opened: OpenCamera
-    summary: dict[str, Any]
+    usage = "camera relief CAMERA MAP -o FOLDER"
+
+    camera: Annotated[
+        Name,
+        Option(
+            f"{CAMERAS}. All but the relief stays.",
+            needed="the camera (nolens camera relief CAMERA MAP -o FOLDER)",
+            role="camera",
+            positional=True,
+        ),
+    ]
+    map: Annotated[
+        FilePath,
+        Option(
+            "Heights: .tif (grey, whole numbers or floats), or text: a table of heights, points x "
+            "y z on a grid (y downwards), Gwyddion's data matrix, or .sdf (ISO 25178-71, ASCII). "
+            "nan, Bad or nothing marks points that were not measured.",
+            needed="the file of heights (nolens camera relief CAMERA MAP -o FOLDER)",
+            role="input",
+            positional=True,
+        ),
+    ]
+    output: Annotated[
+        FilePath,
+        Option(
+            "Folder of the new camera: camera.toml, relief.tif, the curves that the camera names, "
+            "and relief.json, the record.",
+            needed="the folder of the new camera (-o folder)",
+            role="output",
+            flag="-o",
+        ),
+    ]
+    pitch: Annotated[
+        PositiveLength | None,
+        Option("Distance of the map's points, such as 0.5um.", _FILE, default="what the file says"),
+    ] = None
+    unit: Annotated[
+        Literal["nm", "um", "mm", "m"] | None,
+        Option(
+            "Length that a value of 1 stands for: nm, um, mm or m; for points, x and y too.",
+            _FILE,
+            default="what the file says",
+        ),
+    ] = None
+    full_scale: Annotated[
+        PositiveLength | None,
+        Option(
+            "Height that the largest count of a .tif of whole numbers stands for, such as 20um.",
+            _FILE,
+        ),
+    ] = None
+    mirror: Annotated[bool, Option("Exchanges top and bottom.", _PART, default="off")] = False
+    invert: Annotated[bool, Option("Takes heights for depths.", _PART, default="off")] = False
+    turn: Annotated[
+        Literal[0, 90, 180, 270],
+        Option("Turns the map by 90, 180 or 270 degrees, anticlockwise, after --mirror.", _PART),
+    ] = 0
+    keep_tilt: Annotated[
+        bool,
+        Option(
+            "Leaves the best-fit plane in, which is taken away otherwise.", _PART, default="off"
+        ),
+    ] = False
+    grid: Annotated[
+        PositiveLength | None,
+        Option(
+            "Distance of the points of the camera's relief.",
+            _RESULT,
+            default="that of the relief so far, or of the pixels",
+        ),
+    ] = None
+    tile: Annotated[
+        bool,
+        Option(
+            "Continues a map that is too small by reflection at its edges: then only the "
+            "statistics of the pattern are right.",
+            _RESULT,
+            default="off",
+        ),
+    ] = False
+
+    @property
+    def record(self) -> Path:
+        """File of the run's record."""
+        return self.output / RECORD_FILE
+
+    @property
+    def output_folder(self) -> Path:
+        """It is made where it does not exist."""
+        return self.output
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """Description, relief and record."""
+        names = {"camera": CAMERA_FILE, "relief": RELIEF_FILE, "record": RECORD_FILE}
+        return tuple(Written(what, self.output / name) for what, name in names.items())
 
 
-def replace_relief(options: ReliefOptions, reporter: Reporter) -> ReliefOutcome:
+@job
+def replace_relief(run: Run[ReliefOptions]) -> Product[OpenCamera]:
     """Read a camera and a map, and write the camera with the map as its relief.
-
-    Parameters
-    ----------
-    options
-        What to read, how it lies, where to write.
-    reporter
-        Sees notes, warnings and how far the work is.
 
     Raises
     ------
     NolensError
         If an input, an option or an output cannot be used; then nothing is written.
     """
-    clock = Clock()
+    options, reporter = run.options, run.reporter
     opened = read_camera(options.camera)
-    files = {**options.inputs, **camera_files(options.camera, opened.camera)}
-    check_apart(options, files)
-    check_folder(options.output)
+    run.reads(camera_files(options.camera, opened.camera))
     reporter.advance("map", 0.0)
     measured = read_height_map(
         options.map, pitch=options.pitch, unit=options.unit, full_scale=options.full_scale
     )
-    inputs = {role: InputFile.of(path) for role, path in files.items()}
+    run.begin()
     warnings: list[str] = []
     reporter.advance("map", 0.4)
     heights, pitch_um, tilt = _prepared(measured, options, warnings)
@@ -95,9 +187,8 @@ def replace_relief(options: ReliefOptions, reporter: Reporter) -> ReliefOutcome:
     made = _with_relief(opened, heights, grid, options)
     twin = _twin(made)
     reach = reach_deg(twin)
-    figures = relief_figures(twin.mask.relief)
     described = opened.camera.mask.relief
-    summary = {
+    figures = {
         "camera": made.camera.name,
         "map": {
             "format": measured.format,
@@ -110,34 +201,26 @@ def replace_relief(options: ReliefOptions, reporter: Reporter) -> ReliefOutcome:
             "bow_um": round(tilt.bow_um, 5),
         },
         "grid_um": grid.um,
-        "measured": _figures(figures),
+        "measured": _figures(relief_figures(twin.mask.relief)),
         "described": None
         if isinstance(described, Flat)
         else _figures(relief_figures(bare.mask.relief)),
         "reach_deg": reach,
-        "outputs": [readable(each.path) for each in options.written],
     }
-    for warning in warnings:
-        reporter.warn(warning)
-    summary["seconds"] = clock.seconds
-    record = RunRecord(
-        started=clock.started,
-        inputs=inputs,
-        parameters=options.model_dump(mode="json"),
-        result=summary,
-        history=[],
-        warnings=warnings,
+    run.warn(*warnings)
+
+    def commit(writers: Mapping[Path, Writer]) -> None:
+        more = {str(path.relative_to(options.output)): write for path, write in writers.items()}
+        write_camera(options.output, made.camera, made.relief_um, more=more)
+
+    curves = copied_curves(options.camera, opened)
+    return Product(
+        made,
+        figures,
+        {options.output / name: write for name, write in curves.items()},
+        outputs=(options.output / CAMERA_FILE, options.output / RELIEF_FILE),
+        commit=commit,
     )
-    write_camera(
-        options.output,
-        made.camera,
-        made.relief_um,
-        more={
-            **copied_curves(options.camera, opened),
-            RECORD_FILE: partial(write_record, record=record),
-        },
-    )
-    return ReliefOutcome(made, summary)
 
 
 def _prepared(

@@ -1,6 +1,5 @@
 """`nolens reproduce`: every figure of the paper that simulation can give, beside the paper's."""
 
-from nolens.reproduction.job import ReproduceOutcome, reproduce
-from nolens.reproduction.options import ReproduceOptions
+from nolens.reproduction.job import ReproduceOptions, reproduce
 
-__all__ = ["ReproduceOptions", "ReproduceOutcome", "reproduce"]
+__all__ = ["ReproduceOptions", "reproduce"]

@@ -1,17 +1,24 @@
 """The paper's figures and numbers, made again with a simulated camera."""
 
-from dataclasses import dataclass
-from typing import Any
+import os
+import platform
+import shutil
+from pathlib import Path
+from typing import Annotated, Any
 
 import torch
 
 from nolens import __version__
-from nolens.files import InputFile, RunRecord, camera_files, read_camera, readable
+from nolens.errors import FileError
+from nolens.files import camera_files, read_camera, readable
+from nolens.files.report import Report
 from nolens.jobs.clock import Clock
 from nolens.jobs.cost import Cost, check_memory, duration_text
-from nolens.jobs.options import check_apart
-from nolens.jobs.reporter import Reporter
+from nolens.jobs.fields import FilePath, Name
+from nolens.jobs.options import JobOptions, Option, Written
+from nolens.jobs.run import Product, Run, job
 from nolens.jobs.sample_pictures import check_sample_pictures
+from nolens.ranges import Between
 from nolens.reproduction import (
     depths,
     field,
@@ -20,88 +27,122 @@ from nolens.reproduction import (
     resolution,
     thickness,
 )
-from nolens.reproduction.options import STEPS, ReproduceOptions, check_report_folder, machine_name
 from nolens.reproduction.photographs import SCENES
-from nolens.reproduction.report import tell, write_report
+from nolens.reproduction.report import PICTURES, report_writers, tell
 from nolens.reproduction.steps import Found, Step, carry_out
-from nolens.reproduction.workbench import FULL, NEEDED_BY, QUICK, Size, Workbench
+from nolens.reproduction.workbench import FULL, NEEDED_BY, QUICK, Workbench
+
+_INFO = Path("/proc/cpuinfo")
+_RECORD_FILE, _STEPS = "report.json", "steps"
+_REPORT_FILES = ("report.html", "report.pdf", _RECORD_FILE, "reproduction.md", "timing.json")
 
 
-@dataclass(frozen=True)
-class ReproduceOutcome:
-    """What a reproduction came to.
+class ReproduceOptions(JobOptions):
+    """Make every figure of the paper again that simulation can give, beside the paper's values.
 
-    Parameters
-    ----------
-    summary
-        Rows of the report and where it is, in values that JSON has.
+    nolens reproduce -o report/ --quick
+
+    Writes report.html and report.pdf, which are the same to the byte for the same seed; the
+    record report.json; the pictures; timing.json with all that differs from run to run; and
+    reproduction.md with both. Parts that are done are kept in steps/, so a run that was stopped
+    goes on when it is started again.
     """
 
-    summary: dict[str, Any]
+    usage = "reproduce -o FOLDER"
+
+    output: Annotated[
+        FilePath,
+        Option(
+            "Folder of the report: new, empty, or that of an earlier one.",
+            needed="the folder of the report (-o FOLDER)",
+            role="output",
+            flag="-o",
+        ),
+    ]
+    quick: Annotated[
+        bool,
+        Option(
+            "A part of the sensor, with fewer PSFs and iterations: minutes instead of half an "
+            "hour.",
+            default="off",
+            negative=False,
+        ),
+    ] = False
+    seed: Annotated[
+        int,
+        Between(0, 2**31 - 1),
+        Option("Number that the noise of all frames is drawn from, 0 or more."),
+    ] = 0
+    camera: Annotated[
+        Name,
+        Option(
+            "Camera to make them with: a preset, a folder with camera.toml, or a .toml file.",
+            role="camera",
+        ),
+    ] = "paper"
+
+    @property
+    def record(self) -> Path:
+        """File of the run's record."""
+        return self.output / _RECORD_FILE
+
+    @property
+    def output_folder(self) -> Path:
+        """It is made where it does not exist."""
+        return self.output
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """The report's files."""
+        return tuple(Written("report", self.output / name) for name in _REPORT_FILES)
 
 
-def reproduce(
-    options: ReproduceOptions, reporter: Reporter, size: Size | None = None
-) -> ReproduceOutcome:
+@job
+def reproduce(run: Run[ReproduceOptions]) -> Product[Report]:
     """Compute every figure, part by part, and write the report.
 
     Parts that are in the folder from an earlier run of the same camera, size, seed and code are
     taken as they are.
-
-    Parameters
-    ----------
-    options
-        What to compute, and where to write.
-    reporter
-        Sees notes, warnings and how far the work is.
-    size
-        How much is computed; None: what the options say.
 
     Raises
     ------
     NolensError
         If an option, the camera or the folder cannot be used.
     """
-    clock = Clock()
+    options, reporter = run.options, run.reporter
     check_sample_pictures(NEEDED_BY)
     opened = read_camera(options.camera)
-    files = camera_files(options.camera, opened.camera)
-    check_apart(options, files)
-    work = Workbench(opened, size or (QUICK if options.quick else FULL), options.seed)
+    run.reads(camera_files(options.camera, opened.camera))
+    work = Workbench(opened, QUICK if options.quick else FULL, options.seed)
     cost = Cost(work.bytes, 0.0)
     check_memory(cost, torch.device("cpu"), "a camera with fewer pixels, or --quick, needs less")
-    check_report_folder(options.output, work.written_bytes)
-    inputs = {role: InputFile.of(path) for role, path in files.items()}
+    _check_folder(options.output, work.written_bytes)
+    run.begin()
     steps = all_steps(work, options.camera)
     whole = duration_text(sum(step.seconds for step in steps))
     reporter.note(
         f"{len(steps)} parts, about {whole} on two cores and {work.bytes / 1e9:.1f} GB of memory; "
-        f"each is kept in {readable(options.output / STEPS)} when it is done, so this can be "
+        f"each is kept in {readable(options.output / _STEPS)} when it is done, so this can be "
         "stopped and started again"
     )
-    found = carry_out(steps, options.output / STEPS, reporter)
+    found = carry_out(steps, options.output / _STEPS, reporter)
+    # They were told when the parts could not be made.
+    refused = {name: each.refused for name, each in found.items() if each.refused}
+    run.warn(*(f"{name}: {reason}" for name, reason in refused.items()), aloud=False)
     told = tell(work, found)
-    timing = _timing(found, clock)
-    summary = {
+    figures = {
         "camera": opened.camera.name,
         "pixels": list(work.pixels),
         "reduced": work.reduced,
         "seed": options.seed,
         "rows": told.rows,
-        "outputs": [readable(each.path) for each in options.written],
-        "seconds": clock.seconds,
     }
-    warnings = [f"{name}: {each.refused}" for name, each in found.items() if each.refused]
-    record = RunRecord(
-        started=clock.started,
-        inputs=inputs,
-        parameters=options.model_dump(mode="json"),
-        result=summary,
-        history=[],
-        warnings=warnings,
+    return Product(
+        told.report,
+        figures,
+        report_writers(options.output, told.report, _timing(found, run.clock)),
+        outputs=tuple(each.path for each in options.written if each.path != options.record),
     )
-    write_report(options.output, told, record, timing)
-    return ReproduceOutcome(summary)
 
 
 def all_steps(work: Workbench, camera: str) -> tuple[Step, ...]:
@@ -116,6 +157,27 @@ def all_steps(work: Workbench, camera: str) -> tuple[Step, ...]:
     )
 
 
+def _check_folder(folder: Path, needed_bytes: float) -> None:
+    """Refuse a folder that holds something else than a report, or a disk without room for it."""
+    if folder.is_dir():
+        ours = {*_REPORT_FILES, PICTURES, _STEPS}
+        # What begins with a dot is a system's, or left over by a run that was killed.
+        others = (each.name for each in folder.iterdir() if not each.name.startswith("."))
+        found = sorted(name for name in others if name not in ours)
+        if found:
+            raise FileError(
+                f"{folder} holds {found[0]}, which is no part of a report: give a folder that is "
+                "empty or new, or that of an earlier report (-o)"
+            )
+    there = next(each for each in (folder, *folder.absolute().parents) if each.exists())
+    free = shutil.disk_usage(there).free
+    if free < needed_bytes:
+        raise FileError(
+            f"the report needs about {needed_bytes / 1e6:.0f} MB, and the disk of {folder} has "
+            f"{free / 1e6:.0f} MB left: make room, or give another folder (-o)"
+        )
+
+
 def _timing(found: dict[str, Found], clock: Clock) -> dict[str, Any]:
     """What differs from run to run."""
     photographs_s = {
@@ -126,9 +188,19 @@ def _timing(found: dict[str, Found], clock: Clock) -> dict[str, Any]:
     parts = {name: each.seconds["all"] for name, each in found.items()}
     return {
         "nolens": __version__,
-        "machine": machine_name(),
+        "machine": _machine(),
         "date": clock.started,
         "seconds": sum(parts.values()),
         "photographs": photographs_s,
         "parts": parts,
     }
+
+
+def _machine() -> str:
+    """Name of the processor, and how many cores there are."""
+    name = platform.processor() or platform.machine()
+    if _INFO.exists():
+        lines = _INFO.read_text().splitlines()
+        models = (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+        name = next(models, name)
+    return f"{name}, {os.cpu_count()} cores"

@@ -9,7 +9,6 @@ from typing import Any
 from pydantic_core import to_json
 
 from nolens.camera import preset
-from nolens.files import RunRecord, write_into, write_record
 from nolens.files.report import Report, ReportRow
 from nolens.files.write_report_html import write_report_html
 from nolens.files.write_report_markdown import write_report_markdown
@@ -23,12 +22,13 @@ from nolens.reproduction import (
     thickness,
 )
 from nolens.reproduction.draft import Draft
-from nolens.reproduction.options import PICTURES
 from nolens.reproduction.paper import PAPER
 from nolens.reproduction.rows import Row
 from nolens.reproduction.steps import Found
 from nolens.reproduction.workbench import Workbench
 
+PICTURES = "pictures"
+"""Folder of the pictures, in that of the report."""
 _TITLE = "The paper's figures, made again"
 _SECTIONS: tuple[Callable[[Workbench, Mapping[str, Found]], Draft], ...] = (
     thickness.rays,
@@ -107,26 +107,20 @@ def _intro(work: Workbench) -> tuple[str, ...]:
     return tuple(texts)
 
 
-def write_report(folder: Path, told: Told, record: RunRecord, timing: Mapping[str, Any]) -> None:
-    """Write the report in all its forms, all files or none.
+def report_writers(
+    folder: Path, report: Report, timing: Mapping[str, Any]
+) -> dict[Path, Callable[[Path], None]]:
+    """What writes each file of the report, but for the record.
 
     Parameters
     ----------
     folder
-        Made where it does not exist.
-    told
+        Where they go.
+    report
         The report.
-    record
-        Of the run.
     timing
         What differs from run to run: machine, date and seconds.
-
-    Raises
-    ------
-    FileError
-        If a file cannot be written.
     """
-    report = told.report
     writers: dict[Path, Callable[[Path], None]] = {
         folder / PICTURES / f"{picture.name}.png": partial(_write_bytes, content=picture.png)
         for section in report.sections
@@ -137,7 +131,7 @@ def write_report(folder: Path, told: Told, record: RunRecord, timing: Mapping[st
         f"Written by `nolens reproduce` of nolens {timing['nolens']} on {timing['date'][:10]}; "
         f"{timing['machine']}; all parts together took {timing['seconds'] / 60:.0f} min.",
     )
-    writers |= {
+    return writers | {
         folder / "timing.json": partial(_write_bytes, content=to_json(timing, indent=1) + b"\n"),
         folder / "reproduction.md": partial(
             write_report_markdown,
@@ -145,11 +139,9 @@ def write_report(folder: Path, told: Told, record: RunRecord, timing: Mapping[st
             folder=PICTURES,
             notes=notes,
         ),
-        folder / "report.json": partial(write_record, record=record),
         folder / "report.pdf": partial(write_report_pdf, report=report),
         folder / "report.html": partial(write_report_html, report=report),
     }
-    write_into(folder, writers)
 
 
 def _timed(report: Report, seconds: Mapping[str, float], machine: str) -> Report:

@@ -4,7 +4,6 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import dataclass, field
 from itertools import count, cycle
 from pathlib import Path
 from typing import Any
@@ -19,13 +18,12 @@ from nolens.capture import (
     exposure_for,
     open_source,
 )
-from nolens.errors import FileError, NolensError
-from nolens.files import PICTURE_SUFFIXES, InputFile, read_picture, readable
+from nolens.errors import NolensError
+from nolens.files import read_picture
 from nolens.jobs.capturing.keep import Burst, Naming, keep
 from nolens.jobs.capturing.options import CaptureOptions, Kind
-from nolens.jobs.clock import Clock
-from nolens.jobs.options import check_apart
 from nolens.jobs.reporter import Reporter
+from nolens.jobs.run import Product, Run, job
 
 _LONGEST_S = 1.0
 """That is tried unasked."""
@@ -34,7 +32,7 @@ _TRIES = 12
 _DIGITS = 2
 _LOOK_S = 0.1
 _DARK = 0.02
-"""Mean of a dark frame, as a share of its range, from which on light must have reached it."""
+"""Mean of a dark frame, as a fraction of its range, from which on light must have reached it."""
 _FAINT = 0.2
 _CLIPPED = 1e-3
 
@@ -105,22 +103,13 @@ class Stage:
     Raises
     ------
     FileError
-        If there is no such picture, or a folder without any.
+        If there is a folder without any.
     """
 
     def __init__(self, options: CaptureOptions) -> None:
         self._kind = options.kind
-        self._paths = [] if options.scene is None else _pictures(options.scene)
+        self._paths = [*options.inputs.values()]
         self._next: Iterator[Path] = cycle(self._paths)
-
-    def inputs(self) -> dict[str, InputFile]:
-        """Hash the pictures, while they are as they are read."""
-        if len(self._paths) == 1:
-            return {"scene": InputFile.of(self._paths[0])}
-        return {
-            f"scene {number}": InputFile.of(path)
-            for number, path in enumerate(self._paths, start=1)
-        }
 
     def prepare(self, source: TwinSource, reporter: Reporter) -> None:
         """Show what is seen first."""
@@ -139,21 +128,6 @@ class Stage:
             source.show(read_picture(next(self._next)).radiance)
 
 
-def _pictures(path: Path) -> list[Path]:
-    if not path.is_dir():
-        return [path]
-    found = sorted(
-        each
-        for each in path.iterdir()
-        if each.suffix.lower() in PICTURE_SUFFIXES and not each.name.startswith(".")
-    )
-    if not found:
-        raise FileError(
-            f"the folder {path} holds no picture; its files can be {', '.join(PICTURE_SUFFIXES)}"
-        )
-    return found
-
-
 class CaptureReporter(Reporter):
     """Whoever watches frames being taken."""
 
@@ -161,82 +135,58 @@ class CaptureReporter(Reporter):
         """See how bright the newest frame is."""
 
 
-@dataclass(frozen=True)
-class CaptureOutcome:
-    """What a capture came to.
+@job
+def capture_frames(run: Run[CaptureOptions]) -> Product[None]:
+    """Take frames and write each one as soon as it is taken, with a record of its own.
 
-    Parameters
-    ----------
-    summary
-        Figures of the run, in values that JSON has.
-    """
-
-    summary: dict[str, Any]
-
-
-def capture_frames(options: CaptureOptions, reporter: CaptureReporter) -> CaptureOutcome:
-    """Take frames and write each one as soon as it is taken.
-
-    Parameters
-    ----------
-    options
-        What to take, with what, and where to write it.
-    reporter
-        Sees notes, warnings, how bright the frames are, and how many are done.
+    A `CaptureReporter` also sees how bright they are.
 
     Raises
     ------
     NolensError
         If the camera, an option or an output cannot be used. What was written before stays.
     """
-    clock = Clock()
-    check_apart(options, options.inputs)
-    naming = Naming.of(options)
-    stage = Stage(options)
-    inputs = stage.inputs()
+    options, reporter = run.options, run.reporter
+    naming, stage = Naming.of(options), Stage(options)
+    run.begin()
     source = open_source(
-        options.source, existing=options.existing, mosaic=options.mosaic, tell=reporter.warn
+        options.source, existing=options.existing, mosaic=options.mosaic, tell=run.warn
     )
     if isinstance(source, TwinSource) and options.source == "auto":
         reporter.note(f"a simulated camera takes the frames, as {available_sources()[0].why}")
-    run = _Run(options, reporter, source, stage, naming, clock, inputs)
+    work = _Work(run, source, stage, naming)
     with closing(source):
         if isinstance(source, TwinSource):
             stage.prepare(source, reporter)
         elif options.scene is not None:
-            reporter.warn(f"{options.scene} is not shown: {source.name} sees its own scene")
+            run.warn(f"{options.scene} is not shown: {source.name} sees its own scene")
         source.open()
-        run.times = exposures(source, options, reporter)
+        work.times = exposures(source, options, reporter)
         try:
-            run.all_rounds()
+            work.all_rounds()
         except NolensError as error:
-            if run.files:
-                many = "files written before are" if run.files > 1 else "file written before is"
-                kept = f"the {run.files} {many} kept, in {naming.folder}"
+            if files := len(work.outputs):
+                many = "files written before are" if files > 1 else "file written before is"
+                kept = f"the {files} {many} kept, in {naming.folder}"
                 raise type(error)(f"{error} ({kept})") from error
             raise
-    return CaptureOutcome(run.summary())
+    return Product(None, work.figures(), outputs=tuple(work.outputs))
 
 
-@dataclass
-class _Run:
+class _Work:
     """All rounds of a capture, and what has been written so far."""
 
-    options: CaptureOptions
-    reporter: CaptureReporter
-    source: CameraSource
-    stage: Stage
-    naming: Naming
-    clock: Clock
-    inputs: dict[str, InputFile]
-    times: tuple[float, ...] = ()
-    taken: int = 0
-    files: int = 0
-    outputs: list[str] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
-    last: Shot | None = None
-    exposures: dict[float, dict[str, float]] = field(default_factory=dict)
-    _stopped: bool = False
+    def __init__(
+        self, run: Run[CaptureOptions], source: CameraSource, stage: Stage, naming: Naming
+    ) -> None:
+        self.run, self.options, self.reporter = run, run.options, run.reporter
+        self.source, self.stage, self.naming = source, stage, naming
+        self.times: tuple[float, ...] = ()
+        self.outputs: list[Path] = []
+        self._taken = 0
+        self._last: Shot | None = None
+        self._exposures: dict[float, dict[str, float]] = {}
+        self._stopped = False
 
     def all_rounds(self) -> None:
         """Take every frame, until all are taken or a person wants to stop."""
@@ -248,26 +198,23 @@ class _Run:
                 if self._stopped:
                     return
 
-    def summary(self) -> dict[str, Any]:
+    def figures(self) -> dict[str, Any]:
         """Figures of the run; for each exposure time, the levels of its last frame."""
-        assert self.last is not None
+        assert self._last is not None
         return {
             "source": self.source.name,
             "kind": self.options.kind,
-            "frames": self.taken,
-            "files": self.files,
+            "frames": self._taken,
+            "files": len(self.outputs),
             "asked": {
                 "exposure_s": None if math.isnan(self.times[0]) else self.times[0],
                 "gain": self.options.gain,
                 "bracket": self.options.bracket,
                 "factor": self.options.factor,
             },
-            "gain": self.last.gain,
-            "size": list(self.last.frame.counts.shape[-2:]),
-            "exposures": list(self.exposures.values()),
-            "warnings": self.warnings,
-            "seconds": self.clock.seconds,
-            "outputs": self.outputs,
+            "gain": self._last.gain,
+            "size": list(self._last.frame.counts.shape[-2:]),
+            "exposures": list(self._exposures.values()),
         }
 
     def _rounds(self) -> Iterator[int]:
@@ -304,7 +251,7 @@ class _Run:
                     burst.add(shot)
                 else:
                     self._write(shot, levels, exposure_s, 1)
-                self.taken += 1
+                self._taken += 1
                 self._stopped = self._step()
                 if self._stopped:
                     break
@@ -316,15 +263,16 @@ class _Run:
 
     def _look(self, shot: Shot, exposure_s: float) -> Levels:
         levels = Levels.of(shot.frame)
-        self.last = shot
-        self.exposures[exposure_s] = {
+        self._last = shot
+        self._exposures[exposure_s] = {
             "exposure_s": shot.exposure_s,
             "bright": levels.brightest if self.options.kind == "psf" else levels.bright,
             "clipped_share": levels.clipped_share,
         }
-        self.reporter.levels(levels)
-        if not self.taken:
-            for text in _doubts(levels, self.options.kind):
+        if isinstance(self.reporter, CaptureReporter):
+            self.reporter.levels(levels)
+        if not self._taken:
+            for text in _warnings(levels, self.options.kind):
                 self._warn(text)
             if shot.details.get("defect_correction") and self.options.kind == "psf":
                 self._warn(
@@ -336,27 +284,16 @@ class _Run:
     def _write(self, shot: Shot, levels: Levels, exposure_s: float, frames: int) -> None:
         named_s = shot.exposure_s if math.isnan(exposure_s) else exposure_s
         path = self.naming.next(named_s, _suffix(shot, self.options.average))
-        keep(
-            path,
-            shot,
-            levels,
-            frames,
-            options=self.options,
-            started=self.clock.started,
-            inputs=self.inputs,
-            warnings=self.warnings,
-        )
-        self.files += 1
-        self.outputs.append(readable(path))
+        keep(path, shot, levels, frames, self.run)
+        self.outputs.append(path)
 
     def _step(self) -> bool:
-        total = self.options.total or self.taken + 1
-        return self.reporter.step("frame", self.taken, total, "the frames")
+        total = self.options.total or self._taken + 1
+        return self.reporter.step("frame", self._taken, total, "the frames")
 
     def _warn(self, text: str) -> None:
-        if text not in self.warnings:
-            self.warnings.append(text)
-            self.reporter.warn(text)
+        if text not in self.run.warnings:
+            self.run.warn(text)
 
 
 def _suffix(shot: Shot, average: bool) -> str:
@@ -366,7 +303,7 @@ def _suffix(shot: Shot, average: bool) -> str:
     return ".tif" if average or shot.frame.mosaic is None else ".dng"
 
 
-def _doubts(levels: Levels, kind: Kind) -> list[str]:
+def _warnings(levels: Levels, kind: Kind) -> list[str]:
     """What may be wrong with the frames, told by the first one."""
     clipped = f"{100 * levels.clipped_share:.2g} % of the pixels are saturated"
     if kind == "dark":

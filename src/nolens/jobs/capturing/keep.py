@@ -1,7 +1,6 @@
 """Names of the files of captured frames, and their writing."""
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -14,16 +13,14 @@ from nolens.capture import Levels, Shot
 from nolens.errors import FileError, OptionError
 from nolens.files import (
     FRAME_SUFFIXES,
-    InputFile,
     RunRecord,
-    check_folder,
     check_holds,
-    check_output,
     write_frame,
     write_into,
     write_record,
 )
 from nolens.jobs.capturing.options import CaptureOptions
+from nolens.jobs.run import Run
 
 
 @dataclass
@@ -50,30 +47,25 @@ class Naming:
 
     @classmethod
     def of(cls, options: CaptureOptions) -> "Naming":
-        """Find the folder, and check it before any frame is taken.
+        """Find the folder, and the numbers that are taken there.
 
         Raises
         ------
         FileError
-            If it cannot be written to, or the suffix is not known.
+            If the suffix is not known.
         OptionError
             If an average is to be a .dng.
         """
         output = options.output
-        if not output.suffix or output.is_dir():
-            check_folder(output)
+        if options.names_folder:
             found = cls(output, options.kind, None, options)
         else:
-            if options.several:
-                check_folder(output.parent)
-                if output.suffix.lower() not in FRAME_SUFFIXES:
-                    raise FileError(
-                        f"cannot write {output}: the suffix {output.suffix} is not known here. "
-                        f"Accepted: {', '.join(FRAME_SUFFIXES)}"
-                    )
-            else:
-                check_output(output, FRAME_SUFFIXES)
-                check_output(output.with_suffix(".json"), (".json",))
+            # That of one file was checked with its folder.
+            if output.suffix.lower() not in FRAME_SUFFIXES:
+                raise FileError(
+                    f"cannot write {output}: the suffix {output.suffix} is not known here. "
+                    f"Accepted: {', '.join(FRAME_SUFFIXES)}"
+                )
             if options.average and output.suffix.lower() == ".dng":
                 raise OptionError(
                     f"{output.name} would be a DNG, which holds whole counts, and an average has "
@@ -155,17 +147,7 @@ class Burst:
         return replace(self._first, frame=replace(self._first.frame, counts=counts))
 
 
-def keep(
-    path: Path,
-    shot: Shot,
-    levels: Levels,
-    frames: int,
-    *,
-    options: CaptureOptions,
-    started: str,
-    inputs: Mapping[str, InputFile],
-    warnings: list[str],
-) -> None:
+def keep(path: Path, shot: Shot, levels: Levels, frames: int, run: Run[CaptureOptions]) -> None:
     """Write a frame and its record, both or neither.
 
     Parameters
@@ -178,8 +160,8 @@ def keep(
         Of this frame.
     frames
         How many it is the mean of.
-    options, started, inputs, warnings
-        For the record.
+    run
+        What it is a part of.
 
     Raises
     ------
@@ -188,12 +170,12 @@ def keep(
     """
     check_holds(path, shot.frame)
     record = RunRecord(
-        started=started,
-        inputs=dict(inputs),
-        parameters=options.model_dump(mode="json"),
-        result=_facts(shot, levels, frames, options.kind),
+        started=run.clock.started,
+        inputs=run.inputs,
+        parameters={**run.options.model_dump(mode="json"), "kind": run.options.kind},
+        result=_facts(shot, levels, frames, run.options.kind),
         history=[],
-        warnings=list(warnings),
+        warnings=list(run.warnings),
     )
     write_into(
         path.parent,

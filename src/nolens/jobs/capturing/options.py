@@ -1,108 +1,169 @@
-"""What `nolens capture` can be told, as a frozen model."""
+"""Options of `nolens capture`."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal
 
-from nolens.errors import OptionError
+from nolens.errors import FileError, OptionError
+from nolens.files import FRAME_SUFFIXES, PICTURE_SUFFIXES
 from nolens.jobs.fields import Exposure, FilePath, Interval, Mosaic, Name, record_beside
-from nolens.jobs.options import JobOptions, Written
+from nolens.jobs.options import JobOptions, Option, Written
 from nolens.ranges import Between
 
 Kind = Literal["frame", "dark", "psf"]
+"""What frames show: a scene, nothing (the camera is covered), or a point source."""
+
+_WHAT, _CAMERA = "What is taken", "Camera"
 
 
 class CaptureOptions(JobOptions):
-    """What `nolens capture` can be told.
+    """Take raw frames with a camera: one, many, averaged, bracketed, or over a long time.
 
-    Attributes
-    ----------
-    output
-        File to write (.dng, .tif, .npy), whose name is numbered where there are several; without
-        a suffix, a folder for numbered files.
-    kind
-        What the frames show: a scene, nothing (the camera is covered), or a point source.
-    source
-        Text for `nolens.capture.open_source`.
-    scene
-        Picture that a simulated camera looks at, or a folder of them: each frame sees the next.
-    exposure
-        Exposure time; None finds one that fits.
-    gain
-        Analogue gain.
-    frames
-        How many are taken one after the other.
-    average
-        Whether these become one file, their mean.
-    bracket
-        How many exposure times, each `factor` times as long as the one before.
-    factor
-        Between the exposure times of a bracket.
-    every, count
-        Time between the beginnings of two rounds of all that, and how many rounds; None takes
-        one round, or goes on until it is stopped.
-    existing
-        Whether files that a watched folder holds already are taken too.
-    mosaic
-        Of the files of a watched folder that do not say it.
+    nolens capture -o shot.dng
+
+    Each frame is written as soon as it is taken, with its record as .json beside it; Ctrl-C ends
+    after the frame in work, and what was taken stays.
     """
 
-    output: FilePath
-    kind: Kind = "frame"
-    source: Name = "auto"
-    scene: FilePath | None = None
-    exposure: Exposure | None = None
-    gain: Annotated[float, Between(1e-3, 1e4)] = 1.0
-    frames: Annotated[int, Between(1, 100_000)] = 1
-    average: bool = False
-    bracket: Annotated[int, Between(1, 20)] = 1
-    factor: Annotated[float, Between(1.01, 1000)] = 4.0
-    every: Interval | None = None
-    count: Annotated[int, Between(1, 10_000_000)] | None = None
-    existing: bool = False
-    mosaic: Mosaic | None = None
+    usage = "capture -o shot.dng"
 
-    @classmethod
-    def gather(cls, given: dict[str, Any]) -> Self:
-        """Options as the command line gives them.
+    output: Annotated[
+        FilePath,
+        Option(
+            ".dng (whole counts of a colour sensor), .tif (with mosaic and levels in it) or .npy "
+            "(counts alone). Of several frames the name is numbered: -o day.dng writes "
+            "day-0001.dng and so on. Without a suffix it is a folder.",
+            needed="the file to write (-o shot.dng), or a folder for several",
+            role="output",
+            flag="-o",
+        ),
+    ]
+    dark: Annotated[
+        bool,
+        Option(
+            "The camera is covered: take what is subtracted from other frames, with their exposure "
+            "time (--exposure) and gain.",
+            _WHAT,
+            negative=False,
+        ),
+    ] = False
+    psf: Annotated[
+        bool,
+        Option(
+            "The camera sees one point source: no pixel may be saturated. Then: nolens calibrate.",
+            _WHAT,
+            negative=False,
+        ),
+    ] = False
+    frames: Annotated[int, Between(1, 100_000), Option("Frames one after the other.", _WHAT)] = 1
+    average: Annotated[
+        bool,
+        Option(
+            "These become one file, their mean (.tif or .npy, with fractions of counts).",
+            _WHAT,
+            negative=False,
+        ),
+    ] = False
+    exposure: Annotated[
+        Exposure | None,
+        Option(
+            "Exposure time, such as 40ms.",
+            _WHAT,
+            default="one that fits what the camera sees, up to 1 s",
+        ),
+    ] = None
+    gain: Annotated[
+        float,
+        Between(1e-3, 1e4),
+        Option("Analogue gain of the sensor; 1 has the least noise.", _WHAT),
+    ] = 1.0
+    bracket: Annotated[
+        int,
+        Between(1, 20),
+        Option(
+            "Exposure times, each --factor times as long as the one before; the first is "
+            "--exposure.",
+            _WHAT,
+        ),
+    ] = 1
+    factor: Annotated[
+        float,
+        Between(1.01, 1000),
+        Option("Between the exposure times of a bracket.", _WHAT),
+    ] = 4.0
+    every: Annotated[
+        Interval | None, Option("Begin a new round each 10s, for a time-lapse.", _WHAT)
+    ] = None
+    count: Annotated[
+        Annotated[int, Between(1, 10_000_000)] | None,
+        Option("Rounds of a time-lapse.", _WHAT, default="until Ctrl-C"),
+    ] = None
+    source: Annotated[
+        Name,
+        Option(
+            "auto (the Raspberry Pi's camera, or else a simulated one), raspberry, raspberry:1 "
+            "(the second camera), twin (simulated), twin:CAMERA (preset or folder), or folder:PATH "
+            "(raw files that another camera writes there).",
+            _CAMERA,
+        ),
+    ] = "auto"
+    scene: Annotated[
+        FilePath | None,
+        Option(
+            "Picture that a simulated camera looks at, or a folder of them, as of a film: each "
+            "frame sees the next one.",
+            _CAMERA,
+            default="a test chart",
+            role="input",
+        ),
+    ] = None
+    existing: Annotated[
+        bool,
+        Option("Files that a watched folder holds already are taken too.", _CAMERA, negative=False),
+    ] = False
+    mosaic: Annotated[
+        Mosaic | None,
+        Option("Colours of the 2×2 cell of a watched folder's files that do not say it.", _CAMERA),
+    ] = None
 
-        Raises
-        ------
-        OptionError
-            If one is missing, its value cannot be used, or two do not go together.
-        """
-        if not given.get("output"):
+    def check_together(self) -> None:
+        """Refuse what a frame cannot show, and options without their use."""
+        given = self.model_fields_set
+        if self.dark and self.psf:
             raise OptionError(
-                "no output is given; name the file to write (-o shot.dng), or a folder for several"
+                "--dark and --psf are both given: a frame shows either, leave one out"
             )
-        options = cls.checked(given)
-        if options.count is not None and options.every is None:
+        if self.count is not None and self.every is None:
             raise OptionError(
-                f"--count {options.count} says how many rounds a time-lapse has, and --every how "
+                f"--count {self.count} says how many rounds a time-lapse has, and --every how "
                 "far they are apart: give both, or --frames for frames one after the other"
             )
-        if options.average and options.frames == 1:
+        if self.average and self.frames == 1:
             raise OptionError("--average has only one frame: give more, such as --frames 16")
-        if "factor" in given and options.bracket == 1:
+        if "factor" in given and self.bracket == 1:
             raise OptionError(
-                f"--factor {options.factor:g} lies between the exposure times of a bracket, and "
+                f"--factor {self.factor:g} lies between the exposure times of a bracket, and "
                 "there is none: give --bracket 3, or leave it out"
             )
-        if options.kind == "dark" and options.exposure is None and options.sets:
+        if self.dark and self.exposure is None and self.sets:
             raise OptionError(
                 "a dark frame needs the exposure time of the frames that it is subtracted from: "
                 "give it, such as --exposure 40ms"
             )
-        if options.scene is not None and options.source.partition(":")[0] not in ("auto", "twin"):
+        if self.scene is not None and self.source.partition(":")[0] not in ("auto", "twin"):
             raise OptionError(
-                f"--scene {options.scene} is what a simulated camera looks at, and {options.source}"
+                f"--scene {self.scene} is what a simulated camera looks at, and {self.source}"
                 " is none: leave it out, or give --source twin"
             )
-        if not options.sets and any(name in given for name in ("exposure", "gain", "bracket")):
+        if not self.sets and not given.isdisjoint(("exposure", "gain", "bracket")):
             raise OptionError(
                 "exposure time and gain of a watched folder's frames are set at their camera: "
                 "leave out --exposure, --gain and --bracket"
             )
-        return options
+
+    @property
+    def kind(self) -> Kind:
+        """What the frames show."""
+        return "dark" if self.dark else "psf" if self.psf else "frame"
 
     @property
     def sets(self) -> bool:
@@ -122,14 +183,55 @@ class CaptureOptions(JobOptions):
         return None if rounds is None else rounds * self.bracket * self.frames
 
     @property
+    def names_folder(self) -> bool:
+        """Whether the output is a folder, in which the job names the files."""
+        return not self.output.suffix or self.output.is_dir()
+
+    @property
+    def output_folder(self) -> Path | None:
+        """It is made where it does not exist, but for the one file that was named."""
+        if self.names_folder:
+            return self.output
+        return self.output.parent if self.several else None
+
+    @property
     def inputs(self) -> dict[str, Path]:
-        """Files that are read, by role."""
-        return {} if self.scene is None else {"scene": self.scene}
+        """Pictures that a simulated camera looks at, in their order.
+
+        Raises
+        ------
+        FileError
+            If they are to come from a folder without any.
+        """
+        if self.scene is None:
+            return {}
+        pictures = _pictures(self.scene)
+        if len(pictures) == 1:
+            return {"scene": pictures[0]}
+        return {f"scene {number}": path for number, path in enumerate(pictures, start=1)}
 
     @property
     def written(self) -> tuple[Written, ...]:
         """The one file and its record; the names of several are found as they are written."""
-        if self.several or not self.output.suffix:
+        if self.several or self.names_folder:
             return ()
         record = record_beside(self.output)
-        return (Written("output", self.output), Written("record of the run", record))
+        return (
+            Written("output", self.output, suffixes=FRAME_SUFFIXES),
+            Written("record of the run", record, suffixes=(".json",)),
+        )
+
+
+def _pictures(path: Path) -> list[Path]:
+    if not path.is_dir():
+        return [path]
+    found = sorted(
+        each
+        for each in path.iterdir()
+        if each.suffix.lower() in PICTURE_SUFFIXES and not each.name.startswith(".")
+    )
+    if not found:
+        raise FileError(
+            f"the folder {path} holds no picture; its files can be {', '.join(PICTURE_SUFFIXES)}"
+        )
+    return found
