@@ -1,12 +1,8 @@
 """A package of one's own adds formats, cameras, masks and targets, without a change here."""
 
-import json
 import os
 import subprocess
 from pathlib import Path
-
-import numpy as np
-import pytest
 
 from running import NOLENS
 
