@@ -27,12 +27,7 @@ from .measuring.field import MeasureFieldOutcome, measure_field
 from .measuring.field_options import MeasureFieldOptions
 from .measuring.psf import MeasurePsfOutcome, measure_psf
 from .measuring.psf_options import MeasurePsfOptions
-from .measuring.resolution import (
-    ResolutionOutcome,
-    measure_edge,
-    measure_siemens,
-    measure_two_points,
-)
+from .measuring.resolution import measure_edge, measure_siemens, measure_two_points
 from .measuring.resolution_options import EdgeOptions, SiemensOptions, TwoPointOptions
 from .measuring.target import TargetOptions, make_target
 from .options import expand_home
@@ -77,7 +72,6 @@ __all__ = [
     "ReliefOptions",
     "ReliefOutcome",
     "Reporter",
-    "ResolutionOutcome",
     "Result",
     "SiemensOptions",
     "SimulateOptions",
