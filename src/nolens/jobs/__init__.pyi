@@ -23,10 +23,8 @@ from .designing.tolerance_options import ToleranceOptions
 from .fabrication.fabricate import fabricate
 from .fabrication.options import FabricateOptions
 from .material_facts import material_facts
-from .measuring.field import MeasureFieldOutcome, measure_field
-from .measuring.field_options import MeasureFieldOptions
-from .measuring.psf import MeasurePsfOutcome, measure_psf
-from .measuring.psf_options import MeasurePsfOptions
+from .measuring.field import MeasureFieldOptions, measure_field
+from .measuring.psf import MeasurePsfOptions, measure_psf
 from .measuring.resolution import measure_edge, measure_siemens, measure_two_points
 from .measuring.resolution_options import EdgeOptions, SiemensOptions, TwoPointOptions
 from .measuring.target import TargetOptions, make_target
@@ -62,9 +60,7 @@ __all__ = [
     "MaskOptions",
     "MaskOutcome",
     "MeasureFieldOptions",
-    "MeasureFieldOutcome",
     "MeasurePsfOptions",
-    "MeasurePsfOutcome",
     "PsfOptions",
     "ReconstructOptions",
     "RefocusOptions",
