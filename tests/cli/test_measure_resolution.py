@@ -315,6 +315,17 @@ def test_bad_frames(captured: Path, tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+def test_options_from_a_file(tmp_path: Path) -> None:
+    """Frames start from the file's folder, and what goes with simulations only is refused."""
+    written(tmp_path / "star.tif", blurred_star())
+    config = tmp_path / "star.toml"
+    config.write_text('frames = ["star.tif"]\ncell-angle = "0.1deg"\nthreshold = "50%"\n')
+    told = measured("siemens", "--config", config, "--spokes", 24)
+    assert told["spokes"] == 24 and told["contrast_needed"] > 0.3
+    config.write_text('frames = "star.tif"\ncell_angle = "0.1deg"\nlight = "535nm"\n')
+    check_refused(run(*COMMAND, "siemens", "--config", config), "--light goes with --simulate only")
+
+
 def test_target_to_show_on_a_screen(tmp_path: Path) -> None:
     """The picture is the target that the simulation draws, with the curve of a screen."""
     path = tmp_path / "star.png"
@@ -324,8 +335,11 @@ def test_target_to_show_on_a_screen(tmp_path: Path) -> None:
     assert torch.allclose(star[0], siemens_star(200, 12), atol=0.01)
     done = run("measure", "target", "edge", "-o", path, "--pixels", 200, "--tilt", "4deg")
     assert torch.allclose(read_picture(path).radiance[1], slanted_edge(200, 4.0), atol=0.01)
+    done = run("measure", "target", "edge", "-o", path, "--json")
+    told = json.loads(done.out)
+    assert told["target"] == "edge" and told["outputs"] == [str(path)] and told["warnings"] == []
     for words, given in (
-        (("no target",), ()),
+        (("no kind", "siemens"), ()),
         (("no output",), ("siemens",)),
         (("--tilt",), ("siemens", "-o", path, "--tilt", "4deg")),
         (("spokes", "4 to 200"), ("siemens", "-o", path, "--spokes", 3)),

@@ -426,9 +426,9 @@ def two_point_resolution(
     """
     settings = settings or SolverSettings(POINT_ITERATIONS)
     region = Region.centred(POINTS_REGION, POINTS_REGION, bench.twin.cells)
-    told = _Shares(1 + EXPECTED_STEPS * draws, tick)
-    camera = _Camera.ready(bench, distance_um, region, settings, told.part)
-    told.next()
+    shares = _Shares(1 + EXPECTED_STEPS * draws, tick)
+    camera = _Camera.ready(bench, distance_um, region, settings, shares.part)
+    shares.next()
     scale = AngularScale.of_camera(bench.twin, region)
     turn = math.radians(direction_deg)
     offsets = torch.rand((draws, 2), generator=torch.Generator().manual_seed(settings.seed)) - 0.5
@@ -448,10 +448,10 @@ def two_point_resolution(
                 )
                 light = light + bench.light_of(source)
             noise = settings.seed + _SEED_STEP * number
-            picture = camera.picture(bench.exposed(light, settings.fill, noise), told.part)
+            picture = camera.picture(bench.exposed(light, settings.fill, noise), shares.part)
             angle = math.degrees(2 * math.atan(half))
             seen.append(SeenPair(angle, point_pair(picture, cells), picture))
-            told.next()
+            shares.next()
         return sum(each.pair.dip for each in seen[-draws:]) / draws >= threshold
 
     low, high = 0.0, _FIRST_CELLS
@@ -469,17 +469,9 @@ def two_point_resolution(
     return TwoPoints.of(seen, threshold)
 
 
-def siemens_resolution(
-    bench: VirtualExperiment,
-    distance_um: float,
-    angle_deg: float = 20.0,
-    *,
-    periods: int = 36,
-    threshold: float = STAR_THRESHOLD,
-    settings: SolverSettings | None = None,
-    tick: Tick | None = None,
-) -> StarResolution:
-    """Photograph a Siemens star with a simulated camera, and measure the picture.
+@dataclass(frozen=True)
+class Screen:
+    """A flat screen in front of a simulated camera, to show targets on.
 
     Parameters
     ----------
@@ -487,102 +479,79 @@ def siemens_resolution(
         The camera.
     distance_um
         Of the screen.
-    angle_deg
-        Field angle of the star from side to side.
-    periods
-        Bright spokes.
-    threshold
-        Share of the contrast of wide spokes from which on they count as resolved.
     settings
-        How the picture is taken and solved.
+        How its picture is taken and solved.
     tick
         Called with the share that is done.
-
-    Raises
-    ------
-    DataError
-        If the picture shows no star.
-    OptionError
-        If the angle is beyond the model.
     """
-    square_deg = 2 * math.degrees(math.atan(math.tan(math.radians(angle_deg) / 2) / STAR_SHARE))
-    picture = _photographed(
-        bench,
-        lambda side: siemens_star(side, periods),
-        distance_um,
-        square_deg,
-        settings or SolverSettings(TARGET_ITERATIONS),
-        tick,
-    )
-    return StarResolution.of(picture, periods=periods, threshold=threshold)
 
+    bench: VirtualExperiment
+    distance_um: float
+    settings: SolverSettings
+    tick: Tick | None = None
 
-def edge_resolution(
-    bench: VirtualExperiment,
-    distance_um: float,
-    angle_deg: float = 10.0,
-    *,
-    settings: SolverSettings | None = None,
-    tick: Tick | None = None,
-) -> EdgeResolution:
-    """Photograph an edge, 5 deg from upright, with a simulated camera, and measure the picture.
+    def star(
+        self, angle_deg: float, periods: int, threshold: float = STAR_THRESHOLD
+    ) -> StarResolution:
+        """Photograph a Siemens star, and measure the picture.
 
-    Parameters
-    ----------
-    bench
-        The camera.
-    distance_um
-        Of the screen.
-    angle_deg
-        Field angle that the side of the square around the edge fills.
-    settings
-        How the picture is taken and solved.
-    tick
-        Called with the share that is done.
+        Parameters
+        ----------
+        angle_deg
+            Field angle of the star from side to side.
+        periods
+            Bright spokes.
+        threshold
+            Share of the contrast of wide spokes from which on they count as resolved.
 
-    Raises
-    ------
-    DataError
-        If the picture shows no edge.
-    OptionError
-        If the angle is beyond the model.
-    """
-    picture = _photographed(
-        bench,
-        lambda side: slanted_edge(side, EDGE_TILT_DEG),
-        distance_um,
-        angle_deg,
-        settings or SolverSettings(TARGET_ITERATIONS),
-        tick,
-    )
-    return EdgeResolution.of(picture)
+        Raises
+        ------
+        DataError
+            If the picture shows no star.
+        OptionError
+            If the angle is beyond the model.
+        """
+        square_deg = 2 * math.degrees(math.atan(math.tan(math.radians(angle_deg) / 2) / STAR_SHARE))
+        picture = self._photograph(lambda side: siemens_star(side, periods), square_deg)
+        return StarResolution.of(picture, periods=periods, threshold=threshold)
 
+    def edge(self, angle_deg: float) -> EdgeResolution:
+        """Photograph an edge, 5 deg from upright, and measure the picture.
 
-def _photographed(
-    bench: VirtualExperiment,
-    target: Callable[[int], Tensor],
-    distance_um: float,
-    angle_deg: float,
-    settings: SolverSettings,
-    tick: Tick | None,
-) -> FlatPicture:
-    """A square target on a screen, reconstructed, its fall-off of light divided out."""
-    tangent = math.tan(math.radians(angle_deg) / 2)
-    region = FieldMap.covering(bench.twin, (tangent, tangent)).region
-    scale = AngularScale.of_camera(bench.twin, region)
-    told = _Shares(3, tick)
-    camera = _Camera.ready(bench, distance_um, region, settings, told.part)
-    told.next()
-    side = min(_MOST_PIXELS, math.ceil(_PIXELS_PER_CELL * scale.cells(angle_deg)))
-    radiance = target(side).float().expand(len(bench.sensor.channels), -1, -1)
-    shot = bench.photograph(
-        (Plane(radiance, angle_deg, distance_um),),
-        fill=settings.fill,
-        seed=settings.seed,
-        tick=told.part,
-    )
-    told.next()
-    return scale.flat(camera.picture(shot.frame, told.part) / shot.response)
+        Parameters
+        ----------
+        angle_deg
+            Field angle that the side of the square around the edge fills.
+
+        Raises
+        ------
+        DataError
+            If the picture shows no edge.
+        OptionError
+            If the angle is beyond the model.
+        """
+        picture = self._photograph(lambda side: slanted_edge(side, EDGE_TILT_DEG), angle_deg)
+        return EdgeResolution.of(picture)
+
+    def _photograph(self, target: Callable[[int], Tensor], angle_deg: float) -> FlatPicture:
+        """A square target, reconstructed, its fall-off of light divided out."""
+        bench, settings = self.bench, self.settings
+        tangent = math.tan(math.radians(angle_deg) / 2)
+        region = FieldMap.covering(bench.twin, (tangent, tangent)).region
+        scale = AngularScale.of_camera(bench.twin, region)
+        shares = _Shares(3, self.tick)
+        camera = _Camera.ready(bench, self.distance_um, region, settings, shares.part)
+        shares.next()
+        side = min(_MOST_PIXELS, math.ceil(_PIXELS_PER_CELL * scale.cells(angle_deg)))
+        radiance = target(side).float().expand(len(bench.sensor.channels), -1, -1)
+        shot = bench.photograph(
+            (Plane(radiance, angle_deg, self.distance_um),),
+            fill=settings.fill,
+            seed=settings.seed,
+            tick=shares.part,
+        )
+        shares.next()
+        return scale.flat(camera.picture(shot.frame, shares.part) / shot.response)
 
 
 class _Shares:

@@ -17,16 +17,9 @@ from .designing.tolerance import ToleranceOptions, study_tolerances
 from .fabrication.fabricate import fabricate
 from .fabrication.options import FabricateOptions
 from .material_facts import material_facts
-from .measuring.field import MeasureFieldOutcome, measure_field
-from .measuring.field_options import MeasureFieldOptions
-from .measuring.psf import MeasurePsfOutcome, measure_psf
-from .measuring.psf_options import MeasurePsfOptions
-from .measuring.resolution import (
-    ResolutionOutcome,
-    measure_edge,
-    measure_siemens,
-    measure_two_points,
-)
+from .measuring.field import MeasureFieldOptions, measure_field
+from .measuring.psf import MeasurePsfOptions, measure_psf
+from .measuring.resolution import measure_edge, measure_siemens, measure_two_points
 from .measuring.resolution_options import EdgeOptions, SiemensOptions, TwoPointOptions
 from .measuring.target import TargetOptions, make_target
 from .options import expand_home
@@ -55,16 +48,13 @@ __all__ = [
     "FabricateOptions",
     "MaskOptions",
     "MeasureFieldOptions",
-    "MeasureFieldOutcome",
     "MeasurePsfOptions",
-    "MeasurePsfOutcome",
     "PsfOptions",
     "ReconstructOptions",
     "RefocusOptions",
     "Refocused",
     "ReliefOptions",
     "Reporter",
-    "ResolutionOutcome",
     "Result",
     "SiemensOptions",
     "SimulateOptions",

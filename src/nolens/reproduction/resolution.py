@@ -11,11 +11,11 @@ import torch
 from nolens.evaluate import PointPair, ResolvedSeparation
 from nolens.experiments.resolution import (
     FlatPicture,
+    Screen,
     SeenPair,
     SolverSettings,
     StarResolution,
     TwoPoints,
-    siemens_resolution,
     two_point_resolution,
 )
 from nolens.experiments.virtual_experiment import VirtualExperiment
@@ -123,9 +123,7 @@ def _star(work: Workbench, tick: Tick) -> Found:
     settings = SolverSettings(work.size.iterations, TAU, seed=work.seed)
     # A star this small needs no more PSFs than change over it.
     bench: VirtualExperiment = replace(work.bench, field_points=3)
-    found = siemens_resolution(
-        bench, SCREEN_UM, STAR_DEG, periods=PERIODS, settings=settings, tick=tick
-    )
+    found = Screen(bench, SCREEN_UM, settings, tick).star(STAR_DEG, PERIODS)
     figures: dict[str, Any] = {
         "resolved_deg": found.resolved_everywhere_deg,
         "plus_minus_deg": found.plus_minus_deg[found.worst],

@@ -97,7 +97,7 @@ KINDS: dict[JobKind, Kind] = {
     ),
     "measure-psf": Kind(
         "Measure",
-        f"{_JOBS}.measuring.psf_options:MeasurePsfOptions",
+        f"{_JOBS}.measuring.psf:MeasurePsfOptions",
         f"{_JOBS}.measuring.psf:measure_psf",
         about=("psf",),
         chosen=("plot",),
@@ -125,7 +125,7 @@ KINDS: dict[JobKind, Kind] = {
     ),
     "measure-field": Kind(
         "Field of view of",
-        f"{_JOBS}.measuring.field_options:MeasureFieldOptions",
+        f"{_JOBS}.measuring.field:MeasureFieldOptions",
         f"{_JOBS}.measuring.field:measure_field",
         about=("simulate", "psfs", "dots"),
         chosen=("plot", "output"),

@@ -1,16 +1,18 @@
 """`nolens measure field`: how PSFs and a grid of dots change with the field angle."""
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-import torch
+from pydantic import AfterValidator, BeforeValidator, Field
 from torch import Tensor
 
 from nolens.camera import OpenCamera, PsfEntry, develop
+from nolens.camera.part import PositiveLength, refusal
+from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
 from nolens.evaluate import clipped_cells, falls_to
 from nolens.experiments.dot_grid import DotGrid, dot_grid, found_grid, grid_tangents
@@ -19,33 +21,30 @@ from nolens.experiments.virtual_experiment import Tick, VirtualExperiment
 from nolens.files import (
     CAMERA_FILE,
     PSFS_FILE,
-    InputFile,
-    RunRecord,
     camera_files,
-    check_output,
     read_camera,
     read_frame,
     read_psf,
     read_psf_set,
-    readable,
     write_png,
-    write_record,
     write_tiff32,
-    write_together,
 )
 from nolens.files.plot_field import write_angles_plot, write_dots_plot
-from nolens.jobs.clock import Clock
-from nolens.jobs.cost import announce, check_memory, colours_of, cost_of, pattern_size
-from nolens.jobs.measuring.field_options import MeasureFieldOptions
+from nolens.jobs.cost import Cost, check_memory, colours_of, cost_of, pattern_size
+from nolens.jobs.fields import FilePath, Name, Seed, record_beside
+from nolens.jobs.measuring.plot import RESULT
 from nolens.jobs.measuring.rounded import rounded
-from nolens.jobs.options import check_apart
-from nolens.jobs.reporter import Reporter
+from nolens.jobs.options import JobOptions, Option, Written
+from nolens.jobs.run import Product, Run, Writer, job
 from nolens.optics import PointSource
-from nolens.quantities import Length
+from nolens.quantities import Angle, Length
+from nolens.ranges import Between
 from nolens.twin import Light, Twin
 from nolens.twin.point import shortest_nm
 from nolens.twin.preview import distance_um, preview_model, relief_points
 
+FieldOfView = list[OffAxis] | DotGrid
+"""What a measurement finds: PSFs from the side, or the dots of a grid."""
 CORRELATIONS = (0.6, 0.3)
 """Down to the first a picture is good, below the second it is lost (`uvimprint`); the paper does
 not say whether frames count by their own norms or, at one exposure, by the central one's."""
@@ -57,20 +56,226 @@ _SIZE_UM = 50.0
 _REMEDY = "a camera with fewer pixels or a coarser grid of its relief needs less"
 
 
-def told_angles(found: list[OffAxis]) -> dict[str, Any]:
+_TELLS = {
+    "PSFS": ("psfs", "camera", "plot"),
+    "--dots": ("dots", "dot_pitch", "distance", "reach", "camera", "plot"),
+    "--simulate": (
+        "simulate",
+        "angles",
+        "dot_pitch",
+        "distance",
+        "reach",
+        "seed",
+        "plot",
+        "output",
+    ),
+}
+_OF_DOTS = ("reach", "output")
+_SOURCE, _LIGHT = "What to measure", "Light and grid of dots"
+_OffAxis = Annotated[Angle, Between("0 deg", "89.9 deg")]
+
+
+def _angles(given: Any) -> Any:
+    return given.split(",") if isinstance(given, str) else given
+
+
+def _rising(angles: tuple[Angle, ...]) -> tuple[Angle, ...]:
+    degrees = [angle.deg for angle in angles]
+    if degrees != sorted(set(degrees)) or not degrees:
+        raise refusal("give rising angles from 0deg on, such as 0deg,10deg,20deg")
+    return angles
+
+
+class MeasureFieldOptions(JobOptions):
+    """Measure how far to the side a camera sees.
+
+    nolens measure field mycamera --plot field.png
+
+    nolens measure field --simulate paper --angles 0deg,10deg,20deg,30deg,40deg,50deg
+
+    nolens measure field --dots dots.tif --dot-pitch 20mm --distance 300mm --camera mycamera
+
+    nolens measure field --simulate paper --dot-pitch 20mm -o dots.tif
+
+    The first two compare PSFs from the side with the central one, as the paper's Fig. 6c does:
+    by the correlation of the frames, each by its own norm; where exposures are known, at one
+    exposure by the central norm, so that lost light counts; and over their overlap alone. The
+    others find every dot of a grid in its picture, as in Fig. 6d: where it is by Snell's law,
+    how wide, how bright; good, distorted or lost. All angles are half angles.
+    """
+
+    usage = "measure field FOLDER, --simulate CAMERA, or --dots PICTURE"
+
+    psfs: Annotated[
+        FilePath | None,
+        Option(
+            "Folder with PSFs captured at angles (nolens calibrate).",
+            role="input",
+            positional=True,
+            label="PSFs of",
+        ),
+    ] = None
+    simulate: Annotated[
+        Name | None,
+        Option(
+            "Camera to simulate: paper, paper-film, small, live, a folder with camera.toml, or a "
+            ".toml file.",
+            _SOURCE,
+            role="camera",
+            label="Camera",
+        ),
+    ] = None
+    dots: Annotated[
+        FilePath | None,
+        Option(
+            "Reconstructed picture of a grid of dots, its middle scene pixel on the camera's axis, "
+            "as nolens reconstruct --region writes it: float .tif.",
+            _SOURCE,
+            role="input",
+            label="Picture",
+        ),
+    ] = None
+    camera: Annotated[
+        Name | None,
+        Option(
+            "Camera that the PSFs or the picture are from.",
+            _SOURCE,
+            default="camera.toml beside the PSFs; for a picture paper",
+            role="camera",
+            label="Camera",
+        ),
+    ] = None
+    angles: Annotated[
+        tuple[_OffAxis, ...],
+        BeforeValidator(_angles),
+        Field(max_length=100),
+        AfterValidator(_rising),
+        Option(
+            "Of the simulated point sources, rising.",
+            _LIGHT,
+            default="0deg,5deg, and so on to 50deg",
+            label="Half angles",
+        ),
+    ] = tuple(Angle(str(5 * number), "deg") for number in range(11))
+    dot_pitch: Annotated[
+        PositiveLength | None,
+        Option(
+            "Distance of neighbouring dots; with --simulate, a grid is shown to the camera.",
+            _LIGHT,
+            label="Distance of the dots",
+        ),
+    ] = None
+    distance: Annotated[
+        Depth | None,
+        Option(
+            "Of the grid or of the point sources; these also infinity.",
+            _LIGHT,
+            default="with --simulate the camera's reference_distance",
+            label="Distance of the grid",
+        ),
+    ] = None
+    reach: Annotated[
+        Angle,
+        Between("0.1 deg", "89.9 deg"),
+        Option("Half angle up to which there are dots.", _LIGHT, label="Half angle with dots"),
+    ] = Angle("50", "deg")
+    seed: Annotated[Seed, Option("Of the simulated noise.", _LIGHT)] = 0
+    plot: Annotated[
+        FilePath | None,
+        Option(
+            "Plot to write (.png). The record of the run goes beside it, as .json.",
+            RESULT,
+            role="output",
+        ),
+    ] = None
+    output: Annotated[
+        FilePath | None,
+        Option(
+            "Picture of the simulated grid: .png, or .tif (linear floats) that --dots reads.",
+            RESULT,
+            role="output",
+            flag="-o",
+        ),
+    ] = None
+
+    def check_together(self) -> None:
+        """Refuse all but one thing to measure, and options that say nothing of it."""
+        named = {"PSFS": self.psfs, "--simulate": self.simulate, "--dots": self.dots}
+        sources = [name for name, value in named.items() if value is not None]
+        if len(sources) != 1:
+            found = "nothing is" if not sources else f"{' and '.join(sources)} are"
+            raise OptionError(
+                f"{found} given to measure: give one of a folder of PSFs, --simulate CAMERA, or "
+                "--dots PICTURE"
+            )
+        source = sources[0]
+        given = [name for name in type(self).model_fields if name in self.model_fields_set]
+        for name in given:
+            if name not in _TELLS[source]:
+                raise OptionError(f"{_option(name)} means nothing with {source}: leave it out")
+        grid = self.dots is not None or self.dot_pitch is not None
+        for name in _OF_DOTS:
+            if not grid and name in given:
+                raise OptionError(f"{_option(name)} is about a grid of dots: give --dot-pitch too")
+        if grid and "angles" in given:
+            raise OptionError(
+                "--angles and --dot-pitch are two things to measure: give one of them at a time"
+            )
+        if self.dots is not None:
+            missing = [each for each in ("dot_pitch", "distance") if getattr(self, each) is None]
+            if missing:
+                raise OptionError(
+                    f"{self.dots} is a grid of dots of unknown size: give "
+                    + " and ".join(map(_option, missing))
+                    + ", such as --dot-pitch 20mm --distance 300mm"
+                )
+        if grid and self.distance is not None and not isinstance(self.distance, Length):
+            raise OptionError("--distance infinity: a grid of dots needs one, such as 300mm")
+
+    @property
+    def record(self) -> Path | None:
+        """File of the run's record, beside the plot or the picture."""
+        beside = self.plot or self.output
+        return None if beside is None else record_beside(beside)
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Files that are read, by role, but for the camera's."""
+        if self.psfs is not None:
+            return {"PSFs": self.psfs / PSFS_FILE}
+        return {} if self.dots is None else {"picture": self.dots}
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """Plot, picture and record."""
+        named = (
+            ("plot", self.plot, "--plot", (".png",)),
+            ("picture", self.output, "-o", (".png", ".tif", ".tiff")),
+            ("record of the run", self.record, "--plot", (".json",)),
+        )
+        return tuple(
+            Written(what, path, option, suffixes) for what, path, option, suffixes in named if path
+        )
+
+
+def _option(name: str) -> str:
+    return "-o" if name == "output" else f"--{name.replace('_', '-')}"
+
+
+def angle_figures(found: list[OffAxis]) -> dict[str, Any]:
     """Figures of PSFs from the side, in values that JSON has."""
     at = [each.angle_deg for each in found]
-    told: dict[str, Any] = {"angles": [rounded(asdict(each)) for each in found]}
+    figures: dict[str, Any] = {"angles": [rounded(asdict(each)) for each in found]}
     for name in ("correlation", "correlation_one_exposure", "correlation_overlap"):
         values = [getattr(each, name) for each in found]
         if None not in values:
-            told[f"{name}_falls_to_deg"] = {
+            figures[f"{name}_falls_to_deg"] = {
                 f"{level:g}": rounded(falls_to(level, at, values)) for level in CORRELATIONS
             }
-    return told
+    return figures
 
 
-def told_grid(grid: DotGrid) -> dict[str, Any]:
+def grid_figures(grid: DotGrid) -> dict[str, Any]:
     """Figures of a grid of dots, in values that JSON has."""
     return {
         "good_deg": rounded(grid.good_deg),
@@ -101,7 +306,7 @@ def captured_off_axis(
     -------
     tuple
         One for each PSF, by angle, the central one first; the distance of the light in um; and
-        sentences to show, one for each doubt.
+        what to warn of.
 
     Raises
     ------
@@ -111,7 +316,7 @@ def captured_off_axis(
         If a file cannot be read.
     """
     central, others = _chosen(folder, read_psf_set(folder).psf)
-    doubts = []
+    warnings = []
     first = read_psf(folder, central).mean(dim=0)
     if twin is not None and not math.isclose(central.cell.um, twin.cell_um, rel_tol=0.01):
         raise DataError(
@@ -125,12 +330,12 @@ def captured_off_axis(
         pattern = first if entry is central else read_psf(folder, entry).mean(dim=0)
         clipped = clipped_cells(pattern)
         if clipped:
-            doubts.append(
+            warnings.append(
                 f"{clipped} cells of {folder / entry.file}, many side by side, have its very "
                 "largest value: it seems to be clipped. Take a shorter exposure"
             )
         found.append(compared(first, pattern, source_of(entry), central.cell.um, twin))
-    return found, central.distance_um, doubts
+    return found, central.distance_um, warnings
 
 
 def source_of(entry: PsfEntry) -> PointSource:
@@ -165,37 +370,9 @@ def _chosen(folder: Path, entries: Sequence[PsfEntry]) -> tuple[PsfEntry, list[P
     return central, sorted(group, key=lambda each: source_of(each).angle_deg)
 
 
-@dataclass(frozen=True)
-class MeasureFieldOutcome:
-    """What the measurement came to.
-
-    Parameters
-    ----------
-    angles
-        PSFs from the side, if those were measured.
-    grid
-        Dots, if those were.
-    summary
-        All figures, in values that JSON has.
-    rays
-        What rays say of the PSFs, see `ray_curves`; None without a description of the camera.
-    """
-
-    angles: list[OffAxis] | None
-    grid: DotGrid | None
-    summary: dict[str, Any]
-    rays: dict[str, list[float]] | None = None
-
-
-def measure_field(options: MeasureFieldOptions, reporter: Reporter) -> MeasureFieldOutcome:
+@job
+def measure_field(run: Run[MeasureFieldOptions]) -> Product[FieldOfView]:
     """Measure the field of view, and write the plot and picture that are asked for.
-
-    Parameters
-    ----------
-    options
-        What to measure, and where to write.
-    reporter
-        Sees notes, warnings and how far the work is.
 
     Raises
     ------
@@ -203,57 +380,24 @@ def measure_field(options: MeasureFieldOptions, reporter: Reporter) -> MeasureFi
         If an input, an option or an output cannot be used, or a target is not what it was said to
         be; then nothing is written.
     """
-    clock = Clock()
-    given = _camera(options)
-    opened = None if given is None else read_camera(given)
-    files = {} if given is None or opened is None else camera_files(given, opened.camera)
-    files |= options.inputs
-    if options.psfs is not None:
-        files["PSFs"] = options.psfs / PSFS_FILE
-    check_apart(options, files)
-    for path, suffixes in (
-        (options.plot, (".png",)),
-        (options.output, (".png", ".tif", ".tiff")),
-        (options.record, (".json",)),
-    ):
-        if path is not None:
-            check_output(path, suffixes)
-    warnings: list[str] = []
-    if options.dots is not None:
-        assert opened is not None
-        outcome = _of_picture(options, opened)
-    elif options.psfs is not None:
-        outcome, warnings = _of_folder(options, opened, reporter)
+    given = _camera(run.options)
+    if given is None:
+        opened, product = None, _of_folder(run, None)
     else:
-        assert opened is not None
-        outcome = _of_twin(options, opened, reporter)
-    # A folder's list is only known to be there once it has been read.
-    inputs = {role: InputFile.of(path) for role, path in files.items()}
-    for text in warnings:
-        reporter.warn(text)
-    summary = {
-        **outcome.summary,
-        "camera": None if opened is None else opened.camera.name,
-        "warnings": warnings,
-        "outputs": [readable(each.path) for each in options.written],
-        "seconds": clock.seconds,
-    }
-    if options.record is not None:
-        record = RunRecord(
-            started=clock.started,
-            inputs=inputs,
-            parameters=options.model_dump(mode="json"),
-            result=summary,
-            history=[],
-            warnings=warnings,
-        )
-        write_together(
-            {options.record: partial(write_record, record=record), **_writers(options, outcome)}
-        )
-    return replace(outcome, summary=summary)
+        opened = read_camera(given)
+        run.reads(camera_files(given, opened.camera))
+        if run.options.dots is not None:
+            product = _of_picture(run, opened)
+        elif run.options.psfs is not None:
+            product = _of_folder(run, opened)
+        else:
+            product = _of_twin(run, opened)
+    name = None if opened is None else opened.camera.name
+    return replace(product, figures={**product.figures, "camera": name})
 
 
-def _of_picture(options: MeasureFieldOptions, opened: OpenCamera) -> MeasureFieldOutcome:
+def _of_picture(run: Run[MeasureFieldOptions], opened: OpenCamera) -> Product[FieldOfView]:
+    options = run.options
     assert options.dots is not None and options.dot_pitch is not None
     frame = read_frame(options.dots)
     if frame.mosaic is not None:
@@ -262,6 +406,7 @@ def _of_picture(options: MeasureFieldOptions, opened: OpenCamera) -> MeasureFiel
             "the picture as .tif"
         )
     picture = develop(frame, channels="all" if len(frame.channels) == 1 else "grey").values[0]
+    run.begin()
     assert isinstance(options.distance, Length)
     grid = found_grid(
         picture,
@@ -270,76 +415,107 @@ def _of_picture(options: MeasureFieldOptions, opened: OpenCamera) -> MeasureFiel
         distance_um=options.distance.um,
         reach_deg=options.reach.deg,
     )
-    return MeasureFieldOutcome(None, grid, told_grid(grid))
+    return Product(grid, grid_figures(grid), _grid_writers(options, grid))
 
 
-def _of_folder(
-    options: MeasureFieldOptions, opened: OpenCamera | None, reporter: Reporter
-) -> tuple[MeasureFieldOutcome, list[str]]:
+def _of_folder(run: Run[MeasureFieldOptions], opened: OpenCamera | None) -> Product[FieldOfView]:
+    options = run.options
     assert options.psfs is not None
     twin = None if opened is None else preview_model(opened)
-    found, distance, doubts = captured_off_axis(
-        options.psfs, twin, partial(reporter.advance, "PSFs")
+    found, away_um, warnings = captured_off_axis(
+        options.psfs, twin, partial(run.reporter.advance, "PSFs")
     )
-    told = {"distance_mm": _millimetres(distance), **told_angles(found)}
-    rays = None if twin is None else ray_curves(twin, found[-1].angle_deg, distance)
-    return MeasureFieldOutcome(found, None, told, rays), doubts
+    run.warn(*warnings)
+    return _off_axis_product(options, found, away_um, twin)
 
 
-def _of_twin(
-    options: MeasureFieldOptions, opened: OpenCamera, reporter: Reporter
-) -> MeasureFieldOutcome:
+def _of_twin(run: Run[MeasureFieldOptions], opened: OpenCamera) -> Product[FieldOfView]:
+    options, reporter = run.options, run.reporter
     bare = preview_model(opened)
-    away = distance_um(options.distance, opened)
+    away_um = distance_um(options.distance, opened)
     if options.dot_pitch is not None:
-        at = grid_tangents(options.dot_pitch.um, away, options.reach.deg)
-        farthest = PointSource((0.0, math.tan(options.reach.rad)), away)
-        bare.check_source(farthest)
+        at = grid_tangents(options.dot_pitch.um, away_um, options.reach.deg)
+        largest, what = options.reach, f"{len(at)} dots"
         points = 2 * math.ceil(options.reach.deg / _FIELD_STEP_DEG) + 1
         patterns = points**2
-        tick: Callable[[float], None] = partial(reporter.advance, f"{len(at)} dots")
     else:
-        farthest = PointSource((0.0, math.tan(options.angles[-1].rad)), away)
-        bare.check_source(farthest)
+        largest, what = options.angles[-1], f"{len(options.angles)} point sources"
         points, patterns = 1, len(options.angles) + 1
-        tick = partial(reporter.advance, f"{len(options.angles)} point sources")
-    _foretell(opened, bare, farthest, patterns, options, reporter)
+    farthest = PointSource((0.0, math.tan(largest.rad)), away_um)
+    bare.check_source(farthest)
+    cost = _cost(opened, bare, farthest, patterns, grid=options.dot_pitch is not None)
+    check_memory(cost, run.device, _REMEDY)
+    run.begin(cost)
     reporter.advance("mask", 0.0)
     bench = VirtualExperiment.of(opened, field_points=points)
+    tick = partial(reporter.advance, what)
     if options.dot_pitch is not None:
         grid = dot_grid(
             bench,
             pitch_um=options.dot_pitch.um,
-            distance_um=away,
+            distance_um=away_um,
             reach_deg=options.reach.deg,
             iterations=_ITERATIONS,
             seed=options.seed,
             tick=tick,
         )
-        told = {"distance_mm": _millimetres(away), **told_grid(grid)}
-        return MeasureFieldOutcome(None, grid, told)
+        figures = {"distance_mm": _millimetres(away_um), **grid_figures(grid)}
+        return Product(grid, figures, _grid_writers(options, grid))
     found = off_axis(
         bench,
         [angle.deg for angle in options.angles],
-        distance_um=away,
-        diameter_um=0.0 if math.isinf(away) else _SIZE_UM,
+        distance_um=away_um,
+        diameter_um=0.0 if math.isinf(away_um) else _SIZE_UM,
         seed=options.seed,
         tick=tick,
     )
-    told = {"distance_mm": _millimetres(away), **told_angles(found)}
-    rays = ray_curves(bench.twin, options.angles[-1].deg, away)
-    return MeasureFieldOutcome(found, None, told, rays)
+    return _off_axis_product(options, found, away_um, bench.twin)
 
 
-def _foretell(
-    opened: OpenCamera,
-    bare: Twin,
-    farthest: PointSource,
-    patterns: int,
-    options: MeasureFieldOptions,
-    reporter: Reporter,
-) -> None:
-    """Say what the patterns will need; a reconstruction takes about as long as those of its dots.
+def _off_axis_product(
+    options: MeasureFieldOptions, found: list[OffAxis], away_um: float, twin: Twin | None
+) -> Product[FieldOfView]:
+    """PSFs from the side, with what rays say of them where the camera is known."""
+    figures = {"distance_mm": _millimetres(away_um), **angle_figures(found)}
+    writers: dict[Path, Writer] = {}
+    if options.plot is not None:
+        writers[options.plot] = partial(
+            write_angles_plot,
+            curves={
+                name: [getattr(each, name) for each in found]
+                for name in (
+                    "angle_deg",
+                    "correlation",
+                    "correlation_one_exposure",
+                    "correlation_overlap",
+                    "light",
+                )
+            },
+            rays=None if twin is None else ray_curves(twin, found[-1].angle_deg, away_um),
+            levels=CORRELATIONS,
+        )
+    return Product(found, figures, writers)
+
+
+def _grid_writers(options: MeasureFieldOptions, grid: DotGrid) -> dict[Path, Writer]:
+    writers: dict[Path, Writer] = {}
+    if options.plot is not None:
+        writers[options.plot] = partial(
+            write_dots_plot,
+            dots=grid.dots,
+            picture=grid.picture,
+            good_deg=grid.good_deg,
+            lost_deg=grid.lost_deg,
+        )
+    if options.output is not None:
+        writers[options.output] = partial(_write_picture, picture=grid.picture[None])
+    return writers
+
+
+def _cost(
+    opened: OpenCamera, bare: Twin, farthest: PointSource, patterns: int, *, grid: bool
+) -> Cost:
+    """What the patterns will need; a reconstruction takes about as long as those of its dots.
 
     Patterns of a grid's field points have one sample to the pixel and are wider by a part of the
     region; those of single lights have two.
@@ -347,7 +523,6 @@ def _foretell(
     sensor = opened.camera.sensor
     light = Light("white-led")
     colours = colours_of(bare, light, 1)
-    grid = options.dot_pitch is not None
     pixels = bare.cell_pixels if grid else 1
     rows, columns = sensor.rows // pixels, sensor.columns // pixels
     more = 0
@@ -362,15 +537,12 @@ def _foretell(
         at_least=1 if grid else 2,
         shortest=shortest_nm(colours),
     )
-    cost = cost_of(
+    return cost_of(
         size,
         patterns * len(colours) * (2 if grid else 1),
         points=relief_points(opened),
         held=8 * sensor.rows * sensor.columns * (patterns if not grid else 12),
     )
-    device = torch.device("cpu")
-    check_memory(cost, device, _REMEDY)
-    announce(cost, device, reporter)
 
 
 def _camera(options: MeasureFieldOptions) -> str | Path | None:
@@ -382,40 +554,6 @@ def _camera(options: MeasureFieldOptions) -> str | Path | None:
     if options.camera is None and (options.psfs / CAMERA_FILE).is_file():
         return options.psfs
     return options.camera
-
-
-def _writers(
-    options: MeasureFieldOptions, outcome: MeasureFieldOutcome
-) -> dict[Path, Callable[[Path], None]]:
-    writers: dict[Path, Callable[[Path], None]] = {}
-    grid = outcome.grid
-    if options.plot is not None and grid is not None:
-        writers[options.plot] = partial(
-            write_dots_plot,
-            dots=grid.dots,
-            picture=grid.picture,
-            good_deg=grid.good_deg,
-            lost_deg=grid.lost_deg,
-        )
-    elif options.plot is not None and outcome.angles is not None:
-        writers[options.plot] = partial(
-            write_angles_plot,
-            curves={
-                name: [getattr(each, name) for each in outcome.angles]
-                for name in (
-                    "angle_deg",
-                    "correlation",
-                    "correlation_one_exposure",
-                    "correlation_overlap",
-                    "light",
-                )
-            },
-            rays=outcome.rays,
-            levels=CORRELATIONS,
-        )
-    if options.output is not None and grid is not None:
-        writers[options.output] = partial(_write_picture, picture=grid.picture[None])
-    return writers
 
 
 def _write_picture(path: Path, picture: Tensor) -> None:

@@ -1,38 +1,35 @@
 """How fine, dense and clear a PSF is: from a file to figures and a plot."""
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from torch import Tensor
 
-from nolens.camera import Frame, OpenCamera, black_level, check_psf, develop
+from nolens.camera import BlackLevel, Frame, OpenCamera, black_level, check_psf, develop
+from nolens.camera.part import PixelPitch
 from nolens.design.focus import depth_of_focus_um, lenslet_aperture
 from nolens.errors import OptionError
 from nolens.evaluate import PsfFigures, clipped_cells, psf_figures
 from nolens.files import (
     CAMERA_FILE,
     PSFS_FILE,
-    InputFile,
-    RunRecord,
     camera_files,
-    check_output,
     read_camera,
     read_frame,
     read_psf_set,
     readable,
-    write_record,
-    write_together,
 )
 from nolens.files.plot_psf import write_psf_plot
-from nolens.jobs.clock import Clock
-from nolens.jobs.measuring.psf_options import MeasurePsfOptions
+from nolens.jobs.fields import FilePath, Name, Word, record_beside
+from nolens.jobs.measuring.plot import RESULT, plot_and_record
 from nolens.jobs.measuring.rounded import rounded
-from nolens.jobs.options import check_apart
-from nolens.jobs.reporter import Reporter
+from nolens.jobs.options import JobOptions, Option, Written
+from nolens.jobs.run import Product, Run, Writer, job
 from nolens.optics import PointSource
+from nolens.ranges import Between
 from nolens.twin import REFERENCE_NM
 from nolens.twin.preview import preview_model
 
@@ -45,33 +42,105 @@ _CURVES = (
     "magnitude",
     "direction_magnitude",
 )
+_PSF = "PSF"
+_Noise = Annotated[float, Between(0, 1e9)]
 
 
-@dataclass(frozen=True)
-class MeasurePsfOutcome:
-    """What the measurement came to.
+class MeasurePsfOptions(JobOptions):
+    """Measure a PSF: width of its lines, pitch, spectrum, contrast, noise.
 
-    Parameters
-    ----------
-    figures
-        Of the PSF.
-    summary
-        All of them and what follows from them, in values that JSON has.
+    nolens measure psf psf.tif --pixel 3.1um --plot psf.png
+
+    The same figures as in the paper's Fig. 5, from the autocorrelation and the spectrum.
     """
 
-    figures: PsfFigures
-    summary: dict[str, Any]
+    usage = "measure psf PSF --pixel 3.1um"
+
+    psf: Annotated[
+        FilePath,
+        Option(
+            "Picture of a point source: camera raw, .tif, .png or .npy, or one of the PSFs in a "
+            "folder of nolens calibrate.",
+            needed="the picture of a point source (nolens measure psf PSF --pixel 3.1um)",
+            role="input",
+            positional=True,
+            label="PSF",
+        ),
+    ]
+    pixel: Annotated[
+        PixelPitch | None,
+        Option(
+            "Distance of the file's pixels, such as 3.1um. In a raw file behind a colour mosaic "
+            "four of them make a pixel of the PSF: give the sensor's own pitch.",
+            _PSF,
+            default="what psfs.toml beside it says",
+        ),
+    ] = None
+    camera: Annotated[
+        Name | None,
+        Option(
+            "Tells angles in the scene, the aperture of a lenslet and its depth of focus: paper, "
+            "paper-film, small, live, a folder with camera.toml, or a .toml file.",
+            _PSF,
+            default="camera.toml beside the PSF, if there is one",
+            role="camera",
+        ),
+    ] = None
+    channels: Annotated[Word, Option("grey (mean of all), r, g or b.", _PSF)] = "grey"
+    black: Annotated[
+        BlackLevel,
+        Option(
+            'Count that stands for no light, or "auto": read off the darkest corner.',
+            _PSF,
+            default="what the file says",
+        ),
+    ] = None
+    noise: Annotated[
+        _Noise | None,
+        Option(
+            "Standard deviation of the noise of a pixel of the PSF, in counts; 0 for a PSF "
+            "without noise.",
+            _PSF,
+            default="the power at the frequencies where it is least",
+        ),
+    ] = None
+    plot: Annotated[
+        FilePath | None,
+        Option(
+            "Picture to write (.png): PSF, autocorrelation, spectral magnitude. The record of the "
+            "run goes beside it, as .json.",
+            RESULT,
+            role="output",
+        ),
+    ] = None
+
+    def check_together(self) -> None:
+        """Refuse more than one channel."""
+        if self.channels.lower() not in ("grey", "r", "g", "b"):
+            raise OptionError(
+                f"--channels {self.channels}: the figures are those of one plane; give grey, "
+                "the mean of all channels, or one of r, g and b"
+            )
+
+    @property
+    def record(self) -> Path | None:
+        """File of the run's record, beside the plot."""
+        return None if self.plot is None else record_beside(self.plot)
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """The PSF."""
+        return {"PSF": self.psf}
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """Plot and record."""
+        return plot_and_record(self.plot)
 
 
-def measure_psf(options: MeasurePsfOptions, reporter: Reporter) -> MeasurePsfOutcome:
+@job
+def measure_psf(run: Run[MeasurePsfOptions]) -> Product[PsfFigures]:
     """Read a PSF and measure it; a plot is written if one is asked for.
-
-    Parameters
-    ----------
-    options
-        What to read and to write.
-    reporter
-        Is told of doubts.
 
     Raises
     ------
@@ -79,17 +148,13 @@ def measure_psf(options: MeasurePsfOptions, reporter: Reporter) -> MeasurePsfOut
         If the file, the pitch or an output cannot be used, or it shows no pattern; then nothing is
         written.
     """
-    clock = Clock()
+    options = run.options
     if options.psf.is_dir():
         raise OptionError(
             f"{options.psf} is a folder: give one of its PSFs, {_listed(options.psf)}"
         )
     frame = read_frame(options.psf)
-    opened, files = _camera(options)
-    check_apart(options, {**options.inputs, **files})
-    if options.plot is not None and options.record is not None:
-        check_output(options.plot, (".png",))
-        check_output(options.record, (".json",))
+    opened = _camera(run)
     pixel_um = _pixel_um(options, frame, opened)
     one = len(frame.channels) == 1 and frame.mosaic is None
     measured = develop(
@@ -98,55 +163,41 @@ def measure_psf(options: MeasurePsfOptions, reporter: Reporter) -> MeasurePsfOut
         channels="all" if one else options.channels.lower(),
     )
     warnings = check_psf(measured, measured.values)
+    run.begin()
     cell_um = pixel_um * (1 if frame.mosaic is None else 2)
-    inputs = {role: InputFile.of(path) for role, path in {**options.inputs, **files}.items()}
     reduced_um = None
     if opened is not None:
         twin = preview_model(opened)
         reduced_um = twin.illumination(PointSource(), REFERENCE_NM).after.reduced_um
     plane = measured.values[0]
     figures = psf_figures(plane, cell_um, reduced_um=reduced_um, noise=options.noise)
-    warnings += _doubts(figures, frame, plane)
-    for text in warnings:
-        reporter.warn(text)
-    summary = {
-        "psf": readable(options.psf),
-        "camera": None if opened is None else opened.camera.name,
-        "cells": list(plane.shape),
-        "channel": measured.channels[0],
-        **_told(figures),
-        **_lenslets(figures, reduced_um),
-        "warnings": warnings,
-        "outputs": [readable(each.path) for each in options.written],
-        "seconds": clock.seconds,
-    }
-    if options.plot is not None and options.record is not None:
-        record = RunRecord(
-            started=clock.started,
-            inputs=inputs,
-            parameters=options.model_dump(mode="json"),
-            result=summary,
-            history=[],
-            warnings=warnings,
-        )
-        write_together(
-            {
-                options.record: partial(write_record, record=record),
-                options.plot: partial(write_psf_plot, figures=figures, psf=plane, cell_um=cell_um),
-            }
-        )
-    return MeasurePsfOutcome(figures, summary)
+    run.warn(*warnings, *_warnings(figures, frame, plane))
+    writers: dict[Path, Writer] = {}
+    if options.plot is not None:
+        writers[options.plot] = partial(write_psf_plot, figures=figures, psf=plane, cell_um=cell_um)
+    return Product(
+        figures,
+        {
+            "psf": readable(options.psf),
+            "camera": None if opened is None else opened.camera.name,
+            "cells": list(plane.shape),
+            "channel": measured.channels[0],
+            **_by_name(figures),
+            **_lenslets(figures, reduced_um),
+        },
+        writers,
+    )
 
 
-def _camera(options: MeasurePsfOptions) -> tuple[OpenCamera | None, dict[str, Path]]:
-    """The camera that is named, or the one in the PSF's folder, and the files it is read from."""
-    given: str | Path | None = options.camera
-    if given is None and (options.psf.parent / CAMERA_FILE).is_file():
-        given = options.psf.parent / CAMERA_FILE
+def _camera(run: Run[MeasurePsfOptions]) -> OpenCamera | None:
+    """The camera that is named, or the one in the PSF's folder."""
+    beside = run.options.psf.parent / CAMERA_FILE
+    given = run.options.camera or (beside if beside.is_file() else None)
     if given is None:
-        return None, {}
+        return None
     opened = read_camera(given)
-    return opened, camera_files(given, opened.camera)
+    run.reads(camera_files(given, opened.camera))
+    return opened
 
 
 def _pixel_um(options: MeasurePsfOptions, frame: Frame, opened: OpenCamera | None) -> float:
@@ -203,29 +254,29 @@ def _listed(folder: Path) -> str:
     return ", ".join(files[:3]) + (" …" if len(files) > 3 else "")
 
 
-def _doubts(figures: PsfFigures, frame: Frame, plane: Tensor) -> list[str]:
-    doubts = []
+def _warnings(figures: PsfFigures, frame: Frame, plane: Tensor) -> list[str]:
+    texts = []
     clipped = clipped_cells(plane) if frame.white is None else 0
     if clipped:
-        doubts.append(
+        texts.append(
             f"{clipped} cells of the PSF {frame.source}, many side by side, have its very "
             "largest value: it seems to be clipped, and its lines wider than they are. Take a "
             "shorter exposure"
         )
     if figures.pitch_um is None:
-        doubts.append(
+        texts.append(
             f"the autocorrelation of the PSF {frame.source} has no second peak within a quarter "
             "of the frame: no pitch is told"
         )
     if figures.line_width_um < 2 * figures.cell_um:
-        doubts.append(
+        texts.append(
             f"the lines of the PSF {frame.source} are {figures.line_width_um:.3g} µm wide, less "
             "than two cells: smaller pixels or a smaller --bin would tell more"
         )
-    return doubts
+    return texts
 
 
-def _told(figures: PsfFigures) -> dict[str, Any]:
+def _by_name(figures: PsfFigures) -> dict[str, Any]:
     """All figures by name, the curves last."""
     named = asdict(figures)
     curves = {name: rounded(named.pop(name)) for name in _CURVES}
@@ -236,7 +287,7 @@ def _lenslets(figures: PsfFigures, reduced_um: float | None) -> dict[str, Any]:
     """Aperture and depth of focus of a lenslet as wide as the pitch (`uvimprint`)."""
     if reduced_um is None:
         return {}
-    told: dict[str, Any] = {
+    found: dict[str, Any] = {
         "reduced_thickness_mm": round(reduced_um * 1e-3, 5),
         "one_per_mm_in_per_degree": rounded(reduced_um * 1e-3 * math.pi / 180),
         "lenslet_aperture": None,
@@ -245,6 +296,6 @@ def _lenslets(figures: PsfFigures, reduced_um: float | None) -> dict[str, Any]:
     if figures.pitch_um is not None:
         aperture = lenslet_aperture(figures.pitch_um, reduced_um)
         depth_um = depth_of_focus_um(REFERENCE_NM * 1e-3, aperture)
-        told["lenslet_aperture"] = rounded(float(aperture))
-        told["depth_of_focus_mm"] = rounded(float(depth_um) * 1e-3)
-    return told
+        found["lenslet_aperture"] = rounded(float(aperture))
+        found["depth_of_focus_mm"] = rounded(float(depth_um) * 1e-3)
+    return found

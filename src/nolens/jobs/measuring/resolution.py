@@ -2,13 +2,12 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
-import torch
 from scipy import ndimage
 
 from nolens.camera import OpenCamera
@@ -21,25 +20,16 @@ from nolens.experiments.resolution import (
     TARGET_ITERATIONS,
     TAU,
     EdgeResolution,
+    FlatPicture,
+    Screen,
     SeenPair,
     SolverSettings,
     StarResolution,
     TwoPoints,
-    edge_resolution,
-    siemens_resolution,
     two_point_resolution,
 )
 from nolens.experiments.virtual_experiment import VirtualExperiment
-from nolens.files import (
-    InputFile,
-    RunRecord,
-    camera_files,
-    check_output,
-    read_camera,
-    readable,
-    write_record,
-    write_together,
-)
+from nolens.files import camera_files, read_camera
 from nolens.files.plot_resolution import (
     ARC_PERIODS,
     EdgeCurves,
@@ -49,23 +39,23 @@ from nolens.files.plot_resolution import (
     plot_star,
     plot_two_points,
 )
-from nolens.jobs.clock import Clock
-from nolens.jobs.cost import announce, check_memory, colours_of, cost_of, pattern_size
+from nolens.jobs.cost import Cost, check_memory, colours_of, cost_of, pattern_size
 from nolens.jobs.measuring.resolution_options import (
     EdgeOptions,
     ResolutionOptions,
     SiemensOptions,
     TwoPointOptions,
 )
-from nolens.jobs.measuring.resolution_pictures import GivenCamera, Shown, shown
-from nolens.jobs.options import check_apart
-from nolens.jobs.reporter import Reporter
+from nolens.jobs.measuring.resolution_pictures import target_pictures
+from nolens.jobs.run import Product, Run, Writer, job
 from nolens.optics import PointSource
 from nolens.quantities import Angle
 from nolens.twin import FieldMap, Light, Twin
 from nolens.twin.point import shortest_nm
 from nolens.twin.preview import distance_um, preview_model, relief_points
 
+Options = TypeVar("Options", bound=ResolutionOptions)
+Value = TypeVar("Value")
 _HALF, _TENTH = 0.5, 0.1
 _DIGITS = 5
 _MOST_PANELS = 6
@@ -260,7 +250,7 @@ class Work:
 
 @dataclass(frozen=True)
 class ReadyBench:
-    """A camera, before its relief is computed and after.
+    """A camera to simulate, before its relief is computed.
 
     Parameters
     ----------
@@ -276,8 +266,6 @@ class ReadyBench:
         Of the target.
     preview
         The camera with a stand-in for its relief.
-    made
-        The camera with its relief; None before `foretold`.
     """
 
     opened: OpenCamera
@@ -286,7 +274,6 @@ class ReadyBench:
     wavelengths: int
     distance_um: float
     preview: Twin
-    made: VirtualExperiment | None = None
 
     @classmethod
     def of(cls, options: ResolutionOptions) -> "ReadyBench":
@@ -311,12 +298,6 @@ class ReadyBench:
             bare,
         )
 
-    @property
-    def bench(self) -> VirtualExperiment:
-        """The camera with its relief."""
-        assert self.made is not None
-        return self.made
-
     def cells_of(self, angle_deg: float) -> tuple[int, int]:
         """(rows, columns) of cells that a square target fills.
 
@@ -330,13 +311,13 @@ class ReadyBench:
         region = FieldMap.covering(self.preview, (tangent, tangent)).region
         return region.height, region.width
 
-    def foretold(self, work: Work, reporter: Reporter) -> "ReadyBench":
-        """Say what the work takes, and make the camera ready for it.
+    def cost(self, work: Work) -> Cost:
+        """What the work takes.
 
         Raises
         ------
         OptionError
-            If the machine has too little memory, or the light cannot be used.
+            If the light cannot be used.
         """
         bare, sensor = self.preview, self.opened.camera.sensor
         colours = colours_of(bare, self.light, self.wavelengths)
@@ -350,48 +331,35 @@ class ReadyBench:
             shortest=shortest_nm(colours),
         )
         cells = math.prod(a + b for a, b in zip(bare.cells, work.region, strict=True))
-        cost = cost_of(
+        return cost_of(
             size,
             work.patterns * sum(map(len, colours)),
             points=relief_points(self.opened),
             held=_BYTES_PER_CELL * cells,
             transformed=int(_SAMPLES_PER_CELL * cells * work.solves * work.iterations),
         )
-        device = torch.device("cpu")
-        check_memory(cost, device, _REMEDY)
-        announce(cost, device, reporter)
-        reporter.advance("mask", 0.0)
-        made = VirtualExperiment.of(
+
+    def experiment(self, run: Run[Options], work: Work) -> VirtualExperiment:
+        """Say what the work takes, and compute the camera's relief.
+
+        Raises
+        ------
+        OptionError
+            If the machine has too little memory, or a file of the camera would be written over.
+        """
+        run.reads(self.files)
+        cost = self.cost(work)
+        check_memory(cost, run.device, _REMEDY)
+        run.begin(cost)
+        run.reporter.advance("mask", 0.0)
+        return VirtualExperiment.of(
             self.opened, light=self.light.name, wavelengths=self.wavelengths
         )
-        return replace(self, made=made)
 
 
-@dataclass(frozen=True)
-class ResolutionOutcome:
-    """What a measurement came to.
-
-    Parameters
-    ----------
-    found
-        The resolution.
-    summary
-        Its figures, in values that JSON has.
-    """
-
-    found: TwoPoints | StarResolution | EdgeResolution
-    summary: dict[str, Any]
-
-
-def measure_two_points(options: TwoPointOptions, reporter: Reporter) -> ResolutionOutcome:
+@job
+def measure_two_points(run: Run[TwoPointOptions]) -> Product[TwoPoints]:
     """Measure the dip between two points by separation, and the smallest resolved angle.
-
-    Parameters
-    ----------
-    options
-        Frames, or what to simulate.
-    reporter
-        Is told of doubts and how far the work is.
 
     Raises
     ------
@@ -399,56 +367,50 @@ def measure_two_points(options: TwoPointOptions, reporter: Reporter) -> Resoluti
         If a file, an option or an output cannot be used, or a frame shows no two points; then
         nothing is written.
     """
-    run = _Run.begin(options, POINT_ITERATIONS)
+    options = run.options
+    settings = _settings(options, POINT_ITERATIONS)
     if options.simulate is None:
         assert options.distance is not None and options.distance != "infinity"
         seen = []
-        for separation, each in zip(options.separation, run.shown(reporter), strict=True):
+        pictures = target_pictures(run, settings.iterations)
+        for separation, each in zip(options.separation, pictures, strict=True):
             angle = math.degrees(2 * math.atan(separation.um / options.distance.um / 2))
             pair = point_pair(each.picture, each.scale.cells(angle))
             seen.append(SeenPair(angle, pair, each.picture))
         found = TwoPoints.of(seen, options.dip.value)
     else:
-        pictures_taken = EXPECTED_STEPS * options.draws
-        side = (POINTS_REGION, POINTS_REGION)
+        shots = EXPECTED_STEPS * options.draws
         work = Work(
-            patterns=2 * pictures_taken,
-            solves=pictures_taken,
-            region=side,
-            iterations=run.settings.iterations,
+            patterns=2 * shots,
+            solves=shots,
+            region=(POINTS_REGION, POINTS_REGION),
+            iterations=settings.iterations,
         )
-        ready = run.ready(reporter, lambda _: work)
+        ready = ReadyBench.of(options)
         found = two_point_resolution(
-            ready.bench,
+            ready.experiment(run, work),
             ready.distance_um,
             direction_deg=options.direction.deg,
             draws=options.draws,
             threshold=options.dip.value,
-            settings=run.settings,
-            tick=partial(reporter.advance, "two points"),
+            settings=settings,
+            tick=partial(run.reporter.advance, "two points"),
         )
     resolved = found.resolved
     if resolved.value is None:
         run.warn(
-            reporter,
             f"all separations are resolved: the smallest resolved angle is {resolved.resolved:.3g} "
             "deg or less"
             if resolved.unresolved is None
             else f"the largest separation, {resolved.unresolved:.3g} deg, is not resolved: take "
-            "frames at larger ones",
+            "frames at larger ones"
         )
-    return run.finish(found, two_point_figures(found), partial(draw_two_points, found=found))
+    return _product(options, settings, found, two_point_figures(found), draw_two_points)
 
 
-def measure_siemens(options: SiemensOptions, reporter: Reporter) -> ResolutionOutcome:
+@job
+def measure_siemens(run: Run[SiemensOptions]) -> Product[StarResolution]:
     """Measure the contrast of a Siemens star in every direction.
-
-    Parameters
-    ----------
-    options
-        A frame, or what to simulate.
-    reporter
-        Is told of doubts and how far the work is.
 
     Raises
     ------
@@ -456,45 +418,27 @@ def measure_siemens(options: SiemensOptions, reporter: Reporter) -> ResolutionOu
         If a file, an option or an output cannot be used, or the frame shows no such star; then
         nothing is written.
     """
-    run = _Run.begin(options, TARGET_ITERATIONS)
+    options, threshold = run.options, run.options.threshold.value
+    settings = _settings(options, TARGET_ITERATIONS)
     if options.simulate is None:
-        (each,) = run.shown(reporter)
-        found = StarResolution.of(
-            each.scale.flat(each.picture),
-            periods=options.spokes,
-            threshold=options.threshold.value,
-        )
+        picture = _flat_picture(run, settings)
+        found = StarResolution.of(picture, periods=options.spokes, threshold=threshold)
         _check_size(found, options)
     else:
-        angle = options.angle or _ANGLE
-        ready = run.ready(reporter, partial(run.target_work, angle_deg=angle.deg))
-        found = siemens_resolution(
-            ready.bench,
-            ready.distance_um,
-            angle.deg,
-            periods=options.spokes or _SPOKES,
-            threshold=options.threshold.value,
-            settings=run.settings,
-            tick=partial(reporter.advance, "Siemens star"),
-        )
+        angle_deg = (options.angle or _ANGLE).deg
+        screen = _screen(run, settings, angle_deg, "Siemens star")
+        found = screen.star(angle_deg, options.spokes or _SPOKES, threshold)
     if any(found.at_limit):
         run.warn(
-            reporter,
             "the finest spokes that the cells can show are resolved in some directions: a star of "
-            "more spokes may show finer ones",
+            "more spokes may show finer ones"
         )
-    return run.finish(found, star_figures(found), partial(draw_star, found=found))
+    return _product(options, settings, found, star_figures(found), draw_star)
 
 
-def measure_edge(options: EdgeOptions, reporter: Reporter) -> ResolutionOutcome:
+@job
+def measure_edge(run: Run[EdgeOptions]) -> Product[EdgeResolution]:
     """Measure the contrast by frequency across a slanted edge.
-
-    Parameters
-    ----------
-    options
-        A frame, or what to simulate.
-    reporter
-        Is told how far the work is.
 
     Raises
     ------
@@ -502,114 +446,59 @@ def measure_edge(options: EdgeOptions, reporter: Reporter) -> ResolutionOutcome:
         If a file, an option or an output cannot be used, or the frame shows no such edge; then
         nothing is written.
     """
-    run = _Run.begin(options, TARGET_ITERATIONS)
+    options = run.options
+    settings = _settings(options, TARGET_ITERATIONS)
     if options.simulate is None:
-        (each,) = run.shown(reporter)
-        found = EdgeResolution.of(each.scale.flat(each.picture))
+        found = EdgeResolution.of(_flat_picture(run, settings))
     else:
-        ready = run.ready(reporter, partial(run.target_work, angle_deg=options.angle.deg))
-        found = edge_resolution(
-            ready.bench,
-            ready.distance_um,
-            options.angle.deg,
-            settings=run.settings,
-            tick=partial(reporter.advance, "slanted edge"),
-        )
-    return run.finish(found, edge_figures(found), partial(draw_edge, found=found))
+        angle_deg = options.angle.deg
+        found = _screen(run, settings, angle_deg, "slanted edge").edge(angle_deg)
+    return _product(options, settings, found, edge_figures(found), draw_edge)
 
 
-@dataclass
-class _Run:
-    """One measurement: what it reads and writes."""
+def _settings(options: ResolutionOptions, iterations: int) -> SolverSettings:
+    return SolverSettings(
+        options.iterations or iterations, options.tau or TAU, options.fill.value, options.seed
+    )
 
-    options: ResolutionOptions
-    settings: SolverSettings
-    clock: Clock
-    files: dict[str, Path]
-    inputs: dict[str, InputFile] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
 
-    @classmethod
-    def begin(cls, options: ResolutionOptions, iterations: int) -> "_Run":
-        """Check what is written, before any work."""
-        clock = Clock()
-        if options.plot is not None and options.record is not None:
-            check_output(options.plot, (".png",))
-            check_output(options.record, (".json",))
-        check_apart(options, options.inputs)
-        settings = SolverSettings(
-            options.iterations or iterations, options.tau or TAU, options.fill.value, options.seed
-        )
-        return cls(options, settings, clock, options.inputs)
+def _flat_picture(run: Run[Options], settings: SolverSettings) -> FlatPicture:
+    """The only frame as a flat screen has it."""
+    (each,) = target_pictures(run, settings.iterations)
+    return each.scale.flat(each.picture)
 
-    def shown(self, reporter: Reporter) -> list[Shown]:
-        """All frames as pictures."""
-        given = GivenCamera.of(self.options)
-        self._reads(given.files)
-        return shown(
-            self.options,
-            given,
-            self.settings.iterations,
-            tick=partial(reporter.advance, "frames"),
-            warn=partial(self.warn, reporter),
-        )
 
-    def warn(self, reporter: Reporter, text: str) -> None:
-        """Say a doubt, and keep it for the record."""
-        reporter.warn(text)
-        self.warnings.append(text)
+def _screen(run: Run[Options], settings: SolverSettings, angle_deg: float, what: str) -> Screen:
+    """In front of the camera to simulate, for a target of an angle."""
+    ready = ReadyBench.of(run.options)
+    work = Work(
+        patterns=_PATTERNS,
+        solves=1,
+        region=ready.cells_of(angle_deg),
+        iterations=settings.iterations,
+    )
+    tick = partial(run.reporter.advance, what)
+    return Screen(ready.experiment(run, work), ready.distance_um, settings, tick)
 
-    def ready(self, reporter: Reporter, work: Callable[[ReadyBench], Work]) -> ReadyBench:
-        """The simulated camera, its work foretold."""
-        bench = ReadyBench.of(self.options)
-        self._reads(bench.files)
-        return bench.foretold(work(bench), reporter)
 
-    def target_work(self, ready: ReadyBench, angle_deg: float) -> Work:
-        """What a picture of a screen takes."""
-        return Work(
-            patterns=_PATTERNS,
-            solves=1,
-            region=ready.cells_of(angle_deg),
-            iterations=self.settings.iterations,
-        )
-
-    def finish(
-        self,
-        found: TwoPoints | StarResolution | EdgeResolution,
-        figures: dict[str, Any],
-        plot: Callable[[Path], None],
-    ) -> ResolutionOutcome:
-        """Write the plot and the record, if they are asked for."""
-        options, settings = self.options, self.settings
-        solved = options.simulate is not None or options.psf is not None
-        summary = {
-            **figures,
-            "simulated": options.simulate,
-            "iterations": settings.iterations if solved else None,
-            "tau": settings.tau if solved else None,
-            "warnings": self.warnings,
-            "outputs": [readable(each.path) for each in options.written],
-            "seconds": self.clock.seconds,
-        }
-        if options.plot is not None and options.record is not None:
-            record = RunRecord(
-                started=self.clock.started,
-                inputs=self.inputs,
-                parameters=options.model_dump(mode="json"),
-                result=summary,
-                history=[],
-                warnings=self.warnings,
-            )
-            write_together(
-                {options.record: partial(write_record, record=record), options.plot: plot}
-            )
-        return ResolutionOutcome(found, summary)
-
-    def _reads(self, more: dict[str, Path]) -> None:
-        self.files = {**self.files, **more}
-        check_apart(self.options, self.files)
-        self.inputs = {role: InputFile.of(path) for role, path in self.files.items()}
+def _product(
+    options: ResolutionOptions,
+    settings: SolverSettings,
+    found: Value,
+    figures: dict[str, Any],
+    draw: Callable[[Path, Value], None],
+) -> Product[Value]:
+    """The figures, how their pictures were solved, and the plot if it is asked for."""
+    reconstructs = options.simulate is not None or options.psf is not None
+    figures |= {
+        "simulated": options.simulate,
+        "iterations": settings.iterations if reconstructs else None,
+        "tau": settings.tau if reconstructs else None,
+    }
+    writers: dict[Path, Writer] = {}
+    if options.plot is not None:
+        writers[options.plot] = lambda path: draw(path, found)
+    return Product(found, figures, writers)
 
 
 def _check_size(found: StarResolution, options: SiemensOptions) -> None:

@@ -1,7 +1,7 @@
 """What the commands of `nolens measure resolution` can be told."""
 
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated
 
 from pydantic import Field
 
@@ -19,96 +19,146 @@ from nolens.jobs.fields import (
     Word,
     record_beside,
 )
-from nolens.jobs.options import JobOptions, Written
+from nolens.jobs.measuring.plot import RESULT, plot_and_record
+from nolens.jobs.options import JobOptions, Option, Written
 from nolens.quantities import Angle, Share
 from nolens.ranges import Between
 
 _Threshold = Annotated[Share, Between("0.01 %", "99.99 %")]
 _CellAngle = Annotated[Angle, Between("0.000001 deg", "10 deg")]
+_Spokes = Annotated[int, Between(4, 200)]
 _TargetAngle = Annotated[Angle, Between("0.001 deg", "89.9 deg")]
 _FRAMES_ONLY = ("psf", "psf_wider", "dark", "region", "camera", "cell_angle")
 _SIMULATED_ONLY = ("light", "wavelengths", "fill", "seed")
 _LINEAR = (".tif", ".tiff", ".npy")
+_TARGET, _FRAMES, _SIMULATION, _SOLVER = "Target", "Frames", "Simulation", "Solver"
+
+
+def _frames(text: str) -> Option:
+    return Option(text, role="input", positional=True, label="Picture")
 
 
 class ResolutionOptions(JobOptions):
-    """What all targets have in common.
+    """What all targets have in common."""
 
-    Attributes
-    ----------
-    frames
-        Raw frames of the target (with `psf`), or pictures that were reconstructed of them.
-    simulate
-        Camera to simulate in place of frames: preset, folder or .toml file.
-    psf, psf_wider, dark
-        With which frames are reconstructed, as `nolens reconstruct` takes them.
-    region
-        Cells that light can come from, or that the pictures show.
-    camera
-        It tells the angle of a cell; None takes the one beside the PSF.
-    cell_angle
-        The angle of a cell in the middle, in place of a camera.
-    distance
-        Of the target; None takes the simulated camera's reference_distance.
-    iterations, tau
-        Of ADMM; all iterations are done. None takes the target's own.
-    light, wavelengths
-        Of the simulation: the spectrum, and how many wavelengths stand for a channel.
-    fill
-        Share of a full pixel that the brightest one is exposed to.
-    seed
-        Of the sensor's noise.
-    plot
-        Picture to write; the record of the run goes beside it.
-    """
+    frames: Annotated[
+        Files,
+        _frames(
+            "Raw frames of the target, or pictures of it that nolens reconstruct wrote (.tif, "
+            ".npy)."
+        ),
+    ] = ()
+    distance: Annotated[
+        Depth | None,
+        Option(
+            "From the camera to the target.",
+            _TARGET,
+            default="the simulated camera's reference_distance",
+            label="Distance",
+        ),
+    ] = None
+    psf: Annotated[
+        FilePath | None,
+        Option(
+            "PSF to reconstruct raw frames with, captured at that distance.", _FRAMES, role="input"
+        ),
+    ] = None
+    psf_wider: Annotated[
+        bool,
+        Option(
+            "The PSF is an extended one, as nolens calibrate stitch makes it.",
+            _FRAMES,
+            default="no",
+            negative=False,
+        ),
+    ] = False
+    dark: Annotated[FilePath | None, Option("Dark frame.", _FRAMES, role="input")] = None
+    region: Annotated[
+        Window | None,
+        Option(
+            "Scene pixels that light can come from, as nolens reconstruct takes it; of pictures, "
+            "those that they show.",
+            _FRAMES,
+            default="the sensor's; of pictures, as many around its middle",
+        ),
+    ] = None
+    camera: Annotated[
+        Name | None,
+        Option(
+            "That took the frames: paper, paper-film, small, live, a folder with camera.toml, or a "
+            ".toml file. It tells the angles of scene pixels.",
+            _FRAMES,
+            default="camera.toml beside the PSF",
+            role="camera",
+            label="Camera",
+        ),
+    ] = None
+    cell_angle: Annotated[
+        _CellAngle | None,
+        Option(
+            "The angle of a scene pixel in the middle, in place of a camera, such as 0.138deg.",
+            _FRAMES,
+        ),
+    ] = None
+    simulate: Annotated[
+        Name | None,
+        Option(
+            "Camera to simulate in place of frames: paper, paper-film, small, live, a folder with "
+            "camera.toml, or a .toml file.",
+            _SIMULATION,
+            role="camera",
+            label="Camera",
+        ),
+    ] = None
+    light: Annotated[
+        Word,
+        Option("white-led, daylight, equal-energy, or one wavelength such as 535nm.", _SIMULATION),
+    ] = "white-led"
+    wavelengths: Annotated[
+        int, Between(1, 64), Option("How many stand for a channel of the sensor.", _SIMULATION)
+    ] = 1
+    fill: Annotated[
+        Share,
+        Between("0.001 %", "100 %"),
+        Option("Fraction of a full pixel that the brightest one is exposed to.", _SIMULATION),
+    ] = Share("90", "%")
+    seed: Annotated[Seed, Option("Of the noise.", _SIMULATION)] = 0
+    iterations: Annotated[
+        Iterations | None,
+        Option("Of ADMM; all of them are done.", _SOLVER, default="300; two points 100"),
+    ] = None
+    tau: Annotated[Tau | None, Option("Weight of the prior.", _SOLVER, default="1e-5")] = None
+    plot: Annotated[
+        FilePath | None,
+        Option(
+            "Picture to write (.png) of what was measured. The record of the run goes beside it, "
+            "as .json.",
+            RESULT,
+            role="output",
+        ),
+    ] = None
 
-    frames: Files = ()
-    simulate: Name | None = None
-    psf: FilePath | None = None
-    psf_wider: bool = False
-    dark: FilePath | None = None
-    region: Window | None = None
-    camera: Name | None = None
-    cell_angle: _CellAngle | None = None
-    distance: Depth | None = None
-    iterations: Iterations | None = None
-    tau: Tau | None = None
-    light: Word = "white-led"
-    wavelengths: Annotated[int, Between(1, 64)] = 1
-    fill: Annotated[Share, Between("0.001 %", "100 %")] = Share("90", "%")
-    seed: Seed = 0
-    plot: FilePath | None = None
-
-    @classmethod
-    def gather(cls, given: dict[str, Any]) -> Self:
-        """Options as the command line gives them.
-
-        Raises
-        ------
-        OptionError
-            If one is missing, or its value cannot be used, or two do not go together.
-        """
-        options = cls.checked(given)
-        if not options.frames and options.simulate is None:
+    def check_together(self) -> None:
+        """Refuse all but one of frames and a simulation, and options that go with the other."""
+        if not self.frames and self.simulate is None:
             raise OptionError(
                 "nothing to measure is given: name frames or pictures of the target, or a camera "
                 "to simulate (--simulate CAMERA)"
             )
-        if options.frames and options.simulate is not None:
+        if self.frames and self.simulate is not None:
             raise OptionError(
-                f"{options.frames[0]} and --simulate {options.simulate} are both given: measure "
+                f"{self.frames[0]} and --simulate {self.simulate} are both given: measure "
                 "frames, or simulate a camera"
             )
-        simulated = options.simulate is not None
-        for name in options.only(not simulated):
-            if name in given:
+        simulated = self.simulate is not None
+        for name in self.only(not simulated):
+            if name in self.model_fields_set:
                 where = "frames" if simulated else "--simulate"
                 raise OptionError(
                     f"--{name.replace('_', '-')} goes with {where} only: leave it out"
                 )
         if not simulated:
-            options.check_frames()
-        return options
+            self.check_frames()
 
     @classmethod
     def only(cls, simulated: bool) -> tuple[str, ...]:
@@ -171,33 +221,59 @@ class ResolutionOptions(JobOptions):
     @property
     def written(self) -> tuple[Written, ...]:
         """Plot and record."""
-        if self.plot is None or self.record is None:
-            return ()
-        return (
-            Written("plot", self.plot, "--plot"),
-            Written("record of the run", self.record, "--plot"),
-        )
+        return plot_and_record(self.plot)
 
 
 class TwoPointOptions(ResolutionOptions):
-    """What `nolens measure resolution two-points` can be told.
+    """Find the smallest angle between two point sources that is resolved.
 
-    Attributes
-    ----------
-    separation
-        Distance of the two points, of each frame.
-    dip
-        That counts as resolved.
-    direction
-        Of the line through the points, from the right towards up.
-    draws
-        Pictures of each separation.
+    nolens measure resolution two-points a.dng b.dng --separation 1.5mm --separation 1.9mm
+    --distance 180mm --psf psf.dng --camera paper
+
+    nolens measure resolution two-points --simulate paper --distance 180mm
+
+    Two points are resolved where the light between them dips by 26.5 %, as Rayleigh's criterion
+    has it. How deep it dips depends on the scene, the noise and the solver, as in every camera
+    that reconstructs its pictures: the result says with which. A simulation searches for the
+    smallest separation.
     """
 
-    separation: Annotated[tuple[PositiveLength, ...], Field(max_length=100_000)] = ()
-    dip: _Threshold = Share("26.5", "%")
-    direction: Annotated[Angle, Between("-360 deg", "360 deg")] = Angle("0", "deg")
-    draws: Annotated[int, Between(1, 1000)] = 3
+    usage = "measure resolution two-points --simulate CAMERA"
+
+    frames: Annotated[
+        Files,
+        _frames(
+            "Raw frames of two points at one separation each; or pictures of them that nolens "
+            "reconstruct wrote (.tif, .npy)."
+        ),
+    ] = ()
+    separation: Annotated[
+        tuple[PositiveLength, ...],
+        Field(max_length=100_000),
+        Option(
+            "Distance of the two points, such as 1.9mm; once for each frame, in their order.",
+            _TARGET,
+        ),
+    ] = ()
+    dip: Annotated[
+        _Threshold,
+        Option("Dip of the light between the points that counts as resolved.", _TARGET),
+    ] = Share("26.5", "%")
+    direction: Annotated[
+        Angle,
+        Between("-360 deg", "360 deg"),
+        Option("Of the line through the points, from the right towards up.", _SIMULATION),
+    ] = Angle("0", "deg")
+    draws: Annotated[
+        int,
+        Between(1, 1000),
+        Option(
+            "Pictures of each separation, with other noise and at other places within a scene "
+            "pixel; their dips are averaged.",
+            _SIMULATION,
+            label="Repeats",
+        ),
+    ] = 3
 
     @classmethod
     def only(cls, simulated: bool) -> tuple[str, ...]:
@@ -235,7 +311,7 @@ class OneFrameOptions(ResolutionOptions):
         Raises
         ------
         OptionError
-            If there are more frames than one, or a distance that does not matter.
+            If there are more frames than one.
         """
         super().check_frames()
         if len(self.frames) > 1:
@@ -251,33 +327,74 @@ class OneFrameOptions(ResolutionOptions):
 
 
 class SiemensOptions(OneFrameOptions):
-    """What `nolens measure resolution siemens` can be told.
+    """Measure the contrast of a Siemens star by angular frequency in every direction.
 
-    Attributes
-    ----------
-    spokes
-        Bright spokes of the star; None takes what is found, or 36 in a simulation.
-    angle
-        Field angle of the star, from side to side; None takes what is found, or 20deg.
-    threshold
-        Share of the contrast of wide spokes from which on they count as resolved.
+    nolens measure resolution siemens star.dng --psf psf.dng --camera paper --spokes 36
+
+    nolens measure resolution siemens --simulate paper --distance 300mm --plot star.png
+
+    The star is found in the picture by itself. The result is the angle of one bright spoke and
+    one dark gap (a line pair, the distance of two bright lines) at which their contrast has
+    fallen to the threshold in the worst of eight directions; a spoke alone is half as wide.
     """
 
-    spokes: Annotated[int, Between(4, 200)] | None = None
-    angle: _TargetAngle | None = None
-    threshold: _Threshold = Share("10", "%")
+    usage = "measure resolution siemens FRAME --psf PSF --camera FOLDER"
+
+    frames: Annotated[
+        Files,
+        _frames(
+            "One raw frame of a star, or a picture of it that nolens reconstruct wrote (.tif, "
+            ".npy)."
+        ),
+    ] = ()
+    spokes: Annotated[
+        _Spokes | None,
+        Option("Bright spokes of the star.", _TARGET, default="as found; 36 to simulate"),
+    ] = None
+    angle: Annotated[
+        _TargetAngle | None,
+        Option(
+            "Field angle of the star from side to side; a picture of another one is refused.",
+            _TARGET,
+            default="as found; 20deg to simulate",
+            label="Field angle that it fills",
+        ),
+    ] = None
+    threshold: Annotated[
+        _Threshold,
+        Option(
+            "Fraction of the contrast of the widest spokes at which others count as just "
+            "resolved. 15.3% is the contrast of lines that dip by Rayleigh's 26.5 %.",
+            _TARGET,
+        ),
+    ] = Share("10", "%")
 
 
 class EdgeOptions(OneFrameOptions):
-    """What `nolens measure resolution edge` can be told.
+    """Measure the contrast by angular frequency across a slanted edge (ISO 12233).
 
-    Attributes
-    ----------
-    angle
-        Field angle that the simulated edge's picture fills.
+    nolens measure resolution edge edge.dng --psf psf.dng --camera paper --region 80x80
+
+    nolens measure resolution edge --simulate paper --distance 300mm
     """
 
-    angle: _TargetAngle = Angle("10", "deg")
+    usage = "measure resolution edge FRAME --psf PSF --camera FOLDER"
+
+    frames: Annotated[
+        Files,
+        _frames(
+            "One raw frame of an edge, about 5 deg from upright or level, or a picture of it that "
+            "nolens reconstruct wrote (.tif, .npy). It must show the edge from end to end."
+        ),
+    ] = ()
+    angle: Annotated[
+        _TargetAngle,
+        Option(
+            "Field angle of the simulated edge's picture.",
+            _SIMULATION,
+            label="Field angle that it fills",
+        ),
+    ] = Angle("10", "deg")
 
     @classmethod
     def only(cls, simulated: bool) -> tuple[str, ...]:

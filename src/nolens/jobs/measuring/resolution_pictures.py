@@ -4,18 +4,22 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from torch import Tensor
 
 from nolens.camera import Measurement, OpenCamera, develop, prepare_psf
 from nolens.errors import DataError, OptionError
 from nolens.experiments.resolution import TAU, AngularScale
-from nolens.experiments.virtual_experiment import Tick, solved
+from nolens.experiments.virtual_experiment import solved
 from nolens.files import CAMERA_FILE, camera_files, read_camera, read_frame
 from nolens.jobs.measuring.resolution_options import ResolutionOptions
 from nolens.jobs.reconstruction.options import parse_window
+from nolens.jobs.run import Run
 from nolens.operators import Region
 from nolens.twin.preview import preview_model
+
+Options = TypeVar("Options", bound=ResolutionOptions)
 
 
 @dataclass(frozen=True)
@@ -58,7 +62,7 @@ class GivenCamera:
 
 
 @dataclass(frozen=True)
-class Shown:
+class TargetPicture:
     """One picture of a target.
 
     Parameters
@@ -73,48 +77,38 @@ class Shown:
     scale: AngularScale
 
 
-def shown(
-    options: ResolutionOptions,
-    camera: GivenCamera,
-    iterations: int,
-    *,
-    tick: Tick,
-    warn: Callable[[str], None],
-) -> list[Shown]:
+def target_pictures(run: Run[Options], iterations: int) -> list[TargetPicture]:
     """Give every frame as a picture: read, or reconstructed with the PSF.
 
     Every file is read and checked before the first one is reconstructed.
 
     Parameters
     ----------
-    options
+    run
         Which frames, and how.
-    camera
-        That took them.
     iterations
         Of ADMM.
-    tick
-        Called with the share that is done.
-    warn
-        Is told of doubts about the PSF.
 
     Raises
     ------
     NolensError
         If a file cannot be used.
     """
+    options, camera = run.options, GivenCamera.of(run.options)
+    run.reads(camera.files)
     if options.psf is None:
         return [_read(path, options, camera) for path in options.frames]
-    ready = _ready(options, warn)
+    ready = _ready(options, run.warn)
     scales = [
         _scale(path, options, camera, each.region)
         for path, each in zip(options.frames, ready, strict=True)
     ]
+    run.begin()
     found = []
     for number, (each, scale) in enumerate(zip(ready, scales, strict=True)):
 
-        def part(share: float, number: int = number) -> None:
-            tick((number + share) / len(ready))
+        def tick(share: float, number: int = number) -> None:
+            run.reporter.advance("frames", (number + share) / len(ready))
 
         picture = solved(
             each.seen,
@@ -122,13 +116,13 @@ def shown(
             each.region,
             iterations=iterations,
             tau=options.tau or TAU,
-            tick=part,
+            tick=tick,
         )[0]
-        found.append(Shown(picture, scale))
+        found.append(TargetPicture(picture, scale))
     return found
 
 
-def _read(path: Path, options: ResolutionOptions, camera: GivenCamera) -> Shown:
+def _read(path: Path, options: ResolutionOptions, camera: GivenCamera) -> TargetPicture:
     """A picture that was reconstructed already."""
     frame = read_frame(path)
     if frame.mosaic is not None:
@@ -139,7 +133,7 @@ def _read(path: Path, options: ResolutionOptions, camera: GivenCamera) -> Shown:
     picture = develop(frame, channels="grey").values[0]
     height, width = picture.shape
     if camera.opened is None:
-        return Shown(picture, _scale(path, options, camera, Region(0, 0, height, width)))
+        return TargetPicture(picture, _scale(path, options, camera, Region(0, 0, height, width)))
     sensor = preview_model(camera.opened).cells
     region = Region.centred(height, width, sensor)
     if options.region is not None:
@@ -149,7 +143,7 @@ def _read(path: Path, options: ResolutionOptions, camera: GivenCamera) -> Shown:
             f"--region {options.region} is {region.height}×{region.width} cells, but {path} shows "
             f"{height}×{width}: give the region that it was reconstructed with"
         )
-    return Shown(picture, _scale(path, options, camera, region))
+    return TargetPicture(picture, _scale(path, options, camera, region))
 
 
 @dataclass(frozen=True)
@@ -161,7 +155,7 @@ class _Ready:
     region: Region
 
 
-def _ready(options: ResolutionOptions, warn: Callable[[str], None]) -> list[_Ready]:
+def _ready(options: ResolutionOptions, warn: Callable[..., None]) -> list[_Ready]:
     """All raw frames, developed, with the PSF that fits them."""
     assert options.psf is not None
     dark = None if options.dark is None else read_frame(options.dark)
@@ -173,8 +167,7 @@ def _ready(options: ResolutionOptions, warn: Callable[[str], None]) -> list[_Rea
         seen = develop(read_frame(path), dark=dark, channels="grey")
         prepared = prepare_psf(point, seen, wider=options.psf_wider)
         if number == 0:
-            for text in (*prepared.notes, *prepared.warnings):
-                warn(text)
+            warn(*prepared.notes, *prepared.warnings)
         rows, columns = seen.values.shape[-2:]
         region = Region(0, 0, rows, columns)
         if options.region is not None:
