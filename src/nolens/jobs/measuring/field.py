@@ -31,7 +31,7 @@ from nolens.files import (
 )
 from nolens.files.plot_field import write_angles_plot, write_dots_plot
 from nolens.jobs.cost import Cost, check_memory, colours_of, cost_of, pattern_size
-from nolens.jobs.fields import FilePath, Name, Seed, record_beside
+from nolens.jobs.fields import CAMERAS, FilePath, Name, Seed, record_beside
 from nolens.jobs.measuring.plot import RESULT
 from nolens.jobs.measuring.rounded import rounded
 from nolens.jobs.options import JobOptions, Option, Written
@@ -118,8 +118,7 @@ class MeasureFieldOptions(JobOptions):
     simulate: Annotated[
         Name | None,
         Option(
-            "Camera to simulate: paper, paper-film, small, live, a folder with camera.toml, or a "
-            ".toml file.",
+            f"Camera to simulate: {CAMERAS}.",
             _SOURCE,
             role="camera",
             label="Camera",
@@ -251,7 +250,7 @@ class MeasureFieldOptions(JobOptions):
         named = (
             ("plot", self.plot, "--plot", (".png",)),
             ("picture", self.output, "-o", (".png", ".tif", ".tiff")),
-            ("record of the run", self.record, "--plot", (".json",)),
+            ("record of the run", self.record, "--plot", ()),
         )
         return tuple(
             Written(what, path, option, suffixes) for what, path, option, suffixes in named if path

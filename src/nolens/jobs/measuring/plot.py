@@ -15,5 +15,5 @@ def plot_and_record(plot: Path | None) -> tuple[Written, ...]:
         return ()
     return (
         Written("plot", plot, "--plot", (".png",)),
-        Written("record of the run", record_beside(plot), "--plot", (".json",)),
+        Written("record of the run", record_beside(plot), "--plot"),
     )

@@ -23,7 +23,7 @@ from nolens.files import (
     readable,
 )
 from nolens.files.plot_psf import write_psf_plot
-from nolens.jobs.fields import FilePath, Name, Word, record_beside
+from nolens.jobs.fields import CAMERAS, FilePath, Name, Word, record_beside
 from nolens.jobs.measuring.plot import RESULT, plot_and_record
 from nolens.jobs.measuring.rounded import rounded
 from nolens.jobs.options import JobOptions, Option, Written
@@ -79,8 +79,8 @@ class MeasurePsfOptions(JobOptions):
     camera: Annotated[
         Name | None,
         Option(
-            "Tells angles in the scene, the aperture of a lenslet and its depth of focus: paper, "
-            "paper-film, small, live, a folder with camera.toml, or a .toml file.",
+            "Tells angles in the scene, the aperture of a lenslet and its depth of focus: "
+            f"{CAMERAS}.",
             _PSF,
             default="camera.toml beside the PSF, if there is one",
             role="camera",

@@ -9,6 +9,8 @@ from nolens.camera.part import PositiveLength
 from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
 from nolens.jobs.fields import (
+    CAMERAS,
+    LIGHTS,
     FilePath,
     Files,
     Iterations,
@@ -85,8 +87,7 @@ class ResolutionOptions(JobOptions):
     camera: Annotated[
         Name | None,
         Option(
-            "That took the frames: paper, paper-film, small, live, a folder with camera.toml, or a "
-            ".toml file. It tells the angles of scene pixels.",
+            f"That took the frames: {CAMERAS}. It tells the angles of scene pixels.",
             _FRAMES,
             default="camera.toml beside the PSF",
             role="camera",
@@ -103,17 +104,13 @@ class ResolutionOptions(JobOptions):
     simulate: Annotated[
         Name | None,
         Option(
-            "Camera to simulate in place of frames: paper, paper-film, small, live, a folder with "
-            "camera.toml, or a .toml file.",
+            f"Camera to simulate in place of frames: {CAMERAS}.",
             _SIMULATION,
             role="camera",
             label="Camera",
         ),
     ] = None
-    light: Annotated[
-        Word,
-        Option("white-led, daylight, equal-energy, or one wavelength such as 535nm.", _SIMULATION),
-    ] = "white-led"
+    light: Annotated[Word, Option(f"{LIGHTS}.", _SIMULATION)] = "white-led"
     wavelengths: Annotated[
         int, Between(1, 64), Option("How many stand for a channel of the sensor.", _SIMULATION)
     ] = 1
