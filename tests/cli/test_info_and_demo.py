@@ -62,7 +62,7 @@ def test_version_and_help() -> None:
 def test_help_tells_defaults_and_what_is_needed() -> None:
     text = " ".join(run("reconstruct", "--help").out.replace("│", " ").split())
     for words in (
-        "Needed, here or in --config",
+        "What the sensor measures of a point source: the same kinds of file. Needed.",
         "[default: 1e-4; wiener 0.1]",
         "[default: 200; exact 5000; fista 300; in a sequence 8]",
         "[default: photo] [choices: draft, photo, exact]",

@@ -6,12 +6,12 @@ from pathlib import Path
 
 from running import NOLENS
 
-HERE = Path(__file__).parent
+INSTALLED = Path(__file__).parent / "installed"
 
 
 def nolens(*arguments: object) -> "subprocess.CompletedProcess[str]":
     """The installed command, with the example package installed beside it."""
-    paths = os.pathsep.join(filter(None, (str(HERE), os.environ.get("PYTHONPATH"))))
+    paths = os.pathsep.join(filter(None, (str(INSTALLED), os.environ.get("PYTHONPATH"))))
     return subprocess.run(
         [NOLENS, *map(str, arguments)],
         env={**os.environ, "PYTHONPATH": paths},

@@ -43,7 +43,7 @@ def figure(rows: list[str], name: str) -> float:
 
 def test_measurements_show_plots_and_figures(visit: Visit, shot: str) -> None:
     page = visit.show("measure")
-    page.wait_for_function("() => document.querySelector('[data-panel=measure] select').value")
+    page.wait_for_function("() => document.querySelector('[data-panel=measure] select')?.value")
     page.get_by_label("Half angles").fill("0deg,10deg")
     psf, field = (measured(page, name) for name in ("psf", "field"))
     correlations = [float(row.split("\t")[1]) for row in field[1:]]

@@ -33,18 +33,27 @@ async function route() {
   if (name === current) return;
   panels[current]?.leave?.();
   current = name;
-  if (name !== "viewfinder") await declarations;
-  if (name !== current) return;
-  for (const place of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-panel]"))) {
-    place.hidden = place.dataset.panel !== name;
-    if (!place.hidden && !(name in panels)) panels[name] = MAKERS[name](place);
-  }
+  const places = /** @type {HTMLElement[]} */ ([...document.querySelectorAll("[data-panel]")]);
+  for (const place of places) place.hidden = place.dataset.panel !== name;
   for (const link of document.querySelectorAll(".tabs a")) {
     if (link.getAttribute("href") === `#${name}`) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");
   }
   document.title = `${name[0].toUpperCase()}${name.slice(1)} · nolens studio`;
+  const place = /** @type {HTMLElement} */ (places.find((each) => !each.hidden));
+  if (!(name in panels)) {
+    if (name !== "viewfinder") await declarationsFor(place);
+    if (name !== current || name in panels) return;
+    panels[name] = MAKERS[name](place);
+  }
   panels[name].enter?.();
+}
+
+/** Wait for the names of the panel's options, which come seconds after the studio was started. @param {HTMLElement} place */
+async function declarationsFor(place) {
+  place.setAttribute("aria-busy", "true");
+  await declarations;
+  place.removeAttribute("aria-busy");
 }
 
 /** Dark or light, as chosen or as the system says. */
@@ -86,7 +95,7 @@ function keys(event) {
   if (event.key === " " && target.closest("button, a, summary")) return;
   const place = Number(event.key) - 1;
   if (place in NAMES) location.hash = NAMES[place];
-  else if (!panels[current].key?.(event.key)) return;
+  else if (!panels[current]?.key?.(event.key)) return;
   event.preventDefault();
 }
 
