@@ -1,7 +1,7 @@
 """The application that the commands are part of, and what their options have in common."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+import inspect
+from collections.abc import Sequence
 
 from cyclopts import (
     App,
@@ -41,44 +41,9 @@ def _whole(kind: type, tokens: Sequence[Token]) -> int:
 
 
 Whole = Parameter(converter=_whole)
-Quantity = Parameter(allow_leading_hyphen=True)
-"""A number with its unit, which may be negative; the job's options read it."""
-Json = Parameter(name="--json", negative=(), show_default=False)
-Output = Parameter(name=("--output", "-o"))
 
 _MOST_BRACKETS = 100
 _READ_LIMIT = "--read-limit"
-_USAGE = {
-    "reconstruct": "reconstruct RAW --psf PSF -o out.png (-o again for each further picture)",
-    "refocus": "refocus RAW --psfs FOLDER -o FOLDER",
-    "capture": "capture -o shot.dng",
-    "info": "info FILE",
-    "calibrate": "calibrate FRAME... --distance 300mm -o FOLDER",
-    "calibrate distances": "calibrate distances FOLDER --at 8cm --at 20cm",
-    "calibrate pairs": "calibrate pairs MEASURED PICTURES --distance 300mm -o FOLDER",
-    "calibrate plan": "calibrate plan CAMERA --angle 56deg",
-    "calibrate stitch": "calibrate stitch FOLDER",
-    "calibrate surround": "calibrate surround FOLDER RAW... --region 414x414",
-    "simulate": "simulate SCENE -o raw.dng",
-    "psf": "psf -o psf.tif",
-    "camera show": "camera show NAME",
-    "camera relief": "camera relief CAMERA MAP -o FOLDER",
-    "material list": "material list",
-    "material show": "material show NAME",
-    "design thickness": "design thickness --film 0.305mm --film-distance 0.4mm --material pua311",
-    "design tolerance": "design tolerance CAMERA [TOLERANCES.toml] -o FOLDER",
-    "design mask": "design mask KIND -o FOLDER",
-    "fabricate": "fabricate CAMERA -o FOLDER",
-    "measure field": "measure field FOLDER, --simulate CAMERA, or --dots PICTURE",
-    "measure psf": "measure psf PSF --pixel 3.1um",
-    "measure resolution two-points": "measure resolution two-points --simulate CAMERA",
-    "measure resolution siemens": "measure resolution siemens FRAME --psf PSF --camera FOLDER",
-    "measure resolution edge": "measure resolution edge FRAME --psf PSF --camera FOLDER",
-    "measure target": "measure target siemens -o star.png",
-    "reproduce": "reproduce -o FOLDER",
-    "studio": "studio [FOLDER...]",
-    "demo": "demo -o FOLDER",
-}
 
 
 def without_read_limit(arguments: Sequence[str]) -> list[str]:
@@ -100,15 +65,6 @@ def without_read_limit(arguments: Sequence[str]) -> list[str]:
             del rest[place : place + (1 if equals else 2)]
             break
     return rest
-
-
-def given_options(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """What a person gave of a command's arguments, but for how its result is printed."""
-    return {
-        name: value
-        for name, value in arguments.items()
-        if value is not None and value != () and name != "json_"
-    }
 
 
 def run(app: App, arguments: Sequence[str]) -> int:
@@ -136,9 +92,22 @@ def _explain(error: CycloptsError) -> str:
     command = " ".join(error.command_chain or ())
     if isinstance(error, UnusedCliTokensError):
         extra = " ".join(error.unused_tokens or ())
-        return f"{extra!r} is more than {command} takes: nolens {_USAGE.get(command, '--help')}"
+        return f"{extra!r} is more than {command} takes: nolens {_usage(error, command)}"
     if isinstance(error, MissingArgumentError) and not error.tokens_so_far and not error.keyword:
         name = error.argument.name if error.argument is not None else "argument"
         if not name.startswith("-"):
-            return f"no {name} is given: nolens {_USAGE.get(command, '--help')}"
+            return f"no {name} is given: nolens {_usage(error, command)}"
     return str(error)
+
+
+def _usage(error: CycloptsError, command: str) -> str:
+    """The shortest way to run a command: that of its job, or by what it takes without a name."""
+    target = error.target
+    if target is None:
+        return f"{command} --help"
+    by_place = [
+        each.name.upper()
+        for each in inspect.signature(target).parameters.values()
+        if each.kind is inspect.Parameter.POSITIONAL_ONLY
+    ]
+    return getattr(target, "usage", "") or " ".join((command, *by_place))

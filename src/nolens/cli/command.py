@@ -2,15 +2,16 @@
 
 import inspect
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from enum import Enum
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
-from cyclopts import Group, Parameter, Token
+from cyclopts import Group, Parameter
 from pydantic import BeforeValidator
 
+from nolens.cli.app import Whole
 from nolens.cli.messages import show
 from nolens.cli.terminal import TerminalReporter
 from nolens.jobs.options import JobOptions, Option
@@ -37,17 +38,9 @@ _Config = Annotated[
     ),
 ]
 _MOST_LISTED = 12
+_FORMER = "_former"
+"""What the parameter of a former name ends with, which may be that of one given by its place."""
 _BY_NAME = inspect.Parameter.KEYWORD_ONLY
-_BY_PLACE = inspect.Parameter.POSITIONAL_OR_KEYWORD
-_REST = inspect.Parameter.VAR_POSITIONAL
-
-
-def whole(kind: type, tokens: Sequence[Token]) -> int:
-    """A whole number; cyclopts would round 2.5 without a word."""
-    try:
-        return int(tokens[0].value)
-    except ValueError:
-        raise ValueError(f"{tokens[0].value} is no whole number, such as 2") from None
 
 
 def command(
@@ -80,7 +73,11 @@ def command(
     def run(*places: Any, **names: Any) -> int:
         values = dict(signature.bind_partial(*places, **names).arguments)
         as_json, config = values.pop("json_", False), values.pop("config", None)
-        options = {key: each for key, each in values.items() if each is not None and each != ()}
+        options = {
+            key.removesuffix(_FORMER): each
+            for key, each in values.items()
+            if each is not None and each != ()
+        }
         watching = reporter()
         with watching:
             summary = job(model.gather(options, config, watching.note), watching).summary
@@ -94,6 +91,7 @@ def command(
     run.__annotations__ = {each.name: each.annotation for each in signature.parameters.values()}
     run.__annotations__["return"] = int
     run.__doc__, run.__name__ = model.__doc__, name
+    run.usage = model.usage  # type: ignore[attr-defined]
     return run
 
 
@@ -105,9 +103,8 @@ def _listed(outputs: list[str]) -> list[str]:
 
 def _parameters(model: type[JobOptions]) -> list[inspect.Parameter]:
     groups: dict[str, Group] = {}
-    ordered = sorted(model.model_fields, key=lambda field: not Option.of(model, field).positional)
     found = []
-    for field in ordered:
+    for field in model.model_fields:
         option = Option.of(model, field)
         heading = option.group
         if heading and heading not in groups:
@@ -117,7 +114,7 @@ def _parameters(model: type[JobOptions]) -> list[inspect.Parameter]:
         if option.former:
             found.append(_former(parameter, option.former))
     return [
-        *found,
+        *sorted(found, key=lambda each: each.kind),
         inspect.Parameter("config", _BY_NAME, default=None, annotation=_Config),
         inspect.Parameter("json_", _BY_NAME, default=False, annotation=Json),
     ]
@@ -133,34 +130,35 @@ def _parameter(model: type[JobOptions], name: str, group: Group | None) -> inspe
     elif default := option.default or _default(field.default):
         text += f"  [default: {default}]"
     settings: dict[str, Any] = {"help": text, "show_default": False}
+    if group is not None:
+        settings["group"] = group
     external = field.alias or name
     if option.flag:
         settings["name"] = (f"--{external.replace('_', '-')}", option.flag)
     elif external != name:
         settings["name"] = f"--{external.replace('_', '-')}"
-    if group is not None:
-        settings["group"] = group
     if kind is bool and not option.negative:
         settings["negative"] = ()
     if option.several:
         settings["consume_multiple"] = True
-    if int in (kind, *get_args(kind)):
-        settings["converter"] = whole
     if str in (kind, *get_args(kind)):
         settings["allow_leading_hyphen"] = _is_signed(field.annotation)
+    about = [Parameter(**settings)]
+    if int in (kind, *get_args(kind)):
+        about.append(Whole)
     if option.positional and get_origin(kind) is tuple:
-        annotation: Any = Annotated[get_args(kind)[0], Parameter(**settings)]
-        return inspect.Parameter(name, _REST, annotation=annotation)
-    place = _BY_PLACE if option.positional else _BY_NAME
-    annotation = Annotated[kind | None, Parameter(**settings)]
-    return inspect.Parameter(name, place, default=None, annotation=annotation)
+        each = Annotated[get_args(kind)[0], *about]  # type: ignore[valid-type]
+        return inspect.Parameter(name, inspect.Parameter.VAR_POSITIONAL, annotation=each)
+    place = inspect.Parameter.POSITIONAL_ONLY if option.positional else _BY_NAME
+    return inspect.Parameter(name, place, default=None, annotation=Annotated[kind | None, *about])
 
 
 def _former(parameter: inspect.Parameter, name: str) -> inspect.Parameter:
     """The same option by its name of the version before, which the help does not show."""
     kind, *settings = get_args(parameter.annotation)
     hidden = Parameter(name=f"--{name.replace('_', '-')}", show=False)
-    return parameter.replace(name=name, annotation=Annotated[kind, *settings, hidden])
+    annotation = Annotated[kind, *settings, hidden]  # type: ignore[valid-type]
+    return parameter.replace(name=f"{name}{_FORMER}", kind=_BY_NAME, annotation=annotation)
 
 
 def _kind(annotation: Any, metadata: Iterable[Any] = ()) -> Any:

@@ -150,20 +150,6 @@ class JobOptions(BaseModel):
         return value
 
     @classmethod
-    def checked(cls, given: Mapping[str, Any]) -> Self:
-        """Options from values by name.
-
-        Raises
-        ------
-        OptionError
-            If a value cannot be used.
-        """
-        try:
-            return cls.model_validate(given)
-        except ValidationError as error:
-            raise OptionError(explain(error)) from None
-
-    @classmethod
     def gather(
         cls,
         given: dict[str, Any],
@@ -195,7 +181,7 @@ class JobOptions(BaseModel):
         values: dict[str, Any] = {}
         for key, value in {**stored, **given}.items():
             name = cls.spellings().get(key, key)
-            if name in cls.model_fields and Option.of(cls, name).former == key:
+            if key != name and Option.of(cls, name).former == key:
                 note(f"{key} is called {name} now; the former name goes with the next version")
             if name not in values or key in given:
                 values[name] = value
@@ -242,9 +228,14 @@ class JobOptions(BaseModel):
                     f"{config} has the key {key!r}, which is no option{_nearest(key, spellings)}"
                 )
             name = spellings[key]
-            if Option.of(cls, name).role in ("input", "output"):
-                several = _takes_several(cls.model_fields[name].annotation)
+            role = Option.of(cls, name).role
+            several = _takes_several(cls.model_fields[name].annotation)
+            if role in ("input", "output"):
                 values[key] = _beside(config, key, value, several=several)
+            elif role in ("camera", "material") and isinstance(value, str):
+                # A name of one there is, unless a file or folder has it.
+                there = config.parent / expand_home(Path(value))
+                values[key] = str(there) if os.path.lexists(there) else value
         return values
 
     @classmethod

@@ -100,7 +100,7 @@ def build(kind: JobKind, given: Mapping[str, Any], place: Place) -> Ready:
                 f"there is no option {name!r} of {kind}; known are {', '.join(known)}"
             )
     _check_texts(options)
-    changed = Thicknesses.checked({"thickness": own["thickness"]}) if "thickness" in own else None
+    changed = Thicknesses.gather({"thickness": own["thickness"]}) if "thickness" in own else None
     folder, chosen = _CHOSEN[kind](options, own, place)
     read = model.gather({**options, **chosen})
 

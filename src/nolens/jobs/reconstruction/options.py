@@ -64,6 +64,7 @@ class ReconstructOptions(JobOptions):
             needed="the measurement (nolens reconstruct RAW --psf PSF -o out.png)",
             role="input",
             positional=True,
+            former="measurement",
             label="Raw file",
         ),
     ]
