@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 import torch
-from running import run
+from running import listing, run
 from simulated import values
 
 from nolens.camera import preset
@@ -142,3 +142,9 @@ def test_text_for_people(tmp_path: Path) -> None:
     assert "20° off the axis: the pattern moves 45" in done.out
     for words in ("µm to the right and 0.0 µm up", "peak", "psf.tif", "psf.json"):
         assert words in done.out, words
+
+
+def test_former_name_of_an_option_is_taken_with_a_note(tmp_path: Path) -> None:
+    done = run("psf", "--at", "95deg,0deg", "-o", tmp_path / "psf.tif")
+    assert done.code == 2 and "--angle is '95deg'" in done.err
+    assert "at is called angle now" in done.err and not listing(tmp_path)

@@ -2,10 +2,10 @@
 
 import os
 import subprocess
+import sys
 from pathlib import Path
 
-from running import NOLENS
-
+NOLENS = Path(sys.executable).with_name("nolens")
 INSTALLED = Path(__file__).parent / "installed"
 
 

@@ -261,7 +261,7 @@ class JobOptions(BaseModel):
     @property
     def written(self) -> tuple[Written, ...]:
         """Files that are written."""
-        raise NotImplementedError
+        return ()
 
     @property
     def record(self) -> Path | None:
