@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -312,3 +313,33 @@ def test_beyond_this_computer_it_has_a_token(tmp_path: Path) -> None:
             assert client.get(f"{local}/api/about").status_code == 200
         code, said = stop(process)
     assert code == 130 and token not in said
+
+
+def test_connections_of_a_burst_are_read_in_turns() -> None:
+    class Connection:
+        is_paused = False
+
+        def pause_reading(self) -> None:
+            self.is_paused = True
+
+        def resume_reading(self) -> None:
+            self.is_paused = False
+
+        def is_closing(self) -> bool:
+            return False
+
+    burst = [Connection() for _ in range(10)]
+
+    async def come() -> list[list[bool]]:
+        turns, seen = connections._Turns(), []
+        for each in burst:
+            turns.add(each)  # type: ignore[arg-type]
+        for _ in range(3):
+            seen.append([each.is_paused for each in burst])
+            turns._next()
+        return [*seen, [each.is_paused for each in burst]]
+
+    with ThreadPoolExecutor(1) as pool:  # The browser's tests leave a running loop in this thread.
+        waiting = pool.submit(asyncio.run, come()).result()
+    read = (4, 8, 10, 10)
+    assert waiting == [[False] * each + [True] * (10 - each) for each in read]
