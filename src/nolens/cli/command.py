@@ -112,7 +112,7 @@ def _parameters(model: type[JobOptions]) -> list[inspect.Parameter]:
         parameter = _parameter(model, field, groups.get(heading))
         found.append(parameter)
         if option.former:
-            found.append(_former(parameter, option.former))
+            found.append(_former(parameter, option))
     return [
         *sorted(found, key=lambda each: each.kind),
         inspect.Parameter("config", _BY_NAME, default=None, annotation=_Config),
@@ -153,12 +153,14 @@ def _parameter(model: type[JobOptions], name: str, group: Group | None) -> inspe
     return inspect.Parameter(name, place, default=None, annotation=Annotated[kind | None, *about])
 
 
-def _former(parameter: inspect.Parameter, name: str) -> inspect.Parameter:
+def _former(parameter: inspect.Parameter, option: Option) -> inspect.Parameter:
     """The same option by its name of the version before, which the help does not show."""
     kind, *settings = get_args(parameter.annotation)
-    hidden = Parameter(name=f"--{name.replace('_', '-')}", show=False)
+    if option.former_switch:
+        kind, settings = bool | None, []
+    hidden = Parameter(name=f"--{option.former.replace('_', '-')}", show=False)
     annotation = Annotated[kind, *settings, hidden]  # type: ignore[valid-type]
-    return parameter.replace(name=f"{name}{_FORMER}", kind=_BY_NAME, annotation=annotation)
+    return parameter.replace(name=f"{option.former}{_FORMER}", kind=_BY_NAME, annotation=annotation)
 
 
 def _kind(annotation: Any, metadata: Iterable[Any] = ()) -> Any:

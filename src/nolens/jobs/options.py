@@ -64,6 +64,8 @@ class Option:
         What the studio's page calls it.
     former
         Its name in the version before, which is still taken, with a note.
+    former_switch
+        The value that the former name, a switch, stands for.
     """
 
     help: str
@@ -78,6 +80,7 @@ class Option:
     several: bool = False
     label: str = ""
     former: str = ""
+    former_switch: str = ""
 
     @classmethod
     def of(cls, model: "type[JobOptions]", name: str) -> "Option":
@@ -183,6 +186,10 @@ class JobOptions(BaseModel):
             name = cls.spellings().get(key, key)
             if key != name and Option.of(cls, name).former == key:
                 note(f"{key} is called {name} now; the former name goes with the next version")
+                switch = Option.of(cls, name).former_switch
+                if switch and value is not True:
+                    continue
+                value = switch or value
             if name not in values or key in given:
                 values[name] = value
         for name in sorted(cls.model_fields, key=lambda each: not Option.of(cls, each).positional):
