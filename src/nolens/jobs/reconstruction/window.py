@@ -10,8 +10,6 @@ from nolens.files import read_camera
 from nolens.jobs.reconstruction.options import ReconstructOptions, parse_window
 from nolens.operators import Region
 from nolens.solvers import Problem
-from nolens.twin import FieldMap
-from nolens.twin.preview import preview_model
 
 
 def asked_region(
@@ -45,6 +43,10 @@ def asked_region(
         )
     if options.field is None or options.camera is None:
         return None if options.region is None else region_within(options.region, sensor, psf)
+    # Most reconstructions need no camera.
+    from nolens.twin import FieldMap
+    from nolens.twin.preview import preview_model
+
     camera = preview_model(read_camera(options.camera))
     cells = tuple(count // options.bin_by for count in camera.cells)
     if cells != sensor:
