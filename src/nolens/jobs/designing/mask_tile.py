@@ -29,6 +29,7 @@ Steps = Annotated[Iterations, Option("Steps, at most.", DESCENT)]
 
 _PROCESS = "Process"
 _Levels = Annotated[int, Between(2, 65536)]
+# Measured: bytes for a sample of the tile.
 _BYTES_PER_SAMPLE = 150
 _BYTES_OF_PROGRAM = 8e8
 
