@@ -62,6 +62,7 @@ def test_record_and_files(tmp_path: Path) -> None:
     ]  # fmt: skip
     record = json.loads((tmp_path / "o" / "mask.json").read_text())
     assert record["result"] == told and record["parameters"]["slope"] == "5.4 deg"
+    assert record["parameters"]["kind"] == "optimised" and "line" not in record["parameters"]
     heights = tifffile.imread(tmp_path / "o" / "relief.tif")
     np.testing.assert_allclose(heights * 20, np.round(heights * 20), atol=1e-3)
     figures, papers = told["figures"], told["paper_diffuser"]
@@ -130,10 +131,11 @@ def test_the_table_a_person_sees(tmp_path: Path) -> None:
     ("arguments", "words"),
     [
         ((), "no kind is given; name one of random-lenslets"),
-        (("contours", "-o", "m"), "contour"),
+        (("-o", "m"), "contour, optimised: nolens design mask KIND -o FOLDER"),
+        (("contours", "-o", "m"), "there are random-lenslets, lenslet-array, diffuser, contour"),
         (("contour",), "no output is given"),
-        (("contour", "-o", "m", "--pitch", "70um"), "does not have it; it has --radius"),
-        (("diffuser", "-o", "m", "--iterations", "5"), "it has --angle, --feature"),
+        (("contour", "-o", "m", "--pitch", "70um"), "Unknown option: --pitch"),
+        (("diffuser", "-o", "m", "--iterations", "5"), "Unknown option: --iterations"),
         (("contour", "-o", "m", "--line", "12"), "12 has no unit"),
         (("contour", "-o", "m", "--line", "0um"), "1 nm to 10 m"),
         (("diffuser", "-o", "m", "--angle", "60deg"), "0.001 deg to 44.9 deg"),

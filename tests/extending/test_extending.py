@@ -1,21 +1,190 @@
-"""A package of one's own adds formats, cameras, masks and targets, without a change here."""
+"""A package of one's own adds formats, cameras and masks, without a change here."""
 
+import json
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+import pytest
+import tifffile
+
 NOLENS = Path(sys.executable).with_name("nolens")
 INSTALLED = Path(__file__).parent / "installed"
+Done = subprocess.CompletedProcess[str]
 
 
-def nolens(*arguments: object) -> "subprocess.CompletedProcess[str]":
-    """The installed command, with the example package installed beside it."""
-    paths = os.pathsep.join(filter(None, (str(INSTALLED), os.environ.get("PYTHONPATH"))))
+def nolens(*arguments: object, packages: Path | None = INSTALLED) -> Done:
+    """The installed command, with the example package installed beside it, or others."""
+    paths = (packages and str(packages), os.environ.get("PYTHONPATH"))
     return subprocess.run(
         [NOLENS, *map(str, arguments)],
-        env={**os.environ, "PYTHONPATH": paths},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths)), "COLUMNS": "100"},
         capture_output=True,
         text=True,
         check=False,
     )
+
+
+def printed(done: Done) -> str:
+    """Standard output of a command that went well."""
+    assert done.returncode == 0, done
+    return done.stdout
+
+
+def refusal(done: Done) -> str:
+    """The one line that a refused command says."""
+    assert done.returncode == 2 and done.stdout == "", done
+    assert done.stderr.startswith("nolens: ") and done.stderr.count("\n") == 1, done.stderr
+    return done.stderr
+
+
+def broken_package(folder: Path, group: str, code: str) -> Path:
+    """A package that adds ``odd`` to a group, by its module of that name."""
+    about = folder / "nolens_odd-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: nolens-odd\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(f"[{group}]\nodd = nolens_odd:Odd\n")
+    (folder / "nolens_odd.py").write_text(code)
+    return folder
+
+
+@pytest.fixture
+def graymap(tmp_path: Path) -> Path:
+    """Two rows of three counts of 16 bits."""
+    path = tmp_path / "a.pgm"
+    counts = np.array([[0, 100, 200], [300, 400, 1000]], dtype=">u2")
+    path.write_bytes(b"P5\n3 2\n1000\n" + counts.tobytes())
+    return path
+
+
+def test_a_format(graymap: Path) -> None:
+    found = json.loads(printed(nolens("info", graymap, "--json")))
+    assert (found["format"], found["height"], found["width"]) == ("pgm", 2, 3)
+    assert (found["channels"], found["stored_as"], found["white"]) == (["grey"], "uint16", 1000)
+    about = found["counts"]["grey"]
+    assert (about["min"], about["max"]) == (0, 1000)
+    assert about["mean"] == pytest.approx(2000 / 6)
+    assert found["saturated_percent"] == pytest.approx(100 / 6)
+
+
+@pytest.mark.parametrize("damage", [b"P6\n3 2\n1000\n", b"P5\n3 2\n1000\n\0", b""])
+def test_a_damaged_file_of_that_format(damage: bytes, graymap: Path) -> None:
+    graymap.write_bytes(damage)
+    assert str(graymap) in refusal(nolens("info", graymap))
+
+
+def test_a_format_without_its_package(graymap: Path) -> None:
+    said = refusal(nolens("info", graymap, packages=None))
+    assert "the suffix .pgm is not known" in said and "npy, .pgm" not in said
+    other = graymap.rename(graymap.with_suffix(".pgx"))
+    assert ".npy, .pgm" in refusal(nolens("info", other))
+
+
+def test_a_source(tmp_path: Path) -> None:
+    path = tmp_path / "x.tif"
+    told = nolens("capture", "--source", "step-wedge:6", "--exposure", "30ms", "-o", path)
+    assert "step wedge: 1 frame" in printed(told)
+    counts = tifffile.imread(path)
+    assert counts.shape == (64, 48) and counts.dtype == np.uint16
+    steps = np.repeat(np.linspace(0.1, 1.0, 6), 8)
+    np.testing.assert_array_equal(counts, np.tile(np.round(3000 * steps), (64, 1)))
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("step-wedge:many", "give 2 to 64 steps, such as step-wedge:8"),
+        ("wedge", "folder:PATH, or step-wedge"),
+    ],
+)
+def test_a_bad_source(source: str, words: str, tmp_path: Path) -> None:
+    said = refusal(nolens("capture", "--source", source, "-o", tmp_path / "x.tif"))
+    assert words in said and not (tmp_path / "x.tif").exists()
+
+
+def test_a_mask(tmp_path: Path) -> None:
+    folder = tmp_path / "ringed"
+    asked = ("--camera", "small", "--light", "535nm", "--overhang", "0.2mm", "--height", "1.5um")
+    told = json.loads(printed(nolens("design", "mask", "rings", *asked, "-o", folder, "--json")))
+    assert told["kind"] == "rings" and told["figures"]["height_um"] == pytest.approx(1.5, rel=0.01)
+
+    heights = tifffile.imread(folder / "relief.tif")
+    assert heights.shape == (516, 580)  # 256 × 320 pixels of 1.55 µm, and 0.2 mm on every side.
+    rows, columns = (1.55 * (np.arange(count) - (count - 1) / 2) for count in heights.shape)
+    radius = np.hypot(rows[:, None], columns)
+    np.testing.assert_allclose(heights, 0.75 * (1 + np.cos(2 * np.pi * radius / 80)), atol=1e-4)
+
+    record = json.loads((folder / "mask.json").read_text())
+    own = {key: record["parameters"][key] for key in ("kind", "spacing", "height", "camera")}
+    assert own == {"kind": "rings", "spacing": "80 um", "height": "1.5 um", "camera": "small"}
+
+    shown = json.loads(printed(nolens("camera", "show", folder, "--json", packages=None)))
+    assert shown["camera"]["name"] == "small, rings mask"
+    assert shown["camera"]["mask"]["relief"] == {
+        "kind": "file",
+        "file": "relief.tif",
+        "grid": "1.55 um",
+    }
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--spacing", "3um"), "give a larger --spacing or a smaller --height"),
+        (("--overhang", "1m"), "a smaller --overhang needs less"),
+        (("--pitch", "3um"), "Unknown option: --pitch"),
+        (("--spacing", "3"), "3 has no unit"),
+    ],
+)
+def test_a_mask_that_cannot_be(arguments: tuple[str, ...], words: str, tmp_path: Path) -> None:
+    asked = ("rings", "--camera", "small", "-o", tmp_path / "m")
+    assert words in refusal(nolens("design", "mask", *asked, *arguments))
+    assert not (tmp_path / "m").exists()
+
+
+def test_a_mask_is_listed_with_the_others(tmp_path: Path) -> None:
+    listed = printed(nolens("design", "mask", "--help"))
+    assert "rings            Concentric rings, round like waves." in listed
+    assert "lenslet-array    Lenslets in regular places." in listed
+    shown = printed(nolens("design", "mask", "rings", "--help"))
+    assert "--spacing" in shown and "--overhang" in shown and "--pitch" not in shown
+    assert "optimised, rings:" in refusal(nolens("design", "mask"))
+    alone = nolens("design", "mask", "rings", "-o", tmp_path / "m", packages=None)
+    assert "no kind of mask 'rings'" in refusal(alone)
+
+
+@pytest.mark.parametrize(
+    ("group", "arguments"),
+    [
+        ("nolens.readers", ("info", "a.odd")),
+        ("nolens.sources", ("capture", "--source", "odd", "-o", "x.tif")),
+        ("nolens.masks", ("design", "mask", "odd", "--camera", "small", "-o", "m")),
+        ("nolens.masks", ("design", "mask", "odd", "--help")),
+    ],
+)
+def test_a_package_that_cannot_be_imported(
+    group: str, arguments: tuple[str, ...], tmp_path: Path
+) -> None:
+    (tmp_path / "a.odd").touch()
+    placed = [tmp_path / each if each in ("a.odd", "x.tif", "m") else each for each in arguments]
+    packages = broken_package(tmp_path, group, "import nowhere_to_be_found")
+    said = refusal(nolens(*placed, packages=packages))
+    assert f"nolens-odd adds 'odd' to {group}, and cannot be loaded" in said
+    assert "No module named 'nowhere_to_be_found'" in said
+
+
+def test_a_broken_mask_leaves_the_others(tmp_path: Path) -> None:
+    packages = broken_package(tmp_path, "nolens.masks", "raise RuntimeError('half installed')")
+    listed = " ".join(printed(nolens("design", "mask", "--help", packages=packages)).split())
+    assert "Lenslets in regular places." in listed and "nolens-odd adds 'odd'" in listed
+    asked = ("lenslet-array", "--camera", "small", "--overhang", "0.2mm", "-o", tmp_path / "m")
+    printed(nolens("design", "mask", *asked, packages=packages))
+    assert (tmp_path / "m" / "relief.tif").exists()
+
+
+def test_a_mask_must_be_of_its_class(tmp_path: Path) -> None:
+    packages = broken_package(tmp_path, "nolens.masks", "Odd = dict")
+    said = refusal(nolens("design", "mask", "odd", "-o", tmp_path / "m", packages=packages))
+    assert "leads to no class of MaskOptions" in said

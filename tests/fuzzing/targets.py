@@ -172,15 +172,10 @@ BASES: dict[tuple[str, ...], tuple[str, ...]] = {
     ),
     ("camera", "show"): ("camera",),
     ("material", "show"): ("pdms",),
-    ("design", "mask"): (
-        "lenslet-array",
-        "--camera",
-        "camera",
-        "--overhang",
-        "0.3mm",
-        "-o",
-        "out/o",
-    ),
+    **{
+        ("design", "mask", kind): ("--camera", "camera", "--overhang", "0.3mm", "-o", "out/o")
+        for kind in ("random-lenslets", "lenslet-array", "diffuser")
+    },
     ("design", "thickness"): (
         "--film",
         "0.305mm",

@@ -1,9 +1,12 @@
-"""`nolens design mask`."""
+"""`nolens design mask`: a command for every kind of mask."""
 
-from typing import Any
+from typing import Annotated, Any
+
+from cyclopts import App, Parameter
 
 from nolens.cli.command import command
-from nolens.jobs import MaskOptions, design_mask
+from nolens.errors import OptionError
+from nolens.jobs import MaskOptions, design_mask, mask_kind, mask_kinds
 
 
 def _lines(summary: dict[str, Any]) -> list[str]:
@@ -41,4 +44,34 @@ def _text(value: float | None, factor: float, form: str) -> str:
     return "-" if value is None else format(factor * value, form)
 
 
-mask = command(MaskOptions, design_mask, _lines, name="mask")
+mask = App(name="mask", help="Design a mask for a camera, and write the camera that has it.")
+_Words = Annotated[str, Parameter(show=False, allow_leading_hyphen=True)]
+
+
+@mask.default
+def _no_kind(*words: _Words) -> None:
+    """Say which kinds there are where the first word is none."""
+    if words and not words[0].startswith("-"):
+        mask_kind(words[0])
+    kinds = ", ".join(mask_kinds())
+    raise OptionError(f"no kind is given; name one of {kinds}: nolens {MaskOptions.usage}")
+
+
+def _add(name: str) -> None:
+    """Add the command of a kind."""
+    try:
+        kind = mask_kind(name)
+    except OptionError as error:
+        # A package that cannot be loaded must not take the other kinds with it.
+        reason = str(error)
+
+        def refuse(*words: _Words) -> None:
+            raise OptionError(reason)
+
+        mask.command(refuse, name=name, help=f"{reason}.", help_flags=())
+    else:
+        mask.command(command(kind, design_mask, _lines, name=name), name=name)
+
+
+for _kind in mask_kinds():
+    _add(_kind)

@@ -9,8 +9,7 @@ from .camera_facts import camera_facts
 from .capturing.job import CaptureReporter, capture_frames
 from .capturing.options import CaptureOptions
 from .demo import DemoOptions, run_demo
-from .designing.mask import design_mask
-from .designing.mask_options import MaskOptions
+from .designing.mask import MaskOptions, design_mask, mask_kind, mask_kinds
 from .designing.thickness import design_thickness
 from .designing.thickness_options import ThicknessOptions
 from .designing.tolerance import ToleranceOptions, study_tolerances
@@ -75,6 +74,8 @@ __all__ = [
     "expand_home",
     "fabricate",
     "make_target",
+    "mask_kind",
+    "mask_kinds",
     "material_facts",
     "measure_edge",
     "measure_field",

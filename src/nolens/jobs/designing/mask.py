@@ -1,34 +1,62 @@
-"""A camera with another mask: regular, random, or designed for its PSF."""
+"""A camera with another mask: what all kinds of masks share, and the job that makes one.
 
+A kind is a class of options that derives from `MaskOptions` and makes its mask. It is known by its
+name in `MASK_KINDS`, or by an entry point of another package (``nolens.masks``).
+"""
+
+import importlib
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, replace
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import torch
 
-from nolens.camera import OpenCamera, RandomLenslets
+from nolens.camera import OpenCamera, RandomLenslets, ReliefFile
+from nolens.camera.part import PositiveLength
 from nolens.design.masks import (
     FREQUENCIES_PER_MM,
+    Layout,
     MaskFigures,
     central_psf,
     correlation,
     mask_figures,
     spread_over,
 )
-from nolens.files import camera_files, read_camera, write_camera
+from nolens.errors import OptionError
+from nolens.files import CAMERA_FILE, camera_files, read_camera, write_camera
 from nolens.files.plot_mask import MaskPlot, plot_mask
 from nolens.jobs.copied import copied_curves
 from nolens.jobs.cost import check_memory, surface_cost
-from nolens.jobs.designing.mask_kinds import made_mask, with_relief
-from nolens.jobs.designing.mask_options import PICTURE_FILE, MaskOptions
+from nolens.jobs.fields import CAMERAS, LIGHTS, Device, FilePath, Name, Seed, Word
+from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Run, Writer, job
-from nolens.quantities import Length
+from nolens.plugins import load_plugin, plugin_names
+from nolens.printable import quoted
+from nolens.quantities import Angle, Length
+from nolens.ranges import Between
 from nolens.twin import Light, Twin
-from nolens.twin.preview import relief_points
+from nolens.twin.preview import preview_model, relief_points
 
+MASK_KINDS = {
+    "random-lenslets": "mask_lenslets:RandomLensletsMask",
+    "lenslet-array": "mask_lenslets:LensletArrayMask",
+    "diffuser": "mask_diffuser:DiffuserMask",
+    "contour": "mask_contour:ContourMask",
+    "optimised": "mask_optimised:OptimisedMask",
+}
+"""Module, beside this one, and class of each kind; it is loaded where a mask of it is made."""
+SmallAngle = Annotated[Angle, Between("0.001 deg", "44.9 deg")]
+
+_RELIEF_FILE, _PICTURE_FILE, _RECORD_FILE = "relief.tif", "mask.png", "mask.json"
+"""What is written into the camera's folder beside its description."""
+_OPTICS, _RESULT = "Camera and light", "Result"
+_OVERHANG = Length("1.5", "mm")
+_PER_PIXEL = (1, 2, 4)
+_CPU = torch.device("cpu")
 _PAPERS = RandomLenslets(
     kind="random-lenslets",
     radius=Length("0.67", "mm"),
@@ -40,6 +68,260 @@ _PAPERS = RandomLenslets(
 )
 """The paper's diffuser, as the preset describes it, around a small part of the sensor."""
 _MIDDLE_PIXELS = 1152
+
+
+def mask_kinds() -> tuple[str, ...]:
+    """Names of all kinds of masks, those that other packages add last."""
+    return tuple(dict.fromkeys((*MASK_KINDS, *plugin_names("nolens.masks"))))
+
+
+def mask_kind(name: str) -> "type[MaskOptions]":
+    """Options of a kind of mask.
+
+    Parameters
+    ----------
+    name
+        A key of `MASK_KINDS`, or the name of an entry point ``nolens.masks`` of another package.
+
+    Raises
+    ------
+    OptionError
+        If there is no such kind, or the package that adds it cannot be loaded.
+    """
+    if name in MASK_KINDS:
+        module, _, attribute = MASK_KINDS[name].partition(":")
+        kind = getattr(importlib.import_module(f"{__package__}.{module}"), attribute)
+    else:
+        kind = load_plugin("nolens.masks", name)
+        if kind is None:
+            raise OptionError(
+                f"there is no kind of mask {quoted(name)}; there are {', '.join(mask_kinds())}"
+            )
+    if not (isinstance(kind, type) and issubclass(kind, MaskOptions)):
+        raise OptionError(
+            f"the entry point {name!r} of nolens.masks leads to no class of MaskOptions: mend the "
+            "package that has it, or uninstall it"
+        )
+    return kind
+
+
+@dataclass(frozen=True)
+class MadeMask:
+    """A camera with a new mask.
+
+    Parameters
+    ----------
+    opened
+        The camera.
+    layout
+        Samples of the tile that a designed mask repeats.
+    target
+        On a mask that was designed for one, the PSF that was wanted, on the cells of the tile.
+    stopped
+        Whether a person ended the descent early.
+    """
+
+    opened: OpenCamera
+    layout: Layout | None = None
+    target: torch.Tensor | None = None
+    stopped: bool = False
+
+
+class MaskOptions(JobOptions):
+    """Options that every kind of mask has: a kind derives from it, with fields of its own.
+
+    Attributes
+    ----------
+    kind
+        Its name.
+    """
+
+    usage = "design mask KIND -o FOLDER"
+    kind: ClassVar[str]
+
+    output: Annotated[
+        FilePath,
+        Option(
+            "Folder of the new camera: camera.toml, relief.tif, mask.png (a picture of relief and "
+            "PSF) and mask.json (the record).",
+            _RESULT,
+            needed="the folder of the new camera (-o folder)",
+            role="output",
+            flag="-o",
+        ),
+    ]
+    camera: Annotated[
+        Name, Option(f"{CAMERAS}: its layers and sensor are kept.", _OPTICS, role="camera")
+    ] = "paper"
+    light: Annotated[Word, Option(f"{LIGHTS}.", _OPTICS)] = "white-led"
+    device: Device = "auto"
+    seed: Annotated[Seed, Option("Of what is random.", _RESULT)] = 0
+    overhang: Annotated[
+        PositiveLength | None,
+        Option(
+            "How far the mask reaches beyond the sensor.",
+            _RESULT,
+            default="as in the camera, or 1.5mm",
+        ),
+    ] = None
+
+    @abstractmethod
+    def mask(self, blank: "Blank") -> MadeMask:
+        """Make the mask.
+
+        Parameters
+        ----------
+        blank
+            The camera that it is for.
+
+        Raises
+        ------
+        OptionError
+            If there is no such mask, or it is too steep for any grid.
+        """
+
+    @property
+    def record(self) -> Path:
+        """File of the run's record."""
+        return self.output / _RECORD_FILE
+
+    @property
+    def output_folder(self) -> Path:
+        """It is made where it does not exist."""
+        return self.output
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """Description, relief, picture and record."""
+        return (
+            Written("camera", self.output / CAMERA_FILE),
+            Written("relief", self.output / _RELIEF_FILE),
+            Written("picture of the mask", self.output / _PICTURE_FILE),
+            Written("record", self.record),
+        )
+
+
+@dataclass(frozen=True)
+class Blank:
+    """A camera that a mask is made for.
+
+    Attributes
+    ----------
+    opened
+        The camera, by its new name, with the mask that it had.
+    model
+        Its layers and sensor, ready for rays and for estimates.
+    light
+        That a designed mask is to be good in.
+    run
+        It has the options, computes on its device, and is told how far the work is.
+    """
+
+    opened: OpenCamera
+    model: Twin
+    light: Light
+    run: Run[MaskOptions]
+
+    @property
+    def overhang(self) -> Length:
+        """How far the mask reaches beyond the sensor."""
+        if self.run.options.overhang is not None:
+            return self.run.options.overhang
+        relief = self.opened.camera.mask.relief
+        return relief.overhang if isinstance(relief, RandomLenslets) else _OVERHANG
+
+    def size(self, grid_um: float) -> tuple[int, int]:
+        """Samples of a relief over sensor and overhang, (rows, columns).
+
+        They are even, so that cells lie as on the sensor.
+        """
+        sensor, beyond = self.opened.camera.sensor, 2 * self.overhang.um
+        rows, columns = (
+            2 * math.ceil((count * sensor.pitch.um + beyond) / grid_um / 2)
+            for count in (sensor.rows, sensor.columns)
+        )
+        return rows, columns
+
+    def described(self, relief: Callable[[Length], RandomLenslets], remedy: str) -> MadeMask:
+        """The camera with a relief that stays a description.
+
+        Parameters
+        ----------
+        relief
+            Of the distance of its samples: the largest of the pixels' pitch, half and a quarter of
+            it that carries the light behind the relief.
+        remedy
+            What would make it less steep, such as "a smaller --height".
+
+        Raises
+        ------
+        OptionError
+            If it is too steep for all of them.
+        """
+        return self._on_a_grid(lambda grid: with_relief(self.opened, relief(grid)), remedy)
+
+    def sampled(
+        self,
+        heights: Callable[[tuple[int, int], float], torch.Tensor],
+        remedy: str,
+        *,
+        margin: Callable[[float], int] = lambda grid_um: 0,
+        smaller: str = "--overhang",
+    ) -> MadeMask:
+        """The camera with a relief of computed heights.
+
+        Parameters
+        ----------
+        heights
+            In um, float32, of so many (rows, columns) and their distance in um; the latter is
+            chosen as for `described`.
+        remedy
+            What would make them less steep, such as "a smaller --height".
+        margin
+            How many samples of such a distance are computed beside them, on every side.
+        smaller
+            The options that would have to be smaller to need less memory.
+
+        Raises
+        ------
+        OptionError
+            If they are too steep, or more than the machine has memory for.
+        """
+
+        def made(grid: Length) -> OpenCamera:
+            size, beside = self.size(grid.um), 2 * margin(grid.um)
+            cost = surface_cost(math.prod(count + beside for count in size))
+            check_memory(cost, _CPU, f"a smaller {smaller} needs less")
+            return self.with_heights(heights(size, grid.um), grid)
+
+        return self._on_a_grid(made, remedy)
+
+    def with_heights(self, heights_um: torch.Tensor, grid: Length) -> OpenCamera:
+        """The camera with a relief of these heights."""
+        relief = ReliefFile(kind="file", file=_RELIEF_FILE, grid=grid)
+        return replace(with_relief(self.opened, relief), relief_um=heights_um)
+
+    def _on_a_grid(self, make: Callable[[Length], OpenCamera], remedy: str) -> MadeMask:
+        pitch = self.opened.camera.sensor.pitch
+        for per_pixel in _PER_PIXEL:
+            grid = pitch if per_pixel == 1 else Length.of(pitch.um / per_pixel, "um")
+            opened = make(grid)
+            try:
+                preview_model(opened)
+                break
+            except OptionError as error:
+                if per_pixel == _PER_PIXEL[-1]:
+                    raise OptionError(
+                        f"{error}, and {grid} is the finest that is tried: give {remedy}"
+                    ) from None
+        return MadeMask(opened)
+
+
+def with_relief(opened: OpenCamera, relief: RandomLenslets | ReliefFile) -> OpenCamera:
+    """The camera with another relief, not yet read."""
+    mask = opened.camera.mask.model_copy(update={"relief": relief})
+    camera = opened.camera.model_copy(update={"mask": mask})
+    return replace(opened, camera=camera, relief_um=None)
 
 
 @job
@@ -55,7 +337,9 @@ def design_mask(run: Run[MaskOptions]) -> Product[OpenCamera]:
     opened, light = read_camera(options.camera), Light(options.light)
     run.reads(camera_files(options.camera, opened.camera))
     run.begin()
-    made = made_mask(options, opened, light, device, reporter)
+    name = f"{opened.camera.name}, {options.kind} mask"
+    named = replace(opened, camera=opened.camera.model_copy(update={"name": name}))
+    made = options.mask(Blank(named, preview_model(opened), light, run))
 
     reporter.advance("figures", 0.0)
     twin, paper = (_middle(each, device) for each in (made.opened, with_relief(opened, _PAPERS)))
@@ -86,7 +370,7 @@ def design_mask(run: Run[MaskOptions]) -> Product[OpenCamera]:
     )
     more: dict[str, Writer] = {
         **copied_curves(options.camera, opened),
-        PICTURE_FILE: partial(plot_mask, plot=plot),
+        _PICTURE_FILE: partial(plot_mask, plot=plot),
     }
 
     def commit(writers: Mapping[Path, Writer]) -> None:
@@ -97,6 +381,7 @@ def design_mask(run: Run[MaskOptions]) -> Product[OpenCamera]:
         made.opened,
         summary,
         {options.output / name: write for name, write in more.items()},
+        parameters={"kind": options.kind},
         outputs=tuple(each.path for each in options.written if each.path != options.record),
         commit=commit,
     )

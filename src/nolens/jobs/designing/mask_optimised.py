@@ -1,0 +1,86 @@
+"""Masks that are optimised for figures of their PSF."""
+
+import re
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator
+from torch import Tensor
+
+from nolens.camera.part import PositiveLength, refusal
+from nolens.design.masks import PsfGoals, lenslet_start, optimised_relief
+from nolens.jobs.designing.mask_tile import DESCENT, WANTED, Steps, TileDescent, TileOptions
+from nolens.jobs.options import Option
+from nolens.quantities import Length, Share
+from nolens.ranges import Between
+
+_MAGNITUDE = re.compile(r"(.*%)\s*@\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*/\s*mm")
+
+
+def _share_and_frequency(given: Any) -> Any:
+    if not isinstance(given, str):
+        return given
+    match = _MAGNITUDE.fullmatch(given.strip())
+    if match is None:
+        raise refusal("give a fraction and a spatial frequency, such as 6%@80/mm")
+    return match[1], float(match[2])
+
+
+_Magnitude = Annotated[Share, Between("0.01 %", "100 %")]
+_PerMm = Annotated[float, Between(1e-3, 1e5)]
+_MagnitudeAt = Annotated[tuple[_Magnitude, _PerMm], BeforeValidator(_share_and_frequency)]
+_Sparsity = Annotated[Share, Between("0 %", "99.99 %")]
+
+
+class OptimisedMask(TileOptions):
+    """A PSF of wanted width, sparsity and spectrum, by a descent through the camera's own layers.
+
+    nolens design mask optimised --camera paper -o designed
+    """
+
+    kind = "optimised"
+
+    pitch: Annotated[
+        PositiveLength | None,
+        Option(
+            "Mean distance of the lenslets that it begins with.",
+            DESCENT,
+            default="as large as the slope allows",
+        ),
+    ] = None
+    width: Annotated[PositiveLength, Option("Of the PSF's autocorrelation, at most.", WANTED)] = (
+        Length("8", "um")
+    )
+    sparsity: Annotated[
+        _Sparsity, Option("Fraction of the sensor without light, at least.", WANTED)
+    ] = Share("98", "%")
+    magnitude: Annotated[
+        _MagnitudeAt,
+        Option(
+            "Spectral magnitude of 1 mm2 of the PSF, at least, up to a spatial frequency on the "
+            "sensor.",
+            WANTED,
+            default="6%@80/mm",
+        ),
+    ] = (Share("6", "%"), 80.0)
+    iterations: Steps = 100
+
+    @property
+    def goals(self) -> PsfGoals:
+        """Wanted figures."""
+        share, per_mm = self.magnitude
+        return PsfGoals(self.width.um, self.sparsity.value, share.value, per_mm)
+
+    def heights(self, descent: TileDescent) -> tuple[Tensor, None]:
+        """Heights that lead from random lenslets to the wanted figures."""
+        radius_um = descent.radius_um
+        pitch_um = 2 * self.limits.slope * radius_um if self.pitch is None else self.pitch.um
+        start = lenslet_start(descent.tile, radius_um, pitch_um, self.seed)
+        heights = optimised_relief(
+            descent.tile,
+            self.goals,
+            self.limits,
+            start.to(descent.blank.run.device),
+            iterations=self.iterations,
+            stop=descent.stop,
+        )
+        return heights, None
