@@ -21,7 +21,7 @@ from nolens.design.masks import (
     spread_over,
 )
 from nolens.errors import OptionError
-from nolens.jobs.cost import Cost, announce, check_memory, surface_cost
+from nolens.jobs.cost import announce, check_memory, surface_cost
 from nolens.jobs.designing.mask_options import RELIEF_FILE, MaskOptions
 from nolens.jobs.reporter import Reporter
 from nolens.quantities import Length
@@ -31,8 +31,6 @@ from nolens.twin.preview import preview_model
 _OVERHANG = Length("1.5", "mm")
 _PER_PIXEL = (1, 2, 4)
 _CPU = torch.device("cpu")
-# Measured on two cores: seconds for one sample of one view in one step, and bytes for a sample.
-_SECONDS_PER_SAMPLE = 90e-9
 _BYTES_PER_SAMPLE = 150
 _BYTES_OF_PROGRAM = 8e8
 
@@ -166,14 +164,10 @@ def _designed(
     assert iterations is not None
     period_um = default_period_um(bare) if options.period is None else options.period.um
     layout = Layout.fit(bare, limits, period_um)
-    samples = layout.side**2 * len(opened.camera.sensor.channels)
     full = math.prod(_size(options, opened, layout.grid_um))
-    cost = Cost(
-        bytes=_BYTES_OF_PROGRAM + _BYTES_PER_SAMPLE * layout.side**2 + 12 * full,
-        seconds=samples * iterations * _SECONDS_PER_SAMPLE,
-    )
-    check_memory(cost, device, "a smaller --period or --overhang needs less")
-    announce(cost, device, reporter)
+    needed = _BYTES_OF_PROGRAM + _BYTES_PER_SAMPLE * layout.side**2 + 12 * full
+    check_memory(needed, device, "a smaller --period or --overhang needs less")
+    announce(needed, reporter)
     tile = layout.tile(bare, light, device)
     stopped = False
 
