@@ -96,7 +96,10 @@ def test_wrong_exposure_times_are_corrected_or_refused() -> None:
 def test_one_frame_tells_its_noise() -> None:
     taken = shot(OPEN)
     for sensor, known in ((None, "picture"), (taken.camera.sensor, "camera")):
-        found = point_psf({1.0: taken.frames(1, 0.9)}, {}, cell_um=3.1, sensor=sensor)
+        shares: list[float] = []
+        frames = {1.0: taken.frames(1, 0.9)}
+        found = point_psf(frames, {}, cell_um=3.1, sensor=sensor, tick=shares.append)
+        assert len(shares) > 3 and shares == sorted(shares)
         assert found.noise.known_from == known
         assert found.noise.counts_per_electron == pytest.approx(0.47, rel=0.15)
         assert decibels(found.psf, taken.truth) > 48

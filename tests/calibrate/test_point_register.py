@@ -31,6 +31,13 @@ def test_spots(scale: float, moved: tuple[float, float], known: bool) -> None:
     assert found.correlation > 0.98
 
 
+def test_progress() -> None:
+    shares: list[float] = []
+    register(spots(CELLS), spots(CELLS), tick=shares.append)
+    assert len(shares) > 20 and shares == sorted(set(shares))
+    assert shares[0] == 0 and 0.8 < shares[-1] < 1
+
+
 def test_unlike_patterns() -> None:
     found = register(spots(CELLS, seed=3), spots(CELLS, seed=4), magnification=1.0)
     assert found.correlation < 0.4

@@ -137,7 +137,9 @@ def test_brightness_and_places_are_exact() -> None:
     shifts = [(0.0, 0.0), (20.0, 30.0), (-20.0, -30.0), (20.0, -30.0), (-20.0, 30.0)]
     gains = [1.0, 0.5, 0.8, 1.7, 0.3]
     given = flat_captures(gains, shifts)
-    found = stitch(given, placement(shifts), 0)
+    shares: list[float] = []
+    found = stitch(given, placement(shifts), 0, shares.append)
+    assert shares == [0.0, 0.2, 0.4, 0.6, 0.8]
     for row, gain in zip(found.gains, gains, strict=True):
         assert row == pytest.approx((gain, 2 * gain if gain != 1 else 1.0), rel=1e-3)
     assert found.psf.shape == (2, 140, 180) and found.region == (40, 60)

@@ -46,6 +46,27 @@ def test_no_bar_without_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     assert shown(monkeypatch, io.StringIO()) == ""
 
 
+def test_without_a_terminal_the_time_to_go_is_told_by_the_pace(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Once, when the pace has been seen for some seconds, and only for what takes minutes."""
+    stream, now = io.StringIO(), 1000.0
+    monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.setattr("nolens.jobs.clock.time.perf_counter", lambda: now)
+    with TerminalReporter() as reporter:
+        reporter.advance("mask", 0.0)
+        for work, seconds in (("scene", 400.0), ("picture", 40.0)):
+            for percent in range(101):
+                reporter.advance(work, percent / 100)
+                now += seconds / 100
+        for done in range(21):
+            reporter.step("step", done, 20, "the PSF")
+            now += 60.0
+    assert stream.getvalue() == (
+        "nolens: scene: about 7 min to go\nnolens: step 1/20: about 19 min to go\n"
+    )
+
+
 def test_ctrl_c_while_the_bar_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is Ctrl-C that comes out, not what rich makes of a bar that it only half started."""
 

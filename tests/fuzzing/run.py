@@ -82,7 +82,7 @@ class Fuzzer:
     def note(self, name: str, outcome: Outcome, data: Any) -> None:
         """Count an outcome, and keep what broke something new."""
         self.counts[name] += 1
-        announced = outcome.trouble == "hang" and "this takes about" in outcome.err
+        announced = outcome.trouble == "hang" and " to go\n" in outcome.err
         self.codes["long, as it said" if announced else str(outcome.code)] += 1
         if outcome.trouble is None or announced:
             return

@@ -46,6 +46,30 @@ def test_a_result_is_kept_to_the_bit_and_not_done_again(tmp_path: Path) -> None:
     assert watcher.shares[0] == 0 and max(watcher.shares) == 0.75
 
 
+def test_time_left_goes_by_the_work_that_is_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """None is known of the first step; a step of three times the work takes three times as long."""
+    now = 0.0
+    monkeypatch.setattr("nolens.jobs.clock.time.perf_counter", lambda: now)
+
+    def step(name: str, work: float) -> Step:
+        def run(tick: Tick) -> Found:
+            nonlocal now
+            now += 60 * work
+            return Found()
+
+        return Step(name, name, {}, work, run)
+
+    watcher = Watcher()
+    carry_out([step("one", 2.0), step("two", 1.0), step("three", 6.0)], tmp_path, watcher)
+    assert watcher.notes == [
+        "one (1 of 3)",
+        "two (2 of 3; about 7 min left)",
+        "three (3 of 3; about 6 min left)",
+    ]
+
+
 def test_what_follows_from_other_parameters_is_done_again(tmp_path: Path) -> None:
     work = Work()
     carry_out([work.step("one", {"seed": 0}), work.step("two", {"seed": 0})], tmp_path, Watcher())

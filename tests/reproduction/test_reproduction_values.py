@@ -148,15 +148,15 @@ def test_two_objects_stand_side_by_side_and_the_near_one_hides_nothing_else() ->
     assert near.tangents == pytest.approx(far.tangents)
 
 
-def test_quick_is_smaller_in_every_way_and_both_foretell_minutes() -> None:
+def test_quick_is_smaller_in_every_way_and_both_foretell_memory() -> None:
     opened = read_camera("paper")
     quick, full = (Workbench(opened, size, 0) for size in (QUICK, FULL))
     assert quick.reduced and not full.reduced
     assert full.pixels == (3040, 4056)
     assert quick.bytes < full.bytes and quick.written_bytes < full.written_bytes
     region = Region.centred(446, 446, quick.preview.cells)
-    assert quick.scene_seconds() < full.scene_seconds()
-    assert quick.solve_seconds(region, 100) < full.solve_seconds(region, 100)
+    assert quick.scene_work() < full.scene_work()
+    assert quick.solve_work(region, 100) < full.solve_work(region, 100)
     assert replace(QUICK, pixels=(9000, 9000)) and Workbench(
         opened, replace(QUICK, pixels=(9000, 9000)), 0
     ).pixels == (3040, 4056)

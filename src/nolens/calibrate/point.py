@@ -1,7 +1,7 @@
 """Frames of a point source become a PSF."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -45,6 +45,7 @@ _SMALLEST = 16
 """Pixels along the shorter side of a frame."""
 _LINEAR = 0.95
 """Share of white below which the noise is looked at."""
+_BYTES_PER_PIXEL, _BYTES_PER_EXPOSURE = 100, 40
 _AS_IS = "or take a PSF that is finished as it is (--as-is)"
 
 
@@ -354,6 +355,7 @@ def point_psf(
     sensor: Sensor | None = None,
     stray: StrayLight = "auto",
     as_is: bool = False,
+    tick: Callable[[float], None] | None = None,
 ) -> PointPsf:
     """Make a PSF of the frames of one point source.
 
@@ -372,6 +374,8 @@ def point_psf(
     as_is
         The frames are a finished PSF, such as other people's: only their black level is
         subtracted, and saturated pixels or a faint structure are no errors.
+    tick
+        Called with the share that is done, 0 to 1.
 
     Raises
     ------
@@ -385,9 +389,13 @@ def point_psf(
             f"{first.source} is {first.size_text} pixels, too small for a PSF: give frames of at "
             f"least {_SMALLEST}×{_SMALLEST}"
         )
+    told = tick or (lambda share: None)
+    told(0.0)
     ready = {time: _exposure(mean, time, darks.get(time)) for time, mean in exposures.items()}
     noise = _noise(exposures, ready, sensor)
+    told(0.2)
     merged = merge(list(ready.values()), noise)
+    told(0.4)
     share = float(merged.saturated.double().mean())
     if share > _MOST_SATURATED and not as_is:
         raise DataError(
@@ -405,7 +413,9 @@ def point_psf(
         removed = removed + floor(picture)
     elif stray == "auto" and area is not None:
         removed = stray_light(picture, area)
+    told(0.6)
     halves = _half_difference(exposures, darks, noise)
+    told(0.8)
     planes = [None] * len(picture) if halves is None else list(on_cells(halves, first))
     bands = tuple(
         usable_band(plane, cell_um, variance=own, noise=half)
@@ -426,6 +436,19 @@ def point_psf(
         bands,
         contrast,
     )
+
+
+def point_psf_bytes(pixels: int, exposures: int) -> float:
+    """Most memory that `point_psf` holds at once, frames included.
+
+    Parameters
+    ----------
+    pixels
+        Of a frame.
+    exposures
+        Exposure times.
+    """
+    return pixels * (_BYTES_PER_PIXEL + _BYTES_PER_EXPOSURE * exposures)
 
 
 def on_cells(values: Tensor, frame: Frame) -> Tensor:

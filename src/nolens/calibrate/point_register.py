@@ -1,6 +1,7 @@
 """Laying a pattern over that of another distance: how far it is moved, and how much larger."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +26,8 @@ _STILL = 1e-3
 _EDGE = 4
 _STEP = 0.005
 """Of the logarithm of the magnification, in the search."""
+_SEARCHED = 0.5
+"""Share of the work that the search is."""
 NEARBY = (0.93, 1.07)
 """Magnifications to expect: 2 cm against far is 6 % through the paper's layers."""
 
@@ -49,7 +52,11 @@ class Registration:
 
 
 def register(
-    pattern: Tensor, reference: Tensor, *, magnification: float | tuple[float, float] = NEARBY
+    pattern: Tensor,
+    reference: Tensor,
+    *,
+    magnification: float | tuple[float, float] = NEARBY,
+    tick: Callable[[float], None] | None = None,
 ) -> Registration:
     r"""Find shift and magnification of a pattern against another one.
 
@@ -66,18 +73,26 @@ def register(
         (channels, rows, columns), alike in size.
     magnification
         What is expected, or the least and largest one to search.
+    tick
+        Called with the share that is done, 0 to 1.
     """
     bin_by = math.ceil(max(pattern.shape[-2:]) / _LONGEST)
     one, other = (_fine_structure(each, bin_by) for each in (pattern, reference))
     least, largest = magnification if isinstance(magnification, tuple) else (magnification,) * 2
     ends = math.log(least), math.log(largest)
     spectrum, peaks = _spectrum(one), []
-    for log_scale in np.linspace(*ends, 1 + math.ceil((ends[1] - ends[0]) / _STEP)).tolist():
+    scales = np.linspace(*ends, 1 + math.ceil((ends[1] - ends[0]) / _STEP)).tolist()
+    for number, log_scale in enumerate(scales):
+        if tick is not None:
+            tick(_SEARCHED * number / len(scales))
         height, shift = _whole_shift(spectrum, _warped(other, np.zeros(2), log_scale))
         peaks.append((height, *shift, log_scale))
     found = np.array(max(peaks)[1:], dtype=float)
     blurred = [[ndimage.gaussian_filter(each, blur) for each in (one, other)] for blur in _BLURS]
-    for this, finer in zip(blurred, [*blurred[1:], blurred[-1]], strict=True):
+    pairs = zip(blurred, [*blurred[1:], blurred[-1]], strict=True)
+    for number, (this, finer) in enumerate(pairs):
+        if tick is not None:
+            tick(_SEARCHED + (1 - _SEARCHED) * number / len(blurred))
         refined = _refined(this[0], this[1], found)
         if _alike(finer[0], finer[1], refined) >= _alike(finer[0], finer[1], found):
             found = refined

@@ -36,6 +36,7 @@ _BLUR = 16
 _FAINT = 0.2
 _SMALL = 0.05
 _HALF = 0.5
+_BYTES_PER_CELL = 150
 Tick = Callable[[float], None]
 
 
@@ -523,6 +524,19 @@ def psf_from_scenes(
     psf = found.new_zeros(support.shape)
     psf[inner] = found[0]
     return SolvedPsf(psf, gains, misfit, varying, support)
+
+
+def psf_from_scenes_bytes(reach: tuple[int, int], measurements: int) -> float:
+    """Most memory that `psf_from_scenes` holds at once.
+
+    Parameters
+    ----------
+    reach
+        (rows, columns) of sensor and scene together, as `KnownScenes.reach`.
+    measurements
+        Each channel of each pair.
+    """
+    return math.prod(reach) * measurements * _BYTES_PER_CELL
 
 
 def unexplained(known: KnownScenes, psf: Tensor) -> Tensor:

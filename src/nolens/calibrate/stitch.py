@@ -142,7 +142,12 @@ def locate(
     return found.scaled(by)
 
 
-def stitch(captures: list[Capture], placement: Placement, reference: int) -> Stitched:
+def stitch(
+    captures: list[Capture],
+    placement: Placement,
+    reference: int,
+    tick: Callable[[float], None] | None = None,
+) -> Stitched:
     r"""Merge captures in the frame of the chief ray.
 
     The sensor sees of a source whose pattern is moved by s the part :math:`x = u - s` of it, so
@@ -162,6 +167,8 @@ def stitch(captures: list[Capture], placement: Placement, reference: int) -> Sti
         Where they lie (`locate`), a shift for each.
     reference
         Number of the one whose light came from straight ahead.
+    tick
+        Called with the share that is done, 0 to 1.
     """
     sensor = (captures[0].psf.shape[-2], captures[0].psf.shape[-1])
     shifts = [each for each in placement.shifts if each is not None]
@@ -172,7 +179,9 @@ def stitch(captures: list[Capture], placement: Placement, reference: int) -> Sti
     total = torch.zeros((captures[0].psf.shape[0], 2 * half[0], 2 * half[1]))
     weights = torch.zeros(total.shape[-2:])
     fade = min([far for far in reach if far >= 1], default=1.0)
-    for capture, shift, gain in zip(captures, shifts, gains, strict=True):
+    for number, (capture, shift, gain) in enumerate(zip(captures, shifts, gains, strict=True)):
+        if tick is not None:
+            tick(number / len(captures))
         whole = round(shift[0]), round(shift[1])
         moved = _moved(capture.psf, (whole[0] - shift[0], whole[1] - shift[1]))
         top, left = (

@@ -14,8 +14,8 @@ from nolens.jobs.reporter import Reporter
 from nolens.printable import printable
 from nolens.solvers import Progress as Iteration
 
-_SURE_S, _LONG_S = 5.0, 60.0
-"""After how long the pace of some work is believed, and what is worth a line."""
+_LONG_S = 60.0
+"""Work that takes longer is worth a line."""
 
 
 class TerminalReporter(Reporter):
@@ -89,7 +89,7 @@ class TerminalReporter(Reporter):
         """Move the bar; a new one, with a clock of its own, for other work than before."""
         if self._bar is None:
             left = self._pace.seconds_left(work, done / total)
-            long = left is not None and left > _LONG_S and self._pace.seconds > _SURE_S
+            long = left is not None and left > _LONG_S and self._pace.sure
             if left is not None and long and self._announced != work:
                 self._announced = work
                 say(f"{printable(text)}: about {duration_text(left)} to go")

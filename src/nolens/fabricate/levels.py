@@ -22,8 +22,6 @@ _LARGEST_UM = 2**31 * 1e-3 / 2
 _BYTES = {"GDS": 8.1, "OASIS": 3.2}
 """For one vertex; measured with the paper's mask."""
 _MOST_BYTES = 500e6
-_SECONDS = 9e-6
-"""For one vertex with its part of the files, on one core; measured likewise."""
 
 
 @dataclass(frozen=True)
@@ -90,11 +88,6 @@ class Levels:
     def expected_bytes(self, kind: str) -> float:
         """About how large the file will be, of kind GDS or OASIS."""
         return self.vertices * _BYTES[kind]
-
-    @property
-    def expected_seconds(self) -> float:
-        """About how long the polygons take."""
-        return self.vertices * _SECONDS
 
     def check_size(self) -> None:
         """Refuse a layout too large for most programs that read it.

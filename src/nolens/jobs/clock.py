@@ -28,6 +28,9 @@ class Clock:
         return round(time.perf_counter() - self._from, 3)
 
 
+_SURE_S = 5.0
+
+
 class Pace:
     """Time that a piece of work still takes, by the pace that it has had so far."""
 
@@ -46,9 +49,9 @@ class Pace:
         return (now - self._begun) * (1 - fraction) / gone if gone > 0 else None
 
     @property
-    def seconds(self) -> float:
-        """Since the work began."""
-        return time.perf_counter() - self._begun
+    def sure(self) -> bool:
+        """Whether the work has gone on for long enough that its pace is believed."""
+        return time.perf_counter() - self._begun > _SURE_S
 
 
 def duration_text(seconds: float) -> str:

@@ -10,7 +10,7 @@ from torch import Tensor
 from nolens.camera import OpenCamera
 from nolens.errors import DataError, OptionError
 from nolens.files import write_png, write_tiff32
-from nolens.jobs.cost import check_memory, colours_of, cost_of, pattern_size
+from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory, colours_of
 from nolens.jobs.raw import SimulatedCamera, write_raw
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.jobs.scene_options import PsfOptions
@@ -18,8 +18,8 @@ from nolens.optics import PointSource
 from nolens.quantities import Share
 from nolens.twin import Twin, mosaic, photocurrents, point_spread
 from nolens.twin.expose import expose_safely
-from nolens.twin.point import Frame, shortest_nm
-from nolens.twin.preview import distance_um, relief_points
+from nolens.twin.point import Frame, colour_pattern_bytes, shortest_nm
+from nolens.twin.preview import distance_um, relief_points, simulation_bytes
 
 _FILL = Share("90", "%")
 _REMEDY = "fewer --cells, a camera with fewer pixels or a coarser grid of its relief needs less"
@@ -58,7 +58,7 @@ def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
     source = _source(options, opened)
     bare.check_source(source)
     colours = colours_of(bare, light, options.wavelengths)
-    size = pattern_size(
+    pattern_bytes = colour_pattern_bytes(
         bare,
         source,
         _with_edge(bare, source, shape),
@@ -67,9 +67,9 @@ def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
         shortest=shortest_nm(colours),
     )
     held = 8 * math.prod(shape.cells) * len(sensor.channels)
-    cost = cost_of(size, sum(map(len, colours)), points=relief_points(opened), held=held)
-    check_memory(cost, device, _REMEDY)
-    run.begin(cost)
+    needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(opened), pattern_bytes + held)
+    check_memory(needed, device, _REMEDY)
+    run.begin(needed)
 
     reporter.advance("mask", 0.0)
     twin = Twin.of(opened, device=device, fresnel=options.fresnel)

@@ -19,7 +19,7 @@ from nolens.files import (
     write_together,
 )
 from nolens.jobs.clock import Clock
-from nolens.jobs.cost import Cost, announce
+from nolens.jobs.cost import announce
 from nolens.jobs.device import pick_device
 from nolens.jobs.options import JobOptions, check_apart
 from nolens.jobs.reporter import Reporter
@@ -132,10 +132,16 @@ class Run(Generic[Options]):
         self._files |= files
         check_apart(self.options, self._files)
 
-    def begin(self, cost: Cost | None = None) -> None:
+    def begin(self, needed: float = 0.0) -> None:
         """Say that all is read and checked: from here on the work takes its time.
 
-        The files are hashed while they are as they were read, and long work is announced.
+        The files are hashed while they are as they were read, and work that takes much memory is
+        announced.
+
+        Parameters
+        ----------
+        needed
+            Bytes that the work holds at once.
 
         Raises
         ------
@@ -145,8 +151,7 @@ class Run(Generic[Options]):
         self._inputs = {
             role: InputFile.of(path) for role, path in self._files.items() if not path.is_dir()
         }
-        if cost is not None:
-            announce(cost, self.device, self.reporter)
+        announce(needed, self.reporter)
 
     @property
     def inputs(self) -> dict[str, InputFile]:

@@ -11,7 +11,7 @@ from torch import Tensor
 from nolens.camera import OpenCamera, Sensor
 from nolens.errors import DataError
 from nolens.files import read_picture, write_tiff32
-from nolens.jobs.cost import Cost, check_memory, colours_of, cost_of, pattern_size
+from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory, colours_of
 from nolens.jobs.raw import SimulatedCamera, write_raw
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.jobs.scene_options import SimulateOptions
@@ -19,19 +19,18 @@ from nolens.operators import Region
 from nolens.optics import PointSource
 from nolens.quantities import Share
 from nolens.twin import (
-    FieldMap,
     Irradiated,
     Plane,
     Twin,
     arrange,
     check_field_points,
     irradiate,
+    irradiate_bytes,
     mosaic,
     photocurrents,
 )
 from nolens.twin.expose import expose_safely
-from nolens.twin.point import shortest_nm
-from nolens.twin.preview import distance_um, relief_points
+from nolens.twin.preview import distance_um, relief_points, simulation_bytes
 from nolens.twin.scene import in_channels
 
 _FILL = Share("90", "%")
@@ -41,10 +40,6 @@ _REMEDY = (
 )
 _VISIBLE = 0.3
 """Share of the noise from which on the error of the field points is worth a warning."""
-_PERIODS = 6
-"""Arrays of the transforms' size that are held besides the sums."""
-_BYTES_PER_CELL = 120
-"""Held while the cells' directions are found."""
 
 
 @job
@@ -63,13 +58,14 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
     check_field_points(options.field_points)
     planes = _planes(options, opened)
     colours = colours_of(bare, light, options.wavelengths)
-    cost = _cost(bare, planes, options.field_points, colours, relief_points(opened))
-    check_memory(cost, device, _REMEDY)
+    working = irradiate_bytes(bare, planes, options.field_points, colours)
+    needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(opened), working)
+    check_memory(needed, device, _REMEDY)
     field, seen = arrange(bare, planes)
     truth = torch.stack([plane.radiance for plane in seen]).sum(dim=0)
     if options.exposure is None:
         _brightest(truth)
-    run.begin(cost)
+    run.begin(needed)
 
     reporter.advance("mask", 0.0)
     twin = Twin.of(opened, device=device, fresnel=options.fresnel)
@@ -147,45 +143,6 @@ def _planes(options: SimulateOptions, opened: OpenCamera) -> tuple[Plane, ...]:
             )
         )
     return tuple(planes)
-
-
-def _cost(
-    twin: Twin,
-    planes: tuple[Plane, ...],
-    field_points: int,
-    colours: list[tuple[tuple[float, float], ...]],
-    relief: float,
-) -> Cost:
-    """What the run will need; see `nolens.twin.irradiate` for what there is to do."""
-    tangents = [max(plane.tangents[axis] for plane in planes) for axis in (0, 1)]
-    field = FieldMap.covering(twin, (tangents[0], tangents[1]))
-    cells, n = twin.cells, field_points
-    sizes = (field.region.height, field.region.width)
-    # A PSF is needed as far beside the sensor as its neighbours are away, on both sides; every
-    # second one, for the estimate of the error, twice as far.
-    beside = [size if n == 1 else 2 * math.ceil(size / (n - 1)) for size in sizes]
-    farthest = [step * (1 if n == 1 else 2) for step in beside]
-    period = math.prod(count + step for count, step in zip(cells, farthest, strict=True))
-    nearest = min(plane.distance_um for plane in planes)
-    size = pattern_size(
-        twin,
-        field.source(sizes[0] // 2, sizes[1] // 2, nearest),
-        (cells[0] + beside[0], cells[1] + beside[1]),
-        twin.cell_pixels,
-        at_least=2 if twin.cell_pixels == 1 else 1,
-        shortest=shortest_nm(colours),
-    )
-    nodes = len(planes) * min(n, sizes[0]) * min(n, sizes[1])
-    spectra = 4 * period * (twin.cell_pixels**2 * (1 if n == 1 else 2) + _PERIODS)
-    scene = math.prod(sizes) * (_BYTES_PER_CELL + 4 * len(colours) * len(planes))
-    return cost_of(
-        size,
-        nodes * sum(map(len, colours)),
-        points=relief,
-        held=spectra + scene,
-        # For each point and channel the scene's part of it, and the PSF of each pixel of a cell.
-        transformed=nodes * period * (len(colours) + twin.cell_pixels**2),
-    )
 
 
 def _brightest(light: Tensor) -> float:

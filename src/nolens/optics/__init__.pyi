@@ -5,9 +5,10 @@ from .lenslets import (
     relaxed_points,
     smoothed,
     squared_distance,
+    surface_bytes,
 )
 from .mask import MaskSurface, Opening
-from .pattern import Media, point_pattern
+from .pattern import Media, pattern_bytes, point_pattern
 from .propagation import pass_layers_, propagate
 from .rays import (
     Number,
@@ -36,6 +37,7 @@ __all__ = [
     "divergence",
     "mask_to_sensor",
     "pass_layers_",
+    "pattern_bytes",
     "point_pattern",
     "propagate",
     "random_lenslets",
@@ -43,6 +45,7 @@ __all__ = [
     "relaxed_points",
     "smoothed",
     "squared_distance",
+    "surface_bytes",
     "through",
     "through_layers",
     "translation",

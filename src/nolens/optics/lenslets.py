@@ -12,6 +12,7 @@ from nolens.optics.relief import Relief
 
 _RELAXATION_STEPS = 12
 _SAMPLES_PER_PITCH = 10
+_BYTES_PER_POINT = 24
 
 
 def random_lenslets(
@@ -51,6 +52,11 @@ def random_lenslets(
     points = relaxed_points(size, pitch_um, seed)
     squared = squared_distance(points, cells, grid_um)
     return Relief(smoothed(squared.mul_(-1 / (2 * radius_um)), smoothing_um / grid_um), grid_um)
+
+
+def surface_bytes(points: float) -> float:
+    """Most memory that is held while a surface of so many points is laid out and smoothed."""
+    return points * _BYTES_PER_POINT
 
 
 def squared_distance(points: NDArray[np.float64], cells: tuple[int, int], grid_um: float) -> Tensor:

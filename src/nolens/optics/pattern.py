@@ -15,6 +15,9 @@ from nolens.optics.propagation import propagate
 from nolens.optics.windows import Margin, Window, window_length, windows
 
 _NODES = 9
+# For a sample of the largest window, and of the whole pattern with what is averaged of it.
+_BYTES_PER_SAMPLE, _BYTES_PER_KEPT = 14, 6
+_MOST_SAMPLES = 10**7
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,46 @@ def point_pattern(
     return out
 
 
+def pattern_bytes(
+    light: Illumination, mask: MaskSurface, media: Media, grid: Grid, step: int
+) -> float:
+    """Most memory that `point_pattern` holds at once, its result included.
+
+    Parameters
+    ----------
+    light, mask, media, grid
+        As `point_pattern` takes them; the mask may be a patch as steep as all of it.
+    step
+        Samples of the grid for one of the field behind the relief.
+    """
+    pitch = step * grid.pitch_um
+    turned, spread = _turns(light, mask, media, light.source.p**2)
+    margin = Margin.needed(turned, spread, media.wavelength_um)
+    around = 2 * math.ceil(margin.total_um / pitch) * step
+    rows, columns = (
+        around + _longest(count, grid.pitch_um, light.source.distance_um)
+        for count in (grid.rows, grid.columns)
+    )
+    return rows * columns * _BYTES_PER_SAMPLE + grid.rows * grid.columns * _BYTES_PER_KEPT
+
+
+def _longest(count: int, pitch_um: float, distance_um: float) -> int:
+    """Longest side of the windows along one axis."""
+    if count > _MOST_SAMPLES:  # No machine holds so many that counting windows takes long.
+        return count
+    sides = (part.columns for part in windows(1, count, pitch_um, distance_um))
+    return max(last - first for first, last in sides)
+
+
+def _turns(
+    light: Illumination, mask: MaskSurface, media: Media, squared: float
+) -> tuple[float, float]:
+    """How much the relief turns light of some p², in p, and by how many um each p moves it."""
+    p_squared = torch.tensor(squared, dtype=torch.float64)
+    spread = float(light.after.spread_um(p_squared.sqrt()))
+    return abs(float(media.coupling(p_squared))) * mask.relief.steepest, spread
+
+
 def _window(
     light: Illumination,
     mask: MaskSurface,
@@ -107,9 +150,7 @@ def _window(
 ) -> Tensor:
     relief = mask.relief
     pitch, finer = relief.grid_um, round(relief.grid_um / grid.pitch_um)
-    squared = torch.tensor(chief.squared, dtype=torch.float64)
-    spread = float(light.after.spread_um(squared.sqrt()))
-    turned = abs(float(media.coupling(squared))) * relief.steepest
+    turned, spread = _turns(light, mask, media, chief.squared)
     margin = Margin.needed(turned, spread, media.wavelength_um)
     sides = [stop - start for start, stop in (part.rows, part.columns)]
     size = [

@@ -48,21 +48,21 @@ _OBJECTS = ("near object", "far object")
 def steps(work: Workbench) -> tuple[Step, ...]:
     """Magnification of the PSF, and a photograph of two objects refocused."""
     region = _region(work)
-    solving = work.solve_seconds(region, work.size.iterations)
-    searching = _SEARCHED * work.solve_seconds(region, _SEARCH_ITERATIONS)
+    solving = work.solve_work(region, work.size.iterations)
+    searching = _SEARCHED * work.solve_work(region, _SEARCH_ITERATIONS)
     return (
         Step(
             "magnification",
             "fig. 8a: PSFs at four distances",
             work.parameters(),
-            8 * work.psf_seconds(),
+            8 * work.psf_work(),
             lambda tick: _magnified(work, tick),
         ),
         Step(
             "refocus",
             "fig. 8b–e: two objects, refocused",
             work.parameters(tau=TAU),
-            2 * (work.scene_seconds() + solving + searching),
+            2 * (work.scene_work() + solving + searching),
             lambda tick: _refocused(work, tick),
         ),
     )

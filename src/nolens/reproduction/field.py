@@ -35,20 +35,20 @@ def steps(work: Workbench) -> tuple[Step, ...]:
     angles = angles_deg(work)
     side = round(2 * _reach_cells(work))
     region = Region.centred(side, side, work.preview.cells)
-    scene = work.scene_seconds(work.size.dot_field_points)
+    scene = work.scene_work(work.size.dot_field_points)
     return (
         Step(
             "off-axis",
             "fig. 6c: PSFs from the side",
             work.parameters(angles_deg=angles),
-            (len(angles) + 1) * work.psf_seconds(),
+            (len(angles) + 1) * work.psf_work(),
             lambda tick: _correlated(work, tick),
         ),
         Step(
             "dots",
             "fig. 6d: a grid of dots",
             work.parameters(pitch_deg=PITCH_DEG),
-            1.3 * (scene + work.solve_seconds(region, work.size.iterations)),
+            1.3 * (scene + work.solve_work(region, work.size.iterations)),
             lambda tick: _dots(work, tick),
         ),
     )

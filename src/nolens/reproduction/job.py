@@ -13,7 +13,7 @@ from nolens.errors import FileError
 from nolens.files import camera_files, read_camera, readable
 from nolens.files.report import Report
 from nolens.jobs.clock import Clock
-from nolens.jobs.cost import Cost, check_memory, duration_text
+from nolens.jobs.cost import check_memory
 from nolens.jobs.fields import FilePath, Name
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Run, job
@@ -114,16 +114,15 @@ def reproduce(run: Run[ReproduceOptions]) -> Product[Report]:
     opened = read_camera(options.camera)
     run.reads(camera_files(options.camera, opened.camera))
     work = Workbench(opened, QUICK if options.quick else FULL, options.seed)
-    cost = Cost(work.bytes, 0.0)
-    check_memory(cost, torch.device("cpu"), "a camera with fewer pixels, or --quick, needs less")
+    remedy = "a camera with fewer pixels, or --quick, needs less"
+    check_memory(work.bytes, torch.device("cpu"), remedy)
     _check_folder(options.output, work.written_bytes)
     run.begin()
     steps = all_steps(work, options.camera)
-    whole = duration_text(sum(step.seconds for step in steps))
     reporter.note(
-        f"{len(steps)} parts, about {whole} on two cores and {work.bytes / 1e9:.1f} GB of memory; "
-        f"each is kept in {readable(options.output / _STEPS)} when it is done, so this can be "
-        "stopped and started again"
+        f"{len(steps)} parts, which take about {work.bytes / 1e9:.1f} GB of memory; each is kept "
+        f"in {readable(options.output / _STEPS)} when it is done, so this can be stopped and "
+        "started again"
     )
     found = carry_out(steps, options.output / _STEPS, reporter)
     # They were told when the parts could not be made.

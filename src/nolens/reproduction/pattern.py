@@ -28,7 +28,7 @@ def steps(work: Workbench) -> tuple[Step, ...]:
             "psf",
             "fig. 5: the PSF",
             work.parameters(),
-            2.0 + work.psf_seconds(),
+            2 * work.psf_work(),
             lambda tick: _captured(work, tick),
         ),
     )

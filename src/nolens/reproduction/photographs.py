@@ -76,15 +76,15 @@ def steps(work: Workbench) -> tuple[Step, ...]:
 def _step(work: Workbench, scene: Scene) -> Step:
     planes = _planes(work, scene)
     region = FieldMap.covering(work.preview, planes[0].tangents).region
-    seconds = work.scene_seconds() + work.solve_seconds(region, work.size.iterations)
+    samples = work.scene_work() + work.solve_work(region, work.size.iterations)
     if scene.name == SOLVED_AS_PAPER:
-        seconds += work.solve_seconds(None, work.size.papers_iterations)
+        samples += work.solve_work(None, work.size.papers_iterations)
     distance = f"{scene.distance_um * 1e-4:g} cm"
     return Step(
         f"scene-{scene.name}",
         f"fig. {scene.name}: a scene of {scene.angle_deg:g}° at {distance}",
         work.parameters(scene=scene.__dict__, tau=TAU),
-        seconds,
+        samples,
         lambda tick: _photograph(work, scene, tick),
     )
 

@@ -37,9 +37,9 @@ def steps(work: Workbench) -> tuple[Step, ...]:
     size = work.size
     pairs = _EXPECTED_PAIRS * size.point_draws
     region = Region.centred(64, 64, work.preview.cells)
-    one = work.solve_seconds(region, size.point_iterations) / len(_channels(work))
-    points = pairs * (2 * work.psf_seconds() + one)
-    star = work.scene_seconds() + work.solve_seconds(region, size.iterations) / len(_channels(work))
+    one = work.solve_work(region, size.point_iterations) / len(_channels(work))
+    points = pairs * (2 * work.psf_work() + one)
+    star = work.scene_work() + work.solve_work(region, size.iterations) / len(_channels(work))
     return (
         Step(
             "two-points",

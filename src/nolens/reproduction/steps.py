@@ -16,7 +16,7 @@ import nolens
 from nolens.documents import parse_json
 from nolens.errors import NolensError
 from nolens.files import read_frame, read_text, versions, write_into, write_tiff32
-from nolens.jobs.cost import duration_text
+from nolens.jobs.clock import Pace, duration_text
 from nolens.jobs.reporter import Reporter
 
 Tick = Callable[[float], None]
@@ -62,8 +62,8 @@ class Step:
         For the person who waits.
     parameters
         All that the result follows from, besides the code: values that JSON has.
-    seconds
-        That it takes on two cores, foretold.
+    work
+        Samples that it goes through, beside those of the other steps.
     run
         Does it.
     """
@@ -71,7 +71,7 @@ class Step:
     name: str
     what: str
     parameters: Mapping[str, Any]
-    seconds: float
+    work: float
     run: Callable[[Tick], Found]
 
     @property
@@ -111,15 +111,14 @@ def carry_out(steps: Sequence[Step], folder: Path, reporter: Reporter) -> dict[s
     if there:
         reporter.note(f"{len(there)} of {len(steps)} parts are there from an earlier run")
     todo = [step for step in steps if kept[step.name] is None]
-    whole, done, spent = sum(step.seconds for step in todo), 0.0, 0.0
+    whole, done, pace = sum(step.work for step in todo), 0.0, Pace()
     for number, step in enumerate(todo, 1):
-        # The machine may be slower or faster than the one that the forecast was made on.
-        pace = spent / done if done > 0 else 1.0
-        left = duration_text((whole - done) * pace)
-        reporter.note(f"{step.what} ({number} of {len(todo)}; about {left} left)")
+        left = pace.seconds_left(_WORK, done / whole)
+        more = "" if left is None or not pace.sure else f"; about {duration_text(left)} left"
+        reporter.note(f"{step.what} ({number} of {len(todo)}{more})")
 
         def tick(share: float, before: float = done, step: Step = step) -> None:
-            reporter.advance(_WORK, (before + share * step.seconds) / whole)
+            reporter.advance(_WORK, (before + share * step.work) / whole)
 
         tick(0.0)
         start = time.perf_counter()
@@ -130,7 +129,7 @@ def carry_out(steps: Sequence[Step], folder: Path, reporter: Reporter) -> dict[s
             reporter.warn(f"{step.what} cannot be made with this camera: {error}")
         taken = time.perf_counter() - start
         _write(folder / step.name, step.key, found, taken)
-        done, spent = done + step.seconds, spent + taken
+        done += step.work
         kept[step.name] = _load(folder / step.name, step.key)
     return {name: found for name, found in kept.items() if found is not None}
 

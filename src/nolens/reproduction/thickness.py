@@ -21,7 +21,8 @@ from nolens.reproduction.draft import Draft, Drawn, empty, refusal
 from nolens.reproduction.paper import PAPER
 from nolens.reproduction.rows import Row
 from nolens.reproduction.steps import Found, Step, Tick, within
-from nolens.reproduction.workbench import SECONDS_OF_RELIEF, Workbench
+from nolens.reproduction.workbench import Workbench
+from nolens.twin.preview import relief_points
 
 _FILM = {"film": "0.305mm", "film_distance": "0.4mm±0.2mm", "film_material": "polycarbonate"}
 """The paper's master and where it was sharpest; 0.012 inch is assumed for its thickness."""
@@ -55,20 +56,20 @@ def steps(work: Workbench, camera: str) -> tuple[Step, ...]:
         What it was read from: its layers are those that the replica lies on.
     """
     pixels = _film_pixels(work)
-    seconds = SECONDS_OF_RELIEF + len(work.size.films_mm) * work.psf_seconds(pixels)
+    films = relief_points(work.opened) + len(work.size.films_mm) * work.psf_work(pixels)
     return (
         Step(
             "thickness",
             "fig. 2a, b: thickness by ray matrices",
             work.parameters(**_FILM),
-            1.0,
+            work.psf_work(pixels) / len(work.size.films_mm),
             lambda tick: _designed(camera),
         ),
         Step(
             "films",
             "fig. 2c: films of PDMS",
             work.parameters(material=_FILM_OF),
-            seconds,
+            films,
             lambda tick: _films(work, tick),
         ),
     )

@@ -1,6 +1,7 @@
 """The camera that the figures are made with, and how much of its sensor is read."""
 
 import hashlib
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -26,13 +27,8 @@ PINHOLE_UM = 50.0
 SCREEN_UM = 300e3
 TAU = 1e-5
 
-# Measured on two cores with the paper's camera: seconds for a PSF in one wavelength and for every
-# pixel of it, and for one cell of the transforms' period in one iteration of one channel.
-SECONDS_OF_RELIEF = 3.0
-_SECONDS_PER_PATTERN, _SECONDS_PER_PIXEL = 0.09, 8e-8
-_SECONDS_PER_FIELD_POINT, _SECONDS_PER_BLENDED_PIXEL = 0.045, 2e-8
-"""The same for a PSF that is blended with others over a scene."""
-_SECONDS_PER_CELL = 2.2e-8
+_SAMPLES_PER_PIXEL = 4
+"""Of the PSF of a single source; those that are blended over a scene have one."""
 _BYTES_OF_PROGRAM = 1e9
 _BYTES_PER_CELL = 260
 """Held for a cell of the period of the paper's way of solving."""
@@ -205,25 +201,27 @@ class Workbench:
         rows, columns = self.preview.cells
         return _BYTES_OF_REPORT + rows * columns * _BYTES_KEPT_PER_CELL
 
-    def psf_seconds(self, pixels: tuple[int, int] | None = None) -> float:
-        """Forecast for the PSF of all channels."""
-        rows, columns = pixels or self.pixels
-        each = _SECONDS_PER_PATTERN + rows * columns * _SECONDS_PER_PIXEL
-        return len(self.opened.camera.sensor.channels) * each
+    def psf_work(self, pixels: tuple[int, int] | None = None) -> float:
+        """Samples of the PSF of all channels."""
+        return self._channels * math.prod(pixels or self.pixels) * _SAMPLES_PER_PIXEL
 
-    def scene_seconds(self, field_points: int | None = None) -> float:
-        """Forecast for the measurement of a scene."""
-        rows, columns = self.pixels
-        each = _SECONDS_PER_FIELD_POINT + rows * columns * _SECONDS_PER_BLENDED_PIXEL
+    def scene_work(self, field_points: int | None = None) -> float:
+        """Samples of the PSFs that the measurement of a scene is blended from."""
         points = field_points or self.size.field_points
-        return len(self.opened.camera.sensor.channels) * points**2 * each
+        return self._channels * points**2 * math.prod(self.pixels)
 
-    def solve_seconds(self, region: Region | None, iterations: int) -> float:
-        """Forecast for one reconstruction; without a region, the PSF is the sensor's."""
+    def solve_work(self, region: Region | None, iterations: int) -> float:
+        """Cells of all iterations of a reconstruction; without a region, the PSF is the sensor's.
+
+        An iteration takes about as long for a cell as a PSF does for a sample.
+        """
         rows, columns = self.preview.cells
         more = (region.height, region.width) if region is not None else (rows, columns)
-        cells = (rows + more[0]) * (columns + more[1])
-        return len(self.opened.camera.sensor.channels) * cells * iterations * _SECONDS_PER_CELL
+        return self._channels * (rows + more[0]) * (columns + more[1]) * iterations
+
+    @property
+    def _channels(self) -> int:
+        return len(self.opened.camera.sensor.channels)
 
 
 def _digest(values: Tensor) -> str:

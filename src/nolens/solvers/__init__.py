@@ -1,6 +1,6 @@
 """Solvers: plain functions from a `Problem` to a `Result`."""
 
-from nolens.solvers.admm import admm
+from nolens.solvers.admm import admm, admm_bytes
 from nolens.solvers.admm_state import AdmmState
 from nolens.solvers.development import Developed, Development
 from nolens.solvers.fista import fista
@@ -29,6 +29,7 @@ __all__ = [
     "Stop",
     "Stream",
     "admm",
+    "admm_bytes",
     "fista",
     "stop_of",
     "wiener",

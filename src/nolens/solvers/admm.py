@@ -26,6 +26,15 @@ _SMOOTH_AT = 12
 """Look at which the smooth part is solved for: detail is there, and penalties are still small."""
 
 
+_BYTES_PER_CELL = 60
+"""Held in the first and the last step, where a run holds most, for a cell of the period."""
+
+
+def admm_bytes(cells: float) -> float:
+    """Most memory that a run holds at once, for so many cells of `Problem.cells`."""
+    return cells * _BYTES_PER_CELL
+
+
 class AdmmRun:
     """Advances a state, four iterations at a time.
 

@@ -1,5 +1,6 @@
 """The reconstruction problem of eq. 7, posed so that no constant factor matters."""
 
+import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -148,6 +149,11 @@ class Problem:
     def channels(self) -> int:
         """Number of channels of the measurement."""
         return self.data.shape[0]
+
+    @property
+    def cells(self) -> int:
+        """Cells of the transforms' period, those of all channels together."""
+        return self.channels * math.prod(self.forward.geometry.period)
 
     @property
     def scene_shape(self) -> tuple[int, int, int]:

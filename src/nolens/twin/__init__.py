@@ -3,7 +3,7 @@
 from nolens.twin.expose import expose, mosaic, photocurrents
 from nolens.twin.field import FieldMap
 from nolens.twin.light import LIGHTS, Light
-from nolens.twin.measure import Irradiated, check_field_points, irradiate
+from nolens.twin.measure import Irradiated, check_field_points, irradiate, irradiate_bytes
 from nolens.twin.model import LARGEST_ANGLE_DEG, NEAREST_MM, REFERENCE_NM, Twin, described_lenslets
 from nolens.twin.plain import PlainModel, aperture_room_um
 from nolens.twin.point import point_spread
@@ -27,6 +27,7 @@ __all__ = [
     "described_lenslets",
     "expose",
     "irradiate",
+    "irradiate_bytes",
     "mosaic",
     "photocurrents",
     "point_spread",

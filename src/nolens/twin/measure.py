@@ -1,5 +1,6 @@
 """What a scene throws on the sensor, with a point spread function that varies over the field."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -13,10 +14,20 @@ from nolens.twin.blending import Edges, hat, nodes
 from nolens.twin.field import FieldMap
 from nolens.twin.light import Light
 from nolens.twin.model import LARGEST_ANGLE_DEG, Twin
-from nolens.twin.point import colour_pattern, sampled, samples_per_pixel, shortest_nm
-from nolens.twin.scene import Seen
+from nolens.twin.point import (
+    colour_pattern,
+    colour_pattern_bytes,
+    sampled,
+    samples_per_pixel,
+    shortest_nm,
+)
+from nolens.twin.scene import Plane, Seen
 
 _GREY = ("grey",)
+_PERIODS = 6
+"""Arrays of the transforms' size that are held besides the sums."""
+_BYTES_PER_CELL = 120
+"""Held while the cells' directions are found."""
 
 
 @dataclass(frozen=True)
@@ -133,6 +144,48 @@ def summed(
                 work.add(node, channel, patch, plane.distance_um, colour, part_tick)
                 done += 1
     return work
+
+
+def irradiate_bytes(
+    twin: Twin,
+    planes: tuple[Plane, ...],
+    field_points: int,
+    colours: list[tuple[tuple[float, float], ...]],
+) -> float:
+    """Most memory that `irradiate` holds at once, with the planes arranged for it.
+
+    Parameters
+    ----------
+    twin
+        The camera, as `nolens.twin.preview.preview_model` gives it.
+    planes
+        Of the scene.
+    field_points
+        Along each side of the scene.
+    colours
+        Wavelengths and weights of each channel.
+    """
+    tangents = [max(plane.tangents[axis] for plane in planes) for axis in (0, 1)]
+    field = FieldMap.covering(twin, (tangents[0], tangents[1]))
+    cells, n = twin.cells, field_points
+    sizes = (field.region.height, field.region.width)
+    # A PSF is needed as far beside the sensor as its neighbours are away, on both sides; every
+    # second one, for the estimate of the error, twice as far.
+    beside = [size if n == 1 else 2 * math.ceil(size / (n - 1)) for size in sizes]
+    farthest = [step * (1 if n == 1 else 2) for step in beside]
+    period = math.prod(count + step for count, step in zip(cells, farthest, strict=True))
+    nearest = min(plane.distance_um for plane in planes)
+    pattern = colour_pattern_bytes(
+        twin,
+        field.source(sizes[0] // 2, sizes[1] // 2, nearest),
+        (cells[0] + beside[0], cells[1] + beside[1]),
+        twin.cell_pixels,
+        at_least=2 if twin.cell_pixels == 1 else 1,
+        shortest=shortest_nm(colours),
+    )
+    spectra = 4 * period * (twin.cell_pixels**2 * (1 if n == 1 else 2) + _PERIODS)
+    scene = math.prod(sizes) * (_BYTES_PER_CELL + 4 * len(colours) * len(planes))
+    return pattern + spectra + scene
 
 
 def check_field_points(field_points: int) -> None:

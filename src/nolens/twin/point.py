@@ -11,7 +11,15 @@ from torch import Tensor
 
 from nolens.errors import OptionError
 from nolens.kernels import irfft2, rfft2
-from nolens.optics import Grid, MaskSurface, PointSource, Relief, divergence, point_pattern
+from nolens.optics import (
+    Grid,
+    MaskSurface,
+    PointSource,
+    Relief,
+    divergence,
+    pattern_bytes,
+    point_pattern,
+)
 from nolens.twin.light import Light
 from nolens.twin.model import REFERENCE_NM, Twin
 
@@ -148,6 +156,39 @@ def colour_pattern(
         total = pattern.mul_(weight) if total is None else total.add_(pattern, alpha=weight)
     assert total is not None
     return total
+
+
+def colour_pattern_bytes(
+    twin: Twin,
+    source: PointSource,
+    cells: tuple[int, int],
+    pixels: int,
+    *,
+    at_least: int,
+    shortest: float,
+) -> float:
+    """Most memory that `colour_pattern` holds at once.
+
+    Parameters
+    ----------
+    twin
+        The camera, as `nolens.twin.preview.preview_model` gives it.
+    source
+        The point source.
+    cells
+        (rows, columns) of the result.
+    pixels
+        Pixels along a cell.
+    at_least
+        Samples along a pixel.
+    shortest
+        Shortest wavelength, in nm.
+    """
+    per_pixel = samples_per_pixel(twin, at_least=at_least)
+    grid = Grid(*cells, twin.sensor_pitch_um * pixels).finer(per_pixel * pixels)
+    step = field_step(twin, grid.pitch_um, shortest_nm=shortest, distance_um=source.distance_um)
+    light = twin.illumination(source, REFERENCE_NM)
+    return pattern_bytes(light, twin.mask, twin.media(REFERENCE_NM), grid, step)
 
 
 def shortest_nm(colours: list[tuple[tuple[float, float], ...]]) -> float:

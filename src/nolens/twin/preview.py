@@ -5,12 +5,14 @@ from dataclasses import replace
 
 from nolens.camera import OpenCamera, RandomLenslets, ReliefFile
 from nolens.errors import OptionError
+from nolens.optics import surface_bytes
 from nolens.quantities import Length
 from nolens.twin.model import Twin, described_lenslets
 
 _LENSLETS = 10
 _POINTS = 500
 """Sides of the patch that stands for all random lenslets: this many of them, or points."""
+_BYTES_PER_HEIGHT = 4
 _STEPS = 10
 """Places that lenslets are spread on, along a pitch (see `random_lenslets`)."""
 
@@ -63,6 +65,19 @@ def relief_points(opened: OpenCamera) -> float:
     area = math.prod(count * pitch + beyond for count in (sensor.rows, sensor.columns))
     # A place that lenslets are spread on takes twice the memory of a point.
     return area / relief.grid.um**2 + 2 * area * (_STEPS / relief.pitch.um) ** 2
+
+
+def simulation_bytes(points: float, working: float) -> float:
+    """Most memory that a simulation holds: its relief is computed first, and then kept.
+
+    Parameters
+    ----------
+    points
+        Of the relief, as `relief_points` counts them.
+    working
+        Bytes that the patterns and what is made of them hold.
+    """
+    return max(surface_bytes(points), working + _BYTES_PER_HEIGHT * points)
 
 
 def distance_um(distance: Length | str | None, opened: OpenCamera) -> float:

@@ -8,7 +8,13 @@ from typing import Annotated, Any
 import torch
 from torch import Tensor
 
-from nolens.calibrate.psf_from_scenes import KnownScenes, SolvedPsf, psf_from_scenes, unexplained
+from nolens.calibrate.psf_from_scenes import (
+    KnownScenes,
+    SolvedPsf,
+    psf_from_scenes,
+    psf_from_scenes_bytes,
+    unexplained,
+)
 from nolens.camera import Frame, Measurement, PsfEntry, develop
 from nolens.camera.part import PixelPitch
 from nolens.camera.psf_set import Depth
@@ -18,7 +24,7 @@ from nolens.experiments.virtual_experiment import solved
 from nolens.files import CAMERA_FILE, PSFS_FILE, camera_files, read_frame, read_picture
 from nolens.jobs.calibration.fields import distance_name
 from nolens.jobs.calibration.folder import added, cell_of, folder_camera, folder_psfs
-from nolens.jobs.cost import Cost, check_memory
+from nolens.jobs.cost import check_memory
 from nolens.jobs.fields import INPUT, Black, Dark, FilePath, Mosaic, White, Window
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.reconstruction.options import parse_window
@@ -30,11 +36,10 @@ _ILL_POSED = 3
 _LIKE_NONE = 0.95
 _UNLIKE_THE_OTHERS = 1.3
 _ITERATIONS, _TAU = 100, 1e-4
+_PSF_SHARE = 0.9
+"""Of the work on a pair that is left out; the rest is its reconstruction."""
 _SMALLEST = 16
 _WINDOW = 11
-# As the DiffuserCam pairs showed on two cores, for each cell of sensor and picture and channel of a
-# pair.
-_BYTES_PER_CELL, _SECONDS_PER_CELL = 150.0, 7e-6
 
 
 _PAIRS, _RESULT = "Pairs", "Result"
@@ -379,9 +384,9 @@ def calibrate_pairs(run: Run[CalibratePairsOptions]) -> Product[Tensor]:
         kind="solved",
     )
     rounds = 1 + (len(names) if options.check else 0)
-    cost = _cost(read, rounds)
-    check_memory(cost, run.device, "fewer or smaller pictures need less")
-    run.begin(cost)
+    needed = _needed(read)
+    check_memory(needed, run.device, "fewer or smaller pictures need less")
+    run.begin(needed)
 
     def tick(number: int) -> Callable[[float], None]:
         return lambda share: run.reporter.advance("PSF", (number + share) / rounds)
@@ -438,7 +443,8 @@ def _left_out(
 ) -> dict[str, Any]:
     """How well a pair is explained and reconstructed with the PSF of the others."""
     others = [name for name in names if name != left]
-    psf = torch.stack([each.psf for each in _solved(read, others, options, tick)])
+    found = _solved(read, others, options, lambda share: tick(_PSF_SHARE * share))
+    psf = torch.stack([each.psf for each in found])
     groups = _groups(read, options)
     misfit = torch.cat(
         [
@@ -447,7 +453,14 @@ def _left_out(
         ]
     )
     truth = read.pictures[left]
-    scene = solved(read.measured[left], psf, read.region, iterations=_ITERATIONS, tau=_TAU)
+    scene = solved(
+        read.measured[left],
+        psf,
+        read.region,
+        iterations=_ITERATIONS,
+        tau=_TAU,
+        tick=lambda share: tick(_PSF_SHARE + (1 - _PSF_SHARE) * share),
+    )
     peak = float(truth.max())
     shown = affine_fit(scene, truth).clamp(0, peak)
     large = min(truth.shape[-2:]) >= _WINDOW
@@ -500,7 +513,8 @@ def _warnings(rows: list[dict[str, Any]]) -> list[str]:
     return texts
 
 
-def _cost(read: ReadPairs, rounds: int) -> Cost:
+def _needed(read: ReadPairs) -> float:
+    """Bytes that solving for the PSF holds at once, of pictures large enough for one."""
     sensor = read.measured[next(iter(read.measured))].values
     rows, columns = sensor.shape[-2] + read.region.height, sensor.shape[-1] + read.region.width
     if min(sensor.shape[-2:]) < _SMALLEST or min(read.region.height, read.region.width) < _SMALLEST:
@@ -508,5 +522,4 @@ def _cost(read: ReadPairs, rounds: int) -> Cost:
             f"the sensor has {sensor.shape[-2]}×{sensor.shape[-1]} cells and the pictures "
             f"{read.region.height}×{read.region.width}: give at least {_SMALLEST} in each direction"
         )
-    cells = rows * columns * len(read.measured) * sensor.shape[0]
-    return Cost(cells * _BYTES_PER_CELL, cells * rounds * _SECONDS_PER_CELL)
+    return psf_from_scenes_bytes((rows, columns), len(read.measured) * sensor.shape[0])

@@ -1,6 +1,7 @@
 """`nolens calibrate`: frames of a point source become a PSF in a camera's folder."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -8,7 +9,14 @@ from typing import Any, Literal
 from torch import Tensor
 
 from nolens.calibrate.distances import Layers
-from nolens.calibrate.point import UNCERTAIN_RATIO, PointPsf, centroid, moved_to_middle, point_psf
+from nolens.calibrate.point import (
+    UNCERTAIN_RATIO,
+    PointPsf,
+    centroid,
+    moved_to_middle,
+    point_psf,
+    point_psf_bytes,
+)
 from nolens.calibrate.point_frames import (
     SAME_TIME,
     UNKNOWN_S,
@@ -30,17 +38,16 @@ from nolens.jobs.calibration.folder import (
 )
 from nolens.jobs.calibration.point_options import CalibratePointOptions
 from nolens.jobs.copied import copied_camera
-from nolens.jobs.cost import Cost, check_memory
+from nolens.jobs.cost import check_memory
 from nolens.jobs.reporter import Reporter
 from nolens.jobs.run import Product, Run, Writer, job
 
 _LEAST_ALIKE = 0.4
+_MERGED_SHARE = 0.5
+"""Of the work on a PSF; the rest brings it into its place."""
 _LARGE_DEG, _LARGE_SHARE = 2.0, 0.05
 _OFF_PREDICTED = 0.2
 """Of M − 1: twins are predicted to 2 %, the paper's own figures are two thirds off."""
-# As the paper's camera showed on two busy cores, with 4 frames of each of two exposure times.
-_BYTES_PER_PIXEL, _BYTES_PER_EXPOSURE = 100, 40
-_SECONDS_PER_PIXEL = 4e-6
 
 
 @dataclass(frozen=True)
@@ -213,6 +220,7 @@ def placed(
     layers: Layers | None,
     psfs: PsfSet | None,
     cell_um: float,
+    tick: Callable[[float], None],
 ) -> Placed:
     """Bring a PSF into its place.
 
@@ -232,6 +240,8 @@ def placed(
         What the folder has.
     cell_um
         Distance of the cells.
+    tick
+        Is told the share that is done.
 
     Raises
     ------
@@ -252,7 +262,7 @@ def placed(
     if not on_axis:
         return _as_seen(found, options, layers, cell_um)
     if reference is not None and other is not None and _of_other_distance(reference, options):
-        return _laid_over(found, options, layers, cell_um, reference, other)
+        return _laid_over(found, options, layers, cell_um, reference, other, tick)
     if found.area is not None:
         dark = found.area.on_cells(*found.psf.shape[-2:])
         shift = centroid(found.psf, dark)
@@ -286,12 +296,13 @@ def _laid_over(
     cell_um: float,
     entry: PsfEntry,
     other: Tensor,
+    tick: Callable[[float], None],
 ) -> Placed:
     expected = None
     if layers is not None:
         here, there = layers.magnification(_um(options)), layers.magnification(entry.distance_um)
         expected = here / there
-    laid = register(found.psf, other, magnification=expected or NEARBY)
+    laid = register(found.psf, other, magnification=expected or NEARBY, tick=tick)
     if laid.correlation < _LEAST_ALIKE:
         raise DataError(
             f"the pattern is not that of {options.output / entry.file} in another size: their "
@@ -404,10 +415,9 @@ def calibrate_point(run: Run[CalibratePointOptions]) -> Product[Tensor]:
     frames = read_frames(options, None if opened is None else opened.camera.sensor, reporter)
     cell = cell_of(frames.first, opened, psfs, options.pixel)
     layers = None if opened is None else Layers.of_camera(opened.camera)
-    cost = _cost(frames)
-    check_memory(cost, run.device, "frames of fewer exposure times need less")
-    run.begin(cost)
-    reporter.advance("PSF", 0.0)
+    needed = point_psf_bytes(frames.first.counts.numel(), len(frames.exposures))
+    check_memory(needed, run.device, "frames of fewer exposure times need less")
+    run.begin(needed)
     found = point_psf(
         frames.exposures,
         frames.darks,
@@ -415,9 +425,16 @@ def calibrate_point(run: Run[CalibratePointOptions]) -> Product[Tensor]:
         stray=options.stray_light,
         sensor=None if opened is None else opened.camera.sensor,
         as_is=options.as_is,
+        tick=lambda share: reporter.advance("PSF", _MERGED_SHARE * share),
     )
-    reporter.advance("PSF", 0.5)
-    place = placed(found, options, layers, psfs, cell.um)
+    place = placed(
+        found,
+        options,
+        layers,
+        psfs,
+        cell.um,
+        lambda share: reporter.advance("PSF", _MERGED_SHARE + (1 - _MERGED_SHARE) * share),
+    )
     reporter.advance("PSF", 1.0)
 
     usable = min(band.usable_per_mm for band in found.bands)
@@ -446,14 +463,6 @@ def calibrate_point(run: Run[CalibratePointOptions]) -> Product[Tensor]:
         **place.figures,
     }
     return added(place.psf, figures, options.output, {entry: place.psf}, camera)
-
-
-def _cost(frames: ReadFrames) -> Cost:
-    pixels = frames.first.counts.numel()
-    return Cost(
-        pixels * (_BYTES_PER_PIXEL + _BYTES_PER_EXPOSURE * len(frames.exposures)),
-        pixels * _SECONDS_PER_PIXEL,
-    )
 
 
 def _channels(frames: ReadFrames) -> tuple[str, ...]:

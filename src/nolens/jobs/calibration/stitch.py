@@ -25,19 +25,14 @@ from nolens.errors import DataError, OptionError
 from nolens.files import CAMERA_FILE, PSFS_FILE, read_psf, read_psf_set, readable
 from nolens.jobs.calibration.fields import NEEDED_FOLDER, Reduced, distance_name
 from nolens.jobs.calibration.folder import added, folder_camera
-from nolens.jobs.cost import duration_text
 from nolens.jobs.fields import FilePath
 from nolens.jobs.options import JobOptions, Option, Written
-from nolens.jobs.reporter import Reporter
 from nolens.jobs.run import Product, Run, job
 from nolens.quantities import Length
 
 _REDUCED_SHARE = 0.15
 """How far a reduced thickness alone may put a pattern off its place; at 37° it is 11 %."""
 _PLAN = "nolens calibrate plan CAMERA --angle 56deg lists the angles for a scene of 56°"
-_SECONDS_PER_CELL = 5e-7
-"""For two captures that overlap, as seen on two cores; finer ones than that are averaged."""
-_LONG_S = 20
 _OFF_DEG = 1.5
 _MISFIT_CELLS = 1.0
 _UNKNOWN_SHARE = 0.1
@@ -237,12 +232,10 @@ def calibrate_stitch(run: Run[CalibrateStitchOptions]) -> Product[Tensor]:
     ]
     _check_sizes(captures, captured)
     run.begin()
-    _announce(captures, reporter)
     placement = locate(captures, captured.reference, partial(reporter.advance, "overlaps"))
     _check_placement(placement, captured)
-    reporter.advance("merging", 0.0)
-    found = stitch(captures, placement, captured.reference)
-    reporter.advance("merging", 1.0)
+    tick = partial(reporter.advance, "merging")
+    found = stitch(captures, placement, captured.reference, tick)
 
     first = captured.entries[0]
     usable = [each.usable_per_mm for each in captured.entries]
@@ -281,14 +274,6 @@ def _check_sizes(captures: list[Capture], captured: Captured) -> None:
             )
         if not float(capture.psf.sum()) > 0:
             raise DataError(f"{entry.file} is dark: calibrate it again")
-
-
-def _announce(captures: list[Capture], reporter: Reporter) -> None:
-    count = len(captures)
-    cells = min(captures[0].psf[0].numel(), 10**6)
-    seconds = count * (count - 1) / 2 * cells * _SECONDS_PER_CELL
-    if seconds > _LONG_S:
-        reporter.note(f"this takes about {duration_text(seconds)} on two cores")
 
 
 def _check_placement(placement: Placement, captured: Captured) -> None:

@@ -6,27 +6,22 @@ from typing import Annotated, Literal
 import torch
 from torch import Tensor
 
-from nolens.calibrate.surround import PSF_STEPS, SCENE_STEPS, Extended, extend, filled, steps
+from nolens.calibrate.surround import Extended, extend, filled, steps
 from nolens.camera import Measurement, PsfEntry, PsfSet, develop
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
 from nolens.files import PSFS_FILE, read_frame, read_psf, read_psf_set, readable
 from nolens.jobs.calibration.fields import PsfFolder, distance_name
 from nolens.jobs.calibration.folder import added
-from nolens.jobs.cost import duration_text
 from nolens.jobs.fields import Files, Window
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.reconstruction.options import parse_window
-from nolens.jobs.reporter import Reporter
 from nolens.jobs.run import Product, Run, job
 from nolens.operators import Region
 from nolens.quantities import Length
 from nolens.ranges import Between
 
 _TAU = 1e-5
-_SECONDS_PER_CELL = 2e-8
-"""For a step of either solver and one cell of the wide PSF, as seen on two cores."""
-_LONG_S = 20
 
 
 class CalibrateSurroundOptions(JobOptions):
@@ -134,7 +129,6 @@ def calibrate_surround(run: Run[CalibrateSurroundOptions]) -> Product[Tensor]:
     pictures = [_picture(options, number, psf, source) for number in range(len(options.pictures))]
     run.begin()
     wide = filled(psf, region)
-    _announce(wide, options, reporter)
     stopped = False
 
     def step(done: int) -> bool:
@@ -224,13 +218,6 @@ def _picture(
     if not bool((light > 0).all()):
         raise DataError(f"{found.source} shows no light in at least one channel: leave it out")
     return found
-
-
-def _announce(wide: Tensor, options: CalibrateSurroundOptions, reporter: Reporter) -> None:
-    steps = options.rounds * (SCENE_STEPS + 2 * PSF_STEPS) * len(options.pictures)
-    seconds = steps * wide.numel() * _SECONDS_PER_CELL
-    if seconds > _LONG_S:
-        reporter.note(f"this takes up to {duration_text(seconds)} on two cores")
 
 
 def _warnings(found: Extended) -> list[str]:

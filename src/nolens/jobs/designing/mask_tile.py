@@ -16,7 +16,7 @@ from nolens.design.masks import (
     focusing_radius_um,
     spread_over,
 )
-from nolens.jobs.cost import Cost, announce, check_memory
+from nolens.jobs.cost import BYTES_OF_PROGRAM, announce, check_memory
 from nolens.jobs.designing.mask import Blank, MadeMask, MaskOptions, SmallAngle
 from nolens.jobs.fields import Iterations
 from nolens.jobs.options import Option
@@ -31,7 +31,6 @@ _PROCESS = "Process"
 _Levels = Annotated[int, Between(2, 65536)]
 # Measured: bytes for a sample of the tile.
 _BYTES_PER_SAMPLE = 150
-_BYTES_OF_PROGRAM = 8e8
 
 
 @dataclass
@@ -126,9 +125,10 @@ class TileOptions(MaskOptions):
         layout = Layout.fit(model, self.limits, period_um)
         size = blank.size(layout.grid_um)
         held = _BYTES_PER_SAMPLE * layout.side**2 + 12 * math.prod(size)
-        cost = Cost(bytes=_BYTES_OF_PROGRAM + held, seconds=0.0)
-        check_memory(cost, device, "a smaller --period or --overhang needs less")
-        announce(cost, device, blank.run.reporter)
+        check_memory(
+            _BYTES_OF_PROGRAM + held, device, "a smaller --period or --overhang needs less"
+        )
+        announce(_BYTES_OF_PROGRAM + held, blank.run.reporter)
         tile = layout.tile(model, blank.light, device)
         descent = TileDescent(blank, layout, tile, radius_um, self.iterations)
         heights, target = self.heights(descent)

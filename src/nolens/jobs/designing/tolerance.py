@@ -2,8 +2,7 @@
 
 import math
 import re
-import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -44,7 +43,7 @@ from nolens.design.tolerances import (
 )
 from nolens.errors import OptionError
 from nolens.files import camera_files, read_camera, read_tolerances, write_trials
-from nolens.jobs.cost import Cost, check_memory, colours_of, cost_of, duration_text, pattern_size
+from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory, colours_of
 from nolens.jobs.fields import CAMERAS, FilePath, Name, Seed, Word
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.reporter import Reporter
@@ -53,7 +52,8 @@ from nolens.optics import PointSource
 from nolens.quantities import Length, Share
 from nolens.ranges import Between
 from nolens.twin import Light
-from nolens.twin.preview import preview_model
+from nolens.twin.point import colour_pattern_bytes
+from nolens.twin.preview import preview_model, simulation_bytes
 
 RECORD_FILE, TRIALS_FILE, PLOT_FILE = "tolerance.json", "trials.csv", "tolerance.png"
 _TIMES = re.compile(r"\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*[x×]\s*")
@@ -65,8 +65,6 @@ _AT_ONCE = 1000
 _CPU = torch.device("cpu")
 _CURVES = 3
 _POINTS = 9
-_LONG_S = 20.0
-_SLOW_S = 2
 
 
 class Limit(RootModel[Annotated[str, Field(max_length=40)]]):
@@ -254,8 +252,6 @@ class Ready:
         Cameras that are computed in one portion.
     cameras
         Drawn, (trials, parameters).
-    cost
-        Of one portion.
     """
 
     camera: Camera
@@ -265,7 +261,6 @@ class Ready:
     criterion: Criterion
     at_once: int
     cameras: Tensor
-    cost: Cost
 
 
 def parameters_of(opened: OpenCamera, tolerances: Path | None) -> tuple[Parameter, ...]:
@@ -308,22 +303,21 @@ def prepare(options: ToleranceOptions, opened: OpenCamera) -> Ready:
         model = RayModel(patch, sharpness, sum(nm * weight for nm, weight in colours))
     criterion = criterion_of(model, opened.camera, tuple(each.name for each in parameters))
     at_once = _AT_ONCE if options.model == "rays" else threads
-    cost = Cost(0, 0) if options.model == "rays" else _cost_of_portion(patch, colours, at_once)
-    check_memory(cost, _CPU, "thinner layers, or --model rays, need less")
-    return Ready(opened.camera, parameters, sharpness, patch, criterion, at_once, cameras, cost)
+    if options.model == "wave":
+        needed = BYTES_OF_PROGRAM + at_once * _bytes_of_camera(patch, colours)
+        check_memory(needed, _CPU, "thinner layers, or --model rays, need less")
+    return Ready(opened.camera, parameters, sharpness, patch, criterion, at_once, cameras)
 
 
-def _cost_of_portion(patch: Patch, colours: tuple[tuple[float, float], ...], cameras: int) -> Cost:
-    """Patterns of some cameras, side by side."""
+def _bytes_of_camera(patch: Patch, colours: tuple[tuple[float, float], ...]) -> float:
+    """Memory that the pattern of one camera takes."""
     twin = patch.twin
     source = PointSource(distance_um=twin.camera.reference_distance.um)
     cells = round(patch.side_um[0] / twin.cell_um), round(patch.side_um[1] / twin.cell_um)
-    size = pattern_size(
+    pattern = colour_pattern_bytes(
         twin, source, cells, twin.cell_pixels, at_least=2, shortest=min(nm for nm, _ in colours)
     )
-    points = twin.mask.relief.height_um.numel()
-    one = cost_of(size, len(colours), points=points, held=0)
-    return Cost(bytes=cameras * one.bytes, seconds=one.seconds)
+    return simulation_bytes(twin.mask.relief.height_um.numel(), pattern)
 
 
 def place_of(name: str, parameters: tuple[Parameter, ...], camera: Camera) -> int:
@@ -468,7 +462,6 @@ def _one_thread() -> Iterator[None]:
 
 def _study(options: ToleranceOptions, ready: Ready, reporter: Reporter) -> tuple[Study, bool]:
     """Compute all, and whether a person stopped it."""
-    _announce(options, ready, reporter)
     better = ready.sharpness.smaller_is_better
     response = respond(
         ready.criterion,
@@ -478,7 +471,7 @@ def _study(options: ToleranceOptions, ready: Ready, reporter: Reporter) -> tuple
         tick=partial(reporter.advance, "sensitivities"),
     )
     limit = _reachable(options, ready.sharpness, response)
-    curves = _curves(ready, response)
+    curves = _curves(ready, response, partial(reporter.advance, "curves"))
     figures = evaluate(
         ready.criterion,
         ready.cameras,
@@ -495,24 +488,6 @@ def _study(options: ToleranceOptions, ready: Ready, reporter: Reporter) -> tuple
             name = find(variables(ready.camera), ready.camera, options.solve).name
             solved = name, wanted, allowed
     return Study(ready.sharpness, response, ready.cameras, figures, curves, limit, solved), stopped
-
-
-def _announce(options: ToleranceOptions, ready: Ready, reporter: Reporter) -> None:
-    """Say how long all cameras will take if that is long: one is timed, or foretold if slow."""
-    if options.model == "rays":
-        return
-    one = ready.cost.seconds / ready.at_once
-    if ready.cost.seconds < _SLOW_S:
-        first = ready.cameras[: ready.at_once]
-        ready.criterion(first)  # The first ones also load what the others need.
-        clock = time.perf_counter()
-        ready.criterion(first)
-        one = (time.perf_counter() - clock) / len(first)
-    count = len(ready.parameters) * (len(ready.parameters) + 1) + options.trials
-    if options.solve is not None:
-        count += MOST_STEPS * options.trials
-    if one * count > _LONG_S:
-        reporter.note(f"{count} patterns are simulated, about {duration_text(one * count)}")
 
 
 def _reachable(options: ToleranceOptions, sharpness: Sharpness, response: Response) -> float | None:
@@ -536,14 +511,18 @@ def _reachable(options: ToleranceOptions, sharpness: Sharpness, response: Respon
     return limit
 
 
-def _curves(ready: Ready, response: Response) -> dict[str, tuple[Tensor, Tensor]]:
+def _curves(
+    ready: Ready, response: Response, tick: Callable[[float], None]
+) -> dict[str, tuple[Tensor, Tensor]]:
     """Criterion over each of the worst offenders."""
     names = [each.name for each in ready.parameters]
-    worst = [row.parameter.name for row in response.sensitivities if row.parameter.tolerance > 0]
-    return {
-        name: sweep(ready.criterion, ready.parameters, names.index(name), _POINTS)
-        for name in worst[:_CURVES]
-    }
+    rows = [row.parameter for row in response.sensitivities if row.parameter.tolerance > 0]
+    curves = {}
+    for number, worst in enumerate(rows[:_CURVES]):
+        tick(number / len(rows[:_CURVES]))
+        at = names.index(worst.name)
+        curves[worst.name] = sweep(ready.criterion, ready.parameters, at, _POINTS)
+    return curves
 
 
 def _solve(

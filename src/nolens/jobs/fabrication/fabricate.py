@@ -2,6 +2,7 @@
 
 import math
 from functools import partial
+from pathlib import Path
 
 import torch
 
@@ -38,7 +39,7 @@ from nolens.files import (
     write_stl,
 )
 from nolens.files.write_sheet import write_sheet_html, write_sheet_pdf
-from nolens.jobs.cost import Cost, check_memory, duration_text
+from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory
 from nolens.jobs.designing.study_budget import study_budget
 from nolens.jobs.fabrication.figures import Workpieces, figures
 from nolens.jobs.fabrication.options import FabricateOptions
@@ -49,10 +50,7 @@ from nolens.twin import Twin
 from nolens.twin.preview import relief_points
 
 _BYTES_PER_POINT = 30.0
-_SECONDS_PER_POINT = 150e-9
-_BYTES_OF_PROGRAM = 5e8
 _LARGE_BYTES = 20e6
-_LONG_S = 10.0
 _CPU = torch.device("cpu")
 
 
@@ -72,14 +70,14 @@ def fabricate(run: Run[FabricateOptions]) -> Product[Workpieces]:
         check_step()
     frame, resin, mould = _measures(options, opened)
     budget = None if options.tolerances is None else study_budget(options.tolerances, opened.camera)
-    run.begin(_cost(opened))
+    run.begin(_needed(opened))
     reporter.advance("mask", 0.0)
     twin = Twin.of(opened)
     relief = twin.mask.relief
     pieces = _pieces(options, opened, relief, (frame, resin, mould))
     reporter.advance("process sheet", 0.0)
     sheet = process_sheet(opened, frame, resin, mould, budget, relief_file=options.relief_file)
-    _foretell(pieces, reporter)
+    _tell_sizes(pieces, reporter)
     library = layout(pieces.levels, pieces.levels.polygons(partial(reporter.advance, "layout")))
     run.warn(
         *_warnings(options, opened, resin),
@@ -106,9 +104,18 @@ def fabricate(run: Run[FabricateOptions]) -> Product[Workpieces]:
     return Product(
         pieces,
         {"camera": opened.camera.name, **figures(options, opened, pieces, relief)},
-        {options.output / name: write for name, write in writers.items()},
+        {
+            options.output / name: partial(_told, write, number / len(writers), reporter)
+            for number, (name, write) in enumerate(writers.items())
+        },
         {"camera_description": opened.camera.model_dump(mode="json")},
     )
+
+
+def _told(write: Writer, share: float, reporter: Reporter, path: Path) -> None:
+    """Write a file, once the share of files that are written has been told."""
+    reporter.advance("files", share)
+    write(path)
 
 
 def _measures(
@@ -134,17 +141,16 @@ def _measures(
     return frame, resin, mould
 
 
-def _cost(opened: OpenCamera) -> Cost:
-    """Memory and time of the relief, where there is one that this machine can hold."""
+def _needed(opened: OpenCamera) -> float:
+    """Bytes that the relief takes, where there is one that this machine can hold."""
     if isinstance(opened.camera.mask.relief, Flat):
         raise OptionError(
             f"the mask of {opened.camera.name!r} is flat: there is nothing to write as a mask. "
             "Give a camera with a relief (nolens design mask makes one)"
         )
-    points = relief_points(opened)
-    cost = Cost(_BYTES_OF_PROGRAM + points * _BYTES_PER_POINT, points * _SECONDS_PER_POINT)
-    check_memory(cost, _CPU, "a coarser grid of the camera's relief, or a smaller overhang")
-    return cost
+    needed = BYTES_OF_PROGRAM + relief_points(opened) * _BYTES_PER_POINT
+    check_memory(needed, _CPU, "a coarser grid of the camera's relief, or a smaller overhang")
+    return needed
 
 
 def _pieces(
@@ -180,18 +186,18 @@ def _pieces(
     return pieces
 
 
-def _foretell(pieces: Workpieces, reporter: Reporter) -> None:
+def _tell_sizes(pieces: Workpieces, reporter: Reporter) -> None:
     levels = pieces.levels
     sizes = {
         "mask.tif": 2.0 * pieces.mask.height_um.numel(),
         "mask.gds": levels.expected_bytes("GDS"),
         "mask.oas": levels.expected_bytes("OASIS"),
     }
-    if levels.expected_seconds > _LONG_S or sum(sizes.values()) > _LARGE_BYTES:
+    if sum(sizes.values()) > _LARGE_BYTES:
         large = ", ".join(f"{name} {size / 1e6:.0f} MB" for name, size in sizes.items())
         reporter.note(
-            f"the layout takes about {duration_text(levels.expected_seconds)}; files will have "
-            f"about: {large}. A coarser --pitch, a --crop or fewer --levels make them smaller"
+            f"files will have about: {large}. A coarser --pitch, a --crop or fewer --levels make "
+            "them smaller"
         )
 
 

@@ -30,7 +30,7 @@ from nolens.files import (
     write_tiff32,
 )
 from nolens.files.plot_field import write_angles_plot, write_dots_plot
-from nolens.jobs.cost import Cost, check_memory, colours_of, cost_of, pattern_size
+from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory, colours_of
 from nolens.jobs.fields import CAMERAS, FilePath, Name, Seed, record_beside
 from nolens.jobs.measuring.plot import RESULT
 from nolens.jobs.measuring.rounded import rounded
@@ -40,8 +40,8 @@ from nolens.optics import PointSource
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
 from nolens.twin import Light, Twin
-from nolens.twin.point import shortest_nm
-from nolens.twin.preview import distance_um, preview_model, relief_points
+from nolens.twin.point import colour_pattern_bytes, shortest_nm
+from nolens.twin.preview import distance_um, preview_model, relief_points, simulation_bytes
 
 FieldOfView = list[OffAxis] | DotGrid
 """What a measurement finds: PSFs from the side, or the dots of a grid."""
@@ -442,9 +442,9 @@ def _of_twin(run: Run[MeasureFieldOptions], opened: OpenCamera) -> Product[Field
         points, patterns = 1, len(options.angles) + 1
     farthest = PointSource((0.0, math.tan(largest.rad)), away_um)
     bare.check_source(farthest)
-    cost = _cost(opened, bare, farthest, patterns, grid=options.dot_pitch is not None)
-    check_memory(cost, run.device, _REMEDY)
-    run.begin(cost)
+    needed = _needed(opened, bare, farthest, patterns, grid=options.dot_pitch is not None)
+    check_memory(needed, run.device, _REMEDY)
+    run.begin(needed)
     reporter.advance("mask", 0.0)
     bench = VirtualExperiment.of(opened, field_points=points)
     tick = partial(reporter.advance, what)
@@ -511,10 +511,10 @@ def _grid_writers(options: MeasureFieldOptions, grid: DotGrid) -> dict[Path, Wri
     return writers
 
 
-def _cost(
+def _needed(
     opened: OpenCamera, bare: Twin, farthest: PointSource, patterns: int, *, grid: bool
-) -> Cost:
-    """What the patterns will need; a reconstruction takes about as long as those of its dots.
+) -> float:
+    """Bytes that are held at once.
 
     Patterns of a grid's field points have one sample to the pixel and are wider by a part of the
     region; those of single lights have two.
@@ -528,7 +528,7 @@ def _cost(
     if grid:
         reach = bare.shift_um(PointSource(farthest.tangent))[1] / bare.cell_um
         more = math.ceil(4 * reach / (math.isqrt(patterns) - 1))
-    size = pattern_size(
+    pattern = colour_pattern_bytes(
         bare,
         farthest,
         (rows + more, columns + more),
@@ -536,12 +536,8 @@ def _cost(
         at_least=1 if grid else 2,
         shortest=shortest_nm(colours),
     )
-    return cost_of(
-        size,
-        patterns * len(colours) * (2 if grid else 1),
-        points=relief_points(opened),
-        held=8 * sensor.rows * sensor.columns * (patterns if not grid else 12),
-    )
+    held = 8 * sensor.rows * sensor.columns * (patterns if not grid else 12)
+    return BYTES_OF_PROGRAM + simulation_bytes(relief_points(opened), pattern + held)
 
 
 def _camera(options: MeasureFieldOptions) -> str | Path | None:

@@ -14,7 +14,6 @@ from nolens.camera import OpenCamera
 from nolens.errors import DataError
 from nolens.evaluate import point_pair
 from nolens.experiments.resolution import (
-    EXPECTED_STEPS,
     POINT_ITERATIONS,
     POINTS_REGION,
     TARGET_ITERATIONS,
@@ -39,7 +38,7 @@ from nolens.files.plot_resolution import (
     plot_star,
     plot_two_points,
 )
-from nolens.jobs.cost import Cost, check_memory, colours_of, cost_of, pattern_size
+from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory, colours_of
 from nolens.jobs.measuring.resolution_options import (
     EdgeOptions,
     ResolutionOptions,
@@ -50,9 +49,10 @@ from nolens.jobs.measuring.resolution_pictures import target_pictures
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.optics import PointSource
 from nolens.quantities import Angle
+from nolens.solvers import admm_bytes
 from nolens.twin import FieldMap, Light, Twin
-from nolens.twin.point import shortest_nm
-from nolens.twin.preview import distance_um, preview_model, relief_points
+from nolens.twin.point import colour_pattern_bytes, shortest_nm
+from nolens.twin.preview import distance_um, preview_model, relief_points, simulation_bytes
 
 Options = TypeVar("Options", bound=ResolutionOptions)
 Value = TypeVar("Value")
@@ -60,14 +60,12 @@ _HALF, _TENTH = 0.5, 0.1
 _DIGITS = 5
 _MOST_PANELS = 6
 _SIDE_CELLS = 24
-# Of ADMM, for one channel: bytes for a cell, and transformed samples for a cell and iteration.
-_BYTES_PER_CELL = 80
-_SAMPLES_PER_CELL = 1.5
+_BYTES_PER_CELL = 20
+"""Of PSF, frame and picture, which ADMM works on."""
 _REMEDY = "a camera with fewer pixels, or a target of a smaller angle, needs less"
 _SPOKES = 36
 _ANGLE = Angle("20", "deg")
 _SIZE_OFF = 0.1
-_PATTERNS = 25
 
 
 def two_point_figures(found: TwoPoints) -> dict[str, Any]:
@@ -227,28 +225,6 @@ def draw_edge(path: Path, found: EdgeResolution) -> None:
 
 
 @dataclass(frozen=True)
-class Work:
-    """What has to be done.
-
-    Parameters
-    ----------
-    patterns
-        Patterns of all channels.
-    solves
-        Reconstructions.
-    region
-        (rows, columns) of cells that each one solves for.
-    iterations
-        Of each.
-    """
-
-    patterns: int
-    solves: int
-    region: tuple[int, int]
-    iterations: int
-
-
-@dataclass(frozen=True)
 class ReadyBench:
     """A camera to simulate, before its relief is computed.
 
@@ -311,8 +287,8 @@ class ReadyBench:
         region = FieldMap.covering(self.preview, (tangent, tangent)).region
         return region.height, region.width
 
-    def cost(self, work: Work) -> Cost:
-        """What the work takes.
+    def needed(self, region: tuple[int, int]) -> float:
+        """Bytes that are held at once where so many (rows, columns) of cells are solved for.
 
         Raises
         ------
@@ -322,7 +298,7 @@ class ReadyBench:
         bare, sensor = self.preview, self.opened.camera.sensor
         colours = colours_of(bare, self.light, self.wavelengths)
         source = PointSource((0.0, 0.0), self.distance_um)
-        size = pattern_size(
+        pattern = colour_pattern_bytes(
             bare,
             source,
             (sensor.rows, sensor.columns),
@@ -330,17 +306,13 @@ class ReadyBench:
             at_least=2,
             shortest=shortest_nm(colours),
         )
-        cells = math.prod(a + b for a, b in zip(bare.cells, work.region, strict=True))
-        return cost_of(
-            size,
-            work.patterns * sum(map(len, colours)),
-            points=relief_points(self.opened),
-            held=_BYTES_PER_CELL * cells,
-            transformed=int(_SAMPLES_PER_CELL * cells * work.solves * work.iterations),
-        )
+        cells = math.prod(a + b for a, b in zip(bare.cells, region, strict=True))
+        # Channels are solved for one by one.
+        held = admm_bytes(cells) + _BYTES_PER_CELL * cells
+        return BYTES_OF_PROGRAM + simulation_bytes(relief_points(self.opened), pattern + held)
 
-    def experiment(self, run: Run[Options], work: Work) -> VirtualExperiment:
-        """Say what the work takes, and compute the camera's relief.
+    def experiment(self, run: Run[Options], region: tuple[int, int]) -> VirtualExperiment:
+        """Say what memory it takes to solve for a region, and compute the camera's relief.
 
         Raises
         ------
@@ -348,9 +320,9 @@ class ReadyBench:
             If the machine has too little memory, or a file of the camera would be written over.
         """
         run.reads(self.files)
-        cost = self.cost(work)
-        check_memory(cost, run.device, _REMEDY)
-        run.begin(cost)
+        needed = self.needed(region)
+        check_memory(needed, run.device, _REMEDY)
+        run.begin(needed)
         run.reporter.advance("mask", 0.0)
         return VirtualExperiment.of(
             self.opened, light=self.light.name, wavelengths=self.wavelengths
@@ -379,16 +351,9 @@ def measure_two_points(run: Run[TwoPointOptions]) -> Product[TwoPoints]:
             seen.append(SeenPair(angle, pair, each.picture))
         found = TwoPoints.of(seen, options.dip.value)
     else:
-        shots = EXPECTED_STEPS * options.draws
-        work = Work(
-            patterns=2 * shots,
-            solves=shots,
-            region=(POINTS_REGION, POINTS_REGION),
-            iterations=settings.iterations,
-        )
         ready = ReadyBench.of(options)
         found = two_point_resolution(
-            ready.experiment(run, work),
+            ready.experiment(run, (POINTS_REGION, POINTS_REGION)),
             ready.distance_um,
             direction_deg=options.direction.deg,
             draws=options.draws,
@@ -471,14 +436,9 @@ def _flat_picture(run: Run[Options], settings: SolverSettings) -> FlatPicture:
 def _screen(run: Run[Options], settings: SolverSettings, angle_deg: float, what: str) -> Screen:
     """In front of the camera to simulate, for a target of an angle."""
     ready = ReadyBench.of(run.options)
-    work = Work(
-        patterns=_PATTERNS,
-        solves=1,
-        region=ready.cells_of(angle_deg),
-        iterations=settings.iterations,
-    )
+    experiment = ready.experiment(run, ready.cells_of(angle_deg))
     tick = partial(run.reporter.advance, what)
-    return Screen(ready.experiment(run, work), ready.distance_um, settings, tick)
+    return Screen(experiment, ready.distance_um, settings, tick)
 
 
 def _product(

@@ -17,8 +17,6 @@ from nolens.files.plot_depth import plot_depth
 from nolens.files.write_slider import SliderPage, write_slider
 from nolens.files.write_stack import write_depths, write_stack
 from nolens.files.write_sweep import write_sweep
-from nolens.jobs.cost import Cost
-from nolens.jobs.reconstruction.solve import solving_cost
 from nolens.jobs.reconstruction.window import oriented, region_within
 from nolens.jobs.refocusing.options import FOCUSED_FILES, STACK_FILES, RefocusOptions, depth_um
 from nolens.jobs.refocusing.psfs import DepthPsfs, read_depth_psfs
@@ -37,9 +35,8 @@ from nolens.refocusing import (
     per_m,
 )
 from nolens.refocusing import depth_um as depth_of
+from nolens.solvers import admm_bytes
 
-# Two PSFs magnified and blended, as measured on one core for the paper's camera.
-_SECONDS_PER_PSF_CELL = 4e-7
 _WINDOW_LINES = 1.5
 """Width of the smallest window that tells depths, in lines of the PSF."""
 
@@ -182,22 +179,10 @@ class RefocusWork:
             columns - 1.0 - column if flip in ("horizontal", "both") else float(column),
         )
 
-    def cost(self) -> Cost:
-        """Memory and time of all depths."""
+    def needed(self) -> float:
+        """Bytes that are held while a depth is solved for."""
         psf = self.psfs.at(self.psfs.distances_um[-1])
-        iterations, depths = 0.0, 0
-        if self.options.focused:
-            iterations, depths = float(self.solving.iterations), 1
-            if self.options.depth is None:
-                search = self.search()
-                iterations += search.iterations / search.bin_by(psf) ** 2
-                depths += search.coarse + search.fine
-        if self.options.stack is not None:
-            iterations += self.options.steps * self.solving.iterations
-            depths += self.options.steps
-        solving = solving_cost(self.solving.problem(psf), iterations)
-        cells = self.psfs.between.known[0].psf.numel()
-        return replace(solving, seconds=solving.seconds + depths * cells * _SECONDS_PER_PSF_CELL)
+        return admm_bytes(self.solving.problem(psf).cells)
 
     def depth_um(self, found: Sharpest | None) -> float:
         """What is asked for, or what was found."""
@@ -344,7 +329,7 @@ def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
     run.reads(psfs.files)
     work = RefocusWork(options, psfs, _solving(options, measurement, psfs, run.device), reporter)
     run.warn(*work.warnings())
-    run.begin(work.cost())
+    run.begin(work.needed())
 
     figures: dict[str, Any] = {
         "depth_of_focus_per_m": psfs.depth_of_focus_per_m,
