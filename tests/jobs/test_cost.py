@@ -10,9 +10,9 @@ import torch
 
 from nolens.errors import OptionError
 from nolens.files import read_camera
-from nolens.jobs.cost import announce, check_memory, colours_of, surface_cost
-from nolens.optics import PointSource
-from nolens.twin import Light, Plane, Twin, irradiate_bytes
+from nolens.jobs.cost import BYTES_OF_PROGRAM, announce, check_memory
+from nolens.optics import PointSource, surface_bytes
+from nolens.twin import Light, Plane, Twin, colours_of, irradiate_bytes
 from nolens.twin.point import colour_pattern_bytes
 from nolens.twin.preview import preview_model, relief_points, simulation_bytes
 
@@ -68,7 +68,11 @@ def test_memory_of_a_scene() -> None:
     one = irradiate_bytes(twin, (plane,), 1, colours)
     assert one < irradiate_bytes(twin, (plane, plane), 1, colours)
     assert irradiate_bytes(twin, (plane,), 9, colours) < irradiate_bytes(twin, (plane,), 3, colours)
-    assert simulation_bytes(1e9, one) == simulation_bytes(1e9, 0) < surface_cost(1e9)
+    assert (
+        simulation_bytes(1e9, one)
+        == simulation_bytes(1e9, 0)
+        < BYTES_OF_PROGRAM + surface_bytes(1e9)
+    )
     assert simulation_bytes(10, 1e9) == 1e9 + 40
 
 

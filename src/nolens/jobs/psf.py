@@ -10,7 +10,7 @@ from torch import Tensor
 from nolens.camera import OpenCamera
 from nolens.errors import DataError, OptionError
 from nolens.files import write_png, write_tiff32
-from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory, colours_of
+from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory
 from nolens.jobs.raw import SimulatedCamera, write_raw
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.jobs.scene_options import PsfOptions
@@ -18,7 +18,7 @@ from nolens.optics import PointSource
 from nolens.quantities import Share
 from nolens.twin import Twin, mosaic, photocurrents, point_spread
 from nolens.twin.expose import expose_safely
-from nolens.twin.point import Frame, colour_pattern_bytes, shortest_nm
+from nolens.twin.point import Frame, colour_pattern_bytes, colours_of, shortest_nm
 from nolens.twin.preview import distance_um, relief_points, simulation_bytes
 
 _FILL = Share("90", "%")

@@ -11,7 +11,7 @@ from torch import Tensor
 from nolens.camera import OpenCamera, Sensor
 from nolens.errors import DataError
 from nolens.files import read_picture, write_tiff32
-from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory, colours_of
+from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory
 from nolens.jobs.raw import SimulatedCamera, write_raw
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.jobs.scene_options import SimulateOptions
@@ -30,6 +30,7 @@ from nolens.twin import (
     photocurrents,
 )
 from nolens.twin.expose import expose_safely
+from nolens.twin.point import colours_of
 from nolens.twin.preview import distance_um, relief_points, simulation_bytes
 from nolens.twin.scene import in_channels
 

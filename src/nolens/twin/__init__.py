@@ -6,7 +6,7 @@ from nolens.twin.light import LIGHTS, Light
 from nolens.twin.measure import Irradiated, check_field_points, irradiate, irradiate_bytes
 from nolens.twin.model import LARGEST_ANGLE_DEG, NEAREST_MM, REFERENCE_NM, Twin, described_lenslets
 from nolens.twin.plain import PlainModel, aperture_room_um
-from nolens.twin.point import point_spread
+from nolens.twin.point import colours_of, point_spread
 from nolens.twin.scene import Plane, Seen, arrange
 
 __all__ = [
@@ -24,6 +24,7 @@ __all__ = [
     "aperture_room_um",
     "arrange",
     "check_field_points",
+    "colours_of",
     "described_lenslets",
     "expose",
     "irradiate",

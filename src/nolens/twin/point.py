@@ -270,3 +270,26 @@ def _blurred(twin: Twin, source: PointSource, plane: Tensor, grid: Grid) -> Tens
     )
     spectrum = rfft2(plane) * disc.float().to(plane.device)
     return irfft2(spectrum, (grid.rows, grid.columns)).clamp_min(0)
+
+
+def colours_of(twin: Twin, light: Light, wavelengths: int) -> list[tuple[tuple[float, float], ...]]:
+    """Wavelengths and weights of all channels, of a light that the sensor sees.
+
+    Raises
+    ------
+    OptionError
+        If a channel sees nothing of a spectrum, none sees a single wavelength, or the index of a
+        layer is not known there.
+    """
+    efficiency, channels = twin.quantum_efficiency, twin.camera.sensor.channels
+    if not any(light.electrons(efficiency, channel, 1.0) > 0 for channel in channels):
+        first, last = efficiency.wavelength_nm[0], efficiency.wavelength_nm[-1]
+        raise OptionError(
+            f"the sensor sees nothing of the light {light.name}: its quantum efficiency is given "
+            f"from {first:g} to {last:g} nm, and zero elsewhere; choose another --light"
+        )
+    colours = [light.wavelengths(efficiency, channel, wavelengths) for channel in channels]
+    for colour in colours:
+        for wavelength_nm, _ in colour:
+            twin.media(wavelength_nm)
+    return colours

@@ -30,10 +30,11 @@ from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE, camera_files, read_camera, write_camera
 from nolens.files.plot_mask import MaskPlot, plot_mask
 from nolens.jobs.copied import copied_curves
-from nolens.jobs.cost import check_memory, surface_cost
+from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory
 from nolens.jobs.fields import CAMERAS, LIGHTS, Device, FilePath, Name, Seed, Word
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Run, Writer, job
+from nolens.optics import surface_bytes
 from nolens.plugins import load_plugin, plugin_names
 from nolens.printable import quoted
 from nolens.quantities import Angle, Length
@@ -290,8 +291,10 @@ class Blank:
 
         def made(grid: Length) -> OpenCamera:
             size, beside = self.size(grid.um), 2 * margin(grid.um)
-            cost = surface_cost(math.prod(count + beside for count in size))
-            check_memory(cost, _CPU, f"a smaller {smaller} needs less")
+            points = math.prod(count + beside for count in size)
+            check_memory(
+                BYTES_OF_PROGRAM + surface_bytes(points), _CPU, f"a smaller {smaller} needs less"
+            )
             return self.with_heights(heights(size, grid.um), grid)
 
         return self._on_a_grid(made, remedy)
@@ -395,8 +398,8 @@ def _middle(opened: OpenCamera, device: torch.device) -> Twin:
     mask = opened.camera.mask.model_copy(update={"aperture": None})
     camera = opened.camera.model_copy(update={"sensor": small, "mask": mask})
     middle = replace(opened, camera=camera)
-    cost = surface_cost(relief_points(middle))
-    check_memory(cost, device, "a smaller --overhang or a larger --pitch needs less")
+    needed = BYTES_OF_PROGRAM + surface_bytes(relief_points(middle))
+    check_memory(needed, device, "a smaller --overhang or a larger --pitch needs less")
     return Twin.of(middle, device=device)
 
 

@@ -16,7 +16,7 @@ from nolens.design.masks import (
     focusing_radius_um,
     spread_over,
 )
-from nolens.jobs.cost import BYTES_OF_PROGRAM, announce, check_memory
+from nolens.jobs.cost import announce, check_memory
 from nolens.jobs.designing.mask import Blank, MadeMask, MaskOptions, SmallAngle
 from nolens.jobs.fields import Iterations
 from nolens.jobs.options import Option
@@ -30,6 +30,7 @@ Steps = Annotated[Iterations, Option("Steps, at most.", DESCENT)]
 _PROCESS = "Process"
 _Levels = Annotated[int, Between(2, 65536)]
 # Measured: bytes for a sample of the tile.
+_BYTES_OF_PROGRAM = 8e8
 _BYTES_PER_SAMPLE = 150
 
 
@@ -125,10 +126,9 @@ class TileOptions(MaskOptions):
         layout = Layout.fit(model, self.limits, period_um)
         size = blank.size(layout.grid_um)
         held = _BYTES_PER_SAMPLE * layout.side**2 + 12 * math.prod(size)
-        check_memory(
-            _BYTES_OF_PROGRAM + held, device, "a smaller --period or --overhang needs less"
-        )
-        announce(_BYTES_OF_PROGRAM + held, blank.run.reporter)
+        needed = _BYTES_OF_PROGRAM + held
+        check_memory(needed, device, "a smaller --period or --overhang needs less")
+        announce(needed, blank.run.reporter)
         tile = layout.tile(model, blank.light, device)
         descent = TileDescent(blank, layout, tile, radius_um, self.iterations)
         heights, target = self.heights(descent)

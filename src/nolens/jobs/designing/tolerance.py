@@ -43,7 +43,7 @@ from nolens.design.tolerances import (
 )
 from nolens.errors import OptionError
 from nolens.files import camera_files, read_camera, read_tolerances, write_trials
-from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory, colours_of
+from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory
 from nolens.jobs.fields import CAMERAS, FilePath, Name, Seed, Word
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.reporter import Reporter
@@ -52,7 +52,7 @@ from nolens.optics import PointSource
 from nolens.quantities import Length, Share
 from nolens.ranges import Between
 from nolens.twin import Light
-from nolens.twin.point import colour_pattern_bytes
+from nolens.twin.point import colour_pattern_bytes, colours_of
 from nolens.twin.preview import preview_model, simulation_bytes
 
 RECORD_FILE, TRIALS_FILE, PLOT_FILE = "tolerance.json", "trials.csv", "tolerance.png"

@@ -30,7 +30,7 @@ from nolens.files import (
     write_tiff32,
 )
 from nolens.files.plot_field import write_angles_plot, write_dots_plot
-from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory, colours_of
+from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory
 from nolens.jobs.fields import CAMERAS, FilePath, Name, Seed, record_beside
 from nolens.jobs.measuring.plot import RESULT
 from nolens.jobs.measuring.rounded import rounded
@@ -40,7 +40,7 @@ from nolens.optics import PointSource
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
 from nolens.twin import Light, Twin
-from nolens.twin.point import colour_pattern_bytes, shortest_nm
+from nolens.twin.point import colour_pattern_bytes, colours_of, shortest_nm
 from nolens.twin.preview import distance_um, preview_model, relief_points, simulation_bytes
 
 FieldOfView = list[OffAxis] | DotGrid

@@ -38,7 +38,7 @@ from nolens.files.plot_resolution import (
     plot_star,
     plot_two_points,
 )
-from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory, colours_of
+from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory
 from nolens.jobs.measuring.resolution_options import (
     EdgeOptions,
     ResolutionOptions,
@@ -51,7 +51,7 @@ from nolens.optics import PointSource
 from nolens.quantities import Angle
 from nolens.solvers import admm_bytes
 from nolens.twin import FieldMap, Light, Twin
-from nolens.twin.point import colour_pattern_bytes, shortest_nm
+from nolens.twin.point import colour_pattern_bytes, colours_of, shortest_nm
 from nolens.twin.preview import distance_um, preview_model, relief_points, simulation_bytes
 
 Options = TypeVar("Options", bound=ResolutionOptions)
