@@ -25,7 +25,10 @@ _TARGETS = {
 
 
 class ScreenPicture(JobOptions):
-    """A target in black and white, to show on a screen; its fields are the options it takes.
+    """A target in black and white, to show on a screen.
+
+    Its fields are options of `nolens measure target`, each with a default; a name that a target
+    before it has means the same.
 
     Attributes
     ----------

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from nolens.errors import OptionError
 from nolens.files import write_png
-from nolens.jobs.fields import FilePath
+from nolens.jobs.fields import FilePath, Word
 from nolens.jobs.measuring.resolution_targets import ScreenPicture, screen_pictures
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Run, job
@@ -30,7 +30,7 @@ class PictureOptions(JobOptions):
     usage = "measure target siemens -o star.png"
 
     kind: Annotated[
-        str,
+        Word,
         Option(
             "Which target.",
             needed="the target (nolens measure target siemens -o star.png)",
@@ -60,7 +60,8 @@ class PictureOptions(JobOptions):
     def picture(self) -> ScreenPicture:
         """The target, with its own options."""
         kind = screen_pictures()[self.kind]
-        return kind.model_validate({name: getattr(self, name) for name in kind.model_fields})
+        own = self.model_fields_set & set(kind.model_fields)
+        return kind.gather({name: getattr(self, name) for name in own})
 
     @property
     def written(self) -> tuple[Written, ...]:
@@ -78,7 +79,8 @@ def _with_pictures(model: type[PictureOptions]) -> type[PictureOptions]:
     }
     for picture in pictures.values():
         for name, field in picture.model_fields.items():
-            fields[name] = (field.rebuild_annotation(), field)
+            if name not in model.model_fields:
+                fields.setdefault(name, (field.rebuild_annotation(), field))
     return create_model("TargetOptions", __base__=model, __doc__=model.__doc__, **fields)
 
 
