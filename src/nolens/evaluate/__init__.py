@@ -16,7 +16,13 @@ from nolens.evaluate.siemens import (
 )
 from nolens.evaluate.slanted_edge import EdgeResponse, edge_response
 from nolens.evaluate.spectral_magnitude import sparsity, spectral_magnitude
-from nolens.evaluate.targets import STAR_SHARE, angle_of_length, siemens_star, slanted_edge
+from nolens.evaluate.targets import (
+    STAR_SHARE,
+    angle_of_length,
+    siemens_star,
+    slanted_edge,
+    star_square_deg,
+)
 from nolens.evaluate.two_points import (
     RAYLEIGH_DIP,
     PointPair,
@@ -65,4 +71,5 @@ __all__ = [
     "spots_at",
     "ssim",
     "star_contrast",
+    "star_square_deg",
 ]

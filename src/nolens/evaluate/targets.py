@@ -45,6 +45,11 @@ def siemens_star(side: int, periods: int) -> Tensor:
     return _averaged(value, side)
 
 
+def star_square_deg(angle_deg: float) -> float:
+    """Field angle of the side of a star's square, by that of the star from side to side."""
+    return 2 * math.degrees(math.atan(math.tan(math.radians(angle_deg) / 2) / STAR_SHARE))
+
+
 def slanted_edge(side: int, tilt_deg: float) -> Tensor:
     """Dark at the left, bright at the right of an edge through the middle of a square.
 

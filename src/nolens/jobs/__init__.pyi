@@ -16,11 +16,12 @@ from .designing.tolerance import ToleranceOptions, study_tolerances
 from .fabrication.fabricate import fabricate
 from .fabrication.options import FabricateOptions
 from .material_facts import material_facts
+from .measuring.edge import EdgeOptions, measure_edge
 from .measuring.field import MeasureFieldOptions, measure_field
 from .measuring.psf import MeasurePsfOptions, measure_psf
-from .measuring.resolution import measure_edge, measure_siemens, measure_two_points
-from .measuring.resolution_options import EdgeOptions, SiemensOptions, TwoPointOptions
+from .measuring.siemens import SiemensOptions, measure_siemens
 from .measuring.target import TargetOptions, make_target
+from .measuring.two_points import TwoPointOptions, measure_two_points
 from .options import expand_home
 from .psf import simulate_psf
 from .reconstruction.job import reconstruct

@@ -8,18 +8,13 @@ from typing import Any
 
 import torch
 
-from nolens.evaluate import PointPair, ResolvedSeparation
-from nolens.experiments.resolution import (
-    FlatPicture,
-    Screen,
-    SeenPair,
-    SolverSettings,
-    StarResolution,
-    TwoPoints,
-    two_point_resolution,
-)
+from nolens.evaluate import PointPair, ResolvedSeparation, siemens_star, star_square_deg
+from nolens.experiments.resolution import FlatPicture, Screen, SolverSettings
+from nolens.experiments.siemens import StarResolution
+from nolens.experiments.two_points import SeenPair, TwoPoints, two_point_resolution
 from nolens.experiments.virtual_experiment import VirtualExperiment
-from nolens.jobs.measuring.resolution import draw_star, draw_two_points
+from nolens.jobs.measuring.siemens import draw_star
+from nolens.jobs.measuring.two_points import draw_two_points
 from nolens.operators import Region
 from nolens.reproduction.draft import Draft, Drawn, empty, refusal
 from nolens.reproduction.rows import Row
@@ -123,7 +118,9 @@ def _star(work: Workbench, tick: Tick) -> Found:
     settings = SolverSettings(work.size.iterations, TAU, seed=work.seed)
     # A star this small needs no more PSFs than change over it.
     bench: VirtualExperiment = replace(work.bench, field_points=3)
-    found = Screen(bench, SCREEN_UM, settings, tick).star(STAR_DEG, PERIODS)
+    screen = Screen(bench, SCREEN_UM, settings, tick)
+    picture = screen.photograph(partial(siemens_star, periods=PERIODS), star_square_deg(STAR_DEG))
+    found = StarResolution.of(picture, periods=PERIODS)
     figures: dict[str, Any] = {
         "resolved_deg": found.resolved_everywhere_deg,
         "plus_minus_deg": found.plus_minus_deg[found.worst],
@@ -173,7 +170,7 @@ def two_points(work: Workbench, found: Mapping[str, Found]) -> Draft:
         "Reconstructions of two points, the light along the line through them, and the dip by "
         "separation."
     )
-    drawn = Drawn("two-points", caption, partial(draw_two_points, found=points), 150.0)
+    drawn = Drawn("two-points", caption, partial(draw_two_points, points), 150.0)
     return Draft("two-points", title, (), (drawn,), (row,))
 
 
@@ -201,7 +198,7 @@ def siemens(work: Workbench, found: Mapping[str, Found]) -> Draft:
         sized=True,
     )
     caption = "The star as it is reconstructed, its contrast by frequency and direction."
-    drawn = Drawn("siemens", caption, partial(draw_star, found=star), 165.0)
+    drawn = Drawn("siemens", caption, partial(draw_star, star), 165.0)
     return Draft("siemens", title, (), (drawn,), (row,))
 
 

@@ -1,13 +1,11 @@
-"""What the commands of `nolens measure resolution` can be told."""
+"""What all commands of `nolens measure resolution` can be told."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
-from pydantic import Field
-
-from nolens.camera.part import PositiveLength
 from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
+from nolens.experiments.resolution import TARGET_ITERATIONS, TAU, SolverSettings
 from nolens.jobs.fields import (
     CAMERAS,
     LIGHTS,
@@ -26,26 +24,35 @@ from nolens.jobs.options import JobOptions, Option, Written
 from nolens.quantities import Angle, Share
 from nolens.ranges import Between
 
-_Threshold = Annotated[Share, Between("0.01 %", "99.99 %")]
+Threshold = Annotated[Share, Between("0.01 %", "99.99 %")]
 _CellAngle = Annotated[Angle, Between("0.000001 deg", "10 deg")]
-_Spokes = Annotated[int, Between(4, 200)]
-_TargetAngle = Annotated[Angle, Between("0.001 deg", "89.9 deg")]
+TargetAngle = Annotated[Angle, Between("0.001 deg", "89.9 deg")]
 _FRAMES_ONLY = ("psf", "psf_wider", "dark", "region", "camera", "cell_angle")
 _SIMULATED_ONLY = ("light", "wavelengths", "fill", "seed")
 _LINEAR = (".tif", ".tiff", ".npy")
-_TARGET, _FRAMES, _SIMULATION, _SOLVER = "Target", "Frames", "Simulation", "Solver"
+TARGET, _FRAMES, SIMULATION, _SOLVER = "Target", "Frames", "Simulation", "Solver"
+"""Headings."""
 
 
-def _frames(text: str) -> Option:
+def frames_option(text: str) -> Option:
+    """Declare the frames of a target, with a text of its own."""
     return Option(text, role="input", positional=True, label="Picture")
 
 
 class ResolutionOptions(JobOptions):
-    """What all targets have in common."""
+    """What all targets have in common.
+
+    Attributes
+    ----------
+    default_iterations
+        Of ADMM, where none are given.
+    """
+
+    default_iterations: ClassVar[int] = TARGET_ITERATIONS
 
     frames: Annotated[
         Files,
-        _frames(
+        frames_option(
             "Raw frames of the target, or pictures of it that nolens reconstruct wrote (.tif, "
             ".npy)."
         ),
@@ -54,7 +61,7 @@ class ResolutionOptions(JobOptions):
         Depth | None,
         Option(
             "From the camera to the target.",
-            _TARGET,
+            TARGET,
             default="the simulated camera's reference_distance",
             label="Distance",
         ),
@@ -105,21 +112,21 @@ class ResolutionOptions(JobOptions):
         Name | None,
         Option(
             f"Camera to simulate in place of frames: {CAMERAS}.",
-            _SIMULATION,
+            SIMULATION,
             role="camera",
             label="Camera",
         ),
     ] = None
-    light: Annotated[Word, Option(f"{LIGHTS}.", _SIMULATION)] = "white-led"
+    light: Annotated[Word, Option(f"{LIGHTS}.", SIMULATION)] = "white-led"
     wavelengths: Annotated[
-        int, Between(1, 64), Option("How many stand for a channel of the sensor.", _SIMULATION)
+        int, Between(1, 64), Option("How many stand for a channel of the sensor.", SIMULATION)
     ] = 1
     fill: Annotated[
         Share,
         Between("0.001 %", "100 %"),
-        Option("Fraction of a full pixel that the brightest one is exposed to.", _SIMULATION),
+        Option("Fraction of a full pixel that the brightest one is exposed to.", SIMULATION),
     ] = Share("90", "%")
-    seed: Annotated[Seed, Option("Of the noise.", _SIMULATION)] = 0
+    seed: Annotated[Seed, Option("Of the noise.", SIMULATION)] = 0
     iterations: Annotated[
         Iterations | None,
         Option("Of ADMM; all of them are done.", _SOLVER, default="300; two points 100"),
@@ -200,6 +207,12 @@ class ResolutionOptions(JobOptions):
             )
 
     @property
+    def settings(self) -> SolverSettings:
+        """How pictures are taken and solved."""
+        iterations = self.iterations or self.default_iterations
+        return SolverSettings(iterations, self.tau or TAU, self.fill.value, self.seed)
+
+    @property
     def record(self) -> Path | None:
         """File of the run's record, beside the plot."""
         return None if self.plot is None else record_beside(self.plot)
@@ -219,84 +232,6 @@ class ResolutionOptions(JobOptions):
     def written(self) -> tuple[Written, ...]:
         """Plot and record."""
         return plot_and_record(self.plot)
-
-
-class TwoPointOptions(ResolutionOptions):
-    """Find the smallest angle between two point sources that is resolved.
-
-    nolens measure resolution two-points a.dng b.dng --separation 1.5mm --separation 1.9mm
-    --distance 180mm --psf psf.dng --camera paper
-
-    nolens measure resolution two-points --simulate paper --distance 180mm
-
-    Two points are resolved where the light between them dips by 26.5 %, as Rayleigh's criterion
-    has it. How deep it dips depends on the scene, the noise and the solver, as in every camera
-    that reconstructs its pictures: the result says with which. A simulation searches for the
-    smallest separation.
-    """
-
-    usage = "measure resolution two-points --simulate CAMERA"
-
-    frames: Annotated[
-        Files,
-        _frames(
-            "Raw frames of two points at one separation each; or pictures of them that nolens "
-            "reconstruct wrote (.tif, .npy)."
-        ),
-    ] = ()
-    separation: Annotated[
-        tuple[PositiveLength, ...],
-        Field(max_length=100_000),
-        Option(
-            "Distance of the two points, such as 1.9mm; once for each frame, in their order.",
-            _TARGET,
-        ),
-    ] = ()
-    dip: Annotated[
-        _Threshold,
-        Option("Dip of the light between the points that counts as resolved.", _TARGET),
-    ] = Share("26.5", "%")
-    direction: Annotated[
-        Angle,
-        Between("-360 deg", "360 deg"),
-        Option("Of the line through the points, from the right towards up.", _SIMULATION),
-    ] = Angle("0", "deg")
-    draws: Annotated[
-        int,
-        Between(1, 1000),
-        Option(
-            "Pictures of each separation, with other noise and at other places within a scene "
-            "pixel; their dips are averaged.",
-            _SIMULATION,
-            label="Repeats",
-        ),
-    ] = 3
-
-    @classmethod
-    def only(cls, simulated: bool) -> tuple[str, ...]:
-        """Options that only simulations take, or only frames."""
-        own = ("direction", "draws") if simulated else ("separation",)
-        return (*super().only(simulated), *own)
-
-    def check_frames(self) -> None:
-        """Refuse options for frames that do not go together.
-
-        Raises
-        ------
-        OptionError
-            If not every frame has a separation, or the distance is missing.
-        """
-        super().check_frames()
-        if len(self.separation) != len(self.frames):
-            raise OptionError(
-                f"--separation is given {len(self.separation)} times for {len(self.frames)} "
-                "frames: give it once for each, in their order, such as --separation 1.9mm"
-            )
-        if self.distance is None or self.distance == "infinity":
-            raise OptionError(
-                "the distance of the two points is not given: --distance, such as 180mm, makes "
-                "angles of their separations"
-            )
 
 
 class OneFrameOptions(ResolutionOptions):
@@ -321,79 +256,3 @@ class OneFrameOptions(ResolutionOptions):
     def only(cls, simulated: bool) -> tuple[str, ...]:
         """Options that only simulations take, or only frames."""
         return (*super().only(simulated), *(("distance",) if simulated else ()))
-
-
-class SiemensOptions(OneFrameOptions):
-    """Measure the contrast of a Siemens star by angular frequency in every direction.
-
-    nolens measure resolution siemens star.dng --psf psf.dng --camera paper --spokes 36
-
-    nolens measure resolution siemens --simulate paper --distance 300mm --plot star.png
-
-    The star is found in the picture by itself. The result is the angle of one bright spoke and
-    one dark gap (a line pair, the distance of two bright lines) at which their contrast has
-    fallen to the threshold in the worst of eight directions; a spoke alone is half as wide.
-    """
-
-    usage = "measure resolution siemens FRAME --psf PSF --camera FOLDER"
-
-    frames: Annotated[
-        Files,
-        _frames(
-            "One raw frame of a star, or a picture of it that nolens reconstruct wrote (.tif, "
-            ".npy)."
-        ),
-    ] = ()
-    spokes: Annotated[
-        _Spokes | None,
-        Option("Bright spokes of the star.", _TARGET, default="as found; 36 to simulate"),
-    ] = None
-    angle: Annotated[
-        _TargetAngle | None,
-        Option(
-            "Field angle of the star from side to side; a picture of another one is refused.",
-            _TARGET,
-            default="as found; 20deg to simulate",
-            label="Field angle that it fills",
-        ),
-    ] = None
-    threshold: Annotated[
-        _Threshold,
-        Option(
-            "Fraction of the contrast of the widest spokes at which others count as just "
-            "resolved. 15.3% is the contrast of lines that dip by Rayleigh's 26.5 %.",
-            _TARGET,
-        ),
-    ] = Share("10", "%")
-
-
-class EdgeOptions(OneFrameOptions):
-    """Measure the contrast by angular frequency across a slanted edge (ISO 12233).
-
-    nolens measure resolution edge edge.dng --psf psf.dng --camera paper --region 80x80
-
-    nolens measure resolution edge --simulate paper --distance 300mm
-    """
-
-    usage = "measure resolution edge FRAME --psf PSF --camera FOLDER"
-
-    frames: Annotated[
-        Files,
-        _frames(
-            "One raw frame of an edge, about 5 deg from upright or level, or a picture of it that "
-            "nolens reconstruct wrote (.tif, .npy). It must show the edge from end to end."
-        ),
-    ] = ()
-    angle: Annotated[
-        _TargetAngle,
-        Option(
-            "Field angle of the simulated edge's picture.",
-            _SIMULATION,
-            label="Field angle that it fills",
-        ),
-    ] = Angle("10", "deg")
-
-    @classmethod
-    def only(cls, simulated: bool) -> tuple[str, ...]:
-        """Options that only simulations take, or only frames."""
-        return (*super().only(simulated), *(("angle",) if simulated else ()))

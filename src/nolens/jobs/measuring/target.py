@@ -1,21 +1,22 @@
 """Resolution targets as pictures, to show on a screen or to print."""
 
+from dataclasses import replace
 from functools import partial
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
+from pydantic import create_model
 from torch import Tensor
 
 from nolens.errors import OptionError
-from nolens.evaluate.targets import siemens_star, slanted_edge
 from nolens.files import write_png
-from nolens.jobs.fields import FilePath
+from nolens.jobs.fields import FilePath, Word
+from nolens.jobs.measuring.resolution_targets import ScreenPicture, screen_pictures
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Run, job
-from nolens.quantities import Angle
 from nolens.ranges import Between
 
 
-class TargetOptions(JobOptions):
+class PictureOptions(JobOptions):
     """Make the picture of a resolution target, to show on a screen or to print.
 
     nolens measure target siemens -o star.png
@@ -29,9 +30,9 @@ class TargetOptions(JobOptions):
     usage = "measure target siemens -o star.png"
 
     kind: Annotated[
-        Literal["siemens", "edge"],
+        Word,
         Option(
-            "siemens: a star of bright spokes. edge: a slanted edge, dark at the left.",
+            "Which target.",
             needed="the target (nolens measure target siemens -o star.png)",
             positional=True,
         ),
@@ -46,16 +47,21 @@ class TargetOptions(JobOptions):
         ),
     ]
     pixels: Annotated[int, Between(100, 8000), Option("Pixels along its sides.")] = 2000
-    spokes: Annotated[int, Between(4, 200), Option("Bright spokes of the star.")] = 36
-    tilt: Annotated[
-        Angle, Between("1 deg", "20 deg"), Option("Angle of the edge from upright.")
-    ] = Angle("5", "deg")
 
     def check_together(self) -> None:
         """Refuse what does not belong to the target."""
-        other = {"siemens": "tilt", "edge": "spokes"}[self.kind]
-        if other in self.model_fields_set:
-            raise OptionError(f"--{other} is none of a target of kind {self.kind}: leave it out")
+        own = {*PictureOptions.model_fields, *screen_pictures()[self.kind].model_fields}
+        for other in sorted(self.model_fields_set - own):
+            raise OptionError(
+                f"--{other.replace('_', '-')} is none of a target of kind {self.kind}: leave it out"
+            )
+
+    @property
+    def picture(self) -> ScreenPicture:
+        """The target, with its own options."""
+        kind = screen_pictures()[self.kind]
+        own = self.model_fields_set & set(kind.model_fields)
+        return kind.gather({name: getattr(self, name) for name in own})
 
     @property
     def written(self) -> tuple[Written, ...]:
@@ -63,8 +69,26 @@ class TargetOptions(JobOptions):
         return (Written("target", self.output, suffixes=(".png",)),)
 
 
+def _with_pictures(model: type[PictureOptions]) -> type[PictureOptions]:
+    """The options with every target as a kind, and with the options of their pictures."""
+    pictures = screen_pictures()
+    about = " ".join(f"{name}: {picture.about}." for name, picture in pictures.items())
+    kinds: Any = Literal[tuple(pictures)]
+    fields: dict[str, Any] = {
+        "kind": (Annotated[kinds, replace(Option.of(model, "kind"), help=about)], ...)
+    }
+    for picture in pictures.values():
+        for name, field in picture.model_fields.items():
+            if name not in model.model_fields:
+                fields.setdefault(name, (field.rebuild_annotation(), field))
+    return create_model("TargetOptions", __base__=model, __doc__=model.__doc__, **fields)
+
+
+TargetOptions = _with_pictures(PictureOptions)
+
+
 @job
-def make_target(run: Run[TargetOptions]) -> Product[Tensor]:
+def make_target(run: Run[PictureOptions]) -> Product[Tensor]:
     """Write a target as PNG: black and white, smooth edges, the sRGB curve of a screen.
 
     Raises
@@ -73,9 +97,6 @@ def make_target(run: Run[TargetOptions]) -> Product[Tensor]:
         If the file cannot be written.
     """
     options = run.options
-    if options.kind == "siemens":
-        picture = siemens_star(options.pixels, options.spokes)
-    else:
-        picture = slanted_edge(options.pixels, options.tilt.deg)
+    picture = options.picture.draw(options.pixels)
     write = partial(write_png, radiance=picture[None], white=1.0)
     return Product(picture, {"target": options.kind}, {options.output: write})

@@ -1,0 +1,152 @@
+"""A slanted edge as a resolution target."""
+
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+from torch import Tensor
+
+from nolens.evaluate import slanted_edge
+from nolens.experiments.slanted_edge import EdgeResolution
+from nolens.files.plot_resolution import ACCENT, GUIDE, WORST, resolution_figure, show_picture
+from nolens.jobs.fields import Files
+from nolens.jobs.measuring.resolution import resolution_product, solver_line, target_picture
+from nolens.jobs.measuring.resolution_options import (
+    SIMULATION,
+    OneFrameOptions,
+    TargetAngle,
+    frames_option,
+)
+from nolens.jobs.measuring.resolution_targets import ResolutionTarget, ScreenPicture
+from nolens.jobs.options import Option
+from nolens.jobs.run import Product, Run, job
+from nolens.quantities import Angle
+from nolens.ranges import Between
+
+_TILT_DEG = 5.0
+_HALF, _TENTH = 0.5, 0.1
+
+
+class EdgeOptions(OneFrameOptions):
+    """Measure the contrast by angular frequency across a slanted edge (ISO 12233).
+
+    nolens measure resolution edge edge.dng --psf psf.dng --camera paper --region 80x80
+
+    nolens measure resolution edge --simulate paper --distance 300mm
+    """
+
+    usage = "measure resolution edge FRAME --psf PSF --camera FOLDER"
+
+    frames: Annotated[
+        Files,
+        frames_option(
+            "One raw frame of an edge, about 5 deg from upright or level, or a picture of it that "
+            "nolens reconstruct wrote (.tif, .npy). It must show the edge from end to end."
+        ),
+    ] = ()
+    angle: Annotated[
+        TargetAngle,
+        Option(
+            "Field angle of the simulated edge's picture.",
+            SIMULATION,
+            label="Field angle that it fills",
+        ),
+    ] = Angle("10", "deg")
+
+    @classmethod
+    def only(cls, simulated: bool) -> tuple[str, ...]:
+        """Options that only simulations take, or only frames."""
+        return (*super().only(simulated), *(("angle",) if simulated else ()))
+
+
+class EdgePicture(ScreenPicture):
+    """An edge, dark at the left."""
+
+    about = "a slanted edge, dark at the left"
+
+    tilt: Annotated[
+        Angle, Between("1 deg", "20 deg"), Option("Angle of the edge from upright.")
+    ] = Angle("5", "deg")
+
+    def draw(self, side: int) -> Tensor:
+        """Give it, (side, side) from 0 to 1, for a side in pixels."""
+        return slanted_edge(side, self.tilt.deg)
+
+
+@job
+def measure_edge(run: Run[EdgeOptions]) -> Product[EdgeResolution]:
+    """Measure the contrast by frequency across a slanted edge.
+
+    Raises
+    ------
+    NolensError
+        If a file, an option or an output cannot be used, or the frame shows no such edge; then
+        nothing is written.
+    """
+    target = partial(slanted_edge, tilt_deg=_TILT_DEG)
+    picture = target_picture(run, target, run.options.angle.deg, "slanted edge")
+    edge = EdgeResolution.of(picture)
+    return resolution_product(run, edge, _figures(edge), _draw)
+
+
+def _figures(edge: EdgeResolution) -> dict[str, Any]:
+    """Contrast by frequency across the edge."""
+    response = edge.response
+    half, tenth = edge.per_deg(_HALF), edge.per_deg(_TENTH)
+    return {
+        "target": "edge",
+        "resolved_deg": None if tenth is None else 1 / tenth,
+        "half_contrast_per_deg": half,
+        "tenth_contrast_per_deg": tenth,
+        "tilt_deg": response.tilt_deg,
+        "direction_deg": response.direction_deg,
+        "cycles_per_deg": [each / edge.cell_deg for each in response.frequencies.tolist()],
+        "contrast": response.transfer.tolist(),
+    }
+
+
+def _draw(edge: EdgeResolution, path: Path) -> None:
+    """The edge, the light across it and the contrast by frequency."""
+    response = edge.response
+    with resolution_figure(path, (12.0, 3.8)) as figure:
+        picture, spread, contrast = figure.subplots(1, 3)
+        show_picture(picture, edge.picture.values.numpy())
+        picture.set_title("picture")
+        spread.plot(response.at.numpy() * edge.cell_deg, response.spread.numpy(), color=ACCENT)
+        spread.set_xlabel("degrees from the edge")
+        spread.set_ylabel("light")
+        spread.set_title("across the edge")
+        frequencies = response.frequencies.numpy() / edge.cell_deg
+        contrast.plot(frequencies, response.transfer.numpy(), color=ACCENT)
+        for level in (_HALF, _TENTH):
+            contrast.axhline(level, color=GUIDE, linewidth=0.8, linestyle=":")
+            frequency = edge.per_deg(level)
+            if frequency is not None:
+                contrast.plot([frequency], [level], "o", color=WORST, markersize=5)
+                contrast.annotate(
+                    f"{frequency:.2f}/deg",
+                    (frequency, level),
+                    xytext=(6, 5),
+                    textcoords="offset points",
+                )
+        contrast.set_xlabel("cycles to the degree")
+        contrast.set_ylabel("contrast")
+        contrast.set_ylim(bottom=0)
+        contrast.set_title("modulation transfer")
+
+
+def _lines(summary: dict[str, Any]) -> list[str]:
+    def frequency(value: float | None) -> str:
+        if value is None:
+            return "nowhere up to the cells' limit"
+        return f"{value:.2f} cycles/deg ({1 / value:.3f} deg a pair of lines)"
+
+    return [
+        f"edge at {summary['tilt_deg']:.2f} deg; contrast along {summary['direction_deg']:.1f} deg",
+        f"contrast of one half at {frequency(summary['half_contrast_per_deg'])}",
+        f"contrast of a tenth at {frequency(summary['tenth_contrast_per_deg'])}",
+        *solver_line(summary),
+    ]
+
+
+EDGE = ResolutionTarget(EdgeOptions, measure_edge, _lines, EdgePicture)
