@@ -31,7 +31,7 @@ class MaskPlot:
     psf, papers_psf
         PSFs of this mask and of the paper's diffuser, (channels, rows, columns).
     cell_um
-        Distance of their cells.
+        Pitch of their pixels.
     title
         Over all.
     """
