@@ -413,7 +413,7 @@ def point_psf(
     )
     psf = (picture - removed).clamp_min(0)
     if not float(psf.max()) > 0:
-        raise DataError(f"{first.source} shows no light of a point beside the stray light")
+        raise DataError(f"{first.source} shows no light of a point source besides the stray light")
     return PointPsf(
         psf,
         tuple(float(plane.double().mean().sqrt()) for plane in variance),

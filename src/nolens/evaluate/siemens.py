@@ -269,7 +269,7 @@ def star_contrast(
     if outer - inner < _FEWEST_RINGS:
         raise DataError(
             f"the star reaches {place.radius:.0f} pixels from its centre, and its {place.periods} "
-            f"bright spokes can be told from each other from {inner} on: a star of fewer spokes or "
+            f"bright spokes can be resolved from {inner} on: a star of fewer spokes or "
             "of a larger angle is needed"
         )
     rows, columns = np.indices(values.shape)

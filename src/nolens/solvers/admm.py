@@ -325,8 +325,8 @@ def _check(
 ) -> None:
     if problem.data.dtype != torch.float32:
         raise DataError(
-            f"ADMM computes in float32, and the problem is posed in {problem.data.dtype}; "
-            "pose it with float32 tensors"
+            f"ADMM computes in float32, and the problem is in {problem.data.dtype}; "
+            "build it from float32 tensors"
         )
     if iterations < 1:
         raise OptionError(f"iterations is {iterations}; it must be 1 or more")

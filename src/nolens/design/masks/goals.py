@@ -52,7 +52,7 @@ class PsfGoals:
             )
         if not self.magnitude_per_mm > 0:
             raise OptionError(
-                f"a spectral magnitude up to {self.magnitude_per_mm:g} lines to the mm: give more "
+                f"a spectral magnitude up to {self.magnitude_per_mm:g} lines per mm: give more "
                 "than zero"
             )
 
@@ -91,7 +91,7 @@ class Shortfall:
         if not self._band.any():
             raise OptionError(
                 f"a PSF of {cells * cell_um:g} µm has no frequency up to "
-                f"{goals.magnitude_per_mm:g} lines to the mm: give a larger period"
+                f"{goals.magnitude_per_mm:g} lines per mm: give a larger period"
             )
         self._weight = 1 / radius[self._band]
         self._weight /= self._weight.sum()
