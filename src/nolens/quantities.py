@@ -1,4 +1,4 @@
-"""Numbers with a unit: lengths, angles, durations, shares and luminances.
+"""Numbers with a unit: lengths, angles, durations, fractions and luminances.
 
 A quantity keeps the number as it was written, so that a file which is read and written again
 does not change, and compares by its exact value, so that ``1060 um`` equals ``1.06 mm``.
@@ -232,15 +232,15 @@ class Duration(Quantity):
 
 
 class Share(Quantity):
-    """A share in %."""
+    """A fraction in %."""
 
-    what = "a share"
+    what = "a fraction"
     usual = "90 %"
     units: ClassVar = {"%": Fraction(1)}
 
     @property
     def value(self) -> float:
-        """The share as a factor: 0.9 for 90 %."""
+        """The fraction as a factor: 0.9 for 90 %."""
         return float(self.exact / 100)
 
     @classmethod

@@ -113,5 +113,5 @@ def test_unknown_light_is_that_of_the_neighbourhood() -> None:
 
 
 def test_nothing_left() -> None:
-    with pytest.raises(OptionError, match="nothing of the pattern"):
+    with pytest.raises(OptionError, match="nothing of the PSF"):
         scaled_psf(spots((16, 16)), 3.1, Layers.of_air(1e9), measured_um=1.0, wanted_um=math.inf)

@@ -190,7 +190,7 @@ def test_dark_and_flat_must_fit():
 
 
 def test_one_row_has_no_cell():
-    with pytest.raises(DataError, match=r"1×4 pixels: no 2×2 cell"):
+    with pytest.raises(DataError, match=r"1×4 pixels: no 2×2 superpixel"):
         develop(mosaic([[1, 2, 3, 4]]))
 
 

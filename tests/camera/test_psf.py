@@ -88,7 +88,7 @@ def test_wider_psf_is_kept(size):
         ((48, 60), {"scale": 3}, DataError, ("16×20", "--psf-scale 2 would fit", "--psf-wider")),
         ((50, 60), {"scale": 2}, DataError, ("25×30", "no scale would fit")),
         ((24, 30), {"scale": 2}, DataError, ("12×15", "leave it out")),
-        ((24, 30), {"wider": True}, DataError, ("not wider", "Leave out --psf-wider")),
+        ((24, 30), {"wider": True}, DataError, ("not extended", "Leave out --psf-wider")),
         ((20, 29), {}, DataError, ("20×29", "24×30", "at least as large")),
         ((20, 60), {"scale": 2}, DataError, ("20×60", "without --psf-scale")),
         ((30, 24), {}, DataError, ("30×24", "turned by 90°")),
@@ -116,7 +116,7 @@ def test_a_psf_that_is_smaller_in_one_direction_is_dark_there():
         assert f"{size[0]}×{size[1]}" in note and "added around the PSF's middle" in note
         assert result.warnings == ()
     (note,) = prepare_psf(spot(24, 34), scene(24, 30)).notes
-    assert "taken as wider" in note
+    assert "taken as extended" in note
     (warning,) = prepare_psf(cloud(30, 20), scene(30, 31)).warnings
     assert "up to the sensor's edges" in warning
 

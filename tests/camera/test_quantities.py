@@ -100,7 +100,9 @@ def test_a_bare_number_is_told_its_units(bare):
 
 
 def test_a_bare_share_is_not_taken_for_percent():
-    with pytest.raises(OptionError, match=r"0.9 has no unit: write a share as 90 % \(units: %\)"):
+    with pytest.raises(
+        OptionError, match=r"0.9 has no unit: write a fraction as 90 % \(units: %\)"
+    ):
         Share.parse(0.9)
 
 

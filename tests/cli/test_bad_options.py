@@ -62,7 +62,7 @@ VALUES: list[tuple[list[object], list[str]]] = [
     (["--region", "-4x32"], ["--region"]),
     (["--region", ""], ["region is ''"]),
     (["--region", "9" * 5000 + "x1"], ["region is '999", "below a million"]),
-    (["--region", "10x10+500+0"], ["no light from the region", "overlaps the sensor"]),
+    (["--region", "10x10+500+0"], ["no light from the support", "overlaps the sensor"]),
     (["--region", "100000x100000"], ["--region 100000x100000", "at most 96x128"]),
     (["--crop", "big"], ["crop is 'big'", "HEIGHTxWIDTH", "'all'"]),
     (["--crop", "400x400"], ["--crop 400x400", "beyond the scene", "or all"]),

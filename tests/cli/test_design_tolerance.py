@@ -269,7 +269,7 @@ def test_not_measurable_is_said_and_stays_json(
     def measured(pattern: Tensor, cell_um: float) -> PatternFigures:
         calls.append(1)
         if len(calls) > most:
-            raise DataError("the pattern is even")
+            raise DataError("the PSF is even")
         return measure(pattern, cell_um)
 
     monkeypatch.setattr(module, "pattern_figures", measured)

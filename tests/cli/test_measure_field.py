@@ -237,7 +237,7 @@ def test_simulated_dots_are_found_again_in_their_picture(tmp_path: Path) -> None
         (("--dots", "PICTURE", "--dot-pitch", "20mm", "--distance", "-1mm"), ("0.1 µm to",)),
         (
             ("--dots", "PICTURE", "--dot-pitch", "1mm", "--distance", "300mm"),
-            ("cells apart", "1.5 mm"),
+            ("pixels apart", "1.5 mm"),
         ),
         (
             ("--dots", "none.tif", "--dot-pitch", "20mm", "--distance", "300mm"),

@@ -70,7 +70,7 @@ def test_draft_loses_nothing_by_cells_that_the_psf_carries(
     np.save(seen["data"], data + noise * data.max() * rng.standard_normal(SIZE).astype("f4"))
     coarse, fine = tmp_path / "coarse.tif", tmp_path / "fine.tif"
     told = solved(seen, coarse, "--quality", "draft")
-    assert f"no detail finer than {SIDE} cells" in told.err
+    assert f"no detail finer than {SIDE} pixels" in told.err
     assert "--bin 1" in told.err
     assert json.loads(coarse.with_suffix(".json").read_text())["parameters"]["bin"] == SIDE
     solved(seen, fine, "--quality", "draft", "--bin", 1)

@@ -266,7 +266,7 @@ def test_noise_counts_in_sparsity():
     [
         (torch.zeros(64, 64), "dark"),
         (torch.full((64, 64), 1 / 3), "even"),
-        (torch.ones(8, 64), "8×64 cells is too small"),
+        (torch.ones(8, 64), "8×64 pixels is too small"),
         (1 + torch.cos(2 * math.pi * torch.arange(512) / 512).expand(64, 512), "wider than half"),
     ],
 )

@@ -96,5 +96,5 @@ def test_other_targets_are_refused() -> None:
         edge_response(edge(math.degrees(math.atan(0.5)), 1.0, shape=(40, 64)))
     with pytest.raises(DataError, match="at least 16×16"):
         edge_response(torch.ones(10, 40))
-    with pytest.raises(DataError, match="at least 4 cells on both sides"):
+    with pytest.raises(DataError, match="at least 4 pixels on both sides"):
         edge_response(edge(8, 1.0, shape=(100, 22)))

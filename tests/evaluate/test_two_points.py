@@ -99,7 +99,7 @@ def test_one_point_has_no_dip() -> None:
 
 
 def test_other_targets_are_refused() -> None:
-    with pytest.raises(DataError, match=r"shows point sources 12\.\d cells apart"):
+    with pytest.raises(DataError, match=r"shows point sources 12\.\d pixels apart"):
         point_pair(gaussians(12, 1.3), 5.0)
     with pytest.raises(DataError, match="no two point sources in the dark"):
         point_pair(gaussians(5, 1.3) + 0.5, 5.0)

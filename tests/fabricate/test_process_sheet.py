@@ -140,13 +140,13 @@ def test_a_given_budget_takes_the_place_of_the_first_one(quick):
     assert "3.00 ± 0.07 mm" in words
 
 
-def test_the_sheet_says_why_no_width_is_foretold(monkeypatch):
+def test_the_sheet_says_why_no_width_is_predicted(monkeypatch):
     def fail(camera: OpenCamera, limits: tuple[float, ...]) -> None:
-        raise DataError("the pattern is even")
+        raise DataError("the PSF is even")
 
     monkeypatch.setattr("nolens.fabricate.sheet.expected_lines", fail)
     words = words_of(sheet_of(preset("paper")))
-    assert "No width can be foretold for this camera: the pattern is even" in words
+    assert "No width can be predicted for this camera: the PSF is even" in words
     assert "FWHM 2" not in words
 
 

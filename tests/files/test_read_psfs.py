@@ -48,7 +48,7 @@ def test_those_straight_ahead_by_distance(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ({"cell": "1.55 um"}, "cells of 1.55 um"),
+        ({"cell": "1.55 um"}, "pixels of 1.55 um"),
         ({"channels": ("grey",)}, "channels grey"),
     ],
 )

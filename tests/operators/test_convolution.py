@@ -148,7 +148,7 @@ def test_channels_do_not_mix():
 
 
 def test_region_that_sends_no_light_is_named():
-    with pytest.raises(OptionError, match="cells 30 to 33"):
+    with pytest.raises(OptionError, match="pixels 30 to 33"):
         CroppedConvolution(torch.ones(1, 6, 6), (6, 6), Region(0, 30, 4, 4))
     with pytest.raises(OptionError, match="overlaps the sensor"):
         CroppedConvolution(torch.ones(1, 6, 6), (6, 6), Region(-9, 0, 4, 4))

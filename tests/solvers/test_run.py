@@ -204,7 +204,7 @@ BAD = {
     "three sides": ({"region": (1, 2, 3)}, OptionError, r"\(1, 2, 3\); give \(height, width\)"),
     "half a pixel": ({"region": (1.5, 2)}, OptionError, r"\(1.5, 2\)"),
     "region is text": ({"region": "2x2"}, OptionError, "'2x2'"),
-    "region beside": ({"region": Region(40, 0, 2, 2)}, OptionError, "cells 40 to 41"),
+    "region beside": ({"region": Region(40, 0, 2, 2)}, OptionError, "pixels 40 to 41"),
 }
 
 

@@ -115,7 +115,7 @@ def stitch_psfs(
         By field angle, such as ``{("0deg", "0deg"): ahead, ("25deg", "0deg"): right}``; each as the
         sensor saw it (``calibrate_psf(..., centre=False)``), one of them from straight ahead.
     camera
-        Whose layers say where an angle moves the pattern.
+        Whose layers say where an angle moves the PSF.
     pixel
         Distance of the PSFs' pixels; None takes that of the camera's pixels or superpixels.
     progress

@@ -212,7 +212,7 @@ def refocus(
     reduced_um = measured_reduced_um(known)
     if reduced_um is None:
         raise OptionError(
-            "the PSFs are as large as each other, so they do not tell how the PSF changes with the "
+            "the PSFs are as large as each other, so they do not show how the PSF changes with the "
             "distance: give one of a much nearer point source"
         )
     between = PsfBetween.of(known, reduced_um)

@@ -20,7 +20,7 @@ Values = NDArray[np.float64]
 _TABLE = 512
 _SPLINE = 5
 _NEIGHBOURHOOD = 12.0
-"""Width of the Gaussian, in cells, that unknown light is the mean over."""
+"""Width of the Gaussian, in pixels, that unknown light is the mean over."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Layers:
         return cls(Stack((), ()), Stack((reduced_um,), (1.0,)))
 
     def magnification(self, distance_um: float) -> float:
-        """How large the pattern of a source is beside that of a far one: 1 + D / (z + b).
+        """How large the PSF of a source is beside that of a far one: 1 + D / (z + b).
 
         D and b are the reduced thicknesses behind and before the mask (`uvimprint`, sec. 3.5).
         """
@@ -112,9 +112,9 @@ class Scaled:
     psf
         (channels, rows, columns).
     magnification
-        How large its pattern is beside that of the measured one, near the axis.
+        How large its PSF is beside that of the measured one, near the axis.
     unknown_share
-        Share of its cells whose light comes from beyond the measured PSF; they have the mean
+        Fraction of its pixels whose light comes from beyond the measured PSF; they have the mean
         light of their neighbourhood.
     """
 
@@ -128,7 +128,7 @@ def scaled_psf(
 ) -> Scaled:
     r"""PSF of a point source on the axis at another distance than the measured one's.
 
-    The mask's pattern moves with the rays that carry it. The ray that falls on the radius
+    The PSF moves with the rays that carry it. The ray that falls on the radius
     :math:`r_1` from the wanted distance passes the mask at m; from the measured distance the one
     through the same m falls on :math:`r_0(r_1)` (Snell's law in every layer). The light goes with
     them: :math:`p_1(r_1) = p_0(r_0)\,\frac{r_0}{r_1}\frac{dr_0}{dr_1}`. Near the axis that is a
@@ -140,7 +140,7 @@ def scaled_psf(
     psf
         (channels, rows, columns); its middle is the axis.
     cell_um
-        Distance of its cells.
+        Pitch of its pixels.
     layers
         What the light passes.
     measured_um, wanted_um
@@ -149,7 +149,7 @@ def scaled_psf(
     Raises
     ------
     OptionError
-        If nothing of the measured pattern is left at the wanted distance.
+        If nothing of the measured PSF is left at the wanted distance.
     """
     rows, columns = psf.shape[-2:]
     places = [(torch.arange(n, dtype=torch.float64) - (n - 1) / 2) for n in (rows, columns)]
@@ -164,7 +164,7 @@ def scaled_psf(
     at = [places[0][:, None].numpy() * share, places[1].numpy() * share]
     unknown = (np.abs(at[0]) > (rows - 1) / 2) | (np.abs(at[1]) > (columns - 1) / 2)
     if unknown.all():
-        raise OptionError("nothing of the pattern is left at that distance: choose a nearer one")
+        raise OptionError("nothing of the PSF is left at that distance: choose a nearer one")
     where = np.stack([at[0] + (rows - 1) / 2, at[1] + (columns - 1) / 2])
     planes = [
         ndimage.map_coordinates(plane, where, order=_SPLINE, mode="nearest") * light
@@ -178,7 +178,7 @@ def scaled_psf(
 
 
 def with_mean_light(psf: Tensor, known: Tensor) -> Tensor:
-    """Give cells that are not known the mean light of the known ones around them.
+    """Give pixels that are not known the mean light of the known ones around them.
 
     Parameters
     ----------

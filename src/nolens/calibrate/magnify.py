@@ -1,4 +1,4 @@
-"""A pattern of light made larger or smaller: what another distance of its source does to a PSF."""
+"""A PSF made larger or smaller: what another distance of its source does to a PSF."""
 
 import math
 
@@ -12,27 +12,27 @@ _LOBES = 4
 
 
 def magnified(psf: Tensor, factor: float, *, moved: tuple[float, float] = (0.0, 0.0)) -> Tensor:
-    r"""Pattern magnified about its zero shift, with its energy kept: :math:`p(x / M) / M^2`.
+    r"""PSF magnified about its zero shift, with its energy kept: :math:`p(x / M) / M^2`.
 
-    The mask throws a shadow of its own pattern: a source at the distance z magnifies it by
+    The PSF is a shadow of the mask: a source at the distance z magnifies it by
     :math:`M = 1 + D / z`, with :math:`D = Σ t_j / n_j` of the layers down to the sensor
-    (`uvimprint`, sec. 3.5). Values between cells come from a sinc under the main lobe of a wider
-    one (`duchon1979`), stretched where the pattern shrinks so that nothing is missed between
+    (`uvimprint`, sec. 3.5). Values between pixels come from a sinc under the main lobe of a wider
+    one (`duchon1979`), stretched where the PSF shrinks so that nothing is missed between
     samples; what it undershoots is cut off at zero.
 
     Parameters
     ----------
     psf
-        (..., rows, columns), not negative; zero shift is the cell (rows // 2, columns // 2).
+        (..., rows, columns), not negative; zero shift is the pixel (rows // 2, columns // 2).
     factor
         M, more than zero.
     moved
-        Cells by which the result is moved down and to the right.
+        Pixels by which the result is moved down and to the right.
 
     Returns
     -------
     Tensor
-        Of the same shape and type. Places that lie beyond the pattern have no light; `covered`
+        Of the same shape and type. Places that lie beyond the PSF have no light; `covered`
         says which.
 
     Raises
@@ -55,12 +55,12 @@ def magnified(psf: Tensor, factor: float, *, moved: tuple[float, float] = (0.0, 
 def covered(
     cells: tuple[int, int], factor: float, *, moved: tuple[float, float] = (0.0, 0.0)
 ) -> Tensor:
-    """Cells of a `magnified` pattern that lie within what was there; bool, (rows, columns).
+    """Pixels of a `magnified` PSF that lie within what was there; bool, (rows, columns).
 
     Parameters
     ----------
     cells
-        (rows, columns) of the pattern.
+        (rows, columns) of the PSF.
     factor, moved
         As for `magnified`.
     """

@@ -9,7 +9,7 @@ from nolens.operators import CroppedConvolution, Region
 class ManyScenes(CroppedConvolution):
     r"""Measurements of many scenes, as a linear map of the PSF they have in common.
 
-    b_k[i] = Σ_o p[o] x_k[i − o], i on the sensor, o the PSF's cells counted from its middle
+    b_k[i] = Σ_o p[o] x_k[i − o], i on the sensor, o the PSF's pixels counted from its middle
     (rows // 2, columns // 2): `CroppedConvolution` with its two factors exchanged, so that light
     which falls beside the sensor is not taken for none (`uvimprint`, eq. 6).
 
@@ -18,7 +18,7 @@ class ManyScenes(CroppedConvolution):
     scenes
         (measurements, rows, columns).
     region
-        Where their cells lie in the sensor's frame.
+        Where their pixels lie in the sensor's frame.
     sensor
         (rows, columns) of the measurements.
     psf
@@ -69,7 +69,7 @@ class ManyScenes(CroppedConvolution):
 
 
 class ManyScenesAslant(ManyScenes):
-    r"""The same, of a PSF that changes over the scene: that of its cell s is Σ_j φ_j[s] p_j.
+    r"""The same, of a PSF that changes over the scene: that of its pixel s is Σ_j φ_j[s] p_j.
 
     b_k[i] = Σ_j Σ_o p_j[o] φ_j[i − o] x_k[i − o].
 
@@ -78,7 +78,7 @@ class ManyScenesAslant(ManyScenes):
     scenes, region, sensor, psf
         As in `ManyScenes`.
     terms
-        φ, (terms, rows, columns) of a scene's cells.
+        φ, (terms, rows, columns) of a scene's pixels.
     """
 
     def __init__(

@@ -29,7 +29,7 @@ _ROUNDS = 3
 _CLEAR_OF_WHITE = 3.0
 """Standard deviations that the mean of a usable pixel lies below white."""
 _BRIGHT = 0.2
-"""Share of white from which pixels tell how two exposure times compare."""
+"""Fraction of white from which pixels tell how two exposure times compare."""
 _LEAST_BRIGHT = 50
 _MOST_OFF = 0.1
 """Difference of stated and seen ratio of exposures that is not the shutter's."""
@@ -44,7 +44,7 @@ _LEAST_CONTRAST = 0.1
 _SMALLEST = 16
 """Pixels along the shorter side of a frame."""
 _LINEAR = 0.95
-"""Share of white below which the noise is looked at."""
+"""Fraction of white below which the noise is looked at."""
 _BYTES_PER_PIXEL, _BYTES_PER_EXPOSURE = 100, 40
 _AS_IS = "or take a PSF that is finished as it is (--as-is)"
 
@@ -291,14 +291,14 @@ def moved_to_middle(psf: Tensor, shift: tuple[float, float]) -> Tensor:
 
 
 def centroid(psf: Tensor, dark: Tensor) -> tuple[float, float]:
-    """Centre of the light outside the dark area, (row, column) in cells from the middle.
+    """Centre of the light outside the dark area, (row, column) in pixels from the middle.
 
     Parameters
     ----------
     psf
         (channels, rows, columns), without stray light.
     dark
-        Bool, (rows, columns): cells that have no light of the point.
+        Bool, (rows, columns): pixels that have no light of the point.
     """
     light = psf.double().clamp_min(0).sum(dim=0) * ~dark
     light = light / light.sum()
@@ -314,7 +314,7 @@ class PointPsf:
     ----------
     psf
         (channels, rows, columns), counts in a second (of one frame, if no time is known) on the
-        cells of the reconstruction; not negative.
+        pixels of the reconstruction; not negative.
     noise_rms
         Of each channel, in the same unit.
     noise
@@ -328,7 +328,7 @@ class PointPsf:
     floor
         Light of the darkest hundredth of each channel, which was left in.
     area
-        Where an aperture leaves no light; None if the pattern fills the sensor.
+        Where an aperture leaves no light; None if the PSF fills the sensor.
     bands
         Spectrum of each channel beside its noise's.
     contrast
@@ -366,7 +366,7 @@ def point_psf(
     darks
         For each of these times its dark frames; none takes the black level of the frames.
     cell_um
-        Distance of the cells: of the pixels, or of the 2×2 cells of a mosaic.
+        Pitch of the pixels: the sensor's own, or the 2×2 superpixels of a mosaic.
     sensor
         Its noise serves where there is one frame only.
     stray
@@ -423,7 +423,7 @@ def point_psf(
     )
     psf = (picture - removed).clamp_min(0)
     if not float(psf.max()) > 0:
-        raise DataError(f"{first.source} shows no light of a point beside the stray light")
+        raise DataError(f"{first.source} shows no light of a point source besides the stray light")
     return PointPsf(
         psf,
         tuple(float(plane.double().mean().sqrt()) for plane in variance),
@@ -452,7 +452,7 @@ def point_psf_bytes(pixels: int, exposures: int) -> float:
 
 
 def on_cells(values: Tensor, frame: Frame) -> Tensor:
-    """Values of a frame's pixels on the cells of the reconstruction, as `develop` merges them."""
+    """Values of a frame on the pixels of the reconstruction, as `develop` merges them."""
     if frame.mosaic is None:
         return values
     rows, columns = (n // 2 * 2 for n in values.shape[-2:])

@@ -1,4 +1,4 @@
-"""Up to which spatial frequency a pattern stands out of its noise."""
+"""Up to which spatial frequency a PSF stands out of its noise."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ _LEAST_FREQUENCIES = 12
 
 @dataclass(frozen=True)
 class Band:
-    """Spectrum of a pattern beside that of its noise.
+    """Spectrum of a PSF beside that of its noise.
 
     Parameters
     ----------
@@ -34,9 +34,9 @@ class Band:
 def usable_band(
     picture: Tensor, cell_um: float, *, variance: Tensor, noise: Tensor | None = None
 ) -> Band:
-    r"""Compare the radial power spectra of a pattern and of its noise.
+    r"""Compare the radial power spectra of a PSF and of its noise.
 
-    Both are tapered by Hann's window, without which the edges of a pattern that fills the sensor
+    Both are tapered by Hann's window, without which the edges of a PSF that fills the sensor
     would pass for fine structure. White noise of the variance v(x) has the power
     :math:`Σ v\,w^2` at every frequency.
 
@@ -45,7 +45,7 @@ def usable_band(
     picture
         (rows, columns), with noise.
     cell_um
-        Distance of its cells.
+        Pitch of its pixels.
     variance
         Of the noise, of the same shape.
     noise
@@ -54,7 +54,7 @@ def usable_band(
     Returns
     -------
     Band
-        In rings from the mean up to the finest frequency of the cells.
+        In rings from the mean up to the finest frequency of the pixels.
     """
     rows, columns = picture.shape
     window = (

@@ -74,7 +74,7 @@ class FrameMean:
 
     @property
     def uneven(self) -> float:
-        """Largest difference of a frame's brightness from the first one's, as a share."""
+        """Largest difference of a frame's brightness from the first one's, as a fraction."""
         return max(abs(level - 1) for level in self.levels)
 
     @property

@@ -1,4 +1,4 @@
-"""Laying a pattern over that of another distance: how far it is moved, and how much larger."""
+"""Laying a PSF over that of another distance: how far it is moved, and how much larger."""
 
 import math
 from collections.abc import Callable
@@ -17,9 +17,9 @@ from nolens.kernels import irfft2, rfft2
 Plane = NDArray[np.float64]
 
 _LONGEST = 800
-"""Cells along the longer side; finer patterns are averaged, as parts of a cell are found anyway."""
+"""Pixels along the longer side; finer PSFs are averaged, as parts of a pixel are found anyway."""
 _SMOOTH = 24.0
-"""Width of the Gaussian, in cells, whose smooth light does not count."""
+"""Width of the Gaussian, in pixels, whose smooth light does not count."""
 _BLURS = (6.0, 3.0, 1.5, 0.7)
 _STEPS = 12
 _STILL = 1e-3
@@ -34,16 +34,16 @@ NEARBY = (0.93, 1.07)
 
 @dataclass(frozen=True)
 class Registration:
-    """How one pattern lies on another one.
+    """How one PSF lies on another one.
 
     Parameters
     ----------
     shift
-        (row, column) in cells by which it is moved.
+        (row, column) in pixels by which it is moved.
     magnification
-        How much larger it is, about its zero shift, the cell (rows // 2, columns // 2).
+        How much larger it is, about its zero shift, the pixel (rows // 2, columns // 2).
     correlation
-        Of the two patterns' fine structure, once they lie on each other: 1 if they are alike.
+        Of the two PSFs' fine structure, once they lie on each other: 1 if they are alike.
     """
 
     shift: tuple[float, float]
@@ -58,13 +58,13 @@ def register(
     magnification: float | tuple[float, float] = NEARBY,
     tick: Callable[[float], None] | None = None,
 ) -> Registration:
-    r"""Find shift and magnification of a pattern against another one.
+    r"""Find shift and magnification of a PSF against another one.
 
-    The whole-cell shift is the peak of the cross-correlation; where the magnification is not known,
-    the highest one over all in a range. From there on shift and the logarithm of
+    The whole-pixel shift is the peak of the cross-correlation; where the magnification is not
+    known, the highest one over all in a range. From there on shift and the logarithm of
     the magnification are refined together by Gauss–Newton steps on the squared difference
-    (`baker2004`), on patterns blurred less and less, so that neither the fine structure's many
-    minima nor the blur decide. What a blur found counts only if the patterns are more alike there
+    (`baker2004`), on PSFs blurred less and less, so that neither the fine structure's many
+    minima nor the blur decide. What a blur found counts only if the PSFs are more alike there
     under the next smaller blur too: a blur as wide as the structure leaves nothing to lay over.
 
     Parameters

@@ -9,27 +9,27 @@ from torch import Tensor
 _BLOCKS = 64
 """Blocks along the shorter side."""
 _REACH_SHARE, _REACH_CELLS = 0.1, 48
-"""How far a dark place lies from the pattern: farther than its lines from each other."""
+"""How far a dark place lies from the PSF: farther than its lines from each other."""
 _BRIGHTEST, _DARK_STEP, _DARK_SHARE = 0.95, 0.03, 0.25
-"""Of the light near the pattern's bright lines, what a dark area has more than the darkest place,
+"""Of the light near the PSF's bright lines, what a dark area has more than the darkest place,
 and what it has in all, at most."""
 _LEAST_DARK, _MOST_DARK = 0.02, 0.97
 _LEAST_BORDER = 0.5
 _LEAST_FITTED = 24
 _ROUNDS = 20
 _CAUTION = 1.0
-"""Standard deviations above the plane from which a block shows the pattern's own wings."""
+"""Standard deviations above the plane from which a block shows the PSF's own wings."""
 _FLOOR = 0.01
 
 
 @dataclass(frozen=True)
 class DarkArea:
-    """Where an aperture keeps the pattern's light away.
+    """Where an aperture keeps the PSF's light away.
 
     Parameters
     ----------
     side
-        Cells along a block.
+        Pixels along a block.
     dark
         Bool, (block rows, block columns).
     """
@@ -39,20 +39,20 @@ class DarkArea:
 
     @property
     def share(self) -> float:
-        """Share of the picture that is dark."""
+        """Fraction of the picture that is dark."""
         return float(self.dark.double().mean())
 
     def on_cells(self, rows: int, columns: int) -> Tensor:
-        """The dark blocks' cells, (rows, columns); what is left over at the edges is not dark."""
+        """The dark blocks' pixels, (rows, columns); what is left over at the edges is not dark."""
         spread = self.dark.repeat_interleave(self.side, 0).repeat_interleave(self.side, 1)
         return nnf.pad(spread, (0, columns - spread.shape[1], 0, rows - spread.shape[0]))
 
 
 def dark_area(psf: Tensor) -> DarkArea | None:
-    """Find the part without light; None where the pattern fills the picture.
+    """Find the part without light; None where the PSF fills the picture.
 
     Every place is judged by the brightest one near it, nearer than a tenth of the picture and 48
-    cells, so that the dark between a pattern's lines does not count. Dark are places that have
+    pixels, so that the dark between a PSF's lines does not count. Dark are places that have
     hardly more than the darkest one, by 3 % of what there is near bright lines; they are a dark
     area if they have less than a quarter of the others' light, and half of the picture's edge.
     Stray light of up to that quarter does not matter, if it is even to 3 %.
@@ -82,10 +82,10 @@ def stray_light(psf: Tensor, area: DarkArea) -> Tensor:
     r"""Smooth light of other sources, from where an aperture leaves no light of the point.
 
     In every channel a plane :math:`a + b r + c s` is laid through the
-    means of the dark blocks. The pattern's own faint wings reach into
+    means of the dark blocks. The PSF's own faint wings reach into
     them: blocks that lie above the plane count less the more they do (Huber's weights, `huber1964`,
     on that side alone), so that one through the darkest of them remains. A curved surface would
-    follow the wings and take light of the pattern away. Where few blocks are dark, or on one side
+    follow the wings and take light of the PSF away. Where few blocks are dark, or on one side
     only, it is even.
 
     Parameters
@@ -115,7 +115,7 @@ def stray_light(psf: Tensor, area: DarkArea) -> Tensor:
 
 
 def floor(psf: Tensor) -> Tensor:
-    """Light of the darkest hundredth of blocks, (channels, 1, 1): the pattern's own, or stray."""
+    """Light of the darkest hundredth of blocks, (channels, 1, 1): the PSF's own, or stray."""
     side = max(2, min(psf.shape[-2:]) // _BLOCKS)
     blocks = nnf.avg_pool2d(psf[None], side)[0].flatten(1)
     return blocks.quantile(_FLOOR, dim=1)[:, None, None]

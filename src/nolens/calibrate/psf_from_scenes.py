@@ -21,8 +21,8 @@ _FADED = 8
 _BANDS = 24
 _NOISE_FROM = 0.45
 TAU = 8e-5
-"""Weight of the total variation: of the largest gradient of the misfit at p = 0, for each cell
-that the support would be wide as a square. So the same pattern on finer cells comes out the same.
+"""Weight of the total variation: of the largest gradient of the residual at p = 0, for each pixel
+that the support would be wide as a square. So the same PSF on finer pixels comes out the same.
 """
 _PENALTY = 3.0
 _INNER = 3
@@ -47,13 +47,13 @@ class KnownScenes:
     Attributes
     ----------
     scenes
-        Radiance on the scene's cells, (measurements, rows, columns), not negative.
+        Radiance on the scene's pixels, (measurements, rows, columns), not negative.
     measured
         Linear values with 0 for no light, (measurements, rows, columns) of the sensor.
     valid
         bool, like `measured`: False where a pixel is saturated.
     region
-        Where the scenes' cells lie in the sensor's frame.
+        Where the scenes' pixels lie in the sensor's frame.
     """
 
     scenes: Tensor
@@ -104,7 +104,7 @@ class KnownScenes:
             region = Region.centred(rows, columns, sensor)
         if (region.height, region.width) != (rows, columns):
             raise DataError(
-                f"the region has {region.height}×{region.width} cells and the scenes "
+                f"the support has {region.height}×{region.width} pixels and the scenes "
                 f"{rows}×{columns}"
             )
         found = cls(
@@ -123,12 +123,12 @@ class KnownScenes:
 
     @property
     def reach(self) -> tuple[int, int]:
-        """(rows, columns) of the PSF that light from every scene cell to every pixel needs."""
+        """(rows, columns) of the PSF that light from every scene pixel to every pixel needs."""
         rows, columns = self.sensor
         return rows + self.region.height, columns + self.region.width
 
     def binned(self, by: int) -> Self:
-        """The same on cells of by × by; what does not fill one is dropped at the far edges."""
+        """The same on pixels binned by × by; what does not fill one is dropped at the far edges."""
         if by == 1:
             return self
         # Scene cells are binned from the sensor's first cell, so that both grids stay together.
@@ -180,11 +180,11 @@ class Weights:
     r"""Inverse covariance of what a measurement is off: W = T F* (1/P) F T.
 
     Noise is white; what the model leaves out (light that comes aslant, misregistration, light from
-    beside the picture) is not: it is a small share of the light where there is much, at low
+    beside the picture) is not: it is a small fraction of the light where there is much, at low
     spatial frequencies, and a large one where there is little. So P(f) = N + ε √(S(f) S₀), with
     the power S of the measurements by spatial frequency, S₀ its largest, the noise N at the
     highest frequencies, and ε a tenth: generalised least squares (`aitken1936`). Without it, ten
-    low frequencies outweigh all of the pattern. T fades out towards the sensor's edges and is zero
+    low frequencies outweigh all of the PSF. T fades out towards the sensor's edges and is zero
     where a pixel is saturated.
 
     Attributes
@@ -192,7 +192,7 @@ class Weights:
     taper
         T, (measurements, rows, columns).
     frequencies
-        Mean of each band, in cycles to the cell.
+        Mean of each band, in cycles per pixel.
     expected
         P, (measurements, bands).
     spectrum
@@ -318,7 +318,7 @@ class PsfSolver:
         start
             p₀ to start from, (rows, columns); zero without one.
         tick
-            Called with the share that is done.
+            Called with the fraction that is done.
 
         Returns
         -------
@@ -478,10 +478,10 @@ def psf_from_scenes(
 ) -> SolvedPsf:
     """Solve one PSF from all measurements together: crop-aware and non-negative.
 
-    First on coarse cells, for its support: solved without one, the PSF's light stands out of the
+    First on coarse pixels, for its support: solved without one, the PSF's light stands out of the
     haze that explains noise; where its local mean is more than a fifth of the largest, the PSF has
     light, and nowhere else. Without that, a PSF as wide as sensor and scene has more unknowns than
-    the measurements have to say. Then within it on all cells, by `PsfSolver`, together with how
+    the measurements have to say. Then within it on all pixels, by `PsfSolver`, together with how
     the PSF changes over the scene (`over_the_field`): what light from aslant does else would be
     taken for the PSF's. The result is the mean PSF.
 
@@ -495,9 +495,9 @@ def psf_from_scenes(
     tau
         Weight of the total variation, as `nolens.calibrate.psf_from_scenes.TAU`.
     steps
-        Of ADMM, on all cells.
+        Of ADMM, on all pixels.
     tick
-        Called with the share that is done.
+        Called with the fraction that is done.
 
     Raises
     ------
@@ -540,7 +540,7 @@ def psf_from_scenes_bytes(reach: tuple[int, int], measurements: int) -> float:
 
 
 def unexplained(known: KnownScenes, psf: Tensor) -> Tensor:
-    """Misfit of each measurement as `SolvedPsf` has it, for a PSF that was not solved from them.
+    """Residual of each measurement as `SolvedPsf` has it, for a PSF that was not solved from them.
 
     Parameters
     ----------

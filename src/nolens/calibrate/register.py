@@ -1,4 +1,4 @@
-"""How far one pattern is moved against another one, where the two overlap."""
+"""How far one PSF is moved against another one, where the two overlap."""
 
 import math
 from dataclasses import dataclass
@@ -11,22 +11,22 @@ Plane = NDArray[np.float64]
 Cells = tuple[float, float]
 
 _SMOOTH = 24.0
-"""Width of the Gaussian, in cells, whose smooth light does not count: lenslets are closer."""
+"""Width of the Gaussian, in pixels, whose smooth light does not count: lenslets are closer."""
 _TAPER = 16
-"""Cells along which an overlap fades out at its edges."""
+"""Pixels along which an overlap fades out at its edges."""
 _FINE, _FINER = 0.25, 0.025
-"""Steps of the two searches between cells."""
+"""Steps of the two searches between pixels."""
 _LEAST_CELLS = 24
 
 
 @dataclass(frozen=True)
 class Match:
-    """Where one pattern lies on another one.
+    """Where one PSF lies on another one.
 
     Parameters
     ----------
     moved
-        (row, column) in cells by which the second one is moved against the first.
+        (row, column) in pixels by which the second one is moved against the first.
     correlation
         Of what both show, without smooth light; 1 if they are alike.
     cells
@@ -38,32 +38,32 @@ class Match:
     cells: int
 
     def scaled(self, by: int) -> "Match":
-        """The same in cells that are so many times finer."""
+        """The same in pixels that are so many times finer."""
         return Match(
             (by * self.moved[0], by * self.moved[1]), self.correlation, by * by * self.cells
         )
 
 
 def fine_structure(pattern: Plane) -> Plane:
-    """The pattern without what is smooth: glow and vignetting are no landmarks."""
+    """The PSF without what is smooth: glow and vignetting are no landmarks."""
     rest: Plane = pattern - ndimage.gaussian_filter(pattern, _SMOOTH, mode="nearest")
     return rest
 
 
 def matched(one: Plane, other: Plane, expected: Cells, search: float) -> Match | None:
-    """Find the shift of one pattern against another one near where it is expected.
+    """Find the shift of one PSF against another one near where it is expected.
 
-    The peak of the cross-correlation within the search, then the same between cells by the
+    The peak of the cross-correlation within the search, then the same between pixels by the
     matrix form of the Fourier transform (`guizar2008`), in the overlap at that shift.
 
     Parameters
     ----------
     one, other
-        Fine structure of the patterns, alike in size.
+        Fine structure of the PSFs, alike in size.
     expected
-        Cells by which the second is moved, as far as is known.
+        Pixels by which the second is moved, as far as is known.
     search
-        Cells around it, along rows and columns.
+        Pixels around it, along rows and columns.
 
     Returns
     -------

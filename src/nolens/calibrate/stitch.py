@@ -1,4 +1,4 @@
-"""One PSF wider than the sensor, of several that were captured at angles."""
+"""One extended PSF of several that were captured at angles."""
 
 import math
 from collections.abc import Callable
@@ -20,11 +20,11 @@ STATED_DEG = 3.0
 """Error of an angle that is put up with; half a degree is what a ruler gives."""
 _STEEPEST_DEG = 85.0
 _LONGEST = 1100
-"""Cells along the longer side for registration, which finds parts of a cell."""
+"""Pixels along the longer side for registration, which finds parts of a pixel."""
 _NEAR = 0.4
-"""How far a view may be from the wanted one, as a share of the largest shift, to count much."""
+"""How far a view may be from the wanted one, as a fraction of the largest shift, to count much."""
 _KNOWN = 0.99
-"""Share of a line at the edge that must be known."""
+"""Fraction of a line at the edge that must be known."""
 _EVEN = 1e-9
 """Weight of a view that is far from the wanted one: enough where it is the only one."""
 
@@ -38,9 +38,9 @@ class Capture:
     psf
         (channels, rows, columns).
     expected
-        (row, column) in cells by which the light's angle moves the pattern, as far as is known.
+        (row, column) in pixels by which the light's angle moves the PSF, as far as is known.
     search
-        Cells by which that may be off.
+        Pixels by which that may be off.
     """
 
     psf: Tensor
@@ -70,7 +70,7 @@ class Capture:
         pixel_um
             Distance of the PSF's pixels.
         inexact
-            Share by which the layers may put the pattern off.
+            Fraction by which the layers may put the PSF off.
         """
         right, up = layers.shift_um(angle)
         search = 0.0
@@ -80,7 +80,7 @@ class Capture:
 
 
 def search_um(angle: tuple[Angle, Angle], layers: Layers) -> float:
-    """How far the pattern moves with the few degrees by which a stated angle may be off."""
+    """How far the PSF moves with the few degrees by which a stated angle may be off."""
     whole = math.degrees(math.atan(math.hypot(*(math.tan(each.rad) for each in angle))))
     return _reach_um(layers, min(whole + STATED_DEG, _STEEPEST_DEG)) - _reach_um(layers, whole)
 
@@ -91,20 +91,20 @@ def _reach_um(layers: Layers, angle_deg: float) -> float:
 
 @dataclass(frozen=True)
 class Stitched:
-    """A PSF wider than the sensor.
+    """A PSF extended beyond the sensor.
 
     Parameters
     ----------
     psf
-        (channels, rows, columns), zero shift in the cell (rows // 2, columns // 2).
+        (channels, rows, columns), zero shift in the pixel (rows // 2, columns // 2).
     placement
         Where the captures lie.
     gains
         Brightness of each capture beside the reference's, by channel, in what both show.
     known_share
-        Share of the cells that a capture shows; the others have the mean light around them.
+        Fraction of the pixels that a capture shows; the others have the mean light around them.
     region
-        (height, width) of the scene, in cells around the middle, for which the PSF is known.
+        (height, width) of the scene, in pixels around the middle, for which the PSF is known.
     """
 
     psf: Tensor
@@ -126,7 +126,7 @@ def locate(
     reference
         Number of the one whose light came from straight ahead.
     tick
-        Called with the share that is done, 0 to 1.
+        Called with the fraction that is done, 0 to 1.
     """
     by = math.ceil(max(captures[0].psf.shape[-2:]) / _LONGEST)
     patterns = [
@@ -150,11 +150,11 @@ def stitch(
 ) -> Stitched:
     r"""Merge captures in the frame of the chief ray.
 
-    The sensor sees of a source whose pattern is moved by s the part :math:`x = u - s` of it, so
-    that views from the side show what lies beyond the sensor's edge. Beyond the edge a cell x of
+    The sensor sees of a source whose PSF is moved by s the part :math:`x = u - s` of it, so
+    that views from the side show what lies beyond the sensor's edge. Beyond the edge a pixel x of
     the PSF serves only those places of the scene whose light passes there: shifts s with
     :math:`x + s` on the sensor. At each x the views count by how near they are to the middle
-    :math:`s^*(x)` of these shifts, since the pattern and its vignetting change with the angle;
+    :math:`s^*(x)` of these shifts, since the PSF and its vignetting change with the angle;
     :math:`s^* = 0` for most of the sensor. They fade out towards their own edges, without
     seams. Brightness is brought to the reference's by the least squares of the logarithms of
     the ratios of mean light in all overlaps.

@@ -1,4 +1,4 @@
-"""Where captured patterns lie in one frame: all their overlaps solved together."""
+"""Where captured PSFs lie in one frame: all their overlaps solved together."""
 
 import math
 from collections.abc import Callable
@@ -13,12 +13,12 @@ _LEAST_ALIKE = 0.25
 """Two captures whose overlap correlates less, each part by its own norm, are not taken for views
 of one mask. The 0.3 of the paper's Fig. 6c, which falls with the light too, is no such figure."""
 _CHANCE, _SPOT_CELLS = 6.0, 25
-"""Patterns without anything in common may come to that many times 1/√n by their best shift, where
-n spots of so many cells overlap."""
+"""PSFs without anything in common may come to that many times 1/√n by their best shift, where
+n spots of so many pixels overlap."""
 _LEAST_OVERLAP = 0.1
-"""Share of the sensor that both must show to be compared."""
+"""Fraction of the sensor that both must show to be compared."""
 _ROBUST_CELLS = 0.5
-"""Misfit from which on an overlap counts less (Huber's weights)."""
+"""Residual from which on an overlap counts less (Huber's weights)."""
 _ROUNDS = 20
 
 
@@ -46,14 +46,14 @@ class Placement:
     Parameters
     ----------
     shifts
-        (row, column) in cells of every pattern against the reference's; None for one that fits
+        (row, column) in pixels of every PSF against the reference's; None for one that fits
         none of the others.
     correlations
         Of each with the others, at best.
     pairs
         What the shifts were found from.
     misfit
-        Root mean square, in cells, by which the pairs disagree with the shifts.
+        Root mean square, in pixels, by which the pairs disagree with the shifts.
     """
 
     shifts: tuple[Cells | None, ...]
@@ -62,7 +62,7 @@ class Placement:
     misfit: float
 
     def scaled(self, by: int) -> "Placement":
-        """The same in cells that are so many times finer."""
+        """The same in pixels that are so many times finer."""
         return Placement(
             tuple(each and (by * each[0], by * each[1]) for each in self.shifts),
             self.correlations,
@@ -78,7 +78,7 @@ def place(
     search: list[float],
     tick: Callable[[float], None] | None = None,
 ) -> Placement:
-    r"""Find the shift of every pattern against one of them.
+    r"""Find the shift of every PSF against one of them.
 
     Every two that overlap are matched (`matched`). Then all shifts s are solved together:
     the least :math:`\sum_{ij} w_{ij} |s_j - s_i - d_{ij}|^2` (`preibisch2009`), with weights of
@@ -89,13 +89,13 @@ def place(
     patterns
         As the sensor saw them, alike in size.
     expected
-        Their shifts as far as is known, in cells.
+        Their shifts as far as is known, in pixels.
     reference
-        Number of the pattern that stays where it is.
+        Number of the PSF that stays where it is.
     search
-        Cells by which each shift may be off.
+        Pixels by which each shift may be off.
     tick
-        Called with the share that is done, 0 to 1.
+        Called with the fraction that is done, 0 to 1.
     """
     structures = [fine_structure(each) for each in patterns]
     rows, columns = patterns[0].shape

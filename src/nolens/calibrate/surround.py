@@ -17,22 +17,22 @@ SCENE_STEPS = 60
 PSF_STEPS = 40
 """Of FISTA, for each round."""
 LEAST_SHOWN = 0.1
-"""Share of the misfit that the first round must explain: less is noise, and harms."""
+"""Fraction of the residual that the first round must explain: less is noise, and harms."""
 
 
 @dataclass(frozen=True)
 class Extended:
-    """A PSF wider than the sensor.
+    """A PSF extended beyond the sensor.
 
     Parameters
     ----------
     psf
-        (channels, rows, columns), zero shift in the cell (rows // 2, columns // 2); the
+        (channels, rows, columns), zero shift in the pixel (rows // 2, columns // 2); the
         captured one in its middle.
     found
         Whether the pictures show what lies outside; if not, it is the mean light.
     misfit
-        Root mean square of what the pictures' reconstructions leave over, as a share of the
+        Root mean square of what the pictures' reconstructions leave over, as a fraction of the
         measurements', before the first round and after each.
     """
 
@@ -49,7 +49,7 @@ def filled(captured: Tensor, region: Region) -> Tensor:
     captured
         (channels, rows, columns), as large as the sensor.
     region
-        Cells that light comes from.
+        Pixels that light comes from.
     """
     rows, columns = captured.shape[-2:]
     size = (
@@ -73,13 +73,13 @@ def extend(
     r"""Estimate the PSF beyond the sensor's edge from pictures of unknown scenes.
 
     Minimises :math:`\sum_k ½‖b_k - C(h * v_k)‖^2 + τ R(v_k)` over scenes :math:`v_k \ge 0` in the
-    region and the PSF :math:`h \ge 0` outside what was captured, in turns, as blind deconvolution
+    support and the PSF :math:`h \ge 0` outside what was captured, in turns, as blind deconvolution
     does (`ayers1988`; convex in each of the two): the scenes by ADMM (`nolens.solvers.admm`), the
-    PSF by FISTA (`beck2009`), from a surround of the pattern's mean light. What makes it
-    possible is that the largest part of h is known and the sensor has many times more cells than
+    PSF by FISTA (`beck2009`), from the PSF's mean light all around. What makes it
+    possible is that the largest part of h is known and the sensor has many times more pixels than
     the scenes.
 
-    Where the scenes are so wide that their light averages the surround's pattern out, the
+    Where the scenes are so wide that their light averages the extrapolated PSF out, the
     measurements show nothing of it above noise, and what the first round finds is worse than the
     mean light. Then that is what is given (docs/decisions/0005-beyond-the-sensor.md).
 
@@ -90,7 +90,7 @@ def extend(
     pictures
         What the sensor measured, with the PSF's channels.
     region
-        Cells that their light comes from.
+        Pixels that their light comes from.
     rounds
         Turns of both.
     tau

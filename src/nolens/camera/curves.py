@@ -25,7 +25,7 @@ _MOST_CHANNELS = 16
 
 
 class SpectralCurve(Part):
-    """Share of the photons that become electrons, for each channel, over wavelength.
+    """Fraction of the photons that become electrons, for each channel, over wavelength.
 
     Attributes
     ----------

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from torch import Tensor
 
 MOSAICS = ("RGGB", "BGGR", "GRBG", "GBRG")
-"""The colour mosaics that are known: the colours of the 2×2 cell, row by row."""
+"""The colour mosaics that are known: the colours of the 2×2 superpixel, row by row."""
 
 
 @dataclass(frozen=True)
@@ -20,10 +20,10 @@ class Frame:
         Name of every channel: ``("grey",)``, ``("R", "G", "B")``, or ``("mosaic",)`` for one
         plane behind a colour mosaic.
     mosaic
-        Colours of the 2×2 cell of the visible area, row by row (one of `MOSAICS`), or None.
+        Colours of the 2×2 superpixel of the visible area, row by row (one of `MOSAICS`), or None.
     black
-        Count that stands for no light: one value for all pixels, or four for the four cells
-        of the mosaic, row by row, or one for each channel.
+        Count that stands for no light: one value for all pixels, or four for the four pixels
+        of a superpixel, row by row, or one for each channel.
     white
         Count from which a pixel is saturated; None where it is not known (float files).
     stored_as

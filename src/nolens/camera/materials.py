@@ -73,7 +73,7 @@ class Material(Part):
     density_source
         Where it comes from.
     cure_shrinkage_percent
-        Share of its volume that the poured liquid loses until it is cured and cold, in percent.
+        Fraction of its volume that the poured liquid loses until it is cured and cold, in percent.
     cure_shrinkage_source
         Where it comes from.
     """
@@ -207,7 +207,7 @@ class Material(Part):
 
     @property
     def cure_shrinkage(self) -> float | None:
-        """Share of the poured volume that curing takes: 0.05 for 5 %."""
+        """Fraction of the poured volume that curing takes: 0.05 for 5 %."""
         return None if self.cure_shrinkage_percent is None else self.cure_shrinkage_percent / 100
 
 

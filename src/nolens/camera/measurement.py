@@ -73,7 +73,7 @@ def develop(
 
     In this order: the dark frame, which contains the black level, or else the black level is
     subtracted; the result is divided by the gain, ``(flat - dark or black) / its mean`` for
-    each colour; each 2×2 cell of a mosaic becomes one pixel (R, mean of both G, B, without
+    each colour; each 2×2 superpixel of a mosaic becomes one pixel (R, mean of both G, B, without
     interpolation); channels are chosen; N×N pixels are averaged. Odd last rows and columns
     are dropped. A pixel made of several is valid if all of them are.
 
@@ -280,7 +280,9 @@ def _merge_cells(frame: Frame, values: Tensor, valid: Tensor) -> tuple[Tensor, T
     assert frame.mosaic is not None
     rows, columns = (n // 2 * 2 for n in values.shape[-2:])
     if rows == 0 or columns == 0:
-        raise DataError(f"{frame.source} is {frame.size_text} pixels: no 2×2 cell of a mosaic fits")
+        raise DataError(
+            f"{frame.source} is {frame.size_text} pixels: no 2×2 superpixel of a mosaic fits"
+        )
     colours = colour_planes(values[0, :rows, :columns], frame.mosaic)
     masks = colour_planes(valid[0, :rows, :columns], frame.mosaic)
     merged = [sum(cells[1:], cells[0]) / len(cells) for cells in colours.values()]

@@ -23,7 +23,7 @@ class PreparedPsf:
     values
         float32, (channels, height, width), not negative; one channel serves all.
     warnings
-        Sentences to show, one for each doubt.
+        Sentences to show, one for each warning.
     notes
         Sentences that say what was done to make it fit.
     """
@@ -108,7 +108,7 @@ def _widened(
         sides.append((before, max(0, need - have - before)))
     if not any(map(any, sides)):
         rows, columns = (values.shape[-2 + axis] == measurement.size[axis] for axis in (0, 1))
-        return values, () if rows == columns else (f"{sizes}: the PSF is taken as wider",)
+        return values, () if rows == columns else (f"{sizes}: the PSF is taken as extended",)
     added, what = (sum(sides[0]), "rows") if any(sides[0]) else (sum(sides[1]), "columns")
     note = f"{sizes}: {added} dark {what} are added around the PSF's middle"
     return nnf.pad(values, (*sides[1], *sides[0])), (note,)
@@ -141,7 +141,7 @@ def _scale_that_fits(
     if scale is not None and wider:
         raise OptionError(
             "--psf-scale and --psf-wider are two readings of a larger PSF: finer pixels, or "
-            "the same pixels on a wider area. Give one of them"
+            "the same pixels on a larger area. Give one of them"
         )
     if scale is not None and scale < 1:
         raise OptionError(f"--psf-scale {scale}: a whole number from 1 on would be accepted")
@@ -158,7 +158,7 @@ def _scale_that_fits(
     if all(smaller) or (any(smaller) and scale is not None):
         raise DataError(
             f"{sizes}: a PSF must be at least as large in one direction, and without --psf-scale. "
-            "Use files of one size (the same --bin and the same cut), or a wider or finer PSF"
+            "Use files of one size (the same --bin and the same cut), or an extended or finer PSF"
         )
     if any(smaller):
         return 1
@@ -166,7 +166,7 @@ def _scale_that_fits(
     finer = (height // fitting, width // fitting) == (rows, columns)
     if wider:
         if same:
-            raise DataError(f"{sizes}: that is not wider. Leave out --psf-wider")
+            raise DataError(f"{sizes}: that is not extended. Leave out --psf-wider")
         return 1
     if scale is not None:
         if (height // scale, width // scale) == (rows, columns):
@@ -175,7 +175,7 @@ def _scale_that_fits(
             remedy = "leave it out"
         else:
             remedy = f"--psf-scale {fitting} would fit" if finer else "no scale would fit"
-            remedy += ", or --psf-wider takes the PSF as a wider view"
+            remedy += ", or --psf-wider takes the PSF as extended"
         raise DataError(
             f"{sizes}: with --psf-scale {scale} the PSF becomes "
             f"{height // scale}×{width // scale}. Instead, {remedy}"
@@ -184,8 +184,8 @@ def _scale_that_fits(
         return 1
     reading = f"(--psf-scale {fitting})" if finer else "(--psf-scale N; no N fits these sizes)"
     raise DataError(
-        f"{sizes}. A larger PSF is either finer {reading}, or it is wider: same pixels, and "
-        "light that falls beside the sensor too (--psf-wider). Say which"
+        f"{sizes}. A larger PSF is either finer {reading}, or extended: same pixels, and "
+        "light beyond the sensor too (--psf-wider). Say which"
     )
 
 

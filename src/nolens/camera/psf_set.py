@@ -29,7 +29,7 @@ class PsfEntry(Part):
     file
         32-bit float TIFF in the set's folder, (channels, rows, columns), linear, not negative.
     cell
-        Distance of its cells.
+        Pitch of its pixels.
     channels
         Name of every channel.
     distance
@@ -40,7 +40,7 @@ class PsfEntry(Part):
         How it came about.
     frame
         Whether the file's middle follows the ray through the camera's middle (zero shift is the
-        cell (rows // 2, columns // 2)), or stays on the sensor's as it was captured.
+        pixel (rows // 2, columns // 2)), or stays on the sensor's as it was captured.
     usable_per_mm
         Spatial frequency to which it stands out of its noise; None where that is not known.
     """
@@ -75,7 +75,7 @@ def _one_camera(given: tuple[PsfEntry, ...]) -> tuple[PsfEntry, ...]:
     for each in given:
         if each.cell != first.cell or each.channels != first.channels:
             raise refusal(
-                f"{each.file} has cells of {each.cell} and channels {', '.join(each.channels)}, "
+                f"{each.file} has pixels of {each.cell} and channels {', '.join(each.channels)}, "
                 f"but {first.file} has {first.cell} and {', '.join(first.channels)}: a set holds "
                 "the PSFs of one camera, read out in one way"
             )
@@ -93,7 +93,7 @@ class PsfSet(Part):
     schema_version
         Of this description.
     psf
-        They, in no particular order; all have the same cells and channels.
+        They, in no particular order; all have the same pixels and channels.
     """
 
     schema_version: Literal[1] = 1

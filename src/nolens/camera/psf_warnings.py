@@ -17,7 +17,7 @@ _LEAST_SHARPNESS = 0.01
 
 
 def psf_warnings(psf: Measurement, values: Tensor) -> list[str]:
-    """Sentences, one for each doubt of a PSF alone.
+    """Sentences, one for each warning of a PSF alone.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def psf_warnings(psf: Measurement, values: Tensor) -> list[str]:
 
 
 def pair_warnings(psf: Measurement, values: Tensor, measurement: Measurement) -> list[str]:
-    """Sentences, one for each doubt of a PSF beside a measurement; as `psf_warnings`."""
+    """Sentences, one for each warning of a PSF beside a measurement; as `psf_warnings`."""
     texts = []
     edge = edge_warning(psf.source, values, measurement.size)
     if edge is not None and _is_dark_somewhere(psf, values):
@@ -91,8 +91,8 @@ def edge_warning(source: str, values: Tensor, sensor: tuple[int, int]) -> str | 
     if not edges or float(torch.cat(edges).mean()) <= _EDGE_SHARE * float(plane.mean()):
         return None
     return (
-        f"the PSF {source} has light up to the sensor's edges: what falls beside them is missing "
-        "from it, and pictures come out poor, depths wrong. Give a PSF that is known beyond "
+        f"the PSF {source} has light up to the sensor's edges: what falls beyond them is missing "
+        "from it, and pictures come out poor, depths wrong. Give an extended PSF "
         "(nolens calibrate stitch or surround; of a simulated camera nolens psf --cells) with "
         "--psf-wider and --region"
     )

@@ -42,7 +42,7 @@ class Sensor(Part):
     pitch
         From one pixel to the next, in both directions.
     mosaic
-        Colours of the 2×2 cell, row by row, or "none".
+        Colours of the 2×2 superpixel, row by row, or "none".
     bits
         Of a stored count, 8 to 16.
     black_counts
@@ -82,8 +82,8 @@ class Sensor(Part):
     def _check_fit(self) -> "Sensor":
         if self.mosaic != "none" and (self.rows % 2 or self.columns % 2):
             raise refusal(
-                f"{self.rows} rows and {self.columns} columns do not make whole 2×2 cells of the "
-                f'mosaic {self.mosaic}: give even numbers, or mosaic = "none"'
+                f"{self.rows} rows and {self.columns} columns do not make whole 2×2 superpixels of "
+                f'the mosaic {self.mosaic}: give even numbers, or mosaic = "none"'
             )
         if self.black_counts >= self.white_counts:
             raise refusal(

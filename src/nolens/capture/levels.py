@@ -28,7 +28,7 @@ class Levels:
     histogram
         Pixels of every colour in each of `BINS` steps from black to saturation.
     clipped_share
-        Share of all pixels that are saturated.
+        Fraction of all pixels that are saturated.
     bright
         What 99.9 % of the pixels do not exceed.
     brightest
@@ -90,7 +90,7 @@ def exposure_for(
     limits
         What the camera can be set to.
     fill
-        Share of the range that is wanted.
+        Fraction of the range that is wanted.
     every_pixel
         Whether no pixel may be brighter, as suits a PSF, whose bright points count; otherwise one
         in a thousand may.

@@ -34,7 +34,7 @@ _LIGHT = "white-led"
 _FASTEST_S = 1 / 30
 _FILL = 0.8
 _POINT_RADIANCE = 1e3
-"""Of a lamp behind a pinhole, over the cell that it lies in."""
+"""Of a lamp behind a pinhole, over the pixel that it lies in."""
 _LIMITS = Limits((1e-5, 10.0), (1.0, 16.0))
 
 
@@ -87,11 +87,11 @@ class TwinSource:
 
     @property
     def region(self) -> Region:
-        """Cells that light comes from, in the cells of the sensor's frame."""
+        """Pixels that light comes from, in the sensor's frame."""
         return self._work_out().model.field.region
 
     def psf(self) -> Tensor:
-        """PSF to reconstruct its frames with, (channels, rows, columns) in cells.
+        """PSF to reconstruct its frames with, (channels, rows, columns) in pixels.
 
         It is in electrons, so that a reconstruction shows the colours of the scene.
         """
@@ -132,12 +132,12 @@ class TwinSource:
         self._scene = torch.zeros(3, 1, 1)
 
     def truth(self) -> Tensor:
-        """What a reconstruction of the present scene is to show on the cells of `region`.
+        """What a reconstruction of the present scene is to show on the pixels of `region`.
 
         Returns
         -------
         Tensor
-            Radiance times the share of its light that reaches the sensor, 1 in the middle;
+            Radiance times the fraction of its light that reaches the sensor, 1 in the middle;
             (channels, height, width).
         """
         model = self._work_out().model

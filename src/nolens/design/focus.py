@@ -1,4 +1,4 @@
-"""What a lenslet's focus is like: aperture, depth, and the width of the pattern's lines."""
+"""What a lenslet's focus is like: aperture, depth, and the width of the PSF's lines."""
 
 import math
 
@@ -45,13 +45,13 @@ def depth_of_focus_um(wavelength_um: Number, aperture: Number) -> Number:
 def line_width_um(
     wavelength_um: Number, pitch_um: Number, aperture: Number, blur: Number, rounding: Number = 0.0
 ) -> Tensor:
-    r"""Width at half maximum of the lines of the pattern that random lenslets cast.
+    r"""Width at half maximum of the lines of the PSF that random lenslets cast.
 
     Diffraction of a lenslet and the width of its pencil out of focus, added in squares:
 
     .. math:: w^2 = \Bigl[\frac{λ}{2\,\text{NA}} (1 + 1.5 s)\Bigr]^2 + (0.4\,p\,ε)^2
 
-    The factors 1.5 and 0.4 are fitted to the twin's patterns, measured as the paper measures its
+    The factors 1.5 and 0.4 are fitted to the twin's PSFs, measured as the paper measures its
     own (`nolens.evaluate.pattern_figures`, width of the autocorrelation over √2), for 450 to
     650 nm, pitches of 70 and 100 um and radii of 0.5 and 0.67 mm. The model holds to 15 % for
     :math:`|ε| \le 0.1` and to 25 % for :math:`|ε| \le 0.4`, for s from 0.1 to 0.16; sharper valleys

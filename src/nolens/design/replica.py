@@ -47,7 +47,7 @@ class Film:
     thickness_um, index
         Of the film.
     distance_um
-        From its back to the cover, where the pattern is sharpest.
+        From its back to the cover, where the PSF is sharpest.
     side
         Where its relief faces: "scene", as in the paper, or "sensor".
     """

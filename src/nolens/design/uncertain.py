@@ -92,7 +92,7 @@ class Propagated:
 
     @property
     def shares(self) -> dict[str, float]:
-        """Share of every input in the square of ±; they add up to 1."""
+        """Fraction of every input in the square of ±; they add up to 1."""
         if self.plus_minus == 0:
             return {}
         return {name: (part / self.plus_minus) ** 2 for name, part in self.parts.items()}

@@ -12,14 +12,14 @@ from torch import Tensor
 
 _FINER = 6
 _BEYOND = 2
-"""Values along a cell when a dot is looked at, and cells around it for their interpolation."""
+"""Values along a pixel when a dot is looked at, and pixels around it for their interpolation."""
 _HALF = 0.5
 _CLEAR = 0.38
 _AROUND = 1.6
 _LEAST_CLEAR = 12
 _ROSE = 5.0
 _FAINTEST = 1e-6
-"""Share of the brightest value from which on it is more than rounding."""
+"""Fraction of the brightest value from which on it is more than rounding."""
 Grade = Literal["good", "distorted", "lost"]
 
 
@@ -32,7 +32,7 @@ class Spot:
     place
         Row and column of its middle.
     width
-        Diameter of a circle with the area in which it is brighter than half its height, in cells.
+        Diameter of a circle with the area in which it is brighter than half its height, in pixels.
     light
         Sum over its part of the grid, above what lies between the dots.
     peak
@@ -58,9 +58,9 @@ def spots_at(
     picture
         (rows, columns), linear.
     places
-        Row and column where each dot should be, in cells.
+        Row and column where each dot should be, in pixels.
     spacings
-        Distance of neighbouring dots around each, in cells.
+        Distance of neighbouring dots around each, in pixels.
 
     Returns
     -------
@@ -83,7 +83,7 @@ def spots_at(
 
 
 def brightest_places(picture: Tensor, share: float = 0.25) -> list[tuple[float, float]]:
-    """Places of cells, not at the edge, that are the highest of their 3×3 and not faint.
+    """Places of pixels, not at the edge, that are the highest of their 3×3 and not faint.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def brightest_places(picture: Tensor, share: float = 0.25) -> list[tuple[float, 
     Returns
     -------
     list
-        Row and column, between the cells by parabolas.
+        Row and column, between the pixels by parabolas.
     """
     values = picture.double().numpy()
     above = np.clip(values - np.median(values), 0, None)
@@ -196,9 +196,9 @@ class Dot:
     found
         Where it is; None if it was not found.
     error_cells, error_deg
-        How far that is off, in cells and as an angle in the scene.
+        How far that is off, in pixels and as an angle in the scene.
     width_cells, width
-        Of the dot, in cells and in widths of the middle dots.
+        Of the dot, in pixels and in widths of the middle dots.
     light
         Of the dot, in light of the middle dots.
     expected_light

@@ -28,10 +28,10 @@ class PeakCorrelation:
         second one holds, in the units of the frames. Of frames of one exposure time it counts
         vignetting too.
     overlap
-        Correlation over those cells alone that lie over each other there, or near to where the
-        pattern is known to have moved.
+        Correlation over those pixels alone that lie over each other there, or near to where the
+        PSF is known to have moved.
     shift
-        By how many cells the second one lies further down and to the right where the whole frames
+        By how many pixels the second one lies further down and to the right where the whole frames
         are most alike.
     """
 
@@ -48,16 +48,16 @@ def peak_correlation(
 
     .. math:: c(s) = \frac{\sum_x (a_x - \bar a)(b_{x+s} - \bar b)}{|a - \bar a|\,|b - \bar b|}
 
-    with both zero outside of the frame; between the cells the peak is a parabola's. Over the
-    overlap mean and norm are those of its cells.
+    with both zero outside of the frame; between the pixels the peak is a parabola's. Over the
+    overlap mean and norm are those of its pixels.
 
     Parameters
     ----------
     one, other
         (rows, columns) alike, in any unit.
     near
-        By how many cells the second one is known to lie further down and to the right: the overlap
-        is compared at the best place within 12 cells of that, even where chance is more alike
+        By how many pixels the second one is known to lie further down and to the right: the overlap
+        is compared at the best place within 12 pixels of that, even where chance is more alike
         elsewhere. None: where the whole frames are most alike.
 
     Raises
@@ -67,13 +67,13 @@ def peak_correlation(
     """
     if one.shape != other.shape:
         raise DataError(
-            f"PSFs of {one.shape[0]}×{one.shape[1]} and {other.shape[0]}×{other.shape[1]} cells "
+            f"PSFs of {one.shape[0]}×{one.shape[1]} and {other.shape[0]}×{other.shape[1]} pixels "
             "cannot be compared: give both from the same sensor"
         )
     frames = [each.double() - each.double().mean() for each in (one, other)]
     norms = [float(each.norm()) for each in frames]
     if not min(norms) > 0:
-        raise DataError("one of the PSFs is even: it has no pattern to compare")
+        raise DataError("one of the PSFs is even: it has no structure to compare")
     rows, columns = one.shape
     period = (
         fast_length(2 * rows, of_rows=False),

@@ -11,12 +11,12 @@ from nolens.kernels import irfft2, rfft2
 
 @dataclass(frozen=True)
 class PatternFigures:
-    """What the autocorrelation of a pattern shows.
+    """What the autocorrelation of a PSF shows.
 
     Parameters
     ----------
     width_um
-        Full width at half maximum of the autocorrelation. A line of the pattern with a Gaussian
+        Full width at half maximum of the autocorrelation. A line of the PSF with a Gaussian
         profile is √2 thinner.
     pitch_um
         From its first peak, at zero, to the second: the mean distance of neighbouring lines.
@@ -27,7 +27,7 @@ class PatternFigures:
 
 
 def pattern_figures(psf: Tensor, cell_um: float) -> PatternFigures:
-    r"""Width and pitch of a pattern from its autocorrelation (`uvimprint`, fig. 5b).
+    r"""Width and pitch of a PSF from its autocorrelation (`uvimprint`, fig. 5b).
 
     The mean is subtracted; the autocorrelation :math:`F^{-1}|F(p - \bar p)|^2` of the whole
     frame is averaged over all directions, where the paper draws one line through it. The second
@@ -38,22 +38,22 @@ def pattern_figures(psf: Tensor, cell_um: float) -> PatternFigures:
     psf
         (height, width), in any unit.
     cell_um
-        Distance of its cells.
+        Pitch of its pixels.
 
     Raises
     ------
     DataError
-        If the pattern is even, or too small to have a second peak.
+        If the PSF is even, or too small to have a second peak.
     """
     rows, columns = psf.shape
     spectrum = rfft2((psf - psf.double().mean().to(psf.dtype)).contiguous())
     correlation = irfft2(spectrum.abs().square().to(spectrum.dtype), (rows, columns))
     if not float(correlation[0, 0]) > 0:
-        raise DataError("the pattern is even: it has no lines to measure")
+        raise DataError("the PSF is even: it has no lines to measure")
     profile = _radial(correlation)
     below = (profile < 0.5).nonzero()
     if len(below) == 0:
-        raise DataError("the pattern is too small to measure: its lines are wider than half of it")
+        raise DataError("the PSF is too small to measure: its lines are wider than half of it")
     first = int(below[0])
     before, after = float(profile[first - 1]), float(profile[first])
     half = first - 1 + (before - 0.5) / (before - after)
@@ -66,9 +66,7 @@ def pattern_figures(psf: Tensor, cell_um: float) -> PatternFigures:
     length = int(ends[0]) if len(ends) else len(rest) - start
     peak = valley + start + int(rest[start : start + length].argmax())
     if not valley < peak < len(profile) - 1:
-        raise DataError(
-            "the pattern is too small to measure: its autocorrelation has no second peak"
-        )
+        raise DataError("the PSF is too small to measure: its autocorrelation has no second peak")
     left, top, right = (float(profile[peak + step]) for step in (-1, 0, 1))
     peak_at = peak + (left - right) / (2 * (left - 2 * top + right))
     return PatternFigures(width_um=2 * half * cell_um, pitch_um=peak_at * cell_um)

@@ -56,13 +56,13 @@ def psnr(picture: Tensor, truth: Tensor, peak: float) -> float:
 def ssim(picture: Tensor, truth: Tensor, peak: float) -> float:
     """Structural similarity, mean over pixels and channels (`wang2004`).
 
-    Gaussian window of 11×11 cells with σ = 1.5, K₁ = 0.01, K₂ = 0.03, over those pixels for
+    Gaussian window of 11×11 pixels with σ = 1.5, K₁ = 0.01, K₂ = 0.03, over those pixels for
     which the window lies inside the picture.
 
     Parameters
     ----------
     picture, truth
-        `(channels, height, width)` alike, at least 11 cells high and wide.
+        `(channels, height, width)` alike, at least 11 pixels high and wide.
     peak
         Largest value that the truth can take.
     """

@@ -16,19 +16,19 @@ _WEDGE_DEG = 10.0
 _RING = 0.0025
 _NOISE_RING = 0.02
 _HIGHEST = 0.5
-"""Cycles to the cell: half width of a direction, width of a ring, the same for noise, the limit."""
+"""Cycles per pixel: half width of a direction, width of a ring, the same for noise, the limit."""
 _CROSS, _NEAR = 2, 16
 """Steps of the transform from an axis that are left out, and from zero up to which they are not."""
 _BLOCK = 3
 _DARKEST = 0.01
 _DEVIATIONS = 2.33
-"""Sides of the means, the share of them that is darker than the background, and how many standard
-deviations below its mean a normal distribution has that share."""
+"""Sides of the means, the fraction of them that is darker than the background, and how many
+standard deviations below its mean a normal distribution has that fraction."""
 _STEP = 0.25
-"""Cells from one value of a profile to the next."""
+"""Pixels from one value of a profile to the next."""
 _BINS = 8192
 _FARTHEST = math.sqrt(0.5)
-"""Cycles to the cell, of the corners of the spectrum."""
+"""Cycles per pixel, of the corners of the spectrum."""
 _STRIP = 16
 _LEAST_RISE = 0.01
 """Of a second peak, over the lowest value before it: less is chance."""
@@ -39,22 +39,22 @@ _SMALLEST = 16
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Power of a pattern without its mean, by spatial frequency.
+    """Power of a PSF without its mean, by spatial frequency.
 
     Parameters
     ----------
     power
-        |F|² of the pattern less its mean, half of the plane, float64.
+        |F|² of the PSF less its mean, half of the plane, float64.
     down, right
-        Frequencies along rows and columns, cycles to the cell.
+        Frequencies along rows and columns, cycles per pixel.
     shape
-        Rows and columns of the pattern.
+        Rows and columns of the PSF.
     noise_power
-        |F|² of white noise on every cell.
+        |F|² of white noise on every pixel.
     background
-        Level that the pattern stands on, see `background_of`.
+        Level that the PSF stands on, see `background_of`.
     total
-        Sum of the pattern without that.
+        Sum of the PSF without that.
     """
 
     power: Tensor
@@ -67,16 +67,16 @@ class Spectrum:
 
     @classmethod
     def of(cls, pattern: Tensor, noise: float | None) -> "Spectrum":
-        """Transform a pattern (rows, columns).
+        """Transform a PSF (rows, columns).
 
         Parameters
         ----------
         pattern
             In any unit.
         noise
-            Standard deviation of every cell's noise; None takes the power that is left at the
-            frequencies, up to half a cycle to the cell, where it is least: rings of 0.02 cycles,
-            the lowest of them. Patterns with details finer than two cells have power there too,
+            Standard deviation of every pixel's noise; None takes the power that is left at the
+            frequencies, up to half a cycle per pixel, where it is least: rings of 0.02 cycles,
+            the lowest of them. PSFs with details finer than two pixels have power there too,
             which counts as noise.
         """
         rows, columns = pattern.shape
@@ -95,12 +95,12 @@ class Spectrum:
 
     @property
     def cells(self) -> int:
-        """Number of cells of the pattern."""
+        """Number of pixels of the PSF."""
         return self.shape[0] * self.shape[1]
 
     @property
     def noise(self) -> float:
-        """Standard deviation of every cell's noise, in the pattern's unit."""
+        """Standard deviation of every pixel's noise, in the PSF's unit."""
         return math.sqrt(self.noise_power / self.cells)
 
     @property
@@ -116,8 +116,8 @@ class Spectrum:
     def magnitude(self, direction_deg: int | None = None) -> tuple[Tensor, Tensor]:
         r"""Frequencies and spectral magnitude :math:`\sqrt{\langle|F|^2\rangle - N}\,/\,F_0`.
 
-        Over rings of 0.0025 cycles to the cell (or two steps of the transform, where that is
-        more), without the noise's power N; :math:`F_0` is the pattern's light without its
+        Over rings of 0.0025 cycles per pixel (or two steps of the transform, where that is
+        more), without the noise's power N; :math:`F_0` is the PSF's light without its
         background. It is the root mean square over many spots in random places: n of them have
         :math:`1/\sqrt n` of what one has, so it is no modulation transfer.
 
@@ -131,9 +131,9 @@ class Spectrum:
         return at, (power - self.noise_power).clamp_min(0).sqrt() / self.total
 
     def clear_bands(self) -> tuple[tuple[float, float], ...]:
-        """Frequencies, from and to, at which the pattern has more power than noise.
+        """Frequencies, from and to, at which the PSF has more power than noise.
 
-        In cycles to the cell. At their ends Wiener's filter gives half of what it passes
+        In cycles per pixel. At their ends Wiener's filter gives half of what it passes
         (`wiener1949`). Gaps and bands of less than 0.02 cycles are passed over.
         """
         at, power, _ = self._rings(_RING, None)
@@ -196,14 +196,14 @@ def column_weights(columns: int) -> Tensor:
 
 
 def background_of(pattern: Tensor, noise: float) -> float:
-    """Level that the pattern stands on: 1 % of its 3×3 means are darker, but for the noise.
+    """Level that the PSF stands on: 1 % of its 3×3 means are darker, but for the noise.
 
     Parameters
     ----------
     pattern
         (rows, columns), at least 3 of each.
     noise
-        Standard deviation of every cell's. Of a dark area that has it, 1 % of the 3×3 means are
+        Standard deviation of every pixel's. Of a dark area that has it, 1 % of the 3×3 means are
         darker by 2.33 thirds of it, which are added.
     """
     means = torch.nn.functional.avg_pool2d(pattern[None, None].double(), _BLOCK, 1).flatten()
@@ -213,12 +213,12 @@ def background_of(pattern: Tensor, noise: float) -> float:
 
 @dataclass(frozen=True)
 class Autocorrelation:
-    """Autocorrelation of a pattern without its mean and without white noise; 1 at zero.
+    """Autocorrelation of a PSF without its mean and without white noise; 1 at zero.
 
     Parameters
     ----------
     lag
-        Distances in cells.
+        Distances in pixels.
     radial
         Mean over all directions.
     row
@@ -231,12 +231,12 @@ class Autocorrelation:
 
     @classmethod
     def of(cls, pattern: Tensor, background: float, noise: float) -> "Autocorrelation":
-        r"""Work it out up to a quarter of the frame, every quarter of a cell.
+        r"""Work it out up to a quarter of the frame, every quarter of a pixel.
 
         .. math:: A(r) = \sum_f P_f\,J_0(2π f r), \qquad A_0(x) = \sum_f P_f \cos(2π f_x x)
 
         are the band-limited autocorrelation's mean over a circle and its values on a line, without
-        rounding to cells. The frame, without its edge (`trimmed`), stands in zeros: what leaves it
+        rounding to pixels. The frame, without its edge (`trimmed`), stands in zeros: what leaves it
         does not come in again. Of both, what even light of the same mean would have is taken off.
 
         Parameters
@@ -286,7 +286,7 @@ class Autocorrelation:
         return float(self.radial[_valley(self.radial)])
 
     def width(self, profile: Tensor, level: float) -> float | None:
-        """Full width of the first peak half way between 1 and a level, in cells."""
+        """Full width of the first peak half way between 1 and a level, in pixels."""
         half = (1 + level) / 2
         below = (profile < half).nonzero()
         if len(below) == 0:
@@ -296,7 +296,7 @@ class Autocorrelation:
         return 2 * _STEP * (first - 1 + (before - half) / (before - after))
 
     def pitch(self, profile: Tensor, level: float, *, spread: bool) -> float | None:
-        r"""Distance of the second peak in cells; None without one that rises by 1 %.
+        r"""Distance of the second peak in pixels; None without one that rises by 1 %.
 
         Farther neighbours can make a higher peak: the first one of at least half the height
         counts.
@@ -353,7 +353,7 @@ def _valley(profile: Tensor) -> int:
 
 
 def clipped_cells(pattern: Tensor) -> int:
-    """Cells that have the very largest value, where many of them lie side by side; otherwise 0.
+    """Pixels that have the very largest value, where many of them lie side by side; otherwise 0.
 
     Tops that happen to be of the same height are one thing, level tops another.
 
@@ -374,7 +374,7 @@ class PsfFigures:
     Parameters
     ----------
     cell_um
-        Distance of its cells.
+        Pitch of its pixels.
     fwhm_um
         Full width of the autocorrelation, all directions averaged, half way between its peak and
         the lowest value before the second peak: that of one spot, where spots do not touch.
@@ -389,20 +389,20 @@ class PsfFigures:
         From the first to the second peak of the autocorrelation, in all directions and along the
         rows; None where there is no second peak.
     background_share
-        Share of the light that lies evenly under the pattern (see `background_of`).
+        Fraction of the light that lies evenly under the PSF (see `background_of`).
     contrast
-        Standard deviation over mean (`peli1990`), the noise's share taken off.
+        Standard deviation over mean (`peli1990`), the noise's fraction taken off.
     sparsity
-        Share of the area without light, see `nolens.evaluate.sparsity`; noise taken off.
+        Fraction of the area without light, see `nolens.evaluate.sparsity`; noise taken off.
     noise
-        Standard deviation of a cell's noise, in the PSF's unit.
+        Standard deviation of a pixel's noise, in the PSF's unit.
     noise_given
         Whether that was given; otherwise it is the power at the frequencies where it is least.
     noise_magnitude
         What this noise is as spectral magnitude.
     clear_bands_per_mm
         Spatial frequencies, from and to, at which the PSF has more power than noise, up to that of
-        two cells; gaps and bands of less than 0.02 cycles to the cell are passed over.
+        two pixels; gaps and bands of less than 0.02 cycles per pixel are passed over.
     usable_per_mm
         End of the first of these bands, from which on the PSF sinks into its noise; 0 where there
         is none.
@@ -422,7 +422,7 @@ class PsfFigures:
         spectrum over rings, of the light without its background. It scales with one over the root
         of the number of spots, so it is no modulation transfer.
     direction_magnitude
-        For 0, 90, 180 and 270°, pairs of frequency and magnitude. A real pattern has the same
+        For 0, 90, 180 and 270°, pairs of frequency and magnitude. A real PSF has the same
         spectrum at 0 and 180°, whatever it is.
     """
 
@@ -467,21 +467,21 @@ def psf_figures(
     psf
         (rows, columns), linear, without black level, in any unit.
     cell_um
-        Distance of its cells.
+        Pitch of its pixels.
     reduced_um
         D; None: angles are not told.
     noise
-        Standard deviation of a cell's noise; None has it estimated, see `Spectrum.of`.
+        Standard deviation of a pixel's noise; None has it estimated, see `Spectrum.of`.
 
     Raises
     ------
     DataError
-        If the PSF is dark, even or all noise, smaller than 16 cells, or its lines are wider than
+        If the PSF is dark, even or all noise, smaller than 16 pixels, or its lines are wider than
         half of it.
     """
     if min(psf.shape) < _SMALLEST:
         raise DataError(
-            f"a PSF of {psf.shape[0]}×{psf.shape[1]} cells is too small to measure: "
+            f"a PSF of {psf.shape[0]}×{psf.shape[1]} pixels is too small to measure: "
             f"{_SMALLEST}×{_SMALLEST} at least"
         )
     mean = float(psf.double().mean())
@@ -490,7 +490,7 @@ def psf_figures(
     spectrum = Spectrum.of(psf, noise)
     variance = float((spectrum.power * spectrum.weight).sum()) / spectrum.cells**2
     if not variance > 1e-12 * mean**2:
-        raise DataError("the pattern is even: it has no lines to measure")
+        raise DataError("the PSF is even: it has no lines to measure")
     if not variance > spectrum.noise**2 or not spectrum.total > 0:
         raise DataError(
             f"the PSF varies by {math.sqrt(variance):.4g}, no more than its noise of "
@@ -501,7 +501,7 @@ def psf_figures(
     level = found.level()
     width, over_mean = found.width(found.radial, level), found.width(found.radial, 0.0)
     if width is None or over_mean is None:
-        raise DataError("the pattern is too small to measure: its lines are wider than half of it")
+        raise DataError("the PSF is too small to measure: its lines are wider than half of it")
     line_um = width * cell_um / math.sqrt(2)
     pitches = [
         found.pitch(profile, level, spread=spread)

@@ -20,7 +20,7 @@ _RIM = 0.5
 _Array = NDArray[np.float64]
 SECTORS = 8
 STAR_THRESHOLD = 0.10
-"""Share of the contrast of wide spokes at which spokes count as just resolved."""
+"""Fraction of the contrast of wide spokes at which spokes count as just resolved."""
 _OUTER = 0.95
 _LOW = 0.85
 _HALF_RING = 1.5
@@ -37,7 +37,7 @@ class StarPlace:
     centre
         Row and column.
     radius
-        To the ends of its spokes, or as far as whole circles fit into the picture, in cells.
+        To the ends of its spokes, or as far as whole circles fit into the picture, in pixels.
     periods
         Bright spokes.
     """
@@ -48,7 +48,7 @@ class StarPlace:
 
 
 def finest_radius(periods: int) -> float:
-    """Radius in cells at which a spoke with the dark beside it is 2.5 cells wide."""
+    """Radius in pixels at which a spoke with the dark beside it is 2.5 pixels wide."""
     return 1.25 * periods / math.pi
 
 
@@ -56,7 +56,7 @@ def find_star(picture: Tensor, periods: int | None = None) -> StarPlace:
     r"""Find a Siemens star.
 
     All edges of the spokes point at the centre: it is first the place that is nearest to the
-    lines through all cells across their gradients, in least squares that heed outliers little.
+    lines through all pixels across their gradients, in least squares that heed outliers little.
     Then it is where the fundamentals :math:`|\sum v\,e^{-iNφ}|` of all circles have the largest
     sum: beside the centre their phases differ from side to side. N is the strongest order of
     the outer circles.
@@ -197,9 +197,9 @@ class StarContrast:
     place
         Where the star is, and how many bright spokes it has.
     radii
-        Of the rings in cells, from the inside out, (rings,).
+        Of the rings in pixels, from the inside out, (rings,).
     contrast
-        (sectors, rings): amplitude of the spokes to their mean, as a share of that of evenly
+        (sectors, rings): amplitude of the spokes to their mean, as a fraction of that of evenly
         bright and dark spokes, :math:`4/π`.
     noise
         Its standard deviation, from what is no spoke, (sectors, rings).
@@ -226,7 +226,7 @@ class ResolvedRadius:
     Parameters
     ----------
     radius
-        In cells; the innermost ring's where even that is resolved.
+        In pixels; the innermost ring's where even that is resolved.
     plus_minus
         Half the distance of two rings and the noise, added as squares.
     at_limit
@@ -243,10 +243,10 @@ def star_contrast(
 ) -> StarContrast:
     r"""Measure the contrast of a Siemens star by radius and direction.
 
-    The star is found by itself (`find_star`). In every sector of every ring the cells are fit
+    The star is found by itself (`find_star`). In every sector of every ring the pixels are fit
     with :math:`a + a'φ + (b + b'r)\cos Nφ + (c + c'r)\sin Nφ` and the third harmonic by least
     squares, r from the ring's middle, and the contrast is :math:`\sqrt{b^2+c^2}/a`, the
-    fundamental of the spokes (`loebich2007`). Rings are a cell apart and three cells wide.
+    fundamental of the spokes (`loebich2007`). Rings are a pixel apart and three pixels wide.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ def star_contrast(
     Raises
     ------
     DataError
-        If there is no star, it has another number of spokes, or it is too small in cells.
+        If there is no star, it has another number of spokes, or it is too small in pixels.
     """
     place = find_star(picture, periods)
     values = picture.double().cpu().numpy()
@@ -268,8 +268,8 @@ def star_contrast(
     outer = math.floor(_OUTER * place.radius)
     if outer - inner < _FEWEST_RINGS:
         raise DataError(
-            f"the star reaches {place.radius:.0f} cells from its centre, and its {place.periods} "
-            f"bright spokes can be told from each other from {inner} on: a star of fewer spokes or "
+            f"the star reaches {place.radius:.0f} pixels from its centre, and its {place.periods} "
+            f"bright spokes can be resolved from {inner} on: a star of fewer spokes or "
             "of a larger angle is needed"
         )
     rows, columns = np.indices(values.shape)
@@ -307,7 +307,7 @@ def resolved_radii(
     star
         Its contrast.
     threshold
-        As a share of the contrast of the widest spokes.
+        As a fraction of the contrast of the widest spokes.
 
     Raises
     ------

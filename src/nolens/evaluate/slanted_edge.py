@@ -29,17 +29,17 @@ class EdgeResponse:
     Parameters
     ----------
     tilt_deg
-        From the cells' columns or rows, whichever it is nearer to.
+        From the pixels' columns or rows, whichever it is nearer to.
     direction_deg
         Of the line across the edge, along which contrast is told, from the right towards up.
     centre
         Row and column of its middle.
     at
-        Distances from the edge in cells, (places,).
+        Distances from the edge in pixels, (places,).
     spread
         Light there, from about 0 to about 1.
     frequencies
-        In cycles per cell, (frequencies,), up to 0.5.
+        In cycles per pixel, (frequencies,), up to 0.5.
     transfer
         Contrast there, 1 at frequency 0.
     """
@@ -68,8 +68,8 @@ def edge_response(picture: Tensor) -> EdgeResponse:
     r"""Spatial frequency response of an edge (`iso12233`, e-SFR; `burns2000`).
 
     The place of the edge in every row is the centroid of the row's derivative; a straight line
-    through these places (least squares) gives every cell its distance from the edge. The light
-    by distance, in bins of a quarter of a cell that a spline makes even, is derived and
+    through these places (least squares) gives every pixel its distance from the edge. The light
+    by distance, in bins of a quarter of a pixel that a spline makes even, is derived and
     transformed; what the bins and the difference of neighbours take off, :math:`\mathrm{sinc}`,
     is given back. In place of the norm's Hamming window, which widens the line by itself, the ends
     alone are tapered.
@@ -82,14 +82,14 @@ def edge_response(picture: Tensor) -> EdgeResponse:
     Raises
     ------
     DataError
-        If there is no such edge, or it is too upright or at an angle whose cells fall on a few
+        If there is no such edge, or it is too upright or at an angle whose pixels fall on a few
         distances only.
     """
     values = picture.double().cpu().numpy()
     if min(values.shape) < _FEWEST or not np.isfinite(values).all():
         raise DataError(
-            f"a picture of {values.shape[0]}×{values.shape[1]} cells, or with values that are not "
-            f"finite, is none of an edge: at least {_FEWEST}×{_FEWEST} cells are needed"
+            f"a picture of {values.shape[0]}×{values.shape[1]} pixels, or with values that are not "
+            f"finite, is none of an edge: at least {_FEWEST}×{_FEWEST} pixels are needed"
         )
     across, along = (np.abs(np.diff(values, axis=axis).sum(axis=axis)).sum() for axis in (1, 0))
     lying = along > across
@@ -153,7 +153,7 @@ def _line(values: _Array) -> tuple[float, float]:
     if abs(found[1]) * (len(rows) - 1) < 1:
         raise DataError(
             f"the edge stands upright to {math.degrees(math.atan(abs(found[1]))):.2g} deg, so that "
-            f"its cells all lie at the same distances from it: turn it by about 5 deg"
+            f"its pixels all lie at the same distances from it: turn it by about 5 deg"
         )
     return float(found[0]), float(found[1])
 
@@ -164,8 +164,8 @@ def _spread(values: _Array, distance: _Array, slope: float) -> tuple[_Array, _Ar
     count = math.floor(reach * _PER_CELL)
     if count < 4 * _PER_CELL:
         raise DataError(
-            f"the edge comes within {max(reach, 0):.1f} cells of the picture's side: at least 4 "
-            "cells on both sides of it are needed"
+            f"the edge comes within {max(reach, 0):.1f} pixels of the picture's side: at least 4 "
+            "pixels on both sides of it are needed"
         )
     number = np.round(distance * _PER_CELL).astype(int) + count
     kept = (number >= 0) & (number <= 2 * count)
@@ -177,8 +177,8 @@ def _spread(values: _Array, distance: _Array, slope: float) -> tuple[_Array, _Ar
     )
     if np.diff(places).max() > _WIDEST_GAP:
         raise DataError(
-            f"the cells around an edge at {math.degrees(math.atan(abs(slope))):.3g} deg all lie at "
-            "a few distances from it: turn it to about 5 deg"
+            f"the pixels around an edge at {math.degrees(math.atan(abs(slope))):.3g} deg all lie "
+            "at a few distances from it: turn it to about 5 deg"
         )
     at = np.arange(-count, count + 1) / _PER_CELL
     return at, CubicSpline(places, light)(at)

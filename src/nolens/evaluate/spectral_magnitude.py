@@ -1,4 +1,4 @@
-"""How much contrast a pattern carries at a spatial frequency, and how much of it is dark."""
+"""How much contrast a PSF carries at a spatial frequency, and how much of it is dark."""
 
 import math
 
@@ -12,10 +12,10 @@ _RING_STEPS = 3.0
 
 
 def spectral_magnitude(pattern: Tensor, cell_um: float, per_mm: float) -> float:
-    r"""Spectral magnitude of one square millimetre of a pattern at a spatial frequency.
+    r"""Spectral magnitude of one square millimetre of a PSF at a spatial frequency.
 
     :math:`\sqrt{a\,\langle|\hat p_f|^2\rangle}\,/\,\hat p_0` over a ring of frequencies, with a the
-    pattern's area in mm². A pattern of random spots carries contrast in proportion to
+    PSF's area in mm². A PSF of random spots carries contrast in proportion to
     :math:`1/\sqrt a`; for the area of one mm² it is the same whatever part is looked at. It is no
     modulation transfer, which is 1 at zero frequency: a mask with four times as many spots to the
     mm² has half of it.
@@ -25,19 +25,19 @@ def spectral_magnitude(pattern: Tensor, cell_um: float, per_mm: float) -> float:
     pattern
         (rows, columns), in any unit; its mean is taken off before it is transformed.
     cell_um
-        Distance of its cells.
+        Pitch of its pixels.
     per_mm
         The frequency.
 
     Raises
     ------
     DataError
-        If the pattern is dark, or too small or too coarse for the frequency.
+        If the PSF is dark, or too small or too coarse for the frequency.
     """
     rows, columns = pattern.shape
     mean = float(pattern.double().mean())
     if not mean > 0:
-        raise DataError("the pattern is dark: it has no contrast to measure")
+        raise DataError("the PSF is dark: it has no contrast to measure")
     spectrum = rfft2((pattern - mean).contiguous())
     along = torch.fft.fftfreq(rows, cell_um * 1e-3, dtype=torch.float64)
     across = torch.fft.rfftfreq(columns, cell_um * 1e-3, dtype=torch.float64)
@@ -46,8 +46,8 @@ def spectral_magnitude(pattern: Tensor, cell_um: float, per_mm: float) -> float:
     ring = ((radius - per_mm).abs() < half_width) & (radius > 0)
     if per_mm > 5e2 / cell_um or not ring.any():
         raise DataError(
-            f"{per_mm:g} lines to the mm cannot be told on {rows}×{columns} cells of {cell_um:g} "
-            f"um: choose up to {5e2 / cell_um:.0f}, or a larger pattern"
+            f"{per_mm:g} lines per mm cannot be measured on {rows}×{columns} pixels of {cell_um:g} "
+            f"um: choose up to {5e2 / cell_um:.0f}, or a larger PSF"
         )
     power = float(spectrum.abs().double().square()[ring].mean())
     area_mm2 = rows * columns * (cell_um * 1e-3) ** 2
@@ -55,7 +55,7 @@ def spectral_magnitude(pattern: Tensor, cell_um: float, per_mm: float) -> float:
 
 
 def sparsity(pattern: Tensor, noise: float = 0.0) -> float:
-    r"""Share of the area without light, :math:`1 - (Σp)^2 / (N Σp^2)`: 0 for an even pattern.
+    r"""Fraction of the area without light, :math:`1 - (Σp)^2 / (N Σp^2)`: 0 for an even PSF.
 
     Parameters
     ----------
@@ -72,5 +72,5 @@ def sparsity(pattern: Tensor, noise: float = 0.0) -> float:
     values = pattern.double()
     squared = float(values.square().mean()) - noise**2
     if not squared > 0:
-        raise DataError("the pattern is dark: it has no light to measure")
+        raise DataError("the PSF is dark: it has no light to measure")
     return 1 - float(values.mean()) ** 2 / squared

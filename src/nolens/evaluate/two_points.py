@@ -31,11 +31,11 @@ class PointPair:
         :math:`1 - I_v / I_p` of the valley between the peaks and the fainter of them; 0 where
         there is one peak only.
     separation
-        Distance of the peaks in cells; 0 where there is one only.
+        Distance of the peaks in pixels; 0 where there is one only.
     direction_deg
         Of the line through them, from the right towards up.
     at
-        Places along that line in cells, 0 midway between the ends of the trace.
+        Places along that line in pixels, 0 midway between the ends of the trace.
     trace
         Light at these places, 1 at the brighter peak.
     """
@@ -81,8 +81,8 @@ def point_pair(picture: Tensor, separation: float) -> PointPair:
     picture
         (height, width), linear, in any unit.
     separation
-        Distance of the points in cells, as it should be. Peaks count that are nearer to it than
-        35 % or 1.5 cells.
+        Distance of the points in pixels, as it should be. Peaks count that are nearer to it than
+        35 % or 1.5 pixels.
 
     Raises
     ------
@@ -173,9 +173,9 @@ def _check_only_two(values: _Array, away: _Array, maxima: _Mask, reach: float) -
     far = _brightest(values, maxima & (away > reach) & (values > peak / 2))
     if far is not None:
         raise DataError(
-            f"the picture shows point sources {away[far]:.1f} cells apart, and two at most "
-            f"{reach:.1f} cells apart were expected: check the separation, the distance and the "
-            "angle of a cell, or cut it to the points (--region)"
+            f"the picture shows point sources {away[far]:.1f} pixels apart, and two at most "
+            f"{reach:.1f} pixels apart were expected: check the separation, the distance and the "
+            "angle of a pixel, or cut it to the points (--region)"
         )
 
 

@@ -119,7 +119,7 @@ def _whole(numbers: torch.Tensor) -> torch.Tensor:
 
 @dataclass(frozen=True)
 class Rays:
-    """A camera's layers over the cells of a picture.
+    """A camera's layers over the pixels of a picture.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ class Rays:
     stack
         Its layers.
     axis
-        Row and column of the cell that lies on the axis.
+        Row and column of the pixel that lies on the axis.
     """
 
     twin: Twin
@@ -137,7 +137,7 @@ class Rays:
 
     @classmethod
     def of(cls, twin: Twin, size: tuple[int, int]) -> "Rays":
-        """For a picture of (rows, columns): all of the sensor, or a region around its middle."""
+        """For a picture of (rows, columns): all of the sensor, or an area around its middle."""
         rows, columns = (
             cells // 2 - (cells - count) // 2 for cells, count in zip(twin.cells, size, strict=True)
         )
@@ -160,7 +160,7 @@ class Rays:
         return _pairs(away * torch.where(reach > 0, tangent / reach.clamp_min(1e-12), 0.0)[:, None])
 
     def spacings(self, tangents: Places, step: float) -> list[float]:
-        """Cells between dots whose tangents are a step apart, in the direction that is nearer."""
+        """Pixels between dots whose tangents are a step apart, in the direction that is nearer."""
         _, reach, p = self._sines(tangents)
         along = self.stack.spread_um(p) * (1 - p * p).pow(1.5)
         across = torch.where(
@@ -208,7 +208,7 @@ class DotGrid:
     pose
         How the grid was found to stand.
     cell_deg
-        What a cell in the middle of the picture sees.
+        What a pixel in the middle of the picture sees.
     picture
         (rows, columns).
     """
@@ -238,7 +238,7 @@ def found_grid(
     Parameters
     ----------
     picture
-        (rows, columns), linear, around the cell on the camera's axis.
+        (rows, columns), linear, around the pixel on the camera's axis.
     twin
         The camera.
     pitch_um, distance_um
@@ -251,14 +251,14 @@ def found_grid(
     DataError
         If there are no dots in the middle of the picture, or they are not so far apart.
     OptionError
-        If dots so far apart are less than two cells apart in the picture, or beyond number.
+        If dots so far apart are less than two pixels apart in the picture, or beyond number.
     """
     step = pitch_um / distance_um
     cell_tangent = twin.cell_um / twin.stack().reduced_um
     if step < 2 * cell_tangent:
         raise OptionError(
             f"dots {pitch_um * 1e-3:g} mm apart at {distance_um * 1e-3:g} mm are "
-            f"{step / cell_tangent:.2g} cells apart in the picture: to be told apart they need 2 "
+            f"{step / cell_tangent:.2g} pixels apart in the picture: to be resolved they need 2 "
             f"or more, {2 * cell_tangent * distance_um * 1e-3:.2g} mm"
         )
     at = grid_tangents(pitch_um, distance_um, reach_deg)
@@ -299,12 +299,12 @@ def grid_tangents(
     if (2 * most + 1) ** 2 > _MOST_DOTS:
         raise OptionError(
             f"dots {pitch_um * 1e-3:g} mm apart at {distance_um * 1e-3:g} mm are more than "
-            f"{_MOST_DOTS} up to {reach_deg:g} deg: choose a larger pitch or a smaller reach"
+            f"{_MOST_DOTS} up to {reach_deg:g} deg: choose a larger pitch or a smaller extent"
         )
     if most < 1:
         raise OptionError(
             f"of dots {pitch_um * 1e-3:g} mm apart at {distance_um * 1e-3:g} mm, up to "
-            f"{reach_deg:g} deg there is only one: choose a smaller pitch or a larger reach"
+            f"{reach_deg:g} deg there is only one: choose a smaller pitch or a larger extent"
         )
     return [
         (i * step, j * step)
@@ -397,7 +397,7 @@ def dot_grid(
     """Show a camera a grid of dots, reconstruct what it measures, and find them in the picture.
 
     The PSF of the reconstruction is the central one, known as far as light from the grid passes;
-    light can come from the grid's region alone. Each dot is smaller than a cell.
+    light can come from the grid's support alone. Each dot is smaller than a pixel.
 
     Parameters
     ----------
@@ -412,7 +412,7 @@ def dot_grid(
     fill, seed
         See `VirtualExperiment.photograph`.
     tick
-        Called with the share that is done.
+        Called with the fraction that is done.
 
     Raises
     ------

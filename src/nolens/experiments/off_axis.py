@@ -34,10 +34,10 @@ class OffAxis:
     correlation_overlap
         Correlation of those parts alone that both frames have: what aberration does.
     overlap_width, overlap_height
-        Share of the frame that both have by the chief ray, for a light beside the camera and one
+        Fraction of the frame that both have by the chief ray, for a light beside the camera and one
         above it; None without a description of the camera.
     shift_um
-        How far the pattern has moved.
+        How far the PSF has moved.
     expected_shift_um
         How far the chief ray has, by Snell's law; None without a description of the camera.
     light
@@ -81,11 +81,11 @@ def off_axis(
     distance_um, diameter_um
         Of the light; the distance from the sensor's plane.
     fill
-        Share of a full pixel that the brightest one is exposed to.
+        Fraction of a full pixel that the brightest one is exposed to.
     seed
         Of the noise; every frame has its own.
     tick
-        Called with the share that is done.
+        Called with the fraction that is done.
 
     Raises
     ------
@@ -140,12 +140,12 @@ def compared(
     Parameters
     ----------
     central, pattern
-        (rows, columns), on the cells of the sensor; None for the second one where no light of it
+        (rows, columns), on the pixels of the sensor; None for the second one where no light of it
         reaches the sensor.
     source
         Of the second one.
     cell_um
-        Distance of the cells.
+        Pitch of the pixels.
     twin
         The camera; None leaves out what follows from it.
     one_exposure
@@ -186,7 +186,8 @@ class Rays:
     angle_deg
         Between the axis and the point source.
     shift_um, overlap_width, overlap_height, light
-        How far it moves; the share of the frame that is left, to the side and upwards; the light.
+        How far it moves; the fraction of the frame that is left, to the side and upwards; the
+        light.
     """
 
     angle_deg: float

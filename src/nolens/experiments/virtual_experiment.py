@@ -36,11 +36,11 @@ class SimulatedMeasurement:
     frame
         The counts.
     region
-        Cells that light came from.
+        Pixels that light came from.
     truth
         Radiance on them, (channels, height, width).
     response
-        How much of it each cell gives, (height, width), 1 for the brightest.
+        How much of it each pixel gives, (height, width), 1 for the brightest.
     exposure_cd_s_m2
         Luminance of what has the radiance 1, times the exposure time.
     """
@@ -100,7 +100,7 @@ class VirtualExperiment:
     def psf(
         self, source: PointSource, cells: tuple[int, int] | None = None, tick: Tick | None = None
     ) -> Tensor:
-        """PSF without noise on the cells of the reconstruction, in the chief ray's frame.
+        """PSF without noise on the pixels of the reconstruction, in the chief ray's frame.
 
         Each channel is as bright as the sensor sees it. `cells` may be more than the sensor has.
         """
@@ -126,11 +126,11 @@ class VirtualExperiment:
         source
             The point.
         fill
-            Share of a full pixel that the brightest one is exposed to; above 1 it clips.
+            Fraction of a full pixel that the brightest one is exposed to; above 1 it clips.
         seed
             Of the noise.
         tick
-            Called with the share that is done.
+            Called with the fraction that is done.
         """
         return self.exposed(self.light_of(source, tick), fill, seed)
 
@@ -163,11 +163,11 @@ class VirtualExperiment:
         planes
             Pictures at distances.
         fill
-            Share of a full pixel that the brightest one is exposed to.
+            Fraction of a full pixel that the brightest one is exposed to.
         seed
             Of the noise.
         tick
-            Called with the share that is done.
+            Called with the fraction that is done.
         """
         return self.seen(*arrange(self.twin, planes), fill=fill, seed=seed, tick=tick)
 
@@ -180,7 +180,7 @@ class VirtualExperiment:
         seed: int = 0,
         tick: Tick | None = None,
     ) -> SimulatedMeasurement:
-        """The sensor's frame of what is seen on the cells of a map; the rest as `photograph`."""
+        """The sensor's frame of what is seen on the pixels of a map; the rest as `photograph`."""
         found = irradiate(
             self.twin,
             replace(field, twin=self.twin),
@@ -227,20 +227,20 @@ def solved(
     tau: float = 1e-5,
     tick: Tick | None = None,
 ) -> Tensor:
-    """Scene on the cells of the region, by ADMM (`nolens.solvers.admm`).
+    """Scene on the pixels of the support, by ADMM (`nolens.solvers.admm`).
 
     Parameters
     ----------
     frame
         What the sensor measured.
     psf
-        On its cells, as large as the sensor or wider, (channels, rows, columns).
+        On its pixels, as large as the sensor or larger, (channels, rows, columns).
     region
-        Cells that light can come from; None for no limit.
+        Pixels that light can come from; None for no limit.
     iterations, tau
         As `nolens reconstruct` takes them; all iterations are done.
     tick
-        Called with the share that is done.
+        Called with the fraction that is done.
     """
     seen = develop(frame) if isinstance(frame, Frame) else frame
     reconstructor = Reconstructor(psf, region, tau).for_iterations(iterations)

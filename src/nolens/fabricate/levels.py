@@ -113,12 +113,12 @@ class Levels:
     def polygons(self, tick: Callable[[float], None] | None = None) -> list[list[gdstk.Polygon]]:
         """Trace the levels above 0, in um around the middle, x along the columns, y the rows.
 
-        They are traced in tiles of 500 cells, at whose seams polygons abut.
+        They are traced in tiles of 500 pixels, at whose seams polygons abut.
 
         Parameters
         ----------
         tick
-            Is told the share that is done.
+            Is told the fraction that is done.
 
         Returns
         -------

@@ -46,7 +46,7 @@ class Process:
     source
         Where the figures of the mould come from.
     surplus
-        Share that is mixed, and drawn, beyond what is needed: it stays in the cup and the
+        Fraction that is mixed, and drawn, beyond what is needed: it stays in the cup and the
         syringe. General advice.
     """
 

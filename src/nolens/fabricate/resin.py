@@ -23,7 +23,7 @@ class ResinAmount:
     cavity_mm3
         Volume that the cured layer fills, package and rim left out.
     shrinkage
-        Share of its volume that the liquid loses while it cures.
+        Fraction of its volume that the liquid loses while it cures.
     meniscus_mm3
         Liquid that stands above the frame's top, so that the mould meets its middle first.
     pour_mm3

@@ -18,7 +18,7 @@ from nolens.twin.model import REFERENCE_NM
 PINHOLE_UM = 50.0
 """Diameter of the paper's point source."""
 _CELLS = 384
-"""Cells along the side of the patch of sensor that stands for all of it."""
+"""Pixels along the side of the patch of sensor that stands for all of it."""
 
 
 @dataclass(frozen=True)
@@ -52,14 +52,14 @@ class Focus:
 
 @dataclass(frozen=True)
 class Lines:
-    """What the pattern of a point source measures behind a layer of some thickness.
+    """What the PSF measures behind a layer of some thickness.
 
     Parameters
     ----------
     layer_mm
         Thickness of the resin.
     width_um
-        Full width at half maximum of the pattern's autocorrelation.
+        Full width at half maximum of the PSF's autocorrelation.
     """
 
     layer_mm: float
@@ -151,7 +151,7 @@ def expected_lines(opened: OpenCamera, thicknesses_mm: tuple[float, ...]) -> tup
     """Simulate the check with a pinhole: the width of the lines for thicknesses of the resin.
 
     White light of a pinhole of 50 µm at the camera's reference distance falls on a patch of the
-    mask; one wavelength stands for each colour of the sensor, whose patterns are added.
+    mask; one wavelength stands for each colour of the sensor, whose PSFs are added.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def expected_lines(opened: OpenCamera, thicknesses_mm: tuple[float, ...]) -> tup
     Raises
     ------
     NolensError
-        If the camera cannot be simulated, or its pattern has no lines to measure.
+        If the camera cannot be simulated, or its PSF has no lines to measure.
     """
     if isinstance(opened.camera.mask.relief, Flat):
         raise DataError("the mask is flat: it throws no lines on the sensor")

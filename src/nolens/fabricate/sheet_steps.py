@@ -236,7 +236,7 @@ def _expected(work: Work) -> str:
 
 def _lines(work: Work) -> tuple[Block, ...]:
     if not work.lines:
-        return (Text(f"No width can be foretold for this camera: {work.no_lines}", "note"),)
+        return (Text(f"No width can be predicted for this camera: {work.no_lines}", "note"),)
     rows = tuple(
         (f"{millimetres(each.layer_mm)} mm", f"{each.width_um:.1f} µm", f"{each.line_um:.1f} µm")
         for each in work.lines

@@ -57,16 +57,16 @@ class Solid:
             )
 
     def grown(self, shrinkage: float) -> "Solid":
-        """The solid to make of a material that shrinks in all lengths by a share.
+        """The solid to make of a material that shrinks in all lengths by a fraction.
 
         Raises
         ------
         OptionError
-            If the share is not within 0 to 0.5.
+            If the fraction is not within 0 to 0.5.
         """
         if not 0 <= shrinkage < 0.5:
             raise OptionError(
-                f"a shrinkage of {100 * shrinkage:g} %: give a share of the length from 0 % to "
+                f"a shrinkage of {100 * shrinkage:g} %: give a fraction of the length from 0 % to "
                 "less than 50 %"
             )
         return replace(self, vertices_mm=self.vertices_mm / (1 - shrinkage))

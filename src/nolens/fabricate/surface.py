@@ -128,7 +128,7 @@ def made_surface(
     crop_mm
         (width, height) of the middle part that is made; None for all of it.
     mould_shrinkage
-        Share of its lengths that the mould loses until it is used.
+        Fraction of its lengths that the mould loses until it is used.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def made_surface(
     if not 0 <= mould_shrinkage < 0.5:
         raise OptionError(
             f"a shrinkage of the mould of {100 * mould_shrinkage:g} % (--mould-shrinkage): give a "
-            "share of the length from 0 % to less than 50 %"
+            "fraction of the length from 0 % to less than 50 %"
         )
     heights = relief.height_um
     if crop_mm is not None:

@@ -21,7 +21,7 @@ def plot_depth(path: Path, per_m: Tensor, confidence: Tensor, depths_um: Sequenc
     path
         PNG to be written.
     per_m
-        1/z of every cell in 1/m, (rows, columns).
+        1/z of every pixel in 1/m, (rows, columns).
     confidence
         From 0 to 1, as `nolens.refocusing.AllInFocus` has it.
     depths_um

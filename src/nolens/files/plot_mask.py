@@ -31,7 +31,7 @@ class MaskPlot:
     psf, papers_psf
         PSFs of this mask and of the paper's diffuser, (channels, rows, columns).
     cell_um
-        Distance of their cells.
+        Pitch of their pixels.
     title
         Over all.
     """
@@ -113,7 +113,7 @@ def _draw_magnitude(axes: "Axes", plot: MaskPlot) -> None:
             except DataError:
                 values.append(np.nan)
         axes.loglog(frequencies, values, color=colour, label=name)
-    axes.set_xlabel("lines to the mm on the sensor")
+    axes.set_xlabel("lines per mm on the sensor")
     axes.set_title("spectral magnitude of 1 mm² of the PSF")
     axes.set_ylim(bottom=1e-4)
     axes.grid(alpha=0.3)

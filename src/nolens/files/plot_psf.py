@@ -35,7 +35,7 @@ def write_psf_plot(path: str | Path, figures: PsfFigures, psf: Tensor, cell_um: 
     psf
         (rows, columns).
     cell_um
-        Distance of its cells.
+        Pitch of its pixels.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def _draw_psf(
     axes.imshow(coarse, extent=(0, width, height, 0), **shades)
     axes.set_xlabel("mm")
     axes.set_ylabel("mm")
-    axes.set_title(f"(a) PSF, {rows}×{columns} cells of {cell_um:.4g} µm")
+    axes.set_title(f"(a) PSF, {rows}×{columns} pixels of {cell_um:.4g} µm")
     pitch_um = figures.pitch_um or 5 * figures.fwhm_um
     half = min(round(_ZOOM_PITCHES / 2 * pitch_um / cell_um), rows // 4, columns // 4)
     if half < 4:

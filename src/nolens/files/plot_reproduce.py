@@ -103,7 +103,7 @@ def plot_films(
     paper
         Thickness in mm and width in um of the paper's sharpest film.
     cell_um
-        Distance of the patterns' cells.
+        Pitch of the PSFs' pixels.
     """
     thicknesses = sorted(widths_um)
     chosen = np.linspace(0, len(thicknesses) - 1, min(_SHOWN, len(thicknesses))).round().astype(int)
@@ -142,7 +142,7 @@ def plot_films(
 
 
 def plot_overlay(path: Path, patterns: Tensor, names: tuple[str, str, str], cell_um: float) -> None:
-    """Draw three patterns in red, blue and green over each other, binarised as in fig. 8a.
+    """Draw three PSFs in red, blue and green over each other, binarised as in fig. 8a.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def plot_overlay(path: Path, patterns: Tensor, names: tuple[str, str, str], cell
     names
         Of the three.
     cell_um
-        Distance of the cells.
+        Pitch of the pixels.
 
     Raises
     ------
@@ -161,7 +161,7 @@ def plot_overlay(path: Path, patterns: Tensor, names: tuple[str, str, str], cell
         If they are not three.
     """
     if patterns.ndim != 3 or len(patterns) != 3:
-        raise DataError(f"three patterns are drawn over each other, not {tuple(patterns.shape)}")
+        raise DataError(f"three PSFs are drawn over each other, not {tuple(patterns.shape)}")
     levels = np.quantile(patterns.numpy(), 0.88, axis=(1, 2))
     bright = patterns.numpy() > levels[:, None, None]
     # On white, each pattern takes away the two colours that are not its own.

@@ -52,7 +52,7 @@ def _draw_figures(axes: Axes, study: Study) -> None:
     figures = study.figures.numpy()
     finite = np.sort(figures[np.isfinite(figures)])
     if len(finite) == 0:
-        axes.set_title("no camera's pattern could be measured")
+        axes.set_title("no camera's PSF could be measured")
         return
     axes.hist(finite, bins=min(40, max(5, len(finite) // 10)), color=_NEUTRAL, alpha=0.45)
     axes.set_ylabel("cameras")
@@ -62,7 +62,7 @@ def _draw_figures(axes: Axes, study: Study) -> None:
     ordered = finite if sharpness.smaller_is_better else finite[::-1]
     share.plot(ordered, 100 * places, color="black", linewidth=1.4)
     share.set_ylim(0, 102)
-    share.set_ylabel("share that is this good or better, %")
+    share.set_ylabel("fraction that is this good or better, %")
     levels = {level: study.levels[level] for level in _LEVELS if np.isfinite(study.levels[level])}
     share.plot(
         [*levels.values()], [100 * level for level in levels], "o", color="black", markersize=4

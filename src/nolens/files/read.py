@@ -36,7 +36,7 @@ def read_frame(path: str | Path, *, mosaic: str | None = None, bgr: bool = False
         package adds (entry point ``nolens.readers``, named like the suffix without its dot).
     mosaic
         Says that the single channel of a TIFF, PNG or npy file is a colour mosaic: the colours
-        of its 2×2 cell row by row, ``"RGGB"``, ``"BGGR"``, ``"GRBG"`` or ``"GBRG"``.
+        of its 2×2 superpixel row by row, ``"RGGB"``, ``"BGGR"``, ``"GRBG"`` or ``"GBRG"``.
     bgr
         The three channels are stored in the order B, G, R.
 

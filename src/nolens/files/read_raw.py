@@ -56,7 +56,7 @@ def read_raw(path: Path) -> Frame:
     Raises
     ------
     FileError
-        If the file is damaged or incomplete, no raw file, or its mosaic has no 2×2 cell.
+        If the file is damaged or incomplete, no raw file, or its mosaic has no 2×2 superpixel.
     """
     check_bytes(path)
     try:

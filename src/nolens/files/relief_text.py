@@ -22,7 +22,7 @@ _COST = 10
 """Bytes of memory for one of a text, most of them for the numbers as texts of their own."""
 _LONGEST_VALUE = 1000
 _SPACING = 1e-3
-"""Share of the pitch by which points may lie beside their grid."""
+"""Fraction of the pitch by which points may lie beside their grid."""
 
 
 @dataclass(frozen=True)

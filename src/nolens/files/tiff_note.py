@@ -24,7 +24,7 @@ class TiffNote:
     white
         Count from which a pixel is saturated.
     mosaic
-        Colours of the 2×2 cell.
+        Colours of the 2×2 superpixel.
     exposure_s
         Exposure time in seconds.
     """

@@ -116,7 +116,7 @@ def write_counts(
     counts
         Whole counts of 0 to 65535, (height, width).
     mosaic
-        Colours of the 2×2 cell, row by row; None without one.
+        Colours of the 2×2 superpixel, row by row; None without one.
     black
         Count that stands for no light.
     white

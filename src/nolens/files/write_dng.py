@@ -50,7 +50,7 @@ def write_dng(
     counts
         Whole counts of 0 to 65535, (height, width), at least 22×22.
     pattern
-        Colours of the 2×2 cell, row by row.
+        Colours of the 2×2 superpixel, row by row.
     black
         Count that stands for no light.
     white
@@ -65,7 +65,7 @@ def write_dng(
     DataError
         If `counts` are not whole numbers of 0 to 65535 of shape (height, width).
     OptionError
-        If the pattern is unknown, or black is not below white within 0 to 65535.
+        If the mosaic is unknown, or black is not below white within 0 to 65535.
     FileError
         If the file cannot be written.
     """

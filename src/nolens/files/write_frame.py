@@ -31,7 +31,7 @@ def write_frame(path: str | Path, frame: Frame, *, model: str = "lensless camera
     path
         The file to write.
     frame
-        Its black level is written as one number, the mean of those of a mosaic's cells.
+        Its black level is written as one number, the mean of those of a superpixel's pixels.
     model
         Name of the camera, ASCII, for a .dng.
 

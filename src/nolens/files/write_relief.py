@@ -72,7 +72,7 @@ def write_height_map(path: str | Path, surface: MadeSurface) -> None:
         "lowest_um": low,
         "highest_um": high,
         "size_mm": list(surface.size_mm),
-        "first_row": "top of the surface as seen by who looks onto it",
+        "first_row": "top of the surface, seen from above it",
     }
     resolution = Fraction(_UM_PER_CM / surface.pitch_um).limit_denominator(
         max(1, int(_LARGEST * min(1.0, surface.pitch_um / _UM_PER_CM)))

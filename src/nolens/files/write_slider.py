@@ -38,7 +38,7 @@ class SliderPage:
     everywhere
         The picture that is sharp everywhere, (1 or 3, rows, columns).
     sharpest
-        Number of the sharpest page for every cell, (rows, columns).
+        Number of the sharpest page for every pixel, (rows, columns).
     white
         Radiance that is white in all pictures.
     """

@@ -79,7 +79,7 @@ def write_depths(path: str | Path, per_m: Tensor) -> None:
     path
         The file to write.
     per_m
-        1/z of every cell in 1/m, (rows, columns).
+        1/z of every pixel in 1/m, (rows, columns).
 
     Raises
     ------

@@ -33,7 +33,7 @@ def write_step(path: str | Path, frame: FrameGeometry, title: str, shrinkage: fl
     title
         Name of the part.
     shrinkage
-        Share of all lengths that the printer's material loses: the part is made larger by it.
+        Fraction of all lengths that the printer's material loses: the part is made larger by it.
 
     Raises
     ------

@@ -18,19 +18,19 @@ class CroppedConvolution(LinearOperator):
     Parameters
     ----------
     psf
-        `(channels, height, width)`, or one channel for all; of the sensor's size or wider, at
+        `(channels, height, width)`, or one channel for all; of the sensor's size or larger, at
         the sensor's pitch.
     sensor
         (height, width) of the measurement.
     region
-        Cells that light can come from. With it, the operator takes scenes of the region's
+        Pixels that light can come from. With it, the operator takes scenes of the support's
         size; without, of the whole period (`geometry.period`), in which the sensor's frame
         lies at `geometry.sensor`.
 
     Raises
     ------
     OptionError
-        If no light from the region reaches the sensor.
+        If no light from the support reaches the sensor.
     """
 
     def __init__(self, psf: Tensor, sensor: tuple[int, int], region: Region | None = None) -> None:
@@ -53,7 +53,7 @@ class CroppedConvolution(LinearOperator):
 
     @property
     def domain_shape(self) -> tuple[int, ...]:
-        """Size of the scene: the region, or the whole period; channels first where fixed."""
+        """Size of the scene: the support, or the whole period; channels first where fixed."""
         return (*self._channel_axis, *self.geometry.scene[2:])
 
     @property
@@ -62,7 +62,7 @@ class CroppedConvolution(LinearOperator):
         return (*self._channel_axis, *self.sensor)
 
     def embed(self, scene: Tensor) -> Tensor:
-        """Scene on the whole period, zero outside the region."""
+        """Scene on the whole period, zero outside the support."""
         return _embed(scene, self.geometry.scene, self.geometry.period)
 
     def _forward(self, v: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""Finite differences between neighbouring cells."""
+"""Finite differences between neighbouring pixels."""
 
 import torch
 from torch import Tensor
@@ -31,7 +31,7 @@ class FiniteDifference(LinearOperator):
 
     @property
     def range_shape(self) -> tuple[int, ...]:
-        """Two differences for each cell."""
+        """Two differences for each pixel."""
         return (2, *self.shape)
 
     def _forward(self, v: Tensor) -> Tensor:

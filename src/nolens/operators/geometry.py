@@ -8,10 +8,10 @@ from nolens.kernels import fast_length
 
 @dataclass(frozen=True)
 class Region:
-    """Rectangle of scene cells, in the cells of the sensor's frame.
+    """Rectangle of scene pixels, in the sensor's frame.
 
-    Scene cell (i, j) is the one whose light, through the centre of the PSF, falls on sensor
-    cell (i, j). A scene can reach beyond the sensor, so `top` and `left` may be negative.
+    Scene pixel (i, j) is the one whose light, through the centre of the PSF, falls on sensor
+    pixel (i, j). A scene can reach beyond the sensor, so `top` and `left` may be negative.
     """
 
     top: int
@@ -21,7 +21,7 @@ class Region:
 
     @classmethod
     def centred(cls, height: int, width: int, sensor: tuple[int, int]) -> "Region":
-        """Region of the given size around the centre of the sensor."""
+        """Support of the given size around the centre of the sensor."""
         return cls((sensor[0] - height) // 2, (sensor[1] - width) // 2, height, width)
 
 
@@ -46,13 +46,13 @@ class Geometry:
     period
         (height, width) of the transforms.
     sensor, scene
-        Windows of the measurement and of the cells that light can come from.
+        Windows of the measurement and of the pixels that light can come from.
     psf
         Window of the PSF array that can reach the sensor from the scene.
     psf_shift
-        Where the first cell of that window lies, relative to zero shift.
+        Where the first pixel of that window lies, relative to zero shift.
     origin
-        Scene cell, in the sensor's frame, of the scene's first row and column.
+        Scene pixel, in the sensor's frame, of the scene's first row and column.
     """
 
     period: tuple[int, int]
@@ -68,25 +68,25 @@ class Geometry:
     ) -> "Geometry":
         r"""Shortest fast period in which no wrap-around reaches the sensor.
 
-        For a PSF with offsets from o₀ to o₁ and scene cells from t to t + r − 1, the shifted
-        copies of the convolution miss the sensor's cells 0 … N − 1 when the period is at least
+        For a PSF with offsets from o₀ to o₁ and scene pixels from t to t + r − 1, the shifted
+        copies of the convolution miss the sensor's pixels 0 … N − 1 when the period is at least
         max(t + r + o₁, N − t − o₀). Offsets that carry no light from the scene to the sensor
-        are cut off first, so sensor + region − 1 is enough for a region that overlaps the
+        are cut off first, so sensor + support − 1 is enough for a support that overlaps the
         sensor, and for a scene without limits sensor + PSF − 1.
 
         Parameters
         ----------
         sensor, psf
-            (height, width) in cells of the same pitch. Zero shift is the PSF's cell
+            (height, width) in pixels of the same pitch. Zero shift is the PSF's pixel
             (height // 2, width // 2).
         region
-            Cells that light can come from; None for every cell that the sensor can see, with
+            Pixels that light can come from; None for every pixel that the sensor can see, with
             the whole period as the scene.
 
         Raises
         ------
         OptionError
-            If the region has no cell from which the PSF reaches the sensor.
+            If the support has no pixel from which the PSF reaches the sensor.
         """
         if region is None:
             axes = [
@@ -132,9 +132,9 @@ def _confined(sensor: int, psf: int, start: int, length: int, *, of_rows: bool) 
     high = min(psf - 1 - centre, sensor - 1 - start)
     if length < 1 or high < low:
         raise OptionError(
-            f"no light from the region (cells {start} to {start + length - 1} of the sensor's "
-            f"frame, which has {sensor}) reaches the sensor through a PSF of {psf} cells; "
-            "give a region that overlaps the sensor"
+            f"no light from the support (pixels {start} to {start + length - 1} of the sensor's "
+            f"frame, which has {sensor}) reaches the sensor through a PSF of {psf} pixels; "
+            "give a support that overlaps the sensor"
         )
     sensor_start = max(0, -start)
     span = max(sensor_start + sensor, sensor_start + start + length)

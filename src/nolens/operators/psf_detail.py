@@ -6,9 +6,9 @@ from torch import Tensor
 from nolens.kernels import rfft2
 
 _FAINTEST = 1e-2
-"""Transfer, as a share of the strongest, below which detail drowns in a measurement's noise."""
+"""Transfer, as a fraction of the strongest, below which detail drowns in a measurement's noise."""
 _NOISE_AT_MOST = 0.1
-"""Share of the strongest transfer up to which what is left everywhere counts as noise."""
+"""Fraction of the strongest transfer up to which what is left everywhere counts as noise."""
 _CLEAR = 2.0
 """How far above that a transfer must be."""
 _RINGS = 100
@@ -17,11 +17,11 @@ _HIGHEST = 0.5
 
 
 def finest_detail(psf: Tensor) -> float:
-    r"""Highest spatial frequency that a PSF carries, in cycles to the cell; 0.5 at most.
+    r"""Highest spatial frequency that a PSF carries, in cycles per pixel; 0.5 at most.
 
     A frequency is carried where the transfer, the root of the mean power in its ring under Hann's
     window, is at least 1 % of the strongest ring's, and twice what is left in the weakest, if
-    that is below 10 % of the strongest and so may be noise. Squares of b×b cells still hold what
+    that is below 10 % of the strongest and so may be noise. Squares of b×b pixels still hold what
     is carried where :math:`b < 1/(2f)`.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Optics of plane layers under a relief: rays, waves, and the pattern of a point source."""
+"""Optics of plane layers under a relief: rays, waves, and the PSF."""
 
 import lazy_loader
 

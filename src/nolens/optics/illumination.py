@@ -17,7 +17,7 @@ class PointSource:
     ----------
     tangent
         Tangents of the field angle, (row, column), in the picture's sense: a source to the
-        right of the axis has a positive second one, and its pattern lies to the right too.
+        right of the axis has a positive second one, and its PSF lies to the right too.
     distance_um
         From the camera's outermost surface, along the axis; infinity for a plane wave.
     diameter_um

@@ -26,7 +26,7 @@ class Opening:
     width_um: float
 
     def coverage(self, rows_um: Tensor, columns_um: Tensor, pitch_um: float) -> Tensor:
-        """Share of each square sample that is open, (rows, columns), float32."""
+        """Fraction of each square sample that is open, (rows, columns), float32."""
         if self.shape == "rectangle":
             sides = [
                 (0.5 + (size / 2 - place.abs()) / pitch_um).clamp(0, 1).float()

@@ -1,4 +1,4 @@
-"""The pattern that a point source throws on the sensor, by wave optics."""
+"""The intensity that a point source casts on the sensor, by wave optics."""
 
 import math
 from collections.abc import Callable
@@ -59,7 +59,7 @@ def point_pattern(
 
     The wave of the source (exact rays) passes the thin relief h, which turns its phase by
     :math:`k_0(\sqrt{n'^2 - p^2} - \sqrt{n^2 - p^2})\,h` with p = n sin θ of the local ray, and then
-    the layers (`propagate`). The pattern is cut into windows, each in the frame of its own chief
+    the layers (`propagate`). The PSF is cut into windows, each in the frame of its own chief
     ray, so that nothing is sampled but what the relief does to the light; the margin around a
     window follows from geometry.
 
@@ -74,9 +74,9 @@ def point_pattern(
     grid
         The samples, on the sensor.
     response
-        Share of the light that a pixel accepts, by p² (float64 tensors).
+        Fraction of the light that a pixel accepts, by p² (float64 tensors).
     tick
-        Called with the share that is done, 0 to 1, after every window.
+        Called with the fraction that is done, 0 to 1, after every window.
 
     Returns
     -------

@@ -91,7 +91,7 @@ class Stack:
 
 
 def transmittance(indices: tuple[float, ...], squared: Tensor) -> Tensor:
-    r"""Share of the power of unpolarised light that passes the surfaces between media.
+    r"""Fraction of the power of unpolarised light that passes the surfaces between media.
 
     At one surface :math:`T = 1 - \tfrac12(r_s^2 + r_p^2)` with Fresnel's coefficients
     (`goodman2005`); light that is reflected twice is not followed.

@@ -1,4 +1,4 @@
-"""How a pattern is cut into windows that are computed one by one."""
+"""How a PSF is cut into windows that are computed one by one."""
 
 import math
 from collections.abc import Iterator
@@ -17,12 +17,12 @@ _DIVERGENCE_SHARE = 0.1
 
 @dataclass(frozen=True)
 class Window:
-    """One part of the pattern.
+    """One part of the PSF.
 
     Parameters
     ----------
     rows, columns
-        First and last-but-one sample of the pattern that this part gives.
+        First and last-but-one sample of the PSF that this part gives.
     """
 
     rows: tuple[int, int]
@@ -73,15 +73,15 @@ def divergence(pitch_um: float, distance_um: float) -> float:
 
 
 def windows(rows: int, columns: int, pitch_um: float, distance_um: float) -> Iterator[Window]:
-    """Cut a pattern into windows of about equal size.
+    """Cut a PSF into windows of about equal size.
 
-    No window is larger than what the processor's caches and the memory like, nor than the share
+    No window is larger than what the processor's caches and the memory like, nor than the fraction
     of the source's distance over which the light's direction changes little.
 
     Parameters
     ----------
     rows, columns
-        Samples of the pattern.
+        Samples of the PSF.
     pitch_um
         Their distance.
     distance_um

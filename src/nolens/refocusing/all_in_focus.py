@@ -23,7 +23,7 @@ class AllInFocus:
     picture
         Radiance, (channels, rows, columns).
     per_m
-        1/z of every cell, in 1/m, (rows, columns).
+        1/z of every pixel, in 1/m, (rows, columns).
     confidence
         How far the sharpest depth stands out there, from 0 (not at all) to 1.
     """
@@ -34,7 +34,7 @@ class AllInFocus:
 
 
 def all_in_focus(stack: Stack, width: float) -> AllInFocus:
-    r"""Find the sharpest depth of every cell, and take each cell from there.
+    r"""Find the sharpest depth of every pixel, and take each pixel from there.
 
     The sharpness is the energy of the gradient (`pertuz2013`) over the page's objective, in
     Gaussian windows of σ, 2σ and 4σ, each divided by its mean over the picture and added up: a wide
@@ -47,7 +47,7 @@ def all_in_focus(stack: Stack, width: float) -> AllInFocus:
     stack
         Of two depths or more, in equal steps of 1/z.
     width
-        σ of the smallest window, in cells.
+        σ of the smallest window, in pixels.
     """
     sharp = torch.stack(
         [

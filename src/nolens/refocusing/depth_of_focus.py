@@ -35,7 +35,7 @@ def even_depths(near_um: float, far_um: float, steps: int) -> tuple[float, ...]:
 
 
 def line_cells(psf: Tensor) -> float:
-    r"""Width of a pattern's lines: half-width of its autocorrelation, divided by √2.
+    r"""Width of a PSF's lines: half-width of its autocorrelation, divided by √2.
 
     Autocorrelation :math:`F^{-1}|F(p - \bar p)|^2`, full width at half maximum, mean of rows and
     columns (`uvimprint`, fig. 5b).
@@ -48,12 +48,12 @@ def line_cells(psf: Tensor) -> float:
     Returns
     -------
     float
-        In cells.
+        In pixels.
 
     Raises
     ------
     DataError
-        If the pattern is even, or its lines are wider than half of it.
+        If the PSF is even, or its lines are wider than half of it.
     """
     plane = psf.mean(dim=0)
     spectrum = rfft2((plane - plane.mean()).contiguous())
@@ -77,7 +77,7 @@ def _half(profile: Tensor) -> float:
 
 
 def lit_cells(psf: Tensor, sensor: tuple[int, int]) -> float:
-    """Half of the longer side of what a PSF lights on the sensor, in cells.
+    """Half of the longer side of what a PSF lights on the sensor, in pixels.
 
     Parameters
     ----------
@@ -97,9 +97,9 @@ def lit_cells(psf: Tensor, sensor: tuple[int, int]) -> float:
 
 
 def depth_of_focus_per_m(line_um: float, reduced_um: float, lit_um: float) -> float:
-    r"""Difference of 1/z by which the pattern's edge moves by one line: :math:`w / (D\,r)`.
+    r"""Difference of 1/z by which the PSF's edge moves by one line: :math:`w / (D\,r)`.
 
-    A source at z magnifies the pattern by :math:`1 + D/z` (`uvimprint`, sec. 3.5), so what lies r
+    A source at z magnifies the PSF by :math:`1 + D/z` (`uvimprint`, sec. 3.5), so what lies r
     from the middle moves by :math:`r D\,Δ(1/z)`. A depth that is off by this much blurs a point
     over two lines' width: it is the depth of field of a camera whose lens is as wide as the lit
     part of the sensor.
@@ -107,7 +107,7 @@ def depth_of_focus_per_m(line_um: float, reduced_um: float, lit_um: float) -> fl
     Parameters
     ----------
     line_um
-        Width w of the pattern's lines.
+        Width w of the PSF's lines.
     reduced_um
         D, the reduced distance of mask and sensor, Σ thickness / index.
     lit_um

@@ -27,7 +27,7 @@ class PsfAt:
     Parameters
     ----------
     psf
-        (channels, rows, columns), not negative; zero shift is the cell (rows // 2, columns // 2).
+        (channels, rows, columns), not negative; zero shift is the pixel (rows // 2, columns // 2).
     distance_um
         May be infinite.
     """
@@ -45,9 +45,9 @@ class PsfBetween:
     known
         The farthest first.
     reduced_um
-        Reduced distance D of mask and sensor: a source at z magnifies the pattern by 1 + D/z.
+        Reduced distance D of mask and sensor: a source at z magnifies the PSF by 1 + D/z.
     moved
-        Cells by which each is moved down and to the right against the first one.
+        Pixels by which each is moved down and to the right against the first one.
     brightness
         Of each, beside the first one.
     alike

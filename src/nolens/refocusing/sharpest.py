@@ -17,7 +17,7 @@ Step = Callable[[int, int], bool]
 _ITERATIONS = 60
 _LEAST_STEPS = 4
 _FINE = 0.05
-"""Share of the depth of focus to which the depth is refined."""
+"""Fraction of the depth of focus to which the depth is refined."""
 _GOLDEN = (math.sqrt(5) - 1) / 2
 _LINES, _SHARE = 3.0, 1 / 16
 """The window around a place: so many lines wide, and so much of the picture's shorter side."""
@@ -32,7 +32,7 @@ class Tried:
     depth_um
         May be infinite.
     objective
-        ½‖b − CMv‖² + τ R(v) of the scene that is found there, in unit norms: how badly it
+        ½‖b − CMv‖² + τ R(v) of the scene that is found there, in normalised units: how badly it
         explains the measurement.
     sharpness
         Energy of the gradient around the place, or of the whole picture.
@@ -73,7 +73,7 @@ class Search:
     measurement best, by the objective of the reconstruction, which noise does not mislead; or, at a
     place, the one that is sharpest there for what it leaves unexplained, as edges come of that,
     too. Between its neighbours golden sections follow the sharpness, of the whole picture over the
-    objective. All on cells as coarse as the PSF's lines allow.
+    objective. All on pixels as coarse as the PSF's lines allow.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ class Search:
         return (self.coarse + self.fine) * min(_ITERATIONS, self.solving.iterations)
 
     def bin_by(self, psf: Tensor) -> int:
-        """Cells along one of the coarser cells: two of them still are less than a line."""
+        """Pixels along one of the binned pixels: two of them still are less than a line."""
         return max(1, int(line_cells(psf) / 2))
 
     def run(self, place: tuple[float, float] | None = None, step: Step | None = None) -> Sharpest:
@@ -127,7 +127,7 @@ class Search:
         place
             Row and column in the picture (`Result.photograph`); None for all of it.
         step
-            Called after every look.
+            Called after every convergence check.
         """
         bin_by = self.bin_by(self.psf_at(self.far_um))
         trial = _Trial(self, self.solving.coarser(bin_by, _ITERATIONS), bin_by, place, step)

@@ -22,7 +22,7 @@ class Solving:
     measurement
         What the sensor measured.
     region
-        Cells that light can come from; None for no limit.
+        Pixels that light can come from; None for no limit.
     tau, prior, iterations, tolerance
         As `nolens reconstruct` takes them.
     device
@@ -55,7 +55,7 @@ class Solving:
         return Reconstructor(psf, self.region, self.tau, self.prior, stop=stop, device=self.device)
 
     def coarser(self, bin_by: int, iterations: int) -> "Solving":
-        """The same on cells of `bin_by`² cells, with fewer iterations."""
+        """The same with `bin_by`² pixels made one, with fewer iterations."""
         seen, region = self.measurement, self.region
         unusable = nnf.max_pool2d((~seen.valid).float()[None], bin_by)[0] > 0
         if region is not None:
@@ -72,7 +72,7 @@ class Solving:
 
 
 def sharpness(picture: Tensor, width: float) -> Tensor:
-    r"""Energy of the gradient around every cell (`pertuz2013`, Tenengrad).
+    r"""Energy of the gradient around every pixel (`pertuz2013`, Tenengrad).
 
     :math:`G_σ * (v_x^2 + v_y^2)`, the mean over channels, with a Gaussian window.
 
@@ -81,7 +81,7 @@ def sharpness(picture: Tensor, width: float) -> Tensor:
     picture
         (channels, rows, columns).
     width
-        σ of the window in cells.
+        σ of the window in pixels.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def gradient_energy(picture: Tensor) -> Tensor:
 
 
 def smoothed(values: Tensor, width: float) -> Tensor:
-    """Weighted means under a Gaussian window of σ = `width` cells; (rows, columns)."""
+    """Weighted means under a Gaussian window of σ = `width` pixels; (rows, columns)."""
     for axis in (0, 1):
         count = values.shape[axis]
         place = torch.arange(count, dtype=values.dtype, device=values.device)

@@ -46,8 +46,8 @@ def focal_stack(
     depths_um
         From the nearest on.
     step
-        Called after every look with the iterations that are done and all there are; True ends the
-        work, and the stack has the depths that are done.
+        Called after every convergence check with the iterations that are done and all there
+        are; True ends the work, and the stack has the depths that are done.
     """
     pages: list[Tensor] = []
     objectives: list[float] = []

@@ -23,7 +23,8 @@ from nolens.solvers.smooth_part import SmoothPart
 RELAXATION = 1.8
 """α of a run that is not told another."""
 _SMOOTH_AT = 12
-"""Look at which the smooth part is solved for: detail is there, and penalties are still small."""
+"""Convergence check after which the low-frequency part is solved for: detail is there, and
+penalties are still small."""
 
 
 _BYTES_PER_CELL = 60
@@ -41,11 +42,11 @@ class AdmmRun:
     Parameters
     ----------
     problem
-        In unit norms.
+        In normalised units.
     state
         Where to start from; advanced in place.
     balance
-        How the penalties are balanced from look to look; None keeps them.
+        How the penalties are balanced from check to check; None keeps them.
     relaxation
         α in (0, 2).
     """
@@ -84,7 +85,7 @@ class AdmmRun:
             _measure_again(pair, split, before[0])
 
     def to_look(self, limit: int) -> Progress:
-        """Iterate until the next look, four iterations on or at the limit.
+        """Iterate until the next convergence check, four iterations on or at the limit.
 
         Parameters
         ----------
@@ -209,7 +210,7 @@ def admm(
     Parameters
     ----------
     problem
-        In unit norms; all channels are solved at once with the same penalties.
+        In normalised units; all channels are solved at once with the same penalties.
     iterations
         Limit, ≥ 1; those that `state` has behind it count.
     tolerance
@@ -217,10 +218,10 @@ def admm(
         ‖x − x_before‖ ≤ tolerance · ‖x‖ (dual). 0 never stops for it.
     scene_tolerance
         Stops when the picture has at most scene_tolerance · ‖w‖ still to go, as its last steps
-        foretell (`still_to_go`), and no residual is above a third of it: the steps alone can be
+        predict (`still_to_go`), and no residual is above a third of it: the steps alone can be
         short while the penalties grow. 0 never stops for it.
     smooth_part
-        Whether, where the scene fills the view, its smooth part is solved for directly
+        Whether, where the scene fills the view, its low-frequency part is solved for directly
         (`SmoothPart`): once on the way, which saves hundreds of iterations, and in the end.
     penalties
         μ₁, μ₂, μ₃ to start with, > 0; None leaves the choice to the program.
@@ -231,7 +232,7 @@ def admm(
     state
         Where to start from, advanced in place; it has its own penalties. None starts cold.
     callback
-        Called after every look; stops the run by returning True.
+        Called after every convergence check; stops the run by returning True.
 
     Raises
     ------
@@ -290,7 +291,7 @@ def stands(history: list[dict[str, float]], tolerance: float) -> bool:
     Parameters
     ----------
     history
-        Rows of the looks (`Progress.row`), one or more.
+        Rows of the convergence checks (`Progress.row`), one or more.
     tolerance
         Relative; a third of it for the residuals.
     """
@@ -303,13 +304,13 @@ def still_to_go(history: list[dict[str, float]]) -> float:
     """Distance that the picture still has to go, relative to ‖w‖, if it goes on as it did.
 
     Steps c that shrink by the factor ρ from iteration to iteration have cρ/(1 − ρ) before them. ρ
-    is taken from the last look and the one two before, as single looks scatter. Infinite where
-    the steps do not shrink, or fewer looks were taken.
+    is taken from the last check and the one two before, as single checks scatter. Infinite where
+    the steps do not shrink, or fewer checks were made.
 
     Parameters
     ----------
     history
-        Rows of the looks (`Progress.row`).
+        Rows of the convergence checks (`Progress.row`).
     """
     if len(history) < 3:
         return math.inf
@@ -333,8 +334,8 @@ def _check(
 ) -> None:
     if problem.data.dtype != torch.float32:
         raise DataError(
-            f"ADMM computes in float32, and the problem is posed in {problem.data.dtype}; "
-            "pose it with float32 tensors"
+            f"ADMM computes in float32, and the problem is in {problem.data.dtype}; "
+            "build it from float32 tensors"
         )
     if iterations < 1:
         raise OptionError(f"iterations is {iterations}; it must be 1 or more")

@@ -15,7 +15,7 @@ from nolens.solvers.penalties import START, Penalties
 from nolens.solvers.problem import Prior, Problem
 
 _UNIFORM_START = 0.9
-"""Share of the data that a uniform scene must explain for the iteration to start from it."""
+"""Fraction of the data that a uniform scene must explain for the iteration to start from it."""
 _ARRAYS = ("measured", "rows", "columns", "scene")
 _SUMS = tuple(field.name for field in fields(PassSums))
 _SUM_COUNT = 15
@@ -30,7 +30,7 @@ class AdmmState:
     """The splits of every channel, the penalties and the sums that the balance goes by.
 
     `admm` advances the state that it is given, in place. A state fits every problem of the same
-    sizes and prior: it is in unit norms, so that of one frame is a start for the next.
+    sizes and prior: it is in normalised units, so that of one frame is a start for the next.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class AdmmState:
         return math.sqrt(missed / total)
 
     def kept(self) -> float:
-        """Share of the scene's light in the period that falls onto the sensor, as it stands."""
+        """Fraction of the scene's light in the period that falls onto the sensor, as it stands."""
         total = on_sensor = 0.0
         for split in self.splits:
             top, left, height, width = split.sensor
@@ -140,7 +140,7 @@ class AdmmState:
         problem
             Of this state.
         change
-            `(channels, height, width)` of the scene's cells, unit norms.
+            `(channels, height, width)` of the scene's pixels, normalised.
         """
         geometry = problem.forward.geometry
         top, left, height, width = geometry.sensor
@@ -156,7 +156,7 @@ class AdmmState:
                 split.columns += columns
 
     def scene(self) -> Tensor:
-        """The split w of every channel on the scene's cells: non-negative; unit norms."""
+        """The split w of every channel on the scene's pixels: non-negative; normalised."""
         return torch.stack([each.estimate(self.penalties[2]) for each in self.splits])
 
     def arrays(self) -> dict[str, Tensor]:

@@ -86,7 +86,7 @@ class Development:
         side = carried // spare
         if coarsen and side > 1:
             note = (
-                f"the PSF carries no detail finer than {carried} cells: {side}×{side} of them are "
+                f"the PSF carries no detail finer than {carried} pixels: {side}×{side} of them are "
                 "made one (--bin 1 keeps them apart)"
             )
             coarse = replace(self, bin_by=self.bin_by * side)
@@ -95,7 +95,7 @@ class Development:
         notes: tuple[str, ...] = ()
         if carried > 1:
             notes = (
-                f"the PSF carries no detail finer than {carried} cells: --bin {carried} would be "
+                f"the PSF carries no detail finer than {carried} pixels: --bin {carried} would be "
                 f"about {carried * carried} times faster",
             )
         return Developed(self, measurement, prepared, notes)

@@ -30,7 +30,7 @@ def fista(
     Parameters
     ----------
     problem
-        In unit norms.
+        In normalised units.
     iterations
         Limit, ≥ 1.
     tolerance

@@ -1,4 +1,4 @@
-"""What a person may give a solver, as it computes with it: tensors, a region, one of a few words.
+"""What a person may give a solver, as it computes with it: tensors, a support, one of a few words.
 
 In a notebook data are NumPy arrays as often as tensors, and words as often as members of an enum.
 Everything is turned into what the solvers take, or refused with what would be accepted.
@@ -19,7 +19,7 @@ from nolens.operators import Region
 Plane = Tensor | ArrayLike
 """(channels, height, width) or (height, width), as a tensor or what NumPy makes an array of."""
 Support = Region | tuple[int, int] | tuple[int, int, int, int]
-"""A region, (height, width) around the sensor's middle, or (top, left, height, width)."""
+"""A support, (height, width) around the sensor's middle, or (top, left, height, width)."""
 
 _Choice = TypeVar("_Choice", bound=StrEnum)
 _MOST_CHANNELS = 8
@@ -131,7 +131,7 @@ def mask_of(valid: Plane | None, data: Tensor) -> Tensor:
 
 
 def region_of(region: Support | None, sensor: tuple[int, int]) -> Region | None:
-    """Region from itself or from whole numbers.
+    """Support from itself or from whole numbers.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def region_of(region: Support | None, sensor: tuple[int, int]) -> Region | None:
         sides, whole = (), False
     if not whole or len(sides) not in (2, 4):
         raise OptionError(
-            f"region is {region!r}; give (height, width) in pixels around the sensor's middle, "
+            f"support is {region!r}; give (height, width) in pixels around the sensor's middle, "
             "(top, left, height, width), or None for no limit"
         )
     if len(sides) == 2:

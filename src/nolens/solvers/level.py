@@ -9,7 +9,7 @@ from nolens.solvers.problem import Problem
 def levelled(problem: Problem, scene: Tensor) -> tuple[Tensor, float]:
     """Every channel times the factor f that minimises the objective, and the objective.
 
-    The iterate's mean is held by all cells that it is seen through, and comes to rest last: it can
+    The iterate's mean is held by all pixels that it is seen through, and comes to rest last: it can
     be some per cent off, each channel in its own way, when the picture has long been there. As all
     priors are homogeneous, R(fv) = f R(v), the best factor is f = (⟨b, CMv⟩ − τR(v)) / ‖CMv‖²
     where that is above zero.
@@ -17,9 +17,9 @@ def levelled(problem: Problem, scene: Tensor) -> tuple[Tensor, float]:
     Parameters
     ----------
     problem
-        In unit norms.
+        In normalised units.
     scene
-        `(channels, height, width)` in unit norms, non-negative.
+        `(channels, height, width)` in normalised units, non-negative.
     """
     seen = torch.where(problem.valid, problem.data - problem.residual(scene), 0).double()
     priors = [problem.tau * problem.regulariser(channel[None]) for channel in scene]

@@ -9,7 +9,7 @@ Penalties = tuple[float, float, float]
 """μ₁, μ₂, μ₃ of the splits x = Mv, u = Ψv, w = v."""
 
 LOOK = 4
-"""Iterations from one look to the next: residuals, balance, stop."""
+"""Iterations from one convergence check to the next: residuals, balance, stop."""
 
 START: Penalties = (0.02, 2.0, 1.0)
 
@@ -21,7 +21,7 @@ class Balance:
     For each split, Rᵢ = ‖Δdᵢ‖ / ‖Δxᵢ‖ compares the way that its scaled multiplier went in an
     iteration with the way that the split itself went, and R does so for all of them, in the
     metric of the penalties: R² = Σμᵢ‖Δdᵢ‖² / Σμᵢ‖Δxᵢ‖². Residual balancing (`boyd2011`,
-    § 3.4.1; `he2000`) keeps such a ratio near one. Here, after every look,
+    § 3.4.1; `he2000`) keeps such a ratio near one. Here, after every check,
 
     - all penalties grow by `growth` while R exceeds `target`: they start small, where the
       measurement is met at once, and end where the splits agree;

@@ -36,11 +36,11 @@ class Prior(StrEnum):
 
 @dataclass(frozen=True)
 class Problem:
-    r"""Minimise ½‖b − CMv‖² + τ R(v) over v ≥ 0, v = 0 outside the region (`uvimprint`, eq. 7).
+    r"""Minimise ½‖b − CMv‖² + τ R(v) over v ≥ 0, v = 0 outside the support (`uvimprint`, eq. 7).
 
-    Every channel is one such problem in **unit norms**: its PSF (as far as it can reach the
+    Every channel is one such problem in **normalised units**: its PSF (as far as it can reach the
     sensor) and its valid data are divided by their ℓ2 norms. So the solution follows a change of
-    either scale exactly, and τ need not change with it. `unscale` takes a scene in unit norms back
+    either scale exactly, and τ need not change with it. `unscale` takes such a scene back
     to measurement over PSF.
 
     Make one with `Problem.pose`.
@@ -76,7 +76,7 @@ class Problem:
         ----------
         psf
             `(channels, height, width)`, `(1, height, width)` or `(height, width)`, of the sensor's
-            size or wider, background removed, floating point.
+            size or larger, background removed, floating point.
         data
             `(channels, height, width)` or `(height, width)`, linear, background removed.
         valid
@@ -85,7 +85,7 @@ class Problem:
             Pixels of the sensor's frame that light can come from: a `Region`, (height, width)
             around the sensor's middle, or (top, left, height, width); None for no limit.
         tau
-            Weight of the prior in unit norms, ≥ 0.
+            Weight of the prior in normalised units, ≥ 0.
         prior
             What the scene is assumed to be like: a `Prior` or its text.
 
@@ -94,7 +94,7 @@ class Problem:
         DataError
             If shapes, types or devices do not fit, or PSF or data hold NaN or nothing but zeros.
         OptionError
-            If `tau`, `prior` or `region` is none, or no light from the region reaches the sensor.
+            If `tau`, `prior` or `region` is none, or no light from the support reaches the sensor.
         """
         tau, prior = weight_of(tau), one_of(Prior, prior, "prior")
         psf, data = channels_of(psf, "PSF"), channels_of(data, "measurement")
@@ -164,7 +164,7 @@ class Problem:
     def frame(self) -> tuple[int, int, int, int]:
         """Window (top, left, height, width) of a scene that is its photograph.
 
-        The region; without one, the sensor's frame. Around that lies what the sensor sees of its
+        The support; without one, the sensor's frame. Around that lies what the sensor sees of its
         surroundings.
         """
         geometry, sensor = self.forward.geometry, self.forward.sensor
@@ -177,16 +177,16 @@ class Problem:
         return self.forward.transfer[channel % self.forward.channels]
 
     def residual(self, scene: Tensor) -> Tensor:
-        """B − CMv on the valid pixels, zero on others; unit norms."""
+        """B − CMv on the valid pixels, zero on others; normalised."""
         return torch.where(self.valid, self.data - self.forward(scene), 0)
 
     def objective(self, scene: Tensor, residual: Tensor | None = None) -> float:
-        """Value of the objective, mean over channels, of a scene in unit norms.
+        """Value of the objective, mean over channels, of a scene in normalised units.
 
         Parameters
         ----------
         scene
-            `(channels, height, width)` of the scene's cells; it is the caller's to make it
+            `(channels, height, width)` of the scene's pixels; it is the caller's to make it
             non-negative.
         residual
             Of this scene, where it is known.
@@ -196,7 +196,7 @@ class Problem:
         return float(value) / self.channels
 
     def regulariser(self, scene: Tensor) -> Tensor:
-        """R(v) of the whole period, so with the step to zero at a region's edge; float64."""
+        """R(v) of the whole period, so with the step to zero at a support's edge; float64."""
         if self.prior is Prior.NONE:
             return scene.new_zeros((), dtype=torch.float64)
         if self.prior is Prior.L1:
@@ -218,7 +218,7 @@ class Problem:
         return difference.abs().sum(dtype=torch.float64)
 
     def unscale(self, scene: Tensor) -> Tensor:
-        """Scene in units of measurement over PSF, from one in unit norms."""
+        """Scene in units of measurement over PSF, from one in normalised units."""
         return scene * self.scale
 
 

@@ -30,6 +30,6 @@ STOPS = {
     Quality.EXACT: Stop(5000, tolerance=1e-4, scene_tolerance=0.0, smooth_part=True),
 }
 """A photo is done when it will no longer change visibly: by 1 % of its norm, as its last steps
-foretell. Exact means that all relative residuals are at most 1e-4; the smooth part of a scene that
-fills the view is then solved for directly. A photo leaves that out: it is where a PSF that is not
-quite the camera's leads furthest astray (decision 7)."""
+predict. Exact means that all relative residuals are at most 1e-4; the low-frequency part of a scene
+that fills the view is then solved for directly. A photo leaves that out: it is where a PSF that is
+not quite the camera's leads furthest astray (decision 7)."""

@@ -84,7 +84,7 @@ class Reconstructor:
         Pixels of the sensor's frame that light can come from, as `Problem.pose` takes it; None
         for no limit.
     tau
-        Weight of the prior in unit norms, ≥ 0; None takes the method's own (`TAU`).
+        Weight of the prior in normalised units, ≥ 0; None takes the method's own (`TAU`).
     prior
         What the scene is assumed to be like; the Wiener filter has its own.
     method

@@ -11,14 +11,14 @@ StopReason = Literal["converged", "iteration limit", "callback", "one shot"]
 
 @dataclass(frozen=True)
 class Progress:
-    """A run at one of its looks, as a callback sees it.
+    """A run at one of its convergence checks, as a callback sees it.
 
     Parameters
     ----------
     iteration
         Counted from 1.
     objective
-        Of the iterate as it stands, mean over channels, in unit norms (see `Problem`). An
+        Of the iterate as it stands, mean over channels, in normalised units (see `Problem`). An
         ADMM iterate is not exactly feasible before it has converged, so this can lie below
         the minimum; `Problem.objective(progress.scene())` is exact and costs two transforms.
     primal_residual, dual_residual
@@ -28,7 +28,7 @@ class Progress:
     penalties
         μ₁, μ₂, μ₃ of the iteration (ADMM; the step size for FISTA).
     scene
-        Call it for the scene so far, feasible, `(channels, height, width)` in unit norms.
+        Call it for the scene so far, feasible, `(channels, height, width)` in normalised units.
     """
 
     iteration: int
@@ -57,7 +57,7 @@ class Progress:
 
 
 Callback = Callable[[Progress], bool | None]
-"""Sees a run at every look; returns True to stop."""
+"""Called at every convergence check of a run; returns True to stop."""
 
 
 @dataclass(frozen=True)
@@ -68,16 +68,16 @@ class Result:
     ----------
     scene
         Radiance on the scene's pixels, `(channels, height, width)`, in units of the
-        measurement over the PSF. Without a region that is all that the sensor can see, so it is
-        larger than the sensor's frame: `photograph` is the part to look at.
+        measurement over the PSF. Without a support that is all that the sensor can see, so it is
+        larger than the sensor's frame: `photograph` is the part within the sensor's frame.
     objective
-        Exact, of this scene: ½‖b − CMv‖² + τ·R(v) in unit norms, mean over channels.
+        Exact, of this scene: ½‖b − CMv‖² + τ·R(v) in normalised units, mean over channels.
     iterations, stop_reason
         How far it went, and why it stopped.
     frame
         Window (top, left, height, width) of the scene that `photograph` is (`Problem.frame`).
     history
-        A row for each look (`Progress.row`).
+        A row for each convergence check (`Progress.row`).
     """
 
     scene: Tensor
@@ -89,7 +89,7 @@ class Result:
 
     @property
     def photograph(self) -> Tensor:
-        """The scene's region; without one, what lies in the sensor's frame."""
+        """The scene's support; without one, what lies in the sensor's frame."""
         top, left, height, width = self.frame
         return self.scene[..., top : top + height, left : left + width]
 

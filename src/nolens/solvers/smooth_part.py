@@ -1,4 +1,4 @@
-"""The smooth part of a scene, solved for by itself: what ADMM is slowest at."""
+"""The low-frequency part of a scene, solved for by itself: what ADMM is slowest at."""
 
 import math
 from dataclasses import dataclass
@@ -17,11 +17,11 @@ _CELLS_PER_HALF_WAVE = 3
 _STEPS = 2
 _SHORTEST = 0.2
 _FLAT = 0.1
-"""Differences below this share of their mean count as it, in the weights of the variation."""
+"""Differences below this fraction of their mean count as it, in the weights of the variation."""
 
 
 class SmoothPart:
-    r"""Minimises the objective of a problem over the smooth part of the scene.
+    r"""Minimises the objective of a problem over the low-frequency part of the scene.
 
     A scene that fills the view of a camera without aperture gives a glow that hardly depends on
     where its light comes from: the eigenvalues of AᵀA, A = CM, for slow cosines of the scene are a
@@ -32,12 +32,12 @@ class SmoothPart:
     ½‖r − ABc‖² + τ/2 Σ (Ψ(v + Bc))² / max(|Ψv|, ε),   r = b − Av,
 
     (`hunter2004`; the weights are those of iteratively reweighted least squares) and goes as far
-    along it as the true objective falls, with v ≥ 0. AB is computed on cells of f×f cells.
+    along it as the true objective falls, with v ≥ 0. AB is computed on blocks of f×f pixels.
 
     Parameters
     ----------
     problem
-        In unit norms, with a region or a scene of its own.
+        In normalised units, with a support or a scene of its own.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -52,12 +52,12 @@ class SmoothPart:
         self._grams = [each @ each.T for each in self._responses]
 
     def improved(self, scene: Tensor) -> tuple[Tensor, bool]:
-        """Scene with a better smooth part, and whether the objective fell.
+        """Scene with a better low-frequency part, and whether the objective fell.
 
         Parameters
         ----------
         scene
-            `(channels, height, width)` in unit norms, non-negative.
+            `(channels, height, width)` in normalised units, non-negative.
         """
         best = _Point.of(self._problem, scene)
         fell = False

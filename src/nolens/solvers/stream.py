@@ -24,14 +24,14 @@ WARM_FEW: Penalties = (1.0, 10.0, 3.0)
 WARM_SPILLING: Penalties = (0.3, 3.0, 1.0)
 """The same where the sensor misses much of the light: what falls beside it is then the old one."""
 _KEPT = 0.75
-"""Share of the light on the sensor from which on the first two are better."""
+"""Fraction of the light on the sensor from which on the first two are better."""
 _CUT, _CUT_TIMES = 0.25, 2.0
-"""A frame that the picture before it misses by more than this share, and by more than so many
+"""A frame that the picture before it misses by more than this fraction, and by more than so many
 times what it missed the frame before by, is of another scene: measured for decision 7."""
 _WIENER_TAU = 0.5
 _STOP = STOPS[Quality.PHOTO]
 FOLLOWING = 8
-"""Iterations of a frame after the first, where nothing moves faster than some cells a frame."""
+"""Iterations of a frame after the first, where nothing moves faster than some pixels a frame."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Frame:
 
     @property
     def photograph(self) -> Tensor:
-        """The scene's region; without one, what lies in the sensor's frame."""
+        """The scene's support; without one, what lies in the sensor's frame."""
         top, left, height, width = self.frame
         return self.scene[..., top : top + height, left : left + width]
 
@@ -78,7 +78,7 @@ class Stream:
     iterations
         Of every frame after the first, ≥ 1.
     latency_s
-        Seconds that a frame may take, counted from the call: it ends with the look before they
+        Seconds that a frame may take, counted from the call: it ends with the check before they
         are over, four iterations at the least. None for no bound.
 
     Raises
@@ -129,7 +129,7 @@ class Stream:
         return Frame(scene, iterations, time.perf_counter() - begun, problem.frame)
 
     def _first(self, problem: Problem, deadline: "_Deadline") -> tuple[Tensor, int]:
-        """Scene in unit norms and iterations of a frame that is solved as a photo is."""
+        """Scene in normalised units and iterations of a frame that is solved as a photo is."""
         state = AdmmState.cold(problem)
         result = admm(
             problem,
@@ -177,7 +177,7 @@ def _from_wiener(problem: Problem, penalties: Penalties) -> AdmmRun:
 
 
 class _Deadline:
-    """Stops a run with the last look that fits into its time."""
+    """Stops a run with the last convergence check that fits into its time."""
 
     def __init__(self, begun: float, seconds: float | None) -> None:
         self._end = None if seconds is None else begun + seconds

@@ -16,7 +16,7 @@ _ROWS = 64
 
 
 def wiener(problem: Problem) -> Result:
-    r"""Minimise ½‖Cᵀb − Mv‖² + τ/2 ‖v‖² over the period, then clip to v ≥ 0 and the region.
+    r"""Minimise ½‖Cᵀb − Mv‖² + τ/2 ‖v‖² over the period, then clip to v ≥ 0 and the support.
 
     v = F⁻¹[ conj(H) F(Cᵀb) / (|H|² + τ) ], with the measurement zero beside the sensor and at
     pixels that are not valid (`wiener1949`). As the PSF has unit norm, |H|² is 1 on average.
@@ -47,7 +47,7 @@ def wiener(problem: Problem) -> Result:
 
 
 def _solve_channel(problem: Problem, channel: int, spectrum: Tensor, out: Tensor) -> float:
-    """Put a channel's scene, in unit norms, into `out`; its objective. `spectrum` is memory."""
+    """Put a channel's normalised scene into `out`; its objective. `spectrum` is memory."""
     geometry, data = problem.forward.geometry, problem.data[channel]
     rfft2_window(data, geometry.sensor[:2], geometry.period, spectrum)
     # Half spectra leave out the mirrors of all columns but the first and an even width's last.

@@ -36,7 +36,7 @@ class Taken:
     raw
         What the page shows of it, as JPEG.
     seen
-        Its linear values, in the cells of the live view; None where they cannot be used.
+        Its linear values, in the pixels of the live view; None where they cannot be used.
     trouble
         Why not.
     """

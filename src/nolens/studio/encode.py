@@ -51,7 +51,7 @@ def picture_jpeg(radiance: Tensor, channels: tuple[str, ...], white: float) -> b
 
 
 def raw_jpeg(frame: Frame) -> bytes:
-    """What the sensor measured, as JPEG: a pixel for each 2×2 cell of a mosaic, or fewer."""
+    """What the sensor measured, as JPEG: a pixel for each 2×2 superpixel of a mosaic, or fewer."""
     black = sum(frame.black) / len(frame.black)
     white = float(frame.counts.max()) if frame.white is None else frame.white
     cells = 2 if frame.mosaic is not None else 1

@@ -40,11 +40,11 @@ class Psf:
     Parameters
     ----------
     cells
-        A PSF on the cells of the reconstruction, (channels, rows, columns); or else
+        A PSF on the pixels of the reconstruction, (channels, rows, columns); or else
     frame
         the sensor's own frame of a point source.
     region
-        Cells that light comes from; None for no limit.
+        Pixels that light comes from; None for no limit.
     """
 
     cells: Tensor | None = None
@@ -74,7 +74,7 @@ class LiveSolver:
         Parameters
         ----------
         seen
-            It, developed to the cells of the live view.
+            It, developed to the pixels of the live view.
         settings
             How.
         brightness
@@ -128,5 +128,5 @@ class LiveSolver:
 
 
 def cells_in_one(rows: int) -> int:
-    """Cells of a sensor along one of the live view, which has at most 400 rows of them."""
+    """Sensor pixels along one of the live view, which has at most 400 rows of them."""
     return max(1, -(-rows // _MOST_ROWS))

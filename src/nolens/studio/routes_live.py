@@ -83,7 +83,7 @@ def live_router(hub: LiveHub) -> APIRouter:
     async def frames(socket: WebSocket) -> None:
         client = hub.join()
         if client is None:
-            await socket.close(_TOO_MANY, "too many pages look at once")
+            await socket.close(_TOO_MANY, "too many pages are open at once")
             return
         try:
             await socket.accept()

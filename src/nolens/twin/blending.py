@@ -8,7 +8,7 @@ from torch import Tensor
 
 
 def nodes(length: int, count: int) -> list[int]:
-    """Cells of the field points along one side: the middle, or from edge to edge."""
+    """Pixels of the field points along one side: the middle, or from edge to edge."""
     count = min(count, length - 1 + length % 2)
     if count == 1:
         return [length // 2]
@@ -17,9 +17,9 @@ def nodes(length: int, count: int) -> list[int]:
 
 @dataclass(frozen=True)
 class Edges:
-    """Cells beyond the sensor, on both sides, at which the PSF of each node is needed.
+    """Pixels beyond the sensor, on both sides, at which the PSF of each node is needed.
 
-    A cell r before its node (r < 0) sees the sensor's last cell through the PSF's cell that lies
+    A pixel r before its node (r < 0) sees the sensor's last pixel through the PSF's pixel that lies
     |r| beyond it; so the gap to the node before counts after the sensor, and the other way round.
     """
 
@@ -28,7 +28,7 @@ class Edges:
 
     @classmethod
     def of(cls, nodes: list[int], length: int) -> "Edges":
-        """Count them for all nodes of a side with so many cells."""
+        """Count them for all nodes of a side with so many pixels."""
         if len(nodes) == 1:
             return cls([length - 1 - nodes[0]], [nodes[0]])
         gaps = [after - before for before, after in pairwise(nodes)]
@@ -40,7 +40,7 @@ class Edges:
 
 
 def hat(nodes: list[int], index: int, length: int) -> Tensor:
-    """Linear weight of one node: 1 at its cell, 0 from its neighbours on."""
+    """Linear weight of one node: 1 at its pixel, 0 from its neighbours on."""
     if len(nodes) == 1:
         return torch.ones(length)
     cells = torch.arange(length, dtype=torch.float32)

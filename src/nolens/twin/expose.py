@@ -71,7 +71,7 @@ def mosaic(planes: Tensor, pattern: str) -> Tensor:
     planes
         (3, rows, columns) of R, G and B, or (1, rows, columns).
     pattern
-        Colours of the 2×2 cell row by row, or ``"none"``.
+        Colours of the 2×2 superpixel row by row, or ``"none"``.
 
     Returns
     -------

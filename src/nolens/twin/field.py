@@ -1,4 +1,4 @@
-"""Which direction of the scene belongs to which cell of the reconstruction."""
+"""Which direction of the scene belongs to which pixel of the reconstruction."""
 
 import math
 from dataclasses import dataclass
@@ -14,17 +14,17 @@ from nolens.twin.model import LARGEST_ANGLE_DEG, Twin
 
 @dataclass(frozen=True)
 class FieldMap:
-    """Cells of the reconstruction as directions.
+    """Pixels of the reconstruction as directions.
 
-    Cell (i, j) is the one whose chief ray, through the middle of the camera, falls on sensor
-    cell (i, j); (rows // 2, columns // 2) lies on the axis.
+    Pixel (i, j) is the one whose chief ray, through the middle of the camera, falls on sensor
+    pixel (i, j); (rows // 2, columns // 2) lies on the axis.
 
     Parameters
     ----------
     twin
         The camera.
     region
-        The cells that the scene fills.
+        The pixels that the scene fills.
     """
 
     twin: Twin
@@ -62,7 +62,7 @@ class FieldMap:
         return cls(twin, Region.centred(counts[0], counts[1], twin.cells))
 
     def tangents(self) -> tuple[Tensor, Tensor]:
-        """Tangents of the field angle of every cell, two of (height, width), float64."""
+        """Tangents of the field angle of every pixel, two of (height, width), float64."""
         reach = self._reach()
         p = self._sines()
         tangent = p / (1 - p * p).sqrt()
@@ -72,10 +72,10 @@ class FieldMap:
         return rows[:, None] * share, columns * share
 
     def solid_angle(self) -> Tensor:
-        r"""Give cos θ · dA / z² of every cell, for a plane scene of which it shows the area dA.
+        r"""Give cos θ · dA / z² of every pixel, for a plane scene of which it shows the area dA.
 
         With :math:`t = \tan θ` and the displacement d, dA / z² is :math:`(t/d)(dt/dd)` times the
-        cell's area. Times `Twin.vignetting` this is the cell's irradiance to its radiance.
+        pixel's area. Times `Twin.vignetting` this is the pixel's irradiance to its radiance.
         """
         reach, p = self._reach(), self._sines()
         cosine = (1 - p * p).sqrt()
@@ -85,11 +85,11 @@ class FieldMap:
         return cosine * share * slope * self.twin.cell_um**2
 
     def vignetting(self) -> Tensor:
-        """`Twin.vignetting` of every cell."""
+        """`Twin.vignetting` of every pixel."""
         return self.twin.vignetting(self._sines())
 
     def place_um(self, row: int, column: int) -> tuple[float, float]:
-        """Where the chief ray of one cell, counted from the region's first, falls."""
+        """Where the chief ray of one pixel, counted from the support's first, falls."""
         cells, step = self.twin.cells, self.twin.cell_um
         return (
             (self.region.top + row - cells[0] // 2) * step,
@@ -97,7 +97,7 @@ class FieldMap:
         )
 
     def source(self, row: int, column: int, distance_um: float) -> PointSource:
-        """The point source of one cell, counted from the region's first."""
+        """The point source of one pixel, counted from the support's first."""
         away = self.place_um(row, column)
         reach = math.hypot(*away)
         if reach == 0:

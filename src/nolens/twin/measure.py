@@ -37,7 +37,7 @@ class Irradiated:
     Parameters
     ----------
     light
-        (rows, columns) of pixels, float32: Σ over the cells of the scene of radiance · solid
+        (rows, columns) of pixels, float32: Σ over the pixels of the scene of radiance · solid
         angle in sr; each pixel in the colour that the mosaic gives it.
     field_error
         How far the interpolation between field points is off, as the root mean square over all
@@ -72,7 +72,7 @@ def irradiate(
     twin
         The camera.
     field
-        Map of the cells.
+        Map of the pixels.
     seen
         What the camera sees of every plane (`arrange`).
     field_points
@@ -82,7 +82,7 @@ def irradiate(
     wavelengths
         How many stand for a channel.
     tick
-        Called with the share that is done, 0 to 1.
+        Called with the fraction that is done, 0 to 1.
 
     Raises
     ------
@@ -252,7 +252,7 @@ class PatternSums:
         colour: tuple[tuple[float, float], ...],
         tick: Callable[[float], None],
     ) -> None:
-        """Add what the cells around one field point contribute to one channel."""
+        """Add what the pixels around one field point contribute to one channel."""
         patches = {
             step: self._patch(node, scene, step)
             for step in self.steps

@@ -97,17 +97,17 @@ class Twin:
 
     @property
     def cell_pixels(self) -> int:
-        """Pixels along a cell of the reconstruction: 2 behind a colour mosaic."""
+        """Sensor pixels along a pixel of the reconstruction: 2 behind a colour mosaic."""
         return 1 if self.camera.sensor.mosaic == "none" else 2
 
     @property
     def cell_um(self) -> float:
-        """Distance of the cells of the reconstruction."""
+        """Pitch of the pixels of the reconstruction."""
         return self.cell_pixels * self.sensor_pitch_um
 
     @property
     def cells(self) -> tuple[int, int]:
-        """(rows, columns) of the sensor in cells of the reconstruction."""
+        """(rows, columns) of the sensor in pixels of the reconstruction."""
         sensor = self.camera.sensor
         return sensor.rows // self.cell_pixels, sensor.columns // self.cell_pixels
 
@@ -152,7 +152,7 @@ class Twin:
         )
 
     def response(self) -> Callable[[Tensor], Tensor]:
-        """Share of the light that a pixel accepts, by p² = sin² of the field angle."""
+        """Fraction of the light that a pixel accepts, by p² = sin² of the field angle."""
 
         def accepted(squared: Tensor) -> Tensor:
             angle = torch.asin(squared.clamp(0, 1).sqrt()) * (180 / math.pi)
@@ -208,7 +208,7 @@ class Twin:
             )
 
     def check_reach(self, source: PointSource, grid: Grid) -> None:
-        """Refuse a pattern that needs more mask than there is.
+        """Refuse a PSF that needs more mask than there is.
 
         Raises
         ------
@@ -237,7 +237,7 @@ class Twin:
                         beyond = max(beyond, reach - half)
         if beyond > 0:
             raise OptionError(
-                f"light of this angle reaches the pattern's edge through the mask up to "
+                f"light of this angle reaches the PSF's edge through the mask up to "
                 f"{beyond * 1e-3:.2f} mm beyond the sensor, where the relief of "
                 f"{self.camera.name!r} has ended: give it an overhang of "
                 f"{math.ceil(beyond / 50 + 0.5) * 0.05:.2f} mm or more, an aperture, or choose a "

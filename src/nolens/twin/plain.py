@@ -26,7 +26,7 @@ class PlainModel:
     twin
         The camera.
     field
-        Map of the cells that scenes fill.
+        Map of the pixels that scenes fill.
     distance_um
         Of all scenes.
     """
@@ -60,7 +60,7 @@ class PlainModel:
         wavelengths
             How many stand for a channel.
         tick
-            Called with the share that is done, 0 to 1.
+            Called with the fraction that is done, 0 to 1.
 
         Raises
         ------
@@ -88,7 +88,7 @@ class PlainModel:
         Parameters
         ----------
         radiance
-            On the cells of the field's region, (channels, height, width).
+            On the pixels of the field's support, (channels, height, width).
         """
         period = self._sums.period
         spectra = rfft2_window(radiance * self._weights, (0, 0), period)[self._channels()]
@@ -103,7 +103,7 @@ class PlainModel:
         return out
 
     def on_cells(self, picture: Tensor) -> Tensor:
-        """Lay a picture out on the cells of the field, as large as it fits in whole.
+        """Lay a picture out on the pixels of the field, as large as it fits in whole.
 
         Parameters
         ----------
@@ -113,7 +113,7 @@ class PlainModel:
         Returns
         -------
         Tensor
-            (channels, height, width) of the field's region; dark beside the picture.
+            (channels, height, width) of the field's support; dark beside the picture.
         """
         region = self.field.region
         size = picture.shape[-2:]
@@ -133,7 +133,7 @@ class PlainModel:
         Returns
         -------
         Tensor
-            (channels, rows, columns) in cells, green as the mean of its two pixels. With an
+            (channels, rows, columns), green as the mean of its two pixels. With an
             aperture that leaves room it has the sensor's size, without one as much more as light
             of the field needs.
         """
@@ -165,7 +165,7 @@ class PlainModel:
 
 
 def aperture_room_um(twin: Twin) -> tuple[float, float] | None:
-    """How far the pattern behind an aperture may move before it leaves the sensor.
+    """How far the PSF behind an aperture may move before it leaves the sensor.
 
     Returns
     -------

@@ -37,7 +37,7 @@ def point_spread(
     frame: Frame = "chief-ray",
     tick: Callable[[float], None] | None = None,
 ) -> Tensor:
-    """Irradiance of one point source, integrated over cells of pixels, channel by channel.
+    """Irradiance of one point source, integrated over superpixels, channel by channel.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def point_spread(
     cells
         (rows, columns) of the result; may be more or fewer than the sensor has.
     pixels
-        Pixels along a cell.
+        Sensor pixels along a superpixel.
     light
         Spectrum of the source.
     wavelengths
@@ -57,7 +57,7 @@ def point_spread(
         ``"chief-ray"``: the middle of the result follows the ray through the camera's middle;
         ``"sensor"``: it stays on the sensor's.
     tick
-        Called with the share that is done, 0 to 1.
+        Called with the fraction that is done, 0 to 1.
 
     Returns
     -------
@@ -119,7 +119,7 @@ def colour_pattern(
     *,
     average: int = 1,
 ) -> Tensor:
-    """Weighted sum of the patterns at some wavelengths, over blocks of `average`² samples.
+    """Weighted sum of the PSFs at some wavelengths, over blocks of `average`² samples.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def colour_pattern(
     wavelengths
         Pairs of wavelength in nm and weight.
     tick
-        Called with the share that is done.
+        Called with the fraction that is done.
     average
         Samples along one value of the result.
     """

@@ -50,7 +50,7 @@ class Seen:
     Parameters
     ----------
     radiance
-        On the cells of the region, (channels, height, width); 0 where nearer planes hide it.
+        On the pixels of the support, (channels, height, width); 0 where nearer planes hide it.
     distance_um
         Of the plane.
     """
@@ -60,7 +60,7 @@ class Seen:
 
 
 def arrange(twin: Twin, planes: tuple[Plane, ...]) -> tuple[FieldMap, tuple[Seen, ...]]:
-    """Lay planes out on the cells of the reconstruction, nearer ones hiding farther ones.
+    """Lay planes out on the pixels of the reconstruction, nearer ones hiding farther ones.
 
     What hides what is decided for the camera's middle; the few millimetres of the mask see a
     near edge from a slightly different side, which is left out.
@@ -75,7 +75,7 @@ def arrange(twin: Twin, planes: tuple[Plane, ...]) -> tuple[FieldMap, tuple[Seen
     Returns
     -------
     tuple
-        The map of the cells, and the planes from the nearest to the farthest.
+        The map of the pixels, and the planes from the nearest to the farthest.
 
     Raises
     ------
@@ -122,16 +122,16 @@ def _check(twin: Twin, plane: Plane) -> None:
 
 
 def on_cells(plane: Plane, at: tuple[Tensor, Tensor], region: Region) -> tuple[Tensor, Tensor]:
-    """Radiance and opacity on the cells, the picture averaged over about a cell.
+    """Radiance and opacity on the pixels, the picture averaged over about a pixel.
 
     Parameters
     ----------
     plane
         The picture.
     at
-        Tangents of the field angle of every cell (`FieldMap.tangents`).
+        Tangents of the field angle of every pixel (`FieldMap.tangents`).
     region
-        The cells.
+        The pixels.
     """
     height, width = plane.radiance.shape[-2:]
     opacity = plane.opacity if plane.opacity is not None else torch.ones(height, width)

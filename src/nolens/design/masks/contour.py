@@ -56,7 +56,7 @@ def random_contours(side: int, grid_um: float, spacing_um: float, seed: int) -> 
 
 
 def line_target(squared_um2: Tensor, line_um: float, samples_per_cell: int) -> Tensor:
-    """Lines with a Gaussian profile of the given full width at half maximum, on cells.
+    """Lines with a Gaussian profile of the given full width at half maximum, on pixels.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def line_target(squared_um2: Tensor, line_um: float, samples_per_cell: int) -> T
     line_um
         Their width.
     samples_per_cell
-        Along one of the cells that are averaged.
+        Along one of the pixels that are averaged.
     """
     target = torch.exp(-squared_um2 / (2 * (line_um / _FWHM) ** 2))
     return nnf.avg_pool2d(target[None, None], samples_per_cell)[0, 0]
@@ -91,7 +91,7 @@ def contour_relief(
     r"""Relief whose PSF is a target of lines, by near-field phase retrieval in the camera's layers.
 
     It begins with ridges :math:`h = -d^2/2R` over the lines, cylindrical lenses that focus on
-    the sensor, and descends (`descend`) to the largest correlation of the pattern with the target.
+    the sensor, and descends (`descend`) to the largest correlation of the PSF with the target.
     Unlike an alternation between the two planes (`gerchberg1972`), that keeps the surface smooth:
     it has no vortices, whose cliffs no mould fills.
 

@@ -21,7 +21,7 @@ def descend(
     iterations: int,
     stop: Callable[[int], bool] | None = None,
 ) -> Tensor:
-    r"""Relief whose patterns have a small loss, within limits.
+    r"""Relief whose PSFs have a small loss, within limits.
 
     Adam (`kingma2015`) with a step that falls to zero by a cosine, on a surface that is blurred to
     the smallest feature and rounded to the levels (with the gradient of the unrounded one);
@@ -37,7 +37,7 @@ def descend(
     limits
         Of the process.
     loss
-        Of one view's pattern.
+        Of one view's PSF.
     iterations
         How many steps.
     stop

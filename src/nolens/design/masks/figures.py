@@ -27,7 +27,7 @@ class MaskFigures:
     pitch_um
         From the autocorrelation's first peak to its second; NaN where there is none.
     sparsity
-        Share of the sensor without light.
+        Fraction of the sensor without light.
     magnitude
         Spectral magnitude of one mm² of the PSF, for each of `FREQUENCIES_PER_MM`; NaN where the
         pixels are too coarse.
@@ -53,7 +53,7 @@ class MaskFigures:
 def central_psf(twin: Twin, light: Light) -> Tensor:
     """PSF of a far point straight ahead on the middle of the sensor, (channels, rows, columns).
 
-    On at most 576 × 576 cells; every channel is 1 on average for an open mask.
+    On at most 576 × 576 pixels; every channel is 1 on average for an open mask.
     """
     cells = (min(_MOST_CELLS, twin.cells[0]), min(_MOST_CELLS, twin.cells[1]))
     return point_spread(twin, PointSource(), cells, pixels=twin.cell_pixels, light=light).cpu()

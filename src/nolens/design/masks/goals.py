@@ -21,9 +21,9 @@ class PsfGoals:
     width_um
         At most this full width at half maximum of the autocorrelation.
     sparsity
-        At least this share of the sensor without light.
+        At least this fraction of the sensor without light.
     magnitude
-        At least this spectral magnitude of one square millimetre of the pattern,
+        At least this spectral magnitude of one square millimetre of the PSF,
     magnitude_per_mm
         up to this spatial frequency.
 
@@ -52,13 +52,13 @@ class PsfGoals:
             )
         if not self.magnitude_per_mm > 0:
             raise OptionError(
-                f"a spectral magnitude up to {self.magnitude_per_mm:g} lines to the mm: give more "
+                f"a spectral magnitude up to {self.magnitude_per_mm:g} lines per mm: give more "
                 "than zero"
             )
 
 
 class Shortfall:
-    r"""How far a pattern is from its goals; 0 where all are met.
+    r"""How far a PSF is from its goals; 0 where all are met.
 
     With :math:`M_f = |\hat p_f| / \hat p_0` the sum of three terms
 
@@ -75,11 +75,11 @@ class Shortfall:
     goals
         What is wanted.
     cells
-        Along the side of the pattern, which repeats itself.
+        Along the side of the PSF, which repeats itself.
     cell_um
         Their distance.
     device
-        Of the patterns.
+        Of the PSFs.
     """
 
     def __init__(
@@ -90,8 +90,8 @@ class Shortfall:
         self._band = (radius > 0) & (radius <= goals.magnitude_per_mm)
         if not self._band.any():
             raise OptionError(
-                f"a pattern of {cells * cell_um:g} µm has no frequency up to "
-                f"{goals.magnitude_per_mm:g} lines to the mm: give a larger period"
+                f"a PSF of {cells * cell_um:g} µm has no frequency up to "
+                f"{goals.magnitude_per_mm:g} lines per mm: give a larger period"
             )
         self._weight = 1 / radius[self._band]
         self._weight /= self._weight.sum()

@@ -29,7 +29,7 @@ class Layout:
     grid_um
         Their distance.
     samples_per_cell
-        Along a cell of the camera's reconstruction.
+        Along a pixel of the camera's reconstruction.
     """
 
     side: int

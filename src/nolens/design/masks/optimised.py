@@ -16,7 +16,7 @@ from nolens.optics import squared_distance
 def lenslet_start(tile: Tile, radius_um: float, pitch_um: float, seed: int) -> Tensor:
     """Lenslets in random places on a tile, (side, side), that gather the light.
 
-    The places are not spread evenly (`relaxed_points`): the pattern of evenly spread ones has
+    The places are not spread evenly (`relaxed_points`): the PSF of evenly spread ones has
     hardly any contrast at frequencies below that of the lenslets, and loses large shapes.
 
     Parameters

@@ -1,4 +1,4 @@
-"""The pattern behind a relief that repeats itself, with its gradient."""
+"""The PSF behind a relief that repeats itself, with its gradient."""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from nolens.twin import Twin
 
 @dataclass(frozen=True)
 class View:
-    """A plane wave that a pattern is computed for.
+    """A plane wave that a PSF is computed for.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Tile:
     views
         The light.
     samples_per_cell
-        Along one of the squares that the pattern is averaged over.
+        Along one of the squares that the PSF is averaged over.
     device
         Where to compute.
     """
@@ -73,7 +73,7 @@ class Tile:
 
     @property
     def cell_um(self) -> float:
-        """Distance of the pattern's cells."""
+        """Pitch of the PSF's pixels."""
         return self.grid_um * self.samples_per_cell
 
     @property

@@ -64,7 +64,7 @@ class Parameter:
         return replace(self, tolerance=tolerance, at_most=at_most)
 
     def values(self, shares: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Values below which the given shares of all cameras lie: the inverse of the CDF.
+        """Values below which the given fractions of all cameras lie: the inverse of the CDF.
 
         Parameters
         ----------
@@ -116,7 +116,7 @@ class Parameter:
 
 
 def shares(name: str, trials: int, seed: int) -> NDArray[np.float64]:
-    """Random shares between 0 and 1 for one parameter, the same for one name and seed.
+    """Random fractions between 0 and 1 for one parameter, the same for one name and seed.
 
     More trials begin with those of fewer, and other parameters change nothing.
 

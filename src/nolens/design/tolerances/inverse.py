@@ -42,7 +42,7 @@ def largest_tolerance(yield_with: Callable[[float], Yield], wanted: float, bound
     yield_with
         Yield with a tolerance.
     wanted
-        Share from 0 to 1.
+        Fraction from 0 to 1.
     bound
         Largest tolerance to be tried.
     """

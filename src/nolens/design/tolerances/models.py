@@ -42,7 +42,7 @@ class Model(Protocol):
 
 @dataclass(frozen=True)
 class WaveModel:
-    """The twin's pattern of a far point source on the axis.
+    """The twin's PSF of a far point source on the axis.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class WaveModel:
         return self.sharpness.of_pattern(pattern, cell, lit / lenslet)
 
     def pattern(self, builds: Builds, number: int) -> Tensor:
-        """Pattern of one camera on the sensor's pixels, (rows, columns).
+        """PSF of one camera on the sensor's pixels, (rows, columns).
 
         Of a mask without an opening the pixels follow the mask, so that all cameras show the same
         lenslets; an opening moves over the sensor.

@@ -30,7 +30,7 @@ class Lenslets:
     pitch_um
         Distance of neighbours in a hexagonal arrangement as dense.
     gathered
-        Share of the surface that is curved like them in both directions, and gathers light.
+        Fraction of the surface that is curved like them in both directions, and gathers light.
     """
 
     radius_um: float
@@ -66,7 +66,7 @@ class Lenslets:
             raise OptionError(
                 f"the mask has {count} tops that gather light in a patch of "
                 f"{inner.shape[1] * relief.grid_um * 1e-3:.2g} mm, and {_FEWEST} are the fewest "
-                "whose pattern says something: give a relief with more or smaller lenslets"
+                "whose PSF says something: give a relief with more or smaller lenslets"
             )
         density = count / (inner.numel() * relief.grid_um**2)
         return cls(
@@ -143,7 +143,7 @@ class Patch:
         lenslets = Lenslets.of(surface, bulging=math.copysign(1.0, media.below - media.above))
         if min(side) < 3 * lenslets.pitch_um:
             raise OptionError(
-                f"the relief of {camera.name!r} carries a pattern of {max(0.0, min(side)):.0f} µm, "
+                f"the relief of {camera.name!r} carries a PSF of {max(0.0, min(side)):.0f} µm, "
                 f"less than three of its lenslets of {lenslets.pitch_um:.0f} µm: give a relief of "
                 f"{(beyond + 3 * lenslets.pitch_um) * 1e-3:.2f} mm or more"
             )

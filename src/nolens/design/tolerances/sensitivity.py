@@ -172,7 +172,7 @@ def respond(
     at_once
         Cameras that are given to the criterion in one call.
     tick
-        Called with the share that is done.
+        Called with the fraction that is done.
     """
     count = len(parameters)
     middle = torch.tensor([each.middle for each in parameters], dtype=torch.float64)

@@ -1,4 +1,4 @@
-"""How sharp a pattern is, in one figure: of the pattern itself, or of a model of its spots."""
+"""How sharp a PSF is, in one figure: of the PSF itself, or of a model of its spots."""
 
 import math
 import re
@@ -23,7 +23,7 @@ class Sharpness:
     Parameters
     ----------
     kind
-        ``"line-width"``: width at half height of a line of the pattern, in um, which the paper
+        ``"line-width"``: width at half height of a line of the PSF, in um, which the paper
         takes for the width of the autocorrelation divided by √2 (`uvimprint`, fig. 5b).
         ``"contrast"``: standard deviation over mean, in %. ``"mtf"``: modulation transfer of one
         lenslet's spot at a frequency, in %.
@@ -57,7 +57,7 @@ class Sharpness:
 
     @property
     def smaller_is_better(self) -> bool:
-        """Whether a smaller figure means a sharper pattern."""
+        """Whether a smaller figure means a sharper PSF."""
         return self.kind == "line-width"
 
     @property
@@ -94,7 +94,7 @@ class Sharpness:
             )
 
     def of_pattern(self, pattern: Tensor, cell_um: float, lenslets: float) -> float:
-        r"""Figure of a pattern.
+        r"""Figure of a PSF.
 
         The modulation transfer is that of `lenslets` spots in random places, whose spectra add
         like random numbers: :math:`\sqrt{N/a}` times `nolens.evaluate.spectral_magnitude` for N
@@ -105,14 +105,14 @@ class Sharpness:
         pattern
             (rows, columns), in any unit.
         cell_um
-            Distance of its cells.
+            Pitch of its pixels.
         lenslets
             How many have made it.
 
         Returns
         -------
         float
-            Infinite where the pattern has no lines to measure.
+            Infinite where the PSF has no lines to measure.
         """
         if self.kind == "line-width":
             try:

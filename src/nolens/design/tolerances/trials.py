@@ -7,7 +7,7 @@ from scipy.special import ndtri
 from torch import Tensor
 
 LEVELS = (0.98, 0.90, 0.80, 0.50, 0.10)
-"""Shares of all cameras for which a level is given."""
+"""Fractions of all cameras for which a level is given."""
 
 
 def levels(figures: Tensor, *, smaller_is_better: bool) -> dict[float, float]:
@@ -23,7 +23,7 @@ def levels(figures: Tensor, *, smaller_is_better: bool) -> dict[float, float]:
     Returns
     -------
     dict
-        For each of `LEVELS`, the figure of the camera that this share, rounded up to whole
+        For each of `LEVELS`, the figure of the camera that this fraction, rounded up to whole
         cameras, is not worse than.
     """
     ordered = figures.sort(descending=not smaller_is_better).values
@@ -32,7 +32,7 @@ def levels(figures: Tensor, *, smaller_is_better: bool) -> dict[float, float]:
 
 @dataclass(frozen=True)
 class Yield:
-    """Share of cameras that meet a limit.
+    """Fraction of cameras that meet a limit.
 
     Parameters
     ----------
@@ -51,16 +51,16 @@ class Yield:
 
     @property
     def share(self) -> float:
-        """Share of the trials."""
+        """Fraction of the trials."""
         return self.passed / self.trials
 
     def interval(self, confidence: float = 0.95) -> tuple[float, float]:
-        r"""Wilson's interval for the share of all cameras (`wilson1927`).
+        r"""Wilson's interval for the fraction of all cameras (`wilson1927`).
 
         .. math::
             \frac{p + z^2/2n \pm z \sqrt{p(1-p)/n + z^2/4n^2}}{1 + z^2/n}
 
-        with p the share of n trials and z the normal quantile of the confidence.
+        with p the fraction of n trials and z the normal quantile of the confidence.
         """
         n, p = self.trials, self.share
         z = float(ndtri(0.5 + confidence / 2))

@@ -64,11 +64,11 @@ def variables(camera: Camera) -> dict[str, Variable]:
     Raises
     ------
     OptionError
-        If the camera's mask is flat, so that it has no pattern.
+        If the camera's mask is flat, so that it has no PSF.
     """
     if isinstance(camera.mask.relief, Flat):
         raise OptionError(
-            f"the mask of {camera.name!r} is flat, so it throws no pattern that could be sharp: "
+            f"the mask of {camera.name!r} is flat, so it casts no PSF that could be sharp: "
             "give a camera whose relief is random-lenslets or a file"
         )
     found = []
@@ -174,7 +174,7 @@ def layer_names(camera: Camera) -> tuple[str, ...]:
 
 
 def lit_width_um(camera: Camera) -> float:
-    """Length along the sensor's rows over which its pattern reaches."""
+    """Length along the sensor's rows over which its PSF reaches."""
     width = camera.sensor.columns * camera.sensor.pitch.um
     aperture = camera.mask.aperture
     return width if aperture is None else min(width, aperture.width.um)

@@ -105,7 +105,7 @@ class Calibrate {
       h("ol", { class: "side steps" },
         step(group("1 Camera", option("calibrate", "camera", this.camera), option("calibrate", "name", this.name))),
         step(group("2 Point source",
-          h("p", {}, "Put a point source (a white LED behind a pinhole of 50 to 100 µm) straight before the camera, and darken the room. Move it until its light lies on the cross."),
+          h("p", {}, "Put a point source (a white LED behind a pinhole of 50 to 100 µm) straight in front of the camera, and darken the room. Move it until its light lies on the cross."),
           option("calibrate", "distance", this.distance), this.pointer)),
         step(group("3 Exposure", ...this.light.elements, this.advice)),
         step(group("4 Frames", h("p", {}, "Their mean has less noise. The exposure is held from here on."), ...this.frames.elements)),
@@ -153,7 +153,7 @@ class Calibrate {
     this.centring.look(this.twin ? live.state?.scene === "point" : null);
     this.light.show(head);
     const { word } = this.light.histogram;
-    this.advice.textContent = this.seen === "dark" ? "Dark, as it is to be now." : word ? exposureAdvice(word) : "";
+    this.advice.textContent = this.seen === "dark" ? "Dark, as it should be now." : word ? exposureAdvice(word) : "";
   }
 
   /** @param {any} state */

@@ -73,7 +73,7 @@ export class Centring {
     context.drawImage(this.canvas, 0, 0, SAMPLES[0], SAMPLES[1]);
     const middle = brightMiddle(context.getImageData(0, 0, SAMPLES[0], SAMPLES[1]).data, SAMPLES[0]);
     if (middle === null) {
-      this.said.textContent = "Nothing bright is seen";
+      this.said.textContent = "Nothing bright is in view";
       this.dot.setAttribute("visibility", "hidden");
       return;
     }

@@ -17,7 +17,7 @@ export class Compare {
     this.left = h("img", { alt: "", onload: () => this.fit() });
     this.right = h("img", { alt: "", onload: () => this.fit() });
     this.line = h("div", { class: "divide", "aria-hidden": "true" });
-    this.empty = h("p", {}, "Reconstruct twice, with other methods or depths, and compare the two here.");
+    this.empty = h("p", {}, "Reconstruct twice, with different methods or depths, and compare the two here.");
     this.frame = h("div", { class: "frame" }, this.left, this.right, this.line, this.empty);
     this.share = slider({ label: "Left picture up to", min: 0, max: 100, value: 50, step: 0.5,
       text: (value) => `${value.toFixed(0)} %`, input: () => this.divide() });

@@ -44,7 +44,7 @@ export class Depths {
     const page = outputs.find((path) => path.endsWith("sweep.html"));
     if (!page) throw new Error("The job wrote no focal stack.");
     const answer = await fetch(fileUrl(page));
-    if (!answer.ok) throw new Error("The focal stack is not there any more: make it again.");
+    if (!answer.ok) throw new Error("The focal stack no longer exists: make it again.");
     this.stack = stackOf(await answer.text());
     this.depth.limit(0, this.stack.pages.length - 1);
     this.depth.input.disabled = this.all.disabled = false;

@@ -32,7 +32,7 @@ class Design {
     this.note = h("p", { class: "pale" });
     this.layers = h("div", { class: "stage" });
     this.best = button("Set to the best focus", () => this.setBest(), { disabled: true });
-    this.angle = slider({ label: "Field angle of the slanted light", min: 0, max: 50, value: ANGLE_DEG, step: 1,
+    this.angle = slider({ label: "Field angle of the oblique rays", min: 0, max: 50, value: ANGLE_DEG, step: 1,
       text: (value) => `${value}°`, input: () => this.draw() });
     this.drawing = h("div", { class: "drawing" }, noDrawing(), h("small", {}, "…"));
     this.figures = h("div", {});
@@ -93,7 +93,7 @@ class Design {
   /** Look at the camera as it is set; an older look that is still in work is given up. */
   async ask() {
     const asked = ++this.asked;
-    this.state.textContent = "Working out the PSF…";
+    this.state.textContent = "Computing the PSF…";
     if (this.running) cancel(this.running).catch(() => {}); // It may have ended meanwhile.
     const id = await start("design-look", { camera: this.camera.value, thickness: this.thickness });
     this.running = id;
@@ -104,7 +104,7 @@ class Design {
     this.running = "";
     if (job?.status !== "done") {
       this.state.textContent = "";
-      throw new Error(job?.error ?? "The PSF could not be worked out.");
+      throw new Error(job?.error ?? "The PSF could not be computed.");
     }
     this.state.textContent = "";
     this.show(job.summary, (job.outputs ?? []).find((path) => path.endsWith(".png")));
@@ -119,7 +119,7 @@ class Design {
     this.draw();
     if (psf) {
       this.psf.src = fileUrl(psf);
-      this.psfNote.textContent = `${number(look.cell_um)} µm a pixel`;
+      this.psfNote.textContent = `${number(look.cell_um)} µm per pixel`;
     }
     fill(this.autocorrelation, curve({ x: look.autocorrelation.um, y: look.autocorrelation.value, from: 0,
       xLabel: "shift / µm", yLabel: "autocorrelation", title: "Autocorrelation of the PSF by shift" }));
@@ -173,9 +173,9 @@ class Design {
       ["It is off by", given(look.best_thickness_mm && layer.thickness_mm - look.best_thickness_mm, (value) => `${value > 0 ? "+" : ""}${value.toFixed(3)} mm`)],
       ["Depth of focus", given(look.depth_of_focus_mm, mm)],
       ["Numerical aperture", given(look.aperture, (value) => number(value))],
-      ["Lenslet's light on the sensor, by rays", given(spread, (value) => `${number(value, 2)} µm`)],
+      ["Spot of a lenslet, by rays", given(spread, (value) => `${number(value, 2)} µm`)],
       ["Line width (FWHM)", given(look.fwhm_um, (value) => `${number(value)} µm`)],
-      ["Mask to sensor, as in air", given(look.reduced_mm, mm)],
+      ["Reduced thickness, mask to sensor", given(look.reduced_mm, mm)],
     ], "Figures of the camera"));
   }
 

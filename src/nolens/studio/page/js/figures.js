@@ -33,7 +33,7 @@ export const psfFigures = (found) => [
   ["Contrast", known(found.contrast, (value) => number(value))],
   ["Numerical aperture", known(found.lenslet_aperture, (value) => number(value))],
   ["Depth of focus", known(found.depth_of_focus_mm, mm)],
-  ["Mask to sensor, as in air", known(found.reduced_thickness_mm, mm)],
+  ["Reduced thickness, mask to sensor", known(found.reduced_thickness_mm, mm)],
 ];
 
 const degrees = (/** @type {number} */ value) => `${number(value)}°`;
@@ -41,8 +41,8 @@ const degrees = (/** @type {number} */ value) => `${number(value)}°`;
 /** What `measure resolution two-points` found. @param {any} found @returns {[string, string][]} */
 export const twoPointRows = (found) => [
   ["Resolved from", known(found.resolved_deg, degrees)],
-  ["Uncertain by ±", known(found.plus_minus_deg, degrees)],
-  ["Dip that counts", known(found.dip_needed, (value) => percent(value, 3))],
+  ["Uncertainty ±", known(found.plus_minus_deg, degrees)],
+  ["Smallest significant dip", known(found.dip_needed, (value) => percent(value, 3))],
   ...found.separations.map((/** @type {any} */ each) =>
     [`Dip at ${degrees(each.separation_deg)}`, `${known(each.dip, (value) => percent(value, 3))}${each.resolved ? "" : ", not resolved"}`]),
 ];
@@ -50,9 +50,9 @@ export const twoPointRows = (found) => [
 /** What `measure resolution siemens` found. @param {any} found @returns {[string, string][]} */
 export const starRows = (found) => [
   ["Resolved in all directions from", `${known(found.resolved_deg, degrees)}${found.finest_of_the_cells ? ", the finest that the pixels show" : ""}`],
-  ["Uncertain by ±", known(found.plus_minus_deg, degrees)],
-  ["Least across", known(found.worst_direction_deg, degrees)],
-  ["Contrast that counts", known(found.contrast_needed, (value) => percent(value, 3))],
+  ["Uncertainty ±", known(found.plus_minus_deg, degrees)],
+  ["Worst direction", known(found.worst_direction_deg, degrees)],
+  ["Contrast threshold", known(found.contrast_needed, (value) => percent(value, 3))],
   ["Spokes", String(found.spokes)],
   ["Field angle of the star", known(found.diameter_deg, degrees)],
 ];
@@ -62,24 +62,24 @@ const perDegree = (/** @type {number} */ value) => `${number(value)} per degree`
 /** What `measure resolution edge` found. @param {any} found @returns {[string, string][]} */
 export const edgeRows = (found) => [
   ["Resolved from (10 % contrast)", known(found.resolved_deg, degrees)],
-  ["Half the contrast at", known(found.half_contrast_per_deg, perDegree)],
-  ["A tenth of it at", known(found.tenth_contrast_per_deg, perDegree)],
+  ["Half of the contrast (MTF50) at", known(found.half_contrast_per_deg, perDegree)],
+  ["A tenth of the contrast (MTF10) at", known(found.tenth_contrast_per_deg, perDegree)],
   ["Edge tilted by", known(found.tilt_deg, degrees)],
 ];
 
 /** What `measure field` found of a grid of dots. @param {any} found @returns {[string, string][]} */
 export const dotRows = (found) => [
   ["Clear up to a half angle of", known(found.good_deg, degrees)],
-  ["Seen up to", known(found.distorted_deg, degrees)],
+  ["Visible up to", known(found.distorted_deg, degrees)],
   ["Lost from", found.lost_deg === null ? "nowhere among these dots" : degrees(found.lost_deg)],
   ["Dots", String(found.dots.length)],
   ["Pitch found", known(found.pitch_found_mm, mm)],
-  ["A pixel in the middle sees", known(found.cell_deg, degrees)],
+  ["Field angle of a pixel in the middle", known(found.cell_deg, degrees)],
 ];
 
 /** What `measure field` found of PSFs from the side. @param {any} found */
 export const fieldRows = (found) => h("div", { class: "scroll" }, h("table", { class: "figures" },
-  h("caption", { class: "unseen" }, "PSFs from the side"),
+  h("caption", { class: "unseen" }, "Off-axis PSFs"),
   h("thead", {}, h("tr", {}, ["Half angle", "Correlation", "Of the overlap", "Light"].map((name) => h("th", { scope: "col" }, name)))),
   h("tbody", {}, found.angles.map((/** @type {any} */ each) => h("tr", {},
     h("th", { scope: "row" }, degrees(each.angle_deg)),

@@ -14,7 +14,7 @@ const CLIPPED_SHARE = 1e-4;
 
 const SAID = /** @type {Record<ExposureWord, [string, string, string]>} */ ({
   "too dark": ["Too dark", "", "Lengthen the exposure, or bring more light."],
-  right: ["Exposure right", "good", "Bright, and nothing is lost."],
+  right: ["Exposure right", "good", "Bright, and nothing is saturated."],
   clipped: ["Clipped", "bad", "Shorten the exposure, or dim the light."],
 });
 

@@ -42,7 +42,7 @@ function pointsCard() {
   const draws = h("input", { type: "number", min: 1, max: 20, value: 1 });
   const card = new Measurement({
     title: "Two points", name: "two-points", kind: "measure-two-points",
-    about: "How close two point sources may be and still be resolved, in a simulation of the camera.",
+    about: "The smallest separation at which two point sources are resolved, in a simulation of the camera.",
     controls: [option(POINTS, "simulate", camera), h("div", { class: "row" },
       h("div", { class: "grow" }, option(POINTS, "distance", distance)),
       h("div", { class: "narrow" }, option(POINTS, "draws", draws)))],
@@ -79,11 +79,11 @@ function sideCard() {
   const angles = typed({ value: "0deg,10deg,20deg,30deg,40deg" });
   const simulated = h("div", { class: "fields" }, option(FIELD, "simulate", camera), option(FIELD, "angles", angles));
   const captured = h("div", { class: "fields", hidden: true }, option(FIELD, "psfs", folder));
-  const way = segments("Where the PSFs are from", [["simulation", "Simulation"], ["captured", "Captured PSFs"]],
+  const way = segments("Source of the PSFs", [["simulation", "Simulation"], ["captured", "Captured PSFs"]],
     "simulation", (chosen) => { simulated.hidden = chosen !== "simulation"; captured.hidden = !simulated.hidden; });
   const card = new Measurement({
     title: "Field of view", name: "field", kind: "measure-field",
-    about: "How alike the PSFs from the side are to the one from straight ahead.",
+    about: "How similar off-axis PSFs are to the one on the axis.",
     controls: [way.element, simulated, captured],
     options: () => {
       if (way.value() === "simulation") return { simulate: camera.value, angles: text(angles) };
@@ -102,8 +102,8 @@ function dotsCard() {
   const reach = typed({ value: "30deg" });
   const target = new Target({ picture: "grid of dots", simulated: [option(FIELD, "reach", reach)] });
   const card = new Measurement({
-    title: "Field of dots", name: "dots", kind: "measure-field",
-    about: "Up to which angle a grid of dots is seen clearly, and where it is lost.",
+    title: "Dot grid", name: "dots", kind: "measure-field",
+    about: "Up to which field angle a grid of dots stays clear, and where it is lost.",
     controls: [...target.elements, h("div", { class: "row" },
       h("div", { class: "grow" }, option(FIELD, "dot_pitch", pitch)),
       h("div", { class: "grow" }, option(FIELD, "distance", distance)))],
@@ -112,7 +112,7 @@ function dotsCard() {
       return target.simulated ? { simulate: target.camera.value, reach: text(reach), ...grid }
         : { dots: target.path, camera: target.camera.value, ...grid };
     },
-    found: (job) => [jobPlot(job, "Dots by their grade and angle"), figureTable(dotRows(job.summary), "Field of dots")],
+    found: (job) => [jobPlot(job, "Dots by their grade and angle"), figureTable(dotRows(job.summary), "Dot grid")],
   });
   return { card, target };
 }
@@ -124,12 +124,12 @@ class Measure {
     this.points = pointsCard();
     this.star = targetCard({
       title: "Siemens star", kind: "measure-siemens", picture: "star", angle: "20deg", rows: starRows,
-      about: "How fine the spokes of a star may be and still be told apart, in all directions.",
+      about: "The finest spokes of a Siemens star that are resolved in all directions.",
       plot: "Contrast of the star's spokes by their width",
     });
     this.edge = targetCard({
       title: "Slanted edge", kind: "measure-edge", picture: "edge", angle: "10deg", rows: edgeRows,
-      about: "How contrast falls with fineness, across one straight edge.",
+      about: "How contrast falls with spatial frequency (MTF), from one straight edge.",
       plot: "Contrast across the edge by frequency",
     });
     this.side = sideCard();

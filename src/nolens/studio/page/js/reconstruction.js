@@ -9,7 +9,7 @@ import { told } from "./notices.js";
 
 const KIND = "reconstruct";
 const TAU = 1e-4;
-const TURNS = [["none", "As it is"], ["vertical", "Upside down"], ["horizontal", "Mirrored"], ["both", "Turned by 180°"]];
+const TURNS = [["none", "As it is"], ["vertical", "Upside down"], ["horizontal", "Mirrored"], ["both", "Rotated by 180°"]];
 const MOSAICS = ["RGGB", "BGGR", "GRBG", "GBRG"];
 
 /** @param {string} placeholder */
@@ -56,7 +56,7 @@ export class ReconstructionOptions {
         option(KIND, "mosaic", this.mosaic), this.bgr.element,
         h("p", { class: "pale" }, "A PSF file that is larger than the raw file is either:"),
         this.wider.element, option(KIND, "psf_scale", this.scale)),
-      more("The scene", h("p", { class: "pale" }, "Where light can come from; everywhere, if both stay empty:"),
+      more("The scene", h("p", { class: "pale" }, "The support: where light can come from. Leave both empty for no limit."),
         option(KIND, "region", this.region), option(KIND, "field", this.angle),
         option(KIND, "bin", this.bin), option(KIND, "channels", this.channels), option(KIND, "flip", this.flip)),
       more("The solver", this.ownTau.element, this.tau.element, option(KIND, "iterations", this.iterations)),

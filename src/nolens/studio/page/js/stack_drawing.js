@@ -38,7 +38,7 @@ export function stackDrawing(look, angle_deg) {
   const x = (/** @type {number} */ across) => (across + wide / 2) * scale;
   const y = (/** @type {number} */ depth) => (depth + above) * scale;
   const image = svg("svg", { class: "stack", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img" },
-    svg("title", {}, `Layers to scale, ${mm(total)} from mask to sensor, with rays of far light`));
+    svg("title", {}, `Layers to scale, ${mm(total)} from mask to sensor, with rays from a distant source`));
 
   let depth = 0;
   const names = [];

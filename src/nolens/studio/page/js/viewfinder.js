@@ -141,7 +141,7 @@ class Viewfinder {
     const chosen = /** @type {[string, {box: HTMLInputElement}][]} */ (
       [["png", this.png], ["tiff", this.tiff], ["raw", this.rawFile]]);
     const as = chosen.filter(([, { box }]) => box.checked).map(([name]) => name);
-    if (as.length === 0) throw new Error("Nothing is ticked to be saved: tick PNG, 16-bit TIFF or Raw.");
+    if (as.length === 0) throw new Error("Nothing is selected to save: tick PNG, 16-bit TIFF or Raw.");
     this.saver.disabled = true;
     try {
       const { files } = await post("api/live/save", { as });

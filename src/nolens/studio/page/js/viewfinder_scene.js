@@ -73,7 +73,7 @@ export class SceneControls {
       await this.play(picture);
       return;
     }
-    if (!picture.type.startsWith("image/")) throw new Error(`${picture.name} is no picture or video: give a JPEG, PNG, MP4 or WebM file.`);
+    if (!picture.type.startsWith("image/")) throw new Error(`${picture.name} is not a picture or video: give a JPEG, PNG, MP4 or WebM file.`);
     await showScene(await suited(picture));
     this.select.value = "picture";
     this.said.textContent = `The camera looks at ${picture.name}.`;

@@ -20,7 +20,7 @@ export class SolverControls {
       text: (value) => number(value, 2), input: (tau) => send({ tau }),
     });
     this.iterations = slider({
-      label: "Iterations a frame", min: 1, max: 40, value: 4, step: 1,
+      label: "Iterations per frame", min: 1, max: 40, value: 4, step: 1,
       text: String, input: (iterations) => send({ iterations }),
     });
     /** The method whose ends τ has. */
