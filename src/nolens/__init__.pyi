@@ -11,6 +11,7 @@ from . import (
     twin,
 )
 from .api.calibrate import CalibratedPsf, StitchedPsf, calibrate_psf, stitch_psfs
+from .api.design import ThicknessDesign, design_mask, design_thickness
 from .api.image import Image
 from .api.inputs import load, save_frame
 from .api.measure import measure_psf, psnr, ssim
@@ -34,10 +35,13 @@ __all__ = [
     "Region",
     "SimulatedMeasurement",
     "StitchedPsf",
+    "ThicknessDesign",
     "calibrate",
     "calibrate_psf",
     "capture",
     "design",
+    "design_mask",
+    "design_thickness",
     "develop",
     "evaluate",
     "fabricate",

@@ -4,6 +4,7 @@ import io
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,17 @@ from PIL import Image as Pillow
 import nolens as nl
 from nolens.errors import DataError, OptionError
 from nolens.files import write_png
-from nolens.jobs import PsfOptions, ReconstructOptions, Reporter, reconstruct, simulate_psf
+from nolens.jobs import (
+    PsfOptions,
+    ReconstructOptions,
+    Reporter,
+    ThicknessOptions,
+    design_mask,
+    design_thickness,
+    reconstruct,
+    simulate_psf,
+)
+from nolens.jobs.designing.mask import mask_kind
 
 ROOT = Path(nl.__file__).parents[2]
 SIDE = 96
@@ -96,6 +107,39 @@ def test_psf_is_that_of_the_command(camera: nl.Camera, tmp_path: Path) -> None:
     )
     theirs = simulate_psf(options, Reporter()).value
     assert torch.equal(nl.psf(camera, "200mm", angle=("2deg", "1deg")).values, theirs)
+
+
+def test_designs_are_those_of_the_commands(camera: nl.Camera, tmp_path: Path) -> None:
+    diffuser = mask_kind("diffuser")
+    given = {"camera": "small", "angle": "2deg", "output": tmp_path / "designed"}
+    theirs = design_mask(diffuser.gather(given), Reporter()).value
+    shares: list[float] = []
+    mine = nl.design_mask("diffuser", camera, angle="2deg", progress=shares.append)
+    assert theirs.relief_um is not None and mine.opened.relief_um is not None
+    assert torch.equal(mine.opened.relief_um, theirs.relief_um)
+    assert (mine.name, mine.pixels) == ("small, diffuser mask", camera.pixels)
+    with pytest.raises(OptionError, match=r"there is no option 'anlge'. Did you mean 'angle'"):
+        nl.design_mask("diffuser", anlge="2deg")
+
+    options = ThicknessOptions.gather({"film": "0.305mm", "material": "pua311"})
+    summary = design_thickness(options, Reporter()).summary
+    design = nl.design_thickness(film="0.305mm", material="pua311")
+    found = summary["materials"][0]["thickness_mm"]["value"]
+    assert design.figures["materials"] == summary["materials"]
+    assert design.thickness_mm == {"pua311": found} and f"{found:.2f} mm" in str(design)
+    layers = design.camera.opened.camera.layers
+    assert any(abs(layer.thickness.mm - found) < 1e-3 for layer in layers)
+
+
+def test_what_no_memory_holds_is_refused() -> None:
+    paper = nl.Camera("paper")
+    with pytest.raises(OptionError, match=r"of memory.*a smaller size"):
+        nl.psf(paper, "300mm", size=(400_000, 400_000))
+    camera = paper.opened.camera
+    sensor = camera.sensor.model_copy(update={"rows": 10**6, "columns": 10**6})
+    vast = nl.Camera(replace(paper.opened, camera=camera.model_copy(update={"sensor": sensor})))
+    with pytest.raises(OptionError, match=r"of memory.*a smaller angle"):
+        nl.simulate(scene(), vast, angle="70deg", field_points=101)
 
 
 def test_arrays_of_all_kinds(shot: nl.SimulatedMeasurement, psf: nl.Psf) -> None:

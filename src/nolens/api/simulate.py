@@ -14,12 +14,14 @@ from nolens.camera import Frame, OpenCamera, ReliefFile, develop
 from nolens.errors import DataError, OptionError
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import read_camera
+from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory
 from nolens.operators import Region
 from nolens.quantities import Angle, Length
 from nolens.solvers.inputs import Plane, channels_of
-from nolens.twin import Light, Twin
+from nolens.twin import Light, Twin, colours_of, irradiate_bytes
 from nolens.twin import Plane as ScenePlane
-from nolens.twin.preview import preview_model
+from nolens.twin.point import colour_pattern_bytes, shortest_nm
+from nolens.twin.preview import preview_model, relief_points, simulation_bytes
 from nolens.twin.scene import in_channels
 
 
@@ -74,7 +76,12 @@ class Camera:
     @cached_property
     def size(self) -> tuple[int, int]:
         """(height, width) of a measurement in pixels; of a mosaic, superpixels of 2×2."""
-        return self._read(preview_model(self.opened)).cells
+        return self.preview.cells
+
+    @cached_property
+    def preview(self) -> Twin:
+        """The simulated camera with a stand-in for its relief, for estimates."""
+        return self._read(preview_model(self.opened))
 
     @cached_property
     def twin(self) -> Twin:
@@ -194,8 +201,18 @@ def psf(
     if support is not None:
         rows, columns = camera.size
         size = (rows + support.height, columns + support.width)
-    bench = VirtualExperiment(camera.twin, Light(light), wavelengths)
     source = source_of(distance, angle, diameter)
+    bare, colours = camera.preview, colours_of(camera.preview, Light(light), wavelengths)
+    pattern = colour_pattern_bytes(
+        bare,
+        source,
+        size or bare.cells,
+        bare.cell_pixels,
+        at_least=2,
+        shortest=shortest_nm(colours),
+    )
+    _check_memory(camera, pattern, "a smaller size or a camera that reads fewer pixels")
+    bench = VirtualExperiment(camera.twin, Light(light), wavelengths)
     with reported(progress, "PSF") as tick:
         values = bench.psf(source, size, tick)
     if not float(values.max()) > 0:
@@ -291,6 +308,9 @@ def simulate(
         distance_um(distance),
         opacity,
     )
+    bare, colours = camera.preview, colours_of(camera.preview, Light(light), wavelengths)
+    working = irradiate_bytes(bare, (plane,), field_points, colours)
+    _check_memory(camera, working, "a smaller angle or a camera that reads fewer pixels")
     bench = VirtualExperiment(camera.twin, Light(light), wavelengths, field_points)
     with reported(progress, "measurement") as tick:
         shot = bench.photograph((plane,), fill=fill, seed=seed, tick=tick)
@@ -298,3 +318,9 @@ def simulate(
     return SimulatedMeasurement(
         values, camera.channels, shot.frame, shot.truth, shot.response, shot.region
     )
+
+
+def _check_memory(camera: Camera, working: float, remedy: str) -> None:
+    """Refuse what the machine has no memory for, before the relief is computed."""
+    needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(camera.opened), working)
+    check_memory(needed, camera.device, f"{remedy} needs less")

@@ -183,7 +183,9 @@ class JobOptions(BaseModel):
         stored = {} if config is None else cls._stored(expand_home(config))
         values: dict[str, Any] = {}
         for key, value in {**stored, **given}.items():
-            name = cls.spellings().get(key, key)
+            name = cls.spellings().get(key, "")
+            if not name:
+                raise OptionError(f"there is no option {key!r}{_nearest(key, cls.spellings())}")
             if key != name and Option.of(cls, name).former == key:
                 note(f"{key} is called {name} now; the former name goes with the next version")
                 switch = Option.of(cls, name).former_switch

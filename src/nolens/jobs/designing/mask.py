@@ -31,8 +31,10 @@ from nolens.files import CAMERA_FILE, camera_files, read_camera, write_camera
 from nolens.files.plot_mask import MaskPlot, plot_mask
 from nolens.jobs.copied import copied_curves
 from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory
+from nolens.jobs.device import pick_device
 from nolens.jobs.fields import CAMERAS, LIGHTS, Device, FilePath, Name, Seed, Word
 from nolens.jobs.options import JobOptions, Option, Written
+from nolens.jobs.reporter import Reporter
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.optics import surface_bytes
 from nolens.plugins import load_plugin, plugin_names
@@ -214,22 +216,43 @@ class Blank:
         Its layers and sensor, ready for rays and for estimates.
     light
         That a designed mask is to be good in.
-    run
-        It has the options, computes on its device, and is told how far the work is.
+    overhang
+        How far the mask reaches beyond the sensor.
+    device
+        Where to compute.
+    reporter
+        Is told how far the work is.
     """
 
     opened: OpenCamera
     model: Twin
     light: Light
-    run: Run[MaskOptions]
+    overhang: Length
+    device: torch.device
+    reporter: Reporter
 
-    @property
-    def overhang(self) -> Length:
-        """How far the mask reaches beyond the sensor."""
-        if self.run.options.overhang is not None:
-            return self.run.options.overhang
-        relief = self.opened.camera.mask.relief
-        return relief.overhang if isinstance(relief, RandomLenslets) else _OVERHANG
+    @classmethod
+    def of(cls, opened: OpenCamera, options: MaskOptions, reporter: Reporter) -> "Blank":
+        """The camera that a mask is made for, by the options of the mask.
+
+        Raises
+        ------
+        OptionError
+            If the light or the device cannot be used.
+        """
+        named = opened.camera.model_copy(
+            update={"name": f"{opened.camera.name}, {options.kind} mask"}
+        )
+        relief = opened.camera.mask.relief
+        own = relief.overhang if isinstance(relief, RandomLenslets) else _OVERHANG
+        return cls(
+            replace(opened, camera=named),
+            preview_model(opened),
+            Light(options.light),
+            options.overhang or own,
+            pick_device(options.device),
+            reporter,
+        )
 
     def size(self, grid_um: float) -> tuple[int, int]:
         """Samples of a relief over sensor and overhang, (rows, columns).
@@ -340,9 +363,7 @@ def design_mask(run: Run[MaskOptions]) -> Product[OpenCamera]:
     opened, light = read_camera(options.camera), Light(options.light)
     run.reads(camera_files(options.camera, opened.camera))
     run.begin()
-    name = f"{opened.camera.name}, {options.kind} mask"
-    named = replace(opened, camera=opened.camera.model_copy(update={"name": name}))
-    made = options.mask(Blank(named, preview_model(opened), light, run))
+    made = options.mask(Blank.of(opened, options, reporter))
 
     reporter.advance("figures", 0.0)
     twin, paper = (_middle(each, device) for each in (made.opened, with_relief(opened, _PAPERS)))

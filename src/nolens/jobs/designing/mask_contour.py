@@ -35,7 +35,7 @@ class ContourMask(TileOptions):
         target = line_target(lines, self.line.um, layout.samples_per_cell)
         heights = contour_relief(
             descent.tile,
-            lines.to(descent.blank.run.device),
+            lines.to(descent.blank.device),
             target,
             self.limits,
             radius_um=descent.radius_um,

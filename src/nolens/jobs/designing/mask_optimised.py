@@ -79,7 +79,7 @@ class OptimisedMask(TileOptions):
             descent.tile,
             self.goals,
             self.limits,
-            start.to(descent.blank.run.device),
+            start.to(descent.blank.device),
             iterations=self.iterations,
             stop=descent.stop,
         )

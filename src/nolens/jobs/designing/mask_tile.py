@@ -63,7 +63,7 @@ class TileDescent:
 
     def stop(self, done: int) -> bool:
         """See how many steps are done; True ends it."""
-        reporter = self.blank.run.reporter
+        reporter = self.blank.reporter
         self.stopped = reporter.step("step", done, self.iterations, "the mask")
         return self.stopped
 
@@ -120,7 +120,7 @@ class TileOptions(MaskOptions):
             If the limits of the process contradict themselves, or the machine has too little
             memory.
         """
-        model, device = blank.model, blank.run.device
+        model, device = blank.model, blank.device
         radius_um = focusing_radius_um(model) if self.radius is None else self.radius.um
         period_um = default_period_um(model) if self.period is None else self.period.um
         layout = Layout.fit(model, self.limits, period_um)
@@ -128,7 +128,7 @@ class TileOptions(MaskOptions):
         held = _BYTES_PER_SAMPLE * layout.side**2 + 12 * math.prod(size)
         needed = _BYTES_OF_PROGRAM + held
         check_memory(needed, device, "a smaller --period or --overhang needs less")
-        announce(needed, blank.run.reporter)
+        announce(needed, blank.reporter)
         tile = layout.tile(model, blank.light, device)
         descent = TileDescent(blank, layout, tile, radius_um, self.iterations)
         heights, target = self.heights(descent)

@@ -186,6 +186,31 @@ def with_replica(case: Case, figures: Mapping[str, Propagated]) -> Camera:
     )
 
 
+def thickness_figures(case: Case) -> tuple[list[dict[str, Propagated]], dict[str, Any]]:
+    """Figures of every replica, with their ±, and all of them in values that JSON has.
+
+    Raises
+    ------
+    OptionError
+        If a material cannot focus on this sensor.
+    """
+    case.check()
+    found = [_figures(case, medium) for medium in case.replicas]
+    source_um = case.options.source_um
+    return found, {
+        "camera": case.opened.camera.name,
+        "wavelength_nm": case.options.wavelength.nm,
+        "distance_mm": None if math.isinf(source_um) else source_um * _UM_TO_MM,
+        **_given(case),
+        "radius_mm": _told(found[0]["radius"], _UM_TO_MM),
+        "printed_radius_mm": _printed(case),
+        "materials": [
+            _material(case, medium, figures)
+            for medium, figures in zip(case.replicas, found, strict=True)
+        ],
+    }
+
+
 @job
 def design_thickness(run: Run[ThicknessOptions]) -> Product[list[dict[str, Propagated]]]:
     """Find the thickness of each replica, and write what was asked for.
@@ -198,22 +223,9 @@ def design_thickness(run: Run[ThicknessOptions]) -> Product[list[dict[str, Propa
     """
     options = run.options
     case = Case.of(options)
-    case.check()
     run.reads(camera_files(options.camera, case.opened.camera))
     run.begin()
-    found = [_figures(case, medium) for medium in case.replicas]
-    summary = {
-        "camera": case.opened.camera.name,
-        "wavelength_nm": options.wavelength.nm,
-        "distance_mm": None if math.isinf(options.source_um) else options.source_um * _UM_TO_MM,
-        **_given(case),
-        "radius_mm": _told(found[0]["radius"], _UM_TO_MM),
-        "printed_radius_mm": _printed(case),
-        "materials": [
-            _material(case, medium, figures)
-            for medium, figures in zip(case.replicas, found, strict=True)
-        ],
-    }
+    found, summary = thickness_figures(case)
     writers: dict[Path, Writer] = {}
     if options.plot is not None:
         drawn = [

@@ -1,0 +1,117 @@
+"""Designing a camera: its mask, and how thick the resin under it must be."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from nolens.api.progress import Progress, reported
+from nolens.api.simulate import Camera
+from nolens.jobs.designing.mask import Blank, mask_kind
+from nolens.jobs.designing.thickness import thickness_figures, with_replica
+from nolens.jobs.designing.thickness_case import Case
+from nolens.jobs.designing.thickness_options import ThicknessOptions
+from nolens.jobs.reporter import Reporter
+
+
+def design_mask(
+    kind: str,
+    camera: str | Path | Camera = "paper",
+    *,
+    progress: Progress = False,
+    **options: Any,
+) -> Camera:
+    """The same camera with a designed mask.
+
+    Parameters
+    ----------
+    kind
+        ``"random-lenslets"``, ``"lenslet-array"``, ``"diffuser"``, ``"contour"``, ``"optimised"``,
+        or one that another package adds.
+    camera
+        Its layers and sensor are kept.
+    progress
+        True draws a bar, a function is called with the fraction that is done.
+    options
+        Those of ``nolens design mask KIND``, by name: ``pitch="70um"``, ``iterations=60``.
+
+    Raises
+    ------
+    OptionError
+        If there is no such kind or option, or a value cannot be used.
+    """
+    camera = camera if isinstance(camera, Camera) else Camera(camera)
+    # Nothing is written: the folder is an option of the job alone.
+    chosen = mask_kind(kind).gather(
+        {"device": camera.device.type, **options, "output": Path("unused")}
+    )
+    with reported(progress, "mask") as tick:
+        made = chosen.mask(Blank.of(camera.opened, chosen, _Ticking(tick)))
+    return Camera(made.opened, pixels=camera.pixels, device=camera.device)
+
+
+@dataclass(frozen=True)
+class ThicknessDesign:
+    """How thick the resin on a sensor must be.
+
+    Parameters
+    ----------
+    figures
+        Of every material: thickness, tolerance, focal length, width of the lines, each with its ±,
+        as ``nolens design thickness --json`` prints them.
+    camera
+        The camera with a replica of the first material.
+    """
+
+    figures: dict[str, Any] = field(repr=False)
+    camera: Camera
+
+    @property
+    def thickness_mm(self) -> dict[str, float]:
+        """Thickness in focus by material."""
+        return {
+            each["material"]: each["thickness_mm"]["value"] for each in self.figures["materials"]
+        }
+
+    def __str__(self) -> str:
+        return "; ".join(
+            f"{each['material']}: {each['thickness_mm']['value']:.2f} mm ± "
+            f"{each['room_mm']['value']:.2f} mm"
+            for each in self.figures["materials"]
+        )
+
+
+def design_thickness(camera: str | Path = "paper", **options: Any) -> ThicknessDesign:
+    """How thick the resin must be for a master to focus on a sensor, and how far off it may be.
+
+    Parameters
+    ----------
+    camera
+        Has the layers over the sensor: a preset, a folder with camera.toml, or a .toml file.
+    options
+        Those of ``nolens design thickness``, by name: ``film="0.305mm"``, ``material="pua311"``.
+
+    Raises
+    ------
+    OptionError
+        If there is no such option, a value cannot be used, or a material cannot focus there.
+    """
+    chosen = ThicknessOptions.gather({**options, "camera": str(camera)})
+    case = Case.of(chosen)
+    materials, figures = thickness_figures(case)
+    described = replace(case.opened, camera=with_replica(case, materials[0]), relief_um=None)
+    return ThicknessDesign(figures, Camera(described))
+
+
+class _Ticking(Reporter):
+    """Passes on what fraction of the work is done."""
+
+    def __init__(self, tick: Callable[[float], None]) -> None:
+        self._tick = tick
+
+    def advance(self, what: str, share: float) -> None:
+        self._tick(share)
+
+    def step(self, what: str, done: int, limit: int, kept: str) -> bool:
+        self._tick(done / limit)
+        return False
