@@ -83,7 +83,8 @@ def pictures(folder: Path, mask: Path, camera: Path) -> dict[str, float]:
         if not psf.exists():
             told("psf", "--camera", camera, "--cells", seen["psf_cells"], "-o", psf)
         told(
-            "reconstruct", f"{stem}.dng", "--psf", psf, "--psf-wider", "--region", seen["region"],
+            "reconstruct", f"{stem}.dng", "--psf", psf, "--psf-extent", "wide",
+            "--support", seen["region"],
             "--tau", "1e-5", "--iterations", 300, "--tolerance", 0,
             "-o", f"{stem}-out.tif", "--tiff-bits", 32,
         )  # fmt: skip

@@ -51,7 +51,7 @@ def main(nolens: str, *size: str) -> None:
         subprocess.run([str(word) for word in make], check=True)
         inputs = [str(folder / "data.npy"), "--psf", str(folder / "psf.npy")]
         command = [nolens, "reconstruct", *inputs, "-o", str(folder / "out.png"), "--json"]
-        confined = ("--region", f"{size[-1]}x{size[-1]}")
+        confined = ("--support", f"{size[-1]}x{size[-1]}")
         ways = {
             DRAFT: ("--quality", "draft"),
             PHOTO: ("--quality", "photo", *confined),

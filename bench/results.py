@@ -63,7 +63,7 @@ def pair(
         ReconstructOptions(
             measurement=folder / "diffuser" / f"{name}.npy",
             psf=psf or folder / "psf_estimate.npy",
-            psf_wider=True,
+            psf_extent="wide",
             tau=tau,
             bgr=True,
             crop=f"{height}x{width}+{top}+{left}",

@@ -61,8 +61,8 @@ def main() -> None:
         truth = truth * read_frame(folder / f"{name}-response.tif").counts
         for tau in TAUS:
             options = ReconstructOptions(
-                measurement=folder / f"{name}-raw.tif", psf=psf, psf_wider=True, tau=tau,
-                region=summary["region"], output=(folder / f"{name}-{tau:g}.png",),
+                measurement=folder / f"{name}-raw.tif", psf=psf, psf_extent="wide", tau=tau,
+                support=summary["region"], output=(folder / f"{name}-{tau:g}.png",),
             )  # fmt: skip
             picture = reconstruct(options, Reporter()).value
             peak = float(truth.max())

@@ -83,8 +83,8 @@ def test_command_gives_the_same(
     options = ReconstructOptions(
         measurement=tmp_path / "raw.npy",
         psf=tmp_path / "psf.npy",
-        psf_wider=True,
-        region=f"{support.height}x{support.width}",
+        psf_extent="wide",
+        support=f"{support.height}x{support.width}",
         tau=1e-5,
         output=(tmp_path / "photo.png",),
     )

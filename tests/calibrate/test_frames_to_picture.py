@@ -73,11 +73,11 @@ def test_stitched_from_noisy_frames(tmp_path: Path) -> None:
     truth = read_frame(tmp_path / "truth.tif").counts
     quality = {}
     for name in ("stitched", "psf"):
-        wider = ("--psf-wider",) if name == "stitched" else ()
+        wider = ("--psf-extent", "wide") if name == "stitched" else ()
         picture = tmp_path / f"{name}.tif"
         nolens(
             "reconstruct", tmp_path / "raw.dng", "--psf", mine / f"{name}-300mm.tif", *wider,
-            "--region", taken["region"], "--tau", 1e-5, "--tiff-bits", 32, "-o", picture,
+            "--support", taken["region"], "--tau", 1e-5, "--tiff-bits", 32, "-o", picture,
         )  # fmt: skip
         seen = read_frame(picture).counts
         quality[name] = psnr(affine_fit(seen, truth), truth, float(torch.quantile(truth, 0.999)))

@@ -83,12 +83,17 @@ def test_wider_psf_is_kept(size):
 @pytest.mark.parametrize(
     ("size", "options", "error", "words"),
     [
-        ((48, 60), {}, DataError, ("48×60", "24×30", "--psf-scale 2", "--psf-wider")),
-        ((50, 60), {}, DataError, ("no N fits", "--psf-wider")),
-        ((48, 60), {"scale": 3}, DataError, ("16×20", "--psf-scale 2 would fit", "--psf-wider")),
+        ((48, 60), {}, DataError, ("48×60", "24×30", "--psf-scale 2", "--psf-extent", "wide")),
+        ((50, 60), {}, DataError, ("no N fits", "--psf-extent", "wide")),
+        (
+            (48, 60),
+            {"scale": 3},
+            DataError,
+            ("16×20", "--psf-scale 2 would fit", "--psf-extent"),
+        ),
         ((50, 60), {"scale": 2}, DataError, ("25×30", "no scale would fit")),
         ((24, 30), {"scale": 2}, DataError, ("12×15", "leave it out")),
-        ((24, 30), {"wider": True}, DataError, ("not extended", "Leave out --psf-wider")),
+        ((24, 30), {"wider": True}, DataError, ("not extended", "Leave out --psf-extent wide")),
         ((20, 29), {}, DataError, ("20×29", "24×30", "at least as large")),
         ((20, 60), {"scale": 2}, DataError, ("20×60", "without --psf-scale")),
         ((30, 24), {}, DataError, ("30×24", "turned by 90°")),
@@ -124,7 +129,7 @@ def test_a_psf_that_is_smaller_in_one_direction_is_dark_there():
 def test_a_psf_that_goes_on_beside_the_sensor():
     lit = cloud(40, 40)
     (warning,) = prepare_psf(lit, scene(40, 40)).warnings
-    assert re.search(r"psf\.tif has light up to the sensor's edges.*--psf-wider", warning)
+    assert re.search(r"psf\.tif has light up to the sensor's edges.*--psf-extent wide", warning)
     assert prepare_psf(cloud(80, 80), scene(40, 40), wider=True).warnings == ()
     inside = replace(lit, values=nnf.pad(lit.values[:, 8:32, 8:32], (8,) * 4))
     assert prepare_psf(replace(inside, valid=lit.valid), scene(40, 40)).warnings == ()
@@ -245,5 +250,5 @@ def test_real_psfs_are_accepted():
     wide = develop(read_frame(pairs / "psf_estimate.npy"))
     colour = develop(read_frame(pairs / "diffuser" / "im43.npy", bgr=True))
     assert prepare_psf(wide, colour, wider=True).values.shape == (1, 540, 960)
-    with pytest.raises(DataError, match=r"--psf-scale 2\).*--psf-wider"):
+    with pytest.raises(DataError, match=r"--psf-scale 2\).*--psf-extent wide"):
         prepare_psf(wide, colour)

@@ -83,8 +83,8 @@ def test_psf_record_and_reconstruction(pairs: Path) -> None:
         f"{kind} {name}" for kind in ("measurement", "picture") for name in PHOTOGRAPHS
     }
     scene = reconstruct(
-        pairs / "out.tif", "measured/cat.tif", "--psf", "camera/solved-300mm.tif", "--psf-wider",
-        "--region", "32x44", "--tau", 1e-5,
+        pairs / "out.tif", "measured/cat.tif", "--psf", "camera/solved-300mm.tif",
+        "--psf-extent", "wide", "--support", "32x44", "--tau", 1e-5,
     )  # fmt: skip
     with Image.open("shown/cat.png") as picture:
         truth = linear_from_srgb(torch.from_numpy(np.array(picture)).permute(2, 0, 1) / 255)
@@ -112,7 +112,7 @@ def test_order_of_channels_and_place(pairs: Path) -> None:
             Image.fromarray(array[..., ::-1].copy()).save(path)
         else:
             write_tiff32(path, read_frame(path).counts.flip(0))
-    told = solved("--bgr", "--region", "32x44+4+6")
+    told = solved("--bgr", "--support", "32x44+4+6")
     assert [row["gain"] for row in told["pairs"]] == [row["gain"] for row in before["pairs"]]
 
 
@@ -147,8 +147,8 @@ def test_one_pair_is_too_few(pairs: Path) -> None:
         (["measured", "none", *GIVEN, "-o", "out"], ["none is no folder"]),
         (["measured", "empty", *GIVEN, "-o", "out"], ["cat.tif has no partner", "3 measurements"]),
         (["empty", "empty", *GIVEN, "-o", "out"], ["empty is empty"]),
-        (["measured", "shown", *GIVEN, "-o", "out", "--region", "30x44"], ["30×44", "32×44"]),
-        (["measured", "shown", *GIVEN, "-o", "out", "--region", "3"], ["--region is '3'"]),
+        (["measured", "shown", *GIVEN, "-o", "out", "--support", "30x44"], ["30×44", "32×44"]),
+        (["measured", "shown", *GIVEN, "-o", "out", "--support", "3"], ["--support is '3'"]),
         (["measured", "dark", *GIVEN, "-o", "out"], ["cup.png is dark"]),
         (["measured", "even", *GIVEN, "-o", "out"], ["cup.png is the same everywhere"]),
         (["measured", "small", *GIVEN, "-o", "out"], ["16×22 cells", "32×44"]),

@@ -111,13 +111,13 @@ def test_text_and_reconstruction(tmp_path: Path) -> None:
     made = folder(tmp_path / "made")
     done = stitch(made, "--reduced", "1.28mm")
     assert done.code == 0 and done.err == "", done
-    for words in ("to the right", "overlaps agree to 0.0", "--region 86x86", "psfs.toml"):
+    for words in ("to the right", "overlaps agree to 0.0", "--support 86x86", "psfs.toml"):
         assert words in done.out, words
     write_tiff32(tmp_path / "raw.tif", view(wide(), 0, 0))
     out = tmp_path / "out.png"
     done = run(
-        "reconstruct", tmp_path / "raw.tif", "--psf", made / "stitched-300mm.tif", "--psf-wider",
-        "--region", "86x86", "--iterations", 5, "-o", out,
+        "reconstruct", tmp_path / "raw.tif", "--psf", made / "stitched-300mm.tif",
+        "--psf-extent", "wide", "--support", "86x86", "--iterations", 5, "-o", out,
     )  # fmt: skip
     assert done.code == 0 and out.exists(), done
 

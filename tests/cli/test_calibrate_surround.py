@@ -16,7 +16,7 @@ from nolens.jobs import CalibrateSurroundOptions, calibrate_surround
 
 def test_mean_light_without_pictures(tmp_path: Path) -> None:
     made = captured_set(tmp_path / "made")
-    done = run("calibrate", "surround", made, "--region", "20x24", "--json")
+    done = run("calibrate", "surround", made, "--support", "20x24", "--json")
     assert done.code == 0 and done.err == "", done
     told = json.loads(done.out)
     assert told["surround"] == "mean light" and told["rounds"] == 0
@@ -28,13 +28,13 @@ def test_mean_light_without_pictures(tmp_path: Path) -> None:
     assert torch.equal(psf[:, 10:-10, 12:-12], captured)
     assert torch.allclose(psf[:, :10], captured.mean(dim=(-2, -1), keepdim=True))
     record = json.loads((made / "extend-300mm.json").read_text())
-    assert record["result"] == told and record["parameters"]["region"] == "20x24"
+    assert record["result"] == told and record["parameters"]["support"] == "20x24"
 
 
 def test_pictures(tmp_path: Path) -> None:
     made = captured_set(tmp_path / "made")
     pictures = [raw(tmp_path / f"{seed}.tif", seed) for seed in (1, 2)]
-    done = run("calibrate", "surround", made, *pictures, "--region", "20x24", "--rounds", 2)
+    done = run("calibrate", "surround", made, *pictures, "--support", "20x24", "--rounds", 2)
     assert done.code == 0 and done.err == "", done
     assert "extended to 68×88 pixels by pictures" in done.out and "2 rounds" in done.out
     record = json.loads((made / "extend-300mm.json").read_text())
@@ -44,7 +44,7 @@ def test_pictures(tmp_path: Path) -> None:
     # A grey PSF serves pictures in colour: their mean, here three times the same.
     colour = tmp_path / "colour.tif"
     tifffile.imwrite(colour, np.stack([tifffile.imread(pictures[0])] * 3, axis=-1))
-    step = ("--region", "20x24", "--rounds", 1, "--json")
+    step = ("--support", "20x24", "--rounds", 1, "--json")
     misfits = []
     for each in (pictures[0], colour):
         done = run("calibrate", "surround", made, each, *step)
@@ -58,25 +58,25 @@ def test_bad_input(tmp_path: Path) -> None:
     good = raw(tmp_path / "good.tif", 1)
     before = listing(made)
     for words, arguments in (
-        (("no region is given", "--region 414x414"), (good,)),
-        (("region is 'wide'", "400x400"), (good, "--region", "wide")),
-        (("given twice",), (good, good, "--region", "20x24")),
+        (("no support is given", "--support 414x414"), (good,)),
+        (("support is 'wide'", "400x400"), (good, "--support", "wide")),
+        (("given twice",), (good, good, "--support", "20x24")),
         (
             ("46×64 cells", "same camera"),
-            (raw(tmp_path / "cut.tif", 1, (46, 64)), "--region", "20x24"),
+            (raw(tmp_path / "cut.tif", 1, (46, 64)), "--support", "20x24"),
         ),
-        (("would overwrite the picture 1",), (made / "extended-300mm.tif", "--region", "20x24")),
-        (("no file",), (tmp_path / "none.tif", "--region", "20x24")),
-        (("--distance 1 m", "300 mm"), ("--distance", "1m", "--region", "20x24")),
-        (("rounds",), ("--rounds", 0, "--region", "20x24")),
-        (("from cell 900 on", "48 cells"), (good, "--region", "4x4+900+0")),
-        (("65 cells",), (good, "--region", "20x65")),
-        (("0 everywhere",), (raw(tmp_path / "dark.tif", 1, light=0.0), "--region", "20x24")),
+        (("would overwrite the picture 1",), (made / "extended-300mm.tif", "--support", "20x24")),
+        (("no file",), (tmp_path / "none.tif", "--support", "20x24")),
+        (("--distance 1 m", "300 mm"), ("--distance", "1m", "--support", "20x24")),
+        (("rounds",), ("--rounds", 0, "--support", "20x24")),
+        (("from cell 900 on", "48 cells"), (good, "--support", "4x4+900+0")),
+        (("65 cells",), (good, "--support", "20x65")),
+        (("0 everywhere",), (raw(tmp_path / "dark.tif", 1, light=0.0), "--support", "20x24")),
     ):
         check_refused(run("calibrate", "surround", made, *arguments), *words)
         assert listing(made) == before
     check_refused(run("calibrate", "surround"), "no folder is given")
-    check_refused(run("calibrate", "surround", tmp_path, "--region", "4x4"), "psfs.toml")
+    check_refused(run("calibrate", "surround", tmp_path, "--support", "4x4"), "psfs.toml")
 
 
 class Impatient:
@@ -99,7 +99,7 @@ def test_interrupted(tmp_path: Path) -> None:
     """Ctrl-C after the first round: what it found is written."""
     made = captured_set(tmp_path / "made")
     options = CalibrateSurroundOptions(
-        folder=made, pictures=(raw(tmp_path / "raw.tif", 1),), region="20x24"
+        folder=made, pictures=(raw(tmp_path / "raw.tif", 1),), support="20x24"
     )
     told = calibrate_surround(options, Impatient()).summary  # type: ignore[arg-type]
     assert told["interrupted"] and told["rounds"] == 1 and told["surround"] == "pictures"

@@ -49,7 +49,7 @@ crop = "10x12"
 device = "cpu"
 bin = 1
 bgr = false
-psf_wider = false
+psf_extent = "sensor"
 """
 
 
@@ -60,7 +60,7 @@ def test_file_holds_any_option(folder: Path, camera: Camera, tmp_path: Path) -> 
         str(folder / name) for name in ("out.png", "linear.tif", "out.json")
     ]
     given = (
-        "--region", REGION, "--prior", "isotropic-tv", "--tau", 2e-4, "--iterations", 11,
+        "--support", REGION, "--prior", "isotropic-tv", "--tau", 2e-4, "--iterations", 11,
         "--tolerance", 0, "--penalties", 0.1, 1, 1, "--no-balance", "--relaxation", 1.5,
         "--white", 4000, "--black", 250, "--channels", "rg", "--flip", "both", "--crop", "10x12",
     )  # fmt: skip

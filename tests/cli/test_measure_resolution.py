@@ -71,7 +71,7 @@ def test_two_points_on_raw_frames(captured: Path, tmp_path: Path) -> None:
     plot = tmp_path / "two.png"
     told = measured(
         "two-points", *frames(captured, "raw{}.dng"), "--psf", captured / "psf.tif",
-        "--camera", "small", "--region", "40x40", "--plot", plot,
+        "--camera", "small", "--support", "40x40", "--plot", plot,
     )  # fmt: skip
     angles = [each["separation_deg"] for each in told["separations"]]
     wanted = [math.degrees(2 * math.atan(each / DISTANCE_MM / 2)) for each in SEPARATIONS_MM]
@@ -261,7 +261,7 @@ CELL = ("--cell-angle", "0.1deg")
         (("siemens", "star.tif", *CELL, "--light", "535nm"), ("--light goes with --simulate",)),
         (("siemens", "star.tif", *CELL, "--distance", "1m"), ("--distance goes with --simulate",)),
         (("siemens", "star.tif", *CELL, "--tau", "1e-5"), ("give --psf too",)),
-        (("siemens", "star.tif", *CELL, "--region", "160x160"), ("matters with --camera only",)),
+        (("siemens", "star.tif", *CELL, "--support", "160x160"), ("matters with --camera only",)),
         (("siemens", "star.tif", *CELL, "--threshold", "0%"), ("0.01 % to 99.99 %",)),
         (("siemens", "--simulate", "small", "--psf", "star.tif"), ("--psf goes with frames",)),
         (("siemens", "--simulate", "small", "--angle", "89deg"), ("beyond the model",)),
@@ -301,7 +301,7 @@ def test_bad_frames(captured: Path, tmp_path: Path) -> None:
             "--camera", "small"), "point sources 6.", "check the separation",
     )  # fmt: skip
     check_refused(
-        run(*COMMAND, "two-points", picture, *given, "--camera", "small", "--region", "50x50"),
+        run(*COMMAND, "two-points", picture, *given, "--camera", "small", "--support", "50x50"),
         "shows 40×40",
     )
     check_refused(

@@ -98,10 +98,10 @@ def test_photo_keeps_cells_that_the_prior_can_use(files: dict[str, Path], tmp_pa
 
 def test_a_part_of_the_scene_names_cells(files: dict[str, Path], tmp_path: Path) -> None:
     out = tmp_path / "o.tif"
-    told = solved(files, out, "--region", "60x80")
+    told = solved(files, out, "--support", "60x80")
     assert f"--bin {SIDE}" in told.err
     assert read_frame(out).counts.shape[-2:] == (60, 80)
-    assert "detail" not in solved(files, out, "--region", "60x80", "--bin", 1).err
+    assert "detail" not in solved(files, out, "--support", "60x80", "--bin", 1).err
 
 
 def test_frames_of_a_sequence_have_the_cells_of_the_first(

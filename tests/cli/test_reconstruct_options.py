@@ -41,7 +41,7 @@ def test_dark_frame(files: tuple[Path, Path], out: Path) -> None:
     for path in files:
         save(path, read_frame(path).counts + glow)
     dark = save(out.with_name("dark.png"), glow + BLACK)
-    asked = (raw, "--psf", psf, "--region", REGION)
+    asked = (raw, "--psf", psf, "--support", REGION)
     assert quality(reconstruct(out, *asked, "--dark", dark)) > GOOD
     assert quality(reconstruct(out, *asked, "--black", BLACK)) < 28
 
@@ -53,7 +53,7 @@ def test_flat_field(files: tuple[Path, Path], out: Path) -> None:
         counts = read_frame(path).counts
         save(path, (BLACK + (counts - BLACK) * vignette).round())
     flat = save(out.with_name("flat.png"), (BLACK + 3000 * vignette).round())
-    asked = (raw, "--psf", psf, "--region", REGION, "--black", BLACK)
+    asked = (raw, "--psf", psf, "--support", REGION, "--black", BLACK)
     # The same sensor measured the PSF, but it is not the PSF that the flat field is given for.
     even = save(out.with_name("even.png"), as_counts(spots(), seed=2))
     with_flat = quality(reconstruct(out, raw, "--psf", even, *asked[3:], "--flat", flat))
@@ -63,7 +63,7 @@ def test_flat_field(files: tuple[Path, Path], out: Path) -> None:
 
 def test_black_read_off_the_psf(files: tuple[Path, Path], out: Path) -> None:
     raw, psf = files
-    asked = (raw, "--psf", psf, "--region", REGION)
+    asked = (raw, "--psf", psf, "--support", REGION)
     auto = reconstruct(out, *asked, "--black", "auto")
     assert quality(auto) > GOOD
     assert quality(reconstruct(out, *asked)) < 28
@@ -71,7 +71,7 @@ def test_black_read_off_the_psf(files: tuple[Path, Path], out: Path) -> None:
 
 def test_saturated_pixels_are_left_out(files: tuple[Path, Path], out: Path) -> None:
     raw, psf = files
-    asked = (raw, "--psf", psf, "--region", REGION, "--black", BLACK)
+    asked = (raw, "--psf", psf, "--support", REGION, "--black", BLACK)
     good = quality(reconstruct(out, *asked))
     counts = read_frame(raw).counts
     generator = torch.Generator().manual_seed(5)
@@ -85,7 +85,7 @@ def test_saturated_pixels_are_left_out(files: tuple[Path, Path], out: Path) -> N
 
 @pytest.mark.parametrize("channels", ["g", "rb", "bgr", "grey"])
 def test_channels(channels: str, camera: Camera, out: Path) -> None:
-    asked = (camera.raw, "--psf", camera.psf, "--region", REGION)
+    asked = (camera.raw, "--psf", camera.psf, "--support", REGION)
     picture = reconstruct(out, *asked, "--channels", channels)
     scene = truth()
     if channels == "grey":
@@ -110,11 +110,11 @@ def test_finer_psf(tmp_path: Path, out: Path) -> None:
     psf = torch.nn.functional.avg_pool2d(fine[None], 2)[0]
     raw = expose_dng(tmp_path / "raw.dng", measured(psf), seed=1)
     point = expose_dng(tmp_path / "psf.dng", fine, seed=2)
-    asked = (raw, "--psf", point, "--region", REGION)
+    asked = (raw, "--psf", point, "--support", REGION)
     assert quality(reconstruct(out, *asked, "--psf-scale", 2)) > GOOD
-    assert quality(reconstruct(out, *asked, "--psf-wider")) < 20
+    assert quality(reconstruct(out, *asked, "--psf-extent", "wide")) < 20
     without = run("reconstruct", *asked, "-o", out)
-    check_refused(without, "96×128", "48×64", "--psf-scale 2", "--psf-wider")
+    check_refused(without, "96×128", "48×64", "--psf-scale 2", "--psf-extent", "wide")
 
 
 def test_wider_psf(tmp_path: Path, out: Path) -> None:
@@ -123,16 +123,16 @@ def test_wider_psf(tmp_path: Path, out: Path) -> None:
     light = CroppedConvolution(wide, SENSOR, region)(truth()).clamp_min(0)
     raw = expose_dng(tmp_path / "raw.dng", light, seed=1)
     point = expose_dng(tmp_path / "psf.dng", wide, seed=2)
-    asked = (raw, "--psf", point, "--region", REGION)
-    right = quality(reconstruct(out, *asked, "--psf-wider"))
+    asked = (raw, "--psf", point, "--support", REGION)
+    right = quality(reconstruct(out, *asked, "--psf-extent", "wide"))
     assert right > GOOD
     cut = expose_dng(tmp_path / "cut.dng", wide[:, 12:60, 16:80], seed=2)
-    assert quality(reconstruct(out, raw, "--psf", cut, "--region", REGION)) < right - 8
-    check_refused(run("reconstruct", *asked, "-o", out), "72×96", "48×64", "--psf-wider")
+    assert quality(reconstruct(out, raw, "--psf", cut, "--support", REGION)) < right - 8
+    check_refused(run("reconstruct", *asked, "-o", out), "72×96", "48×64", "--psf-extent", "wide")
 
 
 def test_region_in_both_notations(camera: Camera, out: Path) -> None:
-    asked = (camera.raw, "--psf", camera.psf, "--region")
+    asked = (camera.raw, "--psf", camera.psf, "--support")
     middle = reconstruct(out, *asked, "24x32")
     assert torch.equal(reconstruct(out, *asked, "24x32+12+16"), middle)
     assert quality(reconstruct(out, *asked, "24x32+13+16")) < 20
@@ -159,7 +159,7 @@ def test_penalties_balance_and_relaxation(camera: Camera, out: Path) -> None:
 
 
 def test_tau_iterations_and_tolerance(camera: Camera, out: Path) -> None:
-    asked = (camera.raw, "--psf", camera.psf, "--region", REGION)
+    asked = (camera.raw, "--psf", camera.psf, "--support", REGION)
     soft = reconstruct(out, *asked, "--tau", 1e-1, "--tolerance", 0)
     assert history(out)[-1]["iteration"] == 200
     sharp = reconstruct(out, *asked, "--tau", 1e-4)

@@ -33,7 +33,7 @@ SUMMARY = {
 def test_installed_command_writes_pictures_and_record(camera: Camera, tmp_path: Path) -> None:
     png, tif = tmp_path / "out.png", tmp_path / "out.tif"
     done = command(
-        "reconstruct", camera.raw, "--psf", camera.psf, "-o", png, "-o", tif, "--region", REGION
+        "reconstruct", camera.raw, "--psf", camera.psf, "-o", png, "-o", tif, "--support", REGION
     )
     assert done.code == 0, done.err
     assert done.err == ""
@@ -62,7 +62,7 @@ def test_installed_command_prints_one_json_object(camera: Camera, tmp_path: Path
 
 
 def test_pictures_agree(camera: Camera, tmp_path: Path) -> None:
-    base = ("reconstruct", camera.raw, "--psf", camera.psf, "--region", REGION)
+    base = ("reconstruct", camera.raw, "--psf", camera.psf, "--support", REGION)
     linear, deep, png = (tmp_path / name for name in ("f.tif", "deep.tiff", "p.PNG"))
     assert run(*base, "-o", linear, "--tiff-bits", 32).code == 0
     assert run(*base, "-o", deep, "-o", png).code == 0
@@ -86,7 +86,7 @@ def test_pictures_agree(camera: Camera, tmp_path: Path) -> None:
 def test_grey_pictures_have_one_channel_and_missing_colours_are_black(
     camera: Camera, tmp_path: Path
 ) -> None:
-    base = ("reconstruct", camera.raw, "--psf", camera.psf, "--region", REGION)
+    base = ("reconstruct", camera.raw, "--psf", camera.psf, "--support", REGION)
     png = tmp_path / "out.png"
     for channels, mode in (("grey", "L"), ("g", "L"), ("rg", "RGB"), ("all", "RGB")):
         assert run(*base, "-o", png, "--channels", channels).code == 0
@@ -99,7 +99,7 @@ def test_grey_pictures_have_one_channel_and_missing_colours_are_black(
 
 def test_record(camera: Camera, tmp_path: Path) -> None:
     png = tmp_path / "out.png"
-    asked = ("--psf", camera.psf, "--region", REGION, "--iterations", 12, "--tolerance", 0)
+    asked = ("--psf", camera.psf, "--support", REGION, "--iterations", 12, "--tolerance", 0)
     done = run("reconstruct", camera.raw, *asked, "-o", png, "--json")
     record = json.loads((tmp_path / "out.json").read_text())
     assert record["result"] == json.loads(done.out)

@@ -24,7 +24,7 @@ from nolens.twin.preview import preview_model
 
 def solved(camera: Camera, out: Path, *asked: object) -> dict[str, object]:
     done = run(
-        "reconstruct", camera.raw, "--psf", camera.psf, "--region", REGION, "-o", out, *asked
+        "reconstruct", camera.raw, "--psf", camera.psf, "--support", REGION, "-o", out, *asked
     )
     assert done.code == 0, done.err
     record: dict[str, object] = json.loads(out.with_suffix(".json").read_text())
@@ -107,11 +107,11 @@ def test_state_of_another_run_is_refused(camera: Camera, tmp_path: Path) -> None
     reconstruct(_options(camera, out), Watcher(12))
     state = tmp_path / "out.state.npz"
     asked = ("reconstruct", camera.raw, "--psf", camera.psf, "-o", tmp_path / "x.png")
-    done = run(*asked, "--region", REGION, "--tau", 1e-3, "--resume", state)
+    done = run(*asked, "--support", REGION, "--tau", 1e-3, "--resume", state)
     check_refused(done, "another tau", "leave out --resume")
     done = run(*asked, "--resume", state)
     check_refused(done, "another region")
-    done = run(*asked, "--region", REGION, "--resume", camera.psf)
+    done = run(*asked, "--support", REGION, "--resume", camera.psf)
     check_refused(done, "is no state file")
     assert not (tmp_path / "x.png").exists()
 
@@ -165,7 +165,7 @@ def test_edited_state_is_refused(camera: Camera, tmp_path: Path) -> None:
     with zipfile.ZipFile(state, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("about.npy", b"0" * 10**8)
     asked = ("reconstruct", camera.raw, "--psf", camera.psf, "-o", tmp_path / "x.png")
-    done = run(*asked, "--region", REGION, "--resume", state)
+    done = run(*asked, "--support", REGION, "--resume", state)
     check_refused(done, "'about' has 100000000 bytes", "Accepted is a state file")
     assert not (tmp_path / "x.png").exists()
 
@@ -190,7 +190,7 @@ def test_field_is_the_region_that_the_camera_sees(tmp_path: Path) -> None:
         (("--field", "30deg"), "--field needs --camera"),
         (("--camera", "small"), "--field needs --camera"),
         (("--field", "30deg", "--camera", "paper"), "the measurement's camera"),
-        (("--field", "30deg", "--camera", "small", "--region", "9x9"), "leave one out"),
+        (("--field", "30deg", "--camera", "small", "--support", "9x9"), "leave one out"),
         (("--field", "0deg", "--camera", "small"), "field is '0deg'"),
     ):
         check_refused(run(*asked, *more), words)

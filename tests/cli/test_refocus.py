@@ -34,7 +34,7 @@ from nolens.files import read_frame, read_psf_set, write_camera, write_psfs
 from nolens.quantities import Length
 from patience import PATIENCE_S
 
-REGION = ("--region", "30x48")
+REGION = ("--support", "30x48")
 QUICK = (*REGION, "--tau", "1e-3", "--iterations", 40)
 FOCUSED = {"focused.png", "focused.tif", "refocus.json"}
 STACKED = {
@@ -125,8 +125,8 @@ def test_depth_that_is_asked_for(made: Path, tmp_path: Path) -> None:
     })  # fmt: skip
     write_psfs(tmp_path / "own", {entry: spots(20e3)})
     other = run(
-        "reconstruct", made / "raw.tif", "--psf", tmp_path / "own" / "own.tif", "--psf-wider",
-        *QUICK, "-o", tmp_path / "other.tif",
+        "reconstruct", made / "raw.tif", "--psf", tmp_path / "own" / "own.tif",
+        "--psf-extent", "wide", *QUICK, "-o", tmp_path / "other.tif",
     )  # fmt: skip
     assert other.code == 0, other.err
     one, two = (read_frame(tmp_path / each).counts for each in ("out/focused.tif", "other.tif"))
@@ -296,7 +296,7 @@ def test_wide_ones_are_taken(made: Path, tmp_path: Path) -> None:
         (("--stack", "8cm,50cm", "--steps", 1), ("steps is 1", "2 to 200")),
         (("--steps", 5), ("--steps 5", "--stack 8cm,50cm")),
         (("--stack", "2cm,5cm", "--search", "2cm,5cm"), ("--search", "--stack")),
-        (("--region", "400x400"), ("--region 400x400", "larger than")),
+        (("--support", "400x400"), ("--support 400x400", "larger than")),
         (("--channels", "q"), ("'q'",)),
         (("--bin", 200), ("bin is 200", "1 to 64")),
         (("--iterations", 0), ("iterations is 0",)),

@@ -33,7 +33,7 @@ def test_picture_comes_back(picture: Path, tmp_path: Path) -> None:
     told = simulated(picture, *QUICK, "-o", raw, "--truth", truth, "--response", response)
     done = run("psf", "--camera", "small", "--cells", "512x640", "--wavelengths", 1, "-o", point)
     assert done.code == 0, done.err
-    asked = ("--psf", point, "--psf-wider", "--region", told["region"], "--tau", 3e-5)
+    asked = ("--psf", point, "--psf-extent", "wide", "--support", told["region"], "--tau", 3e-5)
     done = run("reconstruct", raw, *asked, "-o", out, "--tiff-bits", 32)
     assert done.code == 0, done.err
     expected = values(truth) * values(response)
@@ -77,7 +77,7 @@ def test_text_for_people(picture: Path, tmp_path: Path) -> None:
     assert done.code == 0 and done.err == ""
     for words in (
         "exposed", "electrons", "saturated", "3×3 field points: off by", "of the noise",
-        "reconstruct with --region", "off the axis", "s on cpu", "r.tif", "r.json",
+        "reconstruct with --support", "off the axis", "s on cpu", "r.tif", "r.json",
     ):  # fmt: skip
         assert words in done.out, words
 

@@ -86,7 +86,7 @@ def _reads() -> Iterator[FileTarget]:
         relief = ("camera", "relief", "camera", BAD, "--pitch", "1um", "--unit", "um")
         yield FileTarget(f"relief-{kind}", f"map.{kind}", (*relief, "--tile", "-o", "out/o"))
     focus = ("refocus", "raw.png", "--psfs", BAD, "-o", "out/o", "--depth", "100mm", *QUICK)
-    yield FileTarget("psfs", "set/psfs.toml", (*focus, "--region", "24x32"))
+    yield FileTarget("psfs", "set/psfs.toml", (*focus, "--support", "24x32"))
     yield FileTarget("psfs", "set/psfs.toml", ("calibrate", "distances", BAD, "--at", "20cm"))
     yield FileTarget("psfs", "set/psfs.toml", ("calibrate", "plan", BAD, "--angle", "20deg"))
     study = ("design", "tolerance", "small", BAD, "--model", "rays", "--trials", "50")
@@ -137,7 +137,7 @@ BASES: dict[tuple[str, ...], tuple[str, ...]] = {
         "--depth",
         "100mm",
         *QUICK,
-        "--region",
+        "--support",
         "24x32",
     ),
     ("info",): ("raw.png",),
@@ -297,7 +297,7 @@ def requests(draw: Draw) -> tuple[str, str, Any]:
                 "iterations",
                 "depth",
                 "scene",
-                "region",
+                "support",
                 "crop",
             )
         )

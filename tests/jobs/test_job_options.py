@@ -30,7 +30,7 @@ def test_window_with_its_place(height: int, width: int, top: int, left: int) -> 
 
 @given(st.integers(1, 99), st.integers(1, 99), st.integers(1, 99), st.integers(1, 99))
 def test_window_around_the_middle(height: int, width: int, rows: int, columns: int) -> None:
-    region = parse_window(f" {height}x{width} ", (rows, columns), "--region")
+    region = parse_window(f" {height}x{width} ", (rows, columns), "--support")
     assert (region.height, region.width) == (height, width)
     for start, length, whole in ((region.top, height, rows), (region.left, width, columns)):
         assert abs((start + length / 2) - whole / 2) <= 0.5

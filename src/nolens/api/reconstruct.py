@@ -205,7 +205,7 @@ def refocus(
     seen = None
     for each, given in psfs.items():
         point = frame_of(given, f"PSF of {each}")
-        development = Development(point, dark_frame, psf_wider=_larger(point, frame))
+        development = Development(point, dark_frame, psf_extended=_larger(point, frame))
         seen = development.measurement(frame) if seen is None else seen
         known.append(PsfAt(development.prepared(seen).values, distance_um(each)))
     assert seen is not None

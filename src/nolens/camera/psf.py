@@ -140,7 +140,7 @@ def _scale_that_fits(
     """How many PSF pixels in each direction make one of the measurement."""
     if scale is not None and wider:
         raise OptionError(
-            "--psf-scale and --psf-wider are two readings of a larger PSF: finer pixels, or "
+            "--psf-scale and --psf-extent wide are two readings of a larger PSF: finer pixels, or "
             "the same pixels on a larger area. Give one of them"
         )
     if scale is not None and scale < 1:
@@ -166,7 +166,7 @@ def _scale_that_fits(
     finer = (height // fitting, width // fitting) == (rows, columns)
     if wider:
         if same:
-            raise DataError(f"{sizes}: that is not extended. Leave out --psf-wider")
+            raise DataError(f"{sizes}: that is not extended. Leave out --psf-extent wide")
         return 1
     if scale is not None:
         if (height // scale, width // scale) == (rows, columns):
@@ -175,7 +175,7 @@ def _scale_that_fits(
             remedy = "leave it out"
         else:
             remedy = f"--psf-scale {fitting} would fit" if finer else "no scale would fit"
-            remedy += ", or --psf-wider takes the PSF as extended"
+            remedy += ", or --psf-extent wide takes the PSF as extended"
         raise DataError(
             f"{sizes}: with --psf-scale {scale} the PSF becomes "
             f"{height // scale}×{width // scale}. Instead, {remedy}"
@@ -185,7 +185,7 @@ def _scale_that_fits(
     reading = f"(--psf-scale {fitting})" if finer else "(--psf-scale N; no N fits these sizes)"
     raise DataError(
         f"{sizes}. A larger PSF is either finer {reading}, or extended: same pixels, and "
-        "light beyond the sensor too (--psf-wider). Say which"
+        "light beyond the sensor too (--psf-extent wide). Say which"
     )
 
 

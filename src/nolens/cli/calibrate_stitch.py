@@ -28,8 +28,9 @@ def _stitch_lines(summary: dict[str, Any]) -> list[str]:
         f"overlaps agree to {summary['misfit_cells']:.2f} pixels",
         f"{rows}×{columns} pixels, the sensor has {sensor[0]}×{sensor[1]}; "
         f"{100 * summary['known_share']:.1f} % of them were seen",
-        f"the captures reach far enough for scenes of up to --region {region[0]}x{region[1]}, with "
-        "--psf-wider; give the scene's own region (nolens calibrate plan) where that is smaller",
+        f"the captures reach far enough for scenes of up to --support {region[0]}x{region[1]}, "
+        "with --psf-extent wide; give the scene's own support (nolens calibrate plan) where that "
+        "is smaller",
     ]
 
 
@@ -38,8 +39,8 @@ def _plan_lines(summary: dict[str, Any]) -> list[str]:
     return [
         f"capture a point source at {len(summary['angles_deg'])} angles, to the right and up:",
         *(f"  --angle {right:g}deg,{up:g}deg" for right, up in summary["angles_deg"]),
-        f"a scene of that angle covers --region {region[0]}x{region[1]}, and the stitched PSF will "
-        f"have about {cells[0]}×{cells[1]} pixels",
+        f"a scene of that angle covers --support {region[0]}x{region[1]}, and the stitched PSF "
+        f"will have about {cells[0]}×{cells[1]} pixels",
     ]
 
 

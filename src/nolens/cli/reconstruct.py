@@ -19,7 +19,7 @@ def _lines(summary: dict[str, Any]) -> list[str]:
         return [f"{summary['frames']} frames{dropped} ({summary['stop_reason']}), {end}"]
     stop, tau = summary["stop_reason"], f"tau {summary['tau']:g}"
     if stop == "iteration limit":
-        stop += ": it still moves; more --iterations, larger pixels (--bin 2) or --region help"
+        stop += ": it still moves; more --iterations, larger pixels (--bin 2) or --support help"
     if summary["default_tau"] and summary["method"] != "wiener":
         tau += " (default: a smaller --tau shows more detail, a larger one less noise)"
     return [

@@ -33,8 +33,8 @@ def _next_text(summary: dict[str, Any]) -> str:
     rows, columns = summary["cells"]
     psf, wider = "nolens psf", ""
     if summary["psf_cells"] != f"{rows}x{columns}":
-        psf, wider = f"nolens psf --cells {summary['psf_cells']}", " --psf-wider"
-    return f"reconstruct with{wider} --region {summary['region']} and the PSF of {psf}"
+        psf, wider = f"nolens psf --cells {summary['psf_cells']}", " --psf-extent wide"
+    return f"reconstruct with{wider} --support {summary['region']} and the PSF of {psf}"
 
 
 def _field_text(summary: dict[str, Any]) -> str:

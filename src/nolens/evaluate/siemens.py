@@ -184,7 +184,7 @@ def _no_star() -> DataError:
     return DataError(
         "the picture shows no Siemens star: there are no evenly spaced spokes around one centre. "
         "Give the picture of a star that lies inside it with all of its spokes, cut to it "
-        "(--region) where there is much beside it"
+        "(--support) where there is much beside it"
     )
 
 

@@ -209,5 +209,5 @@ def _levelled(spread: _Array) -> _Array:
 def _no_edge() -> DataError:
     return DataError(
         "the picture shows no straight edge from end to end, dark on one side and bright on the "
-        "other: give one that does, or cut it to the edge (--region)"
+        "other: give one that does, or cut it to the edge (--support)"
     )

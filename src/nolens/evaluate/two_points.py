@@ -168,14 +168,14 @@ def _check_only_two(values: _Array, away: _Array, maxima: _Mask, reach: float) -
         raise DataError(
             f"beside its brightest point the picture is {100 * beside.mean() / peak:.0f} % as "
             "bright on average: it shows no two point sources in the dark. Check the file, or "
-            "cut it to the points (--region)"
+            "cut it to the points (--support)"
         )
     far = _brightest(values, maxima & (away > reach) & (values > peak / 2))
     if far is not None:
         raise DataError(
             f"the picture shows point sources {away[far]:.1f} pixels apart, and two at most "
             f"{reach:.1f} pixels apart were expected: check the separation, the distance and the "
-            "angle of a pixel, or cut it to the points (--region)"
+            "angle of a pixel, or cut it to the points (--support)"
         )
 
 

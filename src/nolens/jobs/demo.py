@@ -79,8 +79,8 @@ class DemoOptions(JobOptions):
         return ReconstructOptions(
             measurement=self.measurement,
             psf=self.psf,
-            psf_wider=True,
-            region=region,
+            psf_extent="wide",
+            support=region,
             tau=_TAU,
             output=(self.output / "reconstruction.png",),
         )
@@ -120,8 +120,9 @@ def run_demo(run: Run[DemoOptions]) -> Product[Tensor]:
         str(options.measurement),
         "--psf",
         str(options.psf),
-        "--psf-wider",
-        "--region",
+        "--psf-extent",
+        "wide",
+        "--support",
         region,
         "--tau",
         f"{_TAU:g}",

@@ -154,7 +154,18 @@ Support = Annotated[
         "HEIGHTxWIDTH+TOP+LEFT in pixels of the sensor's frame.",
         MAIN,
         default="no limit",
+        former="region",
         label="Support of the scene",
+    ),
+]
+PsfExtent = Annotated[
+    Literal["sensor", "wide"],
+    Option(
+        "wide: an extended PSF, whose file also shows light that falls beside the sensor.",
+        MAIN,
+        former="psf_wider",
+        former_switch="wide",
+        label="Extended PSF",
     ),
 ]
 Device = Annotated[DeviceName, Option("Where to compute; auto takes CUDA where there is one.")]

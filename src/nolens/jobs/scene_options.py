@@ -244,7 +244,7 @@ class PsfOptions(CameraOptions):
         BeforeValidator(_two_sizes),
         Option(
             "HEIGHTxWIDTH of the result; more than the sensor has shows the light beside it too, "
-            "for reconstruct --psf-wider.",
+            "for reconstruct --psf-extent wide.",
             _RESULT,
             default="the sensor",
         ),

@@ -188,7 +188,7 @@ def _warnings(error: dict[str, float] | None, field_points: int) -> list[str]:
 
 
 def _region(region: Region, cells: tuple[int, int]) -> str:
-    """As `nolens reconstruct --region` takes it."""
+    """As `nolens reconstruct --support` takes it."""
     text = f"{region.height}x{region.width}"
     if region == Region.centred(region.height, region.width, cells):
         return text

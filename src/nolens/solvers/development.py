@@ -24,7 +24,7 @@ class Development:
         Pixels along a superpixel that becomes one, for frame and PSF alike.
     channels
         As `develop` takes them.
-    psf_scale, psf_wider
+    psf_scale, psf_extended
         Of a PSF that is larger than the measurement, as `prepare_psf` takes them.
     """
 
@@ -36,7 +36,7 @@ class Development:
     bin_by: int = 1
     channels: str = "all"
     psf_scale: int | None = None
-    psf_wider: bool = False
+    psf_extended: bool = False
 
     def measurement(self, frame: Frame) -> Measurement:
         """A frame, developed."""
@@ -66,7 +66,7 @@ class Development:
             bin_by=self.bin_by,
             channels="all" if grey else self.channels,
         )
-        return prepare_psf(psf, measurement, scale=self.psf_scale, wider=self.psf_wider)
+        return prepare_psf(psf, measurement, scale=self.psf_scale, wider=self.psf_extended)
 
     def fitted(self, frame: Frame, spare: int, *, coarsen: bool) -> "Developed":
         """A frame and the PSF on pixels that are no finer than the PSF carries.

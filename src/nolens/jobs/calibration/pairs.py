@@ -52,7 +52,7 @@ class CalibratePairsOptions(JobOptions):
 
     Show pictures with much detail on a screen, five or more, the room dark; the PSF is the one
     that explains all of the measurements. It is as large as sensor and picture together, an
-    extended PSF: nolens reconstruct takes it with --psf-wider.
+    extended PSF: nolens reconstruct takes it with --psf-extent wide.
     """
 
     usage = "calibrate pairs MEASURED PICTURES --distance 300mm -o FOLDER"
@@ -96,13 +96,14 @@ class CalibratePairsOptions(JobOptions):
             _PAIRS,
         ),
     ] = None
-    region: Annotated[
+    support: Annotated[
         Window | None,
         Option(
             "Where the pictures' pixels lie: HEIGHTxWIDTH+TOP+LEFT in pixels of the sensor's "
             "frame.",
             _PAIRS,
             default="in the middle",
+            former="region",
         ),
     ] = None
     dark: Dark = None
@@ -334,13 +335,14 @@ def _region(
             "scale the pictures so that a cell is what one cell of the sensor sees, as a "
             "reconstruction shows it"
         )
-    if options.region is None:
+    if options.support is None:
         return Region.centred(rows, columns, sensor)
-    region = parse_window(options.region, sensor, "--region")
+    region = parse_window(options.support, sensor, "--support")
     if (region.height, region.width) != (rows, columns):
         raise OptionError(
-            f"--region {options.region} has {region.height}×{region.width} cells, but the picture "
-            f"{files[first]} {rows}×{columns}: it says where the pictures lie, cell by cell"
+            f"--support {options.support} has {region.height}×{region.width} pixels, but the "
+            f"picture {files[first]} {rows}×{columns}: it says where the pictures lie, pixel by "
+            "pixel"
         )
     return region
 

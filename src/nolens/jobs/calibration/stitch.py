@@ -43,7 +43,7 @@ class CalibrateStitchOptions(JobOptions):
 
     nolens calibrate stitch mycamera
 
-    nolens reconstruct raw.dng --psf mycamera/stitched-300mm.tif --psf-wider --region 414x414
+    nolens reconstruct raw.dng --psf mycamera/stitched-300mm.tif --psf-extent wide --support 414x414
 
     A camera without an aperture sees light through mask that the PSF from straight ahead does
     not show. Point sources from the side move the pattern, so that the sensor sees its other

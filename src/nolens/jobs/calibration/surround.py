@@ -27,9 +27,10 @@ _TAU = 1e-5
 class CalibrateSurroundOptions(JobOptions):
     """Extrapolate a captured PSF beyond the sensor, without further captures.
 
-    nolens calibrate surround mycamera raw1.dng raw2.dng --region 414x414
+    nolens calibrate surround mycamera raw1.dng raw2.dng --support 414x414
 
-    nolens reconstruct raw1.dng --psf mycamera/extended-300mm.tif --psf-wider --region 414x414
+    nolens reconstruct raw1.dng --psf mycamera/extended-300mm.tif --psf-extent wide
+    --support 414x414
 
     For a camera without an aperture. Without pictures, the PSF goes on with its mean light; that
     alone is worth most. From pictures of ordinary scenes the pattern itself is estimated together
@@ -39,7 +40,7 @@ class CalibrateSurroundOptions(JobOptions):
     Ctrl-C ends it after a step, and the PSF so far is written.
     """
 
-    usage = "calibrate surround FOLDER RAW... --region 414x414"
+    usage = "calibrate surround FOLDER RAW... --support 414x414"
 
     folder: PsfFolder
     pictures: Annotated[
@@ -50,14 +51,15 @@ class CalibrateSurroundOptions(JobOptions):
             positional=True,
         ),
     ] = ()
-    region: Annotated[
+    support: Annotated[
         Window,
         Option(
             "Support of the scene, where its light comes from: HEIGHTxWIDTH in scene pixels, "
             "around the middle, or +TOP+LEFT after it; nolens calibrate plan tells it for an "
             "angle.",
-            needed="the support of the scene, where its light comes from, in pixels (--region "
+            needed="the support of the scene, where its light comes from, in pixels (--support "
             "414x414; nolens calibrate plan CAMERA --angle 56deg tells it for an angle)",
+            former="region",
         ),
     ]
     distance: Annotated[
@@ -123,7 +125,7 @@ def calibrate_surround(run: Run[CalibrateSurroundOptions]) -> Product[Tensor]:
     if not float(psf.sum()) > 0:
         raise DataError(f"{source.file} is dark: calibrate it again")
     sensor = (psf.shape[-2], psf.shape[-1])
-    region = parse_window(options.region, sensor, "--region")
+    region = parse_window(options.support, sensor, "--support")
     _check_region(region, sensor)
     run.reads({f"PSF {source.file}": options.folder / source.file})
     pictures = [_picture(options, number, psf, source) for number in range(len(options.pictures))]
@@ -191,7 +193,7 @@ def _check_region(region: Region, sensor: tuple[int, int]) -> None:
     for start, size, count in zip(starts, sizes, sensor, strict=True):
         if size > count or start + size <= 0 or start >= count:
             raise OptionError(
-                f"--region {size} cells from cell {start} on: light must fall on the sensor's "
+                f"--support {size} cells from cell {start} on: light must fall on the sensor's "
                 f"{count} cells through the middle of the PSF, and cover no more of them than "
                 "there are; nolens calibrate plan CAMERA --angle 56deg tells the region"
             )

@@ -30,7 +30,7 @@ _HALF, _TENTH = 0.5, 0.1
 class EdgeOptions(OneFrameOptions):
     """Measure the contrast by angular frequency across a slanted edge (ISO 12233).
 
-    nolens measure resolution edge edge.dng --psf psf.dng --camera paper --region 80x80
+    nolens measure resolution edge edge.dng --psf psf.dng --camera paper --support 80x80
 
     nolens measure resolution edge --simulate paper --distance 300mm
     """

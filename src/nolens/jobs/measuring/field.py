@@ -128,7 +128,7 @@ class MeasureFieldOptions(JobOptions):
         FilePath | None,
         Option(
             "Reconstructed picture of a grid of dots, its middle scene pixel on the camera's axis, "
-            "as nolens reconstruct --region writes it: float .tif.",
+            "as nolens reconstruct --support writes it: float .tif.",
             _SOURCE,
             role="input",
             label="Picture",

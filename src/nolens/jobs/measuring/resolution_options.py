@@ -13,6 +13,7 @@ from nolens.jobs.fields import (
     Files,
     Iterations,
     Name,
+    PsfExtent,
     Seed,
     Tau,
     Window,
@@ -27,7 +28,7 @@ from nolens.ranges import Between
 Threshold = Annotated[Share, Between("0.01 %", "99.99 %")]
 _CellAngle = Annotated[Angle, Between("0.000001 deg", "10 deg")]
 TargetAngle = Annotated[Angle, Between("0.001 deg", "89.9 deg")]
-_FRAMES_ONLY = ("psf", "psf_wider", "dark", "region", "camera", "cell_angle")
+_FRAMES_ONLY = ("psf", "psf_extent", "dark", "support", "camera", "cell_angle")
 _SIMULATED_ONLY = ("light", "wavelengths", "fill", "seed")
 _LINEAR = (".tif", ".tiff", ".npy")
 TARGET, _FRAMES, SIMULATION, _SOLVER = "Target", "Frames", "Simulation", "Solver"
@@ -72,23 +73,16 @@ class ResolutionOptions(JobOptions):
             "PSF to reconstruct raw frames with, captured at that distance.", _FRAMES, role="input"
         ),
     ] = None
-    psf_wider: Annotated[
-        bool,
-        Option(
-            "The PSF is an extended one, as nolens calibrate stitch makes it.",
-            _FRAMES,
-            default="no",
-            negative=False,
-        ),
-    ] = False
+    psf_extent: PsfExtent = "sensor"
     dark: Annotated[FilePath | None, Option("Dark frame.", _FRAMES, role="input")] = None
-    region: Annotated[
+    support: Annotated[
         Window | None,
         Option(
             "Scene pixels that light can come from, as nolens reconstruct takes it; of pictures, "
             "those that they show.",
             _FRAMES,
             default="the sensor's; of pictures, as many around its middle",
+            former="region",
         ),
     ] = None
     camera: Annotated[
@@ -179,7 +173,7 @@ class ResolutionOptions(JobOptions):
         """
         if self.psf is None:
             for name, value in (
-                ("psf-wider", self.psf_wider),
+                ("psf-extent", self.psf_extent == "wide"),
                 ("dark", self.dark),
                 ("iterations", self.iterations),
                 ("tau", self.tau),
@@ -195,9 +189,9 @@ class ResolutionOptions(JobOptions):
                         f"{path} is no linear picture: without --psf, give pictures that nolens "
                         f"reconstruct wrote as {_LINEAR[0]}; with --psf, raw frames"
                     )
-            if self.region is not None and self.cell_angle is not None:
+            if self.support is not None and self.cell_angle is not None:
                 raise OptionError(
-                    f"--region {self.region} says where on the sensor the pictures lie, which "
+                    f"--support {self.support} says where on the sensor the pictures lie, which "
                     f"matters with --camera only: leave it out, or --cell-angle {self.cell_angle}"
                 )
         if self.camera is not None and self.cell_angle is not None:

@@ -136,12 +136,12 @@ def _read(path: Path, options: ResolutionOptions, camera: GivenCamera) -> Target
         return TargetPicture(picture, _scale(path, options, camera, Region(0, 0, height, width)))
     sensor = preview_model(camera.opened).cells
     region = Region.centred(height, width, sensor)
-    if options.region is not None:
-        region = parse_window(options.region, sensor, "--region")
+    if options.support is not None:
+        region = parse_window(options.support, sensor, "--support")
     if (region.height, region.width) != (height, width):
         raise OptionError(
-            f"--region {options.region} is {region.height}×{region.width} cells, but {path} shows "
-            f"{height}×{width}: give the region that it was reconstructed with"
+            f"--support {options.support} is {region.height}×{region.width} pixels, but "
+            f"{path} shows {height}×{width}: give the support that it was reconstructed with"
         )
     return TargetPicture(picture, _scale(path, options, camera, region))
 
@@ -165,13 +165,13 @@ def _ready(options: ResolutionOptions, warn: Callable[..., None]) -> list[_Ready
     found = []
     for number, path in enumerate(options.frames):
         seen = develop(read_frame(path), dark=dark, channels="grey")
-        prepared = prepare_psf(point, seen, wider=options.psf_wider)
+        prepared = prepare_psf(point, seen, wider=options.psf_extent == "wide")
         if number == 0:
             warn(*prepared.notes, *prepared.warnings)
         rows, columns = seen.values.shape[-2:]
         region = Region(0, 0, rows, columns)
-        if options.region is not None:
-            region = parse_window(options.region, (rows, columns), "--region")
+        if options.support is not None:
+            region = parse_window(options.support, (rows, columns), "--support")
         found.append(_Ready(seen, prepared.values, region))
     return found
 

@@ -27,6 +27,7 @@ from nolens.jobs.fields import (
     Interval,
     Iterations,
     Name,
+    PsfExtent,
     RawMosaic,
     ScenePrior,
     Support,
@@ -89,15 +90,8 @@ class ReconstructOptions(JobOptions):
             flag="-o",
         ),
     ]
-    psf_wider: Annotated[
-        bool,
-        Option(
-            "The PSF is an extended one: its file also shows light that falls beside the sensor.",
-            MAIN,
-            label="Extended PSF",
-        ),
-    ] = False
-    region: Support = None
+    psf_extent: PsfExtent = "sensor"
+    support: Support = None
     tau: Annotated[
         Tau | None,
         Option(
@@ -139,7 +133,7 @@ class ReconstructOptions(JobOptions):
             "Average N×N pixels into one.",
             INPUT,
             default="what the PSF carries with draft, a quarter of that otherwise; 1 beside "
-            "--region or --crop",
+            "--support or --crop",
             label="Binning",
         ),
     ] = None
@@ -213,7 +207,7 @@ class ReconstructOptions(JobOptions):
     crop: Annotated[
         Window | Literal["all"] | None,
         Option(
-            "Part of the scene to write, written like --region, or all.",
+            "Part of the scene to write, written like --support, or all.",
             PICTURE,
             default="the support, or without one the sensor's frame",
         ),

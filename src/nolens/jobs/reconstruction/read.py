@@ -33,7 +33,7 @@ def read_development(options: ReconstructOptions) -> Development:
         options.bin_by,
         options.channels,
         options.psf_scale,
-        options.psf_wider,
+        options.psf_extent == "wide",
     )
 
 
@@ -67,7 +67,7 @@ def developed(
         measurement = development.measurement(frame)
         return options, Developed(development, measurement, development.prepared(measurement), ())
     # Parts of the scene name cells, and would name others.
-    coarsen = options.region is None and options.crop in (None, "all")
+    coarsen = options.support is None and options.crop in (None, "all")
     result = development.fitted(frame, SPARE[method_of(options)], coarsen=coarsen)
     for text in result.notes:
         reporter.note(text)

@@ -14,11 +14,11 @@ _POSING = (
     "mosaic",
     "bgr",
     "psf_scale",
-    "psf_wider",
+    "psf_extent",
     "prior",
     "bin",
     "channels",
-    "region",
+    "support",
     "field",
     "camera",
 )
@@ -58,7 +58,8 @@ def resumed(problem: Problem, options: ReconstructOptions, about: dict[str, Any]
     if options.resume is None:
         return AdmmState.cold(problem, options.penalties)
 
-    def belongs(before: Mapping[str, Any]) -> None:
+    def belongs(stored: Mapping[str, Any]) -> None:
+        before = _renamed(stored)
         names = sorted(name for name in {*about, *before} if about.get(name) != before.get(name))
         if names:
             known = [name for name in names if name in about] or ["option"]
@@ -73,3 +74,13 @@ def resumed(problem: Problem, options: ReconstructOptions, about: dict[str, Any]
     except DataError as error:
         raise OptionError(f"{options.resume} does not fit this run: {error}") from None
     return state
+
+
+def _renamed(stored: Mapping[str, Any]) -> dict[str, Any]:
+    """What a state says of its run, in the present names; those of the version before are read."""
+    found = dict(stored)
+    if "region" in found:
+        found["support"] = found.pop("region")
+    if "psf_wider" in found:
+        found["psf_extent"] = "wide" if found.pop("psf_wider") else "sensor"
+    return found

@@ -15,7 +15,7 @@ from nolens.solvers import Problem
 def asked_region(
     options: ReconstructOptions, sensor: tuple[int, int], psf: Tensor
 ) -> Region | None:
-    """Cells that light can come from: --region, or --field through the --camera; None for all.
+    """Cells that light can come from: --support, or --field through the --camera; None for all.
 
     Parameters
     ----------
@@ -31,10 +31,10 @@ def asked_region(
     OptionError
         If they contradict each other, or do not fit the measurement.
     """
-    if options.region is not None and options.field is not None:
+    if options.support is not None and options.field is not None:
         raise OptionError(
-            f"--region {options.region} and --field {options.field} both say where light can come "
-            "from: leave one out"
+            f"--support {options.support} and --field {options.field} both say where light can "
+            "come from: leave one out"
         )
     if (options.field is None) != (options.camera is None):
         raise OptionError(
@@ -42,7 +42,7 @@ def asked_region(
             "camera's layers. Give both, such as --field 56deg --camera paper"
         )
     if options.field is None or options.camera is None:
-        return None if options.region is None else region_within(options.region, sensor, psf)
+        return None if options.support is None else region_within(options.support, sensor, psf)
     # Most reconstructions need no camera.
     from nolens.twin import FieldMap
     from nolens.twin.preview import preview_model
@@ -52,7 +52,7 @@ def asked_region(
     if cells != sensor:
         raise OptionError(
             f"the camera {options.camera} has {cells[0]}×{cells[1]} cells (height × width), and "
-            f"the measurement {sensor[0]}×{sensor[1]}: give the measurement's camera, or --region"
+            f"the measurement {sensor[0]}×{sensor[1]}: give the measurement's camera, or --support"
         )
     tangent = math.tan(math.radians(options.field.deg) / 2)
     whole = FieldMap.covering(camera, (tangent, tangent)).region
@@ -67,7 +67,7 @@ def region_within(text: str, sensor: tuple[int, int], psf: Tensor) -> Region:
     Parameters
     ----------
     text
-        As --region has it.
+        As --support has it.
     sensor
         (rows, columns) of the measurement.
     psf
@@ -78,11 +78,11 @@ def region_within(text: str, sensor: tuple[int, int], psf: Tensor) -> Region:
     OptionError
         If the text is no region, or one larger than can be seen.
     """
-    region = parse_window(text, sensor, "--region")
+    region = parse_window(text, sensor, "--support")
     height, width = sensor[0] + psf.shape[-2], sensor[1] + psf.shape[-1]
     if region.height > height or region.width > width:
         raise OptionError(
-            f"--region {text} is larger than what the sensor can see through this PSF; give at "
+            f"--support {text} is larger than what the sensor can see through this PSF; give at "
             f"most {height}x{width}, or leave it out for no limit"
         )
     return region

@@ -167,7 +167,7 @@ class RefocusOptions(JobOptions):
         ),
     ] = None
     steps: Annotated[int, Between(2, _MOST_STEPS), Option("How many.", _DEPTH, label="Depths")] = 9
-    region: Support = None
+    support: Support = None
     tau: Annotated[
         Tau, Option("Weight of the prior.", MAIN, default="1e-4", label="τ, weight of the prior")
     ] = 1e-4

@@ -374,8 +374,8 @@ def _solving(
 ) -> Solving:
     sensor = measurement.values.shape[-2], measurement.values.shape[-1]
     region = None
-    if options.region is not None:
-        region = region_within(options.region, sensor, psfs.at(psfs.distances_um[-1]))
+    if options.support is not None:
+        region = region_within(options.support, sensor, psfs.at(psfs.distances_um[-1]))
     return Solving(
         measurement, region, options.tau, options.prior, options.iterations, device=device
     )

@@ -37,7 +37,7 @@ export class ReconstructionOptions {
     this.white = typed("as the file says");
     this.mosaic = chosen([["", "As the file says"], ...MOSAICS.map((each) => [each, each])]);
     this.bgr = tick(label(KIND, "bgr"), false);
-    this.wider = tick(label(KIND, "psf_wider"), false);
+    this.wider = tick(label(KIND, "psf_extent"), false);
     this.scale = counted("1", 64);
     this.region = typed("rows x columns, such as 400x400");
     this.angle = typed("such as 40deg");
@@ -57,7 +57,7 @@ export class ReconstructionOptions {
         h("p", { class: "pale" }, "A PSF file that is larger than the raw file is either:"),
         this.wider.element, option(KIND, "psf_scale", this.scale)),
       more("The scene", h("p", { class: "pale" }, "The support: where light can come from. Leave both empty for no limit."),
-        option(KIND, "region", this.region), option(KIND, "field", this.angle),
+        option(KIND, "support", this.region), option(KIND, "field", this.angle),
         option(KIND, "bin", this.bin), option(KIND, "channels", this.channels), option(KIND, "flip", this.flip)),
       more("The solver", this.ownTau.element, this.tau.element, option(KIND, "iterations", this.iterations)),
     ];
@@ -73,7 +73,7 @@ export class ReconstructionOptions {
     return {
       dark: this.dark.value, black: value(this.black), white: value(this.white), mosaic: this.mosaic.value,
       bgr: this.bgr.box.checked || undefined, bin: value(this.bin), channels: text(this.channels),
-      region: text(this.region), flip: this.flip.value === "none" ? undefined : this.flip.value,
+      support: text(this.region), flip: this.flip.value === "none" ? undefined : this.flip.value,
     };
   }
 
@@ -81,7 +81,7 @@ export class ReconstructionOptions {
   all(psf) {
     const angle = text(this.angle);
     return {
-      ...this.reading(), quality: this.quality.value(), psf_wider: this.wider.box.checked || undefined, psf_scale: value(this.scale),
+      ...this.reading(), quality: this.quality.value(), psf_extent: this.wider.box.checked ? "wide" : undefined, psf_scale: value(this.scale),
       tau: this.ownTau.box.checked ? this.tau.value() : undefined, iterations: value(this.iterations),
       field: angle, camera: angle && folderOf(psf),
     };
