@@ -68,7 +68,7 @@ def test_measurements_show_plots_and_figures(visit: Visit, shot: str) -> None:
 def test_targets_are_measured_in_simulations(visit: Visit) -> None:
     page = visit.show("measure")
     page.wait_for_function("() => document.querySelector('[data-measure=siemens] select')?.value")
-    cell_deg = figure(measured(page, "dots"), "A pixel in the middle")
+    cell_deg = figure(measured(page, "dots"), "Field angle of a pixel in the middle")
     for name in ("two-points", "siemens"):
         # A pair of a bright and a dark line has at least two pixels.
         resolved = figure(measured(page, name), "Resolved")
@@ -90,7 +90,7 @@ def test_an_edge_in_a_picture_is_measured(visit: Visit, studio_folder: Path) -> 
     card.get_by_label("Picture", exact=True).select_option("work/pictures/edge.npy")
     rows = measured(page, "edge")
     # Of a Gaussian, exp(-2 (pi deviation frequency)²), where it is a half and a tenth.
-    half, resolved = figure(rows, "Half the contrast"), figure(rows, "Resolved from")
+    half, resolved = figure(rows, "Half of the contrast"), figure(rows, "Resolved from")
     assert half * resolved == pytest.approx(math.sqrt(math.log(2) / math.log(10)), rel=0.03)
 
 

@@ -34,11 +34,11 @@ def line_width_um(page: Any) -> float:
 
 
 def await_look(page: Any) -> None:
-    """Wait until the design has been worked out."""
-    await_text(page, ".job-text", "Working out")
+    """Wait until the design has been computed."""
+    await_text(page, ".job-text", "Computing the PSF")
     page.wait_for_function(
         "() => ![...document.querySelectorAll('.job-text')]"
-        ".some((each) => each.textContent.startsWith('Working out'))"
+        ".some((each) => each.textContent.startsWith('Computing the PSF'))"
     )
 
 
