@@ -115,7 +115,7 @@ def test_record(camera: Camera, tmp_path: Path) -> None:
     assert parameters["tau"] == 1e-4  # Not given, and told all the same.
     assert parameters["iterations"] == 12 and parameters["tolerance"] == 0
     assert parameters["method"] == "admm" and parameters["prior"] == "tv"
-    assert parameters["region"] == REGION and parameters["balance"] is True
+    assert parameters["support"] == REGION and parameters["balance"] is True
     assert parameters["relaxation"] == 1.8 and parameters["penalties"] is None
     assert parameters["channel_names"] == ["R", "G", "B"]
     history = record["history"]

@@ -66,7 +66,7 @@ def test_preset_against_method(method: str, camera: Camera, tmp_path: Path) -> N
 
 def _options(camera: Camera, out: Path, **more: object) -> ReconstructOptions:
     return ReconstructOptions.model_validate(
-        {"measurement": camera.raw, "psf": camera.psf, "region": REGION, "output": (out,),
+        {"measurement": camera.raw, "psf": camera.psf, "support": REGION, "output": (out,),
          "iterations": 40, "tolerance": 0.0, "tiff_bits": 32, **more}
     )  # fmt: skip
 
@@ -97,6 +97,11 @@ def test_interrupted_run_goes_on(camera: Camera, tmp_path: Path) -> None:
     assert outcome.summary["iterations"] == 12
     state = tmp_path / "out.state.npz"
     assert str(state) in outcome.summary["outputs"]
+    with np.load(state) as stored:
+        held = dict(stored)
+    before = json.loads(str(held["about"]))  # As the version before called it.
+    before |= {"region": before.pop("support"), "psf_wider": before.pop("psf_extent") == "wide"}
+    np.savez(state, **held | {"about": _text(before)})
     reconstruct(_options(camera, out, resume=state), Watcher(math.inf))
     a, b = read_frame(whole).counts, read_frame(out).counts
     torch.testing.assert_close(a, b, rtol=1e-3, atol=1e-3 * float(a.max()))
@@ -110,7 +115,7 @@ def test_state_of_another_run_is_refused(camera: Camera, tmp_path: Path) -> None
     done = run(*asked, "--support", REGION, "--tau", 1e-3, "--resume", state)
     check_refused(done, "another tau", "leave out --resume")
     done = run(*asked, "--resume", state)
-    check_refused(done, "another region")
+    check_refused(done, "another support")
     done = run(*asked, "--support", REGION, "--resume", camera.psf)
     check_refused(done, "is no state file")
     assert not (tmp_path / "x.png").exists()
