@@ -11,7 +11,7 @@ from nolens.camera.part import Counts, refusal
 from nolens.camera.psf_set import Depth, FieldAngle
 from nolens.errors import OptionError
 from nolens.jobs.device import DeviceName
-from nolens.jobs.options import Option, expand_home
+from nolens.jobs.options import Option, Written, expand_home
 from nolens.quantities import Angle, Duration, Share
 from nolens.ranges import Between
 from nolens.solvers import Prior
@@ -36,6 +36,16 @@ def _nameable(path: Path) -> Path:
 def record_beside(path: Path) -> Path:
     """File of the record that belongs to one that is written, whatever that is called."""
     return path.parent / f"{path.stem}.json"
+
+
+def plot_and_record(plot: Path | None) -> tuple[Written, ...]:
+    """A plot of what was measured and the record beside it, where a plot is asked for."""
+    if plot is None:
+        return ()
+    return (
+        Written("plot", plot, "--plot", (".png",)),
+        Written("record of the run", record_beside(plot), "--plot"),
+    )
 
 
 def window_numbers(text: str) -> tuple[int, int, int | None, int | None]:
@@ -103,6 +113,7 @@ LIGHTS = "white-led, daylight, equal-energy, or one wavelength such as 535nm"
 """What the spectrum of a light may be."""
 MAIN = "What matters most"
 INPUT, SOLVER, PICTURE = "Files and channels", "Model and solver", "Picture"
+RESULT = "Result"
 """Headings of options that several jobs have."""
 
 # Options that several jobs have, each with its text: ``dark: Dark = None``.

@@ -31,8 +31,7 @@ from nolens.files import (
 )
 from nolens.files.plot_field import write_angles_plot, write_dots_plot
 from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory
-from nolens.jobs.fields import CAMERAS, FilePath, Name, Seed, record_beside
-from nolens.jobs.measuring.plot import RESULT
+from nolens.jobs.fields import CAMERAS, RESULT, FilePath, Name, Seed, record_beside
 from nolens.jobs.measuring.rounded import rounded
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Run, Writer, job

@@ -23,8 +23,7 @@ from nolens.files import (
     readable,
 )
 from nolens.files.plot_psf import write_psf_plot
-from nolens.jobs.fields import CAMERAS, FilePath, Name, Word, record_beside
-from nolens.jobs.measuring.plot import RESULT, plot_and_record
+from nolens.jobs.fields import CAMERAS, RESULT, FilePath, Name, Word, plot_and_record, record_beside
 from nolens.jobs.measuring.rounded import rounded
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Run, Writer, job

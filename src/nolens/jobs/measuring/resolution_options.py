@@ -9,6 +9,7 @@ from nolens.experiments.resolution import TARGET_ITERATIONS, TAU, SolverSettings
 from nolens.jobs.fields import (
     CAMERAS,
     LIGHTS,
+    RESULT,
     FilePath,
     Files,
     Iterations,
@@ -18,9 +19,9 @@ from nolens.jobs.fields import (
     Tau,
     Window,
     Word,
+    plot_and_record,
     record_beside,
 )
-from nolens.jobs.measuring.plot import RESULT, plot_and_record
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.quantities import Angle, Share
 from nolens.ranges import Between
