@@ -13,10 +13,10 @@ from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
 from nolens.files import CAMERA_FILE, PSFS_FILE, read_psf, read_psf_set, readable
-from nolens.jobs.calibration.fields import PsfFolder, Reduced, distance_name
+from nolens.jobs.calibration.fields import FolderOptions, Reduced, distance_name
 from nolens.jobs.calibration.folder import added, folder_camera
 from nolens.jobs.fields import Distances
-from nolens.jobs.options import JobOptions, Option, Written
+from nolens.jobs.options import Option, Written
 from nolens.jobs.run import Product, Run, job
 from nolens.quantities import Length
 from nolens.ranges import Between
@@ -37,7 +37,7 @@ def _two(given: Any) -> Any:
     return tuple(parts)
 
 
-class CalibrateDistancesOptions(JobOptions):
+class CalibrateDistancesOptions(FolderOptions):
     """Make PSFs of other distances of a measured one, by how the rays magnify the pattern.
 
     nolens calibrate distances mycamera --at 8cm --at 20cm --at infinity
@@ -49,7 +49,6 @@ class CalibrateDistancesOptions(JobOptions):
 
     usage = "calibrate distances FOLDER --at 8cm --at 20cm"
 
-    folder: PsfFolder
     at: Annotated[
         Distances, Option("Distance that a PSF is wanted at, or infinity; again for more.")
     ] = ()
@@ -110,16 +109,6 @@ class CalibrateDistancesOptions(JobOptions):
     def record(self) -> Path:
         """File of the run's record."""
         return self.folder / "distances.json"
-
-    @property
-    def output_folder(self) -> Path:
-        """That of the PSFs."""
-        return self.folder
-
-    @property
-    def inputs(self) -> dict[str, Path]:
-        """Nothing but what the folder lists."""
-        return {}
 
     @property
     def written(self) -> tuple[Written, ...]:

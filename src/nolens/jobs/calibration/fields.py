@@ -1,10 +1,11 @@
 """Options that several jobs of calibration have, each with its text."""
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 from nolens.camera.part import PositiveLength
 from nolens.jobs.fields import FilePath
-from nolens.jobs.options import Option
+from nolens.jobs.options import JobOptions, Option
 from nolens.quantities import Length
 
 NEEDED_FOLDER = "the folder of the camera's PSFs, as nolens calibrate makes it"
@@ -25,6 +26,22 @@ Reduced = Annotated[
         "the folder has no camera.toml."
     ),
 ]
+
+
+class FolderOptions(JobOptions):
+    """What the jobs have in common that add PSFs to a folder which has some."""
+
+    folder: PsfFolder
+
+    @property
+    def output_folder(self) -> Path:
+        """That of the PSFs."""
+        return self.folder
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Nothing but what the folder lists."""
+        return {}
 
 
 def distance_name(distance: Length | Literal["infinity"]) -> str:

@@ -23,10 +23,10 @@ from nolens.camera import PsfEntry, PsfSet
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
 from nolens.files import CAMERA_FILE, PSFS_FILE, read_psf, read_psf_set, readable
-from nolens.jobs.calibration.fields import NEEDED_FOLDER, Reduced, distance_name
+from nolens.jobs.calibration.fields import NEEDED_FOLDER, FolderOptions, Reduced, distance_name
 from nolens.jobs.calibration.folder import added, folder_camera
 from nolens.jobs.fields import FilePath
-from nolens.jobs.options import JobOptions, Option, Written
+from nolens.jobs.options import Option, Written
 from nolens.jobs.run import Product, Run, job
 from nolens.quantities import Length
 
@@ -38,7 +38,7 @@ _MISFIT_CELLS = 1.0
 _UNKNOWN_SHARE = 0.1
 
 
-class CalibrateStitchOptions(JobOptions):
+class CalibrateStitchOptions(FolderOptions):
     """Merge PSFs that were captured at several angles into an extended one, beyond the sensor.
 
     nolens calibrate stitch mycamera
@@ -75,16 +75,6 @@ class CalibrateStitchOptions(JobOptions):
         if self.distance is None:
             return None
         return self.folder / f"stitch-{distance_name(self.distance)}.json"
-
-    @property
-    def output_folder(self) -> Path:
-        """That of the PSFs."""
-        return self.folder
-
-    @property
-    def inputs(self) -> dict[str, Path]:
-        """Nothing but what the folder lists."""
-        return {}
 
     @property
     def written(self) -> tuple[Written, ...]:

@@ -11,10 +11,10 @@ from nolens.camera import Measurement, PsfEntry, PsfSet, develop
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
 from nolens.files import PSFS_FILE, read_frame, read_psf, read_psf_set, readable
-from nolens.jobs.calibration.fields import PsfFolder, distance_name
+from nolens.jobs.calibration.fields import FolderOptions, distance_name
 from nolens.jobs.calibration.folder import added
 from nolens.jobs.fields import Files, Window
-from nolens.jobs.options import JobOptions, Option, Written
+from nolens.jobs.options import Option, Written
 from nolens.jobs.reconstruction.options import parse_window
 from nolens.jobs.run import Product, Run, job
 from nolens.operators import Region
@@ -24,7 +24,7 @@ from nolens.ranges import Between
 _TAU = 1e-5
 
 
-class CalibrateSurroundOptions(JobOptions):
+class CalibrateSurroundOptions(FolderOptions):
     """Extrapolate a captured PSF beyond the sensor, without further captures.
 
     nolens calibrate surround mycamera raw1.dng raw2.dng --support 414x414
@@ -42,7 +42,6 @@ class CalibrateSurroundOptions(JobOptions):
 
     usage = "calibrate surround FOLDER RAW... --support 414x414"
 
-    folder: PsfFolder
     pictures: Annotated[
         Files,
         Option(
@@ -80,11 +79,6 @@ class CalibrateSurroundOptions(JobOptions):
         if self.distance is None:
             return None
         return self.folder / f"extend-{distance_name(self.distance)}.json"
-
-    @property
-    def output_folder(self) -> Path:
-        """That of the PSFs."""
-        return self.folder
 
     @property
     def inputs(self) -> dict[str, Path]:
