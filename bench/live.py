@@ -38,7 +38,7 @@ def main() -> None:
     parser.add_argument("--still", action="store_true")
     parser.add_argument(
         "--everywhere", action="store_true",
-        help="solve for all cells of the sensor's frame, as with a camera of no known field",
+        help="solve for all pixels of the sensor's frame, as with a camera of no known field",
     )  # fmt: skip
     given = parser.parse_args()
     machine = describe()
@@ -172,7 +172,7 @@ def text(found: dict[str, Any]) -> str:
     scene = "moving" if found["moving"] else "still"
     return "\n".join(
         [
-            "Live view of the simulated camera, whose sensor has 360×480 cells, solved for "
+            "Live view of the simulated camera, whose sensor has 360×480 pixels, solved for "
             f"{found['cells'][0]}×{found['cells'][1]} in colour, {found['method']} with "
             f"{found['iterations']} iterations a frame, a {scene} scene, {minutes:g} minutes on "
             f"{machine['cores']} cores of {machine['cpu']}: **{found['frames_per_s']:.1f} frames "

@@ -17,7 +17,7 @@ from typing import Any
 
 HERE = Path(__file__).parent
 RUNS = 3
-DRAFT, PHOTO, EVERYWHERE = "draft", "photo, with its region", "photo, light from everywhere"
+DRAFT, PHOTO, EVERYWHERE = "draft", "photo, with its support", "photo, light from everywhere"
 
 
 def measured(command: list[str], folder: Path) -> dict[str, Any]:

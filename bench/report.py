@@ -126,7 +126,7 @@ nolens by the clock of its callback over about {ours} iterations after the first
 start, with its own penalties and stopping checks, scico by {scico} of its `step`s, without the \
 statistics that its `solve` gathers. Imports, compilation and one warm-up run are not counted; \
 set-up (transfer functions, state) is in the last column, for scico with what jax compiles anew \
-for each problem while it is posed. nolens and the peer run as they come: default threads, \
+for each problem while it is set up. nolens and the peer run as they come: default threads, \
 transforms, dtype and penalties, each on the fast domain of about twice the sensor that it picks; \
 scico, which is a toolbox, on the domain that nolens picks, its crop as a diagonal operator, for \
 which its proximal map has a closed form."""
@@ -139,10 +139,10 @@ backend imports it too; jax for scico, and what it takes to compile."""
 RACE_NOTE = """\
 Unit l2 norms, whole domain of twice the sensor; objective of the non-negative part of the iterate \
 on that domain, computed for all sides by `bench/objective.py` in float64. Seconds include set-up, \
-for scico with what jax compiles while the problem is posed, not the looks at the iterate, imports \
+for scico with what jax compiles while the problem is set up, not the evaluation of iterates, imports \
 or the compilation of an iteration. nolens shows its iterate every few iterations: what it reaches \
 between counts at the next. The peer runs with the penalties that it ships (1e-6, 1e-5, 4e-5). \
 scico ships none for this problem: it runs with the constants (0.1, 10, 10) that did best on the \
 hand among those of `docs/decisions/0002-penalties.md`, so with a choice made for this scene, and \
 without over-relaxation, its default. In the race on the binned hand, iterates past 60 iterations \
-are looked at in steps of 3 to 6 % of the count."""
+are evaluated in steps of 3 to 6 % of the count."""

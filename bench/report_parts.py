@@ -48,7 +48,7 @@ def sizes_section(sizes: list[Json]) -> str:
         ]
         for case in sizes
     ]
-    head = ["sensor", "period", "s per iteration", "min–max", "ns per cell", "peak MiB"]
+    head = ["sensor", "FFT grid", "s per iteration", "min–max", "ns per pixel", "peak MiB"]
     return f"{table(head, rows)}\n\n{SIZES_NOTE}"
 
 
@@ -58,10 +58,10 @@ def passes_section(found: Json) -> str:
     rows = [[name, f"{1e3 * each:.1f}", f"{each / whole:.1%}"] for name, each in seconds.items()]
     return "\n\n".join(
         [
-            table(["pass", "median ms", "share"], rows),
+            table(["pass", "median ms", "fraction"], rows),
             f"Target: at most {PASSES_TARGET:.0%} of an iteration is not transforms (solve and "
             f"update together): {found['share']:.1%}, {met(found['share'] <= PASSES_TARGET)}.",
-            f"One channel, period {times(found['period'])}, {found['threads']} threads; medians "
+            f"One channel, FFT grid {times(found['period'])}, {found['threads']} threads; medians "
             f"of {found['turns']} turns, in which the passes follow one another. The update, which "
             f"gathers sums once in {found['look']} iterations, is the mean over so many.",
         ]
@@ -78,10 +78,10 @@ def dense_section(found: Json) -> str:
     holds = short <= DENSE_NEAR_DB and quick["median_s"] <= DENSE_SECONDS
     return "\n\n".join(
         [
-            f"Sensor {times(found['sensor'])}, one channel, region {found['side']}×{found['side']},"
-            f" period {times(found['period'])}: skimage's astronaut (green, linear light) fills "
-            "the region, through a random mask (`bench/caustic.py`) whose PSF is known wherever "
-            "light from the region reaches the sensor; shot noise at 90 % of the paper's full "
+            f"Sensor {times(found['sensor'])}, one channel, support {found['side']}×{found['side']},"
+            f" FFT grid {times(found['period'])}: skimage's astronaut (green, linear light) fills "
+            "the support, through a random mask (`bench/caustic.py`) whose PSF is known wherever "
+            "light from the support reaches the sensor; shot noise at 90 % of the paper's full "
             "well, and read noise. PSNR after one scale factor.",
             table(["τ", f"PSNR after {found['iterations']} iterations", "objective"], rows),
             f"Converged here means {found['iterations']} iterations with tolerance 0; the best of "
@@ -104,7 +104,7 @@ def solved(run: Json) -> str:
     seconds = run["seconds"]
     return (
         f"{run['psnr_db']:.2f} dB after {run['iterations']} iterations in {run['median_s']:.2f} s "
-        f"(median of {len(seconds)}: {min(seconds):.2f}–{max(seconds):.2f}; posing included)"
+        f"(median of {len(seconds)}: {min(seconds):.2f}–{max(seconds):.2f}; set-up included)"
     )
 
 
@@ -132,12 +132,12 @@ def presets_section(found: Json) -> str:
         [
             f"`nolens reconstruct m.npy --psf p.npy -o out.png --quality … --json`, "
             f"{len(draft)} runs of each, one after the other: {height}×{width} pixels in {channels}"
-            f" channels; a photograph on {side}×{side} cells through a random mask, which are the "
-            "region where one is given.",
+            f" channels; a photograph on {side}×{side} pixels through a random mask, which are the "
+            "support where one is given.",
             table(head, rows),
             "\n".join(
                 [
-                    f"- Target: `photo` with its region in at most {PHOTO_SECONDS:g} s (the "
+                    f"- Target: `photo` with its support in at most {PHOTO_SECONDS:g} s (the "
                     f"command) and {PHOTO_GB:g} GB: {photo_s:.2f} s and {peak:.2f} GB: "
                     f"{met(photo_s <= PHOTO_SECONDS and peak <= PHOTO_GB)}.",
                     f"- Target: `draft` in at most {DRAFT_SECONDS:g} s: "
@@ -163,7 +163,7 @@ def cuda_section(found: Json | None) -> str:
     floor = found["bytes_per_iteration"] / found["bytes_per_s"]
     return "\n\n".join(
         [
-            f"{found['device']}; {height}×{width}, {channels} channels, period "
+            f"{found['device']}; {height}×{width}, {channels} channels, FFT grid "
             f"{times(found['period'])}, random numbers.",
             "\n".join(
                 [
@@ -175,7 +175,7 @@ def cuda_section(found: Json | None) -> str:
                     f"- Quality `photo`, frame to the device and picture back: "
                     f"{found['photo_s']:.2f} s.",
                     f"- Stream of {times(found['stream_size'][:2])}, {channels} channels, every "
-                    f"frame posed and solved anew with quality `photo`: "
+                    f"frame set up and solved anew with quality `photo`: "
                     f"{found['frames_per_s']:.1f} frames/s.",
                 ]
             ),
@@ -186,8 +186,8 @@ def cuda_section(found: Json | None) -> str:
 
 SIZES_NOTE = """\
 Full domain, PSF of the sensor's size, random numbers: what an iteration takes does not depend on \
-them. Every case in a process of its own; medians of three timings. ns per cell are those of the \
-period, for one channel; peak memory has the imports in it."""
+them. Every case in a process of its own; medians of three timings. ns per pixel are those of the \
+FFT grid, for one channel; peak memory has the imports in it."""
 
 CUDA_NOTE = """\
 The bandwidth is that of copies within the device, read and written bytes together. Bytes are \

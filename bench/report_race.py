@@ -134,17 +134,17 @@ def quality(sides: Json) -> list[str]:
 def looked(race: Json) -> str:
     """What was looked at, and how."""
     text = (
-        f"Iterates are looked at {race['looks']} times at most, in geometric steps; what lies "
-        "between two looks counts for the later one."
+        f"Iterates are evaluated {race['looks']} times at most, in geometric steps; what lies "
+        "between two evaluations counts for the later one."
     )
     if next(iter(race["sides"].values()))["rows"][-1][3] is None:
         return text
     return (
         text + " A photograph of skimage (astronaut, green, linear light) in the middle of the "
         "frame, black elsewhere, through a random mask (`bench/caustic.py`) whose PSF is known on "
-        "as many cells as the sensor has; shot noise at 90 % of the paper's full well, and read "
-        "noise. No side is told where the photograph lies. PSNR after one scale factor, inside "
-        "the photograph's cells."
+        "as many pixels as the sensor has; shot noise at 90 % of the paper's full well, and read "
+        "noise. No side knows where the photograph lies. PSNR after one scale factor, inside "
+        "the photograph's pixels."
     )
 
 
@@ -166,5 +166,5 @@ def said(row: Row | None, rows: list[Row]) -> str:
 NOTE = """\
 Unit l2 norms, whole domain of twice the sensor; objective of the non-negative part of the iterate \
 on that domain, computed for both sides by `bench/objective.py` in float64. Seconds include \
-set-up, not the looks, imports or compilation. nolens shows its iterate every fourth iteration: \
+set-up, not the evaluations, imports or compilation. nolens shows its iterate every fourth iteration: \
 what it reaches between counts at the next. The peer runs with the penalties that it ships."""

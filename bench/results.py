@@ -122,9 +122,9 @@ def table(rows: list[dict[str, object]]) -> str:
         "Made by `make results` from the files that `SOURCES.md` beside the data describes; they",
         "are not part of this repository. Penalties, start and stopping rule are the program's",
         "own; one weight of the prior serves all. PSNR and SSIM compare with what a lensed camera",
-        "saw, after a gain and an offset for each channel, over the cells that the screen fills.",
+        "saw, after a gain and an offset for each channel, over the pixels that the screen fills.",
         "The PSF of the pairs is itself an estimate, and blurred: it limits these figures. The",
-        "pairs are solved without a region, as light comes from beside the screen too.",
+        "pairs are solved without a support, as light comes from beside the screen too.",
         "",
         f"Seconds are those of the whole command on {machine['cpu']}, {machine['cores']} cores.",
         "",
@@ -142,7 +142,7 @@ def table(rows: list[dict[str, object]]) -> str:
         )
     lines += [
         "",
-        "The hand (Waller-Lab/DiffuserCam-Tutorial, BSD-3-Clause), 1200×1600 cells:",
+        "The hand (Waller-Lab/DiffuserCam-Tutorial, BSD-3-Clause), 1200×1600 pixels:",
         "",
         "![hand](hand.png)",
         "",

@@ -151,7 +151,7 @@ def report(found: dict[str, Any]) -> str:
     names = {
         "psf": ("PSF of `paper` on all 4056×3040 pixels, one wavelength, samples at half the pitch",
                 "10 s, 4 GB"),
-        "field": ("scene on 2028×1520 cells, one wavelength for each of 3 colours, 9×9 field "
+        "field": ("scene on 2028×1520 pixels, one wavelength for each of 3 colours, 9×9 field "
                   "points", "600 s"),
     }  # fmt: skip
     for name, (what, limit) in names.items():
@@ -178,7 +178,7 @@ def report(found: dict[str, Any]) -> str:
         f"| halving the distance of all samples changes the pixels' PSF by | "
         f"{100 * exact['halving']:.4f} % | below 1 % |",
         f"| correlation of 3 with 21 wavelengths (R, G, B) | {colours} | above 0.99 |",
-        f"| interpolation between 9×9 field points, scene of noise on {field['region']} cells: "
+        f"| interpolation between 9×9 field points, scene of noise on {field['region']} pixels: "
         f"error, of the measurement's contrast | {100 * field['field_error']:.2f} % | |",
         "",
         f"![PSF at 0°, 20° and 40°](results/{PICTURE.name})",
