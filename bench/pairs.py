@@ -118,7 +118,8 @@ def page(result: dict[str, Any]) -> str:
 Made by `make results`. Each of the five pairs in turn is left out: its measurement is
 reconstructed with the PSF that `nolens calibrate pairs` solves from the other four, and with the
 estimate that lies beside the data. That one was solved from nine pairs, these five perhaps among
-them. The residual is what the PSF leaves of the left-out measurement, weighted as the solver weighs it.
+them. The residual is what the PSF leaves of the left-out measurement, weighted as the solver
+weighs it.
 Solving took {seconds:.0f} s (median) on {result["machine"]["cpu"]}.
 
 | left out | PSNR, dB | supplied | SSIM | supplied | residual | supplied |

@@ -139,9 +139,10 @@ backend imports it too; jax for scico, and what it takes to compile."""
 RACE_NOTE = """\
 Unit l2 norms, whole domain of twice the sensor; objective of the non-negative part of the iterate \
 on that domain, computed for all sides by `bench/objective.py` in float64. Seconds include set-up, \
-for scico with what jax compiles while the problem is set up, not the evaluation of iterates, imports \
-or the compilation of an iteration. nolens shows its iterate every few iterations: what it reaches \
-between counts at the next. The peer runs with the penalties that it ships (1e-6, 1e-5, 4e-5). \
+for scico with what jax compiles while the problem is set up, not the evaluation of iterates, \
+imports or the compilation of an iteration. nolens shows its iterate every few \
+iterations: what it reaches between counts at the next. The peer runs with the penalties \
+that it ships (1e-6, 1e-5, 4e-5). \
 scico ships none for this problem: it runs with the constants (0.1, 10, 10) that did best on the \
 hand among those of `docs/decisions/0002-penalties.md`, so with a choice made for this scene, and \
 without over-relaxation, its default. In the race on the binned hand, iterates past 60 iterations \

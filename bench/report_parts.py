@@ -78,9 +78,10 @@ def dense_section(found: Json) -> str:
     holds = short <= DENSE_NEAR_DB and quick["median_s"] <= DENSE_SECONDS
     return "\n\n".join(
         [
-            f"Sensor {times(found['sensor'])}, one channel, support {found['side']}×{found['side']},"
-            f" FFT grid {times(found['period'])}: skimage's astronaut (green, linear light) fills "
-            "the support, through a random mask (`bench/caustic.py`) whose PSF is known wherever "
+            f"Sensor {times(found['sensor'])}, one channel, support "
+            f"{found['side']}×{found['side']}, FFT grid {times(found['period'])}: "
+            "skimage's astronaut (green, linear light) fills the support, "
+            "through a random mask (`bench/caustic.py`) whose PSF is known wherever "
             "light from the support reaches the sensor; shot noise at 90 % of the paper's full "
             "well, and read noise. PSNR after one scale factor.",
             table(["τ", f"PSNR after {found['iterations']} iterations", "objective"], rows),

@@ -166,5 +166,6 @@ def said(row: Row | None, rows: list[Row]) -> str:
 NOTE = """\
 Unit l2 norms, whole domain of twice the sensor; objective of the non-negative part of the iterate \
 on that domain, computed for both sides by `bench/objective.py` in float64. Seconds include \
-set-up, not the evaluations, imports or compilation. nolens shows its iterate every fourth iteration: \
-what it reaches between counts at the next. The peer runs with the penalties that it ships."""
+set-up, not the evaluations, imports or compilation. nolens shows its iterate every fourth \
+iteration: what it reaches between counts at the next. The peer runs with the penalties that it \
+ships."""
