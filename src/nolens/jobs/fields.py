@@ -2,8 +2,9 @@
 
 import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
@@ -11,7 +12,7 @@ from nolens.camera.part import Counts, refusal
 from nolens.camera.psf_set import Depth, FieldAngle
 from nolens.errors import OptionError
 from nolens.jobs.device import DeviceName
-from nolens.jobs.options import Option, Written, expand_home
+from nolens.jobs.options import JobOptions, Option, Written, expand_home
 from nolens.quantities import Angle, Duration, Share
 from nolens.ranges import Between
 from nolens.solvers import Prior
@@ -185,3 +186,34 @@ Flip = Annotated[
     Literal["none", "vertical", "horizontal", "both"],
     Option("Turn the picture over.", PICTURE, label="Turn the picture"),
 ]
+
+
+class OutputFolderOptions(JobOptions):
+    """What the jobs have in common that make a folder, ``output``, with a record in it.
+
+    Attributes
+    ----------
+    record_file
+        Name of the record.
+    """
+
+    record_file: ClassVar[str]
+
+    if TYPE_CHECKING:
+        # Each job declares it at its own place among its fields, with its own text.
+        output: FilePath
+
+    @property
+    def record(self) -> Path:
+        """File of the run's record."""
+        return self.output / self.record_file
+
+    @property
+    def output_folder(self) -> Path:
+        """It is made where it does not exist."""
+        return self.output
+
+    def in_folder(self, names: Mapping[str, str]) -> tuple[Written, ...]:
+        """Files in the folder, by role, and the record."""
+        files = tuple(Written(what, self.output / name) for what, name in names.items())
+        return (*files, Written("record of the run", self.record))

@@ -32,8 +32,17 @@ from nolens.files.plot_mask import MaskPlot, plot_mask
 from nolens.jobs.copied import copied_curves
 from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory
 from nolens.jobs.device import pick_device
-from nolens.jobs.fields import CAMERAS, LIGHTS, Device, FilePath, Name, Seed, Word
-from nolens.jobs.options import JobOptions, Option, Written
+from nolens.jobs.fields import (
+    CAMERAS,
+    LIGHTS,
+    Device,
+    FilePath,
+    Name,
+    OutputFolderOptions,
+    Seed,
+    Word,
+)
+from nolens.jobs.options import Option, Written
 from nolens.jobs.reporter import Reporter
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.optics import surface_bytes
@@ -54,7 +63,7 @@ MASK_KINDS = {
 """Module, beside this one, and class of each kind; it is loaded where a mask of it is made."""
 SmallAngle = Annotated[Angle, Between("0.001 deg", "44.9 deg")]
 
-_RELIEF_FILE, _PICTURE_FILE, _RECORD_FILE = "relief.tif", "mask.png", "mask.json"
+_RELIEF_FILE, _PICTURE_FILE = "relief.tif", "mask.png"
 """What is written into the camera's folder beside its description."""
 _OPTICS, _RESULT = "Camera and light", "Result"
 _OVERHANG = Length("1.5", "mm")
@@ -130,7 +139,7 @@ class MadeMask:
     stopped: bool = False
 
 
-class MaskOptions(JobOptions):
+class MaskOptions(OutputFolderOptions):
     """Options that every kind of mask has: a kind derives from it, with fields of its own.
 
     Attributes
@@ -140,6 +149,7 @@ class MaskOptions(JobOptions):
     """
 
     usage = "design mask KIND -o FOLDER"
+    record_file = "mask.json"
     kind: ClassVar[str]
 
     output: Annotated[
@@ -184,24 +194,14 @@ class MaskOptions(JobOptions):
         """
 
     @property
-    def record(self) -> Path:
-        """File of the run's record."""
-        return self.output / _RECORD_FILE
-
-    @property
-    def output_folder(self) -> Path:
-        """It is made where it does not exist."""
-        return self.output
-
-    @property
     def written(self) -> tuple[Written, ...]:
         """Description, relief, picture and record."""
-        return (
-            Written("camera", self.output / CAMERA_FILE),
-            Written("relief", self.output / _RELIEF_FILE),
-            Written("picture of the mask", self.output / _PICTURE_FILE),
-            Written("record", self.record),
-        )
+        names = {
+            "camera": CAMERA_FILE,
+            "relief": _RELIEF_FILE,
+            "picture of the mask": _PICTURE_FILE,
+        }
+        return self.in_folder(names)
 
 
 @dataclass(frozen=True)
