@@ -11,7 +11,7 @@ from nolens.jobs.designing.mask import Blank, mask_kind
 from nolens.jobs.designing.thickness import thickness_figures, with_replica
 from nolens.jobs.designing.thickness_case import Case
 from nolens.jobs.designing.thickness_options import ThicknessOptions
-from nolens.jobs.reporter import Reporter
+from nolens.jobs.run import Reporter
 
 
 def design_mask(

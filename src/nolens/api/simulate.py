@@ -14,7 +14,7 @@ from nolens.camera import Frame, OpenCamera, ReliefFile, develop
 from nolens.errors import DataError, OptionError
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import read_camera
-from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory
+from nolens.jobs.run import BYTES_OF_PROGRAM, check_memory
 from nolens.operators import Region
 from nolens.quantities import Angle, Length
 from nolens.solvers.inputs import Plane, channels_of

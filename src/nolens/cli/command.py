@@ -15,8 +15,7 @@ from nolens.cli.app import Whole
 from nolens.cli.messages import show
 from nolens.cli.terminal import TerminalReporter
 from nolens.jobs.options import JobOptions, Option
-from nolens.jobs.reporter import Reporter
-from nolens.jobs.run import Result
+from nolens.jobs.run import Reporter, Result
 from nolens.quantities import Quantity
 
 Options = TypeVar("Options", bound=JobOptions)

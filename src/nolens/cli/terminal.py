@@ -9,8 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from nolens.cli.messages import say
-from nolens.jobs.clock import Pace, duration_text
-from nolens.jobs.reporter import Reporter
+from nolens.jobs.run import Pace, Reporter, duration_text
 from nolens.printable import printable
 from nolens.solvers import Progress as Iteration
 

@@ -29,8 +29,7 @@ from .reconstruction.options import ReconstructOptions
 from .refocusing.options import RefocusOptions
 from .refocusing.refocus import Refocused, refocus
 from .relief import ReliefOptions, replace_relief
-from .reporter import Reporter
-from .run import Result
+from .run import Reporter, Result
 from .scene_options import PsfOptions, SimulateOptions
 from .simulation import simulate
 

@@ -15,8 +15,7 @@ from nolens.jobs.fields import FilePath
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.reconstruction.job import reconstruct
 from nolens.jobs.reconstruction.options import ReconstructOptions
-from nolens.jobs.reporter import Reporter
-from nolens.jobs.run import Product, Run, job
+from nolens.jobs.run import Product, Reporter, Run, job
 from nolens.jobs.sample_pictures import sample_picture
 from nolens.optics import PointSource
 from nolens.twin import (

@@ -11,7 +11,6 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from nolens.camera.part import Counts, refusal
 from nolens.camera.psf_set import Depth, FieldAngle
 from nolens.errors import OptionError
-from nolens.jobs.device import DeviceName
 from nolens.jobs.options import JobOptions, Option, Written, expand_home
 from nolens.quantities import Angle, Duration, Share
 from nolens.ranges import Between
@@ -106,6 +105,7 @@ Exposure = Annotated[Duration, Between("0.001 µs", "1000000 s")]
 Interval = Annotated[Duration, Between("1 µs", "1000000 s")]
 Fraction = Annotated[Share, Between("0 %", "100 %")]
 Distances = Annotated[tuple[Depth, ...], Field(max_length=1000)]
+DeviceName = Literal["auto", "cpu", "cuda"]
 Mosaic = Literal["RGGB", "BGGR", "GRBG", "GBRG"]
 
 CAMERAS = "paper, paper-film, small, live, a folder with camera.toml, or a .toml file"

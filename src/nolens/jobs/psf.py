@@ -10,9 +10,8 @@ from torch import Tensor
 from nolens.camera import OpenCamera
 from nolens.errors import DataError, OptionError
 from nolens.files import write_png, write_tiff32
-from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory
 from nolens.jobs.raw import SimulatedCamera, write_raw
-from nolens.jobs.run import Product, Run, Writer, job
+from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Run, Writer, check_memory, job
 from nolens.jobs.scene_options import PsfOptions
 from nolens.optics import PointSource
 from nolens.quantities import Share

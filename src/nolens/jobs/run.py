@@ -1,13 +1,17 @@
-"""What runs a job: checks, hashes, reports, writes all or nothing, and keeps the record."""
+"""Running of a job: its reporter, time, memory and device; what it writes, and the record."""
 
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, partial, wraps
+from datetime import UTC, datetime
+from functools import cached_property, partial, update_wrapper
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, get_args
 
+import psutil
 import torch
 
+from nolens.errors import OptionError
 from nolens.files import (
     InputFile,
     RunRecord,
@@ -18,16 +22,158 @@ from nolens.files import (
     write_record,
     write_together,
 )
-from nolens.jobs.clock import Clock
-from nolens.jobs.cost import announce
-from nolens.jobs.device import pick_device
+from nolens.jobs.fields import DeviceName
 from nolens.jobs.options import JobOptions, check_apart
-from nolens.jobs.reporter import Reporter
+from nolens.solvers import Progress
 
 Writer = Callable[[Path], None]
 """Writes one file when it is given a path."""
 Options = TypeVar("Options", bound=JobOptions)
 Value = TypeVar("Value")
+BYTES_OF_PROGRAM = 5e8
+_NOTABLE_BYTES = 1e9
+_ABSURD_BYTES = 1e15
+_RELIABLE_AFTER_S = 5.0
+
+
+class Reporter:
+    """Whoever watches a job run; this one says nothing and lets it run to its end.
+
+    Others derive from it and show what they want to.
+    """
+
+    def note(self, text: str) -> None:
+        """Say something a person should know before it happens."""
+
+    def warn(self, text: str) -> None:
+        """Say what may make the result worse than it could be."""
+
+    def advance(self, what: str, share: float) -> None:
+        """See how much of a piece of work is done, from 0 to 1."""
+
+    def step(self, what: str, done: int, limit: int, kept: str) -> bool:
+        """See how many steps of some work are done; True ends it, and what it kept is written."""
+        return False
+
+    def progress(self, progress: Progress, limit: int) -> bool:
+        """See an iteration; True stops the solver, and the picture so far is written."""
+        return False
+
+
+def _now() -> str:
+    return datetime.now(UTC).astimezone().isoformat(timespec="seconds")
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Starts when it is made.
+
+    Attributes
+    ----------
+    started
+        ISO 8601, with the offset from UTC.
+    """
+
+    started: str = field(default_factory=_now)
+    _from: float = field(default_factory=time.perf_counter)
+
+    @property
+    def seconds(self) -> float:
+        """Since then."""
+        return round(time.perf_counter() - self._from, 3)
+
+
+class Pace:
+    """Time that a piece of work still takes, by the pace that it has had so far."""
+
+    def __init__(self) -> None:
+        self._work, self._begun, self._from = "", 0.0, 0.0
+
+    def seconds_left(self, what: str, fraction: float) -> float | None:
+        """By what is done of a piece of work, from 0 to 1; None where nothing tells yet.
+
+        Other work than before, or less of it, begins anew.
+        """
+        now = time.perf_counter()
+        if what != self._work or fraction < self._from:
+            self._work, self._begun, self._from = what, now, fraction
+        gone = fraction - self._from
+        return (now - self._begun) * (1 - fraction) / gone if gone > 0 else None
+
+    @property
+    def sure(self) -> bool:
+        """Whether the work has gone on for long enough that its pace is believed."""
+        return time.perf_counter() - self._begun > _RELIABLE_AFTER_S
+
+
+def duration_text(seconds: float) -> str:
+    """Say how long, in the unit that suits."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def check_memory(needed: float, device: torch.device, remedy: str) -> None:
+    """Refuse what the machine has no memory for.
+
+    Parameters
+    ----------
+    needed
+        Bytes that the job holds at once.
+    device
+        Where the job computes.
+    remedy
+        What would need less, as the end of a sentence.
+
+    Raises
+    ------
+    OptionError
+        If the machine has less memory than that.
+    """
+    where, there = "machine", float(psutil.virtual_memory().total)
+    if device.type == "cuda":
+        where, there = "CUDA device", float(torch.cuda.mem_get_info(device)[1])
+    if needed > there:
+        raise OptionError(
+            f"this needs about {_gigabytes(needed)} GB of memory, and the {where} has "
+            f"{_gigabytes(there)} GB: {remedy}"
+        )
+
+
+def announce_memory(needed: float, reporter: Reporter) -> None:
+    """Say beforehand what takes gigabytes.
+
+    Parameters
+    ----------
+    needed
+        Bytes that the job holds at once.
+    reporter
+        Is told.
+    """
+    if needed > _NOTABLE_BYTES:
+        reporter.note(f"this takes about {_gigabytes(needed)} GB of memory")
+
+
+def _gigabytes(number: float) -> str:
+    return f"{number / 1e9:.1f}" if number < _ABSURD_BYTES else f"{number / 1e9:.0e}"
+
+
+def pick_device(name: DeviceName) -> torch.device:
+    """Find the device of a name; auto takes CUDA where there is one.
+
+    Raises
+    ------
+    OptionError
+        If CUDA is asked for and there is none.
+    """
+    if name == "cuda" and not torch.cuda.is_available():
+        raise OptionError(
+            "--device cuda was asked for, but torch finds no CUDA device here; use "
+            "--device cpu or auto, or install a CUDA build of torch"
+        )
+    if name == "auto":
+        name = "cuda" if torch.cuda.is_available() else "cpu"
+    return torch.device(name)
 
 
 @dataclass(frozen=True)
@@ -151,7 +297,7 @@ class Run(Generic[Options]):
         self._inputs = {
             role: InputFile.of(path) for role, path in self._files.items() if not path.is_dir()
         }
-        announce(needed, self.reporter)
+        announce_memory(needed, self.reporter)
 
     @property
     def inputs(self) -> dict[str, InputFile]:
@@ -222,17 +368,34 @@ class Run(Generic[Options]):
         write_record(path, record)
 
 
-def job(
-    work: Callable[[Run[Options]], Product[Value]],
-) -> Callable[[Options, Reporter], Result[Value]]:
-    """Make a job of its work: ``@job`` before ``def refocus(run: Run[RefocusOptions]) -> ...``.
+class Job(Generic[Options, Value]):
+    """A job that can be run: ``refocus(RefocusOptions(...), Reporter())``.
 
     Outputs are checked before the work begins, and nothing is written unless all of it went well.
+
+    Attributes
+    ----------
+    options
+        Model of its options, as the work declares it.
     """
 
-    @wraps(work)
-    def run_job(options: Options, reporter: Reporter) -> Result[Value]:
-        run = Run(options, reporter)
-        return run.finish(work(run))
+    def __init__(self, work: Callable[[Run[Options]], Product[Value]]) -> None:
+        self._work = work
+        self.options: type[Options] = get_args(work.__annotations__["run"])[0]
+        update_wrapper(self, work)
 
-    return run_job
+    def __call__(self, options: Options, reporter: Reporter) -> Result[Value]:
+        """Run it.
+
+        Raises
+        ------
+        NolensError
+            If an option, an input or an output cannot be used.
+        """
+        run = Run(options, reporter)
+        return run.finish(self._work(run))
+
+
+def job(work: Callable[[Run[Options]], Product[Value]]) -> Job[Options, Value]:
+    """Make a job of its work: ``@job`` before ``def refocus(run: Run[RefocusOptions]) -> ...``."""
+    return Job(work)

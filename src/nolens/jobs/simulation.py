@@ -11,9 +11,8 @@ from torch import Tensor
 from nolens.camera import OpenCamera, Sensor
 from nolens.errors import DataError
 from nolens.files import read_picture, write_tiff32
-from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory
 from nolens.jobs.raw import SimulatedCamera, write_raw
-from nolens.jobs.run import Product, Run, Writer, job
+from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Run, Writer, check_memory, job
 from nolens.jobs.scene_options import SimulateOptions
 from nolens.operators import Region
 from nolens.optics import PointSource

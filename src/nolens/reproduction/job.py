@@ -12,11 +12,9 @@ from nolens import __version__
 from nolens.errors import FileError
 from nolens.files import camera_files, read_camera, readable
 from nolens.files.report import Report
-from nolens.jobs.clock import Clock
-from nolens.jobs.cost import check_memory
 from nolens.jobs.fields import FilePath, Name
 from nolens.jobs.options import JobOptions, Option, Written
-from nolens.jobs.run import Product, Run, job
+from nolens.jobs.run import Clock, Product, Run, check_memory, job
 from nolens.jobs.sample_pictures import check_sample_pictures
 from nolens.ranges import Between
 from nolens.reproduction import (

@@ -16,8 +16,7 @@ import nolens
 from nolens.documents import parse_json
 from nolens.errors import NolensError
 from nolens.files import read_frame, read_text, versions, write_into, write_tiff32
-from nolens.jobs.clock import Pace, duration_text
-from nolens.jobs.reporter import Reporter
+from nolens.jobs.run import Pace, Reporter, duration_text
 
 Tick = Callable[[float], None]
 """Is told what share of a step is done, from 0 to 1."""

@@ -15,7 +15,7 @@ from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files.plot_reproduce import plot_films
 from nolens.jobs.designing.thickness import design_thickness
 from nolens.jobs.designing.thickness_options import ThicknessOptions
-from nolens.jobs.reporter import Reporter
+from nolens.jobs.run import Reporter
 from nolens.quantities import Length
 from nolens.reproduction.draft import Draft, Drawn, empty, refusal
 from nolens.reproduction.paper import PAPER

@@ -14,7 +14,7 @@ from nolens.files.save_plot import dark_plots
 from nolens.jobs.copied import copied_camera
 from nolens.jobs.designing.look import Thicknesses, with_thickness
 from nolens.jobs.options import JobOptions, Option
-from nolens.jobs.reporter import Reporter
+from nolens.jobs.run import Reporter
 from nolens.studio.job_kinds import KINDS
 from nolens.studio.schemas import JobKind
 from nolens.studio.workspace import CAMERAS, JOBS, PICTURES, SHOTS, unused

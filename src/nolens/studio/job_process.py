@@ -13,7 +13,7 @@ from typing import Any
 
 from nolens.errors import NolensError
 from nolens.jobs import Reporter
-from nolens.jobs.clock import Pace
+from nolens.jobs.run import Pace
 from nolens.solvers import Progress
 from nolens.studio.job_build import Place, build, declarations
 from nolens.studio.schemas import JobKind

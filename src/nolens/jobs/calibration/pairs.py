@@ -24,11 +24,10 @@ from nolens.experiments.virtual_experiment import solved
 from nolens.files import CAMERA_FILE, PSFS_FILE, camera_files, read_frame, read_picture
 from nolens.jobs.calibration.fields import distance_name
 from nolens.jobs.calibration.folder import added, cell_of, folder_camera, folder_psfs
-from nolens.jobs.cost import check_memory
 from nolens.jobs.fields import INPUT, Black, Dark, FilePath, Mosaic, White, Window
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.reconstruction.options import parse_window
-from nolens.jobs.run import Product, Run, job
+from nolens.jobs.run import Product, Run, check_memory, job
 from nolens.operators import Region
 
 _LARGEST = 3

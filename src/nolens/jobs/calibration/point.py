@@ -38,9 +38,7 @@ from nolens.jobs.calibration.folder import (
 )
 from nolens.jobs.calibration.point_options import CalibratePointOptions
 from nolens.jobs.copied import copied_camera
-from nolens.jobs.cost import check_memory
-from nolens.jobs.reporter import Reporter
-from nolens.jobs.run import Product, Run, Writer, job
+from nolens.jobs.run import Product, Reporter, Run, Writer, check_memory, job
 
 _LEAST_ALIKE = 0.4
 _MERGED_SHARE = 0.5

@@ -22,8 +22,7 @@ from nolens.errors import NolensError
 from nolens.files import read_picture
 from nolens.jobs.capturing.keep import Burst, Naming, keep
 from nolens.jobs.capturing.options import CaptureOptions, Kind
-from nolens.jobs.reporter import Reporter
-from nolens.jobs.run import Product, Run, job
+from nolens.jobs.run import Product, Reporter, Run, job
 
 _LONGEST_S = 1.0
 """That is tried unasked."""

@@ -30,8 +30,6 @@ from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE, camera_files, read_camera, write_camera
 from nolens.files.plot_mask import MaskPlot, plot_mask
 from nolens.jobs.copied import copied_curves
-from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory
-from nolens.jobs.device import pick_device
 from nolens.jobs.fields import (
     CAMERAS,
     LIGHTS,
@@ -43,8 +41,16 @@ from nolens.jobs.fields import (
     Word,
 )
 from nolens.jobs.options import Option, Written
-from nolens.jobs.reporter import Reporter
-from nolens.jobs.run import Product, Run, Writer, job
+from nolens.jobs.run import (
+    BYTES_OF_PROGRAM,
+    Product,
+    Reporter,
+    Run,
+    Writer,
+    check_memory,
+    job,
+    pick_device,
+)
 from nolens.optics import surface_bytes
 from nolens.plugins import load_plugin, plugin_names
 from nolens.printable import quoted

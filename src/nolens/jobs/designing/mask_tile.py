@@ -16,10 +16,10 @@ from nolens.design.masks import (
     focusing_radius_um,
     spread_over,
 )
-from nolens.jobs.cost import announce, check_memory
 from nolens.jobs.designing.mask import Blank, MadeMask, MaskOptions, SmallAngle
 from nolens.jobs.fields import Iterations
 from nolens.jobs.options import Option
+from nolens.jobs.run import announce_memory, check_memory
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
 
@@ -128,7 +128,7 @@ class TileOptions(MaskOptions):
         held = _BYTES_PER_SAMPLE * layout.side**2 + 12 * math.prod(size)
         needed = _BYTES_OF_PROGRAM + held
         check_memory(needed, device, "a smaller --period or --overhang needs less")
-        announce(needed, blank.reporter)
+        announce_memory(needed, blank.reporter)
         tile = layout.tile(model, blank.light, device)
         descent = TileDescent(blank, layout, tile, radius_um, self.iterations)
         heights, target = self.heights(descent)

@@ -43,11 +43,9 @@ from nolens.design.tolerances import (
 )
 from nolens.errors import OptionError
 from nolens.files import camera_files, read_camera, read_tolerances, write_trials
-from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory
 from nolens.jobs.fields import CAMERAS, FilePath, Name, Seed, Word
 from nolens.jobs.options import JobOptions, Option, Written
-from nolens.jobs.reporter import Reporter
-from nolens.jobs.run import Product, Run, Writer, job
+from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Reporter, Run, Writer, check_memory, job
 from nolens.optics import PointSource
 from nolens.quantities import Length, Share
 from nolens.ranges import Between

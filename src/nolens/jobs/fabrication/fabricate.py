@@ -39,12 +39,10 @@ from nolens.files import (
     write_stl,
 )
 from nolens.files.write_sheet import write_sheet_html, write_sheet_pdf
-from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory
 from nolens.jobs.designing.study_budget import study_budget
 from nolens.jobs.fabrication.figures import Workpieces, figures
 from nolens.jobs.fabrication.options import FabricateOptions
-from nolens.jobs.reporter import Reporter
-from nolens.jobs.run import Product, Run, Writer, job
+from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Reporter, Run, Writer, check_memory, job
 from nolens.optics import Relief
 from nolens.twin import Twin
 from nolens.twin.preview import relief_points

@@ -30,11 +30,10 @@ from nolens.files import (
     write_tiff32,
 )
 from nolens.files.plot_field import write_angles_plot, write_dots_plot
-from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory
 from nolens.jobs.fields import CAMERAS, RESULT, FilePath, Name, Seed, record_beside
 from nolens.jobs.measuring.rounded import rounded
 from nolens.jobs.options import JobOptions, Option, Written
-from nolens.jobs.run import Product, Run, Writer, job
+from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Run, Writer, check_memory, job
 from nolens.optics import PointSource
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between

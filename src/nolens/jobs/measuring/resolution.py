@@ -13,11 +13,10 @@ from nolens.camera import OpenCamera
 from nolens.experiments.resolution import FlatPicture, Screen
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import camera_files, read_camera
-from nolens.jobs.cost import BYTES_OF_PROGRAM, check_memory
 from nolens.jobs.measuring.resolution_options import ResolutionOptions
 from nolens.jobs.measuring.resolution_pictures import target_pictures
 from nolens.jobs.measuring.rounded import rounded
-from nolens.jobs.run import Product, Run
+from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Run, check_memory
 from nolens.optics import PointSource
 from nolens.solvers import admm_bytes
 from nolens.twin import FieldMap, Light, Twin

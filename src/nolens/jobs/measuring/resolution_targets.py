@@ -12,8 +12,7 @@ from torch import Tensor
 from nolens.errors import OptionError
 from nolens.jobs.measuring.resolution_options import ResolutionOptions
 from nolens.jobs.options import JobOptions
-from nolens.jobs.reporter import Reporter
-from nolens.jobs.run import Result
+from nolens.jobs.run import Reporter, Result
 from nolens.plugins import load_plugin, plugin_names
 
 _HERE = "nolens.jobs.measuring"

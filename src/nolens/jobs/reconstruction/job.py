@@ -8,14 +8,13 @@ from torch import Tensor
 
 from nolens.camera import arrange_rgb, exposure_white
 from nolens.files import write_png, write_state, write_tiff16, write_tiff32
-from nolens.jobs.cost import announce
 from nolens.jobs.reconstruction.options import ReconstructOptions
 from nolens.jobs.reconstruction.read import developed, read_development, read_measurement
 from nolens.jobs.reconstruction.resume import about_run, resumed
 from nolens.jobs.reconstruction.sequence import reconstruct_sequence
 from nolens.jobs.reconstruction.solve import method_of, reconstructor_of
 from nolens.jobs.reconstruction.window import asked_region, crop_window, oriented
-from nolens.jobs.run import Product, Run, Writer, job
+from nolens.jobs.run import Product, Run, Writer, announce_memory, job
 from nolens.solvers import Method, Progress, admm_bytes
 
 
@@ -50,7 +49,7 @@ def reconstruct(run: Run[ReconstructOptions]) -> Product[Tensor]:
     stop, tau = reconstructor.limits, reconstructor.weight
     problem = reconstructor.problem(measurement)
     window = crop_window(options, problem)
-    announce(admm_bytes(problem.cells), reporter)
+    announce_memory(admm_bytes(problem.cells), reporter)
     state, about = None, about_run(options, run.inputs, tau)
     if method is Method.ADMM:
         state = resumed(problem, options, about)

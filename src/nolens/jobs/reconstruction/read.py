@@ -6,7 +6,7 @@ from nolens.camera import Frame, black_level
 from nolens.files import read_frame
 from nolens.jobs.reconstruction.options import ReconstructOptions
 from nolens.jobs.reconstruction.solve import method_of
-from nolens.jobs.reporter import Reporter
+from nolens.jobs.run import Reporter
 from nolens.solvers import Developed, Development
 from nolens.solvers.reconstructor import SPARE
 

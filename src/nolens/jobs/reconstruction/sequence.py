@@ -16,7 +16,6 @@ from nolens.files import (
     write_into,
     write_png,
 )
-from nolens.jobs.cost import announce
 from nolens.jobs.reconstruction.options import ReconstructOptions
 from nolens.jobs.reconstruction.read import developed, read_development
 from nolens.jobs.reconstruction.solve import (
@@ -24,7 +23,7 @@ from nolens.jobs.reconstruction.solve import (
     reconstructor_of,
 )
 from nolens.jobs.reconstruction.window import asked_region, crop_window, oriented
-from nolens.jobs.run import Product, Run
+from nolens.jobs.run import Product, Run, announce_memory
 from nolens.solvers import Development, Method, Stream, admm_bytes
 
 _DROPS_TOLD = 5
@@ -164,7 +163,7 @@ class _Work:
         problem = reconstructor.problem(measurement)
         self.tau = reconstructor.weight
         self._window = crop_window(options, problem)
-        announce(admm_bytes(problem.cells), self.run.reporter)
+        announce_memory(admm_bytes(problem.cells), self.run.reporter)
         latency = None if options.latency is None else options.latency.s
         each = {} if options.iterations is None else {"iterations": options.iterations}
         return reconstructor.stream(problem, latency_s=latency, **each), measurement

@@ -20,8 +20,7 @@ from nolens.files.write_sweep import write_sweep
 from nolens.jobs.reconstruction.window import oriented, region_within
 from nolens.jobs.refocusing.options import FOCUSED_FILES, STACK_FILES, RefocusOptions, depth_um
 from nolens.jobs.refocusing.psfs import DepthPsfs, read_depth_psfs
-from nolens.jobs.reporter import Reporter
-from nolens.jobs.run import Product, Run, Writer, job
+from nolens.jobs.run import Product, Reporter, Run, Writer, job
 from nolens.refocusing import (
     AllInFocus,
     Search,

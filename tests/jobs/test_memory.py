@@ -1,4 +1,4 @@
-"""What a simulation is foretold to need of memory."""
+"""Estimates of the memory that a simulation needs, and refusals."""
 
 import math
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ import torch
 
 from nolens.errors import OptionError
 from nolens.files import read_camera
-from nolens.jobs.cost import BYTES_OF_PROGRAM, announce, check_memory
+from nolens.jobs.run import BYTES_OF_PROGRAM, announce_memory, check_memory
 from nolens.optics import PointSource, surface_bytes
 from nolens.twin import Light, Plane, Twin, colours_of, irradiate_bytes
 from nolens.twin.point import colour_pattern_bytes
@@ -33,7 +33,7 @@ class Listener:
 )
 def test_gigabytes_are_told(needed: float, notes: list[str]) -> None:
     listener = Listener()
-    announce(needed, listener)  # type: ignore[arg-type]
+    announce_memory(needed, listener)  # type: ignore[arg-type]
     assert listener.notes == notes
 
 
