@@ -13,7 +13,7 @@ from nolens.calibrate.point_frames import FrameMean
 from nolens.camera import Frame, opened, preset
 from nolens.evaluate import psnr, scale_fit
 from nolens.experiments.virtual_experiment import VirtualExperiment
-from nolens.jobs.raw import write_raw
+from nolens.files import write_frame
 from nolens.optics import PointSource
 
 DARK = 1e-9
@@ -86,7 +86,7 @@ class Shot:
         paths = [folder / f"{what}-{ms:g}ms-{number}.dng" for number in range(count)]
         for number, path in enumerate(paths):
             frame = self.frame(fill, round(1e5 * fill) + 100 * number + len(what))
-            write_raw(path, frame.counts[0].int(), self.camera.sensor, ms * 1e-3)
+            write_frame(path, replace(frame, exposure_s=ms * 1e-3))
         return paths
 
 

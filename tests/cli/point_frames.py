@@ -11,7 +11,7 @@ from torch import Tensor
 from nolens.calibrate.point import on_cells
 from nolens.camera import opened, preset
 from nolens.experiments.virtual_experiment import VirtualExperiment
-from nolens.jobs.raw import write_raw
+from nolens.files import write_frame
 from nolens.optics import PointSource
 
 OFF_AXIS_DEG = (0.2, -0.1)
@@ -48,7 +48,7 @@ def captured(
             path = folder / f"{name}-{ms:g}ms-{number}{suffix}"
             frame = bench().exposed(light, fill, 1000 * number + round(10 * fill) + len(name))
             seconds = ms * 1e-3 if timed else None
-            write_raw(path, frame.counts[0].int(), bench().sensor, seconds)
+            write_frame(path, replace(frame, exposure_s=seconds))
             paths.append(path)
     return paths
 
@@ -58,14 +58,13 @@ def dark_frames(folder: Path, ms: float = 10.0, count: int = 2) -> list[Path]:
     paths = [folder / f"dark-{ms:g}ms-{number}.dng" for number in range(count)]
     for number, path in enumerate(paths):
         frame = bench().exposed(torch.ones(256, 320), 1e-9, 50 + number)
-        write_raw(path, frame.counts[0].int(), bench().sensor, ms * 1e-3)
+        write_frame(path, replace(frame, exposure_s=ms * 1e-3))
     return paths
 
 
 def smaller(folder: Path) -> Path:
     """A frame of a camera with fewer pixels."""
-    sensor = bench().sensor.model_copy(update={"rows": 240})
-    frame = replace(bench().exposed(light_of(300.0), 0.5, 3), black=(256.0,))
+    frame = bench().exposed(light_of(300.0), 0.5, 3)
     path = folder / "smaller.dng"
-    write_raw(path, frame.counts[0, :240].int(), sensor, 0.01)
+    write_frame(path, replace(frame, counts=frame.counts[:, :240], exposure_s=0.01))
     return path

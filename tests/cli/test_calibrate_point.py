@@ -1,6 +1,7 @@
 """`nolens calibrate`: frames of a point source in files become PSFs in a folder."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,7 @@ from nolens.calibrate.magnify import magnified
 from nolens.calibrate.point import on_cells
 from nolens.camera import camera_to_toml, preset
 from nolens.evaluate import psnr, scale_fit
-from nolens.files import read_camera, read_psf, read_psf_set
-from nolens.jobs.raw import write_raw
+from nolens.files import read_camera, read_psf, read_psf_set, write_frame
 from nolens.quantities import Angle
 
 
@@ -303,8 +303,8 @@ def kit(tmp_path_factory: pytest.TempPathFactory) -> Path:
     smaller(folder)
     for ms, name in ((10.0, "dark.dng"), (20.0, "dark20.dng")):
         dark_frames(folder, ms, 1)[0].rename(folder / name)
-    turned = bench().sensor.model_copy(update={"mosaic": "BGGR"})
-    write_raw(folder / "turned.tif", bench().exposed(light, 0.5, 1).counts[0].int(), turned, 0.01)
+    turned = replace(bench().exposed(light, 0.5, 1), mosaic="BGGR", exposure_s=0.01)
+    write_frame(folder / "turned.tif", turned)
     return folder
 
 

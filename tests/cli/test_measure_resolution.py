@@ -16,8 +16,7 @@ from nolens.camera import develop
 from nolens.evaluate import siemens_star, slanted_edge, star_contrast
 from nolens.experiments.resolution import AngularScale
 from nolens.experiments.virtual_experiment import VirtualExperiment, solved
-from nolens.files import read_camera, read_picture, write_png, write_tiff32
-from nolens.jobs.raw import write_raw
+from nolens.files import read_camera, read_picture, write_frame, write_png, write_tiff32
 from nolens.operators import Region
 from nolens.optics import PointSource
 from nolens.twin import FieldMap, Twin
@@ -53,7 +52,7 @@ def captured(bench: VirtualExperiment, tmp_path_factory: pytest.TempPathFactory)
         for column in (-half, half):
             light = light + bench.light_of(PointSource((0.0005, column + 0.0007), distance_um))
         frame = bench.exposed(light, 0.9, number)
-        write_raw(folder / f"raw{number}.dng", frame.counts[0].int(), bench.sensor)
+        write_frame(folder / f"raw{number}.dng", frame)
         seen = develop(frame, channels="grey")
         picture = solved(seen, psf.mean(0, keepdim=True), REGION, iterations=100)
         write_tiff32(folder / f"picture{number}.tif", picture)

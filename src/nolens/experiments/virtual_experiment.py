@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from nolens.camera import Frame, Measurement, OpenCamera, Sensor, develop
+from nolens.camera import Camera, Frame, Measurement, OpenCamera, Sensor, develop
 from nolens.operators import Region
 from nolens.optics import PointSource
 from nolens.solvers import Progress, Reconstructor
@@ -23,6 +23,7 @@ from nolens.twin import (
     point_spread,
 )
 from nolens.twin.expose import expose_safely
+from nolens.twin.point import Frame as PsfFrame
 
 Tick = Callable[[float], None]
 
@@ -98,19 +99,37 @@ class VirtualExperiment:
         return self.twin.camera.sensor
 
     def psf(
-        self, source: PointSource, cells: tuple[int, int] | None = None, tick: Tick | None = None
+        self,
+        source: PointSource,
+        size: tuple[int, int] | None = None,
+        tick: Tick | None = None,
+        *,
+        pixels: int | None = None,
+        frame: PsfFrame = "chief-ray",
     ) -> Tensor:
-        """PSF without noise on the pixels of the reconstruction, in the chief ray's frame.
+        """PSF without noise, (channels, rows, columns), each channel as bright as it is observed.
 
-        Each channel is as bright as the sensor sees it. `cells` may be more than the sensor has.
+        Parameters
+        ----------
+        source
+            The point source.
+        size
+            (rows, columns), which may be more than the sensor has; None takes the sensor's.
+        tick
+            Called with the fraction that is done.
+        pixels
+            Sensor pixels along one of the result; None takes those of the reconstruction.
+        frame
+            See `point_spread`.
         """
         pattern = point_spread(
             self.twin,
             source,
-            cells or self.twin.cells,
-            pixels=self.twin.cell_pixels,
+            size or self.twin.cells,
+            pixels=pixels or self.twin.cell_pixels,
             light=self.light,
             wavelengths=self.wavelengths,
+            frame=frame,
             tick=tick,
         ).cpu()
         seen = photocurrents(self.twin, self.light, 1.0)
@@ -136,17 +155,9 @@ class VirtualExperiment:
 
     def light_of(self, source: PointSource, tick: Tick | None = None) -> Tensor:
         """Light of one point on every pixel, in the pixel's colour; points add up."""
-        pattern = point_spread(
-            self.twin,
-            source,
-            (self.sensor.rows, self.sensor.columns),
-            light=self.light,
-            wavelengths=self.wavelengths,
-            frame="sensor",
-            tick=tick,
-        ).cpu()
-        seen = photocurrents(self.twin, self.light, 1.0)
-        return mosaic(pattern * (seen / seen.max())[:, None, None], self.sensor.mosaic)
+        size = self.sensor.rows, self.sensor.columns
+        psf = self.psf(source, size, tick, pixels=1, frame="sensor")
+        return mosaic(psf, self.sensor.mosaic)
 
     def photograph(
         self,
@@ -204,18 +215,24 @@ class VirtualExperiment:
     def exposed(self, image: Tensor, fill: float, seed: int) -> Frame:
         """The sensor's frame of light on every pixel, its brightest exposed to `fill`."""
         electrons = image * (fill * self.sensor.clip_electrons / float(image.max()))
-        counts = expose_safely(electrons, self.sensor, seed=seed).float()[None]
-        pattern = None if self.sensor.mosaic == "none" else self.sensor.mosaic
-        return Frame(
-            counts,
-            ("grey",) if pattern is None else ("mosaic",),
-            pattern,
-            (self.sensor.black_counts,),
-            self.sensor.saturated_counts,
-            "uint16",
-            f"simulated by {self.twin.camera.name}",
-            black_stated=True,
-        )
+        return raw_frame(expose_safely(electrons, self.sensor, seed=seed), self.twin.camera)
+
+
+def raw_frame(counts: Tensor, camera: Camera, exposure_s: float | None = None) -> Frame:
+    """The frame of a simulated sensor's counts, (rows, columns)."""
+    sensor = camera.sensor
+    pattern = None if sensor.mosaic == "none" else sensor.mosaic
+    return Frame(
+        counts.float()[None],
+        ("grey",) if pattern is None else ("mosaic",),
+        pattern,
+        (sensor.black_counts,),
+        sensor.saturated_counts,
+        "uint16",
+        f"simulated by {camera.name}",
+        exposure_s=exposure_s,
+        black_stated=True,
+    )
 
 
 def solved(

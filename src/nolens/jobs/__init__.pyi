@@ -23,15 +23,14 @@ from .measuring.siemens import SiemensOptions, measure_siemens
 from .measuring.target import TargetOptions, make_target
 from .measuring.two_points import TwoPointOptions, measure_two_points
 from .options import expand_home
-from .psf import simulate_psf
+from .psf import PsfOptions, simulate_psf
 from .reconstruction.job import reconstruct
 from .reconstruction.options import ReconstructOptions
 from .refocusing.options import RefocusOptions
 from .refocusing.refocus import Refocused, refocus
 from .relief import ReliefOptions, replace_relief
 from .run import Reporter, Result
-from .scene_options import PsfOptions, SimulateOptions
-from .simulation import simulate
+from .simulation import SimulateOptions, simulate
 
 __all__ = [
     "CalibrateDistancesOptions",

@@ -1,5 +1,6 @@
 """The demonstration: the paper's camera, simulated, and the photograph made from its files."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +11,8 @@ from torch import Tensor
 
 from nolens.camera import develop, exposure_white, opened, preset
 from nolens.evaluate import psnr, scale_fit
-from nolens.files import read_frame, readable, write_dng, write_into, write_png
+from nolens.experiments.virtual_experiment import VirtualExperiment
+from nolens.files import read_frame, readable, write_frame, write_into, write_png
 from nolens.jobs.fields import FilePath
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.reconstruction.job import reconstruct
@@ -18,28 +20,15 @@ from nolens.jobs.reconstruction.options import ReconstructOptions
 from nolens.jobs.run import Product, Reporter, Run, job
 from nolens.jobs.sample_pictures import sample_picture
 from nolens.optics import PointSource
-from nolens.twin import (
-    Light,
-    Plane,
-    Twin,
-    arrange,
-    expose,
-    irradiate,
-    mosaic,
-    photocurrents,
-    point_spread,
-)
+from nolens.twin import Light, Plane, Twin
 
 _SCENE_PIXELS = (1520, 2028)
 """Part of the paper's sensor that is read for the scene: half of it in each direction."""
 _PSF_PIXELS = (2320, 2828)
-"""Part that is read for the point source: wider by what the scene moves the pattern."""
+"""Part that is read for the point source: wider by what the scene moves the PSF."""
 _DISTANCE_UM = 300e3
 _SOURCE_UM = 50.0
 _ANGLE_DEG = 50.0
-_FIELD_POINTS = 5
-_WAVELENGTHS = 1
-_FILL = 0.9
 _TAU = 1e-5
 
 
@@ -145,56 +134,32 @@ def run_demo(run: Run[DemoOptions]) -> Product[Tensor]:
 
 def _capture(photograph: Tensor, options: DemoOptions, reporter: Reporter) -> tuple[Tensor, str]:
     """Write the files of the simulated camera; what their reconstruction is to show, and where."""
-    light = Light("white-led")
     reporter.note(
         f"the paper's camera: a point source at 300 mm, on the middle {_size(_PSF_PIXELS)} pixels"
     )
     wide = Twin.of(opened(preset("paper"))).reading(*_PSF_PIXELS)
+    experiment = VirtualExperiment(wide, Light("white-led"), wavelengths=1, field_points=5)
     source = PointSource(distance_um=_DISTANCE_UM, diameter_um=_SOURCE_UM)
-    psf = point_spread(
-        wide,
-        source,
-        _PSF_PIXELS,
-        light=light,
-        wavelengths=_WAVELENGTHS,
-        frame="sensor",
-        tick=lambda share: reporter.advance("point source", share),
-    )
-    sensor = wide.camera.sensor
+    point = experiment.point(source, seed=2, tick=partial(reporter.advance, "point source"))
 
+    points = experiment.field_points
     reporter.note(
         f"a scene that fills {_ANGLE_DEG:g}°, on the middle {_size(_SCENE_PIXELS)} pixels, with "
-        f"{_FIELD_POINTS}×{_FIELD_POINTS} PSFs"
+        f"{points}×{points} PSFs"
     )
-    twin = wide.reading(*_SCENE_PIXELS)
-    field, seen = arrange(twin, (Plane(photograph, _ANGLE_DEG, _DISTANCE_UM),))
-    irradiated = irradiate(
-        twin,
-        field,
-        seen,
-        field_points=_FIELD_POINTS,
-        light=light,
-        wavelengths=_WAVELENGTHS,
-        tick=lambda share: reporter.advance("scene", share),
+    experiment = replace(experiment, twin=wide.reading(*_SCENE_PIXELS))
+    shot = experiment.photograph(
+        (Plane(photograph, _ANGLE_DEG, _DISTANCE_UM),),
+        seed=1,
+        tick=partial(reporter.advance, "scene"),
     )
-    paths = options.measurement, options.psf
-    sees = photocurrents(twin, light, 1.0)[:, None, None]
-    colours = mosaic(sees.expand(-1, *_SCENE_PIXELS), sensor.mosaic)
-    images = irradiated.light * colours, mosaic(psf * sees, sensor.mosaic)
-    writers = {}
-    for path, image, seed in zip(paths, images, (1, 2), strict=True):
-        electrons = image * (_FILL * sensor.clip_electrons / float(image.max()))
-        writers[path] = partial(
-            write_dng,
-            counts=expose(electrons, sensor, seed=seed),
-            pattern=sensor.mosaic,
-            black=int(sensor.black_counts),
-            white=sensor.white_counts,
-        )
+    model = "nolens simulated camera"
+    writers = {
+        options.measurement: partial(write_frame, frame=shot.frame, model=model),
+        options.psf: partial(write_frame, frame=point, model=model),
+    }
     write_into(options.output, writers)
-    response = field.solid_angle() * field.vignetting()
-    truth = seen[0].radiance * (response / response.max()).float()
-    return truth, f"{field.region.height}x{field.region.width}"
+    return shot.truth * shot.response, f"{shot.region.height}x{shot.region.width}"
 
 
 def _size(pixels: tuple[int, int]) -> str:

@@ -1,38 +1,147 @@
-"""What a simulated camera shows of one point source."""
+"""`nolens psf`: what a simulated camera shows of one point source."""
 
 import math
-from dataclasses import dataclass
+import re
 from functools import partial
+from typing import Annotated, Any, Literal, NamedTuple
 
 import torch
+from pydantic import BeforeValidator
 from torch import Tensor
 
 from nolens.camera import OpenCamera
+from nolens.camera.part import refusal
+from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
+from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import write_png, write_tiff32
-from nolens.jobs.raw import SimulatedCamera, write_raw
-from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Run, Writer, check_memory, job
-from nolens.jobs.scene_options import PsfOptions
+from nolens.jobs.fields import RESULT, Bin, FieldAngles, FilePath, Seed
+from nolens.jobs.options import Option, Written
+from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Run, check_memory, job
+from nolens.jobs.simulation import (
+    EXPOSURE,
+    FILL,
+    RAW_SUFFIXES,
+    Fill,
+    SimulationOptions,
+    camera_parameters,
+    raw_writer,
+    read_simulated_camera,
+    saturated_fraction,
+)
 from nolens.optics import PointSource
-from nolens.quantities import Share
-from nolens.twin import Twin, mosaic, photocurrents, point_spread
+from nolens.quantities import Angle, Length
+from nolens.ranges import Between
+from nolens.twin import Twin, mosaic, photocurrents
 from nolens.twin.expose import expose_safely
 from nolens.twin.point import Frame, colour_pattern_bytes, colours_of, shortest_nm
 from nolens.twin.preview import distance_um, relief_points, simulation_bytes
 
-_FILL = Share("90", "%")
+_POINT = "Point source"
+_SIZE = re.compile(r"([0-9]{1,6})x([0-9]{1,6})")
+_Side = Annotated[int, Between(1, 65535)]
 _REMEDY = "fewer --cells, a camera with fewer pixels or a coarser grid of its relief needs less"
-_SIZE_UM = 50.0
-"""The paper's light: a pinhole of 50 um."""
+_DIAMETER_UM = 50.0
+"""Of the paper's point source, a pinhole."""
 _LUX = 1.0
 """Illuminance at the camera by a source straight ahead, to which exposure times are stated."""
 
 
-@dataclass(frozen=True)
-class _Shape:
-    """What is computed: cells of so many pixels, in one of the frames."""
+def _two_sizes(given: Any) -> Any:
+    if not isinstance(given, str):
+        return given
+    match = _SIZE.fullmatch(given.strip())
+    if match is None or 0 in (int(match[1]), int(match[2])):
+        raise refusal("give HEIGHTxWIDTH in pixels, such as 400x600")
+    return int(match[1]), int(match[2])
 
-    cells: tuple[int, int]
+
+class PsfOptions(SimulationOptions):
+    """Simulate what a lensless camera shows of a point source.
+
+    nolens psf --camera paper --angle 20deg,0deg --distance 80mm -o psf.tif
+    """
+
+    usage = "psf -o psf.tif"
+    pictures = (".png",)
+
+    output: Annotated[
+        FilePath,
+        Option(
+            ".tif (linear floats without noise), .dng (every pixel, exposed, with noise) or .png "
+            "(for looking at). The record of the run goes beside it, as .json. A .dng states the "
+            "exposure time that a source needs which gives 1 lx at the camera, straight ahead.",
+            RESULT,
+            needed="the file to write (-o raw.dng, -o x.tif)",
+            role="output",
+            flag="-o",
+        ),
+    ]
+    angle: Annotated[
+        FieldAngles,
+        Option("Angles to the right and up, as the photographer sees them.", _POINT, former="at"),
+    ] = (Angle("0", "deg"), Angle("0", "deg"))
+    distance: Annotated[
+        Depth | None,
+        Option(
+            "From the camera, or infinity.",
+            _POINT,
+            default="the camera's reference_distance",
+            former="depth",
+        ),
+    ] = None
+    size: Annotated[
+        Annotated[Length, Between("0 µm", "10 m")] | None,
+        Option("Diameter of the light.", _POINT, default="50um; 0um at infinity"),
+    ] = None
+    cells: Annotated[
+        tuple[_Side, _Side] | None,
+        BeforeValidator(_two_sizes),
+        Option(
+            "HEIGHTxWIDTH of the result; more than the sensor has shows the light beside it too, "
+            "for reconstruct --psf-extent wide.",
+            RESULT,
+            default="the sensor",
+        ),
+    ] = None
+    bin: Annotated[
+        Bin | None,
+        Option(
+            "Sensor pixels along one of the result; 1 for all pixels.",
+            RESULT,
+            default="the pixels of a reconstruction; for .dng 1",
+        ),
+    ] = None
+    frame: Annotated[
+        Literal["chief-ray", "sensor"] | None,
+        Option(
+            "The middle of the result follows the ray through the middle of the camera, or stays "
+            "on the sensor's.",
+            RESULT,
+            default="chief-ray; for .dng sensor",
+        ),
+    ] = None
+    fill: Annotated[
+        Fill | None,
+        Option(
+            "For .dng, fraction of what saturates it to which the brightest pixel is filled.",
+            EXPOSURE,
+            default="90%",
+        ),
+    ] = None
+    seed: Annotated[Seed, Option("For .dng, of the sensor's noise.", EXPOSURE)] = 0
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """PSF and record."""
+        output = Written("output", self.output, suffixes=(*RAW_SUFFIXES, *self.pictures))
+        return (output, Written("record of the run", self.record))
+
+
+class _Shape(NamedTuple):
+    """What is computed: (rows, columns) of so many sensor pixels each, in one of the frames."""
+
+    size: tuple[int, int]
     pixels: int
     frame: Frame
 
@@ -49,8 +158,7 @@ def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
         If an input, an option or an output cannot be used; then nothing is written.
     """
     options, reporter, device = run.options, run.reporter, run.device
-    simulated = SimulatedCamera.of(run)
-    opened, light, bare = simulated.opened, simulated.light, simulated.preview
+    opened, light, bare = read_simulated_camera(run)
     sensor = opened.camera.sensor
     captured = options.output.suffix.lower() == ".dng"
     shape = _shape(options, opened, captured)
@@ -65,27 +173,22 @@ def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
         at_least=2,
         shortest=shortest_nm(colours),
     )
-    held = 8 * math.prod(shape.cells) * len(sensor.channels)
+    held = 8 * math.prod(shape.size) * len(sensor.channels)
     needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(opened), pattern_bytes + held)
     check_memory(needed, device, _REMEDY)
     run.begin(needed)
 
     reporter.advance("mask", 0.0)
     twin = Twin.of(opened, device=device, fresnel=options.fresnel)
-    pattern = point_spread(
-        twin,
+    # Its channels are as a captured one has them: a scene in this light keeps its own colours.
+    psf = VirtualExperiment(twin, light, options.wavelengths).psf(
         source,
-        shape.cells,
+        shape.size,
+        partial(reporter.advance, "point source"),
         pixels=shape.pixels,
-        light=light,
-        wavelengths=options.wavelengths,
         frame=shape.frame,
-        tick=partial(reporter.advance, "point source"),
-    ).cpu()
-    # As a captured one has it, so that a scene in this light comes out in its own colours.
-    seen = photocurrents(twin, light, 1.0)
-    pattern *= (seen / seen.max())[:, None, None]
-    if not float(pattern.max()) > 0:
+    )
+    if not float(psf.max()) > 0:
         raise DataError(
             f"no light from {source.angle_deg:.4g} deg off the axis reaches these pixels: they do "
             "not accept it, or it falls beside them. Choose a smaller angle or more --cells"
@@ -95,51 +198,49 @@ def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
         "camera": opened.camera.name,
         "angle_deg": round(source.angle_deg, 3),
         "shift_um": [round(shift[1], 3), round(0.0 - shift[0], 3)],
-        "cells": list(shape.cells),
+        "cells": list(shape.size),
         "pixels_per_cell": shape.pixels,
         "frame": shape.frame,
-        "mean": float(pattern.mean()),
-        "peak_over_mean": float(pattern.max() / pattern.mean()),
+        "mean": float(psf.mean()),
+        "peak_over_mean": float(psf.max() / psf.mean()),
     }
     if captured:
-        image = mosaic(pattern, sensor.mosaic)
-        fill = (options.fill or _FILL).value
-        scale = fill * sensor.clip_electrons / float(image.max())
-        electrons = image * scale
-        exposure_s = scale / (_LUX * float(seen.max()))
+        image = mosaic(psf, sensor.mosaic)
+        scale = (options.fill or FILL).value * sensor.clip_electrons / float(image.max())
+        exposure_s = scale / (_LUX * float(photocurrents(twin, light, 1.0).max()))
+        counts = expose_safely(image * scale, sensor, seed=options.seed)
         figures["exposure_s"] = exposure_s
-        counts = expose_safely(electrons, sensor, seed=options.seed)
-        figures["saturated_share"] = float((counts >= sensor.saturated_counts).double().mean())
-        write: Writer = partial(write_raw, counts=counts, sensor=sensor, exposure_s=exposure_s)
+        figures["saturated_share"] = saturated_fraction(counts, sensor)
+        write = raw_writer(counts, opened, exposure_s)
     elif options.output.suffix.lower() == ".png":
         reporter.note(
             f"{options.output} is for looking at: reconstruct with the .tif or .dng of this PSF"
         )
-        write = partial(write_png, radiance=pattern)
+        write = partial(write_png, radiance=psf)
     else:
-        write = partial(write_tiff32, radiance=pattern)
-    return Product(pattern, figures, {options.output: write}, simulated.parameters)
+        write = partial(write_tiff32, radiance=psf)
+    return Product(psf, figures, {options.output: write}, camera_parameters(opened))
 
 
 def _source(options: PsfOptions, opened: OpenCamera) -> PointSource:
     depth = distance_um(options.distance, opened)
-    size = 0.0 if math.isinf(depth) else _SIZE_UM
+    diameter = 0.0 if math.isinf(depth) else _DIAMETER_UM
     if options.size is not None:
-        size = options.size.um
-    if size > 0 and math.isinf(depth):
+        diameter = options.size.um
+    if diameter > 0 and math.isinf(depth):
         raise OptionError(
             f"--size {options.size} at infinity: a light there has no diameter. Leave --size out, "
             "or give a --distance"
         )
     right, up = (math.tan(angle.rad) for angle in options.angle)
-    return PointSource((-up, right), depth, size)
+    return PointSource((-up, right), depth, diameter)
 
 
 def _with_edge(twin: Twin, source: PointSource, shape: _Shape) -> tuple[int, int]:
-    """Cells with what is computed around them, as wide as the image of the light."""
+    """Size with what is computed around it, as wide as the image of the light."""
     image = source.diameter_um * float(twin.stack().spread_um(torch.tensor(source.p)))
     edge = math.ceil(image / source.distance_um / (shape.pixels * twin.sensor_pitch_um))
-    return shape.cells[0] + 2 * edge, shape.cells[1] + 2 * edge
+    return shape.size[0] + 2 * edge, shape.size[1] + 2 * edge
 
 
 def _shape(options: PsfOptions, opened: OpenCamera, captured: bool) -> _Shape:
@@ -160,7 +261,7 @@ def _shape(options: PsfOptions, opened: OpenCamera, captured: bool) -> _Shape:
     for name, given in (("--fill", options.fill), ("--seed", options.seed or None)):
         if given is not None:
             raise OptionError(
-                f"{name} {given}: {options.output.name} holds the pattern without exposure and "
+                f"{name} {given}: {options.output.name} holds the PSF without exposure and "
                 f"noise; leave {name} out, or write "
                 f"{options.output.with_suffix('.dng').name}"
             )

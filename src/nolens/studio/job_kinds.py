@@ -55,14 +55,14 @@ KINDS: dict[JobKind, Kind] = {
     ),
     "simulate": Kind(
         "Simulate",
-        f"{_JOBS}.scene_options:SimulateOptions",
+        f"{_JOBS}.simulation:SimulateOptions",
         f"{_JOBS}.simulation:simulate",
         about=("scenes",),
         chosen=("output", "truth", "response"),
     ),
     "psf": Kind(
         "PSF of",
-        f"{_JOBS}.scene_options:PsfOptions",
+        f"{_JOBS}.psf:PsfOptions",
         f"{_JOBS}.psf:simulate_psf",
         about=("camera",),
     ),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from nolens.camera import Sensor
 from nolens.errors import OptionError
 from nolens.kernels import fast_length, irfft2, rfft2
 from nolens.optics import Grid
@@ -47,6 +48,28 @@ class Irradiated:
 
     light: Tensor
     field_error: float | None
+
+    def relative_error(self, electrons: Tensor, sensor: Sensor) -> dict[str, float] | None:
+        """`field_error` beside the picture's contrast and beside the noise; None if unknown.
+
+        Parameters
+        ----------
+        electrons
+            Mean electrons of every pixel, (rows, columns), float64, that the light frees.
+        sensor
+            Its read noise is added to the shot noise.
+        """
+        if self.field_error is None:
+            return None
+        light = self.light.double()
+        noise = math.sqrt(float(electrons.mean()) + sensor.read_noise_electrons**2)
+        per_light = float(electrons.square().mean().sqrt()) / max(
+            float(light.square().mean().sqrt()), 1e-300
+        )
+        return {
+            "of_contrast": self.field_error / max(float(light.std()), 1e-300),
+            "of_noise": self.field_error * per_light / max(noise, 1e-300),
+        }
 
 
 def irradiate(
