@@ -98,7 +98,7 @@ def test_the_same_name_again_is_a_new_frame(source: FolderSource, tmp_path: Path
 
 def test_what_cannot_be_read_is_told_and_passed_over(tmp_path: Path) -> None:
     told: list[str] = []
-    source = FolderSource(tmp_path, tell=told.append)
+    source = FolderSource(tmp_path, warn=told.append)
     source.open()
     now = time.time()
     broken = tmp_path / "broken.dng"

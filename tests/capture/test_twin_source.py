@@ -49,13 +49,13 @@ def test_counts_follow_exposure_gain_and_saturate(source: TwinSource) -> None:
     for exposure_s, gain in ((0.006, 1.0), (0.012, 1.0), (0.006, 3.0)):
         source.set(exposure_s=exposure_s, gain=gain)
         shot = source.shot()
-        assert Levels.of(shot.frame).clipped_share == 0
+        assert Levels.of(shot.frame).clipped_fraction == 0
         means[exposure_s, gain] = float(shot.frame.counts.mean()) - 256
     assert means[0.012, 1.0] == pytest.approx(2 * means[0.006, 1.0], rel=5e-3)
     assert means[0.006, 3.0] == pytest.approx(3 * means[0.006, 1.0], rel=5e-3)
     source.set(exposure_s=1.0, gain=16.0)
     frame = source.shot().frame
-    assert Levels.of(frame).clipped_share > 0.5
+    assert Levels.of(frame).clipped_fraction > 0.5
     assert float(frame.counts.max()) <= 4095
 
 

@@ -170,5 +170,5 @@ def test_frame_that_cannot_be_used_is_shown_with_the_reason() -> None:
         taken = take()
     assert taken.seen is None
     assert taken.trouble is not None and "saturated" in taken.trouble
-    assert taken.levels.clipped_share == pytest.approx(0.25, abs=0.02)
+    assert taken.levels.clipped_fraction == pytest.approx(0.25, abs=0.02)
     assert taken.raw.startswith(b"\xff\xd8")

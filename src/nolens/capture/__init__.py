@@ -1,7 +1,8 @@
 """Cameras that frames come from: a Raspberry Pi's, a simulated one, or a folder of raw files.
 
 `open_source` gives any of them by its text, such as ``"auto"`` or ``"twin:live"``. All have the
-same four steps: open, set, shot, close (`CameraSource`).
+same four steps: open, set, shot, close (`CameraSource`). Another one is a module of its own and a
+line in the table of `source.py`.
 """
 
 import lazy_loader

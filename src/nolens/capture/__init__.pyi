@@ -1,12 +1,11 @@
-from .chart import chart
+from .exposure import Burst, Levels, exposure_for, fitting_exposure
 from .folder import FolderSource
-from .levels import Levels, exposure_for
 from .raspberry import RaspberrySource
-from .source import CameraSource, Limits, Shot
-from .sources import SourceFact, available_sources, open_source
-from .twin import TwinSource
+from .source import CameraSource, Limits, Shot, SourceFact, available_sources, open_source
+from .twin import TwinSource, chart
 
 __all__ = [
+    "Burst",
     "CameraSource",
     "FolderSource",
     "Levels",
@@ -18,5 +17,6 @@ __all__ = [
     "available_sources",
     "chart",
     "exposure_for",
+    "fitting_exposure",
     "open_source",
 ]

@@ -2,15 +2,17 @@
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from threading import Event
+from typing import Self
 
 from nolens.capture.source import Shot
 from nolens.errors import CameraError, NolensError, OptionError
 from nolens.files import frame_suffixes, read_frame
 
-_LOOK_S = 0.2
+_POLL_S = 0.2
 _QUIET_S = 0.4
 """How long a file must stay the same before it counts as written."""
 
@@ -29,7 +31,7 @@ class FolderSource:
         Whether files that are there already are handed over first.
     mosaic
         As `nolens.files.read_frame` takes it.
-    tell
+    warn
         Called with a sentence about each file that cannot be read; it is passed over until it
         changes.
     """
@@ -40,13 +42,30 @@ class FolderSource:
         *,
         existing: bool = False,
         mosaic: str | None = None,
-        tell: Callable[[str], None] | None = None,
+        warn: Callable[[str], None] | None = None,
     ) -> None:
         self._folder, self._existing, self._mosaic = folder, existing, mosaic
-        self._tell = tell
+        self._warn = warn
         self._done: dict[Path, _State] | None = None
-        self._seen: dict[Path, tuple[_State, float]] = {}
+        self._observed: dict[Path, tuple[_State, float]] = {}
         self._closed = Event()
+
+    @classmethod
+    def of(
+        cls,
+        text: str,
+        *,
+        existing: bool,
+        mosaic: str | None,
+        warn: Callable[[str], None] | None,
+    ) -> Self | None:
+        """The source of ``folder:PATH``, for `open_source`."""
+        if not text:
+            return None
+        folder = Path(text)
+        with suppress(RuntimeError):  # No such user: then it is a name like any other.
+            folder = folder.expanduser()
+        return cls(folder, existing=existing, mosaic=mosaic, warn=warn)
 
     @property
     def name(self) -> str:
@@ -67,9 +86,9 @@ class FolderSource:
             If there is no such folder, or it cannot be read.
         """
         if self._done is None:
-            now = self._look()
+            now = self._files()
             self._done = {} if self._existing else now
-            self._seen.clear()
+            self._observed.clear()
             self._closed.clear()
 
     def set(self, *, exposure_s: float, gain: float) -> None:
@@ -99,9 +118,9 @@ class FolderSource:
                 try:
                     return self._read(path, state)
                 except NolensError as error:
-                    if self._tell is not None:
-                        self._tell(f"{error}. It is passed over")
-            if self._closed.wait(_LOOK_S):
+                    if self._warn is not None:
+                        self._warn(f"{error}. It is passed over")
+            if self._closed.wait(_POLL_S):
                 break
         raise CameraError(f"{self._folder} is not watched, or not any more: open it first")
 
@@ -110,8 +129,8 @@ class FolderSource:
         self._done = None
         self._closed.set()
 
-    def _look(self) -> dict[Path, _State]:
-        found = {}
+    def _files(self) -> dict[Path, _State]:
+        files = {}
         try:
             for path in self._folder.iterdir():
                 if path.suffix.lower() in frame_suffixes() and not path.name.startswith("."):
@@ -119,29 +138,29 @@ class FolderSource:
                         stat = path.stat()
                     except OSError:  # It was moved or deleted since it was listed.
                         continue
-                    found[path] = stat.st_mtime_ns, stat.st_size
+                    files[path] = stat.st_mtime_ns, stat.st_size
         except OSError as error:
             raise CameraError(
                 f"cannot watch {self._folder}: {error.strerror or error}. Give a folder that "
                 "exists, into which the camera's raw files are written"
             ) from error
-        return found
+        return files
 
     def _written(self, done: dict[Path, _State]) -> list[tuple[Path, _State]]:
         """Files that are new and have stopped growing, the oldest first."""
-        now = {path: state for path, state in self._look().items() if done.get(path) != state}
-        seen = {}
+        new = {path: state for path, state in self._files().items() if done.get(path) != state}
+        observed = {}
         at = time.monotonic()
-        for path, state in now.items():
-            before, since = self._seen.get(path, (None, at))
-            seen[path] = state, since if before == state else at
-        self._seen = seen
-        ready = [
+        for path, state in new.items():
+            before, since = self._observed.get(path, (None, at))
+            observed[path] = state, since if before == state else at
+        self._observed = observed
+        written = [
             (path, state)
-            for path, (state, since) in seen.items()
+            for path, (state, since) in observed.items()
             if at - since >= _QUIET_S and state[1] > 0
         ]
-        return sorted(ready, key=lambda each: (each[1][0], each[0]))
+        return sorted(written, key=lambda each: (each[1][0], each[0]))
 
     def _read(self, path: Path, state: _State) -> Shot:
         frame = read_frame(path, mosaic=self._mosaic)

@@ -50,12 +50,14 @@ def connected_models() -> list[str]:
     """
     module = load_picamera2()
     try:
-        found = [str(each.get("Model", "camera")) for each in module.Picamera2.global_camera_info()]
+        models = [
+            str(each.get("Model", "camera")) for each in module.Picamera2.global_camera_info()
+        ]
     except (RuntimeError, OSError) as error:
         raise CameraError(not_opened(error)) from error
-    if not found:
+    if not models:
         raise CameraError(f"no camera is connected to this Raspberry Pi: {_CABLE}")
-    return found
+    return models
 
 
 def not_opened(error: BaseException) -> str:

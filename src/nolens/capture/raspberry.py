@@ -4,7 +4,7 @@ import re
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -32,7 +32,7 @@ _LINE_S, _GAIN_STEP = 3e-5, 0.05
 """Sensors expose whole lines, and their gain goes in steps: what is near was asked for."""
 _MODULES = Path("/sys/module")
 """Of the kernel: parameters of the sensor's driver."""
-_SHOWN = ("SensorTemperature", "DigitalGain", "ColourTemperature", "Lux", "FrameDuration")
+_DETAILS = ("SensorTemperature", "DigitalGain", "ColourTemperature", "Lux", "FrameDuration")
 
 
 class RaspberrySource:
@@ -53,6 +53,11 @@ class RaspberrySource:
         self._longest_s = 0.0
         self._settled = False
         self._bits = 12
+
+    @classmethod
+    def of(cls, text: str, **_: object) -> Self | None:
+        """The source of ``raspberry`` or ``raspberry:1``, for `open_source`."""
+        return cls(int(text or 0)) if not text or text.isdecimal() else None
 
     @property
     def name(self) -> str:
@@ -115,7 +120,7 @@ class RaspberrySource:
         CameraError
             If the camera is not open.
         """
-        device = self._opened()
+        device = self._open_device()
         assert self._limits is not None
         self._limits.check(exposure_s, gain)
         before = self._asked[0] if self._asked is not None else exposure_s
@@ -132,7 +137,7 @@ class RaspberrySource:
         CameraError
             If the camera is not open, gives no frame any more, or does not take the settings.
         """
-        device = self._opened()
+        device = self._open_device()
         assert self._asked is not None
         exposure_s, gain = self._asked
         for number in range(_MOST_FRAMES):
@@ -161,24 +166,24 @@ class RaspberrySource:
         if device is not None:
             _close(device)
 
-    def _opened(self) -> Any:
+    def _open_device(self) -> Any:
         if self._device is None:
             raise CameraError(f"{self.name} is not open, or was closed: open it first")
         return self._device
 
     def _configure(self, device: Any) -> None:
-        """Ask for unpacked raw of all pixels, nothing corrected, and see what is given."""
+        """Ask for unpacked raw of all pixels, nothing corrected, and check what the camera gives."""
         self._model = str(device.camera_properties.get("Model", "camera"))
         native = str(device.sensor_format)
-        found = _FORMAT.fullmatch(native)
-        if found is None:
+        sensor = _FORMAT.fullmatch(native)
+        if sensor is None:
             raise CameraError(
                 f"{self._model} gives finished pictures ({native}), not the counts of its pixels: "
                 "a camera with a raw mode is needed, such as the Raspberry Pi HQ camera"
             )
         # A compressed mode is told by 16 bits, which no sensor has.
-        bits = int(found[2]) if found[2] and found[3] not in _COMPRESSED else 12
-        kind = f"S{found[1]}" if found[1] else "R"
+        bits = int(sensor[2]) if sensor[2] and sensor[3] not in _COMPRESSED else 12
+        kind = f"S{sensor[1]}" if sensor[1] else "R"
         fixed = {"AeEnable": False, "AwbEnable": False, "NoiseReductionMode": 0}
         config = device.create_still_configuration(
             main={"size": (640, 480)},
@@ -187,8 +192,8 @@ class RaspberrySource:
             queue=False,
         )
         device.configure(config)
-        given = device.camera_configuration()
-        raw = given.get("raw")
+        configuration = device.camera_configuration()
+        raw = configuration.get("raw")
         if raw is None:
             raise CameraError(
                 f"{self._model} gives no raw stream: a camera with a raw mode is needed, such as "
@@ -197,7 +202,7 @@ class RaspberrySource:
         match = _FORMAT.fullmatch(str(raw["format"]))
         if match is None or match[3] is not None or match[2] is None:
             raise CameraError(_refused(self._model, str(raw["format"]), f"{kind}{bits}"))
-        self._bits = int((given.get("sensor") or {}).get("bit_depth") or bits)
+        self._bits = int((configuration.get("sensor") or {}).get("bit_depth") or bits)
         offered = device.camera_controls
         device.set_controls({name: value for name, value in fixed.items() if name in offered})
         exposure, gain = offered["ExposureTime"], offered["AnalogueGain"]
@@ -230,7 +235,7 @@ class RaspberrySource:
         correction = _MODULES / self._model / "parameters" / "dpc_enable"
         with suppress(OSError):  # Most sensors' drivers have none.
             details["defect_correction"] = int(correction.read_text().strip() not in ("0", "N"))
-        for key in _SHOWN:
+        for key in _DETAILS:
             if isinstance(metadata.get(key), (int, float)):
                 details[key] = metadata[key]
         return Shot(frame, taken, exposure_s, gain, self.name, details)
@@ -271,7 +276,7 @@ def frame_of(
     mosaic = match[1]
     assert mosaic is None or mosaic in MOSAICS
     if mosaic is not None and len(black) == 4:
-        black = _by_cell(black, mosaic)
+        black = _by_place(black, mosaic)
     return Frame(
         counts=counts,
         channels=("grey",) if mosaic is None else ("mosaic",),
@@ -285,8 +290,8 @@ def frame_of(
     )
 
 
-def _by_cell(black: tuple[float, ...], mosaic: str) -> tuple[float, ...]:
-    """Levels of the 2×2 cell row by row, of those of R, green beside R, green beside B, and B."""
+def _by_place(black: tuple[float, ...], mosaic: str) -> tuple[float, ...]:
+    """Levels of the mosaic's 2×2 pixels row by row, of those of R, green beside R, green beside B, and B."""
     red, beside_red, beside_blue, blue = black
     rows = (mosaic[:2], mosaic[2:])
     greens = [beside_red if "R" in row else beside_blue for row in rows]
@@ -307,10 +312,10 @@ def _as_asked(metadata: dict[str, Any], exposure_s: float, gain: float, near: fl
     )
 
 
-def _refused(model: str, given: str, asked: str) -> str:
-    what = "compressed, with a loss" if "COMP" in given else "packed"
+def _refused(model: str, stream: str, asked: str) -> str:
+    what = "compressed, with a loss" if "COMP" in stream else "packed"
     return (
-        f"{model} gives its raw as {given}, which is {what}, though {asked} was asked for: bring "
+        f"{model} gives its raw as {stream}, which is {what}, though {asked} was asked for: bring "
         "Picamera2 and libcamera up to date (sudo apt full-upgrade). Until then, take frames with "
         "rpicam-still --raw --mode 4056:3040:12:U (U is for unpacked), and give nolens their "
         "folder: --source folder:PATH"

@@ -1,11 +1,15 @@
-"""What every source of frames can do: open, be set, hand over a frame with its metadata, close."""
+"""Sources of frames: what each can do, which there are, and how a text names one."""
 
+import importlib
+import importlib.util
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from nolens.errors import OptionError
+from nolens.errors import CameraError, OptionError
+from nolens.plugins import load_plugin, plugin_names
 
 if TYPE_CHECKING:
     # It brings torch, and who only lists the sources does not need that.
@@ -121,3 +125,141 @@ class CameraSource(Protocol):
 
     def close(self) -> None:
         """Give the camera back; nothing happens where it is closed already."""
+
+
+class _BuiltIn(NamedTuple):
+    """A source of our own.
+
+    `path` has its module, beside this one, and its class, which is loaded when a source is opened.
+    Its class method ``of(text, **options)`` takes what follows the colon and gives the source, or
+    None where the text names none. `usage` says what can be written for it; `listed_as` is the
+    text under which `available_sources` lists it.
+    """
+
+    path: str
+    label: str
+    usage: tuple[str, ...]
+    listed_as: str
+
+
+_SOURCES = {
+    "raspberry": _BuiltIn(
+        "raspberry:RaspberrySource",
+        "Raspberry Pi camera",
+        ("raspberry", "raspberry:1 (the second camera)"),
+        "raspberry",
+    ),
+    "twin": _BuiltIn(
+        "twin:TwinSource",
+        "Simulated camera",
+        ("twin", "twin:CAMERA (a preset, or a folder with camera.toml)"),
+        "twin:live",
+    ),
+    "folder": _BuiltIn("folder:FolderSource", "Watched folder", ("folder:PATH",), "folder"),
+}
+
+
+@dataclass(frozen=True)
+class SourceFact:
+    """What is known of a source before it is opened.
+
+    Attributes
+    ----------
+    id
+        Text for `open_source`; `folder` needs a colon and a path after it.
+    label
+        For people.
+    available
+        Whether it can be opened here.
+    why
+        Why not; empty where it can.
+    """
+
+    id: str
+    label: str
+    available: bool = True
+    why: str = ""
+
+
+def available_sources() -> tuple[SourceFact, ...]:
+    """The Raspberry Pi's cameras, or why there are none, then all other sources."""
+    return (
+        *_raspberry_facts(),
+        *(
+            SourceFact(each.listed_as, each.label)
+            for name, each in _SOURCES.items()
+            if name != "raspberry"
+        ),
+        *(SourceFact(name, name) for name in plugin_names("nolens.sources")),
+    )
+
+
+def open_source(
+    text: str,
+    *,
+    existing: bool = False,
+    mosaic: str | None = None,
+    warn: Callable[[str], None] | None = None,
+) -> CameraSource:
+    """Give the source that a text names; it is still to be opened (`CameraSource.open`).
+
+    Parameters
+    ----------
+    text
+        ``auto`` (the Raspberry Pi's camera where there is one, else the simulated one),
+        ``raspberry``, ``raspberry:1``, ``twin``, ``twin:CAMERA`` or ``folder:PATH``; or the name
+        under which another package adds one (entry point ``nolens.sources``), which is called
+        with what follows the colon.
+    existing, mosaic, warn
+        For folders, as `FolderSource` takes them.
+
+    Raises
+    ------
+    OptionError
+        If the text names no source.
+    NolensError
+        If the simulated camera cannot be read.
+    """
+    name, _, rest = text.partition(":")
+    if name == "auto" and not rest:
+        name = "raspberry" if _raspberry_facts()[0].available else "twin"
+    source: CameraSource | None = None
+    if name in _SOURCES:
+        module, _, attribute = _SOURCES[name].path.partition(":")
+        kind = getattr(importlib.import_module(f"{__package__}.{module}"), attribute)
+        source = kind.of(rest, existing=existing, mosaic=mosaic, warn=warn)
+    elif (make := load_plugin("nolens.sources", name)) is not None:
+        source = make(rest)
+    if source is None:
+        usages = ["auto", *(usage for each in _SOURCES.values() for usage in each.usage)]
+        more = "".join(f", or {name}" for name in plugin_names("nolens.sources"))
+        raise OptionError(
+            f"there is no source {text!r}; accepted are {', '.join(usages[:-1])}, or "
+            f"{usages[-1]}{more}"
+        )
+    return source
+
+
+def _raspberry_facts() -> list[SourceFact]:
+    """The Raspberry Pi's cameras; one that is not available where there is none."""
+    name, label = "raspberry", _SOURCES["raspberry"].label
+    if importlib.util.find_spec("picamera2") is None:
+        return [
+            SourceFact(
+                name,
+                label,
+                False,
+                "this is no Raspberry Pi, or Picamera2 is missing (sudo apt install "
+                "python3-picamera2, and a virtual environment with --system-site-packages)",
+            )
+        ]
+    from nolens.capture.picamera import connected_models
+
+    try:
+        models = connected_models()
+    except CameraError as error:
+        return [SourceFact(name, label, False, str(error))]
+    return [
+        SourceFact(f"{name}:{number}" if number else name, f"Raspberry Pi {model}")
+        for number, model in enumerate(models)
+    ]

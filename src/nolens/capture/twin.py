@@ -1,19 +1,20 @@
-"""A simulated camera as a source of frames."""
+"""A simulated camera as a source of frames, and the chart that it looks at by default."""
 
 import math
 import secrets
 import time
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from threading import Event, Lock
+from typing import Self
 
 import torch
 from torch import Tensor
 
-from nolens.camera import Frame, OpenCamera, Sensor
-from nolens.capture.chart import chart
+from nolens.camera import Frame, OpenCamera, Sensor, opened, preset
 from nolens.capture.source import Limits, Shot
 from nolens.errors import CameraError, DataError
+from nolens.evaluate import siemens_star
+from nolens.files import read_camera
 from nolens.operators import Region
 from nolens.optics import PointSource
 from nolens.twin import (
@@ -31,20 +32,21 @@ _ANGLE_DEG = 40.0
 _LUMINANCE_CD_M2 = 1000.0
 """Of white: a bright screen, or a shop; frames then take no longer than they are far apart."""
 _LIGHT = "white-led"
+_PRESET = "live"
 _FASTEST_S = 1 / 30
 _FILL = 0.8
 _POINT_RADIANCE = 1e3
 """Of a lamp behind a pinhole, over the pixel that it lies in."""
 _LIMITS = Limits((1e-5, 10.0), (1.0, 16.0))
-
-
-@dataclass(frozen=True)
-class _Ready:
-    """A camera that is worked out."""
-
-    model: PlainModel
-    current: Tensor
-    """Electrons of every pixel in a second, to its light."""
+_COLOURS = (
+    (0.9, 0.05, 0.04),
+    (0.08, 0.7, 0.1),
+    (0.05, 0.1, 0.85),
+    (0.9, 0.75, 0.05),
+    (0.75, 0.08, 0.6),
+    (0.06, 0.65, 0.75),
+)
+_GREYS = (1.0, 0.6, 0.35, 0.2, 0.1, 0.04)
 
 
 class TwinSource:
@@ -54,20 +56,20 @@ class TwinSource:
 
     Parameters
     ----------
-    opened
+    camera
         The camera.
     seed
         Of the noise: each frame has its own, counted from this one. None takes another one each
         time, as no camera gives the same noise twice.
     """
 
-    def __init__(self, opened: OpenCamera, *, seed: int | None = None) -> None:
-        self._opened = opened
-        self._sensor = opened.camera.sensor
+    def __init__(self, camera: OpenCamera, *, seed: int | None = None) -> None:
+        self._camera = camera
+        self._sensor = camera.camera.sensor
         self._seed = secrets.randbits(32) if seed is None else seed
         self._number = 0
         self._scene = chart()
-        self._ready: _Ready | None = None
+        self._prepared: tuple[PlainModel, Tensor] | None = None
         self._rate: tuple[Tensor, Tensor] | None = None
         self._asked: tuple[float, float] | None = None
         self._is_open = False
@@ -75,10 +77,15 @@ class TwinSource:
         self._closed = Event()
         self._lock = Lock()
 
+    @classmethod
+    def of(cls, text: str, **_: object) -> Self:
+        """The source of ``twin`` or ``twin:CAMERA``, for `open_source`."""
+        return cls(read_camera(text) if text else opened(preset(_PRESET)))
+
     @property
     def name(self) -> str:
         """Such as ``twin of live``."""
-        return f"twin of {self._opened.camera.name}"
+        return f"twin of {self._camera.camera.name}"
 
     @property
     def limits(self) -> Limits:
@@ -88,16 +95,15 @@ class TwinSource:
     @property
     def region(self) -> Region:
         """Pixels that light comes from, in the sensor's frame."""
-        return self._work_out().model.field.region
+        return self._model.field.region
 
     def psf(self) -> Tensor:
         """PSF to reconstruct its frames with, (channels, rows, columns) in pixels.
 
         It is in electrons, so that a reconstruction shows the colours of the scene.
         """
-        ready = self._work_out()
-        currents = photocurrents(ready.model.twin, Light(_LIGHT), 1.0)[:, None, None]
-        return ready.model.psf() * (currents / currents.max())
+        currents = photocurrents(self._model.twin, Light(_LIGHT), 1.0)[:, None, None]
+        return self._model.psf() * (currents / currents.max())
 
     def show(self, radiance: Tensor) -> None:
         """Let it look at another scene, from the next frame on; from any thread.
@@ -140,25 +146,25 @@ class TwinSource:
             Radiance times the fraction of its light that reaches the sensor, 1 in the middle;
             (channels, height, width).
         """
-        model = self._work_out().model
-        response = model.field.solid_angle() * model.field.vignetting()
-        return self._on_cells(model, self._scene) * (response / response.max()).float()
+        field = self._model.field
+        response = field.solid_angle() * field.vignetting()
+        return self._on_pixels(self._scene) * (response / response.max()).float()
 
     def open(self) -> None:
-        """Work the camera out, which takes some seconds the first time.
+        """Compute the camera's PSF, which takes some seconds the first time.
 
         Raises
         ------
         NolensError
             If the camera cannot be simulated.
         """
-        self._work_out()
+        self._prepare()
         self._closed.clear()
         self._is_open = True
         if self._asked is None:
             brightest = float(self._electrons_per_s(self._scene).max())
-            wanted = _FILL * self._sensor.clip_electrons / max(brightest, 1e-9)
-            self._asked = min(max(wanted, _LIMITS.exposure_s[0]), 1.0), 1.0
+            fitting_s = _FILL * self._sensor.clip_electrons / max(brightest, 1e-9)
+            self._asked = min(max(fitting_s, _LIMITS.exposure_s[0]), 1.0), 1.0
 
     def set(self, *, exposure_s: float, gain: float) -> None:
         """Set exposure time and gain of all shots from the next one on.
@@ -211,10 +217,15 @@ class TwinSource:
         self._is_open = False
         self._closed.set()
 
-    def _work_out(self) -> _Ready:
+    @property
+    def _model(self) -> PlainModel:
+        return self._prepare()[0]
+
+    def _prepare(self) -> tuple[PlainModel, Tensor]:
+        """The camera's model, and electrons of every pixel in a second, to its light."""
         with self._lock:
-            if self._ready is None:
-                twin = Twin.of(self._opened)
+            if self._prepared is None:
+                twin = Twin.of(self._camera)
                 camera = twin.camera
                 model = PlainModel.of(
                     twin,
@@ -225,21 +236,20 @@ class TwinSource:
                 currents = photocurrents(twin, Light(_LIGHT), _LUMINANCE_CD_M2)[:, None, None]
                 size = camera.sensor.rows, camera.sensor.columns
                 current = mosaic(currents.expand(-1, *size), camera.sensor.mosaic)
-                self._ready = _Ready(model, current.contiguous())
-            return self._ready
+                self._prepared = model, current.contiguous()
+            return self._prepared
 
     def _electrons_per_s(self, scene: Tensor) -> Tensor:
-        """Of every pixel; a scene that stays is worked out once."""
+        """Of every pixel; computed once for a scene that stays."""
         if self._rate is None or self._rate[0] is not scene:
-            ready = self._work_out()
-            light = ready.model.light(self._on_cells(ready.model, scene))
-            self._rate = scene, light.mul_(ready.current)
+            model, current = self._prepare()
+            self._rate = scene, model.light(self._on_pixels(scene)).mul_(current)
         return self._rate[1]
 
-    def _on_cells(self, model: PlainModel, scene: Tensor) -> Tensor:
+    def _on_pixels(self, scene: Tensor) -> Tensor:
         if len(self._sensor.channels) == 1:
             scene = scene.mean(dim=0, keepdim=True)
-        return model.on_cells(scene)
+        return self._model.on_cells(scene)
 
 
 def _half_field(twin: Twin) -> tuple[float, float]:
@@ -254,23 +264,23 @@ def _half_field(twin: Twin) -> tuple[float, float]:
     room = aperture_room_um(twin)
     if room is None:
         return tangents(longest)
-    stays, leaves = 0.0, longest
+    inside, outside = 0.0, longest
     for _ in range(40):
-        middle = (stays + leaves) / 2
-        reach = [max(twin.shift_um(PointSource((0.0, tangent)))) for tangent in tangents(middle)]
-        if all(each <= most for each, most in zip(reach, room, strict=True)):
-            stays = middle
+        middle = (inside + outside) / 2
+        shifts = [max(twin.shift_um(PointSource((0.0, tangent)))) for tangent in tangents(middle)]
+        if all(shift <= most for shift, most in zip(shifts, room, strict=True)):
+            inside = middle
         else:
-            leaves = middle
-    return tangents(leaves)
+            outside = middle
+    return tangents(outside)
 
 
 def _frame(counts: Tensor, sensor: Sensor, exposure_s: float, source: str) -> Frame:
-    pattern = None if sensor.mosaic == "none" else sensor.mosaic
+    colours = None if sensor.mosaic == "none" else sensor.mosaic
     return Frame(
         counts=counts.float()[None],
-        channels=("grey",) if pattern is None else ("mosaic",),
-        mosaic=pattern,
+        channels=("grey",) if colours is None else ("mosaic",),
+        mosaic=colours,
         black=(sensor.black_counts,),
         white=float(sensor.saturated_counts),
         stored_as="uint16",
@@ -278,3 +288,31 @@ def _frame(counts: Tensor, sensor: Sensor, exposure_s: float, source: str) -> Fr
         exposure_s=exposure_s,
         black_stated=True,
     )
+
+
+def chart(height: int = 360, width: int = 480) -> Tensor:
+    """Draw a star of spokes, patches of colour and steps of grey on a dark ground.
+
+    Parameters
+    ----------
+    height, width
+        In pixels, at least 48.
+
+    Returns
+    -------
+    Tensor
+        Linear radiance, float32, (3, height, width); 1 is white.
+    """
+    picture = torch.full((3, height, width), 0.02)
+    edge = min(height, width) // 24
+    side = min(height - 4 * edge, (2 * width) // 3 - 2 * edge) // 2 * 2
+    top = (height - side) // 2
+    picture[:, top : top + side, edge : edge + side] += 0.9 * siemens_star(side, 16)
+    left, right = side + 2 * edge, width - edge
+    rows = torch.linspace(top, top + side, len(_COLOURS) + 1).round().int().tolist()
+    middle = (left + right) // 2
+    for number, (colour, grey) in enumerate(zip(_COLOURS, _GREYS, strict=True)):
+        first, last = rows[number], rows[number + 1]
+        picture[:, first:last, left:middle] = torch.tensor(colour)[:, None, None]
+        picture[:, first:last, middle:right] = grey
+    return picture

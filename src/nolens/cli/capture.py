@@ -38,7 +38,7 @@ def histogram_text(levels: Levels) -> str:
         most = math.log1p(max(columns)) or 1.0
         bars = "".join(_BARS[round(math.log1p(each) / most * (len(_BARS) - 1))] for each in columns)
         lines.append(f"{name[:1].upper()} {bars}│")
-    lines.append(_brightness(levels.bright, levels.clipped_share))
+    lines.append(_brightness(levels.bright, levels.clipped_fraction))
     return "\n".join(lines)
 
 

@@ -75,7 +75,7 @@ def preview(run: Run[PreviewOptions]) -> Product[Tensor]:
         levels = Levels.of(frame)
         about = {
             "histogram": {name: list(bins) for name, bins in levels.histogram.items()},
-            "clipped_share": levels.clipped_share,
+            "clipped_share": levels.clipped_fraction,
             "mosaic": frame.mosaic,
             "exposure_s": frame.exposure_s,
             "black": list(frame.black),

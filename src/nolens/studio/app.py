@@ -13,7 +13,7 @@ from fastapi.responses import JSONResponse
 from fastapi.staticfiles import StaticFiles
 
 from nolens import __version__
-from nolens.capture.sources import available_sources
+from nolens.capture import available_sources
 from nolens.errors import FileError, NolensError
 from nolens.files.names import readable
 from nolens.studio.job_kinds import KINDS

@@ -284,7 +284,7 @@ class LiveView:
             "gain": shot.gain,
             "iterations": None if solved is None else solved.iterations,
             "histogram": taken.levels.histogram,
-            "clipped_share": taken.levels.clipped_share,
+            "clipped_share": taken.levels.clipped_fraction,
             "dropped": source.camera.dropped,
             "frozen": self._settings.frozen,
             "trouble": trouble,

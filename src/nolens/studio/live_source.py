@@ -79,7 +79,7 @@ def open_live(
     """
     frame = None if psf is None else read_frame(psf)
     file = None if psf is None else Path(psf)
-    source = open_source(text, tell=tell)
+    source = open_source(text, warn=tell)
     camera = CameraThread(source, settings, changed)
     try:
         camera.open(_OPEN_S)

@@ -22,7 +22,7 @@ def test_histogram_by_colour_is_numpys() -> None:
         values = torch.cat([part.flatten() for part in parts]).clamp(256, 4095).numpy()
         expected = np.histogram(values, bins=64, range=(256, 4095))[0]
         assert np.abs(np.array(levels.histogram[name]) - expected).sum() <= 2
-    assert levels.clipped_share == float((counts >= 4095).double().mean())
+    assert levels.clipped_fraction == float((counts >= 4095).double().mean())
     assert levels.mean == pytest.approx((float(counts.double().mean()) - 256) / 3839)
 
 
@@ -31,7 +31,7 @@ def test_bright_is_what_all_but_one_in_a_thousand_do_not_exceed() -> None:
     counts[:1, :9] = 4095
     levels = Levels.of(mosaic_frame(counts))
     assert levels.bright < 2e-3 and levels.brightest == 1.0
-    assert levels.clipped_share == pytest.approx(9e-4)
+    assert levels.clipped_fraction == pytest.approx(9e-4)
     counts[1, :2] = 4095
     assert Levels.of(mosaic_frame(counts)).bright == 1.0
 
@@ -40,7 +40,7 @@ def test_a_frame_without_white_or_colours() -> None:
     frame = Frame(torch.rand(1, 20, 20), ("grey",), None, (0.0,), None, "float32", "test")
     levels = Levels.of(frame)
     assert list(levels.histogram) == ["grey"] and sum(levels.histogram["grey"]) == 400
-    assert levels.clipped_share == 0 and levels.brightest == pytest.approx(1.0)
+    assert levels.clipped_fraction == 0 and levels.brightest == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("start_s", [1e-4, 0.02, 5.0])
@@ -60,7 +60,7 @@ def test_automatic_exposure_arrives_and_stays(start_s: float, every_pixel: bool)
     assert exposure_s == before
     level = levels.brightest if every_pixel else levels.bright
     assert 0.7 <= level <= 0.9
-    assert (levels.clipped_share == 0) == every_pixel
+    assert (levels.clipped_fraction == 0) == every_pixel
 
 
 def test_automatic_exposure_keeps_to_the_limits() -> None:
