@@ -15,7 +15,7 @@ import torch
 from PIL import Image
 from running import Done, check_refused, listing, read_terminal, run, start
 
-import nolens.jobs.capturing.keep
+import nolens.jobs.capturing
 from fake_picamera2 import Sensor, module
 from nolens.camera import develop, preset_text
 from nolens.capture import FolderSource, Levels
@@ -161,7 +161,7 @@ def test_a_full_disk_is_told_and_what_was_written_stays(
         written.append(path)
         write_frame(path, **frame)
 
-    monkeypatch.setattr(nolens.jobs.capturing.keep, "write_frame", fills_up)
+    monkeypatch.setattr(nolens.jobs.capturing, "write_frame", fills_up)
     done = run("capture", "-o", tmp_path / "a.dng", "--exposure", "10ms", "--frames", 5)
     check_refused(done, "No space left on device", "the 2 files written before are kept")
     found = listing(tmp_path)

@@ -50,14 +50,12 @@ def connected_models() -> list[str]:
     """
     module = load_picamera2()
     try:
-        models = [
-            str(each.get("Model", "camera")) for each in module.Picamera2.global_camera_info()
-        ]
+        cameras = module.Picamera2.global_camera_info()
     except (RuntimeError, OSError) as error:
         raise CameraError(not_opened(error)) from error
-    if not models:
+    if not cameras:
         raise CameraError(f"no camera is connected to this Raspberry Pi: {_CABLE}")
-    return models
+    return [str(each.get("Model", "camera")) for each in cameras]
 
 
 def not_opened(error: BaseException) -> str:

@@ -172,7 +172,7 @@ class RaspberrySource:
         return self._device
 
     def _configure(self, device: Any) -> None:
-        """Ask for unpacked raw of all pixels, nothing corrected, and check what the camera gives."""
+        """Ask for unpacked raw of all pixels, nothing corrected; check what the camera gives."""
         self._model = str(device.camera_properties.get("Model", "camera"))
         native = str(device.sensor_format)
         sensor = _FORMAT.fullmatch(native)
@@ -291,7 +291,7 @@ def frame_of(
 
 
 def _by_place(black: tuple[float, ...], mosaic: str) -> tuple[float, ...]:
-    """Levels of the mosaic's 2×2 pixels row by row, of those of R, green beside R, green beside B, and B."""
+    """Levels of the mosaic's 2×2 pixels, row by row; `black` is of R, both greens and B."""
     red, beside_red, beside_blue, blue = black
     rows = (mosaic[:2], mosaic[2:])
     greens = [beside_red if "R" in row else beside_blue for row in rows]

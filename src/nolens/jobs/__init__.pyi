@@ -6,8 +6,7 @@ from .calibration.point_options import CalibratePointOptions
 from .calibration.stitch import CalibrateStitchOptions, calibrate_stitch
 from .calibration.surround import CalibrateSurroundOptions, calibrate_surround
 from .camera_facts import camera_facts
-from .capturing.job import CaptureReporter, capture_frames
-from .capturing.options import CaptureOptions
+from .capturing import CaptureOptions, CaptureReporter, capture_frames
 from .demo import DemoOptions, run_demo
 from .designing.mask import MaskOptions, design_mask, mask_kind, mask_kinds
 from .designing.thickness import design_thickness

@@ -1,1 +1,0 @@
-"""Taking frames with a camera: one, many, averaged, bracketed, or over a long time."""
