@@ -23,7 +23,7 @@ import tifffile
 from PIL import Image
 
 from nolens.files import write_dng
-from nolens.files.limits import READ_LIMIT
+from nolens.files.input import READ_LIMIT
 
 _MOST = 2 * 2**30
 _SIDE = 10_900
@@ -34,7 +34,7 @@ _SMALL_SIDE = 7_700
 _CHILD = """
 import json, sys, time
 from pathlib import Path
-import imagecodecs, rawpy, nolens.files.read, nolens.files.read_picture, nolens.files.read_relief
+import imagecodecs, rawpy, nolens.files.frames, nolens.files.pictures, nolens.files.height_maps
 from nolens import files
 imagecodecs.png_decode, imagecodecs.zlib_decode
 def peak():

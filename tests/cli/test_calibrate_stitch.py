@@ -11,7 +11,7 @@ from torch import Tensor
 
 from nolens.camera import PsfEntry
 from nolens.files import read_psf, read_psf_set, write_psfs
-from nolens.files.write import write_tiff32
+from nolens.files.pictures import write_tiff32
 
 SENSOR = (96, 120)
 CELL_UM = 3.1

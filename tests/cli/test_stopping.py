@@ -92,7 +92,7 @@ import nolens, nolens.jobs
 assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 from nolens.__main__ import main
 from nolens.files.atomic import write_together
-from nolens.files.folder import write_into
+from nolens.files.atomic import write_into
 from pathlib import Path
 
 def write(path):

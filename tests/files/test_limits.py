@@ -16,7 +16,7 @@ from PIL import Image
 
 from nolens.errors import FileError, OptionError
 from nolens.files import read_frame, read_picture, write_dng
-from nolens.files.limits import READ_LIMIT, check_size, read_limit, set_read_limit
+from nolens.files.input import READ_LIMIT, check_size, read_limit, set_read_limit
 
 CORPUS = Path(__file__).parents[1] / "corpus"
 SPARSE = 5 * 10**9
@@ -103,8 +103,8 @@ import json, sys
 from pathlib import Path
 from nolens import files
 from nolens.errors import NolensError
-import nolens.files.read, nolens.files.read_picture, nolens.files.read_relief
-import nolens.files.read_camera, imagecodecs, rawpy
+import nolens.files.frames, nolens.files.pictures, nolens.files.height_maps
+import nolens.files.cameras, imagecodecs, rawpy
 imagecodecs.png_decode, imagecodecs.zlib_decode
 def peak():
     # Not what getrusage says: a process takes that over from the one that started it.

@@ -45,7 +45,7 @@ def opened(camera: Camera) -> OpenCamera:
         if isinstance(part, CurveFile | ReliefFile):
             raise DataError(
                 f"the camera {camera.name!r} names the file {part.file}: read it from its folder "
-                "with nolens.files.read_camera"
+                "with nolens.files.cameras"
             )
     assert isinstance(efficiency, SpectralCurve) and isinstance(acceptance, AngularCurve)
     return OpenCamera(camera, efficiency, acceptance)

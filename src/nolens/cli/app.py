@@ -14,7 +14,7 @@ from cyclopts import (
 
 from nolens import __version__
 from nolens.errors import OptionError
-from nolens.files.limits import set_read_limit
+from nolens.files.input import set_read_limit
 from nolens.printable import quoted
 
 

@@ -1,14 +1,39 @@
-from .atomic import atomic_write, check_output, write_together
-from .description import describe
-from .folder import check_folder, write_into
-from .frames import FrameSequence, is_sequence, open_sequence
-from .names import readable
-from .read import frame_suffixes, read_frame
-from .read_camera import CAMERA_FILE, camera_files, read_camera, write_camera
-from .read_material import read_material
-from .read_picture import PICTURE_SUFFIXES, Picture, check_scans, read_picture
-from .read_psfs import PSFS_FILE, read_psf, read_psf_set, write_psfs
-from .read_relief import HeightMap, read_height_map
+from .atomic import atomic_write, check_folder, check_output, write_into, write_together
+from .cameras import (
+    CAMERA_FILE,
+    PSFS_FILE,
+    camera_files,
+    read_camera,
+    read_material,
+    read_psf,
+    read_psf_set,
+    write_camera,
+    write_psfs,
+)
+from .frames import (
+    FRAME_SUFFIXES,
+    FrameSequence,
+    check_holds,
+    describe,
+    frame_suffixes,
+    is_sequence,
+    open_sequence,
+    read_frame,
+    write_counts,
+    write_frame,
+)
+from .height_maps import HeightMap, read_height_map
+from .input import read_text, readable
+from .pictures import (
+    PICTURE_SUFFIXES,
+    Picture,
+    check_scans,
+    read_picture,
+    write_png,
+    write_tiff16,
+    write_tiff32,
+)
+from .raw import write_dng
 from .record import (
     InputFile,
     RunRecord,
@@ -18,11 +43,7 @@ from .record import (
     write_record,
 )
 from .state import read_state, write_state
-from .text_file import read_text
 from .tolerances import read_tolerances, write_trials
-from .write import write_counts, write_png, write_tiff16, write_tiff32
-from .write_dng import write_dng
-from .write_frame import FRAME_SUFFIXES, check_holds, write_frame
 from .write_layout import layout, write_gds, write_oasis
 from .write_relief import check_height_map, write_height_map
 from .write_solid import write_3mf, write_stl

@@ -1,14 +1,25 @@
-"""From the numpy arrays of the format libraries to a frame."""
+"""Frames of arrays, and the formats that hold nothing else: npy and PNG."""
 
+import struct
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import imagecodecs
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from nolens.camera import Frame
 from nolens.errors import FileError
+from nolens.files.input import check_bytes, check_size, damage, quiet_stderr
 
 _CHANNELS = {1: ("grey",), 3: ("R", "G", "B")}
 _WHITE = {"uint8": 255.0, "uint16": 65535.0, "float16": None, "float32": None, "float64": None}
+
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_PNG_CHANNELS = {0: 1, 2: 3, 3: 4, 4: 2, 6: 4}
+"""By colour type; a palette may have alpha."""
+_PNG_PALETTE = 3
 
 
 def frame_from_array(array: NDArray[np.generic], source: str) -> Frame:
@@ -41,3 +52,123 @@ def frame_from_array(array: NDArray[np.generic], source: str) -> Frame:
         stored_as=stored_as,
         source=source,
     )
+
+
+def read_npy(path: Path) -> Frame:
+    """Read H×W, H×W×C or C×H×W (C of 1 or 3) of 8/16-bit counts or 16/32/64-bit floats.
+
+    Raises
+    ------
+    FileError
+        If the file is damaged or holds something else.
+    """
+    return frame_of_npy(open_npy(path), str(path))
+
+
+def open_npy(path: Path) -> NDArray[Any]:
+    """Map an npy file into memory.
+
+    Raises
+    ------
+    FileError
+        If the file is damaged.
+    """
+    try:
+        # A map of the file is refused where the file is shorter than its header says.
+        with np.errstate(all="ignore"):
+            array: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
+    # The header is text that numpy evaluates: damage can raise nearly anything. What numpy says
+    # of it is advice to load it nevertheless.
+    except Exception as error:
+        raise FileError(
+            f"{path} cannot be read as an npy file: it is damaged, incomplete, or holds objects "
+            "instead of numbers. Write it again with numpy.save"
+        ) from error
+    return array
+
+
+def frame_of_npy(array: NDArray[Any], source: str) -> Frame:
+    """Frame of an array that came from `source`.
+
+    Raises
+    ------
+    FileError
+        If it is too large, or its shape or its kind of numbers is not that of a frame.
+    """
+    check_size(array.shape, array.dtype.itemsize, source)
+    if array.ndim == 2:
+        return frame_from_array(array[None], source)
+    if array.ndim == 3:
+        first, last = array.shape[0] in _CHANNELS, array.shape[2] in _CHANNELS
+        if first and last:
+            raise FileError(
+                f"{source} has the shape {array.shape}, whose channels can be the first axis or "
+                "the last: save it as (height, width)"
+            )
+        if first or last:
+            return frame_from_array(array if first else np.moveaxis(array, -1, 0), source)
+    raise FileError(
+        f"{source} has the shape {array.shape}; accepted are (height, width), "
+        "(height, width, 1 or 3) and (1 or 3, height, width)"
+    )
+
+
+def read_png(path: Path) -> Frame:
+    """Read grey, colour or palette PNG; an alpha channel is dropped.
+
+    Raises
+    ------
+    FileError
+        If the file is damaged, too large, or has fewer than 8 bits.
+    """
+    array = read_png_samples(path)
+    colours = 3 if array.shape[-1] >= 3 else 1
+    return frame_from_array(np.moveaxis(array[..., :colours], -1, 0), str(path))
+
+
+def read_png_samples(path: Path) -> NDArray[np.generic]:
+    """Read (height, width, 1 to 4) of grey or colour, and alpha where there is one.
+
+    Raises
+    ------
+    FileError
+        If the file is damaged, too large, or has fewer than 8 bits.
+    """
+    check_bytes(path)
+    try:
+        data = path.read_bytes()
+        header = _png_header(data)
+        if header.bits < 8 and header.colour != _PNG_PALETTE:
+            raise FileError(f"{path} is a PNG of {header.bits} bits: it needs 8 or 16")
+        shape = (header.height, header.width, _PNG_CHANNELS[header.colour])
+        check_size(shape, header.bits // 8, path)
+        # libpng remarks on interlaced pictures, which it reads.
+        with quiet_stderr():
+            array: NDArray[np.generic] = imagecodecs.png_decode(data)
+    except FileError:
+        raise
+    # Damage can raise nearly anything.
+    except Exception as error:
+        raise damage(path, "a PNG", error) from error
+    return array[..., None] if array.ndim == 2 else array
+
+
+class _PngHeader(NamedTuple):
+    width: int
+    height: int
+    bits: int
+    colour: int
+
+
+def _png_header(data: bytes) -> _PngHeader:
+    """First chunk of a file that has its last one: libpng does not miss that."""
+    if not data.startswith(_PNG_SIGNATURE + b"\0\0\0\x0dIHDR"):
+        raise ValueError("it has no header")
+    start = len(_PNG_SIGNATURE)
+    while (chunk := data[start : start + 8])[4:] != b"IEND":
+        if len(chunk) < 8:
+            raise ValueError("its end is missing")
+        start += 12 + struct.unpack(">I4s", chunk)[0]
+    if start + 12 > len(data):
+        raise ValueError("its end is missing")
+    return _PngHeader(*struct.unpack(">IIBB", data[16:26]))

@@ -1,6 +1,7 @@
-"""Writing files whole or not at all."""
+"""Writing files, and folders with files, whole or not at all."""
 
 import errno
+import itertools
 import os
 import re
 import secrets
@@ -161,3 +162,59 @@ def check_output(path: str | Path, suffixes: Collection[str]) -> None:
         raise FileError(
             f"cannot write {path}: no permission to write in {folder}. Give another folder"
         )
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a folder that cannot be made or written to, before any work is done for it.
+
+    Raises
+    ------
+    FileError
+        If it is a file, or it or the one it would be made in cannot be written to.
+    """
+    there = next((each for each in (folder, *folder.parents) if os.path.lexists(each)), Path())
+    if not there.is_dir():
+        raise FileError(f"{there} is a file: give the name of a folder (-o)")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise FileError(
+            f"cannot write {folder}: no permission to write in {there}. Give another folder (-o)"
+        )
+
+
+def write_into(folder: Path, writers: Mapping[Path, Callable[[Path], None]]) -> None:
+    """Write several files, all of them or none, and make their folder for them.
+
+    Parameters
+    ----------
+    folder
+        Made where it does not exist, with those above it; taken away again if a file fails.
+    writers
+        As in `write_together`; folders of theirs in that one are made too.
+
+    Raises
+    ------
+    FileError
+        If the folder cannot be made or a file not be written.
+    """
+    folders = {folder, *(path.parent for path in writers)}
+    missing = {
+        above
+        for each in folders
+        for above in itertools.takewhile(lambda at: not os.path.lexists(at), (each, *each.parents))
+    }
+    new = sorted(missing, key=lambda at: len(at.parts))
+    with Unfinished(*new):
+        try:
+            try:
+                for each in folders:
+                    each.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise FileError(
+                    f"cannot make {error.filename}: {error.strerror or error}"
+                ) from error
+            write_together(writers)
+        except BaseException:
+            for each in reversed(new):
+                with suppress(OSError):
+                    each.rmdir()
+            raise

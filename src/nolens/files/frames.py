@@ -1,20 +1,141 @@
-"""Sequences of frames: folders, TIFF of many pages, npy of many frames."""
+"""Frames of a camera: files of any accepted format, sequences of them, and what is in them."""
 
+import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from nolens.camera import Frame
-from nolens.errors import FileError
-from nolens.files.check_input import check_exists
-from nolens.files.read import declared, frame_suffixes, read_frame
-from nolens.files.read_npy import frame_of_npy, open_npy
-from nolens.files.read_tiff import count_pages, read_tiff
+import numpy as np
+import torch
+from torch import Tensor
 
-_TIFF = (".tif", ".tiff")
+from nolens.camera import MOSAICS, Frame, dark_corner
+from nolens.camera.measurement import colour_planes
+from nolens.errors import DataError, FileError, OptionError
+from nolens.files.arrays import frame_of_npy, open_npy, read_npy, read_png
+from nolens.files.atomic import atomic_write
+from nolens.files.input import (
+    check_bytes,
+    check_content,
+    check_exists,
+    check_size,
+    readable,
+    system_errors,
+)
+from nolens.files.raw import RAW_SUFFIXES, read_raw, write_dng
+from nolens.files.tiff import count_pages, read_tiff, write_tiff
+from nolens.plugins import load_plugin, plugin_names
+
+FRAME_SUFFIXES = (".dng", ".tif", ".tiff", ".npy")
+"""Suffixes of the files that a frame can be written to."""
+
+_TIFF_SUFFIXES = (".tif", ".tiff")
+_READERS = {".png": read_png, ".tif": read_tiff, ".tiff": read_tiff, ".npy": read_npy}
+_READERS |= dict.fromkeys(RAW_SUFFIXES, read_raw)
+
+_CONTENT = {".png": ("PNG",), ".tif": ("TIFF",), ".tiff": ("TIFF",), ".npy": ("npy",)}
+_NOT_LINEAR = (".jpg", ".jpeg", ".webp", ".gif", ".bmp", ".heic", ".avif", ".jp2", ".mp4")
 _NARROWEST = 16
 """Columns of a frame: a shorter last axis is channels, which one picture has too many of."""
+_LARGEST_COUNT = 65535
+
+
+def frame_suffixes() -> tuple[str, ...]:
+    """Suffixes of the files that can be read, those that other packages add among them."""
+    return (*_READERS, *(f".{name}" for name in plugin_names("nolens.readers")))
+
+
+def read_frame(path: str | Path, *, mosaic: str | None = None, bgr: bool = False) -> Frame:
+    """Read the stored counts of a file, and what it says about them.
+
+    Parameters
+    ----------
+    path
+        Camera raw (.dng, .cr2, .nef and others), .tif, .png or .npy; or with a suffix that another
+        package adds (entry point ``nolens.readers``, named like the suffix without its dot).
+    mosaic
+        Says that the single channel of a TIFF, PNG or npy file is a colour mosaic: the colours
+        of its 2×2 superpixel row by row, ``"RGGB"``, ``"BGGR"``, ``"GRBG"`` or ``"GBRG"``.
+    bgr
+        The three channels are stored in the order B, G, R.
+
+    Raises
+    ------
+    FileError
+        If the file is missing, damaged, of another kind, or holds what cannot be counts.
+    OptionError
+        If `mosaic` or `bgr` do not fit the file.
+    """
+    path = Path(path)
+    if mosaic is not None and mosaic not in MOSAICS:
+        raise OptionError(f"unknown mosaic {mosaic!r}; accepted are {', '.join(MOSAICS)}")
+    check_exists(path, _accepted())
+    suffix = path.suffix.lower()
+    if suffix in _NOT_LINEAR:
+        raise FileError(
+            f"{path} is a {suffix[1:]} file, whose values are not proportional to light. "
+            f"{_accepted()}"
+        )
+    if suffix not in _READERS:
+        frame = _read_by_plugin(path, suffix)
+        if frame is not None:
+            return _declared(frame, mosaic=mosaic, bgr=bgr)
+        raise FileError(f"{path}: the suffix {suffix or '(none)'} is not known. {_accepted()}")
+    check_content(path, _CONTENT.get(suffix, ("TIFF", None)), _accepted())
+    return _declared(_READERS[suffix](path), mosaic=mosaic, bgr=bgr)
+
+
+def _read_by_plugin(path: Path, suffix: str) -> Frame | None:
+    """Frame by the reader of another package; None where there is none."""
+    read: Callable[[Path], Frame] | None = load_plugin("nolens.readers", suffix.removeprefix("."))
+    if read is None:
+        return None
+    check_bytes(path)
+    try:
+        with system_errors(path):
+            frame = read(path)
+    except ValueError as error:
+        raise FileError(f"{path} cannot be read as {suffix}: {error}") from error
+    check_size(frame.counts.shape, frame.counts.element_size(), path)
+    return frame
+
+
+def _declared(frame: Frame, *, mosaic: str | None, bgr: bool) -> Frame:
+    """Frame with what a person says of it, as `read_frame` takes it."""
+    if mosaic is not None:
+        frame = _declare_mosaic(frame, mosaic)
+    if bgr:
+        if len(frame.channels) != 3:
+            raise OptionError(
+                f"{frame.source} has one channel ({frame.channels[0]}), whose order cannot be "
+                "B, G, R: leave out --bgr"
+            )
+        frame = replace(frame, counts=frame.counts.flip(0))
+    return frame
+
+
+def _accepted() -> str:
+    return (
+        "Accepted are camera raw (.dng, .cr2, .nef and others), 8 or 16-bit .png and .tif, "
+        "float .tif, and .npy" + "".join(f", .{name}" for name in plugin_names("nolens.readers"))
+    )
+
+
+def _declare_mosaic(frame: Frame, mosaic: str) -> Frame:
+    if frame.mosaic == mosaic:
+        return frame
+    if frame.mosaic is not None:
+        raise OptionError(
+            f"{frame.source} says its mosaic is {frame.mosaic}, not {mosaic}: leave out --mosaic"
+        )
+    if len(frame.channels) != 1:
+        raise OptionError(
+            f"{frame.source} has the channels {', '.join(frame.channels)}: it is no {mosaic} "
+            "mosaic any more. Leave out --mosaic"
+        )
+    return replace(frame, channels=("mosaic",), mosaic=mosaic)
 
 
 @dataclass(frozen=True)
@@ -47,7 +168,7 @@ def is_sequence(path: Path) -> bool:
         shape = open_npy(path).shape
         frames = len(shape) == 3 and not {shape[0], shape[2]} & {1, 3}
         return len(shape) == 4 or (frames and shape[2] >= _NARROWEST)
-    return suffix in _TIFF and count_pages(path) > 1
+    return suffix in _TIFF_SUFFIXES and count_pages(path) > 1
 
 
 def open_sequence(path: Path, *, mosaic: str | None = None, bgr: bool = False) -> FrameSequence:
@@ -91,12 +212,12 @@ def open_sequence(path: Path, *, mosaic: str | None = None, bgr: bool = False) -
     return FrameSequence(
         tuple(f"frame-{number + 1:0{digits}}" for number in range(count)),
         (path,),
-        lambda number: declared(read(number), mosaic=mosaic, bgr=bgr),
+        lambda number: _declared(read(number), mosaic=mosaic, bgr=bgr),
     )
 
 
 def _of_folder(folder: Path, mosaic: str | None, bgr: bool) -> FrameSequence:
-    try:
+    with system_errors(folder):
         files = sorted(
             (
                 each
@@ -109,8 +230,6 @@ def _of_folder(folder: Path, mosaic: str | None, bgr: bool) -> FrameSequence:
                 if part
             ],
         )
-    except OSError as error:
-        raise FileError(f"cannot read {folder}: {error.strerror or error}") from error
     if not files:
         raise FileError(
             f"the folder {folder} holds no frame; its files can be "
@@ -123,3 +242,202 @@ def _of_folder(folder: Path, mosaic: str | None, bgr: bool) -> FrameSequence:
     return FrameSequence(
         names, tuple(files), lambda number: read_frame(files[number], mosaic=mosaic, bgr=bgr)
     )
+
+
+def describe(frame: Frame) -> dict[str, Any]:
+    """Describe a frame for a person or a program, in values that JSON has.
+
+    Parameters
+    ----------
+    frame
+        The frame, as `read_frame` gives it.
+
+    Returns
+    -------
+    dict
+        Format, height, width, channels, mosaic, stored type, black, white, exposure in seconds;
+        lowest, highest and mean count of each channel or colour of the mosaic; how many values
+        are not finite; how many have the highest count (a sensor that saturates below the white
+        level shows many); percent saturated; level of the darkest corner. None where unknown.
+    """
+    usable = frame.counts[torch.isfinite(frame.counts)]
+    try:
+        corner = dark_corner(frame)
+    except DataError:
+        corner = math.nan
+    return {
+        "file": readable(frame.source),
+        "format": Path(frame.source).suffix.lstrip(".").lower(),
+        "height": frame.counts.shape[-2],
+        "width": frame.counts.shape[-1],
+        "channels": list(frame.channels),
+        "mosaic": frame.mosaic,
+        "stored_as": frame.stored_as,
+        "black": list(frame.black),
+        "white": frame.white,
+        "exposure_s": frame.exposure_s,
+        "counts": {name: _count_range(values) for name, values in _colours(frame).items()},
+        "not_finite": frame.counts.numel() - usable.numel(),
+        "at_highest": int((usable == usable.max()).sum()) if usable.numel() else 0,
+        "saturated_percent": (
+            None
+            if frame.white is None
+            else 100 * float((frame.counts >= frame.white).double().mean())
+        ),
+        "dark_corner": corner if math.isfinite(corner) else None,
+    }
+
+
+def _colours(frame: Frame) -> dict[str, Tensor]:
+    """Counts of each channel, or of each colour of the mosaic."""
+    if frame.mosaic is None:
+        return dict(zip(frame.channels, frame.counts, strict=True))
+    colours = colour_planes(frame.counts, frame.mosaic)
+    return {name: torch.cat([p.flatten() for p in planes]) for name, planes in colours.items()}
+
+
+def _count_range(values: Tensor) -> dict[str, float] | None:
+    usable = values[torch.isfinite(values)]
+    if not usable.numel():
+        return None
+    return {
+        "min": float(usable.min()),
+        "max": float(usable.max()),
+        "mean": float(usable.double().mean()),
+    }
+
+
+def write_frame(path: str | Path, frame: Frame, *, model: str = "lensless camera") -> None:
+    """Write a frame by its suffix, so that `read_frame` gives the same counts again.
+
+    A .dng holds whole counts of a colour mosaic. A .tif holds one channel, whole counts with 16
+    bits and others as 32-bit floats; mosaic, black, white and exposure time stand in its
+    description. A .npy holds nothing but the counts, (height, width) or (3, height, width).
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    frame
+        Its black level is written as one number, the mean of those of a superpixel's pixels.
+    model
+        Name of the camera, ASCII, for a .dng.
+
+    Raises
+    ------
+    OptionError
+        If the file's kind cannot hold such a frame.
+    FileError
+        If the file cannot be written.
+    """
+    path = Path(path)
+    check_holds(path, frame)
+    black = sum(frame.black) / len(frame.black)
+    white = _LARGEST_COUNT if frame.white is None else int(frame.white)
+    whole = _whole(frame.counts)
+    suffix = path.suffix.lower()
+    if suffix == ".dng":
+        assert frame.mosaic is not None
+        write_dng(
+            path,
+            frame.counts[0],
+            pattern=frame.mosaic,
+            black=round(black),
+            white=white,
+            exposure_s=frame.exposure_s,
+            model=model,
+        )
+        return
+    values = frame.counts.numpy()
+    if whole:
+        values = values.astype(np.uint16)
+    if len(values) == 1:
+        values = values[0]
+    if suffix == ".npy":
+        with atomic_write(path) as temporary, temporary.open("wb") as file:
+            np.save(file, values, allow_pickle=False)
+        return
+    note = {
+        "mosaic": frame.mosaic,
+        "black": black,
+        "white": white if whole else frame.white,
+        "exposure_s": frame.exposure_s,
+    }
+    write_tiff(path, values, note)
+
+
+def check_holds(path: Path, frame: Frame) -> None:
+    """Refuse a file whose kind cannot hold a frame.
+
+    Raises
+    ------
+    OptionError
+        If that is so; with a kind that can.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".dng" and frame.mosaic is None:
+        other = path.with_suffix(".tif" if len(frame.counts) == 1 else ".npy")
+        raise OptionError(
+            f"{path.name} would be a DNG, which holds a colour mosaic, and {frame.source} has "
+            f"{', '.join(frame.channels)}: write {other.name}"
+        )
+    if suffix == ".dng" and not _whole(frame.counts):
+        raise OptionError(
+            f"{path.name} would be a DNG, which holds whole counts, and an average has fractions: "
+            f"write {path.with_suffix('.tif').name}"
+        )
+    if suffix in (".tif", ".tiff") and len(frame.counts) > 1:
+        raise OptionError(
+            f"{path.name} would be a TIFF of one channel, and {frame.source} has "
+            f"{', '.join(frame.channels)}: write {path.with_suffix('.npy').name}"
+        )
+
+
+def _whole(counts: Tensor) -> bool:
+    return bool(((counts == counts.round()) & (counts >= 0) & (counts <= _LARGEST_COUNT)).all())
+
+
+def write_counts(
+    path: str | Path,
+    counts: Tensor,
+    *,
+    mosaic: str | None,
+    black: float,
+    white: int,
+    exposure_s: float | None = None,
+) -> None:
+    """Write a sensor's counts as they are, as 16-bit TIFF.
+
+    What else is known stands in the file's description as JSON; `read_frame` heeds it.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    counts
+        Whole counts of 0 to 65535, (height, width).
+    mosaic
+        Colours of the 2×2 superpixel, row by row; None without one.
+    black
+        Count that stands for no light.
+    white
+        Count from which a pixel is saturated.
+    exposure_s
+        Exposure time in seconds.
+
+    Raises
+    ------
+    DataError
+        If `counts` are not whole numbers of 0 to 65535 of shape (height, width).
+    FileError
+        If the file cannot be written.
+    """
+    array = counts.detach().cpu().numpy()
+    stored = array.astype(np.uint16)
+    if array.ndim != 2 or not np.array_equal(stored, array):
+        raise DataError(
+            "a 16-bit TIFF holds whole counts of 0 to 65535 of shape (height, width); given are "
+            f"{array.dtype} of shape {array.shape}"
+        )
+    note = {"mosaic": mosaic, "black": black, "white": white, "exposure_s": exposure_s}
+    write_tiff(path, stored, note)

@@ -12,8 +12,7 @@ from pydantic_core import to_json
 from nolens.documents import parse_json
 from nolens.errors import DataError, FileError
 from nolens.files.atomic import atomic_write
-from nolens.files.names import readable
-from nolens.files.text_file import read_text
+from nolens.files.input import read_text, readable
 
 _PACKAGES = ("nolens", "torch", "numpy", "scipy", "numba")
 

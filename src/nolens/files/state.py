@@ -15,8 +15,7 @@ from torch import Tensor
 from nolens.documents import parse_json
 from nolens.errors import FileError, NolensError
 from nolens.files.atomic import atomic_write
-from nolens.files.check_input import check_exists
-from nolens.files.names import readable
+from nolens.files.input import check_exists, readable
 
 _ABOUT = "about"
 _ACCEPTED = "Accepted is a state file that an interrupted run wrote (.npz)"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from nolens.camera import Camera
 from nolens.design.tolerances import Parameter, Study, parameters_from_toml
-from nolens.files.text_file import read_text
+from nolens.files.input import read_text
 
 
 def read_tolerances(path: str | Path, camera: Camera) -> tuple[Parameter, ...]:

@@ -10,7 +10,7 @@ import tifffile
 from nolens.errors import OptionError
 from nolens.fabricate.surface import MadeSurface
 from nolens.files.atomic import atomic_write
-from nolens.files.tiff_note import SOFTWARE
+from nolens.files.tiff import SOFTWARE
 
 _COUNTS = 65535
 _UM_PER_CM = 10_000

@@ -10,7 +10,7 @@ import tifffile
 from torch import Tensor
 
 from nolens.files.atomic import atomic_write
-from nolens.files.tiff_note import SOFTWARE
+from nolens.files.tiff import SOFTWARE
 
 _MM = "mm"
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from nolens.camera import CurveFile, OpenCamera, ReliefFile
 from nolens.files import CAMERA_FILE, camera_files
-from nolens.files.read_camera import write_description
+from nolens.files.cameras import write_description
 
 
 def copied_curves(given: str, opened: OpenCamera) -> dict[str, Callable[[Path], None]]:

@@ -20,7 +20,7 @@ from pydantic import (
 from nolens.camera.part import refusal
 from nolens.documents import parse_toml
 from nolens.errors import OptionError
-from nolens.files.text_file import read_text
+from nolens.files.input import read_text
 from nolens.printable import quoted
 from nolens.quantities import Quantity
 

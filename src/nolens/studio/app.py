@@ -15,7 +15,7 @@ from fastapi.staticfiles import StaticFiles
 from nolens import __version__
 from nolens.capture import available_sources
 from nolens.errors import FileError, NolensError
-from nolens.files.names import readable
+from nolens.files.input import readable
 from nolens.studio.job_kinds import KINDS
 from nolens.studio.jobs import JobQueue, NoSuchJobError, TooManyJobsError
 from nolens.studio.live import LiveHub

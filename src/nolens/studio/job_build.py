@@ -9,7 +9,7 @@ from typing import Any
 
 from nolens.errors import FileError, OptionError
 from nolens.files import CAMERA_FILE, atomic_write, is_sequence, read_camera, write_into
-from nolens.files.read_camera import write_description
+from nolens.files.cameras import write_description
 from nolens.files.save_plot import dark_plots
 from nolens.jobs.copied import copied_camera
 from nolens.jobs.designing.look import Thicknesses, with_thickness

@@ -15,8 +15,7 @@ from pydantic import ValidationError
 from nolens.documents import parse_json
 from nolens.errors import DataError, FileError, NolensError
 from nolens.files.atomic import atomic_write
-from nolens.files.names import readable
-from nolens.files.text_file import read_text
+from nolens.files.input import read_text, readable
 from nolens.studio.job_kinds import KINDS, title_of, with_paths
 from nolens.studio.schemas import (
     ENDED,

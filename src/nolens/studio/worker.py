@@ -15,7 +15,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from nolens.errors import NolensError
-from nolens.files.limits import read_limit, set_read_limit
+from nolens.files.input import read_limit, set_read_limit
 from nolens.process import prepare
 from nolens.studio.confinement import confine
 

@@ -14,8 +14,7 @@ from pydantic import BaseModel, ValidationError
 
 from nolens.documents import parse_toml
 from nolens.errors import DataError, FileError, NolensError, OptionError
-from nolens.files.names import readable
-from nolens.files.text_file import read_text
+from nolens.files.input import read_text, readable
 from nolens.studio.confinement import leads_out
 from nolens.studio.schemas import CameraInfo, Entry, EntryKind, Folder, PsfInfo
 

@@ -16,8 +16,8 @@ from nolens.design.replica import WIDER
 from nolens.design.uncertain import Propagated, Uncertain, propagate
 from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE, camera_files
+from nolens.files.cameras import write_description
 from nolens.files.plot_thickness import ColourCurves, plot_thickness
-from nolens.files.read_camera import write_description
 from nolens.jobs.designing.thickness_case import Case, Medium
 from nolens.jobs.designing.thickness_options import ThicknessOptions
 from nolens.jobs.run import Product, Run, Writer, job

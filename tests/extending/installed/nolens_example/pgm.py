@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from nolens.camera import Frame
-from nolens.files.limits import check_size
+from nolens.files.input import check_size
 
 _HEADER = re.compile(rb"P5\s+(\d{1,9})\s+(\d{1,9})\s+(\d{1,9})\s")
 

@@ -1,23 +1,23 @@
-"""Pictures of scenes: their radiance and what they hide."""
+"""Pictures: radiance of scenes read from files, and radiance written for screens and programs."""
 
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from PIL import Image, ImageOps
+from PIL import Image, ImageOps, PngImagePlugin
 from torch import Tensor
 
-from nolens.camera import linear_from_srgb
+from nolens.camera import exposure_white, linear_from_srgb, srgb_from_linear
 from nolens.camera.finite import all_finite, unusable
-from nolens.errors import FileError
-from nolens.files.check_input import check_content, check_exists
-from nolens.files.damage import damage
-from nolens.files.limits import check_bytes, check_size
-from nolens.files.read_npy import read_npy
-from nolens.files.read_png import read_png_samples
-from nolens.files.read_tiff import read_tiff_samples
+from nolens.errors import DataError, FileError
+from nolens.files.arrays import read_npy, read_png_samples
+from nolens.files.atomic import atomic_write
+from nolens.files.input import check_bytes, check_content, check_exists, check_size, damage
+from nolens.files.tiff import read_tiff_samples, write_tiff
 
 _KINDS = {
     ".png": "PNG",
@@ -33,12 +33,11 @@ _ACCEPTED = (
     "A scene is a .png, .jpg or .tif of 8 or 16 bits (sRGB), or a float .tif or .npy (linear, "
     "1 is white)"
 )
-
+_MOST_SCANS = 200
+_BLOCK = 2**22
 
 # Its limit is a fixed one; ours is looked at first.
 Image.MAX_IMAGE_PIXELS = None
-_MOST_SCANS = 200
-_BLOCK = 2**22
 
 
 @dataclass(frozen=True)
@@ -155,13 +154,6 @@ def _read_jpeg(path: Path) -> NDArray[np.generic]:
 def check_scans(data: bytes, source: str | Path) -> None:
     """Refuse a progressive JPEG of thousands of scans, each of which goes over all pixels.
 
-    Parameters
-    ----------
-    data
-        The file's bytes.
-    source
-        Where it comes from, for messages.
-
     Raises
     ------
     FileError
@@ -173,3 +165,103 @@ def check_scans(data: bytes, source: str | Path) -> None:
             f"{source} is a JPEG of {scans} scans, and at most {_MOST_SCANS} are read: save it "
             "again"
         )
+
+
+def write_png(path: str | Path, radiance: Tensor, white: float | None = None) -> None:
+    """Write a picture as 8-bit PNG with the sRGB curve.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    radiance
+        Linear radiance, (1 or 3, height, width).
+    white
+        Radiance that is white; what is brighter clips. None takes `exposure_white` of the picture
+        (its 99.5th percentile).
+
+    Raises
+    ------
+    DataError
+        If the picture is black everywhere, holds NaN, or does not have one or three channels.
+    FileError
+        If the file cannot be written.
+    """
+    white = exposure_white(radiance) if white is None else white
+    picture = screen_picture(radiance, white)
+    note = PngImagePlugin.PngInfo()
+    note.add_text("Description", f"sRGB; the radiance {white:.9g} is white")
+    with atomic_write(path) as temporary:
+        # Photographs hold few repetitions but runs: as small as by zlib's default way in 0.4 of its
+        # time.
+        picture.save(temporary, pnginfo=note, compress_type=zlib.Z_RLE)
+
+
+def screen_picture(radiance: Tensor, white: float) -> Image.Image:
+    """Radiance (1 or 3, height, width) as a picture for a screen, 8-bit sRGB.
+
+    Raises
+    ------
+    DataError
+        If it does not have one or three channels.
+    """
+    encoded = srgb_from_linear(radiance / white).mul_(255).round_().to(torch.uint8)
+    return Image.fromarray(np.ascontiguousarray(_pixels(encoded)))
+
+
+def write_tiff16(path: str | Path, radiance: Tensor) -> None:
+    """Write linear radiance as 16-bit TIFF: ``round(65535 radiance / white)``, clipped.
+
+    White is `exposure_white` of the radiance; it stands in the file's description as JSON, with
+    the radiance of one count.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    radiance
+        Linear radiance, (1 or 3, height, width).
+
+    Raises
+    ------
+    DataError
+        If the picture is black everywhere, holds NaN, or does not have one or three channels.
+    FileError
+        If the file cannot be written.
+    """
+    white = exposure_white(radiance)
+    pixels = _pixels((radiance.double() / white).clamp(0, 1) * 65535).round().astype(np.uint16)
+    write_tiff(path, pixels, {"linear": True, "white": white, "per_count": white / 65535})
+
+
+def write_tiff32(path: str | Path, radiance: Tensor) -> None:
+    """Write linear radiance as it is, as 32-bit float TIFF.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    radiance
+        Linear radiance, (1 or 3, height, width).
+
+    Raises
+    ------
+    DataError
+        If the picture does not have one or three channels.
+    FileError
+        If the file cannot be written.
+    """
+    write_tiff(
+        path, _pixels(radiance).astype(np.float32), {"linear": True, "per_count": 1.0, "black": 0}
+    )
+
+
+def _pixels(values: Tensor) -> NDArray[Any]:
+    """(height, width) or (height, width, 3), as file formats have it."""
+    if values.ndim != 3 or values.shape[0] not in (1, 3):
+        raise DataError(
+            f"a picture has (channels, height, width) with 1 or 3 channels, not "
+            f"{tuple(values.shape)}"
+        )
+    array = values.detach().cpu().numpy()
+    return array[0] if len(array) == 1 else np.moveaxis(array, 0, -1)

@@ -1,21 +1,31 @@
-"""TIFF pictures: counts of 8 and 16 bits, and floats."""
+"""TIFF: pictures of counts and floats, read and written, with what this program notes of them."""
 
+import json
+import logging
 import math
+import os
+import struct
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from nolens.camera import Frame
-from nolens.errors import FileError
+from nolens.camera import MOSAICS, Frame
+from nolens.documents import parse_json
+from nolens.errors import DataError, FileError
 from nolens.files.arrays import frame_from_array
-from nolens.files.damage import damage
-from nolens.files.limits import check_part, check_size
-from nolens.files.quiet import quiet_library
-from nolens.files.tiff_directories import check_directories
-from nolens.files.tiff_note import TiffNote
+from nolens.files.atomic import atomic_write
+from nolens.files.input import check_part, check_size, damage
+
+SOFTWARE = "nolens"
+"""Name in the files whose description is a note of ours."""
+HEIGHTS_IN_UM = "heights in um"
+"""Description of a TIFF that holds a camera's relief."""
 
 _PICTURES = (tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.RGB)
 _RAW = (tifffile.PHOTOMETRIC.CFA, tifffile.PHOTOMETRIC.LINEAR_RAW)
@@ -33,6 +43,13 @@ _CODINGS = (
 _LARGE = 2**28
 # Far above what any lossless coding reaches on a picture: more is a damaged header.
 _MOST_COMPRESSED = 10_000
+_MOST_PAGES = 10_000
+"""Directories of one file."""
+_MOST_TAGS = 1000
+_MOST_BYTES = 2**24
+"""Of the values of one tag: places of strips, texts, colour profiles."""
+_SIZES = np.array([0, 1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8, 4, 0, 0, 8, 8, 8], np.uint64)
+"""Bytes of a value, by its type."""
 
 
 def read_tiff(path: Path, page: int | None = None) -> Frame:
@@ -51,13 +68,13 @@ def read_tiff(path: Path, page: int | None = None) -> Frame:
         If the file is damaged or incomplete, has several pages, or holds values or a coding
         that cannot be read.
     """
-    found = read_tiff_samples(path, page)
-    values = found.values[: len(found.values) - len(found.alphas)]
-    return found.note.applied(frame_from_array(values, str(path)))
+    samples = read_tiff_samples(path, page)
+    values = samples.values[: len(samples.values) - len(samples.alphas)]
+    return _apply_note(frame_from_array(values, str(path)), samples.note)
 
 
 class TiffSamples(NamedTuple):
-    """What a page of TIFF holds.
+    """A page of TIFF.
 
     Parameters
     ----------
@@ -66,12 +83,12 @@ class TiffSamples(NamedTuple):
     alphas
         For each channel of alpha, whether the colours are multiplied by it.
     note
-        What this program wrote about its own files.
+        As `own_note` gives it.
     """
 
     values: NDArray[np.generic]
     alphas: tuple[bool, ...]
-    note: TiffNote
+    note: dict[str, Any]
 
 
 def read_tiff_samples(path: Path, number: int | None = None) -> TiffSamples:
@@ -84,7 +101,7 @@ def read_tiff_samples(path: Path, number: int | None = None) -> TiffSamples:
     """
     check_directories(path)
     try:
-        with quiet_library("tifffile"), tifffile.TiffFile(path) as tiff:
+        with open_tiff(path) as tiff:
             page = _page(path, tiff, number)
             _check_kind(path, page)
             _check_complete(path, page)
@@ -97,7 +114,7 @@ def read_tiff_samples(path: Path, number: int | None = None) -> TiffSamples:
                     for extra in page.extrasamples
                     if extra in _ALPHA
                 ),
-                TiffNote.of(page),
+                own_note(page),
             )
     except FileError:
         raise
@@ -116,7 +133,7 @@ def count_pages(path: Path) -> int:
     """
     check_directories(path)
     try:
-        with quiet_library("tifffile"), tifffile.TiffFile(path) as tiff:
+        with open_tiff(path) as tiff:
             return len(_pages(tiff))
     except Exception:  # Damaged tags can raise nearly anything.
         return 1
@@ -208,3 +225,151 @@ def _channels_first(array: NDArray[np.generic]) -> NDArray[np.generic]:
 
 def _name(value: int) -> str:
     return value.name if hasattr(value, "name") else f"number {value}"
+
+
+@contextmanager
+def open_tiff(path: Path) -> Iterator[tifffile.TiffFile]:
+    """Open a file with the library's logger and NumPy's warnings off.
+
+    What the library would say of a file becomes an error of ours.
+    """
+    logger = logging.getLogger("tifffile")
+    before = logger.disabled
+    logger.disabled = True
+    try:
+        with np.errstate(all="ignore"), tifffile.TiffFile(path) as tiff:
+            yield tiff
+    finally:
+        logger.disabled = before
+
+
+def own_note(page: tifffile.TiffPage) -> dict[str, Any]:
+    """What this program noted of a page; nothing for another program's, or a damaged note."""
+    if page.software != SOFTWARE:
+        return {}
+    try:
+        note = parse_json(page.description, "the note")
+    except DataError:
+        return {}
+    return note if isinstance(note, dict) else {}
+
+
+def _apply_note(frame: Frame, note: Mapping[str, Any]) -> Frame:
+    """The frame with the levels, the mosaic and the exposure time that a note has."""
+    black, white = _noted_number(note.get("black")), _noted_number(note.get("white"))
+    if black is None:
+        return frame
+    frame = replace(
+        frame,
+        black=(black,),
+        black_stated=True,
+        white=frame.white if white is None else white,
+        exposure_s=_noted_number(note.get("exposure_s")),
+    )
+    if note.get("mosaic") in MOSAICS and frame.channels == ("grey",):
+        frame = replace(frame, channels=("mosaic",), mosaic=note["mosaic"])
+    return frame
+
+
+def _noted_number(value: Any) -> float | None:
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return float(value) if is_number and 0 <= value < 2**24 else None
+
+
+def write_tiff(
+    path: str | Path, values: NDArray[Any], note: str | Mapping[str, Any], **options: Any
+) -> None:
+    """Write values (height, width) or (height, width, 3) as they are, with a note of them.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    values
+        Counts or floats.
+    note
+        Becomes the description of the file, a mapping as JSON.
+    options
+        Of `tifffile.imwrite`, besides.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    with atomic_write(path) as temporary:
+        tifffile.imwrite(
+            temporary,
+            np.ascontiguousarray(values),
+            photometric="rgb" if values.ndim == 3 else "minisblack",
+            description=note if isinstance(note, str) else json.dumps(note),
+            metadata=None,
+            software=SOFTWARE,
+            **options,
+        )
+
+
+def check_directories(path: Path) -> None:
+    """Refuse a TIFF, or a raw file built like one, whose directories alone would fill the memory.
+
+    Where the chain is broken it is left to the reader, which says so.
+
+    Raises
+    ------
+    FileError
+        If there are too many directories, or tags in one, or a tag has too many values.
+    """
+    with path.open("rb") as file:
+        try:
+            _walk(path, file)
+        except struct.error:  # It ends in the middle of a directory.
+            return
+
+
+def _walk(path: Path, file: BinaryIO) -> None:
+    order = "<" if file.read(2) == b"II" else ">"
+    (version,) = struct.unpack(f"{order}H", file.read(2))
+    big = version == 43
+    count, entry, offset = ("Q", 20, "Q") if big else ("H", 12, "I")
+    file.seek(8 if big else 4)
+    length = os.fstat(file.fileno()).st_size
+    seen = set[int]()
+    while 0 < (place := _one(file, order + offset)) < length and place not in seen:
+        seen.add(place)
+        if len(seen) > _MOST_PAGES:
+            raise FileError(
+                f"{path} has more than {_MOST_PAGES} pages: give a folder of files, or an .npy"
+            )
+        file.seek(place)
+        tags = _one(file, order + count)
+        if tags > _MOST_TAGS:
+            raise _damaged(path, f"a page with {tags} tags")
+        data = file.read(tags * entry)
+        if len(data) < tags * entry:
+            return
+        fields = np.frombuffer(
+            data,
+            [
+                ("code", f"{order}u2"),
+                ("type", f"{order}u2"),
+                ("count", f"{order}u{8 if big else 4}"),
+                ("value", f"V{8 if big else 4}"),
+            ],
+        )
+        sizes = _SIZES[np.minimum(fields["type"], len(_SIZES) - 1)].astype(np.float64)
+        held = sizes * fields["count"]
+        if held.size and held.max() > _MOST_BYTES:
+            tag = fields[int(held.argmax())]
+            raise _damaged(path, f"{int(tag['count'])} values of its tag {int(tag['code'])}")
+
+
+def _one(file: BinaryIO, form: str) -> int:
+    (value,) = struct.unpack(form, file.read(struct.calcsize(form)))
+    return int(value)
+
+
+def _damaged(path: Path, what: str) -> FileError:
+    return FileError(
+        f"{path} cannot be read as a TIFF: its directory announces {what}, more than any picture "
+        "has. Copy it again from where it was made"
+    )

@@ -1,0 +1,295 @@
+"""Files that somebody gives: what is refused of them before a library decodes them, and texts.
+
+Nothing here loads more than the standard library, so that the studio's server can use it.
+"""
+
+import difflib
+import math
+import os
+import re
+import stat
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from nolens.documents import LONGEST_JSON
+from nolens.errors import FileError, OptionError
+from nolens.quantities import DataSize
+
+READ_LIMIT = 1_500_000_000
+"""Bytes that one read may decode where nothing else is set: 125 megapixels of three colours."""
+
+_SIGNATURES = (
+    (b"\x89PNG\r\n\x1a\n", "PNG"),
+    (b"\x93NUMPY", "npy"),
+    (b"\xff\xd8\xff", "JPEG"),
+    (b"GIF8", "GIF"),
+    (b"BM", "BMP"),
+    (b"II*\0", "TIFF"),
+    (b"MM\0*", "TIFF"),
+    (b"II+\0", "TIFF"),
+    (b"MM\0+", "TIFF"),
+)
+_LEAST, _MOST = 10**6, 10**15
+_FLOAT = 4
+_LONGEST_REASON = 160
+_HALF_CHARACTERS = re.compile("[\ud800-\udfff]")
+_limit = READ_LIMIT
+
+
+def readable(text: str | Path) -> str:
+    """A path, or a text with one in it, to print and store: bytes that are no UTF-8 as U+FFFD."""
+    return _HALF_CHARACTERS.sub("\ufffd", os.fspath(text))
+
+
+@contextmanager
+def system_errors(path: Path) -> Iterator[None]:
+    """Turn what the system says of a file or folder that cannot be read into a `FileError`."""
+    try:
+        yield
+    except OSError as error:
+        raise FileError(f"cannot read {path}: {error.strerror or error}") from error
+
+
+def check_exists(path: Path, accepted: str) -> None:
+    """Refuse a path that is no file.
+
+    Parameters
+    ----------
+    path
+        The file to be read.
+    accepted
+        What would be accepted, as a sentence without its full stop.
+
+    Raises
+    ------
+    FileError
+        If there is nothing (with the nearest name in its folder), a folder, or a device.
+    """
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        message = f"there is no file {path}"
+        if not path.parent.is_dir():
+            message += f", and no folder {path.parent}"
+        else:
+            names = [other.name for other in path.parent.iterdir() if other.is_file()]
+            near = difflib.get_close_matches(path.name, names, n=1)
+            message += f". Did you mean {path.with_name(near[0])}?" if near else " in its folder"
+        raise FileError(message) from None
+    except (OSError, ValueError) as error:
+        raise FileError(f"cannot read {path}: {error}") from error
+    if stat.S_ISDIR(mode):
+        raise FileError(f"{path} is a folder: give the name of a file in it. {accepted}")
+    if not stat.S_ISREG(mode):
+        raise FileError(f"{path} is no file but a device or a pipe. {accepted}")
+
+
+def check_content(path: Path, expected: tuple[str | None, ...], accepted: str) -> None:
+    """Refuse a file whose first bytes are not of the kind that its suffix says.
+
+    Parameters
+    ----------
+    path
+        The file to be read.
+    expected
+        Kinds that the suffix can stand for; None for any that has no known first bytes.
+    accepted
+        What would be accepted, as a sentence without its full stop.
+
+    Raises
+    ------
+    FileError
+        If it is empty, cannot be read, or is of another kind.
+    """
+    suffix = path.suffix.lower()
+    with system_errors(path), path.open("rb") as file:
+        start = file.read(8)
+    if not start:
+        raise FileError(f"{path} is empty: copy it again from where it was made")
+    kind = next((name for mark, name in _SIGNATURES if start.startswith(mark)), None)
+    if kind in expected:
+        return
+    if kind is None:
+        raise FileError(
+            f"{path} does not hold what its suffix {suffix} says: it is no {expected[0]} file. "
+            f"{accepted}"
+        )
+    raise FileError(
+        f"{path} has the suffix {suffix}, but it is a {kind} file"
+        + (": give it the suffix that fits" if kind in ("PNG", "TIFF", "npy") else "")
+        + f". {accepted}"
+    )
+
+
+def read_limit() -> int:
+    """Bytes that one read may decode in this process."""
+    return _limit
+
+
+def set_read_limit(size: str | int) -> None:
+    """Set how much one read may decode in this process.
+
+    Processes that are started later do not take it over: tell each of them.
+
+    Parameters
+    ----------
+    size
+        Such as ``"4GB"``, or bytes.
+
+    Raises
+    ------
+    OptionError
+        If it is no size, below 1 MB or above 1e6 GB.
+    """
+    global _limit
+    limit = DataSize.parse(size) if isinstance(size, str) else DataSize.of(size, "B")
+    if not _LEAST <= limit.exact <= _MOST:
+        raise OptionError(f"--read-limit {limit}: give 1MB to 1000000GB, such as 4GB")
+    _limit = int(limit.exact)
+
+
+def check_size(shape: Sequence[int], itemsize: int, source: str | Path) -> None:
+    """Refuse an array that is larger than one read may decode.
+
+    Parameters
+    ----------
+    shape
+        As the header says it.
+    itemsize
+        Bytes of one stored value; less than four count as four, as arrays become float32.
+    source
+        Where it comes from, for messages.
+
+    Raises
+    ------
+    FileError
+        If it is too large.
+    """
+    # Without numpy's integers, which overflow.
+    size = math.prod(int(each) for each in shape) * max(itemsize, _FLOAT)
+    if size > _limit:
+        text = "×".join(str(int(each)) for each in shape)
+        raise _too_large(f"{source} holds {text} values", size)
+
+
+def check_bytes(path: Path, cost: int = 1) -> None:
+    """Refuse a file whose bytes, at `cost` bytes of memory for each, are more than one read takes.
+
+    Raises
+    ------
+    FileError
+        If it is too large, or cannot be read.
+    """
+    with system_errors(path):
+        size = path.stat().st_size
+    if size * cost > _limit:
+        raise _too_large(f"{path} has {_size_text(size)}", size * cost)
+
+
+def check_part(decoded: int, coded: int, source: str | Path) -> None:
+    """Refuse a strip or tile whose bytes take too much beside the picture while it is decoded.
+
+    Raises
+    ------
+    FileError
+        If it is too large.
+    """
+    if decoded + coded > _limit:
+        raise _too_large(
+            f"{source} has {_size_text(decoded)} in one strip or tile", decoded + coded
+        )
+
+
+def _too_large(what: str, size: int) -> FileError:
+    # A little more than it takes, in two digits.
+    step = 10 ** max(6, math.floor(math.log10(size)) - 1)
+    return FileError(
+        f"{what}, for which {_size_text(size)} are needed; one read may take "
+        f"{_size_text(_limit)}. If the file is what it should be, allow it more with --read-limit "
+        f"{_size_text((size // step + 1) * step).replace(' ', '')}"
+    )
+
+
+def _size_text(size: int) -> str:
+    return f"{size / 1e9:.3g} GB" if size >= 10**9 else f"{size / 1e6:.3g} MB"
+
+
+def damage(path: Path, kind: str, error: Exception, advice: str = "") -> FileError:
+    """Error to raise for a damaged file, with the start of what the library says.
+
+    Parameters
+    ----------
+    path
+        The file.
+    kind
+        What it was to be, with its article.
+    error
+        Of the library.
+    advice
+        What to do, as a sentence without its full stop; to copy it again where it is left out.
+    """
+    reason = " ".join(str(error).split())
+    # Objects show themselves as <... at 0x7f...>, which says nothing to a person.
+    clear = reason and reason.isprintable() and "<" not in reason
+    why = f" ({reason[:_LONGEST_REASON]})" if clear else ""
+    return FileError(
+        f"{path} cannot be read as {kind}: it is damaged or incomplete{why}. "
+        + (advice or "Copy it again from where it was made")
+    )
+
+
+@contextmanager
+def quiet_stderr() -> Iterator[None]:
+    """Send what C code writes to standard error nowhere, for the whole process."""
+    try:
+        original = os.dup(2)
+    except OSError:  # Standard error is closed: there is nothing to keep quiet.
+        yield
+        return
+    try:
+        with Path(os.devnull).open("wb") as sink:
+            os.dup2(sink.fileno(), 2)
+            yield
+    finally:
+        os.dup2(original, 2)
+        os.close(original)
+
+
+def read_text(path: str | Path, kind: str = "TOML file", advice: str = "") -> str:
+    """Read a text file of at most 16 million bytes.
+
+    Parameters
+    ----------
+    path
+        The file; ~ at its beginning stands for the home folder.
+    kind
+        What it is to be, for messages.
+    advice
+        What to do where it cannot be read, as a sentence without its full stop.
+
+    Raises
+    ------
+    FileError
+        If there is no such file, or it cannot be read, is longer, or no UTF-8.
+    """
+    end = f". {advice}" if advice else ""
+    try:
+        path = Path(path).expanduser()
+        # A pipe would wait for ever for somebody to write into it.
+        if not stat.S_ISREG(path.stat().st_mode) and not path.is_dir():
+            raise FileError(f"cannot read {path}: it is no file but a device or a pipe{end}")
+        with path.open("rb") as file:
+            content = file.read(LONGEST_JSON + 1)
+    # The names of no user, and characters that no path can have, are no OSError.
+    except (OSError, ValueError, RuntimeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise FileError(f"cannot read {path}: {reason}{end}") from error
+    if len(content) > LONGEST_JSON:
+        raise FileError(
+            f"{path} has more than {LONGEST_JSON // 10**6} million bytes, which no {kind} has{end}"
+        )
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise FileError(f"{path} is no {kind}: {error}") from error
