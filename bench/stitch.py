@@ -67,7 +67,7 @@ def captures(bench: VirtualExperiment) -> dict[PsfEntry, Tensor]:
             psf = torch.stack([frame.values for frame in frames]).mean(dim=0).clamp_min(0)
             entry = PsfEntry.model_validate({
                 "file": f"psf-300mm-{right:g}deg-{up:g}deg.tif",
-                "cell": f"{bench.twin.cell_um:g} um",
+                "cell": f"{bench.twin.pixel_um:g} um",
                 "channels": bench.sensor.channels,
                 "distance": "300 mm",
                 "angle": (f"{right:g} deg", f"{up:g} deg"),

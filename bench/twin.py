@@ -23,8 +23,8 @@ from machine import Others, describe
 from nolens.camera import opened, preset
 from nolens.evaluate import pattern_figures
 from nolens.files import write_png
-from nolens.optics import Grid, MaskSurface, PointSource, Relief, point_pattern
-from nolens.twin import Light, Plane, Twin, arrange, irradiate, point_spread
+from nolens.optics import Grid, MaskSurface, PointSource, Relief, monochromatic_psf
+from nolens.twin import Light, Plane, Twin, irradiate, point_spread, render_planes
 
 DOCS = Path(__file__).parents[1] / "docs"
 PICTURE = DOCS / "results" / "paper-psf.png"
@@ -63,7 +63,7 @@ def run_field(device: str) -> dict[str, Any]:
     twin = Twin.of(opened(preset("paper")), device=device)
     picture = torch.rand((3, 512, 512), generator=torch.Generator().manual_seed(0))
     start = time.perf_counter()
-    field, seen = arrange(twin, (Plane(picture, 60.0, 300e3),))
+    field, seen = render_planes(twin, (Plane(picture, 60.0, 300e3),))
     done = irradiate(twin, field, seen, field_points=9, light=WHITE, wavelengths=1)
     assert done.field_error is not None
     return {
@@ -103,7 +103,7 @@ def exactness() -> dict[str, Any]:
     finer = Relief(relief.sample(Grid(rows, columns, relief.grid_um / 2)), relief.grid_um / 2)
     pixels = [
         nnf.avg_pool2d(
-            point_pattern(
+            monochromatic_psf(
                 twin.illumination(SOURCE, 535.0), MaskSurface(surface), twin.media(535.0),
                 Grid(1024, 1024, twin.sensor_pitch_um).finer(samples),
             )[None],
@@ -123,7 +123,7 @@ def picture() -> None:
     parts = [
         point_spread(
             twin, PointSource((0.0, math.tan(math.radians(angle))), 300e3, 50.0), (360, 360),
-            pixels=2, light=WHITE,
+            superpixel=2, light=WHITE,
         )
         for angle in (0.0, 20.0, 40.0)
     ]  # fmt: skip

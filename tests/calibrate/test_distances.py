@@ -89,7 +89,7 @@ def test_scaled_is_what_the_twin_simulates(distance_mm: float) -> None:
     near, far = (camera.psf(PointSource(distance_um=z * 1e3)) for z in (distance_mm, 300.0))
     layers = Layers.of_camera(camera.twin.camera)
     found = scaled_psf(
-        far, camera.twin.cell_um, layers, measured_um=3e5, wanted_um=distance_mm * 1e3
+        far, camera.twin.pixel_um, layers, measured_um=3e5, wanted_um=distance_mm * 1e3
     ).psf
     assert correlation(found, near) > 0.9995
     assert correlation(far, near) < 0.997

@@ -41,7 +41,7 @@ Heights = NDArray[np.float64]
 def pattern(given: str | Path) -> torch.Tensor:
     twin = Twin.of(read_camera(given))
     source = PointSource((0.0, 0.0), 300e3)
-    return point_spread(twin, source, (96, 120), pixels=2, light=GREEN)[1].double()
+    return point_spread(twin, source, (96, 120), superpixel=2, light=GREEN)[1].double()
 
 
 def alike(one: torch.Tensor, other: torch.Tensor) -> float:
@@ -198,7 +198,7 @@ def test_a_small_patch_is_continued(heights: Heights, tmp_path: Path) -> None:
         sensor = made.camera.sensor
         grid = Grid(sensor.rows, sensor.columns, sensor.pitch.um)
         tangent = np.tan(np.deg2rad(angle)).item()
-        twin.check_reach(PointSource((tangent, 0) if axis == 0 else (0, tangent)), grid)
+        twin.check_extent(PointSource((tangent, 0) if axis == 0 else (0, tangent)), grid)
     # What was said to be needed is enough, and not much more than that.
     sensor = made.camera.sensor
     for less_mm, enough in ((0.0, True), (0.1, False)):
@@ -207,10 +207,10 @@ def test_a_small_patch_is_continued(heights: Heights, tmp_path: Path) -> None:
         smaller = replace(twin, mask=MaskSurface(relief))
         grid = Grid(sensor.rows, sensor.columns, sensor.pitch.um)
         if enough:
-            smaller.check_reach(PointSource((0.0, 0.0)), grid)
+            smaller.check_extent(PointSource((0.0, 0.0)), grid)
         else:
             with pytest.raises(OptionError, match="beyond the sensor"):
-                smaller.check_reach(PointSource((0.0, 0.0)), grid)
+                smaller.check_extent(PointSource((0.0, 0.0)), grid)
     # As rough as the patch, on average.
     assert record["result"]["measured"]["rms_um"] == pytest.approx(float(heights.std()), rel=0.15)
 

@@ -44,10 +44,10 @@ def test_contour_mask_in_the_twin(tmp_path: Path) -> None:
     mask = opened.camera.mask.model_copy(update={"aperture": None})
     open_camera = opened.camera.model_copy(update={"mask": mask})
     twin = Twin.of(type(opened)(open_camera, opened.quantum_efficiency, opened.acceptance, opened.relief_um))  # fmt: skip  # noqa: E501
-    psf = point_spread(twin, PointSource(), twin.cells, pixels=2, light=Light("535nm"))
+    psf = point_spread(twin, PointSource(), twin.shape, superpixel=2, light=Light("535nm"))
     side = round(told["period_um"] / 1.55)
     lines = random_contours(side, 1.55, 200.0, seed=0)
-    target = spread_over(line_target(lines, 12.0, 2), twin.cells)
+    target = spread_over(line_target(lines, 12.0, 2), twin.shape)
     found = [float(correlation(each, target)) for each in psf]
     assert found == pytest.approx(told["target_correlation"], abs=1e-4)
     assert float(correlation(psf[1], torch.roll(target, 20, 1))) < 0.5

@@ -16,7 +16,7 @@ from nolens.camera import PsfEntry, preset
 from nolens.files import read_camera, write_camera, write_psfs, write_tiff32
 from nolens.optics import PointSource
 from nolens.quantities import Angle, Length
-from nolens.twin.preview import preview_model
+from nolens.twin import preview_model
 
 CELLS = (128, 160)
 CELL_UM = 3.1
@@ -165,7 +165,7 @@ def dots(pitch_mm: float = 24.0) -> Tensor:
 
 def test_picture_of_dots(tmp_path: Path) -> None:
     write_tiff32(tmp_path / "dots.tif", dots())
-    asked = ("--dot-pitch", "24mm", "--distance", "300mm", "--camera", "small", "--reach", "29deg")
+    asked = ("--dot-pitch", "24mm", "--distance", "300mm", "--camera", "small", "--extent", "29deg")
     told = measured("--dots", tmp_path / "dots.tif", *asked, "--plot", tmp_path / "plot.png")
     assert told["pitch_found_mm"] == pytest.approx(24, rel=2e-3)
     assert told["good_deg"] == pytest.approx(29, abs=2) and told["lost_deg"] is None
@@ -201,7 +201,7 @@ def test_simulated_points_of_light(tmp_path: Path) -> None:
 
 
 def test_simulated_dots_are_found_again_in_their_picture(tmp_path: Path) -> None:
-    grid = ("--dot-pitch", "25mm", "--reach", "10deg")
+    grid = ("--dot-pitch", "25mm", "--extent", "10deg")
     out = tmp_path / "dots.tif"
     told = measured("--simulate", "small", *grid, "-o", out)
     assert told["outputs"] == [str(out), str(tmp_path / "dots.json")]
@@ -220,11 +220,14 @@ def test_simulated_dots_are_found_again_in_their_picture(tmp_path: Path) -> None
         (("--simulate", "small", "--angles", "0,5"), ("0 has no unit",)),
         (("--simulate", "small", "--angles", "5deg,0deg"), ("rising",)),
         (("--simulate", "small", "--angles", "0deg,55deg"), ("beyond the model", "50 deg")),
-        (("--simulate", "small", "--reach", "10deg"), ("--reach is about a grid", "--dot-pitch")),
+        (("--simulate", "small", "--extent", "10deg"), ("--extent is about a grid", "--dot-pitch")),
         (("--simulate", "small", "-o", "x.tif"), ("-o is about a grid",)),
         (("--simulate", "small", "--dot-pitch", "20"), ("20 has no unit",)),
         (("--simulate", "small", "--dot-pitch", "20mm", "--angles", "0deg"), ("two things",)),
-        (("--simulate", "small", "--dot-pitch", "20mm", "--reach", "60deg"), ("beyond the model",)),
+        (
+            ("--simulate", "small", "--dot-pitch", "20mm", "--extent", "60deg"),
+            ("beyond the model",),
+        ),
         (("--simulate", "small", "--dot-pitch", "0.1mm"), ("20000", "larger pitch")),
         (("--simulate", "small", "--dot-pitch", "900mm"), ("only one",)),
         (

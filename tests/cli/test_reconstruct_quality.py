@@ -18,8 +18,7 @@ from nolens.errors import DataError, FileError, OptionError
 from nolens.files import read_camera, read_frame
 from nolens.jobs import ReconstructOptions, reconstruct
 from nolens.solvers import Progress
-from nolens.twin import FieldMap
-from nolens.twin.preview import preview_model
+from nolens.twin import FieldMap, preview_model
 
 
 def solved(camera: Camera, out: Path, *asked: object) -> dict[str, object]:

@@ -5,7 +5,7 @@ from torch import Tensor
 
 from nolens.camera import opened, preset
 from nolens.design.masks import Layout, Limits, Tile, spread_over
-from nolens.optics import Grid, MaskSurface, PointSource, Relief, point_pattern, smoothed
+from nolens.optics import Grid, MaskSurface, PointSource, Relief, monochromatic_psf, smoothed
 from nolens.twin import Light, Twin
 
 GREEN_NM = 535.0
@@ -42,6 +42,6 @@ def by_the_twin(
     size = max((tangent[0] ** 2 + tangent[1] ** 2) ** 0.5, 1e-12)
     middle = tuple(reach * source.p * part / size for part in tangent)
     grid = Grid(side + 1, side + 1, grid_um, (middle[0], middle[1]))
-    pattern = point_pattern(light, MaskSurface(relief), twin.media(GREEN_NM), grid)
+    pattern = monochromatic_psf(light, MaskSurface(relief), twin.media(GREEN_NM), grid)
     # The middle sample of the surface is that of the tile; the light falls slantingly.
     return pattern[:side, :side] / float((1 - p * p) ** 1.5)

@@ -32,7 +32,7 @@ def twins_width_um(twin: Twin, light_nm: float, thickness_um: float) -> float:
     layers[0] = layers[0].model_copy(update={"thickness": thickness})
     other = replace(twin, camera=twin.camera.model_copy(update={"layers": tuple(layers)}))
     pattern = point_spread(
-        other, PointSource(distance_um=3e5), (PIXELS, PIXELS), pixels=1,
+        other, PointSource(distance_um=3e5), (PIXELS, PIXELS), superpixel=1,
         light=Light(f"{light_nm:g}nm"), wavelengths=1,
     )  # fmt: skip
     return pattern_figures(pattern.mean(0), 1.55).width_um / math.sqrt(2)

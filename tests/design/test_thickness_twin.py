@@ -20,7 +20,7 @@ from nolens.optics import (
     PointSource,
     Relief,
     Stack,
-    point_pattern,
+    monochromatic_psf,
 )
 from nolens.quantities import Length
 from nolens.twin import Light, Twin, point_spread
@@ -54,7 +54,7 @@ def brightness(stack: LensletStack, layer: int, thickness_um: float) -> float:
     )
     media = Media(WAVELENGTH_UM, float(stack.before), indices[s])
     mask = cap(float(stack.radius_um), math.copysign(1.0, indices[s] - float(stack.before)))
-    return float(point_pattern(light, mask, media, Grid(1, 1, 1.0))[0, 0])
+    return float(monochromatic_psf(light, mask, media, Grid(1, 1, 1.0))[0, 0])
 
 
 CASES = {
@@ -133,7 +133,7 @@ def peak_over_mean(surface: int, distance_um: float) -> float:
         update={"sensor": size, "layers": layers, "mask": Mask(surface=surface, relief=relief)}
     )
     pattern = point_spread(
-        Twin.of(opened(made)), PointSource(), (192, 192), pixels=1, light=Light("550nm"),
+        Twin.of(opened(made)), PointSource(), (192, 192), superpixel=1, light=Light("550nm"),
         wavelengths=1,
     )[1]  # fmt: skip
     return float(pattern.max() / pattern.mean())

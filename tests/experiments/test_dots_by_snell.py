@@ -12,8 +12,7 @@ from nolens.experiments.dot_grid import Rays, between_deg, dot_grid, found_grid,
 from nolens.experiments.off_axis import off_axis, ray_curves
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import read_camera
-from nolens.twin import Twin
-from nolens.twin.preview import preview_model
+from nolens.twin import Twin, preview_model
 
 PITCH_UM, DISTANCE_UM = 24e3, 300e3
 CELL_UM = 3.1
@@ -175,7 +174,7 @@ def test_off_axis(bench: VirtualExperiment) -> None:
     angles = [0.0, 4.0, 10.0]
     found = off_axis(bench, angles, distance_um=DISTANCE_UM, seed=3)
     assert [each.angle_deg for each in found] == pytest.approx(angles)
-    height, width = (cells * CELL_UM for cells in bench.twin.cells)
+    height, width = (cells * CELL_UM for cells in bench.twin.shape)
     for each in found:
         moved = snell_um(math.tan(math.radians(each.angle_deg)), bench.twin)
         assert each.expected_shift_um == pytest.approx(moved, rel=1e-3)

@@ -11,8 +11,7 @@ from nolens.camera import Flat, ReliefFile, opened, preset
 from nolens.errors import DataError
 from nolens.evaluate import pattern_figures
 from nolens.fabricate.sheet_focus import expected_lines, focus_of, ray_budget
-from nolens.optics import PointSource, Stack
-from nolens.optics.rays import mask_to_sensor
+from nolens.optics import PointSource, Stack, mask_to_sensor
 from nolens.quantities import Length
 from nolens.twin import Light, Twin, point_spread
 
@@ -86,7 +85,7 @@ def test_lines_are_those_of_the_twin():
     twin = Twin.of(opened(camera))
     source = PointSource(distance_um=300e3, diameter_um=50.0)
     psf = point_spread(
-        twin, source, (128, 160), pixels=2, light=Light("white-led"), wavelengths=1
+        twin, source, (128, 160), superpixel=2, light=Light("white-led"), wavelengths=1
     )  # fmt: skip
     width = pattern_figures(psf.mean(dim=0), 3.1).width_um
     assert found[1].width_um == pytest.approx(width, rel=1e-6)

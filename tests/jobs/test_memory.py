@@ -12,9 +12,17 @@ from nolens.errors import OptionError
 from nolens.files import read_camera
 from nolens.jobs.run import BYTES_OF_PROGRAM, announce_memory, check_memory
 from nolens.optics import PointSource, surface_bytes
-from nolens.twin import Light, Plane, Twin, colours_of, irradiate_bytes
-from nolens.twin.point import colour_pattern_bytes
-from nolens.twin.preview import preview_model, relief_points, simulation_bytes
+from nolens.twin import (
+    Light,
+    Plane,
+    Twin,
+    colours_of,
+    irradiate_bytes,
+    polychromatic_psf_bytes,
+    preview_model,
+    relief_points,
+    simulation_bytes,
+)
 
 CPU = torch.device("cpu")
 
@@ -50,7 +58,7 @@ def test_memory_of_a_pattern() -> None:
     near, far = (PointSource((0.0, 0.3), distance) for distance in (10e3, math.inf))
 
     def needed(source: PointSource, cells: tuple[int, int]) -> float:
-        return colour_pattern_bytes(twin, source, cells, 2, at_least=2, shortest=450.0)
+        return polychromatic_psf_bytes(twin, source, cells, 2, at_least=2, shortest=450.0)
 
     kept = 4 * 6080 * 8112
     assert kept + 8 * 2800**2 < needed(far, (1520, 2028)) < 1.6 * (kept + 14 * 3072**2)

@@ -16,7 +16,7 @@ from nolens.optics import (
     Opening,
     PointSource,
     Stack,
-    point_pattern,
+    monochromatic_psf,
 )
 
 RADIUS_UM, WIDTH_UM = 670.0, 300.0
@@ -66,7 +66,7 @@ def _brightness(lenslet: MaskSurface, resin_um: float, index: float, source_um: 
     """In the middle of the pattern."""
     light = Illumination(PointSource(distance_um=source_um), NOTHING, _stack(resin_um, index))
     media = Media(WAVELENGTH_UM, 1.0, index)
-    return float(point_pattern(light, lenslet, media, Grid(1, 1, 1.0))[0, 0])
+    return float(monochromatic_psf(light, lenslet, media, Grid(1, 1, 1.0))[0, 0])
 
 
 # PDMS and the resin of the paper; the last source is so near that the focus moves by a quarter.

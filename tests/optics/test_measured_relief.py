@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nolens.optics import Relief, random_lenslets
-from nolens.optics.measured import filled, levelled, mirrored_on, resampled
-from nolens.optics.roughness import relief_figures
+from nolens.optics.measured import filled, levelled, mirrored_on, relief_figures, resampled
 
 factors = st.floats(-5, 5)
 

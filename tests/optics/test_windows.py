@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nolens.optics import Margin, divergence
-from nolens.optics.windows import window_length, windows
+from nolens.optics.psf import window_length, windows
 
 
 @given(
@@ -20,7 +20,7 @@ from nolens.optics.windows import window_length, windows
 )
 def test_every_sample_is_in_one_window(rows, columns, pitch_um, distance_um, largest):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("nolens.optics.windows._LARGEST", largest)
+        patch.setattr("nolens.optics.psf._LARGEST", largest)
         parts = list(windows(rows, columns, pitch_um, distance_um))
     times = torch.zeros(rows, columns, dtype=torch.int64)
     most = largest if math.isinf(distance_um) else max(64, largest)

@@ -154,7 +154,7 @@ def test_quick_is_smaller_in_every_way_and_both_foretell_memory() -> None:
     assert quick.reduced and not full.reduced
     assert full.pixels == (3040, 4056)
     assert quick.bytes < full.bytes and quick.written_bytes < full.written_bytes
-    region = Region.centred(446, 446, quick.preview.cells)
+    region = Region.centred(446, 446, quick.preview.shape)
     assert quick.scene_work() < full.scene_work()
     assert quick.solve_work(region, 100) < full.solve_work(region, 100)
     assert replace(QUICK, pixels=(9000, 9000)) and Workbench(

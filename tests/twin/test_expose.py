@@ -8,7 +8,7 @@ from cameras import GREEN, WHITE, cropped, flattened, twin_of
 from torch import Tensor
 
 from nolens.camera import Sensor, preset
-from nolens.twin import Plane, Twin, arrange, expose, irradiate, mosaic, photocurrents
+from nolens.twin import Plane, Twin, expose, irradiate, mosaic, photocurrents, render_planes
 
 SIDE = 800
 
@@ -119,7 +119,7 @@ def bare() -> Twin:
 
 @pytest.fixture(scope="module")
 def evenly_lit(bare: Twin) -> Tensor:
-    field, seen = arrange(bare, (Plane(torch.ones(3, 8, 8), 15.0, 300e3),))
+    field, seen = render_planes(bare, (Plane(torch.ones(3, 8, 8), 15.0, 300e3),))
     return irradiate(bare, field, seen, field_points=1, light=GREEN, wavelengths=1).light
 
 
@@ -161,7 +161,7 @@ def test_counts_double_with_exposure_until_they_clip(bare, evenly_lit):
 def test_exposure_of_the_paper_is_of_the_right_size():
     """A screen of some 200 cd/m² that fills 60° took the paper 40 to 70 ms, below saturation."""
     twin = twin_of(flattened(cropped(64, 64)))
-    field, seen = arrange(twin, (Plane(torch.ones(3, 3, 4), 60.0, 300e3),))
+    field, seen = render_planes(twin, (Plane(torch.ones(3, 3, 4), 60.0, 300e3),))
     light = float((seen[0].radiance[1] * field.solid_angle() * field.vignetting()).sum())
     current = light * float(photocurrents(twin, WHITE, 200.0).max())
     seconds = twin.camera.sensor.clip_electrons / current

@@ -13,7 +13,7 @@ from scipy.integrate import dblquad
 from nolens.errors import OptionError
 from nolens.operators import Region
 from nolens.optics import PointSource
-from nolens.twin import FieldMap, Plane, Twin, arrange, irradiate
+from nolens.twin import FieldMap, Plane, Twin, irradiate, render_planes
 
 # Pixels of 12.4 um: an eighth of the cells along each side.
 EVEN = twin_of(flattened(cropped(32, 40, pitch="12.4 um")))
@@ -26,7 +26,7 @@ TWINS = pytest.mark.parametrize("twin", [EVEN, ODD, GREY], ids=["even", "odd", "
 @TWINS
 def test_the_middle_cell_is_on_the_axis(twin):
     field = FieldMap.covering(twin, (0.2, 0.3))
-    region, cells = field.region, twin.cells
+    region, cells = field.region, twin.shape
     middle = cells[0] // 2 - region.top, cells[1] // 2 - region.left
     assert field.source(*middle, math.inf).tangent == (0.0, 0.0)
     rows, columns = field.tangents()
@@ -39,10 +39,10 @@ def test_the_region_is_centred_and_even(twin):
     for tangents in ((0.2, 0.3), (0.01, 0.5), (0.4, 0.001), (0.0001, 0.0001)):
         region = FieldMap.covering(twin, tangents).region
         assert region.height % 2 == region.width % 2 == 0
-        assert region == Region.centred(region.height, region.width, twin.cells)
+        assert region == Region.centred(region.height, region.width, twin.shape)
         # As many cells on both sides of the cell on the axis, but for the first.
-        assert twin.cells[0] // 2 - region.top == region.height // 2
-        assert twin.cells[1] // 2 - region.left == region.width // 2
+        assert twin.shape[0] // 2 - region.top == region.height // 2
+        assert twin.shape[1] // 2 - region.left == region.width // 2
 
 
 @TWINS
@@ -79,9 +79,9 @@ def test_the_chief_ray_of_a_cell_lands_on_it(twin, down, right, distance_um):
     assert source.distance_um == distance_um
     landed = twin.shift_um(source)
     wanted = [
-        (start + at - cells // 2) * twin.cell_um
+        (start + at - cells // 2) * twin.pixel_um
         for start, at, cells in zip(
-            (field.region.top, field.region.left), (row, column), twin.cells, strict=True
+            (field.region.top, field.region.left), (row, column), twin.shape, strict=True
         )
     ]
     assert landed == pytest.approx(wanted, abs=1e-6)
@@ -131,7 +131,7 @@ def test_solid_angle_of_a_cell_is_that_of_its_neighbours_directions(twin):
     inner = (slice(1, -1), slice(1, -1))
     torch.testing.assert_close(field.solid_angle()[inner], expected[inner], rtol=2e-3, atol=0)
     straight = field.solid_angle()[field.region.height // 2, field.region.width // 2]
-    expected = (twin.cell_um / reduced_um(twin.camera)) ** 2
+    expected = (twin.pixel_um / reduced_um(twin.camera)) ** 2
     assert float(straight) == pytest.approx(expected, rel=1e-6)
 
 
@@ -163,7 +163,7 @@ def _plane(shape: tuple[int, int], angle_deg: float) -> Plane:
 
 def _named_deg(twin: Twin, shape: tuple[int, int], angle_deg: float) -> float:
     with pytest.raises(OptionError, match="choose an angle of at most") as caught:
-        arrange(twin, (_plane(shape, angle_deg),))
+        render_planes(twin, (_plane(shape, angle_deg),))
     found = re.search(r"at most ([0-9.]+)deg", str(caught.value))
     assert found is not None
     return float(found[1])
@@ -174,7 +174,7 @@ def _named_deg(twin: Twin, shape: tuple[int, int], angle_deg: float) -> float:
 def test_corners_beyond_50_deg_are_refused_with_an_angle_that_is_accepted(shape, asked_deg):
     named = _named_deg(EVEN, shape, asked_deg)
     assert 60 < named <= 100
-    field, seen = arrange(EVEN, (_plane(shape, named),))
+    field, seen = render_planes(EVEN, (_plane(shape, named),))
     assert float(seen[0].radiance.max()) == pytest.approx(1)
     # Field points at the region's corners lie farther out than the scene.
     light = irradiate(EVEN, field, seen, field_points=3, light=GREEN).light
@@ -186,7 +186,7 @@ def test_corners_beyond_50_deg_are_refused_with_an_angle_that_is_accepted(shape,
 def test_the_angle_that_is_named_is_nearly_the_largest(shape):
     named = _named_deg(EVEN, shape, 150.0)
     with pytest.raises(OptionError, match="deg"):
-        arrange(EVEN, (_plane(shape, named + 0.5),))
+        render_planes(EVEN, (_plane(shape, named + 0.5),))
 
 
 def test_the_limit_is_that_of_the_corner():

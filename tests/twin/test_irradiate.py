@@ -25,12 +25,12 @@ from nolens.quantities import Length
 from nolens.twin import (
     FieldMap,
     Plane,
-    Seen,
+    PlaneView,
     Twin,
-    arrange,
     irradiate,
     mosaic,
     point_spread,
+    render_planes,
 )
 
 DISTANCE_UM = 300e3
@@ -76,7 +76,7 @@ def _by_hand(twin: Twin, field: FieldMap, scene: Tensor, distance_um: float) -> 
 @pytest.fixture
 def sampled_alike(monkeypatch: pytest.MonkeyPatch) -> None:
     """As many samples to the pixel as `point_spread` takes: two, where `irradiate` takes one."""
-    monkeypatch.setattr("nolens.twin.measure.samples_per_pixel", lambda twin, at_least: 2)
+    monkeypatch.setattr("nolens.twin.irradiance.samples_per_pixel", lambda twin, at_least: 2)
 
 
 # Middle, a corner, and the middles of two sides, as cells of a region of 2n × 2m: field points.
@@ -100,7 +100,7 @@ def test_a_single_cell_gives_the_pattern_of_its_point(name, place, request, samp
     scene = _dark(field, 3)
     row, column = _lit(field, place)
     scene[:, row, column] = torch.tensor([1.0, 2.0, 3.0])
-    got = irradiate(twin, field, (Seen(scene, DISTANCE_UM),), field_points=3, light=GREEN)
+    got = irradiate(twin, field, (PlaneView(scene, DISTANCE_UM),), field_points=3, light=GREEN)
     expected = _by_hand(twin, field, scene, DISTANCE_UM)
     # Windows are cut differently; what little light an aperture diffracts past them differs.
     assert relative_error(got.light, expected) < (1e-4 if name == "open_mask" else 2e-3)
@@ -111,7 +111,7 @@ def test_one_sample_is_enough_for_a_pixel_of_a_mosaic(open_mask):
     field = FieldMap.covering(open_mask, (0.12, 0.16))
     scene = _dark(field, 3)
     scene[(slice(None), *_lit(field, (0.0, 0.5)))] = 1
-    got = irradiate(open_mask, field, (Seen(scene, DISTANCE_UM),), field_points=3, light=GREEN)
+    got = irradiate(open_mask, field, (PlaneView(scene, DISTANCE_UM),), field_points=3, light=GREEN)
     error = relative_error(got.light, _by_hand(open_mask, field, scene, DISTANCE_UM))
     assert 1e-4 < error < 5e-3
 
@@ -120,7 +120,7 @@ def test_grey_pixels(grey):
     field = FieldMap.covering(grey, (0.12, 0.16))
     scene = _dark(field, 1)
     scene[(slice(None), *_lit(field, (1.0, 0.5)))] = 1
-    got = irradiate(grey, field, (Seen(scene, DISTANCE_UM),), field_points=3, light=GREEN)
+    got = irradiate(grey, field, (PlaneView(scene, DISTANCE_UM),), field_points=3, light=GREEN)
     assert relative_error(got.light, _by_hand(grey, field, scene, DISTANCE_UM)) < 1e-4
 
 
@@ -134,7 +134,7 @@ def test_grey_agrees_with_the_mean_of_a_mosaic(open_mask):
     light = []
     for twin, channels in ((open_mask, 3), (large, 1)):
         plane = Plane(picture.expand(channels, -1, -1), 16.0, DISTANCE_UM)
-        field, seen = arrange(twin, (plane,))
+        field, seen = render_planes(twin, (plane,))
         light.append(irradiate(twin, field, seen, field_points=3, light=GREEN).light)
     binned = torch.nn.functional.avg_pool2d(light[0][None], 2)[0]
     assert relative_error(binned, light[1]) < 2e-3
@@ -146,7 +146,7 @@ def test_without_a_mask_an_even_scene_lights_every_pixel_evenly(field_points, di
     """With the sum of solid angle times vignetting, for the light of a far scene; that of a near
     one spreads on its way through the layers, by 1 + D/z in both directions."""
     twin = twin_of(flattened(cropped(32, 48)))
-    field, seen = arrange(twin, (Plane(torch.full((3, 4, 5), 0.5), 20.0, distance_um),))
+    field, seen = render_planes(twin, (Plane(torch.full((3, 4, 5), 0.5), 20.0, distance_um),))
     got = irradiate(twin, field, seen, field_points=field_points, light=GREEN)
     expected = (field.solid_angle() * field.vignetting() * seen[0].radiance[0]).sum()
     expected /= (1 + reduced_um(twin.camera) / distance_um) ** 2
@@ -164,7 +164,7 @@ def test_field_points_that_no_pixel_sees(field_points):
     blind = AngularCurve(source="blind", angle_deg=(0, 20, 25), response=(1, 1, 0))
     sensor = camera.sensor.model_copy(update={"acceptance": blind})
     twin = twin_of(camera.model_copy(update={"sensor": sensor}))
-    field, seen = arrange(twin, (Plane(torch.ones(1, 4, 5), 70.0, float("inf")),))
+    field, seen = render_planes(twin, (Plane(torch.ones(1, 4, 5), 70.0, float("inf")),))
     weights = field.solid_angle() * field.vignetting()
     assert float(weights[0, 0]) == 0
     got = irradiate(twin, field, seen, field_points=field_points, light=GREEN)
@@ -177,16 +177,19 @@ def test_light_is_linear_and_planes_add_up(grey):
     generator = torch.Generator().manual_seed(4)
     one, other = (torch.rand(_dark(field, 1).shape, generator=generator) for _ in range(2))
 
-    def light(*seen: Seen) -> Tensor:
+    def light(*seen: PlaneView) -> Tensor:
         return irradiate(grey, field, seen, field_points=3, light=GREEN).light.double()
 
-    near, far = light(Seen(one, 60e3)), light(Seen(other, DISTANCE_UM))
-    assert relative_error(light(Seen(one, 60e3), Seen(other, DISTANCE_UM)), near + far) < 1e-5
-    assert relative_error(light(Seen(3 * one, 60e3)), 3 * near) < 1e-5
-    both = light(Seen(one + other, DISTANCE_UM))
-    assert relative_error(both, light(Seen(one, DISTANCE_UM)) + far) < 1e-5
+    near, far = light(PlaneView(one, 60e3)), light(PlaneView(other, DISTANCE_UM))
+    assert (
+        relative_error(light(PlaneView(one, 60e3), PlaneView(other, DISTANCE_UM)), near + far)
+        < 1e-5
+    )
+    assert relative_error(light(PlaneView(3 * one, 60e3)), 3 * near) < 1e-5
+    both = light(PlaneView(one + other, DISTANCE_UM))
+    assert relative_error(both, light(PlaneView(one, DISTANCE_UM)) + far) < 1e-5
     # At another distance the pattern has another size.
-    assert relative_error(light(Seen(one, DISTANCE_UM)), near) > 1e-3
+    assert relative_error(light(PlaneView(one, DISTANCE_UM)), near) > 1e-3
 
 
 def test_near_and_far_planes_each_have_their_own_pattern(open_mask, sampled_alike):
@@ -194,7 +197,7 @@ def test_near_and_far_planes_each_have_their_own_pattern(open_mask, sampled_alik
     near, far = _dark(field, 3), _dark(field, 3)
     near[(slice(None), *_lit(field, (1.0, 0.0)))] = 1
     far[(slice(None), *_lit(field, (0.0, 0.5)))] = 1
-    seen = Seen(near, 40e3), Seen(far, DISTANCE_UM)
+    seen = PlaneView(near, 40e3), PlaneView(far, DISTANCE_UM)
     got = irradiate(open_mask, field, seen, field_points=3, light=GREEN)
     expected = sum(_by_hand(open_mask, field, each.radiance, each.distance_um) for each in seen)
     assert isinstance(expected, Tensor)
@@ -205,15 +208,15 @@ def test_bright_above_and_to_the_right_is_bright_there_on_the_sensor(aperture):
     """The picture that the camera gives is upright."""
     picture = torch.zeros(3, 2, 2)
     picture[:, 0, 1] = 1
-    field, seen = arrange(aperture, (Plane(picture, 9.0, DISTANCE_UM),))
+    field, seen = render_planes(aperture, (Plane(picture, 9.0, DISTANCE_UM),))
     light = irradiate(aperture, field, seen, field_points=3, light=GREEN).light.double()
     share = light / light.sum()
     row = float((share.sum(dim=1) * torch.arange(256.0)).sum()) - 127.5
     column = float((share.sum(dim=0) * torch.arange(320.0)).sum()) - 159.5
     # Where the chief rays fall, on average.
     region, weights = field.region, seen[0].radiance[0] * field.solid_angle() * field.vignetting()
-    down = torch.arange(region.height)[:, None] + region.top - aperture.cells[0] // 2
-    right = torch.arange(region.width) + region.left - aperture.cells[1] // 2
+    down = torch.arange(region.height)[:, None] + region.top - aperture.shape[0] // 2
+    right = torch.arange(region.width) + region.left - aperture.shape[1] // 2
     expected = [2 * float((weights * each).sum() / weights.sum()) for each in (down, right)]
     assert expected[0] < -20 < 20 < expected[1]
     assert (row, column) == pytest.approx(expected, abs=2)
@@ -228,7 +231,7 @@ def test_the_corners_of_a_wide_scene_stay_in_their_place(field_points):
     hole = Aperture(shape="rectangle", width=side, height=side)
     mask = camera.mask.model_copy(update={"aperture": hole})
     twin = twin_of(camera.model_copy(update={"mask": mask}))
-    field, seen = arrange(twin, (Plane(torch.ones(1, 4, 4), 80.0, DISTANCE_UM),))
+    field, seen = render_planes(twin, (Plane(torch.ones(1, 4, 4), 80.0, DISTANCE_UM),))
     assert field.source(0, 0, DISTANCE_UM).angle_deg > 51
     place = (torch.arange(256.0) - 127.5) * twin.sensor_pitch_um
     inside = seen[0].radiance[0].nonzero().tolist()
@@ -236,7 +239,7 @@ def test_the_corners_of_a_wide_scene_stay_in_their_place(field_points):
         scene = torch.zeros_like(seen[0].radiance)
         scene[0, row, column] = 1
         got = irradiate(
-            twin, field, (Seen(scene, DISTANCE_UM),), field_points=field_points, light=GREEN
+            twin, field, (PlaneView(scene, DISTANCE_UM),), field_points=field_points, light=GREEN
         )
         share = got.light.double() / got.light.double().sum()
         middle = [float((share.sum(dim=axis) * place).sum()) for axis in (1, 0)]
@@ -247,7 +250,7 @@ def test_the_corners_of_a_wide_scene_stay_in_their_place(field_points):
 def test_one_field_point_is_the_plain_convolution(open_mask):
     """Of the operator that reconstructions use, with the point spread function of the axis."""
     picture = torch.rand(3, 9, 12, generator=torch.Generator().manual_seed(5))
-    field, seen = arrange(open_mask, (Plane(picture, 16.0, DISTANCE_UM),))
+    field, seen = render_planes(open_mask, (Plane(picture, 16.0, DISTANCE_UM),))
     got = irradiate(open_mask, field, seen, field_points=1, light=WHITE, wavelengths=1)
     assert got.field_error is None
     cells = tuple(2 * (n // 2 + max(field.region.height, field.region.width)) for n in (64, 80))
@@ -263,7 +266,7 @@ def test_one_field_point_is_the_plain_convolution(open_mask):
             return torch.stack([red, (one + other) / 2, blue])
         return torch.stack([red[0], (one[1] + other[1]) / 2, blue[2]])
 
-    operator = CroppedConvolution(binned(psf).double(), open_mask.cells, field.region)
+    operator = CroppedConvolution(binned(psf).double(), open_mask.shape, field.region)
     weights = field.solid_angle() * field.vignetting()
     expected = operator(seen[0].radiance * weights)
     for channel, part in enumerate(binned(got.light)):
@@ -295,7 +298,9 @@ def test_the_estimate_of_the_error_is_about_right(grey, stars):
     field, scene, expected = stars
     true, estimated = {}, {}
     for points in (1, 3, 5, 9):
-        got = irradiate(grey, field, (Seen(scene, DISTANCE_UM),), field_points=points, light=GREEN)
+        got = irradiate(
+            grey, field, (PlaneView(scene, DISTANCE_UM),), field_points=points, light=GREEN
+        )
         true[points] = float((got.light - expected).square().mean().sqrt())
         estimated[points] = got.field_error
     assert estimated[1] is None
@@ -315,7 +320,7 @@ def test_field_points_without_a_middle_are_refused(grey, field_points):
     field = FieldMap.covering(grey, (0.1, 0.1))
     with pytest.raises(OptionError, match="an odd number along each side is needed"):
         irradiate(
-            grey, field, (Seen(_dark(field, 1), DISTANCE_UM),),
+            grey, field, (PlaneView(_dark(field, 1), DISTANCE_UM),),
             field_points=field_points, light=GREEN,
         )  # fmt: skip
 
@@ -329,7 +334,7 @@ def test_more_field_points_than_cells(grey, tangents, field_points):
     field = FieldMap.covering(grey, tangents)
     assert min(field.region.height, field.region.width) <= field_points + 1
     scene = torch.rand(_dark(field, 1).shape, generator=torch.Generator().manual_seed(7))
-    seen = (Seen(scene, DISTANCE_UM),)
+    seen = (PlaneView(scene, DISTANCE_UM),)
     many = irradiate(grey, field, seen, field_points=field_points, light=GREEN)
     few = irradiate(grey, field, seen, field_points=3, light=GREEN)
     assert relative_error(many.light, few.light) < 1e-3
@@ -338,14 +343,16 @@ def test_more_field_points_than_cells(grey, tangents, field_points):
 
 def test_a_dark_scene_gives_no_light(grey):
     field = FieldMap.covering(grey, (0.1, 0.1))
-    got = irradiate(grey, field, (Seen(_dark(field, 1), DISTANCE_UM),), field_points=3, light=GREEN)
+    got = irradiate(
+        grey, field, (PlaneView(_dark(field, 1), DISTANCE_UM),), field_points=3, light=GREEN
+    )
     assert float(got.light.abs().max()) == 0
     assert got.field_error == 0
 
 
 def test_scenes_that_need_more_mask_are_refused() -> None:
     twin = twin_of(cropped(64, 64, overhang="0.3 mm"))
-    field, seen = arrange(twin, (Plane(torch.ones(3, 4, 4), 60.0, DISTANCE_UM),))
+    field, seen = render_planes(twin, (Plane(torch.ones(3, 4, 4), 60.0, DISTANCE_UM),))
     with pytest.raises(OptionError, match="give it an overhang of"):
         irradiate(twin, field, seen, field_points=3, light=GREEN)
 
@@ -356,8 +363,8 @@ def test_progress_ends_at_one(grey: Twin) -> None:
     scene[0, 0, 0] = 1  # Most field points have nothing to do.
     shares: list[float] = []
     note: Callable[[float], None] = shares.append
-    seen = Seen(scene, 60e3), Seen(scene, DISTANCE_UM)
-    irradiate(grey, field, seen, field_points=3, light=GREEN, tick=note)
+    seen = PlaneView(scene, 60e3), PlaneView(scene, DISTANCE_UM)
+    irradiate(grey, field, seen, field_points=3, light=GREEN, progress=note)
     assert shares == sorted(shares)
     assert shares[-1] == pytest.approx(1)
     assert len(set(shares)) >= 2 * 9

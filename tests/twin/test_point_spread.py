@@ -28,7 +28,7 @@ from nolens.optics import (
     PointSource,
     Relief,
     Stack,
-    point_pattern,
+    monochromatic_psf,
     random_lenslets,
 )
 from nolens.quantities import Length
@@ -187,7 +187,7 @@ def test_each_wavelength_has_its_own_indices_and_diffraction(wavelength_nm):
     light = Illumination(source, Stack((), ()), layers)
     media = Media(wavelength_nm * 1e-3, 1.0, indices[0])
     grid = Grid(100, 100, PIXEL_UM, twin.shift_um(source)).finer(2)
-    fine = point_pattern(light, twin.mask, media, grid, response=twin.response())
+    fine = monochromatic_psf(light, twin.mask, media, grid, response=twin.response())
     expected = torch.nn.functional.avg_pool2d(fine[None], 2)[0]
     got = point_spread(twin, source, (100, 100), light=Light(f"{wavelength_nm}nm"))[0]
     assert relative_error(got, expected) < 2e-3
@@ -211,8 +211,8 @@ def test_half_the_pitch_changes_nothing(monkeypatch):
     def as_it_is(twin: Twin, pitch_um: float, **_: float) -> Twin:
         return twin
 
-    monkeypatch.setattr("nolens.twin.point.samples_per_pixel", twice)
-    monkeypatch.setattr("nolens.twin.point.sampled", as_it_is)
+    monkeypatch.setattr("nolens.twin.psf.samples_per_pixel", twice)
+    monkeypatch.setattr("nolens.twin.psf.sampled", as_it_is)
     finer = replace(twin, mask=MaskSurface(Relief(fine, PIXEL_UM / 2)))
     better = point_spread(finer, source, (200, 200), light=WHITE, wavelengths=1)
     assert 1e-5 < relative_error(usual, better) < 2e-3
@@ -222,7 +222,7 @@ def test_cells_are_means_of_their_pixels():
     twin = twin_of(cropped(128, 128, overhang="0.4 mm"))
     source = toward(10, 30, 300e3)
     fine = point_spread(twin, source, (64, 96), light=GREEN)
-    cells = point_spread(twin, source, (32, 48), pixels=2, light=GREEN)
+    cells = point_spread(twin, source, (32, 48), superpixel=2, light=GREEN)
     expected = fine.reshape(3, 32, 2, 48, 2).mean(dim=(2, 4))
     assert relative_error(cells, expected) < 1e-4
 
@@ -230,6 +230,6 @@ def test_cells_are_means_of_their_pixels():
 def test_progress_ends_at_one():
     twin = twin_of(cropped(64, 64, overhang="0.3 mm"))
     shares: list[float] = []
-    point_spread(twin, PointSource(), (32, 32), light=WHITE, wavelengths=2, tick=shares.append)
+    point_spread(twin, PointSource(), (32, 32), light=WHITE, wavelengths=2, progress=shares.append)
     assert shares == sorted(shares)
     assert shares == pytest.approx([(k + 1) / 6 for k in range(6)])

@@ -9,7 +9,7 @@ from cameras import cropped, flattened, in_grey, twin_of
 from torch import Tensor
 
 from nolens.errors import DataError, OptionError
-from nolens.twin import FieldMap, Plane, Seen, arrange
+from nolens.twin import FieldMap, Plane, PlaneView, render_planes
 
 TWIN = twin_of(flattened(cropped(64, 80, pitch="3.1 um")))
 CELL_UM = 6.2
@@ -20,8 +20,8 @@ def _picture(height: int, width: int, value: float = 0.0) -> Tensor:
     return torch.full((3, height, width), value)
 
 
-def _one(plane: Plane) -> tuple[FieldMap, Seen]:
-    field, seen = arrange(TWIN, (plane,))
+def _one(plane: Plane) -> tuple[FieldMap, PlaneView]:
+    field, seen = render_planes(TWIN, (plane,))
     assert len(seen) == 1
     return field, seen[0]
 
@@ -126,7 +126,7 @@ def test_half_clear_planes_dim_what_is_behind():
     near = Plane(_picture(4, 4, 1.0), 20.0, 80e3, torch.full((4, 4), 0.5))
     middle = Plane(_picture(4, 4, 1.0), 20.0, 100e3, torch.full((4, 4), 0.25))
     far = Plane(_picture(4, 4, 1.0), 20.0, math.inf)
-    _, seen = arrange(TWIN, (far, near, middle))
+    _, seen = render_planes(TWIN, (far, near, middle))
     assert [each.distance_um for each in seen] == [80e3, 100e3, math.inf]
     inner = [each.radiance[:, 20:-20, 20:-20] for each in seen]
     for part, expected in zip(inner, (0.5, 0.5 * 0.25, 0.5 * 0.75), strict=True):
@@ -138,7 +138,7 @@ def test_near_hides_far_in_any_order():
     near = Plane(_picture(4, 4, 0.3), 15.0, 50e3)
     far = Plane(_picture(4, 4, 0.9), 30.0, 200e3)
     for order in permutations((near, far)):
-        field, seen = arrange(TWIN, order)
+        field, seen = render_planes(TWIN, order)
         rows, columns = field.tangents()
         side = math.tan(math.radians(7.5))
         covered = (rows.abs() < side - 1e-6) & (columns.abs() < side - 1e-6)
@@ -169,7 +169,7 @@ def test_what_is_clear_does_not_bleed_into_edges():
 def test_the_map_holds_the_widest_plane():
     wide = Plane(_picture(1, 10, 1.0), 40.0, FAR_UM)
     tall = Plane(_picture(10, 1, 1.0), 30.0, FAR_UM)
-    field, _ = arrange(TWIN, (wide, tall))
+    field, _ = render_planes(TWIN, (wide, tall))
     tangents = math.tan(math.radians(15)), math.tan(math.radians(20))
     assert field == FieldMap.covering(TWIN, tangents)
 
@@ -179,7 +179,7 @@ def test_the_map_holds_the_widest_plane():
 
 def _refused(planes: tuple[Plane, ...], error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
-        arrange(TWIN, planes)
+        render_planes(TWIN, planes)
 
 
 def test_no_plane():
@@ -193,10 +193,10 @@ def test_wrong_channels(shape):
 
 def test_a_grey_sensor_takes_one_channel():
     grey = twin_of(in_grey(flattened(cropped(64, 64))))
-    _, seen = arrange(grey, (Plane(torch.ones(1, 4, 4), 20.0, FAR_UM),))
+    _, seen = render_planes(grey, (Plane(torch.ones(1, 4, 4), 20.0, FAR_UM),))
     assert seen[0].radiance.shape[0] == 1
     with pytest.raises(DataError, match="1 channels"):
-        arrange(grey, (Plane(torch.ones(3, 4, 4), 20.0, FAR_UM),))
+        render_planes(grey, (Plane(torch.ones(3, 4, 4), 20.0, FAR_UM),))
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -1e-3])
@@ -231,4 +231,4 @@ def test_too_near(distance_um):
     far = Plane(_picture(4, 4), 20.0, FAR_UM)
     near = Plane(_picture(4, 4), 20.0, distance_um)
     _refused((far, near), OptionError, "choose 10 mm or more")
-    arrange(TWIN, (far, Plane(_picture(4, 4), 20.0, 10e3)))
+    render_planes(TWIN, (far, Plane(_picture(4, 4), 20.0, 10e3)))

@@ -26,8 +26,7 @@ from nolens.camera.opened import OpenCamera
 from nolens.errors import OptionError
 from nolens.optics import Grid, PointSource
 from nolens.quantities import Length
-from nolens.twin import Twin, point_spread
-from nolens.twin.point import colour_pattern
+from nolens.twin import Twin, point_spread, polychromatic_psf
 
 # --- Refusals ---------------------------------------------------------------------------------
 
@@ -71,7 +70,7 @@ def test_four_samples_to_the_fastest_turn():
 
 
 def _check(camera: Camera, source: PointSource, cells: int) -> None:
-    twin_of(camera).check_reach(source, Grid(cells, cells, 1.55))
+    twin_of(camera).check_extent(source, Grid(cells, cells, 1.55))
 
 
 @pytest.mark.parametrize(
@@ -125,7 +124,7 @@ def test_point_spread_checks_its_reach():
 def test_cameras_whose_light_ends_by_itself_are_not_refused(kind):
     camera = cropped(64, 64, of="small") if kind == "aperture" else flattened(cropped(64, 64))
     twin = twin_of(camera)
-    twin.check_reach(toward(50), Grid(2000, 2000, 1.55))
+    twin.check_extent(toward(50), Grid(2000, 2000, 1.55))
     dark = point_spread(twin, toward(50), (64, 64), light=GREEN, frame="sensor")
     expected = 0.32 * math.cos(math.radians(50)) ** 3 if kind == "flat" else 0.0
     assert float(dark.mean()) == pytest.approx(expected, abs=2e-3)
@@ -158,7 +157,7 @@ def test_reading_fewer_pixels_keeps_the_mask():
     twin = twin_of(cropped(200, 260, overhang="0.3 mm"))
     part = twin.reading(100, 120)
     assert (part.camera.sensor.rows, part.camera.sensor.columns) == (100, 120)
-    assert part.cells == (50, 60)
+    assert part.shape == (50, 60)
     assert part.mask is twin.mask
     source = toward(5, 30, 300e3)
     whole = point_spread(twin, source, (200, 260), light=GREEN, frame="sensor")
@@ -266,7 +265,7 @@ def test_an_oblique_source_blurs_like_its_points(pinhole, azimuth_deg):
         tangent = centre.tangent[0] + moved[0], centre.tangent[1] + moved[1]
         sources.append(PointSource(tangent, distance))
     points = torch.stack(
-        [colour_pattern(pinhole, each, grid, ((GREEN_NM, 1.0),), average=2) for each in sources]
+        [polychromatic_psf(pinhole, each, grid, ((GREEN_NM, 1.0),), average=2) for each in sources]
     ).mean(dim=0)
     blurred, sharp = (
         point_spread(pinhole, replace(disc, diameter_um=each), (220, 220), light=GREEN)[0]

@@ -18,11 +18,19 @@ from nolens.jobs.run import BYTES_OF_PROGRAM, check_memory
 from nolens.operators import Region
 from nolens.quantities import Angle, Length
 from nolens.solvers.inputs import Plane, channels_of
-from nolens.twin import Light, Twin, colours_of, irradiate_bytes
+from nolens.twin import (
+    Light,
+    Twin,
+    colours_of,
+    in_channels,
+    irradiate_bytes,
+    polychromatic_psf_bytes,
+    preview_model,
+    relief_points,
+    shortest_nm,
+    simulation_bytes,
+)
 from nolens.twin import Plane as ScenePlane
-from nolens.twin.point import colour_pattern_bytes, shortest_nm
-from nolens.twin.preview import preview_model, relief_points, simulation_bytes
-from nolens.twin.scene import in_channels
 
 
 class Camera:
@@ -71,12 +79,12 @@ class Camera:
     @property
     def pixel_um(self) -> float:
         """Distance of the pixels of a measurement; of a mosaic, that of the superpixels."""
-        return preview_model(self.opened).cell_um
+        return preview_model(self.opened).pixel_um
 
     @cached_property
     def size(self) -> tuple[int, int]:
         """(height, width) of a measurement in pixels; of a mosaic, superpixels of 2×2."""
-        return self.preview.cells
+        return self.preview.shape
 
     @cached_property
     def preview(self) -> Twin:
@@ -203,11 +211,11 @@ def psf(
         size = (rows + support.height, columns + support.width)
     source = source_of(distance, angle, diameter)
     bare, colours = camera.preview, colours_of(camera.preview, Light(light), wavelengths)
-    pattern = colour_pattern_bytes(
+    pattern = polychromatic_psf_bytes(
         bare,
         source,
-        size or bare.cells,
-        bare.cell_pixels,
+        size or bare.shape,
+        bare.superpixel,
         at_least=2,
         shortest=shortest_nm(colours),
     )

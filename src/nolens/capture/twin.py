@@ -20,7 +20,7 @@ from nolens.optics import PointSource
 from nolens.twin import (
     FieldMap,
     Light,
-    PlainModel,
+    ShiftInvariantModel,
     Twin,
     aperture_room_um,
     expose,
@@ -69,7 +69,7 @@ class TwinSource:
         self._seed = secrets.randbits(32) if seed is None else seed
         self._number = 0
         self._scene = chart()
-        self._prepared: tuple[PlainModel, Tensor] | None = None
+        self._prepared: tuple[ShiftInvariantModel, Tensor] | None = None
         self._rate: tuple[Tensor, Tensor] | None = None
         self._asked: tuple[float, float] | None = None
         self._is_open = False
@@ -218,16 +218,16 @@ class TwinSource:
         self._closed.set()
 
     @property
-    def _model(self) -> PlainModel:
+    def _model(self) -> ShiftInvariantModel:
         return self._prepare()[0]
 
-    def _prepare(self) -> tuple[PlainModel, Tensor]:
+    def _prepare(self) -> tuple[ShiftInvariantModel, Tensor]:
         """The camera's model, and electrons of every pixel in a second, to its light."""
         with self._lock:
             if self._prepared is None:
                 twin = Twin.of(self._camera)
                 camera = twin.camera
-                model = PlainModel.of(
+                model = ShiftInvariantModel.of(
                     twin,
                     FieldMap.covering(twin, _half_field(twin)),
                     distance_um=camera.reference_distance.um,
@@ -249,7 +249,7 @@ class TwinSource:
     def _on_pixels(self, scene: Tensor) -> Tensor:
         if len(self._sensor.channels) == 1:
             scene = scene.mean(dim=0, keepdim=True)
-        return self._model.on_cells(scene)
+        return self._model.rendered(scene)
 
 
 def _half_field(twin: Twin) -> tuple[float, float]:

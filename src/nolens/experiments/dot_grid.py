@@ -13,7 +13,7 @@ from nolens.evaluate import Dot, Spot, angles_of, brightest_places, grade, spots
 from nolens.experiments.virtual_experiment import Tick, VirtualExperiment, solved
 from nolens.operators import Region
 from nolens.optics import PointSource, Stack
-from nolens.twin import LARGEST_ANGLE_DEG, FieldMap, Seen, Twin
+from nolens.twin import LARGEST_ANGLE_DEG, FieldMap, PlaneView, Twin
 
 _FEWEST = 5
 _OFF = 0.15
@@ -139,21 +139,21 @@ class Rays:
     def of(cls, twin: Twin, size: tuple[int, int]) -> "Rays":
         """For a picture of (rows, columns): all of the sensor, or an area around its middle."""
         rows, columns = (
-            cells // 2 - (cells - count) // 2 for cells, count in zip(twin.cells, size, strict=True)
+            cells // 2 - (cells - count) // 2 for cells, count in zip(twin.shape, size, strict=True)
         )
         return cls(twin, twin.stack(), (rows, columns))
 
     def cells(self, tangents: Places) -> Places:
         """Where the light of some directions falls."""
         at, reach, p = self._sines(tangents)
-        moved = self.stack.displacement_um(p) / self.twin.cell_um
+        moved = self.stack.displacement_um(p) / self.twin.pixel_um
         scale = torch.where(reach > 0, moved / reach.clamp_min(1e-12), 0.0)
         return _pairs(at * scale[:, None] + torch.tensor(self.axis, dtype=torch.float64))
 
     def tangents(self, cells: Places) -> Places:
         """From where light falls on some places."""
         away = torch.tensor(cells, dtype=torch.float64) - torch.tensor(self.axis)
-        away = away * self.twin.cell_um
+        away = away * self.twin.pixel_um
         reach = away.norm(dim=1)
         p = self.stack.ray(reach)
         tangent = p / (1 - p * p).sqrt()
@@ -166,7 +166,9 @@ class Rays:
         across = torch.where(
             reach > 0, self.stack.displacement_um(p) / reach.clamp_min(1e-12), self.stack.reduced_um
         )
-        spacings: list[float] = (torch.minimum(along, across) * (step / self.twin.cell_um)).tolist()
+        spacings: list[float] = (
+            torch.minimum(along, across) * (step / self.twin.pixel_um)
+        ).tolist()
         return spacings
 
     def light(self, tangents: Places) -> list[float]:
@@ -254,7 +256,7 @@ def found_grid(
         If dots so far apart are less than two pixels apart in the picture, or beyond number.
     """
     step = pitch_um / distance_um
-    cell_tangent = twin.cell_um / twin.stack().reduced_um
+    cell_tangent = twin.pixel_um / twin.stack().reduced_um
     if step < 2 * cell_tangent:
         raise OptionError(
             f"dots {pitch_um * 1e-3:g} mm apart at {distance_um * 1e-3:g} mm are "
@@ -436,9 +438,9 @@ def dot_grid(
             tick(0.6 + 0.4 * share)
 
     channels = len(bench.sensor.channels)
-    seen = Seen(scene.expand(channels, -1, -1).contiguous(), distance_um)
+    seen = PlaneView(scene.expand(channels, -1, -1).contiguous(), distance_um)
     shot = bench.seen(field, (seen,), fill=fill, seed=seed, tick=first)
-    rows, columns = twin.cells
+    rows, columns = twin.shape
     wide = rows + field.region.height, columns + field.region.width
     psf = bench.psf(PointSource((0.0, 0.0), distance_um), wide)
     picture = solved(shot.frame, psf, field.region, iterations=iterations, tick=second)
@@ -455,8 +457,8 @@ def _map_of(twin: Twin, reach_deg: float, step: float) -> FieldMap:
     """Square of cells up to an angle along its sides, and half a pitch more."""
     limit = math.tan(math.radians(reach_deg))
     reach = twin.shift_um(PointSource((0.0, limit)))[1] + step / 2 * twin.stack().reduced_um
-    side = 2 * math.ceil(reach / twin.cell_um + 1)
-    return FieldMap(twin, Region.centred(side, side, twin.cells))
+    side = 2 * math.ceil(reach / twin.pixel_um + 1)
+    return FieldMap(twin, Region.centred(side, side, twin.shape))
 
 
 def _radiance(field: FieldMap, at: Places) -> Tensor:

@@ -121,7 +121,7 @@ def off_axis(
         )
     return [
         # Its brightest pixel was exposed to as much as the central one's.
-        compared(central, pattern, source, twin.cell_um, twin, top / brightest, light / power)
+        compared(central, pattern, source, twin.pixel_um, twin, top / brightest, light / power)
         for source, (pattern, light, top) in zip(sources, patterns[1:], strict=True)
     ]
 
@@ -216,7 +216,7 @@ def ray_curves(
     dict
         The fields of `Rays` by name, one value for each angle.
     """
-    height_um, width_um = (count * twin.cell_um for count in twin.cells)
+    height_um, width_um = (count * twin.pixel_um for count in twin.shape)
     angles = (largest_deg * step / _CURVE_STEPS for step in range(_CURVE_STEPS + 1))
     sources = (PointSource((0.0, math.tan(math.radians(deg))), distance_um) for deg in angles)
     rays = [asdict(_by_rays(twin, source, height_um, width_um)) for source in sources]

@@ -42,8 +42,8 @@ class AngularScale:
     @classmethod
     def of_camera(cls, twin: Twin, region: Region) -> "AngularScale":
         """Scale of the cells of a region, by Snell's law in the camera's layers."""
-        tangent = twin.cell_um / twin.stack().reduced_um
-        axis = (twin.cells[0] // 2 - region.top, twin.cells[1] // 2 - region.left)
+        tangent = twin.pixel_um / twin.stack().reduced_um
+        axis = (twin.shape[0] // 2 - region.top, twin.shape[1] // 2 - region.left)
         return cls(tangent, axis, FieldMap(twin, region))
 
     def cells(self, angle_deg: float) -> float:
@@ -73,10 +73,10 @@ class AngularScale:
         twin = self.field.twin
         away_um = twin.stack().displacement_um(reach / (1 + reach.square()).sqrt())
         share = torch.where(reach > 0, away_um / reach.clamp_min(1e-12), twin.stack().reduced_um)
-        region, cells = self.field.region, twin.cells
+        region, cells = self.field.region, twin.shape
         places = [
-            rows[:, None] * share / twin.cell_um + cells[0] // 2 - region.top,
-            columns * share / twin.cell_um + cells[1] // 2 - region.left,
+            rows[:, None] * share / twin.pixel_um + cells[0] // 2 - region.top,
+            columns * share / twin.pixel_um + cells[1] // 2 - region.left,
         ]
         values = ndimage.map_coordinates(
             picture.double().cpu().numpy(),
@@ -164,7 +164,7 @@ class SolvingCamera:
         tick: Tick,
     ) -> "SolvingCamera":
         """Make the PSF of a distance."""
-        rows, columns = bench.twin.cells
+        rows, columns = bench.twin.shape
         wide = (rows + region.height, columns + region.width)
         psf = bench.psf(PointSource((0.0, 0.0), distance_um), wide, tick)
         return cls(bench, region, psf.mean(dim=0, keepdim=True), settings)

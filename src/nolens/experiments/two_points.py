@@ -137,7 +137,7 @@ def two_point_resolution(
         If even points half the region apart are not resolved.
     """
     settings = settings or SolverSettings(POINT_ITERATIONS)
-    region = Region.centred(POINTS_REGION, POINTS_REGION, bench.twin.cells)
+    region = Region.centred(POINTS_REGION, POINTS_REGION, bench.twin.shape)
     shares = Shares(1 + _EXPECTED_STEPS * draws, tick)
     camera = SolvingCamera.ready(bench, distance_um, region, settings, shares.part)
     shares.next()

@@ -14,16 +14,16 @@ from nolens.twin import (
     FieldMap,
     Light,
     Plane,
-    Seen,
+    PlaneView,
     Twin,
-    arrange,
+    expose,
     irradiate,
     mosaic,
     photocurrents,
     point_spread,
+    render_planes,
 )
-from nolens.twin.expose import expose_safely
-from nolens.twin.point import Frame as PsfFrame
+from nolens.twin import Frame as PsfFrame
 
 Tick = Callable[[float], None]
 
@@ -125,12 +125,12 @@ class VirtualExperiment:
         pattern = point_spread(
             self.twin,
             source,
-            size or self.twin.cells,
-            pixels=pixels or self.twin.cell_pixels,
+            size or self.twin.shape,
+            superpixel=pixels or self.twin.superpixel,
             light=self.light,
             wavelengths=self.wavelengths,
             frame=frame,
-            tick=tick,
+            progress=tick,
         ).cpu()
         seen = photocurrents(self.twin, self.light, 1.0)
         return pattern * (seen / seen.max())[:, None, None]
@@ -180,12 +180,12 @@ class VirtualExperiment:
         tick
             Called with the fraction that is done.
         """
-        return self.seen(*arrange(self.twin, planes), fill=fill, seed=seed, tick=tick)
+        return self.seen(*render_planes(self.twin, planes), fill=fill, seed=seed, tick=tick)
 
     def seen(
         self,
         field: FieldMap,
-        seen: tuple[Seen, ...],
+        seen: tuple[PlaneView, ...],
         *,
         fill: float = 0.9,
         seed: int = 0,
@@ -199,7 +199,7 @@ class VirtualExperiment:
             field_points=self.field_points,
             light=self.light,
             wavelengths=self.wavelengths,
-            tick=tick,
+            progress=tick,
         )
         currents = photocurrents(self.twin, self.light, 1.0)[:, None, None]
         image = found.light * mosaic(currents.expand(-1, *found.light.shape), self.sensor.mosaic)
@@ -215,7 +215,7 @@ class VirtualExperiment:
     def exposed(self, image: Tensor, fill: float, seed: int) -> Frame:
         """The sensor's frame of light on every pixel, its brightest exposed to `fill`."""
         electrons = image * (fill * self.sensor.clip_electrons / float(image.max()))
-        return raw_frame(expose_safely(electrons, self.sensor, seed=seed), self.twin.camera)
+        return raw_frame(expose(electrons, self.sensor, seed=seed), self.twin.camera)
 
 
 def raw_frame(counts: Tensor, camera: Camera, exposure_s: float | None = None) -> Frame:

@@ -9,11 +9,9 @@ from nolens.design.focus import depth_of_focus_um, lenslet_aperture
 from nolens.errors import DataError
 from nolens.evaluate import pattern_figures
 from nolens.fabricate.process import ToleranceBudget, ToleranceLine
-from nolens.optics import PointSource, Stack
-from nolens.optics.rays import mask_to_sensor
+from nolens.optics import PointSource, Stack, mask_to_sensor
 from nolens.quantities import Length
-from nolens.twin import Light, Twin, point_spread
-from nolens.twin.model import REFERENCE_NM
+from nolens.twin import REFERENCE_NM, Light, Twin, point_spread
 
 PINHOLE_UM = 50.0
 """Diameter of the paper's point source."""
@@ -180,12 +178,12 @@ def expected_lines(opened: OpenCamera, thicknesses_mm: tuple[float, ...]) -> tup
         psf = point_spread(
             other,
             source,
-            twin.cells,
-            pixels=twin.cell_pixels,
+            twin.shape,
+            superpixel=twin.superpixel,
             light=Light("white-led"),
             wavelengths=1,
         )
-        width_um = pattern_figures(psf.mean(dim=0), twin.cell_um).width_um
+        width_um = pattern_figures(psf.mean(dim=0), twin.pixel_um).width_um
         found.append(Lines(thickness_mm, width_um))
     return tuple(found)
 

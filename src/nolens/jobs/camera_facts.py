@@ -5,8 +5,7 @@ from typing import Any
 
 from nolens.camera import OpenCamera
 from nolens.optics import PointSource
-from nolens.twin import REFERENCE_NM
-from nolens.twin.preview import preview_model
+from nolens.twin import REFERENCE_NM, preview_model
 
 _ANGLES_DEG = (10, 30, 50)
 _DEPTH_MM = 80.0
@@ -37,7 +36,7 @@ def camera_facts(opened: OpenCamera) -> dict[str, Any]:
     }
     return {
         "sensor_mm": [round(sensor.height_mm, 4), round(sensor.width_mm, 4)],
-        "cells": list(twin.cells),
+        "cells": list(twin.shape),
         "layers": len(camera.layers),
         "reduced_thickness_mm": round(twin.stack().reduced_um * 1e-3, 5),
         "magnification_at_80mm": round(

@@ -32,10 +32,19 @@ from nolens.jobs.simulation import (
 from nolens.optics import PointSource
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
-from nolens.twin import Twin, mosaic, photocurrents
-from nolens.twin.expose import expose_safely
-from nolens.twin.point import Frame, colour_pattern_bytes, colours_of, shortest_nm
-from nolens.twin.preview import distance_um, relief_points, simulation_bytes
+from nolens.twin import (
+    Frame,
+    Twin,
+    colours_of,
+    distance_um,
+    expose,
+    mosaic,
+    photocurrents,
+    polychromatic_psf_bytes,
+    relief_points,
+    shortest_nm,
+    simulation_bytes,
+)
 
 _POINT = "Point source"
 _SIZE = re.compile(r"([0-9]{1,6})x([0-9]{1,6})")
@@ -165,7 +174,7 @@ def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
     source = _source(options, opened)
     bare.check_source(source)
     colours = colours_of(bare, light, options.wavelengths)
-    pattern_bytes = colour_pattern_bytes(
+    psf_bytes = polychromatic_psf_bytes(
         bare,
         source,
         _with_edge(bare, source, shape),
@@ -174,7 +183,7 @@ def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
         shortest=shortest_nm(colours),
     )
     held = 8 * math.prod(shape.size) * len(sensor.channels)
-    needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(opened), pattern_bytes + held)
+    needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(opened), psf_bytes + held)
     check_memory(needed, device, _REMEDY)
     run.begin(needed)
 
@@ -208,7 +217,7 @@ def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
         image = mosaic(psf, sensor.mosaic)
         scale = (options.fill or FILL).value * sensor.clip_electrons / float(image.max())
         exposure_s = scale / (_LUX * float(photocurrents(twin, light, 1.0).max()))
-        counts = expose_safely(image * scale, sensor, seed=options.seed)
+        counts = expose(image * scale, sensor, seed=options.seed)
         figures["exposure_s"] = exposure_s
         figures["saturated_share"] = saturated_fraction(counts, sensor)
         write = raw_writer(counts, opened, exposure_s)

@@ -25,11 +25,17 @@ from nolens.jobs.fields import CAMERAS, FilePath, Name
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.relief_reach import check_points, continued, reach_deg
 from nolens.jobs.run import Product, Run, Writer, job
-from nolens.optics.measured import Heights, Tilt, filled, levelled, resampled
-from nolens.optics.roughness import ReliefFigures, relief_figures
+from nolens.optics.measured import (
+    Heights,
+    ReliefFigures,
+    Tilt,
+    filled,
+    levelled,
+    relief_figures,
+    resampled,
+)
 from nolens.quantities import Length
-from nolens.twin import Twin
-from nolens.twin.preview import preview_model
+from nolens.twin import Twin, preview_model
 
 RELIEF_FILE, RECORD_FILE = "relief.tif", "relief.json"
 """Heights and record, in the folder of the camera."""

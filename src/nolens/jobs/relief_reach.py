@@ -153,7 +153,7 @@ def _passes(twin: Twin, tangent: tuple[float, float]) -> bool:
     """Whether far light of a direction reaches all pixels through the relief."""
     sensor = twin.camera.sensor
     try:
-        twin.check_reach(PointSource(tangent), Grid(sensor.rows, sensor.columns, sensor.pitch.um))
+        twin.check_extent(PointSource(tangent), Grid(sensor.rows, sensor.columns, sensor.pitch.um))
     except OptionError:
         return False
     return True

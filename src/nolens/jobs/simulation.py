@@ -40,17 +40,20 @@ from nolens.twin import (
     Light,
     Plane,
     Twin,
-    arrange,
     check_field_points,
+    colours_of,
+    distance_um,
+    expose,
+    in_channels,
     irradiate,
     irradiate_bytes,
     mosaic,
     photocurrents,
+    preview_model,
+    relief_points,
+    render_planes,
+    simulation_bytes,
 )
-from nolens.twin.expose import expose_safely
-from nolens.twin.point import colours_of
-from nolens.twin.preview import distance_um, preview_model, relief_points, simulation_bytes
-from nolens.twin.scene import in_channels
 
 OPTICS, EXPOSURE = "Camera and light", "Exposure"
 RAW_SUFFIXES = (".dng", ".tif", ".tiff")
@@ -286,7 +289,7 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
     working = irradiate_bytes(bare, planes, options.field_points, colours)
     needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(opened), working)
     check_memory(needed, device, _REMEDY)
-    field, seen = arrange(bare, planes)
+    field, seen = render_planes(bare, planes)
     truth = torch.stack([plane.radiance for plane in seen]).sum(dim=0)
     if options.exposure is None:
         _brightest(truth)
@@ -301,7 +304,7 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
         field_points=options.field_points,
         light=light,
         wavelengths=options.wavelengths,
-        tick=partial(reporter.advance, "scene"),
+        progress=partial(reporter.advance, "scene"),
     )
     currents = photocurrents(twin, light, options.luminance.cd_m2)[:, None, None]
     rate = irradiated.light * mosaic(currents.expand(-1, *irradiated.light.shape), sensor.mosaic)
@@ -310,7 +313,7 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
     else:
         exposure_s = (options.fill or FILL).value * sensor.clip_electrons / _brightest(rate)
     electrons = rate * exposure_s
-    counts = expose_safely(electrons, sensor, seed=options.seed)
+    counts = expose(electrons, sensor, seed=options.seed)
     error = irradiated.relative_error(rate.double() * exposure_s, sensor)
     run.warn(*_warnings(error, options.field_points))
 
@@ -318,8 +321,8 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
     largest_angle = max(PointSource(plane.tangents).angle_deg for plane in planes)
     figures = {
         "camera": opened.camera.name,
-        "region": _region(field.region, twin.cells),
-        "cells": list(twin.cells),
+        "region": _region(field.region, twin.shape),
+        "cells": list(twin.shape),
         "psf_cells": _psf_cells(field.region, twin),
         "exposure_s": exposure_s,
         "brightest_electrons": float(electrons.max()),
@@ -342,7 +345,7 @@ def _psf_cells(region: Region, twin: Twin) -> str:
 
     Without an aperture light from the side passes mask that the sensor's own PSF does not show.
     """
-    rows, columns = twin.cells
+    rows, columns = twin.shape
     if twin.mask.opening is None:
         rows, columns = rows + region.height, columns + region.width
     return f"{rows}x{columns}"

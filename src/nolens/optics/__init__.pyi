@@ -1,5 +1,14 @@
-from .grid import Grid
 from .illumination import ChiefRay, Illumination, PointSource
+from .layers import (
+    Number,
+    Stack,
+    mask_to_sensor,
+    refraction,
+    through,
+    through_layers,
+    translation,
+    transmittance,
+)
 from .lenslets import (
     random_lenslets,
     relaxed_points,
@@ -7,20 +16,9 @@ from .lenslets import (
     squared_distance,
     surface_bytes,
 )
-from .mask import MaskSurface, Opening
-from .pattern import Media, pattern_bytes, point_pattern
+from .mask import Grid, MaskSurface, Opening, Relief
 from .propagation import pass_layers_, propagate
-from .rays import (
-    Number,
-    mask_to_sensor,
-    refraction,
-    through,
-    through_layers,
-    translation,
-)
-from .relief import Relief
-from .stack import Stack, transmittance
-from .windows import Margin, divergence
+from .psf import Margin, Media, divergence, monochromatic_psf, monochromatic_psf_bytes
 
 __all__ = [
     "ChiefRay",
@@ -36,9 +34,9 @@ __all__ = [
     "Stack",
     "divergence",
     "mask_to_sensor",
+    "monochromatic_psf",
+    "monochromatic_psf_bytes",
     "pass_layers_",
-    "pattern_bytes",
-    "point_pattern",
     "propagate",
     "random_lenslets",
     "refraction",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from nolens.optics.stack import Stack
+from nolens.optics.layers import Stack
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from nolens.kernels import fast_length, irfft2, nearest_points, rfft2
-from nolens.optics.relief import Relief
+from nolens.optics.mask import Relief
 
 _RELAXATION_STEPS = 12
 _SAMPLES_PER_PITCH = 10

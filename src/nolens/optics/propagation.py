@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from nolens.kernels import apply_transfer_, fft2_, ifft2_
-from nolens.optics.stack import Stack
+from nolens.optics.layers import Stack
 
 
 def propagate(

@@ -177,9 +177,9 @@ def _depth_of_focus(work: Workbench, psf: Tensor) -> float:
     """Difference of 1/z that moves the pattern's edge by one line, in 1/m."""
     twin = work.bench.twin
     return depth_of_focus_per_m(
-        line_cells(psf) * twin.cell_um,
+        line_cells(psf) * twin.pixel_um,
         twin.stack().reduced_um,
-        lit_cells(psf, twin.cells) * twin.cell_um,
+        lit_cells(psf, twin.shape) * twin.pixel_um,
     )
 
 
@@ -246,7 +246,7 @@ def magnification(work: Workbench, found: Mapping[str, Found]) -> Draft:
         plot_overlay,
         patterns=found["magnification"].arrays["overlay"],
         names=("3 cm", "8 cm", "20 cm"),
-        cell_um=work.preview.cell_um,
+        cell_um=work.preview.pixel_um,
     )
     caption = (
         "The PSF at the middle of the sensor's right edge for a point source at three "

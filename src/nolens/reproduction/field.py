@@ -34,7 +34,7 @@ def steps(work: Workbench) -> tuple[Step, ...]:
     """Correlation by angle, and the dots."""
     angles = angles_deg(work)
     side = round(2 * _reach_cells(work))
-    region = Region.centred(side, side, work.preview.cells)
+    region = Region.centred(side, side, work.preview.shape)
     scene = work.scene_work(work.size.dot_field_points)
     return (
         Step(
@@ -62,7 +62,7 @@ def angles_deg(work: Workbench) -> list[float]:
 
 def _reach_cells(work: Workbench) -> float:
     twin = work.preview
-    return math.tan(math.radians(work.size.dot_reach_deg)) * twin.stack().reduced_um / twin.cell_um
+    return math.tan(math.radians(work.size.dot_reach_deg)) * twin.stack().reduced_um / twin.pixel_um
 
 
 def _correlated(work: Workbench, tick: Tick) -> Found:

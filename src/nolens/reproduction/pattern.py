@@ -39,7 +39,7 @@ def _captured(work: Workbench, tick: Tick) -> Found:
     frame = work.bench.point(work.source, seed=work.seed, tick=tick)
     psf = develop(frame).values.sum(dim=0)
     twin = work.bench.twin
-    figures = psf_figures(psf, twin.cell_um, reduced_um=twin.stack().reduced_um)
+    figures = psf_figures(psf, twin.pixel_um, reduced_um=twin.stack().reduced_um)
     return Found(asdict(figures), {"psf": psf[None]})
 
 

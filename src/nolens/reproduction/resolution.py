@@ -31,7 +31,7 @@ def steps(work: Workbench) -> tuple[Step, ...]:
     """Two points at 180 mm, a star on the screen at 300 mm."""
     size = work.size
     pairs = _EXPECTED_PAIRS * size.point_draws
-    region = Region.centred(64, 64, work.preview.cells)
+    region = Region.centred(64, 64, work.preview.shape)
     one = work.solve_work(region, size.point_iterations) / len(_channels(work))
     points = pairs * (2 * work.psf_work() + one)
     star = work.scene_work() + work.solve_work(region, size.iterations) / len(_channels(work))
@@ -161,7 +161,7 @@ def two_points(work: Workbench, found: Mapping[str, Found]) -> Draft:
         f"Rayleigh's criterion, a dip of {100 * points.threshold:.1f} %, in pictures of two points "
         f"at {POINTS_UM * 1e-3:g} mm, {work.size.point_draws} of each separation with other noise, "
         f"{work.size.point_iterations} iterations. A scene of two points is what a sparse, "
-        f"non-negative solver does best, and its model is exact here: a cell of {twin.cell_um:g} "
+        f"non-negative solver does best, and its model is exact here: a cell of {twin.pixel_um:g} "
         f"µm sees {cell_deg:.2f}°. The paper's LEDs have a size, its "
         "PSF is a captured one, and it moves LEDs in steps that it does not give.",
         sized=True,
@@ -204,4 +204,4 @@ def siemens(work: Workbench, found: Mapping[str, Found]) -> Draft:
 
 def _cell_deg(work: Workbench) -> float:
     twin = work.preview
-    return math.degrees(math.atan(twin.cell_um / twin.stack().reduced_um))
+    return math.degrees(math.atan(twin.pixel_um / twin.stack().reduced_um))

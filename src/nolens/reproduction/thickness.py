@@ -22,7 +22,7 @@ from nolens.reproduction.paper import PAPER
 from nolens.reproduction.rows import Row
 from nolens.reproduction.steps import Found, Step, Tick, within
 from nolens.reproduction.workbench import Workbench
-from nolens.twin.preview import relief_points
+from nolens.twin import relief_points
 
 _FILM = {"film": "0.305mm", "film_distance": "0.4mm±0.2mm", "film_material": "polycarbonate"}
 """The paper's master and where it was sharpest; 0.012 inch is assumed for its thickness."""
@@ -135,7 +135,7 @@ def _films(work: Workbench, tick: Tick) -> Found:
     widths, shown = [], {}
     for number, thickness_mm in enumerate(thicknesses):
         psf = _behind(work, thickness_mm, number / len(thicknesses), tick)
-        widths.append(pattern_figures(psf, work.bench.twin.cell_um).width_um)
+        widths.append(pattern_figures(psf, work.bench.twin.pixel_um).width_um)
         shown[f"psf-{1000 * thickness_mm:.0f}um"] = _middle(psf)[None]
     return Found({"thicknesses_mm": list(thicknesses), "widths_um": widths}, shown)
 
@@ -145,7 +145,7 @@ def _behind(work: Workbench, thickness_mm: float, before: float, tick: Tick) -> 
     twin = work.bench.twin
     camera = with_film(twin.camera, thickness_mm)
     bench: VirtualExperiment = replace(work.bench, twin=replace(twin, camera=camera))
-    cells = tuple(count // twin.cell_pixels for count in _film_pixels(work))
+    cells = tuple(count // twin.superpixel for count in _film_pixels(work))
     part = within(tick, before, 1 / len(work.size.films_mm))
     return bench.psf(work.source, (cells[0], cells[1]), part).sum(dim=0)
 
@@ -284,7 +284,7 @@ def films(work: Workbench, found: Mapping[str, Found]) -> Draft:
         patterns=patterns,
         predicted_mm=(exact["value"], exact["plus_minus"]),
         paper=paper,
-        cell_um=work.preview.cell_um,
+        cell_um=work.preview.pixel_um,
     )
     caption = (
         "Above, the middle of the PSF behind films of several thicknesses, each as bright as its "

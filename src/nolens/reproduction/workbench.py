@@ -16,9 +16,7 @@ from nolens.jobs.sample_pictures import sample_picture
 from nolens.operators import Region
 from nolens.optics import PointSource
 from nolens.reproduction.steps import Tick
-from nolens.twin import Twin
-from nolens.twin.preview import preview_model
-from nolens.twin.scene import in_channels
+from nolens.twin import Twin, in_channels, preview_model
 
 NEEDED_BY = "the scenes of the report come"
 """What scikit-image's photographs are for, as `check_sample_pictures` takes it."""
@@ -164,7 +162,7 @@ class Workbench:
 
     def wide_cells(self, region: Region) -> tuple[int, int]:
         """Cells of the PSF that a scene needs: more than the sensor's where no aperture ends it."""
-        rows, columns = self.preview.cells
+        rows, columns = self.preview.shape
         if self.opened.camera.mask.aperture is not None:
             return rows, columns
         return rows + region.height, columns + region.width
@@ -192,13 +190,13 @@ class Workbench:
     @property
     def bytes(self) -> float:
         """Forecast of the most memory that is held at once: solving as the paper does."""
-        rows, columns = self.preview.cells
+        rows, columns = self.preview.shape
         return _BYTES_OF_PROGRAM + 4 * rows * columns * _BYTES_PER_CELL
 
     @property
     def written_bytes(self) -> float:
         """Forecast of what the report's folder will hold."""
-        rows, columns = self.preview.cells
+        rows, columns = self.preview.shape
         return _BYTES_OF_REPORT + rows * columns * _BYTES_KEPT_PER_CELL
 
     def psf_work(self, pixels: tuple[int, int] | None = None) -> float:
@@ -215,7 +213,7 @@ class Workbench:
 
         An iteration takes about as long for a cell as a PSF does for a sample.
         """
-        rows, columns = self.preview.cells
+        rows, columns = self.preview.shape
         more = (region.height, region.width) if region is not None else (rows, columns)
         return self._channels * (rows + more[0]) * (columns + more[1]) * iterations
 

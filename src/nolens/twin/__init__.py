@@ -1,35 +1,67 @@
 """Simulated cameras: from a camera's description and a scene to the counts of its sensor."""
 
 from nolens.twin.expose import expose, mosaic, photocurrents
-from nolens.twin.field import FieldMap
-from nolens.twin.light import LIGHTS, Light
-from nolens.twin.measure import Irradiated, check_field_points, irradiate, irradiate_bytes
-from nolens.twin.model import LARGEST_ANGLE_DEG, NEAREST_MM, REFERENCE_NM, Twin, described_lenslets
-from nolens.twin.plain import PlainModel, aperture_room_um
-from nolens.twin.point import colours_of, point_spread
-from nolens.twin.scene import Plane, Seen, arrange
+from nolens.twin.irradiance import (
+    Irradiated,
+    ShiftInvariantModel,
+    aperture_room_um,
+    check_field_points,
+    irradiate,
+    irradiate_bytes,
+)
+from nolens.twin.light import LIGHTS, Colour, Light
+from nolens.twin.model import (
+    LARGEST_ANGLE_DEG,
+    NEAREST_MM,
+    REFERENCE_NM,
+    Twin,
+    described_lenslets,
+    distance_um,
+    preview_model,
+    relief_points,
+    simulation_bytes,
+)
+from nolens.twin.psf import (
+    Frame,
+    colours_of,
+    point_spread,
+    polychromatic_psf,
+    polychromatic_psf_bytes,
+    shortest_nm,
+)
+from nolens.twin.scene import FieldMap, Plane, PlaneView, in_channels, render_planes
 
 __all__ = [
     "LARGEST_ANGLE_DEG",
     "LIGHTS",
     "NEAREST_MM",
     "REFERENCE_NM",
+    "Colour",
     "FieldMap",
+    "Frame",
     "Irradiated",
     "Light",
-    "PlainModel",
     "Plane",
-    "Seen",
+    "PlaneView",
+    "ShiftInvariantModel",
     "Twin",
     "aperture_room_um",
-    "arrange",
     "check_field_points",
     "colours_of",
     "described_lenslets",
+    "distance_um",
     "expose",
+    "in_channels",
     "irradiate",
     "irradiate_bytes",
     "mosaic",
     "photocurrents",
     "point_spread",
+    "polychromatic_psf",
+    "polychromatic_psf_bytes",
+    "preview_model",
+    "relief_points",
+    "render_planes",
+    "shortest_nm",
+    "simulation_bytes",
 ]

@@ -30,7 +30,9 @@ def expose(electrons: Tensor, sensor: Sensor, *, seed: int) -> Tensor:
         Counts, int32, of the same shape.
     """
     generator = torch.Generator().manual_seed(seed)
-    caught = torch.poisson(electrons.float().cpu(), generator=generator)
+    # Far beyond the full well more light changes nothing, and might not fit Poisson's numbers.
+    mean = electrons.float().cpu().clamp(max=10 * sensor.full_well_electrons + 1000)
+    caught = torch.poisson(mean, generator=generator)
     caught.clamp_(max=sensor.full_well_electrons)
     noise = torch.randn(caught.shape, generator=generator)
     caught.add_(noise, alpha=sensor.read_noise_electrons)
@@ -81,22 +83,7 @@ def mosaic(planes: Tensor, pattern: str) -> Tensor:
     if pattern == "none":
         return planes[0]
     out = torch.empty_like(planes[0])
-    for cell, colour in enumerate(pattern):
-        row, column = divmod(cell, 2)
+    for number, colour in enumerate(pattern):
+        row, column = divmod(number, 2)
         out[row::2, column::2] = planes["RGB".index(colour), row::2, column::2]
     return out
-
-
-def expose_safely(electrons: Tensor, sensor: Sensor, *, seed: int) -> Tensor:
-    """Counts of one frame; far beyond the full well, more light changes nothing.
-
-    Parameters
-    ----------
-    electrons
-        Mean electrons of every pixel.
-    sensor
-        Its figures.
-    seed
-        Of the noise.
-    """
-    return expose(electrons.clamp(max=10 * sensor.full_well_electrons + 1000), sensor, seed=seed)

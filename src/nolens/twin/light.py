@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from nolens.camera import SpectralCurve
 from nolens.errors import OptionError
 
+Colour = tuple[tuple[float, float], ...]
+"""Wavelengths in nm that stand for a channel of a sensor, each with its weight."""
 LIGHTS = ("white-led", "daylight", "equal-energy")
 """Spectra with a name."""
 _STEP_NM = 1.0
@@ -49,10 +51,10 @@ class Light:
     @property
     def single_nm(self) -> float | None:
         """The wavelength of monochromatic light; None for a spectrum."""
-        found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)\s*nm", self.name)
-        if found is None or not 350 <= float(found[1]) <= 1100:
+        match = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)\s*nm", self.name)
+        if match is None or not 350 <= float(match[1]) <= 1100:
             return None
-        return float(found[1])
+        return float(match[1])
 
     def power(self, wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Power to the nm at some wavelengths, in any unit; for spectra."""
@@ -66,10 +68,8 @@ class Light:
             return scaled**-5 / np.expm1(_SECOND_RADIATION_NM_K / (wavelength_nm * _DAYLIGHT_K))
         return np.ones_like(wavelength_nm)
 
-    def wavelengths(
-        self, efficiency: SpectralCurve, channel: str, count: int
-    ) -> tuple[tuple[float, float], ...]:
-        r"""Wavelengths that stand for what a channel sees of this light, and their weights.
+    def wavelengths(self, efficiency: SpectralCurve, channel: str, count: int) -> Colour:
+        r"""Wavelengths that stand for this light in a channel, and their weights.
 
         Nodes of Gauss's quadrature for the weight function :math:`S(λ)\,λ\,Q(λ)`: photons of
         the source times quantum efficiency. `count` of them integrate polynomials of degree
@@ -104,8 +104,14 @@ class Light:
                 f"quantum efficiency is zero wherever that shines; choose {', '.join(LIGHTS)}"
             )
         weight = weight / weight.sum()
-        nodes, share = _gauss(grid, weight, min(count, int(np.count_nonzero(weight))))
-        return tuple(zip(nodes.tolist(), share.tolist(), strict=True))
+        nodes, weights = _gauss(grid, weight, min(count, int(np.count_nonzero(weight))))
+        return tuple(zip(nodes.tolist(), weights.tolist(), strict=True))
+
+    def colours(
+        self, efficiency: SpectralCurve, channels: tuple[str, ...], count: int
+    ) -> list[Colour]:
+        """`wavelengths` of several channels."""
+        return [self.wavelengths(efficiency, channel, count) for channel in channels]
 
     def electrons(self, efficiency: SpectralCurve, channel: str, luminance_cd_m2: float) -> float:
         r"""Electrons that a pixel frees in a second for its area and the solid angle of light.
@@ -130,8 +136,8 @@ class Light:
         else:
             grid = self._grid(efficiency)
             power = self.power(grid)
-            seen = float((self.power(_VISIBLE_NM) * _eye(_VISIBLE_NM)).sum()) * _LUMENS_PER_WATT
-            power = power * (luminance_cd_m2 / seen)
+            lumens = float((self.power(_VISIBLE_NM) * _eye(_VISIBLE_NM)).sum()) * _LUMENS_PER_WATT
+            power = power * (luminance_cd_m2 / lumens)
         photons = power * grid * 1e-9 / _PLANCK_LIGHT_J_M
         return float((photons * efficiency.at(channel, grid)).sum())
 

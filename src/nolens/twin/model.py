@@ -1,4 +1,4 @@
-"""A camera made ready to be computed with: its surface, its layers at a wavelength, its limits."""
+"""A simulated camera: its mask, its layers at a wavelength, its limits, and a preview of it."""
 
 import math
 from collections.abc import Callable
@@ -8,8 +8,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from nolens.camera import AngularCurve, Camera, OpenCamera, RandomLenslets, SpectralCurve
-from nolens.camera.description import Flat, ReliefFile
+from nolens.camera import (
+    AngularCurve,
+    Camera,
+    Flat,
+    OpenCamera,
+    RandomLenslets,
+    ReliefFile,
+    SpectralCurve,
+)
 from nolens.errors import OptionError
 from nolens.optics import (
     Grid,
@@ -22,8 +29,10 @@ from nolens.optics import (
     Relief,
     Stack,
     random_lenslets,
+    surface_bytes,
     transmittance,
 )
+from nolens.quantities import Length
 
 REFERENCE_NM = 550.0
 """Wavelength whose chief rays say where a field angle lies on the sensor."""
@@ -31,11 +40,17 @@ LARGEST_ANGLE_DEG = 50.0
 """Field angle to which the model holds; beyond, the paper's camera sees nothing either."""
 NEAREST_MM = 10.0
 """Distance from which on the relief may be taken as thin against the curvature of the wave."""
+_LENSLETS = 10
+_POINTS = 500
+"""Sides of the patch that stands for all random lenslets: this many of them, or points."""
+_BYTES_PER_HEIGHT = 4
+_STEPS = 10
+"""Places that lenslets are spread on, along a pitch (see `random_lenslets`)."""
 
 
 @dataclass(frozen=True)
 class Twin:
-    """A camera as the simulation sees it.
+    """A camera as the simulation uses it.
 
     Parameters
     ----------
@@ -59,7 +74,7 @@ class Twin:
     def of(
         cls, opened: OpenCamera, *, device: torch.device | str = "cpu", fresnel: bool = True
     ) -> "Twin":
-        """Make a camera ready; random lenslets are computed here (seconds for the paper's).
+        """Prepare a camera; random lenslets are computed here (seconds for the paper's).
 
         Raises
         ------
@@ -96,20 +111,20 @@ class Twin:
         return self.camera.sensor.pitch.um
 
     @property
-    def cell_pixels(self) -> int:
+    def superpixel(self) -> int:
         """Sensor pixels along a pixel of the reconstruction: 2 behind a colour mosaic."""
         return 1 if self.camera.sensor.mosaic == "none" else 2
 
     @property
-    def cell_um(self) -> float:
+    def pixel_um(self) -> float:
         """Pitch of the pixels of the reconstruction."""
-        return self.cell_pixels * self.sensor_pitch_um
+        return self.superpixel * self.sensor_pitch_um
 
     @property
-    def cells(self) -> tuple[int, int]:
+    def shape(self) -> tuple[int, int]:
         """(rows, columns) of the sensor in pixels of the reconstruction."""
         sensor = self.camera.sensor
-        return sensor.rows // self.cell_pixels, sensor.columns // self.cell_pixels
+        return sensor.rows // self.superpixel, sensor.columns // self.superpixel
 
     def coarsest_pitch_um(self, shortest_nm: float | None = None, divergence: float = 0.0) -> float:
         """Largest distance of samples that carries the light behind the relief, at any angle.
@@ -168,7 +183,7 @@ class Twin:
     def vignetting(self, p: Tensor) -> Tensor:
         """Irradiance that a point of a far plane gives, by the sine p of its angle; 1 on the axis.
 
-        cos³θ (see `point_pattern`), the pixels' acceptance, and Fresnel's losses if they count.
+        cos³θ (see `monochromatic_psf`), the pixels' acceptance, and Fresnel's losses if they count.
         """
         squared = p.square()
         power = (1 - squared).pow(1.5) * self.response()(squared)
@@ -183,9 +198,9 @@ class Twin:
         p = source.p
         if p == 0:
             return 0.0, 0.0
-        reach = float(self.stack().displacement_um(torch.tensor(p, dtype=torch.float64)))
+        shift = float(self.stack().displacement_um(torch.tensor(p, dtype=torch.float64)))
         size = math.hypot(*source.tangent)
-        return reach * source.tangent[0] / size, reach * source.tangent[1] / size
+        return shift * source.tangent[0] / size, shift * source.tangent[1] / size
 
     def check_source(self, source: PointSource) -> None:
         """Refuse a source that the model does not hold for.
@@ -207,7 +222,7 @@ class Twin:
                 f"limit: choose {NEAREST_MM:g} mm or more"
             )
 
-    def check_reach(self, source: PointSource, grid: Grid) -> None:
+    def check_extent(self, source: PointSource, grid: Grid) -> None:
         """Refuse a PSF that needs more mask than there is.
 
         Raises
@@ -232,9 +247,9 @@ class Twin:
                 needed = margin.geometric_um + margin.diffraction_um
                 for axis, pixels in enumerate(sensor):
                     half = pixels * self.sensor_pitch_um / 2
-                    reach = abs(ray.mask_um[axis]) + needed
-                    if reach > self.mask.relief.extent_um[axis] / 2 + self.mask.relief.grid_um:
-                        beyond = max(beyond, reach - half)
+                    extent = abs(ray.mask_um[axis]) + needed
+                    if extent > self.mask.relief.extent_um[axis] / 2 + self.mask.relief.grid_um:
+                        beyond = max(beyond, extent - half)
         if beyond > 0:
             raise OptionError(
                 f"light of this angle reaches the PSF's edge through the mask up to "
@@ -243,13 +258,6 @@ class Twin:
                 f"{math.ceil(beyond / 50 + 0.5) * 0.05:.2f} mm or more, an aperture, or choose a "
                 "smaller angle"
             )
-
-
-def _stack(camera: Camera, first: int, last: int, wavelength_nm: float) -> Stack:
-    return Stack(
-        tuple(layer.thickness.um for layer in camera.layers[first:last]),
-        camera.indices(wavelength_nm)[first:last],
-    )
 
 
 def described_lenslets(camera: Camera, size_um: tuple[float, float]) -> Relief:
@@ -270,6 +278,83 @@ def described_lenslets(camera: Camera, size_um: tuple[float, float]) -> Relief:
     number = camera.mask.surface
     above, below = (1.0, *camera.indices(REFERENCE_NM))[number : number + 2]
     return surface if above <= below else Relief(-surface.height_um, surface.grid_um)
+
+
+def preview_model(opened: OpenCamera, *, fresnel: bool = True) -> Twin:
+    """Prepare a camera for rays and for estimates, in a moment.
+
+    Parameters
+    ----------
+    opened
+        The camera.
+    fresnel
+        Whether light is lost at surfaces.
+
+    Returns
+    -------
+    Twin
+        Of random lenslets, which take seconds and gigabytes, it has only a patch.
+
+    Raises
+    ------
+    OptionError
+        If the relief is coarser than its lenslets or the light need.
+    """
+    relief = opened.camera.mask.relief
+    if not isinstance(relief, RandomLenslets):
+        return Twin.of(opened, fresnel=fresnel)
+    if relief.pitch.exact < 2 * relief.grid.exact:
+        raise OptionError(
+            f"the relief of {opened.camera.name!r} has a lenslet every {relief.pitch}, but a point "
+            f"only every {relief.grid}: give it a grid of {relief.pitch.um / _STEPS:.2g} µm or "
+            "finer, or a larger pitch"
+        )
+    side_um = min(_LENSLETS * relief.pitch.um, _POINTS * relief.grid.um)
+    patch = described_lenslets(opened.camera, (side_um, side_um))
+    file = ReliefFile(kind="file", file="patch.tif", grid=relief.grid)
+    mask = opened.camera.mask.model_copy(update={"relief": file})
+    camera = opened.camera.model_copy(update={"mask": mask})
+    twin = Twin.of(replace(opened, camera=camera, relief_um=patch.height_um), fresnel=fresnel)
+    return replace(twin, camera=opened.camera)
+
+
+def relief_points(opened: OpenCamera) -> float:
+    """Points that the relief of random lenslets is computed on, and its lenslets are spread on."""
+    camera = opened.camera
+    relief, sensor = camera.mask.relief, camera.sensor
+    if not isinstance(relief, RandomLenslets):
+        return 0.0
+    beyond, pitch = 2 * relief.overhang.um, sensor.pitch.um
+    area = math.prod(count * pitch + beyond for count in (sensor.rows, sensor.columns))
+    # A place that lenslets are spread on takes twice the memory of a point.
+    return area / relief.grid.um**2 + 2 * area * (_STEPS / relief.pitch.um) ** 2
+
+
+def simulation_bytes(points: float, working: float) -> float:
+    """Most memory that a simulation holds: its relief is computed first, and held from then on.
+
+    Parameters
+    ----------
+    points
+        Of the relief, as `relief_points` counts them.
+    working
+        Bytes that the PSFs and what is made of them hold.
+    """
+    return max(surface_bytes(points), working + _BYTES_PER_HEIGHT * points)
+
+
+def distance_um(distance: Length | str | None, opened: OpenCamera) -> float:
+    """A distance as the optics take it: the word is infinity, None the camera's own."""
+    if distance is None:
+        return opened.camera.reference_distance.um
+    return distance.um if isinstance(distance, Length) else math.inf
+
+
+def _stack(camera: Camera, first: int, last: int, wavelength_nm: float) -> Stack:
+    return Stack(
+        tuple(layer.thickness.um for layer in camera.layers[first:last]),
+        camera.indices(wavelength_nm)[first:last],
+    )
 
 
 def _relief(opened: OpenCamera) -> Relief:

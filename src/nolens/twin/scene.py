@@ -1,4 +1,4 @@
-"""Scenes: pictures at distances, nearer ones before farther ones."""
+"""Scenes: directions of the scene pixels, and pictures at distances, nearer before farther ones."""
 
 import math
 from dataclasses import dataclass
@@ -10,8 +10,122 @@ from torch import Tensor
 from nolens.errors import DataError, OptionError
 from nolens.operators import Region
 from nolens.optics import PointSource
-from nolens.twin.field import FieldMap
-from nolens.twin.model import Twin
+from nolens.twin.model import LARGEST_ANGLE_DEG, Twin
+
+_LUMINANCE = (0.2126, 0.7152, 0.0722)
+"""Of linear sRGB (IEC 61966-2-1)."""
+
+
+@dataclass(frozen=True)
+class FieldMap:
+    """Pixels of the reconstruction as directions.
+
+    Pixel (i, j) is the one whose chief ray, through the middle of the camera, falls on sensor
+    pixel (i, j); (rows // 2, columns // 2) lies on the axis.
+
+    Parameters
+    ----------
+    twin
+        The camera.
+    region
+        The pixels that the scene fills.
+    """
+
+    twin: Twin
+    region: Region
+
+    @classmethod
+    def covering(cls, twin: Twin, tangents: tuple[float, float]) -> "FieldMap":
+        """The map of a scene that extends to some tangents of the field angle.
+
+        Parameters
+        ----------
+        twin
+            The camera.
+        tangents
+            Of half the scene's height and half its width.
+
+        Raises
+        ------
+        OptionError
+            If a corner of the scene is beyond the model.
+        """
+        corner = PointSource(tangents)
+        if corner.angle_deg > LARGEST_ANGLE_DEG:
+            scale = math.tan(math.radians(LARGEST_ANGLE_DEG)) / math.hypot(*tangents)
+            full = 2 * math.degrees(math.atan(scale * max(tangents)))
+            raise OptionError(
+                f"the scene's corners are {corner.angle_deg:.1f} deg off the axis; the model holds "
+                f"to {LARGEST_ANGLE_DEG:g} deg: choose an angle of at most "
+                f"{math.floor(full * 10) / 10:g}deg for this scene"
+            )
+        counts = []
+        for tangent in tangents:
+            shift = max(twin.shift_um(PointSource((0.0, tangent))))
+            counts.append(2 * max(1, math.ceil(shift / twin.pixel_um)))
+        return cls(twin, Region.centred(counts[0], counts[1], twin.shape))
+
+    def tangents(self) -> tuple[Tensor, Tensor]:
+        """Tangents of the field angle of every pixel, two of (height, width), float64."""
+        rows, columns = self._displacements()
+        tangent_per_um = self._tangent_per_um(self._sines())
+        return rows[:, None] * tangent_per_um, columns * tangent_per_um
+
+    def solid_angle(self) -> Tensor:
+        r"""Give cos θ · dA / z² of every pixel, for a plane scene of which it shows the area dA.
+
+        With :math:`t = \tan θ` and the displacement d, dA / z² is :math:`(t/d)(dt/dd)` times the
+        pixel's area. Times `Twin.vignetting` this is the pixel's irradiance to its radiance.
+        """
+        p = self._sines()
+        cosine = (1 - p * p).sqrt()
+        slope = cosine.pow(-3) / self.twin.stack().spread_um(p)
+        return cosine * self._tangent_per_um(p) * slope * self.twin.pixel_um**2
+
+    def vignetting(self) -> Tensor:
+        """`Twin.vignetting` of every pixel."""
+        return self.twin.vignetting(self._sines())
+
+    def place_um(self, row: int, column: int) -> tuple[float, float]:
+        """Where the chief ray of one pixel, counted from the support's first, falls."""
+        sensor, step = self.twin.shape, self.twin.pixel_um
+        return (
+            (self.region.top + row - sensor[0] // 2) * step,
+            (self.region.left + column - sensor[1] // 2) * step,
+        )
+
+    def source(self, row: int, column: int, distance_um: float) -> PointSource:
+        """The point source of one pixel, counted from the support's first."""
+        place = self.place_um(row, column)
+        displacement = math.hypot(*place)
+        if displacement == 0:
+            return PointSource((0.0, 0.0), distance_um)
+        p = float(self.twin.stack().ray(torch.tensor(displacement, dtype=torch.float64)))
+        tangent = p / math.sqrt(1 - p * p) / displacement
+        return PointSource((place[0] * tangent, place[1] * tangent), distance_um)
+
+    def _displacements(self) -> tuple[Tensor, Tensor]:
+        """Of every row and column, from the axis, in um."""
+        sensor, region = self.twin.shape, self.region
+        rows = torch.arange(region.height, dtype=torch.float64) + (region.top - sensor[0] // 2)
+        columns = torch.arange(region.width, dtype=torch.float64) + (region.left - sensor[1] // 2)
+        return rows * self.twin.pixel_um, columns * self.twin.pixel_um
+
+    def _displacement(self) -> Tensor:
+        """Of every pixel."""
+        rows, columns = self._displacements()
+        return (rows.square()[:, None] + columns.square()).sqrt()
+
+    def _sines(self) -> Tensor:
+        """P of every pixel."""
+        return self.twin.stack().ray(self._displacement())
+
+    def _tangent_per_um(self, p: Tensor) -> Tensor:
+        """Tan θ over the displacement; on the axis its limit."""
+        displacement = self._displacement()
+        tangent = p / (1 - p * p).sqrt()
+        straight = self.twin.stack().reduced_um
+        return torch.where(displacement > 0, tangent / displacement.clamp_min(1e-9), 1 / straight)
 
 
 @dataclass(frozen=True)
@@ -44,8 +158,8 @@ class Plane:
 
 
 @dataclass(frozen=True)
-class Seen:
-    """What the camera's middle sees of one plane.
+class PlaneView:
+    """One plane as the camera's middle views it.
 
     Parameters
     ----------
@@ -59,8 +173,8 @@ class Seen:
     distance_um: float
 
 
-def arrange(twin: Twin, planes: tuple[Plane, ...]) -> tuple[FieldMap, tuple[Seen, ...]]:
-    """Lay planes out on the pixels of the reconstruction, nearer ones hiding farther ones.
+def render_planes(twin: Twin, planes: tuple[Plane, ...]) -> tuple[FieldMap, tuple[PlaneView, ...]]:
+    """Render planes on the pixels of the reconstruction, nearer ones hiding farther ones.
 
     What hides what is decided for the camera's middle; the few millimetres of the mask see a
     near edge from a slightly different side, which is left out.
@@ -92,12 +206,12 @@ def arrange(twin: Twin, planes: tuple[Plane, ...]) -> tuple[FieldMap, tuple[Seen
     field = FieldMap.covering(twin, (tangents[0], tangents[1]))
     at = field.tangents()
     clear = torch.ones(field.region.height, field.region.width)
-    seen = []
+    views = []
     for plane in sorted(planes, key=lambda each: each.distance_um):
-        radiance, opacity = on_cells(plane, at, field.region)
-        seen.append(Seen(radiance * (opacity * clear), plane.distance_um))
+        radiance, opacity = render_plane(plane, at)
+        views.append(PlaneView(radiance * (opacity * clear), plane.distance_um))
         clear = clear * (1 - opacity)
-    return field, tuple(seen)
+    return field, tuple(views)
 
 
 def _check(twin: Twin, plane: Plane) -> None:
@@ -121,7 +235,7 @@ def _check(twin: Twin, plane: Plane) -> None:
     twin.check_source(PointSource(plane.tangents, plane.distance_um))
 
 
-def on_cells(plane: Plane, at: tuple[Tensor, Tensor], region: Region) -> tuple[Tensor, Tensor]:
+def render_plane(plane: Plane, at: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
     """Radiance and opacity on the pixels, the picture averaged over about a pixel.
 
     Parameters
@@ -130,18 +244,16 @@ def on_cells(plane: Plane, at: tuple[Tensor, Tensor], region: Region) -> tuple[T
         The picture.
     at
         Tangents of the field angle of every pixel (`FieldMap.tangents`).
-    region
-        The pixels.
     """
     height, width = plane.radiance.shape[-2:]
     opacity = plane.opacity if plane.opacity is not None else torch.ones(height, width)
     # Colours count as much as they cover, so that what is clear does not bleed into edges.
     layers = torch.cat([plane.radiance * opacity, opacity[None]])[None].float()
-    cells = [
+    pixels = [
         max(1, round(2 * tangent / float(step)))
         for tangent, step in zip(plane.tangents, _steps(at), strict=True)
     ]
-    size = (min(height, cells[0]), min(width, cells[1]))
+    size = (min(height, pixels[0]), min(width, pixels[1]))
     if size != (height, width):
         layers = nnf.interpolate(layers, size=size, mode="bilinear", antialias=True)
     place = torch.stack([at[1] / plane.tangents[1], at[0] / plane.tangents[0]], dim=-1).float()
@@ -155,17 +267,13 @@ def on_cells(plane: Plane, at: tuple[Tensor, Tensor], region: Region) -> tuple[T
 
 
 def _steps(at: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
-    """Tangent from cell to cell in the middle of the field."""
+    """Tangent from pixel to pixel in the middle of the field."""
     rows, columns = at[0].shape
     middle = rows // 2, columns // 2
     return (
         at[0][middle[0], middle[1]] - at[0][max(middle[0] - 1, 0), middle[1]],
         at[1][middle[0], middle[1]] - at[1][middle[0], max(middle[1] - 1, 0)],
     )
-
-
-_LUMINANCE = (0.2126, 0.7152, 0.0722)
-"""Of linear sRGB (IEC 61966-2-1)."""
 
 
 def in_channels(radiance: Tensor, channels: int) -> Tensor:

@@ -55,8 +55,8 @@ def central_psf(twin: Twin, light: Light) -> Tensor:
 
     On at most 576 × 576 pixels; every channel is 1 on average for an open mask.
     """
-    cells = (min(_MOST_CELLS, twin.cells[0]), min(_MOST_CELLS, twin.cells[1]))
-    return point_spread(twin, PointSource(), cells, pixels=twin.cell_pixels, light=light).cpu()
+    cells = (min(_MOST_CELLS, twin.shape[0]), min(_MOST_CELLS, twin.shape[1]))
+    return point_spread(twin, PointSource(), cells, superpixel=twin.superpixel, light=light).cpu()
 
 
 def mask_figures(twin: Twin, psf: Tensor) -> MaskFigures:
@@ -71,7 +71,7 @@ def mask_figures(twin: Twin, psf: Tensor) -> MaskFigures:
     """
     pattern = psf[min(1, len(psf) - 1)]
     try:
-        lines = pattern_figures(pattern, twin.cell_um)
+        lines = pattern_figures(pattern, twin.pixel_um)
         width, pitch = lines.width_um, lines.pitch_um
     except DataError:
         width = pitch = math.nan
@@ -80,7 +80,7 @@ def mask_figures(twin: Twin, psf: Tensor) -> MaskFigures:
         width_um=width,
         pitch_um=pitch,
         sparsity=sparsity(pattern),
-        magnitude=tuple(_magnitude(pattern, twin.cell_um, each) for each in FREQUENCIES_PER_MM),
+        magnitude=tuple(_magnitude(pattern, twin.pixel_um, each) for each in FREQUENCIES_PER_MM),
         height_um=float(heights.max() - heights.min()),
         slope=twin.mask.relief.steepest,
     )

@@ -68,7 +68,7 @@ class Layout:
                 "--height"
             )
         limits.check(grid_um, quarter)
-        per_cell = per_pixel * twin.cell_pixels
+        per_cell = per_pixel * twin.superpixel
         # An even number of cells: then the middle of the tile is the edge of a cell.
         unit = 2 * per_cell
         side = math.ceil(period_um / grid_um / unit) * unit

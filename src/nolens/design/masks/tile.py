@@ -34,10 +34,10 @@ class Tile:
     r"""A square piece of a mask that repeats itself, in front of a camera's layers.
 
     The relief h turns the phase of a plane wave by :math:`k_0(n'\cos θ' - n\cos θ)\,h`, and the
-    layers multiply the spectrum by their transfer function, as in `nolens.optics.point_pattern`.
-    As the tile repeats itself there is no edge, and everything is a function of h that torch can
-    differentiate. What the surfaces between the layers reflect is left out: it is the same for all
-    masks.
+    layers multiply the spectrum by their transfer function, as in
+    `nolens.optics.monochromatic_psf`. As the tile repeats itself there is no edge, and everything
+    is a function of h that torch can differentiate. What the surfaces between the layers reflect
+    is left out: it is the same for all masks.
 
     Parameters
     ----------

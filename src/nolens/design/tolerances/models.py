@@ -24,9 +24,9 @@ from nolens.optics import (
     PointSource,
     Relief,
     Stack,
-    point_pattern,
+    monochromatic_psf,
 )
-from nolens.twin.point import field_step, samples_per_pixel
+from nolens.twin.psf import field_step, samples_per_pixel
 
 _WAIST_OF_DISC = 0.364
 """Radius of the Gaussian beam (1/e²) whose focus is as wide as that of a disc, over its diameter:
@@ -100,7 +100,7 @@ class WaveModel:
             before = Stack(stack.thicknesses_um[:surface], stack.indices[:surface])
             after = Stack(stack.thicknesses_um[surface:], stack.indices[surface:])
             media = (1.0, *stack.indices)
-            pattern = point_pattern(
+            pattern = monochromatic_psf(
                 Illumination(PointSource(distance_um=distance), before, after),
                 mask,
                 Media(

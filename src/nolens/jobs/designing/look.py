@@ -23,8 +23,7 @@ from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Run, job
 from nolens.optics import PointSource
 from nolens.quantities import Length
-from nolens.twin import REFERENCE_NM, Light, Twin, point_spread
-from nolens.twin.preview import distance_um
+from nolens.twin import REFERENCE_NM, Light, Twin, distance_um, point_spread
 
 _CELLS = 224
 """Sides of the PSF's window: ten pitches of the paper's lenslets."""
@@ -93,10 +92,10 @@ def look_at_design(run: Run[LookOptions]) -> Product[Tensor]:
         twin,
         PointSource(distance_um=source_um),
         (_CELLS, _CELLS),
-        pixels=_pixels(opened),
+        superpixel=_pixels(opened),
         light=Light(f"{REFERENCE_NM:g}nm"),
         wavelengths=1,
-        tick=partial(run.reporter.advance, "PSF"),
+        progress=partial(run.reporter.advance, "PSF"),
     )
     plane = psf[0]
     if not float(plane.max()) > 0:

@@ -56,8 +56,7 @@ from nolens.plugins import load_plugin, plugin_names
 from nolens.printable import quoted
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
-from nolens.twin import Light, Twin
-from nolens.twin.preview import preview_model, relief_points
+from nolens.twin import Light, Twin, preview_model, relief_points
 
 MASK_KINDS = {
     "random-lenslets": "mask_lenslets:RandomLensletsMask",
@@ -395,7 +394,7 @@ def design_mask(run: Run[MaskOptions]) -> Product[OpenCamera]:
         grid_um=twin.mask.relief.grid_um,
         psf=psf,
         papers_psf=papers_psf,
-        cell_um=twin.cell_um,
+        cell_um=twin.pixel_um,
         title=made.opened.camera.name,
     )
     more: dict[str, Writer] = {

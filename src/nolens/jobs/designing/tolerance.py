@@ -49,9 +49,7 @@ from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Reporter, Run, Writer, ch
 from nolens.optics import PointSource
 from nolens.quantities import Length, Share
 from nolens.ranges import Between
-from nolens.twin import Light
-from nolens.twin.point import colour_pattern_bytes, colours_of
-from nolens.twin.preview import preview_model, simulation_bytes
+from nolens.twin import Light, colours_of, polychromatic_psf_bytes, preview_model, simulation_bytes
 
 RECORD_FILE, TRIALS_FILE, PLOT_FILE = "tolerance.json", "trials.csv", "tolerance.png"
 _TIMES = re.compile(r"\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*[x×]\s*")
@@ -311,9 +309,9 @@ def _bytes_of_camera(patch: Patch, colours: tuple[tuple[float, float], ...]) -> 
     """Memory that the pattern of one camera takes."""
     twin = patch.twin
     source = PointSource(distance_um=twin.camera.reference_distance.um)
-    cells = round(patch.side_um[0] / twin.cell_um), round(patch.side_um[1] / twin.cell_um)
-    pattern = colour_pattern_bytes(
-        twin, source, cells, twin.cell_pixels, at_least=2, shortest=min(nm for nm, _ in colours)
+    cells = round(patch.side_um[0] / twin.pixel_um), round(patch.side_um[1] / twin.pixel_um)
+    pattern = polychromatic_psf_bytes(
+        twin, source, cells, twin.superpixel, at_least=2, shortest=min(nm for nm, _ in colours)
     )
     return simulation_bytes(twin.mask.relief.height_um.numel(), pattern)
 

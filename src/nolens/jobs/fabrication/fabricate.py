@@ -44,8 +44,7 @@ from nolens.jobs.fabrication.figures import Workpieces, figures
 from nolens.jobs.fabrication.options import FabricateOptions
 from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Reporter, Run, Writer, check_memory, job
 from nolens.optics import Relief
-from nolens.twin import Twin
-from nolens.twin.preview import relief_points
+from nolens.twin import Twin, relief_points
 
 _BYTES_PER_POINT = 30.0
 _LARGE_BYTES = 20e6

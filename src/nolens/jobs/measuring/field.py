@@ -37,9 +37,17 @@ from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Run, Writer, check_memory
 from nolens.optics import PointSource
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
-from nolens.twin import Light, Twin
-from nolens.twin.point import colour_pattern_bytes, colours_of, shortest_nm
-from nolens.twin.preview import distance_um, preview_model, relief_points, simulation_bytes
+from nolens.twin import (
+    Light,
+    Twin,
+    colours_of,
+    distance_um,
+    polychromatic_psf_bytes,
+    preview_model,
+    relief_points,
+    shortest_nm,
+    simulation_bytes,
+)
 
 FieldOfView = list[OffAxis] | DotGrid
 """What a measurement finds: PSFs from the side, or the dots of a grid."""
@@ -56,19 +64,19 @@ _REMEDY = "a camera with fewer pixels or a coarser grid of its relief needs less
 
 _TELLS = {
     "PSFS": ("psfs", "camera", "plot"),
-    "--dots": ("dots", "dot_pitch", "distance", "reach", "camera", "plot"),
+    "--dots": ("dots", "dot_pitch", "distance", "extent", "camera", "plot"),
     "--simulate": (
         "simulate",
         "angles",
         "dot_pitch",
         "distance",
-        "reach",
+        "extent",
         "seed",
         "plot",
         "output",
     ),
 }
-_OF_DOTS = ("reach", "output")
+_OF_DOTS = ("extent", "output")
 _SOURCE, _LIGHT = "What to measure", "Light and grid of dots"
 _OffAxis = Annotated[Angle, Between("0 deg", "89.9 deg")]
 
@@ -171,10 +179,15 @@ class MeasureFieldOptions(JobOptions):
             label="Distance of the grid",
         ),
     ] = None
-    reach: Annotated[
+    extent: Annotated[
         Angle,
         Between("0.1 deg", "89.9 deg"),
-        Option("Half angle up to which there are dots.", _LIGHT, label="Half angle with dots"),
+        Option(
+            "Half angle up to which there are dots.",
+            _LIGHT,
+            label="Half angle with dots",
+            former="reach",
+        ),
     ] = Angle("50", "deg")
     seed: Annotated[Seed, Option("Of the simulated noise.", _LIGHT)] = 0
     plot: Annotated[
@@ -315,11 +328,11 @@ def captured_off_axis(
     central, others = _chosen(folder, read_psf_set(folder).psf)
     warnings = []
     first = read_psf(folder, central).mean(dim=0)
-    if twin is not None and not math.isclose(central.cell.um, twin.cell_um, rel_tol=0.01):
+    if twin is not None and not math.isclose(central.cell.um, twin.pixel_um, rel_tol=0.01):
         raise DataError(
             f"{central.file} has cells of {central.cell}, but a reconstruction with the camera "
-            f"{twin.camera.name!r} has cells of {twin.cell_um:g} µm: give the camera that the PSFs "
-            "are from (--camera)"
+            f"{twin.camera.name!r} has cells of {twin.pixel_um:g} µm: give the camera that the "
+            "PSFs are from (--camera)"
         )
     found = []
     for number, entry in enumerate(others):
@@ -410,7 +423,7 @@ def _of_picture(run: Run[MeasureFieldOptions], opened: OpenCamera) -> Product[Fi
         preview_model(opened),
         pitch_um=options.dot_pitch.um,
         distance_um=options.distance.um,
-        reach_deg=options.reach.deg,
+        reach_deg=options.extent.deg,
     )
     return Product(grid, grid_figures(grid), _grid_writers(options, grid))
 
@@ -431,9 +444,9 @@ def _of_twin(run: Run[MeasureFieldOptions], opened: OpenCamera) -> Product[Field
     bare = preview_model(opened)
     away_um = distance_um(options.distance, opened)
     if options.dot_pitch is not None:
-        at = grid_tangents(options.dot_pitch.um, away_um, options.reach.deg)
-        largest, what = options.reach, f"{len(at)} dots"
-        points = 2 * math.ceil(options.reach.deg / _FIELD_STEP_DEG) + 1
+        at = grid_tangents(options.dot_pitch.um, away_um, options.extent.deg)
+        largest, what = options.extent, f"{len(at)} dots"
+        points = 2 * math.ceil(options.extent.deg / _FIELD_STEP_DEG) + 1
         patterns = points**2
     else:
         largest, what = options.angles[-1], f"{len(options.angles)} point sources"
@@ -451,7 +464,7 @@ def _of_twin(run: Run[MeasureFieldOptions], opened: OpenCamera) -> Product[Field
             bench,
             pitch_um=options.dot_pitch.um,
             distance_um=away_um,
-            reach_deg=options.reach.deg,
+            reach_deg=options.extent.deg,
             iterations=_ITERATIONS,
             seed=options.seed,
             tick=tick,
@@ -520,13 +533,13 @@ def _needed(
     sensor = opened.camera.sensor
     light = Light("white-led")
     colours = colours_of(bare, light, 1)
-    pixels = bare.cell_pixels if grid else 1
+    pixels = bare.superpixel if grid else 1
     rows, columns = sensor.rows // pixels, sensor.columns // pixels
     more = 0
     if grid:
-        reach = bare.shift_um(PointSource(farthest.tangent))[1] / bare.cell_um
+        reach = bare.shift_um(PointSource(farthest.tangent))[1] / bare.pixel_um
         more = math.ceil(4 * reach / (math.isqrt(patterns) - 1))
-    pattern = colour_pattern_bytes(
+    pattern = polychromatic_psf_bytes(
         bare,
         farthest,
         (rows + more, columns + more),

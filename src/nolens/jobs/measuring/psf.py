@@ -29,8 +29,7 @@ from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.optics import PointSource
 from nolens.ranges import Between
-from nolens.twin import REFERENCE_NM
-from nolens.twin.preview import preview_model
+from nolens.twin import REFERENCE_NM, preview_model
 
 _CLOSE = 0.01
 _CURVES = (

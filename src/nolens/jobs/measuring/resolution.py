@@ -19,9 +19,18 @@ from nolens.jobs.measuring.rounded import rounded
 from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Run, check_memory
 from nolens.optics import PointSource
 from nolens.solvers import admm_bytes
-from nolens.twin import FieldMap, Light, Twin
-from nolens.twin.point import colour_pattern_bytes, colours_of, shortest_nm
-from nolens.twin.preview import distance_um, preview_model, relief_points, simulation_bytes
+from nolens.twin import (
+    FieldMap,
+    Light,
+    Twin,
+    colours_of,
+    distance_um,
+    polychromatic_psf_bytes,
+    preview_model,
+    relief_points,
+    shortest_nm,
+    simulation_bytes,
+)
 
 Options = TypeVar("Options", bound=ResolutionOptions)
 Value = TypeVar("Value")
@@ -106,7 +115,7 @@ class ReadyBench:
         bare, sensor = self.preview, self.opened.camera.sensor
         colours = colours_of(bare, self.light, self.wavelengths)
         source = PointSource((0.0, 0.0), self.distance_um)
-        pattern = colour_pattern_bytes(
+        pattern = polychromatic_psf_bytes(
             bare,
             source,
             (sensor.rows, sensor.columns),
@@ -114,7 +123,7 @@ class ReadyBench:
             at_least=2,
             shortest=shortest_nm(colours),
         )
-        cells = math.prod(a + b for a, b in zip(bare.cells, region, strict=True))
+        cells = math.prod(a + b for a, b in zip(bare.shape, region, strict=True))
         # Channels are solved for one by one.
         held = admm_bytes(cells) + _BYTES_PER_CELL * cells
         return BYTES_OF_PROGRAM + simulation_bytes(relief_points(self.opened), pattern + held)

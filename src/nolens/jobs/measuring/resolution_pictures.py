@@ -17,7 +17,7 @@ from nolens.jobs.measuring.resolution_options import ResolutionOptions
 from nolens.jobs.reconstruction.options import parse_window
 from nolens.jobs.run import Run
 from nolens.operators import Region
-from nolens.twin.preview import preview_model
+from nolens.twin import preview_model
 
 Options = TypeVar("Options", bound=ResolutionOptions)
 
@@ -134,7 +134,7 @@ def _read(path: Path, options: ResolutionOptions, camera: GivenCamera) -> Target
     height, width = picture.shape
     if camera.opened is None:
         return TargetPicture(picture, _scale(path, options, camera, Region(0, 0, height, width)))
-    sensor = preview_model(camera.opened).cells
+    sensor = preview_model(camera.opened).shape
     region = Region.centred(height, width, sensor)
     if options.support is not None:
         region = parse_window(options.support, sensor, "--support")
@@ -183,7 +183,7 @@ def _scale(
         return AngularScale(math.tan(options.cell_angle.rad))
     assert camera.opened is not None
     twin = preview_model(camera.opened)
-    rows, columns = twin.cells
+    rows, columns = twin.shape
     if region.height > 2 * rows or region.width > 2 * columns:
         raise DataError(
             f"{path} shows {region.height}×{region.width} cells, but the sensor of "

@@ -44,11 +44,10 @@ def asked_region(
     if options.field is None or options.camera is None:
         return None if options.support is None else region_within(options.support, sensor, psf)
     # Most reconstructions need no camera.
-    from nolens.twin import FieldMap
-    from nolens.twin.preview import preview_model
+    from nolens.twin import FieldMap, preview_model
 
     camera = preview_model(read_camera(options.camera))
-    cells = tuple(count // options.bin_by for count in camera.cells)
+    cells = tuple(count // options.bin_by for count in camera.shape)
     if cells != sensor:
         raise OptionError(
             f"the camera {options.camera} has {cells[0]}×{cells[1]} cells (height × width), and "

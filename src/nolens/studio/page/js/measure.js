@@ -99,8 +99,8 @@ function sideCard() {
 function dotsCard() {
   const pitch = typed({ value: "20mm" });
   const distance = typed({ value: "300mm" });
-  const reach = typed({ value: "30deg" });
-  const target = new Target({ picture: "grid of dots", simulated: [option(FIELD, "reach", reach)] });
+  const extent = typed({ value: "30deg" });
+  const target = new Target({ picture: "grid of dots", simulated: [option(FIELD, "extent", extent)] });
   const card = new Measurement({
     title: "Dot grid", name: "dots", kind: "measure-field",
     about: "Up to which field angle a grid of dots stays clear, and where it is lost.",
@@ -109,7 +109,7 @@ function dotsCard() {
       h("div", { class: "grow" }, option(FIELD, "distance", distance)))],
     options: () => {
       const grid = { dot_pitch: text(pitch), distance: text(distance) };
-      return target.simulated ? { simulate: target.camera.value, reach: text(reach), ...grid }
+      return target.simulated ? { simulate: target.camera.value, extent: text(extent), ...grid }
         : { dots: target.path, camera: target.camera.value, ...grid };
     },
     found: (job) => [jobPlot(job, "Dots by their grade and angle"), figureTable(dotRows(job.summary), "Dot grid")],

@@ -1,7 +1,6 @@
 """The point spread function of a camera, in the colours of its sensor."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
 
@@ -17,10 +16,11 @@ from nolens.optics import (
     PointSource,
     Relief,
     divergence,
-    pattern_bytes,
-    point_pattern,
+    monochromatic_psf,
+    monochromatic_psf_bytes,
 )
-from nolens.twin.light import Light
+from nolens.progress import ProgressCallback, part_of
+from nolens.twin.light import Colour, Light
 from nolens.twin.model import REFERENCE_NM, Twin
 
 Frame = Literal["chief-ray", "sensor"]
@@ -29,13 +29,13 @@ Frame = Literal["chief-ray", "sensor"]
 def point_spread(
     twin: Twin,
     source: PointSource,
-    cells: tuple[int, int],
+    shape: tuple[int, int],
     *,
-    pixels: int = 1,
+    superpixel: int = 1,
     light: Light,
     wavelengths: int = 3,
     frame: Frame = "chief-ray",
-    tick: Callable[[float], None] | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Tensor:
     """Irradiance of one point source, integrated over superpixels, channel by channel.
 
@@ -45,9 +45,9 @@ def point_spread(
         The camera.
     source
         Where the light comes from.
-    cells
+    shape
         (rows, columns) of the result; may be more or fewer than the sensor has.
-    pixels
+    superpixel
         Sensor pixels along a superpixel.
     light
         Spectrum of the source.
@@ -56,14 +56,14 @@ def point_spread(
     frame
         ``"chief-ray"``: the middle of the result follows the ray through the camera's middle;
         ``"sensor"``: it stays on the sensor's.
-    tick
+    progress
         Called with the fraction that is done, 0 to 1.
 
     Returns
     -------
     Tensor
         float32, (channels, rows, columns), on the device of the twin's mask; 1 is what a flat
-        mask gives straight ahead of a far source (see `point_pattern`).
+        mask gives straight ahead of a far source (see `monochromatic_psf`).
 
     Raises
     ------
@@ -73,17 +73,16 @@ def point_spread(
     twin.check_source(source)
     _check_size(source)
     per_pixel = samples_per_pixel(twin, at_least=2)
-    edge = math.ceil(_image_um(twin, source) / (pixels * twin.sensor_pitch_um))
+    edge = math.ceil(_image_um(twin, source) / (superpixel * twin.sensor_pitch_um))
     grid = Grid(
-        cells[0] + 2 * edge,
-        cells[1] + 2 * edge,
-        twin.sensor_pitch_um * pixels,
+        shape[0] + 2 * edge,
+        shape[1] + 2 * edge,
+        twin.sensor_pitch_um * superpixel,
         twin.shift_um(source) if frame == "chief-ray" else (0.0, 0.0),
     )
-    twin.check_reach(source, grid)
-    channels = twin.camera.sensor.channels
-    colours = [light.wavelengths(twin.quantum_efficiency, each, wavelengths) for each in channels]
-    ready = sampled(
+    twin.check_extent(source, grid)
+    colours = light.colours(twin.quantum_efficiency, twin.camera.sensor.channels, wavelengths)
+    prepared = sampled(
         twin,
         twin.sensor_pitch_um / per_pixel,
         shortest_nm=shortest_nm(colours),
@@ -91,31 +90,26 @@ def point_spread(
     )
     planes = []
     for number, colour in enumerate(colours):
-
-        def colour_tick(share: float, number: int = number) -> None:
-            if tick is not None:
-                tick((number + share) / len(channels))
-
-        plane = colour_pattern(
-            ready,
+        plane = polychromatic_psf(
+            prepared,
             source,
-            grid.finer(per_pixel * pixels),
+            grid.finer(per_pixel * superpixel),
             colour,
-            colour_tick,
-            average=per_pixel * pixels,
+            part_of(progress, number, len(colours)),
+            average=per_pixel * superpixel,
         )
         if source.diameter_um > 0:
             plane = _blurred(twin, source, plane, grid)
-        planes.append(plane[edge : edge + cells[0], edge : edge + cells[1]])
+        planes.append(plane[edge : edge + shape[0], edge : edge + shape[1]])
     return torch.stack(planes)
 
 
-def colour_pattern(
+def polychromatic_psf(
     twin: Twin,
     source: PointSource,
     grid: Grid,
-    wavelengths: tuple[tuple[float, float], ...],
-    tick: Callable[[float], None] | None = None,
+    wavelengths: Colour,
+    progress: ProgressCallback | None = None,
     *,
     average: int = 1,
 ) -> Tensor:
@@ -131,67 +125,62 @@ def colour_pattern(
         The samples.
     wavelengths
         Pairs of wavelength in nm and weight.
-    tick
+    progress
         Called with the fraction that is done.
     average
         Samples along one value of the result.
     """
     total: Tensor | None = None
     for number, (wavelength_nm, weight) in enumerate(wavelengths):
-
-        def part_tick(share: float, number: int = number) -> None:
-            if tick is not None:
-                tick((number + share) / len(wavelengths))
-
-        pattern = point_pattern(
+        psf = monochromatic_psf(
             twin.illumination(source, wavelength_nm),
             twin.mask,
             twin.media(wavelength_nm),
             grid,
             response=twin.response(),
-            tick=part_tick,
+            progress=part_of(progress, number, len(wavelengths)),
         )
         if average > 1:
-            pattern = nnf.avg_pool2d(pattern[None, None], average)[0, 0]
-        total = pattern.mul_(weight) if total is None else total.add_(pattern, alpha=weight)
+            psf = nnf.avg_pool2d(psf[None, None], average)[0, 0]
+        total = psf.mul_(weight) if total is None else total.add_(psf, alpha=weight)
     assert total is not None
     return total
 
 
-def colour_pattern_bytes(
+def polychromatic_psf_bytes(
     twin: Twin,
     source: PointSource,
-    cells: tuple[int, int],
-    pixels: int,
+    shape: tuple[int, int],
+    superpixel: int,
     *,
     at_least: int,
     shortest: float,
 ) -> float:
-    """Most memory that `colour_pattern` holds at once.
+    """Most memory that `polychromatic_psf` holds at once.
 
     Parameters
     ----------
     twin
-        The camera, as `nolens.twin.preview.preview_model` gives it.
+        The camera, as `preview_model` gives it.
     source
         The point source.
-    cells
+    shape
         (rows, columns) of the result.
-    pixels
-        Pixels along a cell.
+    superpixel
+        Sensor pixels along one of its pixels.
     at_least
         Samples along a pixel.
     shortest
         Shortest wavelength, in nm.
     """
     per_pixel = samples_per_pixel(twin, at_least=at_least)
-    grid = Grid(*cells, twin.sensor_pitch_um * pixels).finer(per_pixel * pixels)
+    grid = Grid(*shape, twin.sensor_pitch_um * superpixel).finer(per_pixel * superpixel)
     step = field_step(twin, grid.pitch_um, shortest_nm=shortest, distance_um=source.distance_um)
     light = twin.illumination(source, REFERENCE_NM)
-    return pattern_bytes(light, twin.mask, twin.media(REFERENCE_NM), grid, step)
+    return monochromatic_psf_bytes(light, twin.mask, twin.media(REFERENCE_NM), grid, step)
 
 
-def shortest_nm(colours: list[tuple[tuple[float, float], ...]]) -> float:
+def shortest_nm(colours: list[Colour]) -> float:
     """The shortest of all channels' wavelengths."""
     return min(wavelength_nm for colour in colours for wavelength_nm, _ in colour)
 
@@ -237,7 +226,7 @@ def _check_size(source: PointSource) -> None:
 
 
 def _scales(twin: Twin, source: PointSource) -> tuple[float, float]:
-    """How large the source's image is, as a share: along the direction of the angle and across.
+    """Size of the source's image over its own: along the direction of the angle, and across.
 
     For a fixed place on the mask the light moves by ds/dt · dx / z, with s the displacement in
     the layers behind it and t the tangent of the angle.
@@ -256,7 +245,7 @@ def _image_um(twin: Twin, source: PointSource) -> float:
 
 
 def _blurred(twin: Twin, source: PointSource, plane: Tensor, grid: Grid) -> Tensor:
-    r"""The pattern of a disc: its spectrum times :math:`2J_1(πaf)/(πaf)` of the disc's image."""
+    r"""The PSF of a disc: its spectrum times :math:`2J_1(πaf)/(πaf)` of the disc's image."""
     radial, across = _scales(twin, source)
     size = math.hypot(*source.tangent)
     unit = (source.tangent[0] / size, source.tangent[1] / size) if size > 0 else (1.0, 0.0)
@@ -272,7 +261,7 @@ def _blurred(twin: Twin, source: PointSource, plane: Tensor, grid: Grid) -> Tens
     return irfft2(spectrum, (grid.rows, grid.columns)).clamp_min(0)
 
 
-def colours_of(twin: Twin, light: Light, wavelengths: int) -> list[tuple[tuple[float, float], ...]]:
+def colours_of(twin: Twin, light: Light, wavelengths: int) -> list[Colour]:
     """Wavelengths and weights of all channels, of a light that the sensor sees.
 
     Raises
@@ -288,7 +277,7 @@ def colours_of(twin: Twin, light: Light, wavelengths: int) -> list[tuple[tuple[f
             f"the sensor sees nothing of the light {light.name}: its quantum efficiency is given "
             f"from {first:g} to {last:g} nm, and zero elsewhere; choose another --light"
         )
-    colours = [light.wavelengths(efficiency, channel, wavelengths) for channel in channels]
+    colours = light.colours(efficiency, channels, wavelengths)
     for colour in colours:
         for wavelength_nm, _ in colour:
             twin.media(wavelength_nm)

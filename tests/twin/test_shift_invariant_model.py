@@ -7,7 +7,7 @@ from cameras import WHITE, cropped, flattened, in_grey, relative_error, twin_of
 from nolens.camera import Camera
 from nolens.operators import Region
 from nolens.optics import PointSource
-from nolens.twin import FieldMap, PlainModel, Seen, irradiate, point_spread
+from nolens.twin import FieldMap, PlaneView, ShiftInvariantModel, irradiate, point_spread
 
 FAR_UM = 300e3
 CAMERAS = {
@@ -17,10 +17,10 @@ CAMERAS = {
 }
 
 
-def model_of(camera: Camera) -> PlainModel:
+def model_of(camera: Camera) -> ShiftInvariantModel:
     twin = twin_of(camera)
     field = FieldMap.covering(twin, (0.06, 0.09))
-    return PlainModel.of(twin, field, distance_um=FAR_UM, light=WHITE, wavelengths=2)
+    return ShiftInvariantModel.of(twin, field, distance_um=FAR_UM, light=WHITE, wavelengths=2)
 
 
 @pytest.mark.parametrize("name", CAMERAS)
@@ -32,7 +32,7 @@ def test_light_is_that_of_irradiate_with_one_field_point(name: str) -> None:
     for _ in range(2):
         scene = torch.rand(channels, region.height, region.width, generator=generator)
         expected = irradiate(
-            model.twin, model.field, (Seen(scene, FAR_UM),), field_points=1, light=WHITE,
+            model.twin, model.field, (PlaneView(scene, FAR_UM),), field_points=1, light=WHITE,
             wavelengths=2,
         ).light  # fmt: skip
         found = model.light(scene)
@@ -58,7 +58,7 @@ def test_psf_is_that_of_a_point_straight_ahead_at_the_pixels_places() -> None:
 
 def test_without_an_aperture_the_psf_reaches_as_far_as_the_fields_light() -> None:
     model = model_of(CAMERAS["no aperture"]())
-    region, cells = model.field.region, model.twin.cells
+    region, cells = model.field.region, model.twin.shape
     assert model.psf().shape[1:] == (cells[0] + region.height - 1, cells[1] + region.width - 1)
 
 
@@ -68,7 +68,7 @@ def test_a_picture_is_seen_in_whole_and_upright() -> None:
     picture = torch.zeros(3, 40, 20)
     picture[0, :20] = 1.0
     picture[1, :, :10] = 0.5
-    cells = model.on_cells(picture)
+    cells = model.rendered(picture)
     assert cells.shape == (3, region.height, region.width)
     lit = (cells.sum(dim=0) > 0.25).nonzero()
     height, width = (int(lit[:, axis].max() - lit[:, axis].min()) + 1 for axis in (0, 1))
@@ -85,7 +85,7 @@ def test_a_picture_is_seen_in_whole_and_upright() -> None:
 def test_a_wide_picture_fills_the_width() -> None:
     model = model_of(CAMERAS["grey"]())
     region = model.field.region
-    cells = model.on_cells(torch.ones(1, 8, 200))
+    cells = model.rendered(torch.ones(1, 8, 200))
     assert isinstance(region, Region)
     assert bool((cells[0, region.height // 2] > 0.4).all())
     assert float(cells[0, 0].max()) == 0

@@ -32,7 +32,7 @@ from nolens.optics import (
     Relief,
     Stack,
     divergence,
-    point_pattern,
+    monochromatic_psf,
     random_lenslets,
     transmittance,
 )
@@ -93,7 +93,7 @@ def test_flat_mask(way, distance_um):
     """cos³ of the local ray, spread over the sensor as the rays diverge: to 4e-4 everywhere."""
     grid = Grid(120, 180, PITCH_UM, (100.0, -50.0))
     light = way.light(distance_um)
-    got = point_pattern(light, FLAT, MEDIA, grid).double()
+    got = monochromatic_psf(light, FLAT, MEDIA, grid).double()
     if math.isinf(distance_um):
         expected = torch.full_like(got, math.cos(math.radians(way.angle_deg)) ** 3)
     else:
@@ -113,7 +113,7 @@ def test_flat_mask(way, distance_um):
 def test_near_source_loses_what_its_light_spreads():
     """Straight ahead: 1 / (1 + D/z)², D the layers' reduced length."""
     for distance_um in (1e4, 1e5):
-        got = point_pattern(Way(0).light(distance_um), FLAT, MEDIA, Grid(1, 1, PITCH_UM))
+        got = monochromatic_psf(Way(0).light(distance_um), FLAT, MEDIA, Grid(1, 1, PITCH_UM))
         expected = (1 + PAPER.reduced_um / distance_um) ** -2
         assert float(got[0, 0]) == pytest.approx(expected, rel=1e-3)
 
@@ -123,7 +123,7 @@ def test_layers_before_the_mask_spread_the_light_like_those_behind(distance_um):
     """Straight ahead: 1 / (1 + D/z)² with D of all layers."""
     media = Media(WAVELENGTH_UM, RESIN, RESIN)
     light = Illumination(PointSource(distance_um=distance_um), FILM, PAPER)
-    got = float(point_pattern(light, FLAT, media, Grid(1, 1, PITCH_UM)))
+    got = float(monochromatic_psf(light, FLAT, media, Grid(1, 1, PITCH_UM)))
     length = FILM.then(PAPER).reduced_um
     assert got == pytest.approx((1 + length / distance_um) ** -2, rel=6e-4)
 
@@ -135,7 +135,7 @@ def test_lenslets_only_move_light(way, mask):
     The opening's edges diffract 0.5 % beyond the band that is kept.
     """
     open_mask = replace(mask, opening=Opening("ellipse", 180.0, 240.0))
-    got = point_pattern(way.light(), open_mask, MEDIA, Grid(400, 420, PITCH_UM, _below(way)))
+    got = monochromatic_psf(way.light(), open_mask, MEDIA, Grid(400, 420, PITCH_UM, _below(way)))
     area = math.pi / 4 * 180 * 240
     light = float(got.double().sum()) * PITCH_UM**2
     assert light == pytest.approx(area * math.cos(math.radians(way.angle_deg)) ** 3, rel=1e-2)
@@ -144,11 +144,11 @@ def test_lenslets_only_move_light(way, mask):
 def test_response_and_surfaces_scale_the_light():
     way = Way(40, 60)
     grid = Grid(9, 8, PITCH_UM)
-    plain = point_pattern(way.light(), FLAT, MEDIA, grid)
-    weighted = point_pattern(way.light(), FLAT, MEDIA, grid, response=lambda p2: 1 - p2)
+    plain = monochromatic_psf(way.light(), FLAT, MEDIA, grid)
+    weighted = monochromatic_psf(way.light(), FLAT, MEDIA, grid, response=lambda p2: 1 - p2)
     torch.testing.assert_close(weighted, plain * (1 - way.p**2), rtol=1e-5, atol=0)
     indices = (1.0, RESIN, GLASS, 1.0)
-    lossy = point_pattern(way.light(), FLAT, replace(MEDIA, surfaces=indices), grid)
+    lossy = monochromatic_psf(way.light(), FLAT, replace(MEDIA, surfaces=indices), grid)
     passed = float(transmittance(indices, torch.tensor(way.p**2, dtype=torch.float64)))
     assert passed < 0.94
     # The flat pattern ripples by 2e-4 from the fading at the window's edges.
@@ -165,7 +165,7 @@ def test_spot_lies_where_snells_law_says(way):
     centre = tuple(round(each / PITCH_UM) * PITCH_UM for each in place)
     grid = Grid(121, 121, PITCH_UM, (centre[0], centre[1]))
     lenslet = MaskSurface(caps(501, PITCH_UM, 670.0, 60.0, [(0.0, 0.0)]))
-    pattern = point_pattern(way.light(), lenslet, MEDIA, grid)
+    pattern = monochromatic_psf(way.light(), lenslet, MEDIA, grid)
     row, column = divmod(int(pattern.argmax()), 121)
     brightest = grid.positions_um(0)[row], grid.positions_um(1)[column]
     assert float(pattern.max()) > 2 * float(pattern.median())
@@ -182,7 +182,7 @@ def test_near_source_magnifies_the_pattern(distance_um, before):
     """By 1 + D/z: the spots of two lenslets, to 2e-4."""
     pair = MaskSurface(caps(701, PITCH_UM, 670.0, 120.0, [(0.0, -200.0), (0.0, 200.0)]))
     grid = Grid(101, 421, PITCH_UM)
-    pattern = point_pattern(Way(0).light(distance_um, before), pair, MEDIA, grid)
+    pattern = monochromatic_psf(Way(0).light(distance_um, before), pair, MEDIA, grid)
     expected = 1 + PAPER.reduced_um / (distance_um + before.reduced_um)
     spots = [centroid_um(pattern, grid, (0.0, side * 200 * expected), 60.0) for side in (-1, 1)]
     assert (spots[1][1] - spots[0][1]) / 400 == pytest.approx(expected, rel=2e-4)
@@ -213,7 +213,7 @@ def test_wedge_turns_light_as_its_facet_refracts(angle_deg, slope):
 
     surface = MaskSurface(wedge, Opening("ellipse", 150.0, 150.0))
     grid = Grid(301, 301, PITCH_UM, (0.0, straight))
-    pattern = point_pattern(way.light(), surface, MEDIA, grid).double()
+    pattern = monochromatic_psf(way.light(), surface, MEDIA, grid).double()
     got = float((pattern.sum(0) * grid.positions_um(1)).sum() / pattern.sum())
     assert got == pytest.approx(expected, abs=0.3)
 
@@ -228,7 +228,7 @@ def test_steep_relief_loses_no_light(slope):
     turned = slope * (RESIN - 1)
     reach = float(PAPER.displacement_um(torch.tensor(abs(turned), dtype=torch.float64)))
     grid = Grid(500, 500, pitch, (0.0, math.copysign(reach, slope)))
-    pattern = point_pattern(Way(0).light(), surface, MEDIA, grid).double()
+    pattern = monochromatic_psf(Way(0).light(), surface, MEDIA, grid).double()
     light = float(pattern.sum()) * pitch**2
     assert light == pytest.approx(math.pi / 4 * 160**2, rel=1e-2)
     middle = float((pattern.sum(0) * grid.positions_um(1)).sum() / pattern.sum())
@@ -241,8 +241,8 @@ def test_pattern_moves_with_the_mask(mask):
     moved = Relief(relief.height_um.roll((5, -8), (0, 1)), relief.grid_um)
     grid = Grid(60, 70, PITCH_UM)
     there = replace(grid, centre_um=(5 * PITCH_UM, -8 * PITCH_UM))
-    first = point_pattern(Way(0).light(), mask, MEDIA, grid)
-    second = point_pattern(Way(0).light(), MaskSurface(moved), MEDIA, there)
+    first = monochromatic_psf(Way(0).light(), mask, MEDIA, grid)
+    second = monochromatic_psf(Way(0).light(), MaskSurface(moved), MEDIA, there)
     assert relative_error(second, first) < 1e-5
 
 
@@ -254,7 +254,7 @@ def test_samples_of_the_relief_may_be_of_any_number(counts):
         grid = Grid(rows, columns, PITCH_UM)
         squared = grid.positions_um(0)[:, None].square() + grid.positions_um(1).square()
         height = torch.exp(-squared / (2 * 25.0**2)).float()
-        return point_pattern(
+        return monochromatic_psf(
             Way(20, 30).light(),
             MaskSurface(Relief(height, PITCH_UM)),
             MEDIA,
@@ -271,7 +271,7 @@ def test_surface_is_level_beyond_its_edges(way):
     padded = torch.nn.functional.pad(height[None, None], (900,) * 4, mode="replicate")[0, 0]
     grid = Grid(90, 100, PITCH_UM, (30.0, -20.0))
     small, large = (
-        point_pattern(way.light(), MaskSurface(Relief(each, PITCH_UM)), MEDIA, grid)
+        monochromatic_psf(way.light(), MaskSurface(Relief(each, PITCH_UM)), MEDIA, grid)
         for each in (height, padded.contiguous())
     )
     assert torch.equal(small, large)
@@ -282,7 +282,7 @@ def test_far_source_is_a_plane_wave(mask):
     for way in (Way(0), Way(30, 25)):
         grid = Grid(200, 240, PITCH_UM, _below(way))
         far, infinite = (
-            point_pattern(way.light(each), mask, MEDIA, grid) for each in (1e8, INFINITE)
+            monochromatic_psf(way.light(each), mask, MEDIA, grid) for each in (1e8, INFINITE)
         )
         assert relative_error(far, infinite) < 3.2e-4
 
@@ -296,10 +296,10 @@ def test_windows_agree_with_one(way, distance_um, mask, monkeypatch):
     grid = Grid(300, 360, PITCH_UM, _below(way))
     patterns, parts = [], []
     for largest in (3072, 200):
-        monkeypatch.setattr("nolens.optics.windows._LARGEST", largest)
+        monkeypatch.setattr("nolens.optics.psf._LARGEST", largest)
         done: list[float] = []
         light = way.light(distance_um)
-        patterns.append(point_pattern(light, mask, MEDIA, grid, tick=done.append))
+        patterns.append(monochromatic_psf(light, mask, MEDIA, grid, progress=done.append))
         assert done == sorted(done)
         assert done[-1] == 1
         parts.append(len(done))
@@ -311,9 +311,9 @@ def test_windows_agree_with_one(way, distance_um, mask, monkeypatch):
 def test_wider_margin_changes_little(way, mask, monkeypatch):
     """Light from twice as far around, and diffracted twice as far, is not missed."""
     grid = Grid(120, 140, PITCH_UM, _below(way))
-    usual = point_pattern(way.light(), mask, MEDIA, grid)
-    monkeypatch.setattr("nolens.optics.windows._FRESNEL_WIDTHS", 6.0)
-    wide = point_pattern(way.light(), mask, MEDIA, grid)
+    usual = monochromatic_psf(way.light(), mask, MEDIA, grid)
+    monkeypatch.setattr("nolens.optics.psf._FRESNEL_WIDTHS", 6.0)
+    wide = monochromatic_psf(way.light(), mask, MEDIA, grid)
     assert relative_error(usual, wide) < 4e-5
 
 
@@ -326,7 +326,7 @@ def test_finer_sampling_changes_no_pixel(way, distance_um, fine):
     def pixels(step: int, samples: int) -> Tensor:
         grid = Grid(160, 170, PITCH_UM, _below(way)).finer(samples)
         surface = MaskSurface(_every(fine, step))
-        return _pixels(point_pattern(light, surface, MEDIA, grid), samples)
+        return _pixels(monochromatic_psf(light, surface, MEDIA, grid), samples)
 
     best = pixels(1, 4)
     # The light's own structure, that 2 × 2 samples miss.
@@ -346,7 +346,7 @@ def test_coarsest_relief_that_is_allowed_is_fine_enough(distance_um, steps, fine
     assert limit / 1.5 < coarse.relief.grid_um <= limit
     grid = Grid(200, 216, pitch)
     got, expected = (
-        point_pattern(Way(0).light(distance_um), each, MEDIA, grid) for each in (coarse, best)
+        monochromatic_psf(Way(0).light(distance_um), each, MEDIA, grid) for each in (coarse, best)
     )
     assert relative_error(got, expected) < 6e-4
 
@@ -355,10 +355,10 @@ def test_coarsest_relief_that_is_allowed_is_fine_enough(distance_um, steps, fine
 @pytest.mark.parametrize("way", [Way(0), Way(40, 65)], ids=str)
 def test_finer_samples_contain_the_coarse_ones(way, distance_um, mask):
     light, centre = way.light(distance_um), _below(way)
-    coarse = point_pattern(light, mask, MEDIA, Grid(121, 141, PITCH_UM, centre))
+    coarse = monochromatic_psf(light, mask, MEDIA, Grid(121, 141, PITCH_UM, centre))
     for n in (2, 3):
         grid = Grid(120 * n + 1, 140 * n + 1, PITCH_UM / n, centre)
-        assert relative_error(point_pattern(light, mask, MEDIA, grid)[::n, ::n], coarse) < 1e-4
+        assert relative_error(monochromatic_psf(light, mask, MEDIA, grid)[::n, ::n], coarse) < 1e-4
 
 
 def test_coupling_is_the_difference_of_the_axial_paths():
@@ -370,7 +370,7 @@ def test_coupling_is_the_difference_of_the_axial_paths():
         assert float(MEDIA.coupling(squared)) == pytest.approx(expected, rel=1e-12)
     matched = Media(WAVELENGTH_UM, RESIN, RESIN)
     lenslet = MaskSurface(caps(101, PITCH_UM, 670.0, 60.0, [(0.0, 0.0)]))
-    pattern = point_pattern(Way(0).light(), lenslet, matched, Grid(40, 40, PITCH_UM))
+    pattern = monochromatic_psf(Way(0).light(), lenslet, matched, Grid(40, 40, PITCH_UM))
     torch.testing.assert_close(pattern, torch.ones(40, 40), rtol=0, atol=4e-4)
 
 
@@ -383,7 +383,7 @@ def test_pattern_on_cuda(distance_um, mask):
     grid = Grid(240, 260, PITCH_UM / 2, _below(way))
     opening = Opening("ellipse", 300.0, 250.0)
     patterns = [
-        point_pattern(
+        monochromatic_psf(
             way.light(distance_um),
             MaskSurface(Relief(mask.relief.height_um.to(device), PITCH_UM), opening),
             media,
