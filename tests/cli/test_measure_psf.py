@@ -53,7 +53,7 @@ def test_figures_of_known_spots(name: str, tmp_path: Path) -> None:
     assert told["fwhm_um"] == pytest.approx(FWHM * 3.1, rel=0.01)
     assert told["line_width_um"] == pytest.approx(FWHM * 3.1 / math.sqrt(2), rel=0.01)
     assert told["pitch_um"] == pytest.approx(PITCH * 3.1, rel=0.01)
-    assert told["cells"] == [SIDE, SIDE] and told["cell_um"] == 3.1
+    assert told["pixels"] == [SIDE, SIDE] and told["pixel_um"] == 3.1
     assert told["line_deg"] is None and told["warnings"] == [] and told["camera"] is None
     assert set(told["curves"]["direction_magnitude"]) == {"0", "90", "180", "270"}
     assert len(told["curves"]["lag_um"]) == len(told["curves"]["autocorrelation"])
@@ -67,7 +67,7 @@ def test_a_raw_file_has_cells_of_two_pixels(tmp_path: Path) -> None:
     counts = (256 + 3000 * mosaic(light.contiguous(), "RGGB")).round()
     write_dng(tmp_path / "psf.dng", counts, pattern="RGGB", black=256, white=4095)
     told = measured(tmp_path / "psf.dng", "--pixel", sensor.pitch, "--camera", "small")
-    assert told["cell_um"] == 3.1 and told["cells"] == [128, 160]
+    assert told["pixel_um"] == 3.1 and told["pixels"] == [128, 160]
     assert told["fwhm_um"] == pytest.approx(FWHM * 3.1, rel=0.01)
     assert told["camera"] == "small"
     reduced = told["reduced_thickness_mm"]
@@ -120,7 +120,7 @@ def test_a_folder_knows_its_cells_and_its_camera(tmp_path: Path) -> None:
     write_camera(folder, preset("small"))
     write_psfs(folder, {entry(): spots((128, 160))})
     told = measured(folder / "psf-300mm.tif")
-    assert told["cell_um"] == 3.1 and told["camera"] == "small"
+    assert told["pixel_um"] == 3.1 and told["camera"] == "small"
     check_refused(
         run("measure", "psf", folder / "psf-300mm.tif", "--pixel", "1.55um"),
         "--pixel 1.55 um", "psfs.toml says", "3.1 um apart",
@@ -160,7 +160,7 @@ def test_lines_finer_than_cells_and_no_pitch_are_warnings(tmp_path: Path) -> Non
     one[0, 30:33, 30:33] = torch.tensor([[1, 2, 1], [2, 4, 2], [1, 2, 1]]) / 4.0
     path = save(tmp_path / "one.npy", one)
     warnings = " ".join(measured(path, "--pixel", "1um", "--noise", "0")["warnings"])
-    assert "no second peak" in warnings and "less than two cells" in warnings
+    assert "no second peak" in warnings and "less than two pixels" in warnings
 
 
 @pytest.mark.parametrize(

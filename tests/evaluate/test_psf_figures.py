@@ -10,7 +10,7 @@ from torch import Tensor
 
 from nolens.errors import DataError
 from nolens.evaluate import psf_figures, sparsity
-from nolens.evaluate.psf_figures import Spectrum, background_of, trimmed
+from nolens.evaluate.psf import trimmed
 
 SIDE = 384
 CELL_UM = 3.1
@@ -181,7 +181,8 @@ def test_bands_above_the_noise_and_the_gap_between_them():
     radius = torch.hypot(frequency[:, None], frequency[: SIDE // 2 + 1].abs())
     held = (radius < 0.15) | ((radius > 0.25) & (radius < 0.35))
     texture = torch.fft.irfft2(torch.fft.rfft2(grains[0]) * held, s=(SIDE, SIDE))
-    bands = Spectrum.of(10 + texture + grains[1] / 3, 1 / 3).clear_bands()
+    found = psf_figures(10 + texture + grains[1] / 3, 1.0, noise=1 / 3)
+    bands = [[each / 1e3 for each in band] for band in found.clear_bands_per_mm]
     assert torch.tensor(bands).flatten().tolist() == pytest.approx([0, 0.15, 0.25, 0.35], abs=0.006)
 
 
@@ -221,7 +222,7 @@ def test_curves_say_what_the_figures_say():
     assert lag[half - 1] <= found.fwhm_um / 2 <= lag[half]
     # By another way: the row's line of the frame that stands in zeros.
     pattern = spots(lattice(14, staggered=True, jitter=0.03), 2.5)
-    pattern = trimmed(pattern - background_of(pattern, found.noise))
+    pattern = trimmed(pattern - found.background_share * float(pattern.mean()))
     (rows, columns), cells = pattern.shape, pattern.numel()
     mean = float(pattern.mean())
     line = [

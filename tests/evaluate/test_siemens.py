@@ -13,7 +13,7 @@ from torch import Tensor
 
 from nolens.errors import DataError
 from nolens.evaluate import (
-    angle_of_length,
+    FlatPicture,
     find_star,
     resolved_radii,
     siemens_star,
@@ -150,6 +150,7 @@ def gaussian_noise() -> Tensor:
 
 def test_angles_on_a_screen() -> None:
     """Against the angle between two directions, computed from their vectors."""
+    picture = FlatPicture(torch.zeros(1, 1), 1.0, (0.0, 0.0))
     for place in ((0.0, 0.0), (0.3, 0.0), (-0.2, 0.5)):
         for direction in ((1.0, 0.0), (0.0, 1.0), (0.6, -0.8)):
             length = 1e-4
@@ -160,7 +161,7 @@ def test_angles_on_a_screen() -> None:
             ]  # fmt: skip
             cross = np.linalg.norm(np.cross(*ends))
             wanted = math.degrees(math.atan2(cross, ends[0] @ ends[1]))
-            assert angle_of_length(place, direction, length) == pytest.approx(wanted, rel=1e-6)
+            assert picture.angle_deg(place, direction, length) == pytest.approx(wanted, rel=1e-6)
 
 
 def test_target_is_as_bright_as_it_should_be() -> None:

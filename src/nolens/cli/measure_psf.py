@@ -7,10 +7,10 @@ from nolens.jobs import MeasurePsfOptions, measure_psf
 
 
 def _lines(found: dict[str, Any]) -> list[str]:
-    rows, columns = found["cells"]
+    rows, columns = found["pixels"]
     pitch, row = found["pitch_um"], found["row_pitch_um"]
     lines = [
-        f"{rows}×{columns} cells of {found['cell_um']:g} µm, {found['channel']}",
+        f"{rows}×{columns} pixels of {found['pixel_um']:g} µm, {found['channel']}",
         f"autocorrelation: FWHM {found['fwhm_um']:.2f} µm, half way to its lowest value before the "
         f"second peak; {found['fwhm_over_mean_um']:.2f} µm half way to the mean",
         f"line width {found['line_width_um']:.2f} µm (FWHM/√2)",

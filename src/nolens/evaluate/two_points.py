@@ -1,6 +1,7 @@
 """Two point sources in a picture: how deep the dip between them is, and what is resolved."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -145,53 +146,53 @@ def resolved_separation(
     threshold
         The dip that counts as resolved.
     """
-    found = sorted(zip(separations, dips, noise, strict=True))
-    unresolved = [number for number, (_, dip, _) in enumerate(found) if dip < threshold]
+    ordered = sorted(zip(separations, dips, noise, strict=True))
+    unresolved = [number for number, (_, dip, _) in enumerate(ordered) if dip < threshold]
     if not unresolved:
-        return ResolvedSeparation(None, None, None, found[0][0])
+        return ResolvedSeparation(None, None, None, ordered[0][0])
     last = unresolved[-1]
-    if last == len(found) - 1:
-        return ResolvedSeparation(None, None, found[last][0], None)
-    (below, low, low_noise), (above, high, high_noise) = found[last : last + 2]
-    share = (threshold - low) / (high - low)
+    if last == len(ordered) - 1:
+        return ResolvedSeparation(None, None, ordered[last][0], None)
+    (below, low, low_noise), (above, high, high_noise) = ordered[last : last + 2]
+    part = (threshold - low) / (high - low)
     slope = (above - below) / (high - low)
-    scatter = slope * math.hypot((1 - share) * low_noise, share * high_noise)
+    scatter = slope * math.hypot((1 - part) * low_noise, part * high_noise)
     return ResolvedSeparation(
-        below + share * (above - below), math.hypot((above - below) / 2, scatter), below, above
+        below + part * (above - below), math.hypot((above - below) / 2, scatter), below, above
     )
 
 
-def _check_only_two(values: _Array, away: _Array, maxima: _Mask, reach: float) -> None:
+def _check_only_two(values: _Array, away: _Array, maxima: _Mask, extent: float) -> None:
     """Refuse a picture of something else than two points."""
-    beside, peak = values[away > reach], values.max()
+    beside, peak = values[away > extent], values.max()
     if beside.size > 0 and beside.mean() > _DARK * peak:
         raise DataError(
             f"beside its brightest point the picture is {100 * beside.mean() / peak:.0f} % as "
             "bright on average: it shows no two point sources in the dark. Check the file, or "
             "cut it to the points (--support)"
         )
-    far = _brightest(values, maxima & (away > reach) & (values > peak / 2))
+    far = _brightest(values, maxima & (away > extent) & (values > peak / 2))
     if far is not None:
         raise DataError(
             f"the picture shows point sources {away[far]:.1f} pixels apart, and two at most "
-            f"{reach:.1f} pixels apart were expected: check the separation, the distance and the "
+            f"{extent:.1f} pixels apart were expected: check the separation, the distance and the "
             "angle of a pixel, or cut it to the points (--support)"
         )
 
 
 def _brightest(values: _Array, where: _Mask) -> tuple[int, int] | None:
-    """Row and column of the brightest of some cells."""
+    """Row and column of the brightest of some pixels."""
     if not where.any():
         return None
     row, column = divmod(int(np.where(where, values, -np.inf).argmax()), values.shape[1])
     return row, column
 
 
-def _finer(values: _Array, cell: tuple[int, int]) -> _Array:
+def _finer(values: _Array, pixel: tuple[int, int]) -> _Array:
     """Where the top of a maximum lies, by a parabola along rows and columns."""
-    place = np.array(cell, dtype=np.float64)
-    for axis, line in enumerate((values[:, cell[1]], values[cell[0]])):
-        at = cell[axis]
+    place = np.array(pixel, dtype=np.float64)
+    for axis, line in enumerate((values[:, pixel[1]], values[pixel[0]])):
+        at = pixel[axis]
         if 0 < at < len(line) - 1:
             before, top, after = line[at - 1 : at + 2]
             bend = before - 2 * top + after
@@ -200,7 +201,7 @@ def _finer(values: _Array, cell: tuple[int, int]) -> _Array:
 
 
 def _longer_axis(light: _Array, grid: _Array) -> tuple[_Array, _Array]:
-    """Centre of mass, and unit vector along which the light reaches farthest."""
+    """Centre of mass, and unit vector along which the light extends farthest."""
     weight = light / light.sum()
     centre = (weight * grid).sum((1, 2))
     row, column = grid - centre[:, None, None]
@@ -224,3 +225,68 @@ def _dip(trace: _Array, separation: float, off: float) -> tuple[float, float]:
     other = others[trace[others].argmax()]
     between = trace[min(main, other) : max(main, other) + 1]
     return float(1 - max(between.min(), 0.0) / trace[other]), float(abs(other - main) * _STEP)
+
+
+@dataclass(frozen=True)
+class ObservedPair:
+    """One picture of two points.
+
+    Parameters
+    ----------
+    separation_deg
+        Angle between them.
+    pair
+        What the picture shows.
+    picture
+        (height, width).
+    """
+
+    separation_deg: float
+    pair: PointPair
+    picture: Tensor
+
+
+@dataclass(frozen=True)
+class TwoPoints:
+    """Resolution by two points at several separations.
+
+    Parameters
+    ----------
+    separations_deg
+        Each once, the smallest first.
+    dips
+        Mean of the pictures of each.
+    noise
+        Its standard error; 0 where there is one picture.
+    resolved
+        The smallest angle from which on the dips are deep enough, in degrees.
+    threshold
+        The dip that is deep enough.
+    pairs
+        One picture of each separation, the first that was taken.
+    """
+
+    separations_deg: tuple[float, ...]
+    dips: tuple[float, ...]
+    noise: tuple[float, ...]
+    resolved: ResolvedSeparation
+    threshold: float
+    pairs: tuple[ObservedPair, ...]
+
+    @property
+    def resolved_deg(self) -> float | None:
+        """Smallest resolved angle; None where it is beyond the separations that there are."""
+        return self.resolved.value
+
+    @classmethod
+    def of(cls, pairs: Sequence[ObservedPair], threshold: float = RAYLEIGH_DIP) -> "TwoPoints":
+        """Sort pictures by separation and find what is resolved."""
+        angles = tuple(sorted({each.separation_deg for each in pairs}))
+        groups = [[each for each in pairs if each.separation_deg == angle] for angle in angles]
+        stacked = [torch.tensor([each.pair.dip for each in group]).double() for group in groups]
+        dips = tuple(float(each.mean()) for each in stacked)
+        noise = tuple(
+            float(each.std()) / math.sqrt(len(each)) if len(each) > 1 else 0.0 for each in stacked
+        )
+        resolved = resolved_separation(angles, dips, noise, threshold=threshold)
+        return cls(angles, dips, noise, resolved, threshold, tuple(group[0] for group in groups))

@@ -1,20 +1,23 @@
-"""How PSFs change with the field angle."""
+"""How PSFs change with the field angle: correlation with the central one, shift and light."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import torch
+import torch.nn.functional as nnf
 from torch import Tensor
 
 from nolens.camera import develop
 from nolens.errors import DataError
-from nolens.evaluate import PeakCorrelation, peak_correlation
 from nolens.experiments.virtual_experiment import Tick, VirtualExperiment
+from nolens.kernels import fast_length, irfft2, rfft2
 from nolens.optics import PointSource
 from nolens.twin import Twin
 
 _CURVE_STEPS = 60
+_SEARCH_PIXELS = 12
+"""Around the place that a PSF is known to have moved to."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,7 @@ class OffAxis:
 
 
 def off_axis(
-    bench: VirtualExperiment,
+    experiment: VirtualExperiment,
     angles_deg: Sequence[float],
     *,
     distance_um: float = math.inf,
@@ -74,7 +77,7 @@ def off_axis(
 
     Parameters
     ----------
-    bench
+    experiment
         The camera.
     angles_deg
         To the right; the central light need not be among them.
@@ -92,7 +95,7 @@ def off_axis(
     OptionError
         If an angle is beyond the model.
     """
-    twin = bench.twin
+    twin = experiment.twin
     sources = [
         PointSource((0.0, math.tan(math.radians(angle))), distance_um, diameter_um)
         for angle in angles_deg
@@ -100,37 +103,37 @@ def off_axis(
     for source in sources:
         twin.check_source(source)
     total = len(sources) + 1
-    patterns: list[tuple[Tensor | None, float, float]] = []
+    shots: list[tuple[Tensor | None, float, float]] = []
     for number, source in enumerate([PointSource((0.0, 0.0), distance_um, diameter_um), *sources]):
 
-        def part(share: float, before: int = number) -> None:
+        def part(done: float, before: int = number) -> None:
             if tick is not None:
-                tick((before + share) / total)
+                tick((before + done) / total)
 
-        image = bench.light_of(source, part)
+        image = experiment.light_of(source, part)
         power = float(image.double().sum())
         if not power > 0:
-            patterns.append((None, 0.0, 0.0))
+            shots.append((None, 0.0, 0.0))
             continue
-        seen = develop(bench.exposed(image, fill, seed + number), channels="grey")
-        patterns.append((seen.values[0], power, float(image.max())))
-    central, power, brightest = patterns[0]
+        measured = develop(experiment.exposed(image, fill, seed + number), channels="grey")
+        shots.append((measured.values[0], power, float(image.max())))
+    central, power, brightest = shots[0]
     if central is None:
         raise DataError(
             "no light from straight ahead reaches the sensor: there is nothing to compare with"
         )
     return [
         # Its brightest pixel was exposed to as much as the central one's.
-        compared(central, pattern, source, twin.pixel_um, twin, top / brightest, light / power)
-        for source, (pattern, light, top) in zip(sources, patterns[1:], strict=True)
+        compare(central, psf, source, twin.pixel_um, twin, top / brightest, light / power)
+        for source, (psf, light, top) in zip(sources, shots[1:], strict=True)
     ]
 
 
-def compared(
+def compare(
     central: Tensor,
-    pattern: Tensor | None,
+    psf: Tensor | None,
     source: PointSource,
-    cell_um: float,
+    pixel_um: float,
     twin: Twin | None,
     one_exposure: float | None = None,
     light: float | None = None,
@@ -139,12 +142,12 @@ def compared(
 
     Parameters
     ----------
-    central, pattern
+    central, psf
         (rows, columns), on the pixels of the sensor; None for the second one where no light of it
         reaches the sensor.
     source
         Of the second one.
-    cell_um
+    pixel_um
         Pitch of the pixels.
     twin
         The camera; None leaves out what follows from it.
@@ -158,19 +161,19 @@ def compared(
     if twin is not None:
         twin.check_source(source)
         moved = twin.shift_um(source)
-        near = moved[0] / cell_um, moved[1] / cell_um
-        rays = _by_rays(twin, source, central.shape[0] * cell_um, central.shape[1] * cell_um)
-    found = PeakCorrelation(0.0, 0.0, 0.0, (0.0, 0.0))
-    if pattern is not None:
-        found = peak_correlation(central, pattern, near)
+        near = moved[0] / pixel_um, moved[1] / pixel_um
+        rays = _by_rays(twin, source, central.shape[0] * pixel_um, central.shape[1] * pixel_um)
+    peak = PeakCorrelation(0.0, 0.0, 0.0, (0.0, 0.0))
+    if psf is not None:
+        peak = peak_correlation(central, psf, near)
     return OffAxis(
         angle_deg=source.angle_deg,
-        correlation=found.frame,
-        correlation_one_exposure=None if one_exposure is None else found.projection * one_exposure,
-        correlation_overlap=found.overlap,
+        correlation=peak.frame,
+        correlation_one_exposure=None if one_exposure is None else peak.projection * one_exposure,
+        correlation_overlap=peak.overlap,
         overlap_width=None if rays is None else rays.overlap_width,
         overlap_height=None if rays is None else rays.overlap_height,
-        shift_um=math.hypot(*found.shift) * cell_um,
+        shift_um=math.hypot(*peak.shift) * pixel_um,
         expected_shift_um=None if rays is None else rays.shift_um,
         light=light,
         expected_light=None if rays is None else rays.light,
@@ -178,17 +181,8 @@ def compared(
 
 
 @dataclass(frozen=True)
-class Rays:
-    """What the chief ray of an angle says, as `OffAxis` has it.
-
-    Parameters
-    ----------
-    angle_deg
-        Between the axis and the point source.
-    shift_um, overlap_width, overlap_height, light
-        How far it moves; the fraction of the frame that is left, to the side and upwards; the
-        light.
-    """
+class _ChiefRay:
+    """What the chief ray of an angle says, in the fields of `OffAxis`."""
 
     angle_deg: float
     shift_um: float
@@ -214,7 +208,8 @@ def ray_curves(
     Returns
     -------
     dict
-        The fields of `Rays` by name, one value for each angle.
+        ``angle_deg``, ``shift_um``, ``overlap_width``, ``overlap_height`` and ``light``, one value
+        for each angle.
     """
     height_um, width_um = (count * twin.pixel_um for count in twin.shape)
     angles = (largest_deg * step / _CURVE_STEPS for step in range(_CURVE_STEPS + 1))
@@ -223,12 +218,170 @@ def ray_curves(
     return {name: [each[name] for each in rays] for name in rays[0]}
 
 
-def _by_rays(twin: Twin, source: PointSource, height_um: float, width_um: float) -> Rays:
+def _by_rays(twin: Twin, source: PointSource, height_um: float, width_um: float) -> _ChiefRay:
     shift = math.hypot(*twin.shift_um(source))
-    return Rays(
+    return _ChiefRay(
         angle_deg=source.angle_deg,
         shift_um=shift,
         overlap_width=max(0.0, 1 - shift / width_um),
         overlap_height=max(0.0, 1 - shift / height_um),
         light=float(twin.vignetting(torch.tensor(source.p, dtype=torch.float64))),
     )
+
+
+@dataclass(frozen=True)
+class PeakCorrelation:
+    """Where two PSFs are most alike, and how much.
+
+    Parameters
+    ----------
+    frame
+        Peak of the normalised cross-correlation of the whole frames, outside of which there is
+        nothing: what leaves the frame is missed. Each frame counts by its own norm, so it does not
+        matter how bright it is.
+    projection
+        The same peak over the first frame's own, ⟨a, b⟩/⟨a, a⟩: by how much of the first PSF the
+        second one holds, in the units of the frames. Of frames of one exposure time it counts
+        vignetting too.
+    overlap
+        Correlation over those pixels alone that lie over each other there, or near to where the
+        PSF is known to have moved.
+    shift
+        By how many pixels the second one lies further down and to the right where the whole frames
+        are most alike.
+    """
+
+    frame: float
+    projection: float
+    overlap: float
+    shift: tuple[float, float]
+
+
+def peak_correlation(
+    one: Tensor, other: Tensor, near: tuple[float, float] | None = None
+) -> PeakCorrelation:
+    r"""Compare two PSFs as they were captured (`uvimprint`, fig. 6c).
+
+    .. math:: c(s) = \frac{\sum_x (a_x - \bar a)(b_{x+s} - \bar b)}{|a - \bar a|\,|b - \bar b|}
+
+    with both zero outside of the frame; between the pixels the peak is a parabola's. Over the
+    overlap mean and norm are those of its pixels.
+
+    Parameters
+    ----------
+    one, other
+        (rows, columns) alike, in any unit.
+    near
+        By how many pixels the second one is known to lie further down and to the right: the overlap
+        is compared at the best place within 12 pixels of that, even where chance is more alike
+        elsewhere. None: where the whole frames are most alike.
+
+    Raises
+    ------
+    DataError
+        If they differ in size, or one of them is even.
+    """
+    if one.shape != other.shape:
+        raise DataError(
+            f"PSFs of {one.shape[0]}×{one.shape[1]} and {other.shape[0]}×{other.shape[1]} pixels "
+            "cannot be compared: give both from the same sensor"
+        )
+    frames = [each.double() - each.double().mean() for each in (one, other)]
+    norms = [float(each.norm()) for each in frames]
+    if not min(norms) > 0:
+        raise DataError("one of the PSFs is even: it has no structure to compare")
+    rows, columns = one.shape
+    padded = (
+        fast_length(2 * rows, of_rows=False),
+        fast_length(2 * columns, of_rows=True),
+    )
+    margins = (0, padded[1] - columns, 0, padded[0] - rows)
+    first, second = (rfft2(nnf.pad(each.float(), margins)) for each in frames)
+    correlation = irfft2(first.conj() * second, padded)
+    place = _signed(int(correlation.argmax()), padded, (rows, columns))
+    steps = torch.arange(-1, 2)
+    rows_near, columns_near = (place[0] + steps) % padded[0], (place[1] + steps) % padded[1]
+    around = correlation[rows_near[:, None], columns_near].tolist()
+    top, moved = _vertex(around)
+    known = place if near is None else _best_near(correlation, near)
+    over = [
+        [_pearson(one, other, (known[0] + i, known[1] + j)) for j in (-1, 0, 1)] for i in (-1, 0, 1)
+    ]
+    return PeakCorrelation(
+        frame=min(1.0, top / (norms[0] * norms[1])),
+        projection=top / norms[0] ** 2,
+        overlap=min(1.0, _vertex(over)[0]),
+        shift=(place[0] + moved[0], place[1] + moved[1]),
+    )
+
+
+def falls_to(level: float, angles_deg: Sequence[float], values: Sequence[float]) -> float | None:
+    """Angle at which values that are given by angle first fall to a level, between them.
+
+    Parameters
+    ----------
+    level
+        The level.
+    angles_deg
+        Rising.
+    values
+        One for each.
+
+    Returns
+    -------
+    float or None
+        None where they stay above it.
+    """
+    for number, value in enumerate(values):
+        if value <= level:
+            if number == 0:
+                return angles_deg[0]
+            before, start = values[number - 1], angles_deg[number - 1]
+            return start + (before - level) / (before - value) * (angles_deg[number] - start)
+    return None
+
+
+def _signed(index: int, padded: tuple[int, int], size: tuple[int, int]) -> tuple[int, int]:
+    """Shift of a value of the cross-correlation, by its number."""
+    row, column = divmod(index, padded[1])
+    return (
+        row - padded[0] if row >= size[0] else row,
+        column - padded[1] if column >= size[1] else column,
+    )
+
+
+def _best_near(correlation: Tensor, near: tuple[float, float]) -> tuple[int, int]:
+    """Shift of the highest value of the cross-correlation around a known one."""
+    steps = torch.arange(-_SEARCH_PIXELS, _SEARCH_PIXELS + 1)
+    at = [steps + round(middle) for middle in near]
+    part = correlation[(at[0] % correlation.shape[0])[:, None], at[1] % correlation.shape[1]]
+    row, column = divmod(int(part.argmax()), len(steps))
+    return int(at[0][row]), int(at[1][column])
+
+
+def _pearson(one: Tensor, other: Tensor, shift: tuple[int, int]) -> float:
+    """Correlation of the pixels that lie over each other when the second is moved back."""
+    parts = []
+    for frame, sign in ((one, 1), (other, -1)):
+        part = frame
+        for axis, step in enumerate(shift):
+            length = frame.shape[axis] - abs(step)
+            if length < 2:
+                return 0.0
+            part = part.narrow(axis, max(0, -step * sign), length)
+        parts.append(part.double() - part.double().mean())
+    product = float(parts[0].norm() * parts[1].norm())
+    return float((parts[0] * parts[1]).sum()) / product if product > 0 else 0.0
+
+
+def _vertex(near: list[list[float]]) -> tuple[float, tuple[float, float]]:
+    """Top of parabolas along both axes through 3×3 values, and its place from the middle."""
+    middle = near[1][1]
+    height, moved = middle, []
+    for before, after in ((near[0][1], near[2][1]), (near[1][0], near[1][2])):
+        bend = before - 2 * middle + after
+        step = 0.5 * (before - after) / bend if bend < 0 else 0.0
+        step = math.copysign(min(abs(step), 1.0), step)
+        moved.append(step)
+        height -= 0.25 * (before - after) * step
+    return height, (moved[0], moved[1])

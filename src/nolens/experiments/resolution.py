@@ -1,4 +1,4 @@
-"""A flat screen with a target in front of a simulated camera, and angles in pictures of one."""
+"""Targets in front of a simulated camera: a flat screen, two points; angles in their pictures."""
 
 import math
 from collections.abc import Callable
@@ -9,7 +9,8 @@ from scipy import ndimage
 from torch import Tensor
 
 from nolens.camera import Frame, develop
-from nolens.evaluate import angle_of_length
+from nolens.errors import DataError
+from nolens.evaluate import RAYLEIGH_DIP, FlatPicture, ObservedPair, TwoPoints, point_pair
 from nolens.experiments.virtual_experiment import Tick, VirtualExperiment, solved
 from nolens.operators import Region
 from nolens.optics import PointSource
@@ -17,37 +18,44 @@ from nolens.twin import FieldMap, Plane, Twin
 
 TARGET_ITERATIONS = 300
 TAU = 1e-5
-_PIXELS_PER_CELL = 4
+POINT_ITERATIONS = 100
+POINTS_SUPPORT = 48
+"""Pixels along the side of the square that two points are looked for in."""
+_TARGET_PIXELS = 4
+"""Of a target, to a pixel of its picture."""
 _MOST_PIXELS = 1600
+_FIRST_PIXELS = 6.0
+_WIDER = 1.5
+_MARGIN_PIXELS = 12
+_STEP_PIXELS = 0.2
+_SEED_STEP = 7919
+_EXPECTED_STEPS = 6
+"""Separations that the search for the smallest resolved one usually takes."""
 
 
 @dataclass(frozen=True)
 class AngularScale:
-    """How far apart the cells of a picture are in the scene.
+    """How far apart the pixels of a picture are in the scene.
 
     Parameters
     ----------
     tangent
-        Of the field angle from cell to cell, in the middle of the field.
-    axis
-        Row and column that the optical axis falls on; None: the picture's middle.
+        Of the field angle from pixel to pixel, in the middle of the field.
     field
-        The camera's map of the cells; None where the cells are evenly apart as they are.
+        The camera's map of the pixels; None where they are evenly apart as they are, around the
+        picture's middle.
     """
 
     tangent: float
-    axis: tuple[float, float] | None = None
     field: FieldMap | None = None
 
     @classmethod
     def of_camera(cls, twin: Twin, region: Region) -> "AngularScale":
-        """Scale of the cells of a region, by Snell's law in the camera's layers."""
-        tangent = twin.pixel_um / twin.stack().reduced_um
-        axis = (twin.shape[0] // 2 - region.top, twin.shape[1] // 2 - region.left)
-        return cls(tangent, axis, FieldMap(twin, region))
+        """Scale of the pixels of a region, by Snell's law in the camera's layers."""
+        return cls(twin.pixel_um / twin.stack().reduced_um, FieldMap(twin, region))
 
-    def cells(self, angle_deg: float) -> float:
-        """Cells in the middle of the field that an angle, half to each side, is long."""
+    def pixels(self, angle_deg: float) -> float:
+        """Pixels in the middle of the field that an angle, half to each side, is long."""
         return 2 * math.tan(math.radians(angle_deg) / 2) / self.tangent
 
     def flat(self, picture: Tensor) -> "FlatPicture":
@@ -60,8 +68,7 @@ class AngularScale:
         """
         height, width = picture.shape
         if self.field is None:
-            axis = self.axis or ((height - 1) / 2, (width - 1) / 2)
-            return FlatPicture(picture, self.tangent, axis)
+            return FlatPicture(picture, self.tangent, ((height - 1) / 2, (width - 1) / 2))
         tangents = self.field.tangents()
         first = [math.ceil(float(each.min()) / self.tangent) for each in tangents]
         last = [math.floor(float(each.max()) / self.tangent) for each in tangents]
@@ -69,14 +76,16 @@ class AngularScale:
             torch.arange(start, stop + 1, dtype=torch.float64) * self.tangent
             for start, stop in zip(first, last, strict=True)
         )
-        reach = torch.hypot(rows[:, None].expand(-1, len(columns)), columns.expand(len(rows), -1))
+        radius = torch.hypot(rows[:, None].expand(-1, len(columns)), columns.expand(len(rows), -1))
         twin = self.field.twin
-        away_um = twin.stack().displacement_um(reach / (1 + reach.square()).sqrt())
-        share = torch.where(reach > 0, away_um / reach.clamp_min(1e-12), twin.stack().reduced_um)
-        region, cells = self.field.region, twin.shape
+        shift_um = twin.stack().displacement_um(radius / (1 + radius.square()).sqrt())
+        scale_um = torch.where(
+            radius > 0, shift_um / radius.clamp_min(1e-12), twin.stack().reduced_um
+        )
+        region, sensor = self.field.region, twin.shape
         places = [
-            rows[:, None] * share / twin.pixel_um + cells[0] // 2 - region.top,
-            columns * share / twin.pixel_um + cells[1] // 2 - region.left,
+            rows[:, None] * scale_um / twin.pixel_um + sensor[0] // 2 - region.top,
+            columns * scale_um / twin.pixel_um + sensor[1] // 2 - region.left,
         ]
         values = ndimage.map_coordinates(
             picture.double().cpu().numpy(),
@@ -88,32 +97,6 @@ class AngularScale:
 
 
 @dataclass(frozen=True)
-class FlatPicture:
-    """A picture on evenly spaced tangents of the field angle.
-
-    Parameters
-    ----------
-    values
-        (height, width).
-    tangent
-        From cell to cell.
-    axis
-        Row and column that the optical axis falls on.
-    """
-
-    values: Tensor
-    tangent: float
-    axis: tuple[float, float]
-
-    def angle_deg(
-        self, place: tuple[float, float], direction: tuple[float, float], cells: float
-    ) -> float:
-        """Angle that some cells at a row and column, in a direction, are seen under."""
-        at = [(each - axis) * self.tangent for each, axis in zip(place, self.axis, strict=True)]
-        return angle_of_length((at[0], at[1]), direction, cells * self.tangent)
-
-
-@dataclass(frozen=True)
 class SolverSettings:
     """How pictures are taken and solved.
 
@@ -122,138 +105,200 @@ class SolverSettings:
     iterations, tau
         As `nolens reconstruct` takes them; all iterations are done.
     fill
-        Share of a full pixel that the brightest one is exposed to.
+        Fraction of a full pixel that the brightest one is exposed to.
     seed
         Of the noise.
     """
 
-    iterations: int
+    iterations: int = TARGET_ITERATIONS
     tau: float = TAU
     fill: float = 0.9
     seed: int = 0
 
 
 @dataclass(frozen=True)
-class SolvingCamera:
-    """A simulated camera with the PSF of one distance, which solves what it photographs.
+class _SolvingCamera:
+    """A simulated camera with the PSF of one distance, which solves what it measures."""
 
-    Parameters
-    ----------
-    bench
-        The camera.
-    region
-        Cells that it solves for.
-    psf
-        Wide enough for them.
-    settings
-        How pictures are taken and solved.
-    """
-
-    bench: VirtualExperiment
-    region: Region
+    experiment: VirtualExperiment
+    support: Region
     psf: Tensor
     settings: SolverSettings
 
     @classmethod
-    def ready(
+    def of(
         cls,
-        bench: VirtualExperiment,
+        experiment: VirtualExperiment,
         distance_um: float,
-        region: Region,
+        support: Region,
         settings: SolverSettings,
         tick: Tick,
-    ) -> "SolvingCamera":
-        """Make the PSF of a distance."""
-        rows, columns = bench.twin.shape
-        wide = (rows + region.height, columns + region.width)
-        psf = bench.psf(PointSource((0.0, 0.0), distance_um), wide, tick)
-        return cls(bench, region, psf.mean(dim=0, keepdim=True), settings)
+    ) -> "_SolvingCamera":
+        """Compute the PSF of a distance, wide enough for the support."""
+        rows, columns = experiment.twin.shape
+        wide = (rows + support.height, columns + support.width)
+        psf = experiment.psf(PointSource((0.0, 0.0), distance_um), wide, tick)
+        return cls(experiment, support, psf.mean(dim=0, keepdim=True), settings)
 
     def picture(self, frame: Frame, tick: Tick) -> Tensor:
-        """The mean of the channels of what was photographed, solved as one."""
+        """Mean of the channels of a frame, solved as one."""
         return solved(
             develop(frame, channels="grey"),
             self.psf,
-            self.region,
+            self.support,
             iterations=self.settings.iterations,
             tau=self.settings.tau,
             tick=tick,
         )[0]
 
 
-@dataclass(frozen=True)
-class Screen:
-    """A flat screen in front of a simulated camera, to show targets on.
+def screen_picture(
+    experiment: VirtualExperiment,
+    target: Callable[[int], Tensor],
+    angle_deg: float,
+    distance_um: float,
+    settings: SolverSettings,
+    tick: Tick | None = None,
+) -> FlatPicture:
+    """Reconstruct a square target on a flat screen, its fall-off of light divided out.
 
     Parameters
     ----------
-    bench
+    experiment
         The camera.
+    target
+        Gives it, (side, side) from 0 to 1, for a side in pixels.
+    angle_deg
+        Field angle that its side fills.
     distance_um
         Of the screen.
     settings
         How its picture is taken and solved.
     tick
-        Called with the share that is done.
+        Called with the fraction that is done.
+
+    Raises
+    ------
+    OptionError
+        If the angle is beyond the model.
     """
-
-    bench: VirtualExperiment
-    distance_um: float
-    settings: SolverSettings
-    tick: Tick | None = None
-
-    def photograph(self, target: Callable[[int], Tensor], angle_deg: float) -> FlatPicture:
-        """Take a picture of a square target: reconstructed, its fall-off of light divided out.
-
-        Parameters
-        ----------
-        target
-            Gives it, (side, side) from 0 to 1, for a side in pixels.
-        angle_deg
-            Field angle that its side fills.
-
-        Raises
-        ------
-        OptionError
-            If the angle is beyond the model.
-        """
-        bench, settings = self.bench, self.settings
-        tangent = math.tan(math.radians(angle_deg) / 2)
-        region = FieldMap.covering(bench.twin, (tangent, tangent)).region
-        scale = AngularScale.of_camera(bench.twin, region)
-        shares = Shares(3, self.tick)
-        camera = SolvingCamera.ready(bench, self.distance_um, region, settings, shares.part)
-        shares.next()
-        side = min(_MOST_PIXELS, math.ceil(_PIXELS_PER_CELL * scale.cells(angle_deg)))
-        radiance = target(side).float().expand(len(bench.sensor.channels), -1, -1)
-        shot = bench.photograph(
-            (Plane(radiance, angle_deg, self.distance_um),),
-            fill=settings.fill,
-            seed=settings.seed,
-            tick=shares.part,
-        )
-        shares.next()
-        return scale.flat(camera.picture(shot.frame, shares.part) / shot.response)
+    support = target_support(experiment.twin, angle_deg)
+    scale = AngularScale.of_camera(experiment.twin, support)
+    pieces = _Pieces(3, tick)
+    camera = _SolvingCamera.of(experiment, distance_um, support, settings, pieces.part)
+    pieces.next()
+    side = min(_MOST_PIXELS, math.ceil(_TARGET_PIXELS * scale.pixels(angle_deg)))
+    radiance = target(side).float().expand(len(experiment.sensor.channels), -1, -1)
+    shot = experiment.photograph(
+        (Plane(radiance, angle_deg, distance_um),),
+        fill=settings.fill,
+        seed=settings.seed,
+        tick=pieces.part,
+    )
+    pieces.next()
+    return scale.flat(camera.picture(shot.frame, pieces.part) / shot.response)
 
 
-class Shares:
-    """What share of some equal pieces of work is done.
+def target_support(twin: Twin, angle_deg: float) -> Region:
+    """Pixels that a square target fills, by the field angle of its side."""
+    tangent = math.tan(math.radians(angle_deg) / 2)
+    return FieldMap.covering(twin, (tangent, tangent)).region
+
+
+def two_point_resolution(
+    experiment: VirtualExperiment,
+    distance_um: float,
+    *,
+    direction_deg: float = 0.0,
+    draws: int = 3,
+    threshold: float = RAYLEIGH_DIP,
+    settings: SolverSettings | None = None,
+    tick: Tick | None = None,
+) -> TwoPoints:
+    """Find the smallest angle between two point sources that a simulated camera resolves.
+
+    Each separation is measured `draws` times, each time with other noise and with the middle of
+    the points at another place within a pixel, and the dips are averaged (`point_pair`). The
+    points are exact: each has its own PSF. The search halves the way between the largest
+    unresolved and the smallest resolved separation until they are a fifth of a pixel apart.
 
     Parameters
     ----------
-    pieces
-        How many there are.
+    experiment
+        The camera.
+    distance_um
+        Of the points.
+    direction_deg
+        Of the line through them, from the right towards up.
+    draws
+        Pictures of each separation.
+    threshold
+        Dip that counts as resolved.
+    settings
+        How pictures are taken and solved.
     tick
-        Called with the share.
+        Called with the fraction that is done.
+
+    Raises
+    ------
+    DataError
+        If even points half the support apart are not resolved.
     """
+    settings = settings or SolverSettings(POINT_ITERATIONS)
+    support = Region.centred(POINTS_SUPPORT, POINTS_SUPPORT, experiment.twin.shape)
+    pieces = _Pieces(1 + _EXPECTED_STEPS * draws, tick)
+    camera = _SolvingCamera.of(experiment, distance_um, support, settings, pieces.part)
+    pieces.next()
+    scale = AngularScale.of_camera(experiment.twin, support)
+    turn = math.radians(direction_deg)
+    offsets = torch.rand((draws, 2), generator=torch.Generator().manual_seed(settings.seed)) - 0.5
+    pairs: list[ObservedPair] = []
+
+    def is_resolved(pixels: float) -> bool:
+        half = pixels / 2 * scale.tangent
+        for number, (row, column) in enumerate(offsets.tolist()):
+            light = torch.zeros(())
+            for side in (-1, 1):
+                source = PointSource(
+                    (
+                        row * scale.tangent - side * half * math.sin(turn),
+                        column * scale.tangent + side * half * math.cos(turn),
+                    ),
+                    distance_um,
+                )
+                light = light + experiment.light_of(source)
+            noise = settings.seed + _SEED_STEP * number
+            picture = camera.picture(experiment.exposed(light, settings.fill, noise), pieces.part)
+            angle = math.degrees(2 * math.atan(half))
+            pairs.append(ObservedPair(angle, point_pair(picture, pixels), picture))
+            pieces.next()
+        return sum(each.pair.dip for each in pairs[-draws:]) / draws >= threshold
+
+    low, high = 0.0, _FIRST_PIXELS
+    while not is_resolved(high):
+        low, high = high, high * _WIDER
+        if high > POINTS_SUPPORT - _MARGIN_PIXELS:
+            raise DataError(
+                f"even two points {pairs[-1].separation_deg:.2g} deg apart are not resolved at "
+                f"{distance_um * 1e-3:g} mm: try more iterations or another tau, or a mask that "
+                "is in focus"
+            )
+    while high - low > _STEP_PIXELS:
+        middle = (low + high) / 2
+        low, high = (low, middle) if is_resolved(middle) else (middle, high)
+    return TwoPoints.of(pairs, threshold)
+
+
+class _Pieces:
+    """Passes on what fraction of some equal pieces of work is done."""
 
     def __init__(self, pieces: int, tick: Tick | None) -> None:
         self._pieces, self._done, self._tick = pieces, 0, tick
 
-    def part(self, share: float) -> None:
-        """A share of the present piece is done."""
+    def part(self, fraction: float) -> None:
+        """A fraction of the present piece is done."""
         if self._tick is not None:
-            self._tick(min((self._done + share) / self._pieces, 0.99))
+            self._tick(min((self._done + fraction) / self._pieces, 0.99))
 
     def next(self) -> None:
         """The present piece is done."""

@@ -190,7 +190,7 @@ def _draw_magnitude(axes: "Axes", values: NDArray[np.float64], figures: PsfFigur
     )
     axes.set_yscale("log")
     axes.set_ylim(lowest, 1.3)
-    axes.set_xlim(0, 500 / figures.cell_um)
+    axes.set_xlim(0, 500 / figures.pixel_um)
     axes.set_xlabel("spatial frequency on the sensor, lines/mm")
     axes.set_ylabel("spectral magnitude, of the light")
     axes.set_title("(c) spectral magnitude")

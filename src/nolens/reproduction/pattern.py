@@ -95,7 +95,7 @@ def psf(work: Workbench, found: Mapping[str, Found]) -> Draft:
         ),
     )
     pattern = found["psf"].arrays["psf"][0]
-    draw = partial(write_psf_plot, figures=figures, psf=pattern, cell_um=figures.cell_um)
+    draw = partial(write_psf_plot, figures=figures, psf=pattern, cell_um=figures.pixel_um)
     caption = (
         "One frame of a white LED behind a 50 µm pinhole at 300 mm, with mosaic and noise, 2×2 "
         "pixels to a cell, all colours together: the PSF, its autocorrelation and its spectrum."

@@ -8,10 +8,17 @@ from typing import Any
 
 import torch
 
-from nolens.evaluate import PointPair, ResolvedSeparation, siemens_star, star_square_deg
-from nolens.experiments.resolution import FlatPicture, Screen, SolverSettings
-from nolens.experiments.siemens import StarResolution
-from nolens.experiments.two_points import SeenPair, TwoPoints, two_point_resolution
+from nolens.evaluate import (
+    FlatPicture,
+    ObservedPair,
+    PointPair,
+    ResolvedSeparation,
+    StarResolution,
+    TwoPoints,
+    siemens_star,
+    star_square_deg,
+)
+from nolens.experiments.resolution import SolverSettings, screen_picture, two_point_resolution
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.jobs.measuring.siemens import draw_star
 from nolens.jobs.measuring.two_points import draw_two_points
@@ -78,11 +85,11 @@ def _points(work: Workbench, tick: Tick) -> Found:
                 "at": each.pair.at.tolist(),
                 "trace": each.pair.trace.tolist(),
             }
-            for each in found.seen
+            for each in found.pairs
         ],
     }
     return Found(
-        figures, {f"pair-{n}": each.picture[None].float() for n, each in enumerate(found.seen)}
+        figures, {f"pair-{n}": each.picture[None].float() for n, each in enumerate(found.pairs)}
     )
 
 
@@ -90,7 +97,7 @@ def read_points(found: Found) -> TwoPoints:
     """The pictures of two points, from what is stored of them."""
     figures = found.figures
     seen = tuple(
-        SeenPair(
+        ObservedPair(
             each["separation_deg"],
             PointPair(
                 each["dip"],
@@ -118,8 +125,9 @@ def _star(work: Workbench, tick: Tick) -> Found:
     settings = SolverSettings(work.size.iterations, TAU, seed=work.seed)
     # A star this small needs no more PSFs than change over it.
     bench: VirtualExperiment = replace(work.bench, field_points=3)
-    screen = Screen(bench, SCREEN_UM, settings, tick)
-    picture = screen.photograph(partial(siemens_star, periods=PERIODS), star_square_deg(STAR_DEG))
+    target = partial(siemens_star, periods=PERIODS)
+    square_deg = star_square_deg(STAR_DEG)
+    picture = screen_picture(bench, target, square_deg, SCREEN_UM, settings, tick)
     found = StarResolution.of(picture, periods=PERIODS)
     figures: dict[str, Any] = {
         "resolved_deg": found.resolved_everywhere_deg,

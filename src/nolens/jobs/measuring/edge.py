@@ -6,8 +6,7 @@ from typing import Annotated, Any
 
 from torch import Tensor
 
-from nolens.evaluate import slanted_edge
-from nolens.experiments.slanted_edge import EdgeResolution
+from nolens.evaluate import EdgeResolution, slanted_edge
 from nolens.files.plot_resolution import ACCENT, GUIDE, WORST, resolution_figure, show_picture
 from nolens.jobs.fields import Files
 from nolens.jobs.measuring.resolution import resolution_product, solver_line, target_picture
@@ -100,7 +99,7 @@ def _figures(edge: EdgeResolution) -> dict[str, Any]:
         "tenth_contrast_per_deg": tenth,
         "tilt_deg": response.tilt_deg,
         "direction_deg": response.direction_deg,
-        "cycles_per_deg": [each / edge.cell_deg for each in response.frequencies.tolist()],
+        "cycles_per_deg": [each / edge.pixel_deg for each in response.frequencies.tolist()],
         "contrast": response.transfer.tolist(),
     }
 
@@ -112,11 +111,11 @@ def _draw(edge: EdgeResolution, path: Path) -> None:
         picture, spread, contrast = figure.subplots(1, 3)
         show_picture(picture, edge.picture.values.numpy())
         picture.set_title("picture")
-        spread.plot(response.at.numpy() * edge.cell_deg, response.spread.numpy(), color=ACCENT)
+        spread.plot(response.at.numpy() * edge.pixel_deg, response.spread.numpy(), color=ACCENT)
         spread.set_xlabel("degrees from the edge")
         spread.set_ylabel("light")
         spread.set_title("across the edge")
-        frequencies = response.frequencies.numpy() / edge.cell_deg
+        frequencies = response.frequencies.numpy() / edge.pixel_deg
         contrast.plot(frequencies, response.transfer.numpy(), color=ACCENT)
         for level in (_HALF, _TENTH):
             contrast.axhline(level, color=GUIDE, linewidth=0.8, linestyle=":")

@@ -14,9 +14,9 @@ from nolens.camera import OpenCamera, PsfEntry, develop
 from nolens.camera.part import PositiveLength, refusal
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
-from nolens.evaluate import clipped_cells, falls_to
+from nolens.evaluate import clipped_pixels
 from nolens.experiments.dot_grid import DotGrid, dot_grid, found_grid, grid_tangents
-from nolens.experiments.off_axis import OffAxis, compared, off_axis, ray_curves
+from nolens.experiments.off_axis import OffAxis, compare, falls_to, off_axis, ray_curves
 from nolens.experiments.virtual_experiment import Tick, VirtualExperiment
 from nolens.files import (
     CAMERA_FILE,
@@ -338,13 +338,13 @@ def captured_off_axis(
     for number, entry in enumerate(others):
         tick(number / len(others))
         pattern = first if entry is central else read_psf(folder, entry).mean(dim=0)
-        clipped = clipped_cells(pattern)
+        clipped = clipped_pixels(pattern)
         if clipped:
             warnings.append(
                 f"{clipped} cells of {folder / entry.file}, many side by side, have its very "
                 "largest value: it seems to be clipped. Take a shorter exposure"
             )
-        found.append(compared(first, pattern, source_of(entry), central.cell.um, twin))
+        found.append(compare(first, pattern, source_of(entry), central.cell.um, twin))
     return found, central.distance_um, warnings
 
 

@@ -12,7 +12,7 @@ from nolens.camera import BlackLevel, Frame, OpenCamera, black_level, check_psf,
 from nolens.camera.part import PixelPitch
 from nolens.design.focus import depth_of_focus_um, lenslet_aperture
 from nolens.errors import OptionError
-from nolens.evaluate import PsfFigures, clipped_cells, psf_figures
+from nolens.evaluate import PsfFigures, clipped_pixels, psf_figures
 from nolens.files import (
     CAMERA_FILE,
     PSFS_FILE,
@@ -178,7 +178,7 @@ def measure_psf(run: Run[MeasurePsfOptions]) -> Product[PsfFigures]:
         {
             "psf": readable(options.psf),
             "camera": None if opened is None else opened.camera.name,
-            "cells": list(plane.shape),
+            "pixels": list(plane.shape),
             "channel": measured.channels[0],
             **_by_name(figures),
             **_lenslets(figures, reduced_um),
@@ -254,10 +254,10 @@ def _listed(folder: Path) -> str:
 
 def _warnings(figures: PsfFigures, frame: Frame, plane: Tensor) -> list[str]:
     texts = []
-    clipped = clipped_cells(plane) if frame.white is None else 0
+    clipped = clipped_pixels(plane) if frame.white is None else 0
     if clipped:
         texts.append(
-            f"{clipped} cells of the PSF {frame.source}, many side by side, have its very "
+            f"{clipped} pixels of the PSF {frame.source}, many side by side, have its very "
             "largest value: it seems to be clipped, and its lines wider than they are. Take a "
             "shorter exposure"
         )
@@ -266,10 +266,10 @@ def _warnings(figures: PsfFigures, frame: Frame, plane: Tensor) -> list[str]:
             f"the autocorrelation of the PSF {frame.source} has no second peak within a quarter "
             "of the frame: no pitch is told"
         )
-    if figures.line_width_um < 2 * figures.cell_um:
+    if figures.line_width_um < 2 * figures.pixel_um:
         texts.append(
             f"the lines of the PSF {frame.source} are {figures.line_width_um:.3g} µm wide, less "
-            "than two cells: smaller pixels or a smaller --bin would tell more"
+            "than two pixels: smaller pixels or a smaller --bin would tell more"
         )
     return texts
 

@@ -10,7 +10,8 @@ from typing import Any, TypeVar
 from torch import Tensor
 
 from nolens.camera import OpenCamera
-from nolens.experiments.resolution import FlatPicture, Screen
+from nolens.evaluate import FlatPicture
+from nolens.experiments.resolution import screen_picture
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import camera_files, read_camera
 from nolens.jobs.measuring.resolution_options import ResolutionOptions
@@ -175,8 +176,7 @@ def target_picture(
     ready = ReadyBench.of(run.options)
     experiment = ready.experiment(run, ready.cells_of(angle_deg))
     tick = partial(run.reporter.advance, what)
-    screen = Screen(experiment, ready.distance_um, settings, tick)
-    return screen.photograph(target, angle_deg)
+    return screen_picture(experiment, target, angle_deg, ready.distance_um, settings, tick)
 
 
 def resolution_product(

@@ -10,8 +10,7 @@ from scipy import ndimage
 from torch import Tensor
 
 from nolens.errors import DataError
-from nolens.evaluate import siemens_star, star_square_deg
-from nolens.experiments.siemens import StarResolution
+from nolens.evaluate import StarResolution, siemens_star, star_square_deg
 from nolens.files.plot_resolution import (
     ACCENT,
     GUIDE,

@@ -11,14 +11,8 @@ from scipy import ndimage
 
 from nolens.camera.part import PositiveLength
 from nolens.errors import OptionError
-from nolens.evaluate import point_pair
-from nolens.experiments.two_points import (
-    POINT_ITERATIONS,
-    POINTS_REGION,
-    SeenPair,
-    TwoPoints,
-    two_point_resolution,
-)
+from nolens.evaluate import ObservedPair, TwoPoints, point_pair
+from nolens.experiments.resolution import POINT_ITERATIONS, POINTS_SUPPORT, two_point_resolution
 from nolens.files.plot_resolution import ACCENT, GUIDE, resolution_figure, show_picture
 from nolens.jobs.fields import Files
 from nolens.jobs.measuring.resolution import ReadyBench, resolution_product, solver_line
@@ -136,13 +130,13 @@ def measure_two_points(run: Run[TwoPointOptions]) -> Product[TwoPoints]:
         pictures = target_pictures(run, settings.iterations)
         for separation, each in zip(options.separation, pictures, strict=True):
             angle = math.degrees(2 * math.atan(separation.um / options.distance.um / 2))
-            pair = point_pair(each.picture, each.scale.cells(angle))
-            seen.append(SeenPair(angle, pair, each.picture))
+            pair = point_pair(each.picture, each.scale.pixels(angle))
+            seen.append(ObservedPair(angle, pair, each.picture))
         points = TwoPoints.of(seen, options.dip.value)
     else:
         ready = ReadyBench.of(options)
         points = two_point_resolution(
-            ready.experiment(run, (POINTS_REGION, POINTS_REGION)),
+            ready.experiment(run, (POINTS_SUPPORT, POINTS_SUPPORT)),
             ready.distance_um,
             direction_deg=options.direction.deg,
             draws=options.draws,
@@ -196,13 +190,13 @@ def draw_two_points(points: TwoPoints, path: Path) -> None:
     path
         PNG to be written.
     """
-    order = sorted(range(len(points.seen)), key=lambda n: abs(points.dips[n] - points.threshold))
+    order = sorted(range(len(points.pairs)), key=lambda n: abs(points.dips[n] - points.threshold))
     panels = sorted(order[:_MOST_PANELS])
     with resolution_figure(path, (max(2.0 * len(panels), 6.0), 7.0)) as figure:
         grid = figure.add_gridspec(3, len(panels), height_ratios=[3, 2, 4])
         for place, number in enumerate(panels):
             above, below = (figure.add_subplot(grid[row, place]) for row in (0, 1))
-            each = points.seen[number]
+            each = points.pairs[number]
             picture = each.picture.numpy()
             light = np.clip(picture, 0, None)
             middle = [round(at) for at in ndimage.center_of_mass(light**2)]

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from nolens.errors import DataError
-from nolens.experiments.resolution import FlatPicture
+from nolens.evaluate import FlatPicture
 from nolens.files.plot_resolution import resolution_figure, show_picture
 from nolens.jobs.measuring.resolution import resolution_product, solver_line, target_picture
 from nolens.jobs.measuring.resolution_options import TARGET, OneFrameOptions, TargetAngle

@@ -29,7 +29,7 @@ const um = (/** @type {number} */ value) => `${number(value)} µm`;
 export const psfFigures = (found) => [
   ["Line width (FWHM)", known(found.line_width_um, um)],
   ["Pitch", known(found.pitch_um, um)],
-  ["Pixel", known(found.cell_um, um)],
+  ["Pixel", known(found.pixel_um, um)],
   ["Contrast", known(found.contrast, (value) => number(value))],
   ["Numerical aperture", known(found.lenslet_aperture, (value) => number(value))],
   ["Depth of focus", known(found.depth_of_focus_mm, mm)],

@@ -1,4 +1,4 @@
-"""What a point spread function looks like, in figures: its lines, pitch, contrast and spectrum."""
+"""Figures of a point spread function: its lines, pitch, contrast, sparsity and spectrum."""
 
 import math
 from dataclasses import dataclass
@@ -7,11 +7,10 @@ import torch
 from torch import Tensor
 
 from nolens.errors import DataError
-from nolens.evaluate.spectral_magnitude import sparsity
-from nolens.kernels import fast_length, rfft2
+from nolens.kernels import fast_length, irfft2, rfft2
 
-DIRECTIONS_DEG = (0, 90, 180, 270)
-"""Directions along which the magnitude is told: to the right, up, to the left and down."""
+_DIRECTIONS_DEG = (0, 90, 180, 270)
+"""Directions along which the magnitude is measured: to the right, up, to the left and down."""
 _WEDGE_DEG = 10.0
 _RING = 0.0025
 _NOISE_RING = 0.02
@@ -35,26 +34,16 @@ _LEAST_RISE = 0.01
 _FEW = 9
 _SHARE = 1e-4
 _SMALLEST = 16
+_RING_STEPS = 3.0
+"""Steps of the transform, half the width of the ring of `spectral_magnitude`."""
 
 
 @dataclass(frozen=True)
-class Spectrum:
-    """Power of a PSF without its mean, by spatial frequency.
+class _Spectrum:
+    """Power of a PSF without its mean, by spatial frequency in cycles per pixel.
 
-    Parameters
-    ----------
-    power
-        |F|² of the PSF less its mean, half of the plane, float64.
-    down, right
-        Frequencies along rows and columns, cycles per pixel.
-    shape
-        Rows and columns of the PSF.
-    noise_power
-        |F|² of white noise on every pixel.
-    background
-        Level that the PSF stands on, see `background_of`.
-    total
-        Sum of the PSF without that.
+    `power` is |F|², half of the plane, float64; `noise_power` the same of white noise on every
+    pixel; `background` the level that the PSF stands on; `total` its sum without that.
     """
 
     power: Tensor
@@ -66,18 +55,12 @@ class Spectrum:
     total: float = 1.0
 
     @classmethod
-    def of(cls, pattern: Tensor, noise: float | None) -> "Spectrum":
-        """Transform a PSF (rows, columns).
+    def of(cls, pattern: Tensor, noise: float | None) -> "_Spectrum":
+        """Transform a PSF (rows, columns) with a standard deviation of every pixel's noise.
 
-        Parameters
-        ----------
-        pattern
-            In any unit.
-        noise
-            Standard deviation of every pixel's noise; None takes the power that is left at the
-            frequencies, up to half a cycle per pixel, where it is least: rings of 0.02 cycles,
-            the lowest of them. PSFs with details finer than two pixels have power there too,
-            which counts as noise.
+        None takes the power that is left at the frequencies, up to half a cycle per pixel, where
+        it is least: rings of 0.02 cycles, the lowest of them. PSFs with details finer than two
+        pixels have power there too, which counts as noise.
         """
         rows, columns = pattern.shape
         shape, values = (rows, columns), pattern.double()
@@ -89,19 +72,19 @@ class Spectrum:
             floor = spectrum._rings(_NOISE_RING, None)[1].min()
         else:
             floor = torch.tensor(noise**2 * rows * columns)
-        background = background_of(pattern, math.sqrt(float(floor) / (rows * columns)))
+        background = _background_of(pattern, math.sqrt(float(floor) / (rows * columns)))
         total = float((values - background).sum())
         return cls(power, down, right, shape, float(floor), background, total)
 
     @property
-    def cells(self) -> int:
+    def pixels(self) -> int:
         """Number of pixels of the PSF."""
         return self.shape[0] * self.shape[1]
 
     @property
     def noise(self) -> float:
         """Standard deviation of every pixel's noise, in the PSF's unit."""
-        return math.sqrt(self.noise_power / self.cells)
+        return math.sqrt(self.noise_power / self.pixels)
 
     @property
     def radius(self) -> Tensor:
@@ -111,7 +94,7 @@ class Spectrum:
     @property
     def weight(self) -> Tensor:
         """How often every column stands in the whole plane."""
-        return column_weights(self.shape[1])
+        return _column_weights(self.shape[1])
 
     def magnitude(self, direction_deg: int | None = None) -> tuple[Tensor, Tensor]:
         r"""Frequencies and spectral magnitude :math:`\sqrt{\langle|F|^2\rangle - N}\,/\,F_0`.
@@ -119,15 +102,10 @@ class Spectrum:
         Over rings of 0.0025 cycles per pixel (or two steps of the transform, where that is
         more), without the noise's power N; :math:`F_0` is the PSF's light without its
         background. It is the root mean square over many spots in random places: n of them have
-        :math:`1/\sqrt n` of what one has, so it is no modulation transfer.
-
-        Parameters
-        ----------
-        direction_deg
-            Only what lies within 10° of this direction, but for the axis itself, on which the
-            frame's edges show; None takes all.
+        :math:`1/\sqrt n` of what one has, so it is no modulation transfer. With a direction, only
+        what lies within 10° of it counts, but for the axis itself, on which the frame's edges show.
         """
-        at, power, _ = self._rings(_RING, direction_deg)
+        at, power = self._rings(_RING, direction_deg)
         return at, (power - self.noise_power).clamp_min(0).sqrt() / self.total
 
     def clear_bands(self) -> tuple[tuple[float, float], ...]:
@@ -136,7 +114,7 @@ class Spectrum:
         In cycles per pixel. At their ends Wiener's filter gives half of what it passes
         (`wiener1949`). Gaps and bands of less than 0.02 cycles are passed over.
         """
-        at, power, _ = self._rings(_RING, None)
+        at, power = self._rings(_RING, None)
         clear = power >= 2 * self.noise_power
         for value in (False, True):
             for first, last in _runs(clear, value=value):
@@ -147,8 +125,8 @@ class Spectrum:
         edges[0], edges[-1] = 0.0, _HIGHEST
         return tuple((edges[first], edges[last]) for first, last in _runs(clear, value=True))
 
-    def _rings(self, width: float, direction_deg: int | None) -> tuple[Tensor, Tensor, Tensor]:
-        """Mean frequency, mean power and number of values of rings that hold any."""
+    def _rings(self, width: float, direction_deg: int | None) -> tuple[Tensor, Tensor]:
+        """Mean frequency and mean power of rings that hold any values."""
         width = max(width, 2 / min(self.shape))
         radius = self.radius
         inside = (radius > 0) & (radius <= _HIGHEST)
@@ -169,8 +147,8 @@ class Spectrum:
         count = torch.zeros(last + 1, dtype=torch.float64)
         sums = [count.clone().index_add_(0, ring, each) for each in (radius * weight, power)]
         count.index_add_(0, ring, weight)
-        held = count > 0
-        return sums[0][held] / count[held], sums[1][held] / count[held], count[held]
+        filled = count > 0
+        return sums[0][filled] / count[filled], sums[1][filled] / count[filled]
 
 
 def _runs(clear: Tensor, *, value: bool) -> list[tuple[int, int]]:
@@ -186,7 +164,7 @@ def _runs(clear: Tensor, *, value: bool) -> list[tuple[int, int]]:
     return places
 
 
-def column_weights(columns: int) -> Tensor:
+def _column_weights(columns: int) -> Tensor:
     """How often every column of a half spectrum stands in the whole one."""
     weight = torch.full((columns // 2 + 1,), 2.0, dtype=torch.float64)
     weight[0] = 1.0
@@ -195,16 +173,11 @@ def column_weights(columns: int) -> Tensor:
     return weight
 
 
-def background_of(pattern: Tensor, noise: float) -> float:
+def _background_of(pattern: Tensor, noise: float) -> float:
     """Level that the PSF stands on: 1 % of its 3×3 means are darker, but for the noise.
 
-    Parameters
-    ----------
-    pattern
-        (rows, columns), at least 3 of each.
-    noise
-        Standard deviation of every pixel's. Of a dark area that has it, 1 % of the 3×3 means are
-        darker by 2.33 thirds of it, which are added.
+    Of a dark area with noise of some standard deviation, 1 % of the 3×3 means are darker by 2.33
+    thirds of it, which are added.
     """
     means = torch.nn.functional.avg_pool2d(pattern[None, None].double(), _BLOCK, 1).flatten()
     darkest = float(means.sort().values[int(_DARKEST * (len(means) - 1))])
@@ -212,17 +185,11 @@ def background_of(pattern: Tensor, noise: float) -> float:
 
 
 @dataclass(frozen=True)
-class Autocorrelation:
+class _Autocorrelation:
     """Autocorrelation of a PSF without its mean and without white noise; 1 at zero.
 
-    Parameters
-    ----------
-    lag
-        Distances in pixels.
-    radial
-        Mean over all directions.
-    row
-        Along the rows, in both directions the same.
+    By distance in pixels (`lag`): `radial`, the mean over all directions, and `row`, along the
+    rows, in both directions the same.
     """
 
     lag: Tensor
@@ -230,50 +197,41 @@ class Autocorrelation:
     row: Tensor
 
     @classmethod
-    def of(cls, pattern: Tensor, background: float, noise: float) -> "Autocorrelation":
-        r"""Work it out up to a quarter of the frame, every quarter of a pixel.
+    def of(cls, pattern: Tensor, background: float, noise: float) -> "_Autocorrelation":
+        r"""Compute it up to a quarter of the frame, every quarter of a pixel.
 
         .. math:: A(r) = \sum_f P_f\,J_0(2π f r), \qquad A_0(x) = \sum_f P_f \cos(2π f_x x)
 
         are the band-limited autocorrelation's mean over a circle and its values on a line, without
         rounding to pixels. The frame, without its edge (`trimmed`), stands in zeros: what leaves it
         does not come in again. Of both, what even light of the same mean would have is taken off.
-
-        Parameters
-        ----------
-        pattern
-            (rows, columns).
-        background
-            What lies evenly under it.
-        noise
-            Standard deviation of white noise in it.
         """
         light = trimmed(pattern.double() - background)
         rows, columns = light.shape
-        cells, reach = rows * columns, min(rows, columns) // 4
+        pixels, extent = rows * columns, min(rows, columns) // 4
         padded = (
-            fast_length(rows + reach, of_rows=False),
-            fast_length(columns + reach, of_rows=True),
+            fast_length(rows + extent, of_rows=False),
+            fast_length(columns + extent, of_rows=True),
         )
         values = torch.zeros(padded, dtype=torch.float64)
         values[:rows, :columns] = light
-        mean = float(values.sum()) / cells
-        power = rfft2(values).abs().square() - noise**2 * cells
-        power = power * column_weights(padded[1]) / (cells * padded[0] * padded[1])
+        mean = float(values.sum()) / pixels
+        power = rfft2(values).abs().square() - noise**2 * pixels
+        power = power * _column_weights(padded[1]) / (pixels * padded[0] * padded[1])
         down = torch.fft.fftfreq(padded[0], dtype=torch.float64)
         right = torch.fft.rfftfreq(padded[1], dtype=torch.float64)
-        lag = torch.arange(0, reach + _STEP, _STEP, dtype=torch.float64)
+        lag = torch.arange(0, extent + _STEP, _STEP, dtype=torch.float64)
         place = (torch.hypot(down[:, None], right) / _FARTHEST * _BINS).flatten()
         lower = place.long()
-        share = place - lower
+        fraction = place - lower
         binned = torch.zeros(_BINS + 2, dtype=torch.float64)
-        for bins, part in ((lower, 1 - share), (lower + 1, share)):
+        for bins, part in ((lower, 1 - fraction), (lower + 1, fraction)):
             binned.index_add_(0, bins, power.flatten() * part)
         at = torch.arange(_BINS + 2, dtype=torch.float64) * (_FARTHEST / _BINS)
         radial = torch.special.bessel_j0(2 * math.pi * lag[:, None] * at) @ binned
         row = torch.cos(2 * math.pi * lag[:, None] * right) @ power.sum(dim=0)
         # Of the frame, this much still lies over itself: (1 - |x|/columns) (1 - |y|/rows).
-        over = 1 - 2 * lag / math.pi * (1 / rows + 1 / columns) + lag**2 / (math.pi * cells)
+        over = 1 - 2 * lag / math.pi * (1 / rows + 1 / columns) + lag**2 / (math.pi * pixels)
         radial, row = radial - mean**2 * over, row - mean**2 * (1 - lag / columns)
         return cls(lag, radial / radial[0], row / row[0])
 
@@ -287,38 +245,18 @@ class Autocorrelation:
 
     def width(self, profile: Tensor, level: float) -> float | None:
         """Full width of the first peak half way between 1 and a level, in pixels."""
-        half = (1 + level) / 2
-        below = (profile < half).nonzero()
-        if len(below) == 0:
-            return None
-        first = int(below[0])
-        before, after = float(profile[first - 1]), float(profile[first])
-        return 2 * _STEP * (first - 1 + (before - half) / (before - after))
+        place = _falls_to(profile, (1 + level) / 2)
+        return None if place is None else 2 * _STEP * place
 
     def pitch(self, profile: Tensor, level: float, *, spread: bool) -> float | None:
-        r"""Distance of the second peak in pixels; None without one that rises by 1 %.
+        r"""Distance of the second peak of a profile on a level, in pixels; None if it rises < 1 %.
 
-        Farther neighbours can make a higher peak: the first one of at least half the height
-        counts.
-
-        Parameters
-        ----------
-        profile
-            `radial` or `row`.
-        level
-            What the peaks stand on.
-        spread
-            The neighbours' peak is spread over a circle of radius r, on which it fades as
-            :math:`1/\sqrt r`: that is made up for, so that it does not seem nearer.
+        With `spread`, the neighbours' peak is spread over a circle of radius r, on which it fades
+        as :math:`1/\sqrt r`: that is made up for, so that it does not seem nearer.
         """
         above = profile - level
         valley = _valley(profile)
-        rest = above[valley:]
-        high = rest >= (rest.min() + rest.max()) / 2
-        start = int(high.nonzero()[0])
-        ends = (~high[start:]).nonzero()
-        length = int(ends[0]) if len(ends) else len(rest) - start
-        peak = valley + start + int(rest[start : start + length].argmax())
+        peak = _second_peak(above, valley)
         rise = float(above[peak] - above[valley])
         if not valley < peak < len(above) - 1 or rise < _LEAST_RISE:
             return None
@@ -326,8 +264,7 @@ class Autocorrelation:
             above = above * self.lag.sqrt()
             while above[peak + 1] > above[peak] and peak < len(above) - 2:
                 peak += 1
-        left, top, right = (float(above[peak + step]) for step in (-1, 0, 1))
-        return _STEP * (peak + (left - right) / (2 * (left - 2 * top + right)))
+        return _STEP * _vertex(above, peak)
 
 
 def trimmed(light: Tensor) -> Tensor:
@@ -344,6 +281,16 @@ def trimmed(light: Tensor) -> Tensor:
     return light
 
 
+def _falls_to(profile: Tensor, level: float) -> float | None:
+    """The first place at which a profile falls below a level, between its values."""
+    below = (profile < level).nonzero()
+    if len(below) == 0:
+        return None
+    first = int(below[0])
+    before, after = float(profile[first - 1]), float(profile[first])
+    return first - 1 + (before - level) / (before - after)
+
+
 def _valley(profile: Tensor) -> int:
     """The first place below a half after which the profile rises; its end if it does not."""
     below = (profile < 0.5).nonzero()
@@ -352,15 +299,30 @@ def _valley(profile: Tensor) -> int:
     return start + int(rising[0]) if len(rising) else len(profile) - 1
 
 
-def clipped_cells(pattern: Tensor) -> int:
-    """Pixels that have the very largest value, where many of them lie side by side; otherwise 0.
+def _second_peak(profile: Tensor, valley: int) -> int:
+    """The highest place of the first peak after the valley.
 
-    Tops that happen to be of the same height are one thing, level tops another.
+    Farther neighbours can make a higher peak: the first one of at least half the height counts.
+    """
+    rest = profile[valley:]
+    high = rest >= (rest.min() + rest.max()) / 2
+    start = int(high.nonzero()[0])
+    ends = (~high[start:]).nonzero()
+    length = int(ends[0]) if len(ends) else len(rest) - start
+    return valley + start + int(rest[start : start + length].argmax())
 
-    Parameters
-    ----------
-    pattern
-        (rows, columns).
+
+def _vertex(profile: Tensor, peak: int) -> float:
+    """Top of the parabola through a peak and its neighbours."""
+    left, top, right = (float(profile[peak + step]) for step in (-1, 0, 1))
+    return peak + (left - right) / (2 * (left - 2 * top + right))
+
+
+def clipped_pixels(pattern: Tensor) -> int:
+    """Pixels of a PSF (rows, columns) that have the very largest value, if they seem clipped.
+
+    Tops that happen to be of the same height are one thing, level tops another: 0 where hardly any
+    lie side by side.
     """
     top = pattern == pattern.max()
     beside = int((top[1:] & top[:-1]).sum() + (top[:, 1:] & top[:, :-1]).sum())
@@ -373,7 +335,7 @@ class PsfFigures:
 
     Parameters
     ----------
-    cell_um
+    pixel_um
         Pitch of its pixels.
     fwhm_um
         Full width of the autocorrelation, all directions averaged, half way between its peak and
@@ -389,7 +351,7 @@ class PsfFigures:
         From the first to the second peak of the autocorrelation, in all directions and along the
         rows; None where there is no second peak.
     background_share
-        Fraction of the light that lies evenly under the PSF (see `background_of`).
+        Fraction of the light that lies evenly under the PSF (see `_background_of`).
     contrast
         Standard deviation over mean (`peli1990`), the noise's fraction taken off.
     sparsity
@@ -426,7 +388,7 @@ class PsfFigures:
         spectrum at 0 and 180°, whatever it is.
     """
 
-    cell_um: float
+    pixel_um: float
     fwhm_um: float
     fwhm_over_mean_um: float
     row_fwhm_um: float | None
@@ -455,7 +417,7 @@ class PsfFigures:
 
 
 def psf_figures(
-    psf: Tensor, cell_um: float, *, reduced_um: float | None = None, noise: float | None = None
+    psf: Tensor, pixel_um: float, *, reduced_um: float | None = None, noise: float | None = None
 ) -> PsfFigures:
     r"""Measure a PSF (`uvimprint`, fig. 5).
 
@@ -466,12 +428,12 @@ def psf_figures(
     ----------
     psf
         (rows, columns), linear, without black level, in any unit.
-    cell_um
+    pixel_um
         Pitch of its pixels.
     reduced_um
-        D; None: angles are not told.
+        D; None: angles are left out.
     noise
-        Standard deviation of a pixel's noise; None has it estimated, see `Spectrum.of`.
+        Standard deviation of a pixel's noise; None has it estimated, see `_Spectrum.of`.
 
     Raises
     ------
@@ -487,8 +449,8 @@ def psf_figures(
     mean = float(psf.double().mean())
     if not mean > 0:
         raise DataError("the PSF is dark: it has no light to measure")
-    spectrum = Spectrum.of(psf, noise)
-    variance = float((spectrum.power * spectrum.weight).sum()) / spectrum.cells**2
+    spectrum = _Spectrum.of(psf, noise)
+    variance = float((spectrum.power * spectrum.weight).sum()) / spectrum.pixels**2
     if not variance > 1e-12 * mean**2:
         raise DataError("the PSF is even: it has no lines to measure")
     if not variance > spectrum.noise**2 or not spectrum.total > 0:
@@ -497,32 +459,32 @@ def psf_figures(
             f"{spectrum.noise:.4g}: it has no lines to measure"
         )
     variance -= spectrum.noise**2
-    found = Autocorrelation.of(psf, spectrum.background, spectrum.noise)
+    found = _Autocorrelation.of(psf, spectrum.background, spectrum.noise)
     level = found.level()
     width, over_mean = found.width(found.radial, level), found.width(found.radial, 0.0)
     if width is None or over_mean is None:
         raise DataError("the PSF is too small to measure: its lines are wider than half of it")
-    line_um = width * cell_um / math.sqrt(2)
+    line_um = width * pixel_um / math.sqrt(2)
     pitches = [
         found.pitch(profile, level, spread=spread)
         for profile, spread in ((found.radial, True), (found.row, False))
     ]
     row = found.width(found.row, level)
-    to_mm = 1e3 / cell_um
+    to_mm = 1e3 / pixel_um
     at, magnitude = spectrum.magnitude()
     line_per_mm = 500 / line_um
     below = magnitude[at * to_mm <= line_per_mm]
     bands = tuple((low * to_mm, high * to_mm) for low, high in spectrum.clear_bands())
     usable = bands[0][1] if bands else 0.0
-    directions = {angle: spectrum.magnitude(angle) for angle in DIRECTIONS_DEG}
+    directions = {angle: spectrum.magnitude(angle) for angle in _DIRECTIONS_DEG}
     return PsfFigures(
-        cell_um=cell_um,
-        fwhm_um=width * cell_um,
-        fwhm_over_mean_um=over_mean * cell_um,
-        row_fwhm_um=None if row is None else row * cell_um,
+        pixel_um=pixel_um,
+        fwhm_um=width * pixel_um,
+        fwhm_over_mean_um=over_mean * pixel_um,
+        row_fwhm_um=None if row is None else row * pixel_um,
         line_width_um=line_um,
-        pitch_um=None if pitches[0] is None else pitches[0] * cell_um,
-        row_pitch_um=None if pitches[1] is None else pitches[1] * cell_um,
+        pitch_um=None if pitches[0] is None else pitches[0] * pixel_um,
+        row_pitch_um=None if pitches[1] is None else pitches[1] * pixel_um,
         background_share=spectrum.background / mean,
         contrast=math.sqrt(variance) / mean,
         sparsity=sparsity(psf, spectrum.noise),
@@ -535,14 +497,14 @@ def psf_figures(
         lowest_magnitude=float(below.min()) if len(below) else float(magnitude[0]),
         line_deg=_angle_deg(line_um, reduced_um),
         usable_deg=_angle_deg(500 / usable, reduced_um) if usable else None,
-        lag_um=_told(found.lag * cell_um),
-        autocorrelation=_told(found.radial),
-        row_autocorrelation=_told(found.row),
+        lag_um=_floats(found.lag * pixel_um),
+        autocorrelation=_floats(found.radial),
+        row_autocorrelation=_floats(found.row),
         level=level,
-        per_mm=_told(at * to_mm),
-        magnitude=_told(magnitude),
+        per_mm=_floats(at * to_mm),
+        magnitude=_floats(magnitude),
         direction_magnitude={
-            angle: (_told(each * to_mm), _told(values))
+            angle: (_floats(each * to_mm), _floats(values))
             for angle, (each, values) in directions.items()
         },
     )
@@ -552,5 +514,145 @@ def _angle_deg(length_um: float, reduced_um: float | None) -> float | None:
     return None if reduced_um is None else math.degrees(math.atan(length_um / reduced_um))
 
 
-def _told(values: Tensor) -> tuple[float, ...]:
+def _floats(values: Tensor) -> tuple[float, ...]:
     return tuple(values.tolist())
+
+
+@dataclass(frozen=True)
+class PatternFigures:
+    """What the autocorrelation of a PSF shows.
+
+    Parameters
+    ----------
+    width_um
+        Full width at half maximum of the autocorrelation. A line of the PSF with a Gaussian
+        profile is √2 thinner.
+    pitch_um
+        From its first peak, at zero, to the second: the mean distance of neighbouring lines.
+    """
+
+    width_um: float
+    pitch_um: float
+
+
+def pattern_figures(psf: Tensor, pixel_um: float) -> PatternFigures:
+    r"""Width and pitch of a PSF from its autocorrelation (`uvimprint`, fig. 5b).
+
+    The mean is subtracted; the autocorrelation :math:`F^{-1}|F(p - \bar p)|^2` of the whole
+    frame is averaged over all directions, where the paper draws one line through it. The second
+    peak is the highest after the first minimum, refined by a parabola.
+
+    Parameters
+    ----------
+    psf
+        (height, width), in any unit.
+    pixel_um
+        Pitch of its pixels.
+
+    Raises
+    ------
+    DataError
+        If the PSF is even, or too small to have a second peak.
+    """
+    rows, columns = psf.shape
+    spectrum = rfft2((psf - psf.double().mean().to(psf.dtype)).contiguous())
+    correlation = irfft2(spectrum.abs().square().to(spectrum.dtype), (rows, columns))
+    if not float(correlation[0, 0]) > 0:
+        raise DataError("the PSF is even: it has no lines to measure")
+    profile = _radial(correlation)
+    half = _falls_to(profile, 0.5)
+    if half is None:
+        raise DataError("the PSF is too small to measure: its lines are wider than half of it")
+    valley = _valley(profile)
+    peak = _second_peak(profile, valley)
+    if not valley < peak < len(profile) - 1:
+        raise DataError("the PSF is too small to measure: its autocorrelation has no second peak")
+    pitch_um = _vertex(profile, peak) * pixel_um
+    return PatternFigures(width_um=2 * half * pixel_um, pitch_um=pitch_um)
+
+
+def _radial(correlation: Tensor) -> Tensor:
+    """Mean over all directions by distance in pixels, up to a quarter of the frame; 1 at zero."""
+    extent = min(correlation.shape) // 4
+    lags = [torch.fft.fftfreq(n, 1 / n, dtype=torch.float64) for n in correlation.shape]
+    near = [(lag.abs() <= extent + 1).nonzero().flatten() for lag in lags]
+    distance = torch.hypot(
+        lags[0][near[0]][:, None].expand(-1, len(near[1])),
+        lags[1][near[1]].expand(len(near[0]), -1),
+    ).flatten()
+    values = correlation[near[0]][:, near[1]].double().flatten()
+    # Every value counts in the two rings it lies between, by its distance to them.
+    inner = distance.floor().long()
+    fraction = distance - inner
+    length = int(inner.max()) + 2
+    total, weight = torch.zeros(length).double(), torch.zeros(length).double()
+    for ring, part in ((inner, 1 - fraction), (inner + 1, fraction)):
+        total.index_add_(0, ring, values * part)
+        weight.index_add_(0, ring, part)
+    profile = (total / weight.clamp_min(1e-12))[: extent + 1]
+    return profile / profile[0]
+
+
+def spectral_magnitude(pattern: Tensor, pixel_um: float, per_mm: float) -> float:
+    r"""Spectral magnitude of one square millimetre of a PSF at a spatial frequency.
+
+    :math:`\sqrt{a\,\langle|\hat p_f|^2\rangle}\,/\,\hat p_0` over a ring of frequencies, with a the
+    PSF's area in mm². A PSF of random spots carries contrast in proportion to
+    :math:`1/\sqrt a`; for the area of one mm² it is the same whatever part is looked at. It is no
+    modulation transfer, which is 1 at zero frequency: a mask with four times as many spots to the
+    mm² has half of it.
+
+    Parameters
+    ----------
+    pattern
+        (rows, columns), in any unit; its mean is taken off before it is transformed.
+    pixel_um
+        Pitch of its pixels.
+    per_mm
+        The frequency.
+
+    Raises
+    ------
+    DataError
+        If the PSF is dark, or too small or too coarse for the frequency.
+    """
+    rows, columns = pattern.shape
+    mean = float(pattern.double().mean())
+    if not mean > 0:
+        raise DataError("the PSF is dark: it has no contrast to measure")
+    spectrum = rfft2((pattern - mean).contiguous())
+    along = torch.fft.fftfreq(rows, pixel_um * 1e-3, dtype=torch.float64)
+    across = torch.fft.rfftfreq(columns, pixel_um * 1e-3, dtype=torch.float64)
+    radius = torch.hypot(along[:, None].expand(-1, len(across)), across.expand(len(along), -1))
+    half_width = _RING_STEPS * 1e3 / (pixel_um * min(rows, columns))
+    ring = ((radius - per_mm).abs() < half_width) & (radius > 0)
+    if per_mm > 5e2 / pixel_um or not ring.any():
+        raise DataError(
+            f"{per_mm:g} lines per mm cannot be measured on {rows}×{columns} pixels of "
+            f"{pixel_um:g} um: choose up to {5e2 / pixel_um:.0f}, or a larger PSF"
+        )
+    power = float(spectrum.abs().double().square()[ring].mean())
+    area_mm2 = rows * columns * (pixel_um * 1e-3) ** 2
+    return math.sqrt(area_mm2 * power) / (rows * columns * mean)
+
+
+def sparsity(pattern: Tensor, noise: float = 0.0) -> float:
+    r"""Fraction of the area without light, :math:`1 - (Σp)^2 / (N Σp^2)`: 0 for an even PSF.
+
+    Parameters
+    ----------
+    pattern
+        Of any shape, in any unit.
+    noise
+        Standard deviation of the noise in it, whose square is taken off the mean of p².
+
+    Raises
+    ------
+    DataError
+        If it is dark.
+    """
+    values = pattern.double()
+    squared = float(values.square().mean()) - noise**2
+    if not squared > 0:
+        raise DataError("the PSF is dark: it has no light to measure")
+    return 1 - float(values.mean()) ** 2 / squared

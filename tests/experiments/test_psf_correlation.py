@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from nolens.errors import DataError
-from nolens.evaluate import falls_to, peak_correlation
+from nolens.experiments.off_axis import falls_to, peak_correlation
 
 
 def texture(seed: int, rows: int = 300, columns: int = 360, sigma: float = 2.5) -> Tensor:

@@ -1,4 +1,4 @@
-"""A slanted edge in a picture: its spread, and the contrast by frequency."""
+"""A slanted edge: its drawing, its spread in a picture, and the contrast by frequency."""
 
 import math
 from dataclasses import dataclass
@@ -11,8 +11,9 @@ from scipy.signal import windows
 from torch import Tensor
 
 from nolens.errors import DataError
+from nolens.evaluate.screen import FlatPicture, pixel_means
 
-_PER_CELL = 4
+_BINS_PER_PIXEL = 4
 _ROUNDS = 4
 _STRAIGHT = 1.0
 _FEWEST = 16
@@ -20,6 +21,25 @@ _FULL_STEP, _MOST_ROWS = 0.6, 0.8
 _SHARPNESS = 0.5
 _WIDEST_GAP = 0.42
 _Array = NDArray[np.float64]
+
+
+def slanted_edge(side: int, tilt_deg: float) -> Tensor:
+    """Dark at the left, bright at the right of an edge through the middle of a square.
+
+    Parameters
+    ----------
+    side
+        Pixels along the square.
+    tilt_deg
+        Of the edge from upright, to the left at its top.
+
+    Returns
+    -------
+    Tensor
+        (side, side), 0 to 1; each pixel the mean over its area.
+    """
+    tilt = math.tan(math.radians(tilt_deg))
+    return pixel_means(lambda right, up: (right + tilt * up > 0).float(), side)
 
 
 @dataclass(frozen=True)
@@ -31,7 +51,7 @@ class EdgeResponse:
     tilt_deg
         From the pixels' columns or rows, whichever it is nearer to.
     direction_deg
-        Of the line across the edge, along which contrast is told, from the right towards up.
+        Of the line across the edge, along which contrast is measured, from the right towards up.
     centre
         Row and column of its middle.
     at
@@ -58,9 +78,9 @@ class EdgeResponse:
         for number in range(1, len(transfer)):
             if transfer[number] < contrast:
                 before, after = transfer[number - 1 : number + 1]
-                share = (before - contrast) / (before - after)
+                fraction = (before - contrast) / (before - after)
                 low, high = self.frequencies[number - 1 : number + 1].tolist()
-                return float(low + share * (high - low))
+                return float(low + fraction * (high - low))
         return None
 
 
@@ -110,7 +130,7 @@ def edge_response(picture: Tensor) -> EdgeResponse:
         tilt,
         90.0 - tilt if lying else tilt,
         place[::-1] if lying else place,
-        *map(torch.from_numpy, (at, _levelled(spread), frequencies, transfer)),
+        *map(torch.from_numpy, (at, _normalised(spread), frequencies, transfer)),
     )
 
 
@@ -121,10 +141,10 @@ def _rows_with_edge(values: _Array) -> tuple[int, int]:
     """
     quarter = values.shape[1] // 4
     steps = values[:, -quarter:].mean(1) - values[:, :quarter].mean(1)
-    kept = np.flatnonzero(steps > _FULL_STEP * np.median(steps))
-    if len(kept) < max(_FEWEST, _MOST_ROWS * len(steps)) or not np.median(steps) > 0:
+    rows = np.flatnonzero(steps > _FULL_STEP * np.median(steps))
+    if len(rows) < max(_FEWEST, _MOST_ROWS * len(steps)) or not np.median(steps) > 0:
         raise _no_edge()
-    return int(kept[0]), int(kept[-1]) + 1
+    return int(rows[0]), int(rows[-1]) + 1
 
 
 def _line(values: _Array) -> tuple[float, float]:
@@ -136,43 +156,43 @@ def _line(values: _Array) -> tuple[float, float]:
     steps = np.diff(values, axis=1)
     if not total > _SHARPNESS * np.abs(steps.mean(0)).sum() or not total > 0:
         raise _no_edge()
-    found = np.array([0.0, 0.0])
+    line = np.array([0.0, 0.0])
     window = np.ones_like(values)
     for number in range(_ROUNDS):
         weight = (slopes * window).sum(1)
         if not (weight > 0.2 * weight.mean()).all() or not weight.mean() > 0:
             raise _no_edge()
         places = (slopes * window * columns).sum(1) / weight
-        found = np.polynomial.polynomial.polyfit(rows, places, 1)
-        reach = values.shape[1] / 2 ** (1 + 0.5 * number)
-        away = columns - (found[0] + found[1] * rows)[:, None]
-        window = np.where(np.abs(away) < reach, 0.5 + 0.5 * np.cos(math.pi * away / reach), 0.0)
-    off = places - (found[0] + found[1] * rows)
+        line = np.polynomial.polynomial.polyfit(rows, places, 1)
+        extent = values.shape[1] / 2 ** (1 + 0.5 * number)
+        away = columns - (line[0] + line[1] * rows)[:, None]
+        window = np.where(np.abs(away) < extent, 0.5 + 0.5 * np.cos(math.pi * away / extent), 0.0)
+    off = places - (line[0] + line[1] * rows)
     if math.sqrt(float((off**2).mean())) > _STRAIGHT:
         raise _no_edge()
-    if abs(found[1]) * (len(rows) - 1) < 1:
+    if abs(line[1]) * (len(rows) - 1) < 1:
         raise DataError(
-            f"the edge stands upright to {math.degrees(math.atan(abs(found[1]))):.2g} deg, so that "
+            f"the edge stands upright to {math.degrees(math.atan(abs(line[1]))):.2g} deg, so that "
             f"its pixels all lie at the same distances from it: turn it by about 5 deg"
         )
-    return float(found[0]), float(found[1])
+    return float(line[0]), float(line[1])
 
 
 def _spread(values: _Array, distance: _Array, slope: float) -> tuple[_Array, _Array]:
     """Mean light by distance from the edge, as far as all rows reach."""
-    reach = min(-distance[:, 0].max(), distance[:, -1].min())
-    count = math.floor(reach * _PER_CELL)
-    if count < 4 * _PER_CELL:
+    extent = min(-distance[:, 0].max(), distance[:, -1].min())
+    count = math.floor(extent * _BINS_PER_PIXEL)
+    if count < 4 * _BINS_PER_PIXEL:
         raise DataError(
-            f"the edge comes within {max(reach, 0):.1f} pixels of the picture's side: at least 4 "
+            f"the edge comes within {max(extent, 0):.1f} pixels of the picture's side: at least 4 "
             "pixels on both sides of it are needed"
         )
-    number = np.round(distance * _PER_CELL).astype(int) + count
-    kept = (number >= 0) & (number <= 2 * count)
-    cells = np.bincount(number[kept], minlength=2 * count + 1)
-    held = cells > 0
+    number = np.round(distance * _BINS_PER_PIXEL).astype(int) + count
+    inside = (number >= 0) & (number <= 2 * count)
+    pixels = np.bincount(number[inside], minlength=2 * count + 1)
+    filled = pixels > 0
     places, light = (
-        np.bincount(number[kept], each[kept], minlength=2 * count + 1)[held] / cells[held]
+        np.bincount(number[inside], each[inside], minlength=2 * count + 1)[filled] / pixels[filled]
         for each in (distance, values)
     )
     if np.diff(places).max() > _WIDEST_GAP:
@@ -180,30 +200,30 @@ def _spread(values: _Array, distance: _Array, slope: float) -> tuple[_Array, _Ar
             f"the pixels around an edge at {math.degrees(math.atan(abs(slope))):.3g} deg all lie "
             "at a few distances from it: turn it to about 5 deg"
         )
-    at = np.arange(-count, count + 1) / _PER_CELL
+    at = np.arange(-count, count + 1) / _BINS_PER_PIXEL
     return at, CubicSpline(places, light)(at)
 
 
 def _transfer(spread: _Array) -> tuple[_Array, _Array]:
-    """Frequencies in cycles per cell, and contrast."""
+    """Frequencies in cycles per pixel, and contrast."""
     slope = (spread[2:] - spread[:-2]) / 2
     line: _Array = slope * windows.tukey(len(slope) + 2, 0.5)[1:-1]
     if not line.sum() > 0:
         raise _no_edge()
     spectrum = np.abs(np.fft.rfft(line, 4 * len(line)))
-    frequencies = np.fft.rfftfreq(4 * len(line), 1 / _PER_CELL)
-    kept = frequencies <= 0.5
-    taken = np.sinc(2 * frequencies / _PER_CELL) * np.sinc(frequencies / _PER_CELL)
-    transfer: _Array = (spectrum / spectrum[0] / taken)[kept]
-    return frequencies[kept].astype(np.float64), transfer
+    frequencies = np.fft.rfftfreq(4 * len(line), 1 / _BINS_PER_PIXEL)
+    measured = frequencies <= 0.5
+    averaging = np.sinc(2 * frequencies / _BINS_PER_PIXEL) * np.sinc(frequencies / _BINS_PER_PIXEL)
+    transfer: _Array = (spectrum / spectrum[0] / averaging)[measured]
+    return frequencies[measured].astype(np.float64), transfer
 
 
-def _levelled(spread: _Array) -> _Array:
+def _normalised(spread: _Array) -> _Array:
     """Light by distance, 0 on the dark side and 1 on the bright one."""
     ends = max(1, len(spread) // 8)
     dark, bright = spread[:ends].mean(), spread[-ends:].mean()
-    levelled: _Array = (spread - dark) / (bright - dark)
-    return levelled
+    normalised: _Array = (spread - dark) / (bright - dark)
+    return normalised
 
 
 def _no_edge() -> DataError:
@@ -211,3 +231,41 @@ def _no_edge() -> DataError:
         "the picture shows no straight edge from end to end, dark on one side and bright on the "
         "other: give one that does, or cut it to the edge (--support)"
     )
+
+
+@dataclass(frozen=True)
+class EdgeResolution:
+    """Resolution by a slanted edge.
+
+    Parameters
+    ----------
+    picture
+        In which it was measured.
+    response
+        Spread and contrast across the edge.
+    pixel_deg
+        Angle of a pixel there, across the edge.
+    """
+
+    picture: FlatPicture
+    response: EdgeResponse
+    pixel_deg: float
+
+    def per_deg(self, contrast: float) -> float | None:
+        """Cycles to the degree at which the contrast has fallen to a value; None: nowhere."""
+        frequency = self.response.frequency_of(contrast)
+        return None if frequency is None else frequency / self.pixel_deg
+
+    @classmethod
+    def of(cls, picture: FlatPicture) -> "EdgeResolution":
+        """Measure a picture (`edge_response`).
+
+        Raises
+        ------
+        DataError
+            If it shows no such edge.
+        """
+        response = edge_response(picture.values)
+        turn = math.radians(response.direction_deg)
+        across = (-math.sin(turn), math.cos(turn))
+        return cls(picture, response, picture.angle_deg(response.centre, across, 1.0))
