@@ -42,7 +42,7 @@ def state(period: tuple[int, int], sensor: tuple[int, int] = SENSOR) -> SplitSta
         data=torch.rand(sensor),
         valid=torch.ones(sensor, dtype=torch.uint8),
         sensor=(top, left, *sensor),
-        region=(0, 0, *period),
+        support=(0, 0, *period),
         tv=1e-4,
         isotropic=False,
         l1=0.0,

@@ -13,22 +13,23 @@ from nolens.kernels import (
     PassSums,
     Repeater,
     SplitState,
+    admm_numba,
     admm_torch,
     fft2_,
     ifft2_,
     solve_normal_equation_,
     update_splits_,
 )
-from nolens.kernels.repeat import Step, iterate_
+from nolens.kernels.admm import Step, iterate_, step_constants
 from nolens.kernels.threads import take_turns
 
 RELAXATION = 1.7
 PENALTIES: list[Triple] = [(0.3, 2.0, 0.7), (0.5, 1.5, 0.9)]
 CASES = {
     "tv": BASE,
-    "isotropic": replace(BASE, isotropic=True, region=(4, 3, 5, 6)),
+    "isotropic": replace(BASE, isotropic=True, support=(4, 3, 5, 6)),
     "l1": replace(BASE, tv=0.0, l1=0.3),
-    "no prior, odd": replace(BASE, tv=0.0, size=(9, 7), sensor=(2, 1, 5, 5), region=(0, 0, 9, 7)),
+    "no prior, odd": replace(BASE, tv=0.0, size=(9, 7), sensor=(2, 1, 5, 5), support=(0, 0, 9, 7)),
 }
 each_case = pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 on_cuda = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
@@ -98,7 +99,7 @@ def check_runs(case: Case, device: str, check: Check) -> None:
         assert len(sums) == (len(pairs) if steps and steps[-1][2] else 0)
         for got_sums, one_sums in zip(sums, wanted_sums, strict=True):
             assert vars(got_sums).keys() == vars(one_sums).keys()
-            assert got_sums.misfit == pytest.approx(one_sums.misfit, rel=1e-4)
+            assert got_sums.residual == pytest.approx(one_sums.residual, rel=1e-4)
             assert got_sums.split == pytest.approx(one_sums.split, rel=1e-4)
         for one, two in zip(pairs, expected, strict=True):
             check(one, two)
@@ -171,13 +172,14 @@ def test_graph_on_cuda_is_the_loop_on_the_cpu():
 
 
 @each_case
-def test_iteration_with_constants_in_a_tensor(case):
-    """What a graph captures, with torch's passes on the CPU."""
+@pytest.mark.parametrize("module", [admm_numba, admm_torch], ids=["numba", "torch"])
+def test_iteration_with_constants_in_a_tensor(case, module, monkeypatch):
+    """What a graph captures, on the CPU."""
+    monkeypatch.setattr("nolens.kernels.admm.passes_for", lambda field: module)
     pairs, states, transfers = channels(case)
     expected, _ = in_a_loop(channels(case), alike(PENALTIES[1], 3))
-    step = (PENALTIES[1], PENALTIES[1], RELAXATION)
     constants = torch.tensor(
-        [admm_torch.step_constants((each.tv, each.isotropic, each.l1), step) for each in states]
+        [step_constants(each, PENALTIES[1], PENALTIES[1], RELAXATION) for each in states]
     )
     for _ in range(3):
         iterate_(pairs, states, transfers, constants)

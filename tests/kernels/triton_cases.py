@@ -11,6 +11,7 @@ import torch
 from update_cases import CASES, MU, arrays, draw, normal_equation, update
 
 from nolens.kernels import admm_torch, admm_triton
+from nolens.kernels.admm import step_constants
 
 DEVICE = "cpu" if os.environ.get("TRITON_INTERPRET") == "1" else "cuda"
 
@@ -47,17 +48,8 @@ def test_update_into_another_pair(name):
     case = CASES[name]
     (pair, state), (expected, state_2) = draw(case, DEVICE), draw(case, DEVICE)
     before, out = pair.clone(), torch.full_like(pair, torch.nan)
-    prior, step = (state.tv, state.isotropic, state.l1), (MU, case.later, case.relaxation)
-    admm_triton.update_splits_(
-        pair,
-        (state.data, state.valid),
-        arrays(state),
-        (state.sensor, state.region),
-        (state.tv > 0, state.isotropic),
-        torch.tensor(admm_torch.step_constants(prior, step), device=DEVICE),
-        counted=False,
-        out=out,
-    )
+    constants = torch.tensor(step_constants(state, MU, case.later, case.relaxation), device=DEVICE)
+    admm_triton.update_splits_(pair, state, constants, counted=False, out=out)
     expected, _ = update(admm_triton, case, expected, state_2, counted=False)
     assert torch.equal(pair, before)
     assert torch.equal(out, expected)

@@ -25,5 +25,5 @@ def compile_(kernel: Any, **constants: Any) -> None:
 compile_(admm_triton._solve, BLOCK=512)
 for isotropic, absent in itertools.product((False, True), ({}, {"sums": None})):
     for no_tv in ({}, {"rows": None, "columns": None}):
-        compile_(admm_triton._update_cells, ISOTROPIC=isotropic, BLOCK=512, **absent, **no_tv)
+        compile_(admm_triton._update_pixels, ISOTROPIC=isotropic, BLOCK=512, **absent, **no_tv)
     compile_(admm_triton._update_gradient, ISOTROPIC=isotropic, BLOCK=512, **absent)

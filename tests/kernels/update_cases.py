@@ -6,7 +6,8 @@ from types import ModuleType
 import numpy as np
 import torch
 
-from nolens.kernels import SplitState, admm_numba, admm_torch
+from nolens.kernels import SplitState
+from nolens.kernels.admm import step_constants
 
 Triple = tuple[float, float, float]
 Window = tuple[int, int, int, int]
@@ -18,7 +19,7 @@ LATER: Triple = (0.5, 1.5, 0.9)
 class Case:
     size: tuple[int, int] = (12, 10)
     sensor: Window = (3, 2, 6, 5)
-    region: Window = (0, 0, 12, 10)
+    support: Window = (0, 0, 12, 10)
     tv: float = 0.4
     isotropic: bool = False
     l1: float = 0.0
@@ -30,28 +31,28 @@ class Case:
 BASE = Case()
 CASES = {
     "even": BASE,
-    "odd": replace(BASE, size=(9, 7), sensor=(2, 1, 5, 5), region=(0, 0, 9, 7)),
+    "odd": replace(BASE, size=(9, 7), sensor=(2, 1, 5, 5), support=(0, 0, 9, 7)),
     "more rows than blocks": replace(
-        BASE, size=(75, 6), sensor=(31, 0, 33, 4), region=(0, 0, 75, 6)
+        BASE, size=(75, 6), sensor=(31, 0, 33, 4), support=(0, 0, 75, 6)
     ),
     "as many rows as blocks": replace(
-        BASE, size=(32, 5), sensor=(0, 0, 32, 5), region=(0, 0, 32, 5)
+        BASE, size=(32, 5), sensor=(0, 0, 32, 5), support=(0, 0, 32, 5)
     ),
-    "one row": replace(BASE, size=(1, 8), sensor=(0, 2, 1, 3), region=(0, 1, 1, 6)),
-    "two rows": replace(BASE, size=(2, 3), sensor=(0, 0, 1, 2), region=(0, 0, 2, 3)),
+    "one row": replace(BASE, size=(1, 8), sensor=(0, 2, 1, 3), support=(0, 1, 1, 6)),
+    "two rows": replace(BASE, size=(2, 3), sensor=(0, 0, 1, 2), support=(0, 0, 2, 3)),
     "more cells than a program": replace(
-        BASE, size=(40, 31), sensor=(3, 2, 33, 24), region=(1, 4, 36, 26), relaxation=1.8
+        BASE, size=(40, 31), sensor=(3, 2, 33, 24), support=(1, 4, 36, 26), relaxation=1.8
     ),
     "more cells than a program, isotropic": replace(
-        BASE, size=(41, 30), sensor=(3, 2, 33, 24), region=(0, 0, 41, 30), isotropic=True
+        BASE, size=(41, 30), sensor=(3, 2, 33, 24), support=(0, 0, 41, 30), isotropic=True
     ),
-    "region": replace(BASE, region=(4, 3, 5, 6)),
-    "region beside the sensor": replace(BASE, sensor=(0, 0, 6, 5), region=(7, 6, 5, 4)),
-    "sensor at the far corner": replace(BASE, sensor=(6, 5, 6, 5), region=(0, 0, 3, 4)),
+    "support": replace(BASE, support=(4, 3, 5, 6)),
+    "support beside the sensor": replace(BASE, sensor=(0, 0, 6, 5), support=(7, 6, 5, 4)),
+    "sensor at the far corner": replace(BASE, sensor=(6, 5, 6, 5), support=(0, 0, 3, 4)),
     "all valid": replace(BASE, masked=0.0),
     "none valid": replace(BASE, masked=1.0),
-    "isotropic": replace(BASE, isotropic=True, region=(4, 3, 5, 6)),
-    "isotropic, odd": replace(BASE, isotropic=True, size=(35, 7), region=(0, 0, 35, 7)),
+    "isotropic": replace(BASE, isotropic=True, support=(4, 3, 5, 6)),
+    "isotropic, odd": replace(BASE, isotropic=True, size=(35, 7), support=(0, 0, 35, 7)),
     "l1": replace(BASE, tv=0.0, l1=0.3),
     "no prior": replace(BASE, tv=0.0),
     "relaxed": replace(BASE, relaxation=1.8),
@@ -75,7 +76,7 @@ def draw(case: Case, device: str = "cpu") -> tuple[torch.Tensor, SplitState]:
         data=normal(*case.sensor[2:]),
         valid=valid.to(device, torch.uint8),
         sensor=case.sensor,
-        region=case.region,
+        support=case.support,
         tv=case.tv,
         isotropic=case.isotropic,
         l1=case.l1,
@@ -99,24 +100,11 @@ def update(
     *,
     counted: bool = True,
 ) -> tuple[torch.Tensor, list[float] | None]:
-    """The update by one module; those for CUDA have their constants in a tensor."""
-    measurement, windows = (state.data, state.valid), (state.sensor, state.region)
-    step = (MU, case.later, case.relaxation)
-    prior = (state.tv, state.isotropic, state.l1)
-    if module is admm_numba:
-        return admm_numba.update_splits_(
-            pair, measurement, arrays(state), windows, prior, step, counted=counted
-        )
-    sums = module.update_splits_(
-        pair,
-        measurement,
-        arrays(state),
-        windows,
-        (state.tv > 0, state.isotropic),
-        torch.tensor(admm_torch.step_constants(prior, step), device=pair.device),
-        counted=counted,
-        out=pair,
+    """The update by one module, of any device."""
+    constants = torch.tensor(
+        step_constants(state, MU, case.later, case.relaxation), device=pair.device
     )
+    sums = module.update_splits_(pair, state, constants, counted=counted, out=pair)
     return pair, sums
 
 

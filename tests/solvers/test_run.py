@@ -18,7 +18,7 @@ FIXED = {"penalties": (0.5, 0.5, 0.5), "balance": None}
 SOLVERS = {"admm": admm, "fista": fista}
 LOOKS = {"admm": [4, 8, 9], "fista": [1, 2, 3, 4, 5, 6, 7, 8, 9]}
 """Iterations, of nine, after which a run is looked at."""
-REPEAT = importlib.import_module("nolens.kernels.repeat")
+KERNEL = importlib.import_module("nolens.kernels.admm")
 
 
 @pytest.mark.parametrize("solve", SOLVERS.values(), ids=SOLVERS.keys())
@@ -105,7 +105,7 @@ def test_what_breaks_while_iterating_is_an_error(solve, value, monkeypatch):
     problem = pose(CASE).problem
     calls = 0
     if solve is admm:
-        inverse = REPEAT.ifft2_
+        inverse = KERNEL.ifft2_
 
         def broken(spectrum: torch.Tensor) -> torch.Tensor:
             nonlocal calls
@@ -115,7 +115,7 @@ def test_what_breaks_while_iterating_is_an_error(solve, value, monkeypatch):
                 field[0, 0] = value
             return field
 
-        monkeypatch.setattr(REPEAT, "ifft2_", broken)
+        monkeypatch.setattr(KERNEL, "ifft2_", broken)
     else:
         adjoint = problem.forward.adjoint
 

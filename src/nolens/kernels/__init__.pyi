@@ -1,9 +1,15 @@
-from .admm import PassSums, SplitState, solve_normal_equation_, update_splits_
-from .fft import fast_length, fft2_, ifft2_, irfft2, rfft2
-from .fft_window import irfft2_window_, rfft2_window
-from .memory import in_large_pages
+from .admm import PassSums, Repeater, SplitState, solve_normal_equation_, update_splits_
+from .fft import (
+    fast_length,
+    fft2_,
+    ifft2_,
+    in_large_pages,
+    irfft2,
+    irfft2_window_,
+    rfft2,
+    rfft2_window,
+)
 from .nearest import nearest_points
-from .repeat import Repeater
 from .transfer import apply_transfer_
 
 __all__ = [

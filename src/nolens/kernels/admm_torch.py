@@ -5,32 +5,19 @@ import math
 import torch
 from torch import Tensor
 
-Triple = tuple[float, float, float]
-
-
-def step_constants(
-    prior: tuple[float, bool, float], step: tuple[Triple, Triple, float]
-) -> list[float]:
-    """Constants of an update: μ of (x, u, w), their following values, their ratios, α, τ and λ.
-
-    Parameters
-    ----------
-    prior
-        τ, whether it is isotropic, λ.
-    step
-        Penalties, those of the next iteration, α.
-    """
-    tv, _, l1 = prior
-    penalties, following, relaxation = step
-    # With no penalty on a split its multiplier is absent, and 0/0 would be the rescaling.
-    rescale = [
-        now / later if later > 0 else 1.0 for now, later in zip(penalties, following, strict=True)
-    ]
-    return [*penalties, *following, *rescale, relaxation, tv, l1]
+from nolens.kernels.admm import SplitState
 
 
 def solve_normal_equation_(spectrum: Tensor, transfer: Tensor, constants: Tensor) -> Tensor:
-    """See `nolens.kernels.admm.solve_normal_equation_`; the constants begin with μ₁, μ₂, μ₃."""
+    """Solve as `nolens.kernels.admm.solve_normal_equation_` says, in place.
+
+    Parameters
+    ----------
+    spectrum, transfer
+        Of q_x + i r, and half that of the PSF.
+    constants
+        On the device, beginning with μ₁, μ₂, μ₃.
+    """
     mu_x, mu_u, mu_w = constants[:3]
     height, width = spectrum.shape
     columns = width // 2 + 1
@@ -52,15 +39,7 @@ def solve_normal_equation_(spectrum: Tensor, transfer: Tensor, constants: Tensor
 
 
 def update_splits_(
-    pair: Tensor,
-    measurement: tuple[Tensor, Tensor],
-    arrays: tuple[Tensor, Tensor, Tensor, Tensor],
-    windows: tuple[tuple[int, int, int, int], tuple[int, int, int, int]],
-    kind: tuple[bool, bool],
-    constants: Tensor,
-    *,
-    counted: bool,
-    out: Tensor,
+    pair: Tensor, state: SplitState, constants: Tensor, *, counted: bool, out: Tensor
 ) -> list[float] | None:
     """Update every split as `nolens.kernels.admm.update_splits_` says; returns the sums.
 
@@ -68,60 +47,55 @@ def update_splits_(
     ----------
     pair
         v + i Mv.
-    measurement
-        Data, and 1 where they are valid.
-    arrays
-        State of the splits x, u (two directions, empty without total variation) and w.
-    windows
-        Where the sensor and the region lie.
-    kind
-        Whether there is a total variation, and whether it is isotropic.
+    state
+        Of the channel, updated.
     constants
-        `step_constants` on the device, so that a CUDA graph reads what they are at its replay.
+        `nolens.kernels.admm.step_constants` on the device, so that a CUDA graph reads
+        what they are at its replay.
     counted
-        Whether the sums are wanted.
+        Whether the sums are needed.
     out
         Where q_x + i r goes; `pair` itself may be.
     """
-    tv, isotropic = kind
+    tv, isotropic = state.tv > 0, state.isotropic
     mu, later, rescale = constants[0:3], constants[3:6], constants[6:9]
     alpha, tau, l1 = constants[9:]
     v, mv = pair.real.clone(), pair.imag.clone()
     table = torch.zeros(4, 3, dtype=torch.float64, device=pair.device) if counted else None
 
-    top, left, height, width = windows[0]
+    top, left, height, width = state.sensor
     data = torch.zeros_like(mv)
     weight = torch.zeros_like(mv)
-    weight[top : top + height, left : left + width] = measurement[1].to(mv.dtype)
-    data[top : top + height, left : left + width] = measurement[0]
+    weight[top : top + height, left : left + width] = state.valid.to(mv.dtype)
+    data[top : top + height, left : left + width] = state.data
     data *= weight
-    old = [(data + mu[0] * arrays[0]) / (weight + mu[0])]
-    new = [arrays[0] + alpha * (mv - old[0])]
+    old = [(data + mu[0] * state.measured) / (weight + mu[0])]
+    new = [state.measured + alpha * (mv - old[0])]
     split = [(data + mu[0] * new[0]) / (weight + mu[0])]
-    q = _store([mv], [arrays[0]], old, new, split, rescale[0], _column(table, 0))[0]
+    q = _store([mv], [state.measured], old, new, split, rescale[0], _column(table, 0))[0]
 
-    top, left, height, width = windows[1]
+    top, left, height, width = state.support
     inside = torch.zeros_like(v)
     inside[top : top + height, left : left + width] = 1
-    old = [inside * (arrays[3] - l1 / mu[2]).clamp_min(0)]
-    new = [arrays[3] + alpha * (v - old[0])]
+    old = [inside * (state.scene - l1 / mu[2]).clamp_min(0)]
+    new = [state.scene + alpha * (v - old[0])]
     split = [inside * (new[0] - l1 / mu[2]).clamp_min(0)]
-    r = later[2] * _store([v], [arrays[3]], old, new, split, rescale[2], _column(table, 2))[0]
+    r = later[2] * _store([v], [state.scene], old, new, split, rescale[2], _column(table, 2))[0]
 
     gradient = [torch.roll(v, -1, 0) - v, torch.roll(v, -1, 1) - v] if tv else []
     if tv:
-        state = [arrays[1], arrays[2]]
-        old = _shrink(state, tau / mu[1], isotropic)
-        new = [a + alpha * (g - u) for a, g, u in zip(state, gradient, old, strict=True)]
+        arrays = [state.rows, state.columns]
+        old = _shrink(arrays, tau / mu[1], isotropic)
+        new = [a + alpha * (g - u) for a, g, u in zip(arrays, gradient, old, strict=True)]
         split = _shrink(new, tau / mu[1], isotropic)
-        q_y, q_x = _store(gradient, state, old, new, split, rescale[1], _column(table, 1))
+        q_y, q_x = _store(gradient, arrays, old, new, split, rescale[1], _column(table, 1))
         r += later[1] * (torch.roll(q_y, 1, 0) - q_y + torch.roll(q_x, 1, 1) - q_x)
     torch.complex(q, r, out=out)
     if table is None:
         return None
-    misfit = (weight * mv - data).double().square().sum()
+    residual = (weight * mv - data).double().square().sum()
     magnitude = v.double().abs().sum()
-    extra = torch.stack([misfit, _variation(gradient, isotropic, like=misfit), magnitude])
+    extra = torch.stack([residual, _variation(gradient, isotropic, like=residual), magnitude])
     sums: list[float] = torch.cat([table.flatten(), extra]).tolist()
     return sums
 

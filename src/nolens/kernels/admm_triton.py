@@ -1,12 +1,12 @@
 """The passes of ADMM fused for CUDA, as Triton kernels.
 
-They are bound by memory traffic, which is, in bytes per cell of the period:
+They are bound by memory traffic, which is, in bytes per pixel of the padded shape:
 
 - `solve_normal_equation_`: 20. Spectrum read and written, half spectrum of the PSF read.
 - `update_splits_`: 37 without total variation (pair and two states read and written, data and
   valid pixels read), 69 with it. The split u then has a kernel of its own, which reads v and
   updates its two states (24), before the one that updates x and w reads them (8 more) to add
-  Ψᵀq_u. Neither kernel writes what a neighbouring cell reads of it, so all is in place. One
+  Ψᵀq_u. Neither kernel writes what a neighbouring pixel reads of it, so all is in place. One
   kernel for all would move 53, but needs a second copy of the pair and of u's states, and 16
   more to bring those back where a CUDA graph expects them.
 
@@ -19,8 +19,10 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
+from nolens.kernels.admm import SplitState
+
 _BLOCK = 512
-"""Cells of one program."""
+"""Pixels of one program."""
 
 _OPTIONS = {"enable_fp_fusion": True}
 """a·b + c in one operation: said outright, as Triton's default changes with its version."""
@@ -30,7 +32,7 @@ _SUMS = tl.constexpr(15)
 
 
 def solve_normal_equation_(spectrum: Tensor, transfer: Tensor, constants: Tensor) -> Tensor:
-    """See `nolens.kernels.admm.solve_normal_equation_`; the constants begin with μ₁, μ₂, μ₃."""
+    """See `nolens.kernels.admm_torch.solve_normal_equation_`."""
     height, width = spectrum.shape
     with torch.cuda.device_of(spectrum):  # type: ignore[no-untyped-call]
         _solve[(triton.cdiv(height * (width // 2 + 1), _BLOCK),)](
@@ -40,21 +42,12 @@ def solve_normal_equation_(spectrum: Tensor, transfer: Tensor, constants: Tensor
 
 
 def update_splits_(
-    pair: Tensor,
-    measurement: tuple[Tensor, Tensor],
-    arrays: tuple[Tensor, Tensor, Tensor, Tensor],
-    windows: tuple[tuple[int, int, int, int], tuple[int, int, int, int]],
-    kind: tuple[bool, bool],
-    constants: Tensor,
-    *,
-    counted: bool,
-    out: Tensor,
+    pair: Tensor, state: SplitState, constants: Tensor, *, counted: bool, out: Tensor
 ) -> list[float] | None:
     """See `nolens.kernels.admm_torch.update_splits_`."""
     height, width = pair.shape
-    tv, isotropic = kind
-    data, valid = (each.view(-1) for each in measurement)
-    measured, rows, columns, scene = (each.view(-1) for each in arrays)
+    tv, isotropic = state.tv > 0, state.isotropic
+    rows, columns = state.rows.view(-1), state.columns.view(-1)
     programs = triton.cdiv(height * width, _BLOCK)
     sums = torch.zeros(programs, _SUMS.value, device=pair.device) if counted else None
     with torch.cuda.device_of(pair):  # type: ignore[no-untyped-call]
@@ -71,21 +64,21 @@ def update_splits_(
                 _BLOCK,
                 **_OPTIONS,
             )
-        _update_cells[(programs,)](
+        _update_pixels[(programs,)](
             _floats(pair),
             _floats(out),
-            data,
-            valid,
-            measured,
-            scene,
+            state.data.view(-1),
+            state.valid.view(-1),
+            state.measured.view(-1),
+            state.scene.view(-1),
             rows if tv else None,
             columns if tv else None,
             constants,
             sums,
             height,
             width,
-            *windows[0],
-            *windows[1],
+            *state.sensor,
+            *state.support,
             isotropic,
             _BLOCK,
             **_OPTIONS,
@@ -99,14 +92,14 @@ def _floats(field: Tensor) -> Tensor:
 
 
 @triton.jit
-def _load_complex(field, cell, mask):  # type: ignore[no-untyped-def]
-    at = 2 * cell[:, None] + tl.arange(0, 2)[None, :]
+def _load_complex(field, place, mask):  # type: ignore[no-untyped-def]
+    at = 2 * place[:, None] + tl.arange(0, 2)[None, :]
     return tl.split(tl.load(field + at, mask[:, None], 0.0))
 
 
 @triton.jit
-def _store_complex(field, cell, real, imaginary, mask):  # type: ignore[no-untyped-def]
-    at = 2 * cell[:, None] + tl.arange(0, 2)[None, :]
+def _store_complex(field, place, real, imaginary, mask):  # type: ignore[no-untyped-def]
+    at = 2 * place[:, None] + tl.arange(0, 2)[None, :]
     tl.store(field + at, tl.join(real, imaginary), mask[:, None])
 
 
@@ -123,19 +116,19 @@ def _laplacian(k, length):  # type: ignore[no-untyped-def]
 
 @triton.jit  # type: ignore[untyped-decorator]
 def _solve(spectrum, transfer, penalties, height, width, BLOCK: tl.constexpr):  # type: ignore[no-untyped-def]
-    """Solve for v + i Mv at k and −k, for a block of the half spectrum's cells k."""
+    """Solve for v + i Mv at k and −k, for a block of the half spectrum's pixels k."""
     columns = width // 2 + 1
-    cell = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
-    i = cell // columns
-    j = cell - i * columns
+    place = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
+    i = place // columns
+    j = place - i * columns
     here = i * width + j
     there = tl.where(i == 0, 0, height - i) * width + tl.where(j == 0, 0, width - j)
     # Columns 0 and width/2 hold both ends of a pair: the first of the two acts.
     both = (j == 0) | (2 * j == width)
-    acts = (cell < height * columns) & ((here <= there) | ~both)
+    acts = (place < height * columns) & ((here <= there) | ~both)
     x_re, x_im = _load_complex(spectrum, here, acts)
     y_re, y_im = _load_complex(spectrum, there, acts)
-    h_re, h_im = _load_complex(transfer, cell, acts)
+    h_re, h_im = _load_complex(transfer, place, acts)
     mu_x = tl.load(penalties)
     mu_u = tl.load(penalties + 1)
     mu_w = tl.load(penalties + 2)
@@ -168,17 +161,17 @@ def _shrink(rows, columns, threshold, ISOTROPIC: tl.constexpr):  # type: ignore[
 
 
 @triton.jit  # type: ignore[untyped-decorator]
-def _load_shrunk(rows, columns, cell, mask, threshold, ISOTROPIC: tl.constexpr):  # type: ignore[no-untyped-def]
+def _load_shrunk(rows, columns, place, mask, threshold, ISOTROPIC: tl.constexpr):  # type: ignore[no-untyped-def]
     """Q = 2u − a of both directions."""
-    a_y = tl.load(rows + cell, mask, 0.0)
-    a_x = tl.load(columns + cell, mask, 0.0)
+    a_y = tl.load(rows + place, mask, 0.0)
+    a_x = tl.load(columns + place, mask, 0.0)
     u_y, u_x = _shrink(a_y, a_x, threshold, ISOTROPIC)
     return 2.0 * u_y - a_y, 2.0 * u_x - a_x
 
 
 @triton.jit
 def _store_sums(sums, field, split, split_old, turned):  # type: ignore[no-untyped-def]
-    """Primal, split, change and multiplier change of a program's cells, three apart."""
+    """Primal, split, change and multiplier change of a program's pixels, three apart."""
     step = split - split_old
     tl.store(sums, tl.sum((field - split) * (field - split)))
     tl.store(sums + 3, tl.sum(split * split))
@@ -199,28 +192,28 @@ def _update_gradient(  # type: ignore[no-untyped-def]
     BLOCK: tl.constexpr,
 ):
     """Split u = Ψv; v is the pair's real part."""
-    cell = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
-    mask = cell < height * width
-    i = cell // width
-    j = cell - i * width
-    below = tl.where(i == height - 1, j, cell + width)
-    right = tl.where(j == width - 1, cell - j, cell + 1)
+    place = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
+    mask = place < height * width
+    i = place // width
+    j = place - i * width
+    below = tl.where(i == height - 1, j, place + width)
+    right = tl.where(j == width - 1, place - j, place + 1)
     threshold = tl.load(constants + 10) / tl.load(constants + 1)
     rescale = tl.load(constants + 7)
     alpha = tl.load(constants + 9)
-    v = tl.load(pair + 2 * cell, mask, 0.0)
+    v = tl.load(pair + 2 * place, mask, 0.0)
     g_y = tl.load(pair + 2 * below, mask, 0.0) - v
     g_x = tl.load(pair + 2 * right, mask, 0.0) - v
-    a_y = tl.load(rows + cell, mask, 0.0)
-    a_x = tl.load(columns + cell, mask, 0.0)
+    a_y = tl.load(rows + place, mask, 0.0)
+    a_x = tl.load(columns + place, mask, 0.0)
     old_y, old_x = _shrink(a_y, a_x, threshold, ISOTROPIC)
     new_y = a_y + alpha * (g_y - old_y)
     new_x = a_x + alpha * (g_x - old_x)
     u_y, u_x = _shrink(new_y, new_x, threshold, ISOTROPIC)
     d_y = new_y - u_y
     d_x = new_x - u_x
-    tl.store(rows + cell, u_y + rescale * d_y, mask)
-    tl.store(columns + cell, u_x + rescale * d_x, mask)
+    tl.store(rows + place, u_y + rescale * d_y, mask)
+    tl.store(columns + place, u_x + rescale * d_x, mask)
     if sums is not None:
         at = sums + tl.program_id(0) * _SUMS
         field = tl.join(g_y, g_x)
@@ -231,7 +224,7 @@ def _update_gradient(  # type: ignore[no-untyped-def]
 
 
 @triton.jit  # type: ignore[untyped-decorator]
-def _update_cells(  # type: ignore[no-untyped-def]
+def _update_pixels(  # type: ignore[no-untyped-def]
     pair,
     out,
     data,
@@ -248,20 +241,20 @@ def _update_cells(  # type: ignore[no-untyped-def]
     sensor_left,
     sensor_height,
     sensor_width,
-    region_top,
-    region_left,
-    region_height,
-    region_width,
+    support_top,
+    support_left,
+    support_height,
+    support_width,
     ISOTROPIC: tl.constexpr,
     BLOCK: tl.constexpr,
 ):
     """Splits x = Mv and w = v; then (q_x, μ₂Ψᵀq_u + μ₃q_w) in the place of (v, Mv)."""
-    cell = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
-    mask = cell < height * width
-    i = cell // width
-    j = cell - i * width
+    place = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
+    mask = place < height * width
+    i = place // width
+    j = place - i * width
     alpha = tl.load(constants + 9)
-    v, mv = _load_complex(pair, cell, mask)
+    v, mv = _load_complex(pair, place, mask)
 
     row = i - sensor_top
     column = j - sensor_left
@@ -270,12 +263,12 @@ def _update_cells(  # type: ignore[no-untyped-def]
     counts = tl.load(valid + pixel, on_sensor, 0) != 0
     b = tl.where(counts, tl.load(data + pixel, on_sensor, 0.0), 0.0)
     mu = tl.load(constants)
-    a = tl.load(measured + cell, mask, 0.0)
+    a = tl.load(measured + place, mask, 0.0)
     old = tl.where(counts, (b + mu * a) / (1.0 + mu), a)
     new = a + alpha * (mv - old)
     x = tl.where(counts, (b + mu * new) / (1.0 + mu), new)
     stored = x + tl.load(constants + 6) * (new - x)
-    tl.store(measured + cell, stored, mask)
+    tl.store(measured + place, stored, mask)
     q = 2.0 * x - stored
     if sums is not None:
         at = sums + tl.program_id(0) * _SUMS
@@ -283,16 +276,16 @@ def _update_cells(  # type: ignore[no-untyped-def]
         miss = tl.where(counts, mv - b, 0.0)
         tl.store(at + 12, tl.sum(miss * miss))
 
-    row = i - region_top
-    column = j - region_left
-    lit = (row >= 0) & (row < region_height) & (column >= 0) & (column < region_width)
+    row = i - support_top
+    column = j - support_left
+    lit = (row >= 0) & (row < support_height) & (column >= 0) & (column < support_width)
     shift = tl.load(constants + 11) / tl.load(constants + 2)
-    a = tl.load(scene + cell, mask, 0.0)
+    a = tl.load(scene + place, mask, 0.0)
     old = tl.where(lit, tl.maximum(a - shift, 0.0), 0.0)
     new = a + alpha * (v - old)
     w = tl.where(lit, tl.maximum(new - shift, 0.0), 0.0)
     stored = w + tl.load(constants + 8) * (new - w)
-    tl.store(scene + cell, stored, mask)
+    tl.store(scene + place, stored, mask)
     r = tl.load(constants + 5) * (2.0 * w - stored)
     if sums is not None:
         at = sums + tl.program_id(0) * _SUMS
@@ -302,10 +295,10 @@ def _update_cells(  # type: ignore[no-untyped-def]
     if rows is not None:
         later = tl.load(constants + 4)
         threshold = tl.load(constants + 10) / later
-        above = tl.where(i == 0, cell + (height - 1) * width, cell - width)
-        left = tl.where(j == 0, cell + width - 1, cell - 1)
-        q_y, q_x = _load_shrunk(rows, columns, cell, mask, threshold, ISOTROPIC)
+        above = tl.where(i == 0, place + (height - 1) * width, place - width)
+        left = tl.where(j == 0, place + width - 1, place - 1)
+        q_y, q_x = _load_shrunk(rows, columns, place, mask, threshold, ISOTROPIC)
         from_above, _x = _load_shrunk(rows, columns, above, mask, threshold, ISOTROPIC)
         _y, from_left = _load_shrunk(rows, columns, left, mask, threshold, ISOTROPIC)
         r += later * (from_above - q_y + from_left - q_x)
-    _store_complex(out, cell, q, r, mask)
+    _store_complex(out, place, q, r, mask)

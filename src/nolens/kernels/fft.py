@@ -1,7 +1,9 @@
 """Two-dimensional transforms: scipy (or ducc0, where installed) on the CPU, torch on CUDA.
 
 torch's own CPU transforms take 1.6 to 2 times as long as scipy's at the sizes of a sensor,
-so tensors on the CPU are handed to scipy without a copy.
+so tensors on the CPU are handed to scipy without a copy. Of real fields of which a window matters,
+and the rest is zero or not needed, rows outside the window are not transformed: half of all, for a
+sensor in a padded shape of twice its size.
 """
 
 import importlib
@@ -27,6 +29,9 @@ Array = np.ndarray[Any, Any]
 _DUCC = _ducc()
 _AXES = (-2, -1)
 
+Window = tuple[int, int, int, int]
+"""top, left, height, width of a rectangle inside the padded shape"""
+
 
 def fast_length(at_least: int, *, of_rows: bool) -> int:
     """Smallest transform length from `at_least` upwards that is even and fast.
@@ -38,7 +43,7 @@ def fast_length(at_least: int, *, of_rows: bool) -> int:
     Parameters
     ----------
     at_least
-        Number of cells that the period must hold.
+        Number of pixels that the padded shape must hold.
     of_rows
         Whether it is the length of the rows, which is the stride along the columns.
     """
@@ -56,7 +61,7 @@ def fft2_(field: Tensor) -> Tensor:
 
 
 def ifft2_(spectrum: Tensor) -> Tensor:
-    """Inverse of `fft2_` (scaled by one over the number of cells), reusing memory."""
+    """Inverse of `fft2_` (scaled by one over the number of pixels), reusing memory."""
     return _complex(spectrum, forward=False)
 
 
@@ -90,7 +95,78 @@ def irfft2(spectrum: Tensor, shape: tuple[int, int]) -> Tensor:
     return torch.from_numpy(scipy.fft.irfft2(array, s=shape, workers=threads_for(array.size)))
 
 
-def transform_(array: Array, axes: tuple[int, ...], *, forward: bool) -> None:
+def rfft2_window(
+    inside: Tensor,
+    corner: tuple[int, int],
+    padded: tuple[int, int],
+    out: Tensor | None = None,
+) -> Tensor:
+    """Half spectrum of a real field that is zero outside a window.
+
+    Parameters
+    ----------
+    inside
+        The window, (…, height, width), no larger than the padded shape.
+    corner
+        Row and column of its first pixel; it goes on at the other side of the padded shape.
+    padded
+        (height, width) of the field.
+    out
+        Where the spectrum goes; None takes new memory, which costs as much as the transform.
+    """
+    height, width = padded
+    wide = inside.new_zeros((*inside.shape[:-1], width))
+    _place(wide, inside, corner[1], -1)
+    if inside.device.type != "cpu":
+        field = inside.new_zeros((*inside.shape[:-2], *padded))
+        _place(field, wide, corner[0], -2)
+        result: Tensor = torch.fft.rfft2(field)
+        return result if out is None else out.copy_(result)
+    lines = torch.from_numpy(_rfft_rows(wide.numpy()))
+    spectrum = lines
+    if out is not None or lines.shape[-2] < height or corner[0] % height:
+        size = (*lines.shape[:-2], height, lines.shape[-1])
+        spectrum = lines.new_zeros(size) if out is None else out.zero_()
+        _place(spectrum, lines, corner[0], -2)
+    _transform_(spectrum.numpy(), (-2,), forward=True)
+    return spectrum
+
+
+def irfft2_window_(spectrum: Tensor, window: Window, padded: tuple[int, int]) -> Tensor:
+    """Window of a real field from its half spectrum, whose memory is used.
+
+    Parameters
+    ----------
+    spectrum
+        (…, height, width // 2 + 1) of the padded shape; what it holds afterwards means nothing.
+    window
+        Part of the field that is needed, inside the padded shape.
+    padded
+        (height, width) of the field.
+    """
+    top, left, height, width = window
+    if spectrum.device.type != "cpu":
+        field: Tensor = torch.fft.irfft2(spectrum, s=padded)
+        return field[..., top : top + height, left : left + width]
+    _transform_(spectrum.numpy(), (-2,), forward=False)
+    lines = _irfft_rows(spectrum[..., top : top + height, :].numpy(), padded[1])
+    return torch.from_numpy(lines)[..., left : left + width]
+
+
+def in_large_pages(tensor: Tensor) -> Tensor:
+    """The same values in memory of numpy's, which asks the system for large pages.
+
+    Transforms along columns touch a new page at every element; with small pages that costs more
+    than the transform. Tensors on CUDA are handed back as they are.
+    """
+    if tensor.device.type != "cpu":
+        return tensor
+    array = np.empty(tensor.shape, dtype=tensor.numpy().dtype)
+    array[...] = tensor.numpy()
+    return torch.from_numpy(array)
+
+
+def _transform_(array: Array, axes: tuple[int, ...], *, forward: bool) -> None:
     """Transform a complex array on the CPU over some of its axes, in place.
 
     Parameters
@@ -100,7 +176,7 @@ def transform_(array: Array, axes: tuple[int, ...], *, forward: bool) -> None:
     axes
         Over which.
     forward
-        Whether it is the transform, or its inverse (scaled by one over the cells of the axes).
+        Whether it is the transform, or its inverse (scaled by one over the pixels of the axes).
     """
     threads = threads_for(array.size)
     if _DUCC is not None:
@@ -119,7 +195,7 @@ def transform_(array: Array, axes: tuple[int, ...], *, forward: bool) -> None:
         array[...] = result
 
 
-def rfft_rows(array: Array) -> Array:
+def _rfft_rows(array: Array) -> Array:
     """Half spectra of the rows of a real array on the CPU."""
     threads = threads_for(array.size)
     if _DUCC is not None:
@@ -127,8 +203,8 @@ def rfft_rows(array: Array) -> Array:
     return np.asarray(scipy.fft.rfft(array, axis=-1, workers=threads))
 
 
-def irfft_rows(spectra: Array, width: int) -> Array:
-    """Real rows of `width` cells from their half spectra, on the CPU."""
+def _irfft_rows(spectra: Array, width: int) -> Array:
+    """Real rows of `width` pixels from their half spectra, on the CPU."""
     threads = threads_for(spectra.size)
     if _DUCC is not None:
         return np.asarray(
@@ -141,5 +217,15 @@ def _complex(field: Tensor, *, forward: bool) -> Tensor:
     if field.device.type != "cpu":
         out: Tensor = torch.fft.fft2(field) if forward else torch.fft.ifft2(field)
         return out
-    transform_(field.numpy(), _AXES, forward=forward)
+    _transform_(field.numpy(), _AXES, forward=forward)
     return field
+
+
+def _place(large: Tensor, small: Tensor, start: int, axis: int) -> None:
+    """Put one tensor into another along an axis, from a place on, around its end."""
+    length, count = large.shape[axis], small.shape[axis]
+    start %= length
+    first = min(count, length - start)
+    large.narrow(axis, start, first).copy_(small.narrow(axis, 0, first))
+    if first < count:
+        large.narrow(axis, 0, count - first).copy_(small.narrow(axis, first, count - first))

@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 
 from nolens.kernels import irfft2_window_, rfft2_window
-from nolens.kernels.fft_window import Window
+from nolens.kernels.fft import Window
 from nolens.operators.base import LinearOperator
 from nolens.operators.geometry import Geometry, Region
 

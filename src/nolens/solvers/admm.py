@@ -140,7 +140,9 @@ def _progress(problem: Problem, state: AdmmState) -> Progress:
     sums, iteration = state.sums, state.iteration
     primal, dual = _residuals(problem, sums)
     moved = _ratio(sum(each.change[2] for each in sums), sum(each.split[2] for each in sums))
-    values = [0.5 * each.misfit + problem.tau * _regulariser(problem.prior, each) for each in sums]
+    values = [
+        0.5 * each.residual + problem.tau * _regulariser(problem.prior, each) for each in sums
+    ]
     objective = sum(values) / len(values)
     if not math.isfinite(objective + primal + dual):
         raise DivergenceError(

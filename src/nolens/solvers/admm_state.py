@@ -244,7 +244,7 @@ def _split(problem: Problem, channel: int, measured: Tensor, scene: Tensor) -> S
         data=data,
         valid=valid,
         sensor=geometry.sensor,
-        region=geometry.scene,
+        support=geometry.scene,
         tv=tv,
         isotropic=problem.prior is Prior.ISOTROPIC_TV,
         l1=problem.tau if problem.prior is Prior.L1 else 0.0,
