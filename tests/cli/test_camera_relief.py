@@ -191,10 +191,10 @@ def test_a_small_patch_is_continued(heights: Heights, tmp_path: Path) -> None:
     assert made.acceptance.response == (1, 0.5)
     assert (tmp_path / "made" / "curves" / "angles.csv").is_file()
     record = json.loads((tmp_path / "made" / "relief.json").read_text())
-    assert min(record["result"]["reach_deg"]) > 45
+    assert min(record["result"]["extent_deg"]) > 45
     assert set(record["inputs"]) == {"map", "camera", "camera's curves/angles.csv"}
     twin = Twin.of(made)
-    for axis, angle in enumerate(record["result"]["reach_deg"]):
+    for axis, angle in enumerate(record["result"]["extent_deg"]):
         sensor = made.camera.sensor
         grid = Grid(sensor.rows, sensor.columns, sensor.pitch.um)
         tangent = np.tan(np.deg2rad(angle)).item()

@@ -7,7 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nolens.optics import Relief, random_lenslets
-from nolens.optics.measured import filled, levelled, mirrored_on, relief_figures, resampled
+from nolens.optics.measured import (
+    extend_by_reflection,
+    fill_gaps,
+    relief_figures,
+    remove_tilt,
+    resample,
+)
 
 factors = st.floats(-5, 5)
 
@@ -27,12 +33,12 @@ def test_tilt_and_bow_are_those_put_in(offset, down, right, bow, pitch):
     squared = y**2 + x**2
     heights = offset + 1e-3 * (down * y + right * x) - bow * squared / squared.max()
     heights[np.random.default_rng(0).uniform(size=heights.shape) < 0.1] = np.nan
-    flat, tilt = levelled(heights, pitch)
+    flat, tilt = remove_tilt(heights, pitch)
     assert tilt.bow_um == pytest.approx(bow, abs=1e-6)
     if bow == 0:
         assert tilt.rise_mrad == pytest.approx((down, right), abs=1e-6)
         np.testing.assert_allclose(flat[~np.isnan(flat)], 0, atol=1e-9)
-    again, rest = levelled(flat, pitch)
+    again, rest = remove_tilt(flat, pitch)
     assert rest.rise_mrad == pytest.approx((0, 0), abs=1e-6)
     np.testing.assert_allclose(again, flat, atol=1e-9)
     assert np.isnan(flat).sum() == np.isnan(heights).sum()
@@ -40,7 +46,7 @@ def test_tilt_and_bow_are_those_put_in(offset, down, right, bow, pitch):
 
 def test_plane_of_a_whole_bowl_is_level():
     y, x = places((31, 24), (2.0, 1.0))
-    _, tilt = levelled(1e-3 * (3 * y - 2 * x) + 1e-3 * (y**2 + x**2), (2.0, 1.0))
+    _, tilt = remove_tilt(1e-3 * (3 * y - 2 * x) + 1e-3 * (y**2 + x**2), (2.0, 1.0))
     assert tilt.rise_mrad == pytest.approx((3, -2), abs=1e-9)
     assert tilt.bow_um == pytest.approx(-1e-3 * (30**2 + 11.5**2))
 
@@ -54,7 +60,7 @@ def test_gaps_are_filled_as_a_membrane_hangs():
     gaps[10:17, 8:16] = True
     gaps[[0, -1]] = gaps[:, [0, -1]] = False
     broken = np.where(gaps, np.nan, harmonic)
-    np.testing.assert_allclose(filled(broken), harmonic, atol=1e-9)
+    np.testing.assert_allclose(fill_gaps(broken), harmonic, atol=1e-9)
 
     rough = generator.normal(size=(12, 9))
     gaps = generator.uniform(size=rough.shape) < 0.3
@@ -65,12 +71,12 @@ def test_gaps_are_filled_as_a_membrane_hangs():
             around = [(row - 1, column), (row + 1, column), (row, column - 1), (row, column + 1)]
             known = [expected[at] for at in around if 0 <= at[0] < 12 and 0 <= at[1] < 9]
             expected[row, column] = sum(known) / len(known)
-    np.testing.assert_allclose(filled(np.where(gaps, np.nan, rough)), expected, atol=1e-8)
+    np.testing.assert_allclose(fill_gaps(np.where(gaps, np.nan, rough)), expected, atol=1e-8)
 
 
 def test_nothing_missing_stays():
     heights = np.random.default_rng(0).normal(size=(5, 6))
-    assert filled(heights) is heights
+    assert fill_gaps(heights) is heights
 
 
 @settings(max_examples=40)
@@ -84,7 +90,7 @@ def test_a_smooth_surface_on_another_grid(pitch, grid, shape):
     def surface(y, x):
         return np.sin(y / 8 + 1) + np.cos(x / 9 + y / 20)
 
-    found = resampled(surface(*places(shape, pitch)), pitch, grid)
+    found = resample(surface(*places(shape, pitch)), pitch, grid)
     for axis in (0, 1):
         extent, was = (found.shape[axis] - 1) * grid, (shape[axis] - 1) * pitch[axis]
         assert was - grid - 1e-6 <= extent <= was + 1e-6
@@ -96,21 +102,21 @@ def test_a_smooth_surface_on_another_grid(pitch, grid, shape):
 
 def test_the_same_grid_changes_nothing():
     heights = np.random.default_rng(0).normal(size=(9, 8))
-    np.testing.assert_array_equal(resampled(heights, (0.7, 0.7), 0.7), heights)
+    np.testing.assert_array_equal(resample(heights, (0.7, 0.7), 0.7), heights)
 
 
 def test_noise_does_not_fold_into_a_coarse_grid():
     """Of white noise on 0.2 um about the 64 points remain that lie in a cell of 1.6 um."""
     noise = np.random.default_rng(0).normal(size=(800, 800))
-    assert resampled(noise, (0.2, 0.2), 1.6).std() < 0.15
+    assert resample(noise, (0.2, 0.2), 1.6).std() < 0.15
 
 
 def test_continued_by_reflection():
     heights = np.arange(12.0).reshape(3, 4)
-    found = mirrored_on(heights, (8, 4))
+    found = extend_by_reflection(heights, (8, 4))
     assert found[:, 0].tolist() == [8, 4, 0, 4, 8, 4, 0, 4]
-    assert mirrored_on(heights, (2, 9)).shape == (3, 9)
-    assert np.abs(np.diff(mirrored_on(heights, (50, 60)), axis=1)).max() == 1
+    assert extend_by_reflection(heights, (2, 9)).shape == (3, 9)
+    assert np.abs(np.diff(extend_by_reflection(heights, (50, 60)), axis=1)).max() == 1
 
 
 @pytest.mark.parametrize("radius", [300.0, 1000.0])

@@ -74,8 +74,8 @@ def _relief_lines(summary: dict[str, Any]) -> list[str]:
             f"{amount(figures['peak_to_valley_um'], 'um')}, steepest slope "
             f"{figures['steepest']:.3g}, {tops}"
         )
-    if summary["reach_deg"] is not None:
-        height, width = summary["reach_deg"]
+    if summary["extent_deg"] is not None:
+        height, width = summary["extent_deg"]
         lines.append(
             f"light reaches all pixels through it up to {height:g}° along the height and "
             f"{width:g}° along the width"

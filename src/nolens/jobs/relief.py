@@ -1,16 +1,15 @@
 """A relief that was measured takes the place of the one that a camera describes."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-import torch
 
-from nolens.camera import Flat, OpenCamera, RandomLenslets, ReliefFile
+from nolens.camera import Flat, OpenCamera
 from nolens.camera.part import PositiveLength
-from nolens.errors import DataError, OptionError
+from nolens.errors import DataError
 from nolens.files import (
     CAMERA_FILE,
     HeightMap,
@@ -21,29 +20,21 @@ from nolens.files import (
     write_camera,
 )
 from nolens.jobs.copied import copied_curves
-from nolens.jobs.fields import CAMERAS, FilePath, Name
-from nolens.jobs.options import JobOptions, Option, Written
-from nolens.jobs.relief_reach import check_points, continued, reach_deg
+from nolens.jobs.fields import CAMERAS, FilePath, Name, OutputFolderOptions
+from nolens.jobs.options import Option, Written
 from nolens.jobs.run import Product, Run, Writer, job
-from nolens.optics.measured import (
-    Heights,
-    ReliefFigures,
-    Tilt,
-    filled,
-    levelled,
-    relief_figures,
-    resampled,
-)
-from nolens.quantities import Length
-from nolens.twin import Twin, preview_model
+from nolens.optics import Relief
+from nolens.optics.measured import Heights, Tilt, fill_gaps, oriented, relief_figures, remove_tilt
+from nolens.twin import preview_model
+from nolens.twin.measured_relief import extended, extent_deg, on_grid, relief_grid, with_relief
 
-RELIEF_FILE, RECORD_FILE = "relief.tif", "relief.json"
-"""Heights and record, in the folder of the camera."""
+RELIEF_FILE = "relief.tif"
+"""Heights, in the folder of the camera."""
 _FILE, _PART, _RESULT = "What the file holds", "What was measured", "Result"
 _MOST_BAD = 0.05
 
 
-class ReliefOptions(JobOptions):
+class ReliefOptions(OutputFolderOptions):
     """Put a relief that was measured on a microscope in the place of a camera's own.
 
     nolens camera relief paper heights.tif --pitch 0.5um --unit um --mirror -o measured
@@ -61,6 +52,7 @@ class ReliefOptions(JobOptions):
     """
 
     usage = "camera relief CAMERA MAP -o FOLDER"
+    record_file: ClassVar[str] = "relief.json"
 
     camera: Annotated[
         Name,
@@ -142,20 +134,9 @@ class ReliefOptions(JobOptions):
     ] = False
 
     @property
-    def record(self) -> Path:
-        """File of the run's record."""
-        return self.output / RECORD_FILE
-
-    @property
-    def output_folder(self) -> Path:
-        """It is made where it does not exist."""
-        return self.output
-
-    @property
     def written(self) -> tuple[Written, ...]:
         """Description, relief and record."""
-        names = {"camera": CAMERA_FILE, "relief": RELIEF_FILE, "record": RECORD_FILE}
-        return tuple(Written(what, self.output / name) for what, name in names.items())
+        return self.in_folder({"camera": CAMERA_FILE, "relief": RELIEF_FILE})
 
 
 @job
@@ -168,8 +149,8 @@ def replace_relief(run: Run[ReliefOptions]) -> Product[OpenCamera]:
         If an input, an option or an output cannot be used; then nothing is written.
     """
     options, reporter = run.options, run.reporter
-    opened = read_camera(options.camera)
-    run.reads(camera_files(options.camera, opened.camera))
+    camera = read_camera(options.camera)
+    run.reads(camera_files(options.camera, camera.camera))
     reporter.advance("map", 0.0)
     measured = read_height_map(
         options.map, pitch=options.pitch, unit=options.unit, full_scale=options.full_scale
@@ -178,24 +159,29 @@ def replace_relief(run: Run[ReliefOptions]) -> Product[OpenCamera]:
     warnings: list[str] = []
     reporter.advance("map", 0.4)
     heights, pitch_um, tilt = _prepared(measured, options, warnings)
-    grid = _grid(options, opened)
+    grid = options.grid or relief_grid(camera)
     if max(pitch_um) > 1.5 * grid.um:
         warnings.append(
             f"the map has a point every {max(pitch_um):.3g} µm: what is finer on the part is not "
             "in it"
         )
-    check_points(heights.shape, pitch_um, grid)
-    heights = resampled(heights, pitch_um, grid.um)
+    heights = on_grid(heights, pitch_um, grid)
     reporter.advance("map", 0.7)
-    bare = preview_model(opened)
+    preview = preview_model(camera)
     if options.tile:
-        heights = continued(heights, bare, grid, warnings)
-    made = _with_relief(opened, heights, grid, options)
-    twin = _twin(made)
-    reach = reach_deg(twin)
-    described = opened.camera.mask.relief
+        size_mm = " × ".join(f"{(count - 1) * grid.mm:.3g}" for count in heights.shape)
+        points = heights.size
+        heights = extended(heights, preview, grid)
+        if heights.size > points:
+            warnings.append(
+                f"the map of {size_mm} mm is continued by reflection at its edges: the statistics "
+                "of the pattern are those of the part, but not its details"
+            )
+    changed, twin = with_relief(
+        camera, heights, grid, file=RELIEF_FILE, source=readable(options.map.name)
+    )
     figures = {
-        "camera": made.camera.name,
+        "camera": changed.camera.name,
         "map": {
             "format": measured.format,
             "points": list(measured.heights_um.shape),
@@ -207,21 +193,21 @@ def replace_relief(run: Run[ReliefOptions]) -> Product[OpenCamera]:
             "bow_um": round(tilt.bow_um, 5),
         },
         "grid_um": grid.um,
-        "measured": _figures(relief_figures(twin.mask.relief)),
+        "extent_deg": extent_deg(twin),
+        "measured": _figures(twin.mask.relief),
         "described": None
-        if isinstance(described, Flat)
-        else _figures(relief_figures(bare.mask.relief)),
-        "reach_deg": reach,
+        if isinstance(camera.camera.mask.relief, Flat)
+        else _figures(preview.mask.relief),
     }
     run.warn(*warnings)
 
     def commit(writers: Mapping[Path, Writer]) -> None:
         more = {str(path.relative_to(options.output)): write for path, write in writers.items()}
-        write_camera(options.output, made.camera, made.relief_um, more=more)
+        write_camera(options.output, changed.camera, changed.relief_um, more=more)
 
-    curves = copied_curves(options.camera, opened)
+    curves = copied_curves(options.camera, camera)
     return Product(
-        made,
+        changed,
         figures,
         {options.output / name: write for name, write in curves.items()},
         outputs=(options.output / CAMERA_FILE, options.output / RELIEF_FILE),
@@ -234,69 +220,31 @@ def _prepared(
 ) -> tuple[Heights, tuple[float, float], Tilt]:
     """Heights without gaps and tilt, lying as the camera's picture does."""
     bad = int(np.isnan(measured.heights_um).sum())
-    share = bad / measured.heights_um.size
-    if share > _MOST_BAD:
+    fraction = bad / measured.heights_um.size
+    if fraction > _MOST_BAD:
         raise DataError(
-            f"{100 * share:.2g} % of the points of {options.map} are marked as bad, more than the "
-            f"{100 * _MOST_BAD:g} % that can be filled from their neighbours: measure again, or "
-            "cut out a better part"
+            f"{100 * fraction:.2g} % of the points of {options.map} are marked as bad, more than "
+            f"the {100 * _MOST_BAD:g} % that can be filled from their neighbours: measure again, "
+            "or cut out a better part"
         )
     if bad:
         warnings.append(
-            f"{bad} points of the map ({100 * share:.2g} %) are marked as bad: they are filled "
+            f"{bad} points of the map ({100 * fraction:.2g} %) are marked as bad: they are filled "
             "from their neighbours"
         )
-    heights = -measured.heights_um if options.invert else measured.heights_um
-    pitch_um = measured.pitch_um
-    if options.mirror:
-        heights = heights[::-1]
-    if options.turn in (90, 270):
-        pitch_um = (pitch_um[1], pitch_um[0])
-    heights = np.rot90(heights, options.turn // 90)
-    flat, tilt = levelled(heights, pitch_um)
-    return filled(heights if options.keep_tilt else flat), pitch_um, tilt
-
-
-def _grid(options: ReliefOptions, opened: OpenCamera) -> Length:
-    if options.grid is not None:
-        return options.grid
-    relief = opened.camera.mask.relief
-    if isinstance(relief, RandomLenslets | ReliefFile):
-        return relief.grid
-    return opened.camera.sensor.pitch
-
-
-def _with_relief(
-    opened: OpenCamera, heights: Heights, grid: Length, options: ReliefOptions
-) -> OpenCamera:
-    """The camera with these heights as its relief, which remembers where they come from."""
-    camera = opened.camera
-    relief = ReliefFile(kind="file", file=RELIEF_FILE, grid=grid)
-    name = readable(options.map.name)
-    note = f"Its relief was measured: {name}."
-    changed = camera.model_copy(
-        update={
-            "name": f"{camera.name}, relief of {name}",
-            "note": f"{camera.note} {note}".strip(),
-            "mask": camera.mask.model_copy(update={"relief": relief}),
-        }
+    heights, pitch_um = oriented(
+        measured.heights_um,
+        measured.pitch_um,
+        mirror=options.mirror,
+        invert=options.invert,
+        turn_deg=options.turn,
     )
-    values = torch.from_numpy(np.ascontiguousarray(heights, dtype=np.float32))
-    return replace(opened, camera=changed, relief_um=values)
+    flat, tilt = remove_tilt(heights, pitch_um)
+    return fill_gaps(heights if options.keep_tilt else flat), pitch_um, tilt
 
 
-def _twin(made: OpenCamera) -> Twin:
-    try:
-        return Twin.of(made)
-    except OptionError as error:
-        raise OptionError(
-            f"{error} (--grid). Slopes of a measured map that steep can be its noise: smooth it in "
-            "the microscope's software then"
-        ) from None
-
-
-def _figures(figures: ReliefFigures) -> dict[str, Any]:
+def _figures(relief: Relief) -> dict[str, Any]:
     return {
         key: [round(each, 5) for each in value] if isinstance(value, tuple) else value
-        for key, value in asdict(figures).items()
+        for key, value in asdict(relief_figures(relief)).items()
     }

@@ -37,7 +37,39 @@ class Tilt:
     bow_um: float
 
 
-def filled(heights_um: Heights) -> Heights:
+def oriented(
+    heights_um: Heights,
+    pitch_um: tuple[float, float],
+    *,
+    mirror: bool = False,
+    invert: bool = False,
+    turn_deg: int = 0,
+) -> tuple[Heights, tuple[float, float]]:
+    """Heights and the distances of their rows and columns, as the part lies on the camera.
+
+    Parameters
+    ----------
+    heights_um
+        (rows, columns), NaN where nothing was measured.
+    pitch_um
+        Distance of the rows and of the columns.
+    mirror
+        Whether top and bottom are exchanged.
+    invert
+        Whether heights are depths.
+    turn_deg
+        0, 90, 180 or 270, anticlockwise, after the exchange.
+    """
+    if invert:
+        heights_um = -heights_um
+    if mirror:
+        heights_um = heights_um[::-1]
+    if turn_deg in (90, 270):
+        pitch_um = (pitch_um[1], pitch_um[0])
+    return np.rot90(heights_um, turn_deg // 90), pitch_um
+
+
+def fill_gaps(heights_um: Heights) -> Heights:
     r"""Heights with their gaps closed, each point there being the mean of its neighbours.
 
     That is Laplace's equation :math:`\sum_{j\sim i}(h_i-h_j)=0` on the points of the gaps, with
@@ -78,7 +110,7 @@ def filled(heights_um: Heights) -> Heights:
     return closed
 
 
-def levelled(heights_um: Heights, pitch_um: tuple[float, float]) -> tuple[Heights, Tilt]:
+def remove_tilt(heights_um: Heights, pitch_um: tuple[float, float]) -> tuple[Heights, Tilt]:
     """Heights over their best-fit plane, and how that and the best-fit paraboloid lie.
 
     Parameters
@@ -104,7 +136,7 @@ def levelled(heights_um: Heights, pitch_um: tuple[float, float]) -> tuple[Height
     return flat, Tilt(slopes, -float(curved[3]))
 
 
-def resampled(heights_um: Heights, pitch_um: tuple[float, float], grid_um: float) -> Heights:
+def resample(heights_um: Heights, pitch_um: tuple[float, float], grid_um: float) -> Heights:
     """Heights on a square grid with the same middle, within the area that was measured.
 
     Cubic splines go through all points; before a coarser grid a Gaussian takes away what it
@@ -136,7 +168,7 @@ def resampled(heights_um: Heights, pitch_um: tuple[float, float], grid_um: float
     return heights_um
 
 
-def mirrored_on(heights_um: Heights, size: tuple[int, int]) -> Heights:
+def extend_by_reflection(heights_um: Heights, size: tuple[int, int]) -> Heights:
     """Heights continued to a larger size by reflection at the edges, again and again.
 
     Parameters

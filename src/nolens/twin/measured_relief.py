@@ -1,0 +1,211 @@
+"""A measured map of heights as the relief of a camera: its points, its size, its extent."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from nolens.camera import OpenCamera, RandomLenslets, ReliefFile
+from nolens.errors import OptionError
+from nolens.optics import Grid, MaskSurface, PointSource, Relief
+from nolens.optics.measured import Heights, extend_by_reflection, resample
+from nolens.quantities import Length
+from nolens.twin.model import LARGEST_ANGLE_DEG, Twin
+
+_MOST_POINTS = 100_000_000
+_OVERHANG = 1.25
+"""Times the way that the layers move light at the largest angle: what a map is extended beyond."""
+_ANGLE_STEPS = 12
+_STEP_UM = 20.0
+
+
+def relief_grid(camera: OpenCamera) -> Length:
+    """Distance of the points of a camera's relief, or of its pixels where it has no such points."""
+    relief = camera.camera.mask.relief
+    if isinstance(relief, RandomLenslets | ReliefFile):
+        return relief.grid
+    return camera.camera.sensor.pitch
+
+
+def on_grid(heights: Heights, pitch_um: tuple[float, float], grid: Length) -> Heights:
+    """A map on the square grid of a relief (`resample`).
+
+    Parameters
+    ----------
+    heights
+        (rows, columns) in um, finite.
+    pitch_um
+        Distance of the rows and of the columns.
+    grid
+        Distance of the points of the relief.
+
+    Raises
+    ------
+    OptionError
+        If there would be more than 100 million points, or fewer than 2 along a side.
+    """
+    _check_points(heights.shape, pitch_um, grid)
+    return resample(heights, pitch_um, grid.um)
+
+
+def extended(heights: Heights, preview: Twin, grid: Length) -> Heights:
+    """Reflect a map at its edges until light from all sides passes through it.
+
+    Parameters
+    ----------
+    heights
+        (rows, columns); they are returned as they are where they are large enough.
+    preview
+        The camera, as `preview_model` gives it.
+    grid
+        Distance of the points.
+
+    Raises
+    ------
+    OptionError
+        If that is more points than can be worked with.
+    """
+    sensor, opening = preview.camera.sensor, preview.mask.opening
+    if opening is None:
+        farthest = PointSource((0.0, math.tan(math.radians(LARGEST_ANGLE_DEG))))
+        beyond = 2 * _OVERHANG * preview.shift_um(farthest)[1]
+        sides = [count * sensor.pitch.um + beyond for count in (sensor.rows, sensor.columns)]
+    else:
+        sides = [side + 4 * grid.um for side in (opening.height_um, opening.width_um)]
+    size = (math.ceil(sides[0] / grid.um) + 1, math.ceil(sides[1] / grid.um) + 1)
+    _check_points(size, (grid.um, grid.um), grid)
+    return extend_by_reflection(heights, size)
+
+
+def with_relief(
+    camera: OpenCamera, heights: Heights, grid: Length, *, file: str, source: str
+) -> tuple[OpenCamera, Twin]:
+    """The camera with measured heights as its relief, and ready to be simulated.
+
+    Parameters
+    ----------
+    camera
+        All but its relief stays.
+    heights
+        (rows, columns) in um, on the grid.
+    grid
+        Distance of the points.
+    file
+        Name that the relief's file will have.
+    source
+        Name of the map; the camera's name and note mention it.
+
+    Raises
+    ------
+    OptionError
+        If the grid is coarser than the light needs.
+    """
+    before = camera.camera
+    after = before.model_copy(
+        update={
+            "name": f"{before.name}, relief of {source}",
+            "note": f"{before.note} Its relief was measured: {source}.".strip(),
+            "mask": before.mask.model_copy(
+                update={"relief": ReliefFile(kind="file", file=file, grid=grid)}
+            ),
+        }
+    )
+    values = torch.from_numpy(np.ascontiguousarray(heights, dtype=np.float32))
+    changed = replace(camera, camera=after, relief_um=values)
+    try:
+        return changed, Twin.of(changed)
+    except OptionError as error:
+        raise OptionError(
+            f"{error} (--grid). Slopes of a measured map that steep can be its noise: smooth it in "
+            "the microscope's software then"
+        ) from None
+
+
+def extent_deg(twin: Twin) -> list[float] | None:
+    """Angles up to which far light falls on all pixels through the relief.
+
+    Parameters
+    ----------
+    twin
+        The camera with the measured relief.
+
+    Returns
+    -------
+    list
+        Along the height and along the width, in degrees; None behind an aperture, which the
+        relief fills.
+
+    Raises
+    ------
+    OptionError
+        If the relief is smaller than the aperture, or than light from straight ahead needs.
+    """
+    size = twin.mask.relief.extent_um
+    size_mm = " × ".join(f"{each * 1e-3:.3g}" for each in size)
+    advice = "measure a larger part, or give --tile, which continues it by reflection"
+    opening = twin.mask.opening
+    if opening is not None:
+        if size[0] < opening.height_um or size[1] < opening.width_um:
+            raise OptionError(
+                f"the map is {size_mm} mm, but the aperture is {opening.height_um * 1e-3:.3g} × "
+                f"{opening.width_um * 1e-3:.3g} mm: {advice}"
+            )
+        return None
+    if not _passes(twin, (0.0, 0.0)):
+        sensor = twin.camera.sensor
+        raise OptionError(
+            f"the map is {size_mm} mm, too small for a sensor of {sensor.height_mm:.3g} × "
+            f"{sensor.width_mm:.3g} mm and the light that comes to it straight ahead, which pass "
+            f"through {_needed_mm(twin)} mm: {advice}"
+        )
+    return [_widest_deg(twin, axis) for axis in (0, 1)]
+
+
+def _check_points(shape: tuple[int, ...], pitch_um: tuple[float, float], grid: Length) -> None:
+    """Refuse a grid that makes more than 100 million points of a map, or fewer than 2×2."""
+    size = [count * step / grid.um for count, step in zip(shape, pitch_um, strict=True)]
+    if math.prod(size) > _MOST_POINTS:
+        raise OptionError(
+            f"a grid of {grid} makes {math.prod(size) / 1e6:.4g} million points of this map: more "
+            f"than {_MOST_POINTS // 10**6} million cannot be worked with. Give a coarser --grid, "
+            "or a part of the map"
+        )
+    if min(size) < 2:
+        raise OptionError(f"a grid of {grid} is coarser than the map is large: give a finer --grid")
+
+
+def _needed_mm(twin: Twin) -> str:
+    """Height and width of a relief with such slopes that light from straight ahead needs."""
+    sensor = twin.camera.sensor
+    beyond = 0.0
+    while True:
+        beyond += _STEP_UM
+        sides = [count * sensor.pitch.um + 2 * beyond for count in (sensor.rows, sensor.columns)]
+        # Only its size and its steepest slope count.
+        heights = torch.zeros(*(math.ceil(side / _STEP_UM) for side in sides))
+        heights[0, 0] = twin.mask.relief.steepest * _STEP_UM
+        trial = replace(twin, mask=MaskSurface(Relief(heights, _STEP_UM)))
+        if _passes(trial, (0.0, 0.0)):
+            return " × ".join(f"{side * 1e-3:.3g}" for side in sides)
+
+
+def _widest_deg(twin: Twin, axis: int) -> float:
+    """Largest angle along the height (0) or the width (1) at which light passes, by bisection."""
+    low, high = 0.0, LARGEST_ANGLE_DEG
+    for _ in range(_ANGLE_STEPS):
+        middle = (low + high) / 2
+        tangent = math.tan(math.radians(middle))
+        passes = _passes(twin, (tangent, 0.0) if axis == 0 else (0.0, tangent))
+        low, high = (middle, high) if passes else (low, middle)
+    return round(low, 1)
+
+
+def _passes(twin: Twin, tangent: tuple[float, float]) -> bool:
+    """Whether far light of a direction falls on all pixels through the relief."""
+    sensor = twin.camera.sensor
+    try:
+        twin.check_extent(PointSource(tangent), Grid(sensor.rows, sensor.columns, sensor.pitch.um))
+    except OptionError:
+        return False
+    return True
