@@ -9,9 +9,15 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from snell import behind_sphere, crossing_thickness
 
-from nolens.design.closed_forms import master_radius_um, printed_radius_um, replica_thickness_um
-from nolens.design.replica import Cover, Film, Replica
-from nolens.design.thickness import LensletStack
+from nolens.design.focus import LensletStack
+from nolens.design.replica import (
+    Cover,
+    Film,
+    Replica,
+    master_radius_um,
+    printed_radius_um,
+    replica_thickness_um,
+)
 from nolens.errors import OptionError
 
 INDEX = st.floats(1.0, 2.0)

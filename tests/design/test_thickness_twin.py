@@ -9,8 +9,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from nolens.camera import Layer, Mask, opened, preset
+from nolens.design.focus import LensletStack
 from nolens.design.replica import Cover, Film, Replica
-from nolens.design.thickness import LensletStack
 from nolens.optics import (
     Grid,
     Illumination,

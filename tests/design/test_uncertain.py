@@ -104,7 +104,7 @@ def test_parts_are_differences() -> None:
             part = float(ends[1][name] - ends[0][name]) / 2 * 100
             assert figure.parts[moved] == pytest.approx(part, rel=1e-4, abs=1e-6 * figure.value)
     for figure in found.values():
-        assert sum(figure.shares.values()) == pytest.approx(1)
+        assert sum(figure.fractions.values()) == pytest.approx(1)
         assert figure.plus_minus == pytest.approx(math.hypot(*figure.parts.values()))
 
 
@@ -114,5 +114,5 @@ def test_inputs_without_plus_minus() -> None:
         lambda v: {"product": v["a"] * v["b"], "other": v["b"], "fixed": torch.tensor(1.0)},
     )
     assert found["product"].value == 6 and found["product"].parts == pytest.approx({"a": 0.3})
-    assert found["other"].parts == {"a": 0} and found["other"].shares == {}
+    assert found["other"].parts == {"a": 0} and found["other"].fractions == {}
     assert found["fixed"].plus_minus == 0

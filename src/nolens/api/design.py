@@ -7,10 +7,9 @@ from typing import Any
 
 from nolens.api.progress import Progress, reported
 from nolens.api.simulate import Camera
+from nolens.design.thickness import ReplicaDesign
 from nolens.jobs.designing.mask import Blank, mask_kind
-from nolens.jobs.designing.thickness import thickness_figures, with_replica
-from nolens.jobs.designing.thickness_case import Case
-from nolens.jobs.designing.thickness_options import ThicknessOptions
+from nolens.jobs.designing.thickness import ThicknessOptions, read_case, thickness_summary
 from nolens.jobs.run import Reporter
 
 
@@ -97,10 +96,10 @@ def design_thickness(camera: str | Path = "paper", **options: Any) -> ThicknessD
         If there is no such option, a value cannot be used, or a material cannot focus there.
     """
     chosen = ThicknessOptions.gather({**options, "camera": str(camera)})
-    case = Case.of(chosen)
-    materials, figures = thickness_figures(case)
-    described = replace(case.opened, camera=with_replica(case, materials[0]), relief_um=None)
-    return ThicknessDesign(figures, Camera(described))
+    case, media = read_case(chosen)
+    designs = tuple(ReplicaDesign.of(case, medium) for medium in media)
+    replica = replace(case.opened, camera=designs[0].camera(), relief_um=None)
+    return ThicknessDesign(thickness_summary(chosen, designs), Camera(replica))
 
 
 class _Ticking(Reporter):

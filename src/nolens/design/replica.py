@@ -8,8 +8,13 @@ import torch
 from torch import Tensor
 
 from nolens.camera import MATERIALS
-from nolens.design.focus import depth_of_focus_um, lenslet_aperture, line_width_um, sharp_blur
-from nolens.design.thickness import LensletStack
+from nolens.design.focus import (
+    LensletStack,
+    depth_of_focus_um,
+    lenslet_aperture,
+    line_width_um,
+    sharp_blur,
+)
 from nolens.errors import OptionError
 from nolens.optics import Number
 
@@ -147,7 +152,7 @@ class Replica:
         ]
         raise OptionError(
             f"{name} (n {index:.4g}) cannot focus on this sensor: with a radius of {_mm(radius)} "
-            f"the focus lies {_mm(float(self._reach_um))} behind the lenslets, as in air, and the "
+            f"the focus lies {_mm(float(self._focus_um))} behind the lenslets, as in air, and the "
             f"layers over the sensor alone are as long as {_mm(cover)}. What would: a radius of "
             f"more than {_mm((index - 1) / wanted)} with {name}; a material with n below "
             f"{highest:.3f} ({', '.join(others) or 'none that nolens knows'}); or a thinner glass "
@@ -155,7 +160,7 @@ class Replica:
         )
 
     @property
-    def _reach_um(self) -> Number:
+    def _focus_um(self) -> Number:
         """Reduced length from the lenslets to the focus."""
         return 1 / ((self.index - 1) / self.radius_um - 1 / self.source_um)
 
@@ -186,10 +191,10 @@ class Replica:
         thickness = self.thickness_um
         stack = self.stack(thickness)
         focal = stack.focal_length_um
-        aperture = lenslet_aperture(pitch_um, self._reach_um)
+        aperture = lenslet_aperture(pitch_um, self._focus_um)
         depth = depth_of_focus_um(wavelength_um, aperture)
         blur = sharp_blur(wavelength_um, pitch_um, aperture, rounding, WIDER)
-        found: dict[str, Number] = {
+        figures: dict[str, Number] = {
             "thickness": thickness,
             "focal_length": focal,
             "focal_length_in_material": self.index * focal,
@@ -200,16 +205,79 @@ class Replica:
             "room": self.index * blur * stack.behind_um,
         }
         if math.isinf(self.source_um):
-            found["spherical"] = stack.spherical_um(0, pitch_um / 2)
-        return {name: torch.as_tensor(value, dtype=torch.float64) for name, value in found.items()}
+            figures["spherical"] = stack.spherical_um(0, pitch_um / 2)
+        return {
+            name: torch.as_tensor(value, dtype=torch.float64) for name, value in figures.items()
+        }
 
     def width_um(
         self, thickness_um: Number, wavelength_um: Number, pitch_um: Number, rounding: Number
     ) -> Tensor:
         """Width of the lines behind a layer of any thickness (`line_width_um`)."""
         stack = self.stack(thickness_um)
-        aperture = lenslet_aperture(pitch_um, self._reach_um)
+        aperture = lenslet_aperture(pitch_um, self._focus_um)
         return line_width_um(wavelength_um, pitch_um, aperture, stack.blur, rounding)
+
+
+def master_radius_um(
+    film_um: Number,
+    film_index: Number,
+    distance_um: Number,
+    glass_um: Number,
+    glass_index: Number,
+    gap_um: Number,
+) -> Number:
+    r"""Radius of curvature of a master film from where it is sharpest, exactly.
+
+    With :math:`n_0 = 1` eq. 1 gives :math:`N_{11} = 0` at
+
+    .. math:: R = \frac{n_p - 1}{n_p}\Bigl[t_p + \frac{n_p}{n_g} t_g + n_p (d_g + d_p)\Bigr].
+
+    Parameters
+    ----------
+    film_um, film_index
+        Thickness :math:`t_p` and index :math:`n_p` of the film, whose relief faces the scene.
+    distance_um
+        :math:`d_p`, from the film to the cover glass.
+    glass_um, glass_index
+        Of the cover glass, :math:`t_g` and :math:`n_g`.
+    gap_um
+        :math:`d_g`, from the glass to the sensor.
+    """
+    glass = film_index / glass_index * glass_um
+    air = film_index * (gap_um + distance_um)
+    return (film_index - 1) / film_index * (film_um + glass + air)
+
+
+def printed_radius_um(
+    film_um: Number, film_index: Number, distance_um: Number, glass_um: Number, gap_um: Number
+) -> Number:
+    r"""Radius of curvature by eq. 3 as it is printed (`uvimprint`): the glass lacks its factor.
+
+    :math:`R = \frac{n_p - 1}{n_p}[t_p + t_g + n_p (d_g + d_p)]`; see `master_radius_um`, which is
+    right.
+    """
+    air = film_index * (gap_um + distance_um)
+    return (film_index - 1) / film_index * (film_um + glass_um + air)
+
+
+def replica_thickness_um(
+    radius_um: Number, index: Number, glass_um: Number, glass_index: Number, gap_um: Number
+) -> Number:
+    r"""Thickness of a replica on the cover glass (`uvimprint`, eq. 5).
+
+    .. math:: t' = n' \Bigl[\frac{R}{n' - 1} - \frac{t_g}{n_g} - d_g\Bigr]
+
+    Parameters
+    ----------
+    radius_um
+        R, of its lenslets, which face the scene.
+    index
+        :math:`n'`, of the replica.
+    glass_um, glass_index, gap_um
+        As for `master_radius_um`.
+    """
+    return index * (radius_um / (index - 1) - glass_um / glass_index - gap_um)
 
 
 def _mm(length_um: float) -> str:

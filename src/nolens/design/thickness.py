@@ -1,193 +1,521 @@
-"""How thick a layer must be, or how curved its lenslets, for a point source to be sharp."""
+"""How thick the resin of a replica must be on a sensor, with the ± of everything."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
 
 import torch
 from torch import Tensor
 
+from nolens.camera import MATERIALS, Camera, Layer, Mask, Material, OpenCamera, RandomLenslets
+from nolens.design.replica import (
+    Cover,
+    Film,
+    Replica,
+    printed_radius_um,
+    replica_thickness_um,
+)
+from nolens.design.uncertain import Propagated, Uncertain, propagate
 from nolens.errors import OptionError
-from nolens.optics import Number, through, through_layers, translation
+from nolens.optics import Number
+from nolens.quantities import Length
 
-_STEP_UM = 1000.0
+_AIR = 1.0
+_COLOURS_NM = (450.0, 500.0, 550.0, 600.0, 650.0)
+_CURVES_NM = (450.0, 550.0, 650.0)
+_CURVE_POINTS = 201
+_UM_TO_MM = 1e-3
+
+Values = Mapping[str, Number]
 
 
 @dataclass(frozen=True)
-class LensletStack:
-    """Layers over a sensor, on one of whose surfaces lenslets lie.
-
-    The imprinted camera of the paper has them on the first surface (`uvimprint`, fig. 2b), its
-    film likewise (fig. 2a); a film whose relief faces the sensor has them on its back, in front of
-    the layer of air behind it. Values may be tensors of one shape, and are followed by autograd.
+class Medium:
+    """What a layer is made of.
 
     Parameters
     ----------
-    thicknesses_um, indices
-        Of all layers, from the scene to the sensor.
-    surface
-        Number of the layer in front of which the lenslets lie.
-    radius_um
-        Their radius of curvature, positive: the lenslets of the denser of the two media are
-        convex, whichever side it is on.
-    source_um
-        Distance from the point source to the first surface; infinite for parallel rays.
-    outside
-        Refractive index in front of the first surface.
+    name
+        For words.
+    material
+        None where the index is given as a number.
+    index
+        That number.
     """
 
-    thicknesses_um: tuple[Number, ...]
-    indices: tuple[Number, ...]
-    surface: int
-    radius_um: Number
-    source_um: float = math.inf
-    outside: Number = 1.0
+    name: str
+    material: Material | None
+    index: Uncertain | None = None
 
-    def matrix(self) -> Tensor:
-        """Ray matrix from the source, or of a far one from the first surface, to the sensor.
+    @classmethod
+    def of_material(cls, material: Material) -> "Medium":
+        """One whose index is known at all wavelengths of its range."""
+        return cls(material.name, material)
 
-        Returns
-        -------
-        Tensor
-            float64, (..., 2, 2) (`uvimprint`, eq. 1 and 4).
-        """
-        return self._from_source(
-            through_layers(
-                self.outside, self.thicknesses_um, self.indices, self.surface, self.signed_radius_um
+    @classmethod
+    def of_index(cls, index: Uncertain) -> "Medium":
+        """One of which a person knows nothing but the index."""
+        return cls(f"n {index.value:g}", None, index)
+
+    def at(self, wavelength_nm: float) -> Uncertain:
+        """Refractive index at a wavelength."""
+        if self.material is not None:
+            return Uncertain(self.material.index(wavelength_nm))
+        assert self.index is not None
+        return self.index
+
+    def covers(self, wavelength_nm: float) -> bool:
+        """Whether the index is known at a wavelength."""
+        if self.material is None:
+            return True
+        low, high = self.material.range_nm
+        return low <= wavelength_nm <= high
+
+    @property
+    def is_air(self) -> bool:
+        """Whether light passes it as it passes air."""
+        shortest_nm = 0.0 if self.material is None else self.material.range_nm[0]
+        return self.at(shortest_nm).value == _AIR
+
+    def layer(self, name: str | None, thickness_um: float) -> Layer:
+        """A layer of it."""
+        thickness = Length.of(round(thickness_um * _UM_TO_MM, 9), "mm")
+        if self.material is not None:
+            return Layer(name=name, thickness=thickness, material=self.material.name)
+        return Layer(name=name, thickness=thickness, index=self.at(0.0).value)
+
+
+@dataclass(frozen=True)
+class CoverLayer:
+    """One of the layers over the sensor."""
+
+    name: str
+    thickness: Uncertain
+    medium: Medium
+
+
+@dataclass(frozen=True)
+class Master:
+    """A film whose relief is copied.
+
+    Parameters
+    ----------
+    medium, thickness
+        Of the film.
+    distance
+        From the film to the cover of the sensor, where its PSF is sharpest.
+    side
+        Where its relief faces when that is measured.
+    """
+
+    medium: Medium
+    thickness: Uncertain
+    distance: Uncertain
+    side: Literal["scene", "sensor"] = "scene"
+
+
+@dataclass(frozen=True)
+class ThicknessCase:
+    """A sensor with its cover, and the master that is copied onto it.
+
+    Parameters
+    ----------
+    opened
+        The camera.
+    cover
+        What lies over its sensor, from the scene.
+    master
+        The master, or its radius of curvature where that is known.
+    pitch
+        Of the lenslets.
+    rounding
+        Of their valleys, over the pitch.
+    wavelength
+        Of the light that is to be in focus.
+    source_um
+        Distance of the point source.
+
+    Raises
+    ------
+    OptionError
+        If the master has the index of air, or lies on the sensor with its relief.
+    """
+
+    opened: OpenCamera
+    cover: tuple[CoverLayer, ...]
+    master: Master | Uncertain
+    pitch: Uncertain
+    rounding: float
+    wavelength: Length
+    source_um: float
+
+    def __post_init__(self) -> None:
+        if isinstance(self.master, Uncertain):
+            return
+        index = self.master.medium.at(self.wavelength.nm).value
+        if index <= _AIR:
+            raise OptionError(
+                f"the film's index of {index:g} is that of air, so its relief bends no light: give "
+                "a higher one"
             )
+        behind = self.master.distance.value + sum(layer.thickness.value for layer in self.cover)
+        if self.master.side == "sensor" and behind <= 0:
+            raise OptionError(
+                "the film's relief lies on the sensor itself, where it cannot be sharpest: give "
+                "the --film-distance at which its pattern is"
+            )
+
+    @property
+    def printed_radius_um(self) -> float | None:
+        """Radius by the paper's eq. 3 as printed, where that is about a camera like this."""
+        master, names = self.master, tuple(layer.name for layer in self.cover)
+        if isinstance(master, Uncertain) or names != ("glass", "gap") or master.side != "scene":
+            return None
+        if not math.isinf(self.source_um):
+            return None
+        glass, gap = (layer.thickness.value for layer in self.cover)
+        index = master.medium.at(self.wavelength.nm).value
+        radius_um = printed_radius_um(
+            master.thickness.value, index, master.distance.value, glass, gap
         )
+        return float(radius_um)
 
-    @property
-    def before(self) -> Number:
-        """Refractive index in front of the lenslets."""
-        return self.indices[self.surface - 1] if self.surface else self.outside
+    def inputs(self, wavelength_nm: float, medium: Medium) -> dict[str, Uncertain]:
+        """Every quantity that the figures of a replica follow from, by name; lengths in um."""
+        inputs: dict[str, Uncertain] = {}
+        if isinstance(self.master, Uncertain):
+            inputs["radius"] = self.master
+        else:
+            inputs["film"] = self.master.thickness
+            inputs["film index"] = self.master.medium.at(wavelength_nm)
+            inputs["film distance"] = self.master.distance
+        for layer in self.cover:
+            inputs[layer.name] = layer.thickness
+            inputs[f"{layer.name} index"] = layer.medium.at(wavelength_nm)
+        return inputs | {"replica index": medium.at(wavelength_nm), "pitch": self.pitch}
 
-    @property
-    def signed_radius_um(self) -> Tensor:
-        """Radius as `nolens.optics.refraction` takes it: positive if bulging to the scene."""
-        step = torch.as_tensor(self.indices[self.surface] - self.before, dtype=torch.float64)
-        return torch.where(step < 0, -torch.ones_like(step), 1.0) * self.radius_um
-
-    @property
-    def focal_length_um(self) -> Tensor:
-        r"""Focal length as in air, :math:`f = R / |n - n_0|` (`uvimprint`, eq. 1)."""
-        step = torch.as_tensor(self.indices[self.surface] - self.before, dtype=torch.float64)
-        return self.radius_um / step.abs()
-
-    @property
-    def behind_um(self) -> Number:
-        """Reduced thickness D = Σ t/n from the lenslets to the sensor."""
-        pairs = zip(self.thicknesses_um, self.indices, strict=True)
-        reduced: list[Number] = [thickness / index for thickness, index in pairs]
-        return sum(reduced[self.surface + 1 :], reduced[self.surface])
-
-    @property
-    def blur(self) -> Tensor:
-        r"""Width of a pencil of rays on the sensor, over its width at the lenslet; 0 in focus.
-
-        :math:`N_{11}` of the matrix for a far source, and :math:`N_{12} / L` for one whose light
-        has the reduced length L behind it at the lenslet. Positive where the sensor lies in front
-        of the focus.
-        """
-        if math.isinf(self.source_um):
-            return self._error()
-        before = slice(self.surface)
-        way = translation(self.source_um)
-        if self.surface:
-            way = self._from_source(
-                through_layers(self.outside, self.thicknesses_um[before], self.indices[before])
+    def replica_of(self, values: Values) -> Replica:
+        """The replica, of such quantities as `inputs` names."""
+        names = [layer.name for layer in self.cover]
+        cover = Cover(
+            tuple(values[name] for name in names),
+            tuple(values[f"{name} index"] for name in names),
+        )
+        if isinstance(self.master, Uncertain):
+            radius = values["radius"]
+        else:
+            film = Film(
+                values["film"], values["film index"], values["film distance"], self.master.side
             )
-        return self._error() / way[..., 0, 1]
+            radius = film.over(cover, 1.0, self.source_um).focused_radius_um()
+        return Replica(values["replica index"], radius, cover, self.source_um)
 
-    def focused_thickness_um(self, layer: int) -> Tensor:
-        """Thickness of one layer that brings the source to focus on the sensor.
 
-        The element of the matrix that must vanish is linear in the thickness of every layer, so
-        two values of it give the root without approximation.
+@dataclass(frozen=True)
+class ColourFocus:
+    """Thickness in focus in some light, and how wide lines in it are at the one that is poured."""
 
-        Parameters
-        ----------
-        layer
-            Number of the layer; its thickness here does not matter.
+    light: str
+    wavelength_nm: float
+    thickness_mm: float
+    line_width_um: float
 
-        Returns
-        -------
-        Tensor
-            float64; zero or less where no thickness does.
+
+@dataclass(frozen=True)
+class ColourCurves:
+    """What a plot shows of one replica.
+
+    Parameters
+    ----------
+    name
+        Of the material.
+    thickness_mm, plus_minus_mm
+        Thickness in focus, and its ±.
+    sharp_mm
+        From which thickness to which the lines are at most 10 % wider than in focus.
+    focus
+        Pairs of wavelength in nm and thickness in focus in mm.
+    thicknesses_mm
+        Where the widths are given.
+    widths_um
+        By wavelength in nm, one width for each of those thicknesses.
+    """
+
+    name: str
+    thickness_mm: float
+    plus_minus_mm: float
+    sharp_mm: tuple[float, float]
+    focus: tuple[tuple[float, float], ...]
+    thicknesses_mm: tuple[float, ...]
+    widths_um: dict[float, tuple[float, ...]]
+
+
+@dataclass(frozen=True)
+class ReplicaDesign:
+    """A replica of one material, as thick as it must be.
+
+    Parameters
+    ----------
+    case
+        What it is for.
+    medium
+        Of the replica.
+    radius
+        Of its lenslets, in um.
+    figures
+        With their ±, in um; see `nolens.design.replica.Replica.figures`.
+    """
+
+    case: ThicknessCase
+    medium: Medium
+    radius: Propagated
+    figures: dict[str, Propagated]
+
+    @classmethod
+    def of(cls, case: ThicknessCase, medium: Medium) -> "ReplicaDesign":
+        """Find the thickness that brings the point source to focus.
 
         Raises
         ------
         OptionError
-            If the thickness of this layer does not move the focus.
+            If the material cannot focus on this sensor.
         """
-        without, with_step = (
-            replace(
-                self,
-                thicknesses_um=(
-                    *self.thicknesses_um[:layer],
-                    value,
-                    *self.thicknesses_um[layer + 1 :],
-                ),
-            )._error()
-            for value in (0.0, _STEP_UM)
+        wavelength_nm = case.wavelength.nm
+        inputs = case.inputs(wavelength_nm, medium)
+        nominal = {name: _scalar(each.value) for name, each in inputs.items()}
+        case.replica_of(nominal).check(medium.name, wavelength_nm)
+
+        def results(values: Mapping[str, Tensor]) -> dict[str, Tensor]:
+            replica = case.replica_of(values)
+            radius = torch.as_tensor(replica.radius_um, dtype=torch.float64)
+            figures = replica.figures(wavelength_nm * 1e-3, values["pitch"], case.rounding)
+            return {"radius": radius, **figures}
+
+        figures = propagate(inputs, results)
+        return cls(case, medium, figures.pop("radius"), figures)
+
+    @property
+    def sharp_um(self) -> tuple[float, float]:
+        """Thicknesses between which the lines are at most 10 % wider than in focus."""
+        thickness, room = self.figures["thickness"].value, self.figures["room"].value
+        return max(0.0, thickness - room), thickness + room
+
+    @property
+    def printed_thickness_um(self) -> float | None:
+        """Thickness by eq. 5 from the radius by eq. 3 as printed, where there is that."""
+        radius_um = self.case.printed_radius_um
+        if radius_um is None:
+            return None
+        wavelength_nm = self.case.wavelength.nm
+        glass, gap = self.case.cover
+        thickness_um = replica_thickness_um(
+            radius_um,
+            self.medium.at(wavelength_nm).value,
+            glass.thickness.value,
+            glass.medium.at(wavelength_nm).value,
+            gap.thickness.value,
         )
-        if bool((without == with_step).any()):
+        return float(thickness_um)
+
+    @cached_property
+    def colours(self) -> tuple[ColourFocus, ...]:
+        """Focus by wavelength: of some, and of the mean one of each channel of the sensor."""
+        lights = {f"{each:g} nm": each for each in _COLOURS_NM}
+        efficiency = self.case.opened.quantum_efficiency
+        for channel, values in efficiency.values.items():
+            total = sum(values)
+            if total > 0:
+                pairs = zip(efficiency.wavelength_nm, values, strict=True)
+                lights[channel] = sum(nm * value for nm, value in pairs) / total
+        rows = []
+        for name, nm in lights.items():
+            if self._covers(nm):
+                thickness, width = self._at(nm, self.figures["thickness"].value)
+                rows.append(ColourFocus(name, nm, thickness * _UM_TO_MM, float(width)))
+        return tuple(rows)
+
+    def curves(self) -> ColourCurves:
+        """Compute what a plot shows."""
+        poured = self.figures["thickness"]
+        half = max(2.5 * self.figures["room"].value, 1.2 * poured.plus_minus)
+        thicknesses = torch.linspace(
+            max(0.0, poured.value - half), poured.value + half, _CURVE_POINTS, dtype=torch.float64
+        )
+        by_colour = torch.linspace(_COLOURS_NM[0], _COLOURS_NM[-1], 41).tolist()
+        low, high = self.sharp_um
+        return ColourCurves(
+            self.medium.name,
+            poured.value * _UM_TO_MM,
+            poured.plus_minus * _UM_TO_MM,
+            (low * _UM_TO_MM, high * _UM_TO_MM),
+            tuple(
+                (nm, self._at(nm, poured.value)[0] * _UM_TO_MM)
+                for nm in by_colour
+                if self._covers(nm)
+            ),
+            tuple((thicknesses * _UM_TO_MM).tolist()),
+            {
+                nm: tuple(self._at(nm, thicknesses)[1].tolist())
+                for nm in _CURVES_NM
+                if self._covers(nm)
+            },
+        )
+
+    def camera(self) -> Camera:
+        """The camera with this replica as its mask.
+
+        Raises
+        ------
+        OptionError
+            If the camera's relief is not one of lenslets of one radius.
+        """
+        case, camera = self.case, self.case.opened.camera
+        relief = camera.mask.relief
+        if not isinstance(relief, RandomLenslets):
             raise OptionError(
-                f"the thickness of layer {layer} does not move the focus of parallel rays: solve "
-                f"for one behind the lenslets, {self.surface} to {len(self.indices) - 1}"
+                f"the relief of {camera.name!r} is of kind {relief.kind}, which no radius "
+                "describes: leave -o out and write the thickness into a copy of its camera.toml"
             )
-        return _STEP_UM * without / (without - with_step)
-
-    def focused_radius_um(self) -> Tensor:
-        """Radius of curvature that brings the source to focus on the sensor.
-
-        The element of the matrix that must vanish is linear in the curvature 1/R.
-
-        Returns
-        -------
-        Tensor
-            float64; the radius here does not matter.
-        """
-        convex, concave = (
-            replace(self, radius_um=radius_um)._error() for radius_um in (_STEP_UM, -_STEP_UM)
+        pitch_um = case.pitch.value
+        lenslets = relief.model_copy(
+            update={
+                "radius": Length.of(round(self.radius.value * _UM_TO_MM, 4), "mm"),
+                "pitch": Length.of(pitch_um, "um"),
+                "smoothing": Length.of(round(case.rounding * pitch_um, 6), "um"),
+            }
         )
-        return _STEP_UM * (concave - convex) / (concave + convex)
+        layers = [self.medium.layer("resin", round(self.figures["thickness"].value, 1))]
+        layers += [
+            layer.medium.layer(layer.name, layer.thickness.value)
+            for layer in case.cover
+            if layer.thickness.value > 0
+        ]
+        materials = {
+            each.material.name: each.material for each in self._media if each.material is not None
+        }
+        sensor = camera.sensor.model_copy(
+            update={
+                "quantum_efficiency": case.opened.quantum_efficiency,
+                "acceptance": case.opened.acceptance,
+            }
+        )
+        return camera.model_copy(
+            update={
+                "name": f"{camera.name}, {self.medium.name}",
+                "note": f"{camera.note} The thickness of the resin is that of nolens design "
+                f"thickness for {case.wavelength}.".strip(),
+                "layers": tuple(layers),
+                "materials": tuple(
+                    each for name, each in materials.items() if name not in MATERIALS
+                ),
+                "sensor": sensor,
+                "mask": Mask(surface=0, relief=lenslets, aperture=camera.mask.aperture),
+            }
+        )
 
-    def spherical_um(self, layer: int, height_um: Number) -> Tensor:
-        r"""By how much a layer must be thinner for rays off a lenslet's middle, to third order.
+    @property
+    def _media(self) -> tuple[Medium, ...]:
+        """All that light passes behind the lenslets."""
+        return (self.medium, *(layer.medium for layer in self.case.cover))
 
-        Rays parallel to the axis that meet a sphere at the height h, under the angle
-        :math:`a = h/R`, leave it as if from the focus :math:`f' (1 - a^2 / 2m^2)` with
-        :math:`m = n/n_0`, and with :math:`p = a (n - n_0)` go the way
-        :math:`t p (1 + p^2 / 2n_j^2) / n_j` aside in each layer (expanded from Snell's law;
-        compare `welford1986`). What paraxial rays leave out is of this size.
+    def _covers(self, wavelength_nm: float) -> bool:
+        """Whether the indices of all that the replica needs are known at a wavelength."""
+        return all(each.covers(wavelength_nm) for each in self._media)
 
-        Parameters
-        ----------
-        layer
-            Number of the layer.
-        height_um
-            Of the rays, from the lenslet's middle.
+    def _at(self, wavelength_nm: float, thickness_um: float | Tensor) -> tuple[float, Tensor]:
+        """Thickness in focus in another light, and width of the lines behind given ones.
 
-        Returns
-        -------
-        Tensor
-            float64, the paraxial thickness minus that for these rays, of a stack that is in focus
-            for a source far away.
+        The master is the same: its radius is that found in the light it was measured in.
         """
-        entered, own = self.indices[self.surface], self.indices[layer]
-        angle = torch.as_tensor(height_um / self.radius_um, dtype=torch.float64)
-        squared = (angle * (entered - self.before)) ** 2
-        shorter = self.focal_length_um * (angle * self.before / entered) ** 2 / 2
-        for number in range(self.surface + 1, len(self.indices)):
-            index = self.indices[number]
-            reduced = self.thicknesses_um[number] / index
-            shorter = shorter + reduced * squared / 2 * (1 / index**2 - 1 / entered**2)
-        return own * shorter
+        case = replace(self.case, master=Uncertain(self.radius.value))
+        values = {
+            name: _scalar(each.value)
+            for name, each in case.inputs(wavelength_nm, self.medium).items()
+        }
+        replica = case.replica_of(values)
+        width = replica.width_um(thickness_um, wavelength_nm * 1e-3, values["pitch"], case.rounding)
+        return float(replica.thickness_um), width
 
-    def _error(self) -> Tensor:
-        return self.matrix()[..., 0, 0 if math.isinf(self.source_um) else 1]
 
-    def _from_source(self, matrix: Tensor) -> Tensor:
-        if math.isinf(self.source_um):
-            return matrix
-        return through([translation(self.source_um), matrix])
+def cover_layers(
+    opened: OpenCamera,
+    *,
+    bare: bool,
+    glass: Uncertain | None,
+    glass_medium: Medium | None,
+    gap: Uncertain | None,
+) -> tuple[CoverLayer, ...]:
+    """What stays on a sensor when the mask is taken away, with changes.
+
+    Parameters
+    ----------
+    opened
+        The camera.
+    bare
+        Nothing stays.
+    glass, glass_medium
+        Thickness and medium of the cover glass, where they are not the camera's.
+    gap
+        Air between glass and sensor, where it is not the camera's.
+
+    Raises
+    ------
+    OptionError
+        If there is no glass, or more than one, that could be changed.
+    """
+    layers = [] if bare else _under_the_mask(opened)
+    solid = [place for place, (_, medium) in enumerate(layers) if not medium.is_air]
+    if glass or glass_medium:
+        if len(solid) > 1:
+            raise OptionError(
+                f"{opened.camera.name!r} has {len(solid)} layers over its sensor that are no air, "
+                "so there is no one glass to change: describe it in a camera.toml instead"
+            )
+        if solid:
+            thickness, medium = layers[solid[0]]
+            layers[solid[0]] = glass or thickness, glass_medium or medium
+        elif glass and glass_medium:
+            layers, solid = [(glass, glass_medium), *layers], [0]
+        else:
+            raise OptionError(
+                f"{opened.camera.name!r} has no cover glass: give both --glass, its thickness, "
+                "and --glass-material"
+            )
+    if gap is not None:
+        if layers and layers[-1][1].is_air:
+            del layers[-1]
+        layers.append((gap, Medium.of_material(MATERIALS["air"])))
+    named = []
+    for place, (thickness, medium) in enumerate(layers):
+        name = f"layer {place}"
+        if [place] == solid:
+            name = "glass"
+        elif place == len(layers) - 1 and medium.is_air:
+            name = "gap"
+        named.append(CoverLayer(name, thickness, medium))
+    return tuple(named)
+
+
+def _under_the_mask(opened: OpenCamera) -> list[tuple[Uncertain, Medium]]:
+    """Layers of the camera behind that of its mask, but for air between that and a solid one."""
+    camera = opened.camera
+    layers = [
+        (Uncertain(layer.thickness.um), _medium_of(camera, layer))
+        for layer in camera.layers[camera.mask.surface + 1 :]
+    ]
+    first = next((place for place, (_, medium) in enumerate(layers) if not medium.is_air), 0)
+    return layers[first:]
+
+
+def _medium_of(camera: Camera, layer: Layer) -> Medium:
+    material = camera.material_of(layer)
+    if material is not None:
+        return Medium.of_material(material)
+    assert layer.index is not None
+    return Medium.of_index(Uncertain(layer.index))
+
+
+def _scalar(value: float) -> Tensor:
+    return torch.tensor(value, dtype=torch.float64)

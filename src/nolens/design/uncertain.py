@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import torch
@@ -73,26 +73,20 @@ class Uncertain:
 
 
 @dataclass(frozen=True)
-class Propagated:
+class Propagated(Uncertain):
     """A result with its ±, and where that comes from.
 
     Attributes
     ----------
-    value
-        The result.
-    plus_minus
-        Its ±.
     parts
         Of every input whose ± is not 0, what it contributes alone, with the sign of the slope.
     """
 
-    value: float
-    plus_minus: float
-    parts: dict[str, float]
+    parts: dict[str, float] = field(default_factory=dict)
 
     @property
-    def shares(self) -> dict[str, float]:
-        """Fraction of every input in the square of ±; they add up to 1."""
+    def fractions(self) -> dict[str, float]:
+        """Of every input in the square of ±; they add up to 1."""
         if self.plus_minus == 0:
             return {}
         return {name: (part / self.plus_minus) ** 2 for name, part in self.parts.items()}
@@ -117,17 +111,16 @@ def propagate(
     values = torch.tensor(
         [inputs[name].value for name in names], dtype=torch.float64, requires_grad=True
     )
-    found = results(dict(zip(names, values.unbind(), strict=True)))
     propagated = {}
-    for name, result in found.items():
+    for name, result in results(dict(zip(names, values.unbind(), strict=True))).items():
         slopes = torch.zeros_like(values)
         if result.requires_grad:
-            (grown,) = torch.autograd.grad(result, values, retain_graph=True, allow_unused=True)
-            slopes = slopes if grown is None else grown
+            (gradient,) = torch.autograd.grad(result, values, retain_graph=True, allow_unused=True)
+            slopes = slopes if gradient is None else gradient
         parts = {
-            given: float(slope) * inputs[given].plus_minus
-            for given, slope in zip(names, slopes, strict=True)
-            if inputs[given].plus_minus > 0
+            each: float(slope) * inputs[each].plus_minus
+            for each, slope in zip(names, slopes, strict=True)
+            if inputs[each].plus_minus > 0
         }
         propagated[name] = Propagated(float(result.detach()), math.hypot(*parts.values()), parts)
     return propagated

@@ -1,9 +1,9 @@
 """Plots of replicas: focus by colour, and width of the lines by thickness."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nolens.design.thickness import ColourCurves
 from nolens.files.save_plot import save_plot
 
 if TYPE_CHECKING:
@@ -12,35 +12,6 @@ if TYPE_CHECKING:
 _COLUMNS = 3
 _SHADE = "#2a7f62"
 _LINE = {450.0: "#3557c9", 550.0: "#2f9140", 650.0: "#c23b2e"}
-
-
-@dataclass(frozen=True)
-class ColourCurves:
-    """What is drawn of one material.
-
-    Parameters
-    ----------
-    name
-        Of the material.
-    thickness_mm, plus_minus_mm
-        Thickness in focus, and its ±.
-    sharp_mm
-        From which thickness to which the lines are at most 10 % wider than in focus.
-    focus
-        Pairs of wavelength in nm and thickness in focus in mm.
-    thicknesses_mm
-        Where the widths are given.
-    widths_um
-        By wavelength in nm, one width for each of those thicknesses.
-    """
-
-    name: str
-    thickness_mm: float
-    plus_minus_mm: float
-    sharp_mm: tuple[float, float]
-    focus: tuple[tuple[float, float], ...]
-    thicknesses_mm: tuple[float, ...]
-    widths_um: dict[float, tuple[float, ...]]
 
 
 def plot_thickness(path: Path, materials: list[ColourCurves]) -> None:

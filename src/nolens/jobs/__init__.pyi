@@ -9,8 +9,7 @@ from .camera_facts import camera_facts
 from .capturing import CaptureOptions, CaptureReporter, capture_frames
 from .demo import DemoOptions, run_demo
 from .designing.mask import MaskOptions, design_mask, mask_kind, mask_kinds
-from .designing.thickness import design_thickness
-from .designing.thickness_options import ThicknessOptions
+from .designing.thickness import ThicknessOptions, design_thickness
 from .designing.tolerance import ToleranceOptions, study_tolerances
 from .fabrication.fabricate import fabricate
 from .fabrication.options import FabricateOptions

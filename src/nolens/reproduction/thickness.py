@@ -13,8 +13,7 @@ from nolens.design.focus import depth_of_focus_um, lenslet_aperture
 from nolens.evaluate import pattern_figures
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files.plot_reproduce import plot_films
-from nolens.jobs.designing.thickness import design_thickness
-from nolens.jobs.designing.thickness_options import ThicknessOptions
+from nolens.jobs.designing.thickness import ThicknessOptions, design_thickness
 from nolens.jobs.run import Reporter
 from nolens.quantities import Length
 from nolens.reproduction.draft import Draft, Drawn, empty, refusal

@@ -7,12 +7,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from nolens.design.preview import with_thickness
 from nolens.errors import FileError, OptionError
 from nolens.files import CAMERA_FILE, atomic_write, is_sequence, read_camera, write_into
 from nolens.files.cameras import write_description
 from nolens.files.save_plot import dark_plots
 from nolens.jobs.copied import copied_camera
-from nolens.jobs.designing.look import Thicknesses, with_thickness
+from nolens.jobs.designing.look import Thicknesses
 from nolens.jobs.options import JobOptions, Option
 from nolens.jobs.run import Reporter
 from nolens.studio.job_kinds import KINDS

@@ -75,7 +75,7 @@ KINDS: dict[JobKind, Kind] = {
     ),
     "design-thickness": Kind(
         "Thickness for",
-        f"{_JOBS}.designing.thickness_options:ThicknessOptions",
+        f"{_JOBS}.designing.thickness:ThicknessOptions",
         f"{_JOBS}.designing.thickness:design_thickness",
         about=("camera", "material"),
         chosen=("output", "plot"),

@@ -1,218 +1,333 @@
 """`nolens design thickness`: how thick a replica must be, with the error of everything."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-import torch
-from torch import Tensor
+from pydantic import BeforeValidator, Field
 
-from nolens.camera import MATERIALS, Camera, Mask, RandomLenslets
-from nolens.design.closed_forms import printed_radius_um, replica_thickness_um
+from nolens.camera import OpenCamera, RandomLenslets
+from nolens.camera.part import refusal
+from nolens.camera.psf_set import Depth
 from nolens.design.replica import WIDER
-from nolens.design.uncertain import Propagated, Uncertain, propagate
+from nolens.design.thickness import Master, Medium, ReplicaDesign, ThicknessCase, cover_layers
+from nolens.design.uncertain import Propagated, Uncertain
 from nolens.errors import OptionError
-from nolens.files import CAMERA_FILE, camera_files
+from nolens.files import CAMERA_FILE, camera_files, read_camera, read_material
 from nolens.files.cameras import write_description
-from nolens.files.plot_thickness import ColourCurves, plot_thickness
-from nolens.jobs.designing.thickness_case import Case, Medium
-from nolens.jobs.designing.thickness_options import ThicknessOptions
+from nolens.files.plot_thickness import plot_thickness
+from nolens.jobs.fields import CAMERAS, FilePath, Name
+from nolens.jobs.options import JobOptions, Option, Written, expand_home
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.quantities import Length
+from nolens.ranges import Between
 
-_COLOURS_NM = (450.0, 500.0, 550.0, 600.0, 650.0)
-_DRAWN_NM = (450.0, 550.0, 650.0)
-_DRAWN_STEPS = 201
+_RECORD_FILE = "thickness.json"
+_OF_AIR = "that of air is 1; give one such as 1.47"
+_PAPER_FILM = Uncertain(305.0)
+"""0.012 inch; the paper gives no thickness, and with this one its figures come out."""
+_PAPER_FILM_MATERIAL = "polycarbonate"
+_PAPER_DISTANCE = Uncertain(400.0, 200.0)
+_PAPER_REPLICAS = ("pdms", "pua311")
 _UM_TO_MM = 1e-3
-_IN_UM = ("line_width",)
-_PURE = ("aperture",)
+_UNITS = {"line_width": ("_um", 1.0), "aperture": ("", 1.0)}
+"""Of the figures that are not lengths in mm: the end of their name, and one um in them."""
 
 
-def colours(case: Case, medium: Medium, figures: Mapping[str, Propagated]) -> list[dict[str, Any]]:
-    """Focus by wavelength, and how wide the lines are at the thickness for the chosen light.
+def _reading(read: Callable[[Any], Uncertain]) -> BeforeValidator:
+    """Read text of the command line."""
 
-    Parameters
-    ----------
-    case
-        What is asked.
-    medium
-        Of the replica.
-    figures
-        ``radius``, ``thickness`` and its ``room`` in the light that is to be in focus, in um.
-    """
-    wanted = {f"{each:g} nm": each for each in _COLOURS_NM}
-    efficiency = case.opened.quantum_efficiency
-    for channel, values in efficiency.values.items():
-        total = sum(values)
-        if total > 0:
-            pairs = zip(efficiency.wavelength_nm, values, strict=True)
-            wanted[channel] = sum(nm * value for nm, value in pairs) / total
-    rows = []
-    for name, nm in wanted.items():
-        if not _known(case, medium, nm):
-            continue
-        thickness, width = _at(case, medium, figures, nm, figures["thickness"].value)
-        rows.append(
-            {
-                "light": name,
-                "wavelength_nm": nm,
-                "thickness_mm": thickness * _UM_TO_MM,
-                "line_width_um": float(width),
-            }
+    def convert(value: object) -> object:
+        if isinstance(value, Uncertain):
+            return value
+        try:
+            return read(value)
+        except OptionError as error:
+            raise refusal(str(error)) from None
+
+    return BeforeValidator(convert)
+
+
+@dataclass(frozen=True)
+class _Around(Between):
+    """Range of a value with its ±, which is no larger than the largest value."""
+
+    def holds(self, value: Uncertain) -> bool:
+        """Whether a value lies inside."""
+        low, high = (
+            Length.parse(each).um if isinstance(each, str) else each
+            for each in (self.low, self.high)
         )
-    return rows
+        return low <= value.value <= high and value.plus_minus <= high
 
 
-def curves(case: Case, medium: Medium, figures: Mapping[str, Propagated]) -> ColourCurves:
-    """Compute what the plot shows of one replica.
+_Thickness = Annotated[Uncertain, _reading(Uncertain.length), _Around("0 mm", "10 m")]
+_Size = Annotated[Uncertain, _reading(Uncertain.length), _Around("1 nm", "10 m")]
+_Index = Annotated[Uncertain, _reading(Uncertain.number), _Around(1.0, 4.0, _OF_AIR)]
+_SENSOR, _MASTER, _REPLICA = "Sensor", "Master", "Replica"
+_LIGHT, _RESULT = "Light", "Result"
+_BY_NUMBER = "Its refractive index, in place of a material"
+_FILM = ("film", "film_material", "film_index", "film_distance", "film_side")
+_GLASS = ("glass", "glass_material", "glass_index")
+_ONE_OF = (
+    ("film_material", "film_index"),
+    ("glass_material", "glass_index"),
+    ("material", "index"),
+)
 
-    Parameters
-    ----------
-    case
-        What is asked.
-    medium
-        Of the replica.
-    figures
-        ``radius``, ``thickness`` and its ``room`` in the light that is to be in focus, in um.
+
+class ThicknessOptions(JobOptions):
+    """How thick the resin must be on a sensor, and how far off it may be.
+
+    nolens design thickness --film 0.305mm --film-distance 0.4mm+-0.2mm --material pua311
+
+    Put the diffuser over the sensor, find the distance at which the pattern of a point source
+    is sharpest, and say it here. Every length and index can have a ±, as in 0.4mm±0.2mm; all
+    results then have theirs.
     """
-    thickness, room = figures["thickness"].value, figures["room"].value
-    reach = max(2.5 * room, 1.2 * figures["thickness"].plus_minus)
-    low = max(0.0, thickness - reach)
-    drawn = torch.linspace(low, thickness + reach, _DRAWN_STEPS, dtype=torch.float64)
-    first, last = _COLOURS_NM[0], _COLOURS_NM[-1]
-    by_colour = [nm for nm in torch.linspace(first, last, 41).tolist() if _known(case, medium, nm)]
-    return ColourCurves(
-        medium.name,
-        thickness * _UM_TO_MM,
-        figures["thickness"].plus_minus * _UM_TO_MM,
-        (max(0.0, thickness - room) * _UM_TO_MM, (thickness + room) * _UM_TO_MM),
-        tuple((nm, _at(case, medium, figures, nm, thickness)[0] * _UM_TO_MM) for nm in by_colour),
-        tuple((drawn * _UM_TO_MM).tolist()),
-        {
-            nm: tuple(_at(case, medium, figures, nm, drawn)[1].tolist())
-            for nm in _DRAWN_NM
-            if _known(case, medium, nm)
-        },
-    )
+
+    usage = "design thickness --film 0.305mm --film-distance 0.4mm --material pua311"
+
+    camera: Annotated[
+        Name,
+        Option(f"Has the layers over the sensor: {CAMERAS}.", _SENSOR, role="camera"),
+    ] = "paper"
+    glass: Annotated[
+        _Thickness | None, Option("Thickness of the cover glass.", _SENSOR, default="the camera's")
+    ] = None
+    glass_material: Annotated[
+        Name | None,
+        Option(
+            "Of the cover glass: a name (nolens material list) or a .toml file.",
+            _SENSOR,
+            default="the camera's",
+            role="material",
+        ),
+    ] = None
+    glass_index: Annotated[_Index | None, Option(f"{_BY_NUMBER}.", _SENSOR)] = None
+    gap: Annotated[
+        _Thickness | None,
+        Option("Air between glass and sensor.", _SENSOR, default="the camera's"),
+    ] = None
+    no_glass: Annotated[
+        bool,
+        Option(
+            "The sensor is bare: no glass, and no gap but that of --gap.",
+            _SENSOR,
+            default="off",
+            negative=False,
+        ),
+    ] = False
+    film: Annotated[
+        _Size | None,
+        Option(
+            "Thickness of the master film.",
+            _MASTER,
+            default="0.305mm, with which the paper's figures come out",
+        ),
+    ] = None
+    film_material: Annotated[
+        Name | None, Option("Of the film.", _MASTER, default="polycarbonate", role="material")
+    ] = None
+    film_index: Annotated[_Index | None, Option(f"{_BY_NUMBER}.", _MASTER)] = None
+    film_distance: Annotated[
+        _Thickness | None,
+        Option(
+            "From the film to the cover glass, or the bare sensor, where its pattern is sharpest.",
+            _MASTER,
+            default="0.4mm±0.2mm, the paper's",
+        ),
+    ] = None
+    film_side: Annotated[
+        Literal["scene", "sensor"] | None,
+        Option("Where the film's relief faces when that is measured.", _MASTER, default="scene"),
+    ] = None
+    radius: Annotated[
+        _Size | None,
+        Option(
+            "Radius of curvature of the lenslets, where it is known; then no film is needed.",
+            _MASTER,
+        ),
+    ] = None
+    material: Annotated[
+        tuple[Name, ...],
+        Field(max_length=100),
+        Option(
+            "Of the replica; again for more.",
+            _REPLICA,
+            default="pdms and pua311, the paper's",
+            role="material",
+        ),
+    ] = ()
+    index: Annotated[
+        tuple[_Index, ...],
+        Field(max_length=100),
+        Option(f"{_BY_NUMBER}; again for more.", _REPLICA),
+    ] = ()
+    pitch: Annotated[
+        _Size | None,
+        Option("Distance of neighbouring lenslets.", _REPLICA, default="the camera's"),
+    ] = None
+    wavelength: Annotated[
+        Length,
+        Between("1 nm", "1 mm"),
+        Option(
+            "Of the light that is to be in focus.",
+            _LIGHT,
+            default="587.56nm, where indices are given",
+        ),
+    ] = Length("587.56", "nm")
+    distance: Annotated[
+        Depth,
+        Option(
+            "From the camera to the point source, in the measurement and in use, or infinity.",
+            _LIGHT,
+        ),
+    ] = "infinity"
+    plot: Annotated[
+        FilePath | None,
+        Option(
+            "Picture to write: focus by colour, width of the lines by thickness (.png).",
+            _RESULT,
+            role="output",
+        ),
+    ] = None
+    output: Annotated[
+        FilePath | None,
+        Option(
+            "Folder to write the camera with this replica into, for nolens psf --camera FOLDER.",
+            _RESULT,
+            role="output",
+            flag="-o",
+        ),
+    ] = None
+
+    def check_together(self) -> None:
+        """Refuse what is said twice, and a camera of several materials."""
+        of_film = [name for name in _FILM if getattr(self, name) is not None]
+        if self.radius is not None and of_film:
+            raise OptionError(
+                f"--radius and {_option(of_film[0])} are both given; the radius is either known or "
+                "follows from the film: leave one out"
+            )
+        of_glass = [name for name in _GLASS if getattr(self, name) is not None]
+        if self.no_glass and of_glass:
+            raise OptionError(f"--no-glass and {_option(of_glass[0])} contradict: leave one out")
+        for one, other in _ONE_OF:
+            if getattr(self, one) and getattr(self, other):
+                raise OptionError(
+                    f"{_option(one)} and {_option(other)} are both given, and each says the "
+                    "index: leave one out"
+                )
+        if self.output is not None and len(self.material) + len(self.index) != 1:
+            raise OptionError(
+                "-o writes one camera, of one material: give one --material or --index"
+            )
+
+    @property
+    def record(self) -> Path | None:
+        """File of the run's record, beside the camera."""
+        return None if self.output is None else self.output / _RECORD_FILE
+
+    @property
+    def output_folder(self) -> Path | None:
+        """It is made where it does not exist."""
+        return self.output
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Files of materials, by role."""
+        named = {
+            "film's material": self.film_material,
+            "glass's material": self.glass_material,
+            **{f"material {name}": name for name in self.material},
+        }
+        return {
+            role: expand_home(Path(name))
+            for role, name in named.items()
+            if name is not None and name.lower().endswith(".toml")
+        }
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """Plot, camera and record."""
+        files = [] if self.plot is None else [Written("plot", self.plot, "--plot", (".png",))]
+        if self.output is not None:
+            files += [
+                Written("camera", self.output / CAMERA_FILE),
+                Written("record of the run", self.output / _RECORD_FILE),
+            ]
+        return tuple(files)
 
 
-def _at(
-    case: Case,
-    medium: Medium,
-    figures: Mapping[str, Propagated],
-    wavelength_nm: float,
-    thickness_um: float | Tensor,
-) -> tuple[float, Tensor]:
-    """Thickness in focus in another light, and width of the lines behind given ones.
-
-    The master is the same: its radius is that found in the light it was measured in.
-    """
-    values = {
-        name: torch.tensor(each.value, dtype=torch.float64)
-        for name, each in case.inputs(wavelength_nm, medium).items()
-    }
-    known = replace(case, film=None, radius=Uncertain(figures["radius"].value))
-    values["radius"] = torch.tensor(figures["radius"].value, dtype=torch.float64)
-    replica = known.replica_of(values)
-    width = replica.width_um(thickness_um, wavelength_nm * 1e-3, values["pitch"], case.rounding)
-    return float(replica.thickness_um), width
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
 
 
-def _known(case: Case, medium: Medium, wavelength_nm: float) -> bool:
-    """Whether the indices of all that the replica needs are known at a wavelength."""
-    media = [medium, *(layer.medium for layer in case.cover)]
-    ranges = [each.material.range_nm for each in media if each.material is not None]
-    return all(low <= wavelength_nm <= high for low, high in ranges)
-
-
-def with_replica(case: Case, figures: Mapping[str, Propagated]) -> Camera:
-    """Give the camera its first replica, of the computed thickness, as its mask.
-
-    Parameters
-    ----------
-    case
-        Has the camera.
-    figures
-        ``radius`` and ``thickness`` of the replica, in um.
+def read_case(options: ThicknessOptions) -> tuple[ThicknessCase, tuple[Medium, ...]]:
+    """Read the camera and the materials: what is asked about, and of what replicas.
 
     Raises
     ------
-    OptionError
-        If the camera's relief is not one of lenslets of one radius.
+    NolensError
+        If one cannot be read, or the options do not fit the camera.
     """
-    camera, medium = case.opened.camera, case.replicas[0]
-    relief = camera.mask.relief
-    if not isinstance(relief, RandomLenslets):
+    opened = read_camera(options.camera)
+    master: Master | Uncertain
+    if options.radius is not None:
+        master = options.radius
+    else:
+        master = Master(
+            _medium(options.film_material or _PAPER_FILM_MATERIAL, options.film_index),
+            options.film or _PAPER_FILM,
+            options.film_distance or _PAPER_DISTANCE,
+            options.film_side or "scene",
+        )
+    names = options.material or (() if options.index else _PAPER_REPLICAS)
+    replicas = (
+        *(Medium.of_index(index) for index in options.index),
+        *(Medium.of_material(read_material(name)) for name in names),
+    )
+    pitch, rounding = _lenslets(opened, options)
+    glass_medium = None
+    if options.glass_material or options.glass_index:
+        glass_medium = _medium(options.glass_material or "", options.glass_index)
+    cover = cover_layers(
+        opened,
+        bare=options.no_glass,
+        glass=options.glass,
+        glass_medium=glass_medium,
+        gap=options.gap,
+    )
+    source_um = options.distance.um if isinstance(options.distance, Length) else math.inf
+    case = ThicknessCase(opened, cover, master, pitch, rounding, options.wavelength, source_um)
+    return case, replicas
+
+
+def _medium(material: str, index: Uncertain | None) -> Medium:
+    """A material by name or from a file, but where an index is given, one of that."""
+    return Medium.of_index(index) if index else Medium.of_material(read_material(material))
+
+
+def _lenslets(opened: OpenCamera, options: ThicknessOptions) -> tuple[Uncertain, float]:
+    """Pitch, and the fraction of it that rounds the valleys."""
+    relief = opened.camera.mask.relief
+    if isinstance(relief, RandomLenslets):
+        pitch = options.pitch or Uncertain(relief.pitch.um)
+        return pitch, relief.smoothing.um / relief.pitch.um
+    if options.pitch is None:
         raise OptionError(
-            f"the relief of {camera.name!r} is of kind {relief.kind}, which no radius describes: "
-            "leave -o out and write the thickness into a copy of its camera.toml"
+            f"the relief of {opened.camera.name!r} is not described by a pitch: give the distance "
+            "of its lenslets, such as --pitch 70um"
         )
-    pitch_um = case.pitch.value
-    radius_mm = figures["radius"].value * _UM_TO_MM
-    lenslets = relief.model_copy(
-        update={
-            "radius": Length.of(round(radius_mm, 4), "mm"),
-            "pitch": Length.of(pitch_um, "um"),
-            "smoothing": Length.of(round(case.rounding * pitch_um, 6), "um"),
-        }
-    )
-    layers = [medium.layer("resin", round(figures["thickness"].value, 1))]
-    layers += [
-        layer.medium.layer(layer.name, layer.thickness.value)
-        for layer in case.cover
-        if layer.thickness.value > 0
-    ]
-    media = [medium, *(layer.medium for layer in case.cover)]
-    own = {each.material.name: each.material for each in media if each.material is not None}
-    sensor = camera.sensor.model_copy(
-        update={
-            "quantum_efficiency": case.opened.quantum_efficiency,
-            "acceptance": case.opened.acceptance,
-        }
-    )
-    return camera.model_copy(
-        update={
-            "name": f"{camera.name}, {medium.name}",
-            "note": f"{camera.note} The thickness of the resin is that of nolens design "
-            f"thickness for {case.options.wavelength}.".strip(),
-            "layers": tuple(layers),
-            "materials": tuple(each for name, each in own.items() if name not in MATERIALS),
-            "sensor": sensor,
-            "mask": Mask(surface=0, relief=lenslets, aperture=camera.mask.aperture),
-        }
-    )
-
-
-def thickness_figures(case: Case) -> tuple[list[dict[str, Propagated]], dict[str, Any]]:
-    """Figures of every replica, with their ±, and all of them in values that JSON has.
-
-    Raises
-    ------
-    OptionError
-        If a material cannot focus on this sensor.
-    """
-    case.check()
-    found = [_figures(case, medium) for medium in case.replicas]
-    source_um = case.options.source_um
-    return found, {
-        "camera": case.opened.camera.name,
-        "wavelength_nm": case.options.wavelength.nm,
-        "distance_mm": None if math.isinf(source_um) else source_um * _UM_TO_MM,
-        **_given(case),
-        "radius_mm": _told(found[0]["radius"], _UM_TO_MM),
-        "printed_radius_mm": _printed(case),
-        "materials": [
-            _material(case, medium, figures)
-            for medium, figures in zip(case.replicas, found, strict=True)
-        ],
-    }
+    return options.pitch, 0.0
 
 
 @job
-def design_thickness(run: Run[ThicknessOptions]) -> Product[list[dict[str, Propagated]]]:
+def design_thickness(run: Run[ThicknessOptions]) -> Product[tuple[ReplicaDesign, ...]]:
     """Find the thickness of each replica, and write what was asked for.
 
     Raises
@@ -222,131 +337,81 @@ def design_thickness(run: Run[ThicknessOptions]) -> Product[list[dict[str, Propa
         nothing is written.
     """
     options = run.options
-    case = Case.of(options)
+    case, media = read_case(options)
     run.reads(camera_files(options.camera, case.opened.camera))
     run.begin()
-    found, summary = thickness_figures(case)
+    designs = tuple(ReplicaDesign.of(case, medium) for medium in media)
     writers: dict[Path, Writer] = {}
     if options.plot is not None:
-        drawn = [
-            curves(case, medium, figures)
-            for medium, figures in zip(case.replicas, found, strict=True)
-        ]
-        writers[options.plot] = partial(plot_thickness, materials=drawn)
+        curves = [each.curves() for each in designs]
+        writers[options.plot] = partial(plot_thickness, materials=curves)
     if options.output is not None:
-        camera = with_replica(case, found[0])
+        camera = designs[0].camera()
         writers[options.output / CAMERA_FILE] = partial(write_description, camera=camera)
-    return Product(found, summary, writers)
+    return Product(designs, thickness_summary(options, designs), writers)
 
 
-def _figures(case: Case, medium: Medium) -> dict[str, Propagated]:
-    """All figures of one replica with their ±, in um, and the radius."""
-    wavelength_nm = case.options.wavelength.nm
-    inputs = case.inputs(wavelength_nm, medium)
-    nominal = {name: torch.tensor(each.value, dtype=torch.float64) for name, each in inputs.items()}
-    case.replica_of(nominal).check(medium.name, wavelength_nm)
-
-    def results(values: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        replica = case.replica_of(values)
-        radius = torch.as_tensor(replica.radius_um, dtype=torch.float64)
-        figures = replica.figures(wavelength_nm * 1e-3, values["pitch"], case.rounding)
-        return {"radius": radius, **figures}
-
-    return propagate(inputs, results)
-
-
-def _material(case: Case, medium: Medium, figures: dict[str, Propagated]) -> dict[str, Any]:
-    """Figures of one replica, in values that JSON has."""
-    told: dict[str, Any] = {
-        "material": medium.name,
-        "index": _told(_plain(medium.at(case.options.wavelength.nm)), 1.0),
-    }
-    for name, figure in figures.items():
-        if name == "radius":
-            continue
-        unit, scale = ("_mm", _UM_TO_MM)
-        if name in _IN_UM:
-            unit, scale = "_um", 1.0
-        elif name in _PURE:
-            unit, scale = "", 1.0
-        told[f"{name}{unit}"] = _told(figure, scale)
-    thickness, room = figures["thickness"].value, figures["room"].value
-    told["sharp_mm"] = [max(0.0, thickness - room) * _UM_TO_MM, (thickness + room) * _UM_TO_MM]
-    told["sharp_means"] = f"lines at most {100 * (WIDER - 1):.0f} % wider than in focus"
-    printed = _printed(case)
-    told["printed_thickness_mm"] = None
-    if printed is not None:
-        told["printed_thickness_mm"] = _printed_thickness(case, medium, printed)
-    told["colours"] = colours(case, medium, figures)
-    return told
-
-
-def _given(case: Case) -> dict[str, Any]:
-    """Film and cover as they were taken."""
-    wavelength_nm = case.options.wavelength.nm
+def thickness_summary(
+    options: ThicknessOptions, designs: tuple[ReplicaDesign, ...]
+) -> dict[str, Any]:
+    """Figures of all replicas of one case, in values that JSON has."""
+    case = designs[0].case
+    wavelength_nm, radius_um = case.wavelength.nm, case.printed_radius_um
     film = None
-    if case.film is not None:
-        medium, thickness, distance = case.film
+    if isinstance(case.master, Master):
         film = {
-            "material": medium.name,
-            "index": medium.at(wavelength_nm).value,
-            "thickness_mm": _told(_plain(thickness), _UM_TO_MM),
-            "distance_mm": _told(_plain(distance), _UM_TO_MM),
-            "side": case.options.film_side or "scene",
-            "assumed": case.options.film is None and case.options.film_distance is None,
+            "material": case.master.medium.name,
+            "index": case.master.medium.at(wavelength_nm).value,
+            "thickness_mm": _with_error(case.master.thickness, _UM_TO_MM),
+            "distance_mm": _with_error(case.master.distance, _UM_TO_MM),
+            "side": case.master.side,
+            "assumed": options.film is None and options.film_distance is None,
         }
     cover = [
         {
             "name": layer.name,
             "material": layer.medium.name,
             "index": layer.medium.at(wavelength_nm).value,
-            "thickness_mm": _told(_plain(layer.thickness), _UM_TO_MM),
+            "thickness_mm": _with_error(layer.thickness, _UM_TO_MM),
         }
         for layer in case.cover
     ]
-    return {"film": film, "cover": cover, "pitch_um": _told(_plain(case.pitch), 1.0)}
+    return {
+        "camera": case.opened.camera.name,
+        "wavelength_nm": wavelength_nm,
+        "distance_mm": None if math.isinf(case.source_um) else case.source_um * _UM_TO_MM,
+        "film": film,
+        "cover": cover,
+        "pitch_um": _with_error(case.pitch, 1.0),
+        "radius_mm": _with_error(designs[0].radius, _UM_TO_MM),
+        "printed_radius_mm": None if radius_um is None else radius_um * _UM_TO_MM,
+        "materials": [_material(each) for each in designs],
+    }
 
 
-def _printed(case: Case) -> float | None:
-    """Radius in mm by the paper's eq. 3 as printed, where that is about a camera like this."""
-    names = tuple(layer.name for layer in case.cover)
-    scene = (case.options.film_side or "scene") == "scene"
-    if case.film is None or names != ("glass", "gap") or not scene:
-        return None
-    if not math.isinf(case.options.source_um):
-        return None
-    medium, thickness, distance = case.film
-    index = medium.at(case.options.wavelength.nm).value
-    glass, gap = (layer.thickness.value for layer in case.cover)
-    radius_um = printed_radius_um(thickness.value, index, distance.value, glass, gap)
-    return float(radius_um) * _UM_TO_MM
+def _material(design: ReplicaDesign) -> dict[str, Any]:
+    """Figures of one replica."""
+    index = design.medium.at(design.case.wavelength.nm)
+    summary = {"material": design.medium.name, "index": _with_error(index, 1.0)}
+    for name, figure in design.figures.items():
+        unit, scale = _UNITS.get(name, ("_mm", _UM_TO_MM))
+        summary[f"{name}{unit}"] = _with_error(figure, scale)
+    printed_um = design.printed_thickness_um
+    return summary | {
+        "sharp_mm": [each * _UM_TO_MM for each in design.sharp_um],
+        "sharp_means": f"lines at most {100 * (WIDER - 1):.0f} % wider than in focus",
+        "printed_thickness_mm": None if printed_um is None else printed_um * _UM_TO_MM,
+        "colours": [asdict(each) for each in design.colours],
+    }
 
 
-def _printed_thickness(case: Case, medium: Medium, radius_mm: float) -> float:
-    """Thickness in mm by eq. 5 from that radius."""
-    wavelength_nm = case.options.wavelength.nm
-    glass, gap = case.cover
-    thickness_um = replica_thickness_um(
-        radius_mm / _UM_TO_MM,
-        medium.at(wavelength_nm).value,
-        glass.thickness.value,
-        glass.medium.at(wavelength_nm).value,
-        gap.thickness.value,
-    )
-    return float(thickness_um) * _UM_TO_MM
-
-
-def _plain(given: Uncertain) -> Propagated:
-    return Propagated(given.value, given.plus_minus, {})
-
-
-def _told(figure: Propagated, scale: float) -> dict[str, Any]:
-    """A figure in the unit it is told in, and what its ± is made of."""
-    told: dict[str, Any] = {
+def _with_error(figure: Uncertain, scale: float) -> dict[str, Any]:
+    """A figure in the unit of its name, with ± and what that is made of."""
+    values: dict[str, Any] = {
         "value": figure.value * scale,
         "plus_minus": figure.plus_minus * scale,
     }
-    if figure.parts:
-        told["parts"] = {name: part * scale for name, part in figure.parts.items()}
-        told["shares"] = figure.shares
-    return told
+    if isinstance(figure, Propagated) and figure.parts:
+        values["parts"] = {name: part * scale for name, part in figure.parts.items()}
+        values["shares"] = figure.fractions
+    return values
