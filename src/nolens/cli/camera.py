@@ -10,7 +10,8 @@ from nolens.camera import PRESETS, camera_to_toml, preset_text
 from nolens.cli.command import Json, command
 from nolens.cli.messages import say, show
 from nolens.files import read_camera
-from nolens.jobs import ReliefOptions, camera_facts, replace_relief
+from nolens.jobs import ReliefOptions, replace_relief
+from nolens.twin import camera_figures
 
 camera = App(name="camera", help="Descriptions of cameras.")
 
@@ -34,7 +35,7 @@ def show_camera(name: str, /, *, json_: _Described = False) -> int:
         paper, paper-film, small, live, a folder with camera.toml, or a .toml file.
     """
     opened = read_camera(name)
-    facts = camera_facts(opened)
+    facts = camera_figures(opened)
     if json_:
         show(json.dumps({"camera": opened.camera.model_dump(mode="json"), **facts}))
         return 0

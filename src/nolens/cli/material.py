@@ -6,10 +6,10 @@ from typing import Annotated, Any
 from cyclopts import App, Parameter
 
 from nolens.camera import MATERIALS, Material, material_to_toml
+from nolens.camera.materials import material_figures
 from nolens.cli.command import Json
 from nolens.cli.messages import say, show
 from nolens.files import read_material
-from nolens.jobs import material_facts
 
 material = App(name="material", help="Materials that layers of a camera are made of.")
 
@@ -38,7 +38,7 @@ def list_materials(*, json_: _All = False) -> int:
         return 0
     show(f"{'name':14} {'n_d':>7} {'V_d':>5}  {'g/cm³':>5}  source")
     for each in MATERIALS.values():
-        facts = material_facts(each)
+        facts = material_figures(each)
         abbe = "" if facts["abbe"] is None else f"{facts['abbe']:.1f}"
         density = "" if each.density_g_cm3 is None else f"{each.density_g_cm3:g}"
         show(f"{each.name:14} {each.index_d:7.4f} {abbe:>5}  {density:>5}  {each.source}")
@@ -65,13 +65,13 @@ def show_material(name: str, /, *, json_: _One = False) -> int:
         return 0
     for line in material_to_toml(found).removesuffix("\n").split("\n"):
         show(line)
-    for line in _lines(found, material_facts(found)):
+    for line in _lines(found, material_figures(found)):
         say(line)
     return 0
 
 
 def _described(found: Material) -> dict[str, Any]:
-    return {"material": found.model_dump(mode="json"), **material_facts(found)}
+    return {"material": found.model_dump(mode="json"), **material_figures(found)}
 
 
 def _lines(found: Material, facts: dict[str, Any]) -> list[str]:

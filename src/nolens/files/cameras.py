@@ -3,6 +3,7 @@
 import csv
 import difflib
 import io
+import shutil
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -139,6 +140,39 @@ def write_camera(
 def write_description(path: Path, camera: Camera) -> None:
     """Write camera.toml alone, where the files that it names are written beside it."""
     _write_text(path, camera_to_toml(camera))
+
+
+def curve_copies(name: str | Path, opened: OpenCamera) -> dict[str, Callable[[Path], None]]:
+    """What copies the curves that a camera names: for each file, a writer for `write_camera`.
+
+    Parameters
+    ----------
+    name
+        What the camera was read from.
+    opened
+        The camera.
+    """
+    sensor = opened.camera.sensor
+    files = camera_files(name, opened.camera)
+    return {
+        curve.file: partial(_copy, files[f"camera's {curve.file}"])
+        for curve in (sensor.quantum_efficiency, sensor.acceptance)
+        if isinstance(curve, CurveFile)
+    }
+
+
+def camera_copies(name: str | Path, opened: OpenCamera) -> dict[str, Callable[[Path], None]]:
+    """What copies a camera into a folder where something else is written; see `curve_copies`."""
+    camera = opened.camera
+    writers = {CAMERA_FILE: partial(write_description, camera=camera)}
+    if isinstance(camera.mask.relief, ReliefFile):
+        file = camera.mask.relief.file
+        writers[file] = partial(_copy, camera_files(name, camera)[f"camera's {file}"])
+    return {**writers, **curve_copies(name, opened)}
+
+
+def _copy(source: Path, path: Path) -> None:
+    shutil.copyfile(source, path)
 
 
 def _find(source: str | Path) -> Path:

@@ -5,7 +5,6 @@ from .calibration.point import calibrate_point
 from .calibration.point_options import CalibratePointOptions
 from .calibration.stitch import CalibrateStitchOptions, calibrate_stitch
 from .calibration.surround import CalibrateSurroundOptions, calibrate_surround
-from .camera_facts import camera_facts
 from .capturing import CaptureOptions, CaptureReporter, capture_frames
 from .demo import DemoOptions, run_demo
 from .designing.mask import MaskOptions, design_mask, mask_kind, mask_kinds
@@ -13,7 +12,6 @@ from .designing.thickness import ThicknessOptions, design_thickness
 from .designing.tolerance import ToleranceOptions, study_tolerances
 from .fabrication.fabricate import fabricate
 from .fabrication.options import FabricateOptions
-from .material_facts import material_facts
 from .measuring.edge import EdgeOptions, measure_edge
 from .measuring.field import MeasureFieldOptions, measure_field
 from .measuring.psf import MeasurePsfOptions, measure_psf
@@ -64,7 +62,6 @@ __all__ = [
     "calibrate_point",
     "calibrate_stitch",
     "calibrate_surround",
-    "camera_facts",
     "capture_frames",
     "design_mask",
     "design_thickness",
@@ -73,7 +70,6 @@ __all__ = [
     "make_target",
     "mask_kind",
     "mask_kinds",
-    "material_facts",
     "measure_edge",
     "measure_field",
     "measure_psf",

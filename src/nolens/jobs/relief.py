@@ -19,7 +19,7 @@ from nolens.files import (
     readable,
     write_camera,
 )
-from nolens.jobs.copied import copied_curves
+from nolens.files.cameras import curve_copies
 from nolens.jobs.fields import CAMERAS, FilePath, Name, OutputFolderOptions
 from nolens.jobs.options import Option, Written
 from nolens.jobs.run import Product, Run, Writer, job
@@ -205,7 +205,7 @@ def replace_relief(run: Run[ReliefOptions]) -> Product[OpenCamera]:
         more = {str(path.relative_to(options.output)): write for path, write in writers.items()}
         write_camera(options.output, changed.camera, changed.relief_um, more=more)
 
-    curves = copied_curves(options.camera, camera)
+    curves = curve_copies(options.camera, camera)
     return Product(
         changed,
         figures,

@@ -10,9 +10,8 @@ from typing import Any
 from nolens.design.preview import with_thickness
 from nolens.errors import FileError, OptionError
 from nolens.files import CAMERA_FILE, atomic_write, is_sequence, read_camera, write_into
-from nolens.files.cameras import write_description
+from nolens.files.cameras import camera_copies, write_description
 from nolens.files.save_plot import dark_plots
-from nolens.jobs.copied import copied_camera
 from nolens.jobs.designing.look import Thicknesses
 from nolens.jobs.options import JobOptions, Option
 from nolens.jobs.run import Reporter
@@ -229,6 +228,6 @@ def _changed_camera(name: str, changed: Thicknesses, place: Place) -> str:
     opened = read_camera(name)
     camera = with_thickness(opened, changed.thickness).camera
     folder = place.folder / "camera"
-    writers = copied_camera(name, opened) | {CAMERA_FILE: partial(write_description, camera=camera)}
+    writers = camera_copies(name, opened) | {CAMERA_FILE: partial(write_description, camera=camera)}
     write_into(folder, {folder / file: write for file, write in writers.items()})
     return str(folder)

@@ -23,8 +23,8 @@ from nolens.files import (
     write_record,
     write_tiff16,
 )
+from nolens.files.cameras import camera_copies
 from nolens.jobs.calibration.folder import cell_of, folder_camera, folder_psfs
-from nolens.jobs.copied import copied_camera
 from nolens.studio.live_solver import Solved
 from nolens.studio.schemas import Settings
 from nolens.studio.workspace import CAMERAS, unused
@@ -125,7 +125,7 @@ def kept_psf(work: Path, given: str, opened: OpenCamera, psf: Tensor, shot: Shot
         channels=opened.camera.sensor.channels,
         distance=distance,
     )
-    write_psfs(folder, {entry: psf}, more=copied_camera(given, opened))
+    write_psfs(folder, {entry: psf}, more=camera_copies(given, opened))
     return folder / entry.file
 
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -40,6 +41,8 @@ LARGEST_ANGLE_DEG = 50.0
 """Field angle to which the model holds; beyond, the paper's camera sees nothing either."""
 NEAREST_MM = 10.0
 """Distance from which on the relief may be taken as thin against the curvature of the wave."""
+_ANGLES_DEG = (10, 30, 50)
+_NEAR_MM = 80.0
 _LENSLETS = 10
 _POINTS = 500
 """Sides of the patch that stands for all random lenslets: this many of them, or points."""
@@ -348,6 +351,50 @@ def distance_um(distance: Length | str | None, opened: OpenCamera) -> float:
     if distance is None:
         return opened.camera.reference_distance.um
     return distance.um if isinstance(distance, Length) else math.inf
+
+
+def camera_figures(opened: OpenCamera) -> dict[str, Any]:
+    """Derive figures of a camera, in values that JSON has.
+
+    Parameters
+    ----------
+    opened
+        The camera.
+
+    Returns
+    -------
+    dict
+        Size of the sensor in mm and pixels of the reconstruction; reduced thickness Σ t/n of all
+        layers in mm; how much larger the PSF of a point source at 80 mm is than that of a far
+        one; shift of the chief ray in um by the field angle in degrees; electrons at which a
+        pixel clips; names of the curves that are placeholders.
+    """
+    twin = preview_model(opened)
+    camera, sensor = opened.camera, opened.camera.sensor
+    near = twin.illumination(PointSource(distance_um=_NEAR_MM * 1e3), REFERENCE_NM)
+    curves = {
+        "quantum_efficiency": opened.quantum_efficiency.source,
+        "acceptance": opened.acceptance.source,
+    }
+    return {
+        "sensor_mm": [round(sensor.height_mm, 4), round(sensor.width_mm, 4)],
+        "cells": list(twin.shape),
+        "layers": len(camera.layers),
+        "reduced_thickness_mm": round(twin.stack().reduced_um * 1e-3, 5),
+        "magnification_at_80mm": round(
+            1 + near.after.reduced_um / (_NEAR_MM * 1e3 + near.before.reduced_um), 5
+        ),
+        "chief_ray_um": {
+            str(angle): round(
+                twin.shift_um(PointSource((0.0, math.tan(math.radians(angle)))))[1], 2
+            )
+            for angle in _ANGLES_DEG
+        },
+        "clip_electrons": round(sensor.clip_electrons, 1),
+        "placeholders": [
+            name for name, source in curves.items() if source.startswith("placeholder")
+        ],
+    }
 
 
 def _stack(camera: Camera, first: int, last: int, wavelength_nm: float) -> Stack:

@@ -29,6 +29,7 @@ from nolens.calibrate.point_register import NEARBY, register
 from nolens.camera import Frame, PsfEntry, PsfSet, Sensor
 from nolens.errors import DataError
 from nolens.files import CAMERA_FILE, camera_files, read_frame, read_psf
+from nolens.files.cameras import camera_copies
 from nolens.jobs.calibration.folder import (
     added,
     cell_of,
@@ -37,7 +38,6 @@ from nolens.jobs.calibration.folder import (
     folder_psfs,
 )
 from nolens.jobs.calibration.point_options import CalibratePointOptions
-from nolens.jobs.copied import copied_camera
 from nolens.jobs.run import Product, Reporter, Run, Writer, check_memory, job
 
 _LEAST_ALIKE = 0.4
@@ -406,7 +406,7 @@ def calibrate_point(run: Run[CalibratePointOptions]) -> Product[Tensor]:
     if opened is not None:
         run.reads(camera_files(copied or options.output / CAMERA_FILE, opened.camera))
     if opened is not None and copied is not None:
-        camera = copied_camera(copied, opened)
+        camera = camera_copies(copied, opened)
         check_free(options.output, list(camera))
     psfs = folder_psfs(options.output)
 

@@ -28,8 +28,8 @@ from nolens.design.masks import (
 )
 from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE, camera_files, read_camera, write_camera
+from nolens.files.cameras import curve_copies
 from nolens.files.plot_mask import MaskPlot, plot_mask
-from nolens.jobs.copied import copied_curves
 from nolens.jobs.fields import (
     CAMERAS,
     LIGHTS,
@@ -398,7 +398,7 @@ def design_mask(run: Run[MaskOptions]) -> Product[OpenCamera]:
         title=made.opened.camera.name,
     )
     more: dict[str, Writer] = {
-        **copied_curves(options.camera, opened),
+        **curve_copies(options.camera, opened),
         _PICTURE_FILE: partial(plot_mask, plot=plot),
     }
 
