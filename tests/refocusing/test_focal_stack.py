@@ -19,27 +19,36 @@ from depth_spots import (
     spots,
     two_objects,
 )
-from nolens.refocusing import Solving, Stack, all_in_focus, even_depths, focal_stack, per_m
+from nolens.refocusing import (
+    DepthReconstructor,
+    FocalStack,
+    all_in_focus,
+    even_depths,
+    focal_stack,
+    per_m,
+)
+
+RECONSTRUCTOR = DepthReconstructor(
+    measurement(noisy(two_objects(), 0.003)), REGION, tau=1e-3, iterations=80
+)
 
 
 @pytest.fixture(scope="module")
-def stack() -> Stack:
-    solving = Solving(measurement(noisy(two_objects(), 0.003)), REGION, tau=1e-3, iterations=80)
-    return focal_stack(solving, spots, even_depths(14e3, 1e6, 9))
+def stack() -> FocalStack:
+    return focal_stack(RECONSTRUCTOR, spots, even_depths(14e3, 1e6, 9))
 
 
 def error(picture: Tensor, truth: Tensor) -> float:
     return float((picture - truth).norm() / truth.norm())
 
 
-def test_pages_are_reconstructions(stack: Stack) -> None:
+def test_pages_are_reconstructions(stack: FocalStack) -> None:
     assert stack.pages.shape == (9, 1, *SCENE)
-    solving = Solving(measurement(noisy(two_objects(), 0.003)), REGION, tau=1e-3, iterations=80)
-    alone = solving.solve(spots(stack.depths_um[3])).scene
+    alone = RECONSTRUCTOR.solve(spots(stack.depths_um[3])).scene
     assert torch.equal(stack.pages[3], alone)
 
 
-def test_depths_of_both_objects(stack: Stack) -> None:
+def test_depths_of_both_objects(stack: FocalStack) -> None:
     found = all_in_focus(stack, 3.0)
     for depth, window in ((NEAR_UM, LEFT), (FAR_UM, RIGHT)):
         middle = found.per_m[window][4:-4, 4:-4]
@@ -48,7 +57,7 @@ def test_depths_of_both_objects(stack: Stack) -> None:
         assert float((middle - per_m(depth)).abs().quantile(0.9)) < 0.35 * apart
 
 
-def test_sharp_everywhere(stack: Stack) -> None:
+def test_sharp_everywhere(stack: FocalStack) -> None:
     """Better than any one page, in both objects at once."""
     truth = sum(objects(), torch.zeros(1, 1, 1))[0]
     found = all_in_focus(stack, 3.0).picture[0]
@@ -63,7 +72,7 @@ def test_what_has_no_texture_is_not_sure() -> None:
     pages = torch.full((5, 1, 40, 60), 0.5)
     generator = torch.Generator().manual_seed(2)
     pages[2, 0, :, :20] += torch.rand(40, 20, generator=generator)
-    found = all_in_focus(Stack(even_depths(2e4, math.inf, 5), pages, (1e-4,) * 5), 2.0)
+    found = all_in_focus(FocalStack(even_depths(2e4, math.inf, 5), pages, (1e-4,) * 5), 2.0)
     assert float(found.confidence[5:-5, 4:14].min()) > 0.5
     assert float(found.confidence[5:-5, 45:].max()) < 0.05
     assert torch.allclose(found.per_m[5:-5, 4:14], torch.tensor(25.0), atol=0.5)
@@ -77,7 +86,7 @@ def test_between_two_pages() -> None:
     strength = [math.exp(-((n - 2.3) ** 2) / 2) for n in range(6)]
     # The energy of a gradient is the square of its strength.
     pages = torch.stack([pattern * math.sqrt(each) for each in strength])
-    found = all_in_focus(Stack(even_depths(2e4, math.inf, 6), pages, (1e-4,) * 6), 2.0)
+    found = all_in_focus(FocalStack(even_depths(2e4, math.inf, 6), pages, (1e-4,) * 6), 2.0)
     assert torch.allclose(found.per_m, torch.tensor(50 - 10 * 2.3), atol=0.6)
     wanted = 0.7 * pages[2] + 0.3 * pages[3]
     assert torch.allclose(found.picture, wanted, atol=0.08)
@@ -88,18 +97,23 @@ def test_edges_that_come_of_what_is_not_explained_count_less() -> None:
     generator = torch.Generator().manual_seed(4)
     pages = torch.rand(3, 1, 40, 40, generator=generator)
     pages[2] *= 1.3
-    found = all_in_focus(Stack(even_depths(2e4, math.inf, 3), pages, (1e-4, 5e-4, 1e-3)), 3.0)
+    found = all_in_focus(FocalStack(even_depths(2e4, math.inf, 3), pages, (1e-4, 5e-4, 1e-3)), 3.0)
     assert torch.allclose(found.per_m, torch.tensor(50.0), atol=1)
 
 
 def test_ended_early_keeps_what_is_done() -> None:
-    solving = Solving(measurement(two_objects()), REGION, iterations=10, tolerance=0.0)
+    reconstructor = DepthReconstructor(
+        measurement(two_objects()), REGION, iterations=10, tolerance=0.0
+    )
     depths = even_depths(14e3, 1e6, 5)
-    ended = focal_stack(solving, spots, depths, step=lambda done, limit: done >= 25)
+    ended = focal_stack(reconstructor, spots, depths, step=lambda done, limit: done >= 25)
     assert ended.depths_um == depths[:2] and len(ended.pages) == 2
     seen: list[tuple[int, int]] = []
     first = focal_stack(
-        solving, spots, depths, step=lambda done, limit: bool(seen.append((done, limit))) or True
+        reconstructor,
+        spots,
+        depths,
+        step=lambda done, limit: bool(seen.append((done, limit))) or True,
     )
     assert seen == [(4, 50)] and len(first.pages) == 1
     alone = all_in_focus(first, 3.0)

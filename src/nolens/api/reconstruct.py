@@ -14,13 +14,10 @@ from nolens.camera import BlackLevel, Frame, black_level
 from nolens.errors import OptionError
 from nolens.quantities import Length
 from nolens.refocusing import (
+    Autofocus,
+    DepthReconstructor,
     PsfAt,
     PsfBetween,
-    Search,
-    Solving,
-    depth_of_focus_per_m,
-    line_cells,
-    lit_cells,
     measured_reduced_um,
 )
 from nolens.solvers import (
@@ -217,10 +214,12 @@ def refocus(
         )
     between = PsfBetween.of(known, reduced_um)
     region = region_of(own if support is None else support, seen.size)
-    solving = Solving(seen, region, tau, one_of(Prior, prior, "prior"), iterations, device=device)
+    reconstructor = DepthReconstructor(
+        seen, region, tau, one_of(Prior, prior, "prior"), iterations, device=device
+    )
     with reported(progress, "photograph") as tick:
         if distance is None:
-            depth = _sharpest(solving, between, seen.size, at, lambda done: tick(0.8 * done))
+            depth = _autofocus(reconstructor, between, at, lambda done: tick(0.8 * done))
             begun = 0.8
         else:
             depth, begun = distance_um(distance), 0.0
@@ -228,25 +227,21 @@ def refocus(
         def watch(step: Iteration) -> None:
             tick(begun + (1 - begun) * step.iteration / iterations)
 
-        result = solving.solve(between.at(depth), watch)
+        result = reconstructor.solve(between.at(depth), watch)
         tick(1.0)
     return Photograph(result.photograph.cpu(), seen.channels, result, tau, distance_um=depth)
 
 
-def _sharpest(
-    solving: Solving,
+def _autofocus(
+    reconstructor: DepthReconstructor,
     between: PsfBetween,
-    sensor: tuple[int, int],
     at: tuple[int, int] | None,
     tick: Callable[[float], None],
 ) -> float:
     """Distance in um at which the scene, or a place in it, is sharpest."""
     far, near = between.known[0], between.known[-1]
-    # Lengths in pixels: only their ratio counts.
-    focus = depth_of_focus_per_m(
-        line_cells(far.psf), between.reduced_um, lit_cells(far.psf, sensor)
-    )
-    search = Search(solving, between.at, near.distance_um, far.distance_um, focus)
+    focus = far.depth_of_focus_per_m(between.reduced_um, reconstructor.sensor)
+    search = Autofocus(reconstructor, between.at, near.distance_um, far.distance_um, focus)
 
     def step(done: int, limit: int) -> bool:
         tick(done / limit)

@@ -22,8 +22,7 @@ from .options import expand_home
 from .psf import PsfOptions, simulate_psf
 from .reconstruction.job import reconstruct
 from .reconstruction.options import ReconstructOptions
-from .refocusing.options import RefocusOptions
-from .refocusing.refocus import Refocused, refocus
+from .refocusing import Refocused, RefocusOptions, refocus
 from .relief import ReliefOptions, replace_relief
 from .run import Reporter, Result
 from .simulation import SimulateOptions, simulate

@@ -16,13 +16,10 @@ from nolens.files.plot_reproduce import Panel, plot_overlay, plot_pictures
 from nolens.operators import Region
 from nolens.optics import PointSource
 from nolens.refocusing import (
+    Autofocus,
+    DepthReconstructor,
     PsfAt,
     PsfBetween,
-    Search,
-    Solving,
-    depth_of_focus_per_m,
-    line_cells,
-    lit_cells,
     sharpness,
 )
 from nolens.reproduction.draft import Draft, Drawn, empty, refusal
@@ -132,10 +129,16 @@ def _refocused(work: Workbench, tick: Tick) -> Found:
     seen = shot.truth * shot.response
     known = [PsfAt(work.wide_psf(1e3 * each, shot.region), 1e3 * each) for each in _KNOWN_MM]
     tick(0.45)
-    solving = Solving(develop(shot.frame), shot.region, TAU, iterations=work.size.iterations)
-    focus_per_m = _depth_of_focus(work, known[-1].psf)
-    between = PsfBetween.of(known, work.bench.twin.stack().reduced_um)
-    search = Search(solving, between.at, known[0].distance_um, known[1].distance_um, focus_per_m)
+    reconstructor = DepthReconstructor(
+        develop(shot.frame), shot.region, TAU, iterations=work.size.iterations
+    )
+    twin = work.bench.twin
+    reduced_um = twin.stack().reduced_um
+    focus_per_m = known[-1].depth_of_focus_per_m(reduced_um, twin.shape)
+    between = PsfBetween.of(known, reduced_um)
+    search = Autofocus(
+        reconstructor, between.at, known[0].distance_um, known[1].distance_um, focus_per_m
+    )
     figures: dict[str, Any] = {"depth_of_focus_per_m": focus_per_m, "objects": []}
     arrays = {"truth": seen}
     rows, columns = seen.shape[-2:]
@@ -171,16 +174,6 @@ def _refocused(work: Workbench, tick: Tick) -> Found:
             }
         )
     return Found({**figures, "halves": _halves(arrays)}, arrays)
-
-
-def _depth_of_focus(work: Workbench, psf: Tensor) -> float:
-    """Difference of 1/z that moves the pattern's edge by one line, in 1/m."""
-    twin = work.bench.twin
-    return depth_of_focus_per_m(
-        line_cells(psf) * twin.pixel_um,
-        twin.stack().reduced_um,
-        lit_cells(psf, twin.shape) * twin.pixel_um,
-    )
 
 
 def _halves(arrays: dict[str, Tensor]) -> dict[str, list[float]]:

@@ -49,8 +49,8 @@ KINDS: dict[JobKind, Kind] = {
     ),
     "refocus": Kind(
         "Refocus",
-        f"{_JOBS}.refocusing.options:RefocusOptions",
-        f"{_JOBS}.refocusing.refocus:refocus",
+        f"{_JOBS}.refocusing:RefocusOptions",
+        f"{_JOBS}.refocusing:refocus",
         about=("measurement",),
     ),
     "simulate": Kind(

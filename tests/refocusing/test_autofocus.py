@@ -22,24 +22,24 @@ from depth_spots import (
     two_objects,
 )
 from nolens.refocusing import (
-    Search,
-    Solving,
+    Autofocus,
+    DepthReconstructor,
     depth_of_focus_per_m,
-    line_cells,
+    line_pixels,
     per_m,
     sharpness,
 )
 
 FOCUS = depth_of_focus_per_m(
-    line_cells(spots(1e6)) * CELL_UM, REDUCED_UM, max(SENSOR) / 2 * CELL_UM
+    line_pixels(spots(1e6)) * CELL_UM, REDUCED_UM, max(SENSOR) / 2 * CELL_UM
 )
 PLACES = {NEAR_UM: (14.0, 11.0), FAR_UM: (14.0, 36.0)}
 
 
-def search(values: torch.Tensor, near: float = 12e3, far: float = 1e6, **more: object) -> Search:
+def search(values: torch.Tensor, near: float = 12e3, far: float = 1e6, **more: object) -> Autofocus:
     asked = {"tau": 1e-3, "iterations": 40, **more}
-    solving = Solving(measurement(values), REGION, **asked)  # type: ignore[arg-type]
-    return Search(solving, spots, near, far, FOCUS)
+    reconstructor = DepthReconstructor(measurement(values), REGION, **asked)  # type: ignore[arg-type]
+    return Autofocus(reconstructor, spots, near, far, FOCUS)
 
 
 @pytest.mark.parametrize("depth_um", [15e3, 200e3])
@@ -57,7 +57,7 @@ def test_two_objects_are_found_where_they_are() -> None:
     for depth, place in PLACES.items():
         found = sought.run(place)
         assert per_m(found.depth_um) == pytest.approx(per_m(depth), abs=0.4 * FOCUS)
-    pictures = {z: sought.solving.solve(spots(z)).scene for z in PLACES}
+    pictures = {z: sought.reconstructor.solve(spots(z)).scene for z in PLACES}
     for own, other, window in ((NEAR_UM, FAR_UM, LEFT), (FAR_UM, NEAR_UM, RIGHT)):
         sharp = {z: float(sharpness(pictures[z], 3.0)[window].mean()) for z in PLACES}
         assert sharp[own] > 1.5 * sharp[other]
@@ -117,14 +117,14 @@ def test_steps_are_counted_and_can_end_it() -> None:
 
 
 def test_coarser_cells_cover_the_same() -> None:
-    solving = Solving(measurement(two_objects()), REGION)
-    coarse = solving.coarser(2, 30)
+    reconstructor = DepthReconstructor(measurement(two_objects()), REGION)
+    coarse = reconstructor.coarser(2, 30)
     assert coarse.region is not None and coarse.sensor == (30, 40) and coarse.iterations == 30
     top, left = coarse.region.top * 2, coarse.region.left * 2
     assert top <= REGION.top and left <= REGION.left
     assert top + 2 * coarse.region.height >= REGION.top + REGION.height
     assert left + 2 * coarse.region.width >= REGION.left + REGION.width
-    unlimited = Solving(measurement(two_objects()), None)
+    unlimited = DepthReconstructor(measurement(two_objects()), None)
     psf = spots(NEAR_UM)
     assert unlimited.solve(psf).photograph.shape[-2:] == SENSOR
 

@@ -1,4 +1,4 @@
-"""How far apart two depths must be to be told, and depths in steps that the eye sees as even."""
+"""Depths in even steps of 1/z, and what of a PSF tells them apart."""
 
 import math
 
@@ -30,11 +30,11 @@ def even_depths(near_um: float, far_um: float, steps: int) -> tuple[float, ...]:
         How many, 2 or more.
     """
     first, last = per_m(near_um), per_m(far_um)
-    between = [first + (last - first) * step / (steps - 1) for step in range(1, steps - 1)]
-    return (near_um, *(depth_um(each) for each in between), far_um)
+    inner = [first + (last - first) * step / (steps - 1) for step in range(1, steps - 1)]
+    return (near_um, *(depth_um(each) for each in inner), far_um)
 
 
-def line_cells(psf: Tensor) -> float:
+def line_pixels(psf: Tensor) -> float:
     r"""Width of a PSF's lines: half-width of its autocorrelation, divided by √2.
 
     Autocorrelation :math:`F^{-1}|F(p - \bar p)|^2`, full width at half maximum, mean of rows and
@@ -76,7 +76,7 @@ def _half(profile: Tensor) -> float:
     return first - 1 + (before - 0.5) / (before - after)
 
 
-def lit_cells(psf: Tensor, sensor: tuple[int, int]) -> float:
+def lit_pixels(psf: Tensor, sensor: tuple[int, int]) -> float:
     """Half of the longer side of what a PSF lights on the sensor, in pixels.
 
     Parameters
@@ -96,7 +96,7 @@ def lit_cells(psf: Tensor, sensor: tuple[int, int]) -> float:
     return max(lit)
 
 
-def depth_of_focus_per_m(line_um: float, reduced_um: float, lit_um: float) -> float:
+def depth_of_focus_per_m(line: float, reduced_um: float, lit: float) -> float:
     r"""Difference of 1/z by which the PSF's edge moves by one line: :math:`w / (D\,r)`.
 
     A source at z magnifies the PSF by :math:`1 + D/z` (`uvimprint`, sec. 3.5), so what lies r
@@ -106,11 +106,11 @@ def depth_of_focus_per_m(line_um: float, reduced_um: float, lit_um: float) -> fl
 
     Parameters
     ----------
-    line_um
+    line
         Width w of the PSF's lines.
     reduced_um
         D, the reduced distance of mask and sensor, Σ thickness / index.
-    lit_um
-        Half of the lit part's longer side, r.
+    lit
+        Half of the lit part's longer side, r, in the unit of the width.
     """
-    return 1e6 * line_um / (reduced_um * lit_um)
+    return 1e6 * line / (reduced_um * lit)

@@ -13,8 +13,8 @@ from nolens.refocusing import (
     depth_of_focus_per_m,
     depth_um,
     even_depths,
-    line_cells,
-    lit_cells,
+    line_pixels,
+    lit_pixels,
     per_m,
 )
 
@@ -57,21 +57,21 @@ def test_width_of_lines() -> None:
     for sigma in (1.0, 1.7, 3.0):
         spot = torch.exp(-((rows - 21.3) ** 2 + (columns - 50.6) ** 2) / (2 * sigma**2))
         # Its mean, which is taken off, makes it a little narrower.
-        assert line_cells(spot[None]) == pytest.approx(2.355 * sigma, rel=0.06)
-    assert line_cells(spots(1e6)) == pytest.approx(2.355 * SIGMA, rel=0.1)
+        assert line_pixels(spot[None]) == pytest.approx(2.355 * sigma, rel=0.06)
+    assert line_pixels(spots(1e6)) == pytest.approx(2.355 * SIGMA, rel=0.1)
 
 
 def test_no_lines() -> None:
     with pytest.raises(DataError, match="even"):
-        line_cells(torch.ones(1, 20, 20))
+        line_pixels(torch.ones(1, 20, 20))
     ramp = torch.linspace(0, 1, 64)[:, None].expand(64, 64)[None]
     with pytest.raises(DataError, match="blurred"):
-        line_cells(ramp)
+        line_pixels(ramp)
 
 
 def test_lit_part() -> None:
     psf = torch.zeros(1, 41, 61)
     psf[0, 12:29, 25:36] = 1.0
-    assert lit_cells(psf, (41, 61)) == pytest.approx(8.5)
-    assert lit_cells(psf, (10, 10)) == 5
-    assert lit_cells(torch.ones(1, 41, 61), (20, 30)) == 15
+    assert lit_pixels(psf, (41, 61)) == pytest.approx(8.5)
+    assert lit_pixels(psf, (10, 10)) == 5
+    assert lit_pixels(torch.ones(1, 41, 61), (20, 30)) == 15

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from torch import Tensor
 
 from nolens.camera.measurement import bin_mean
-from nolens.refocusing.depth_of_focus import depth_um, line_cells, per_m
-from nolens.refocusing.solving import Solving, gradient_energy, sharpness
+from nolens.refocusing.depth import depth_um, line_pixels, per_m
+from nolens.refocusing.focal_stack import DepthReconstructor, gradient_energy, sharpness
 from nolens.solvers import Progress
 
 Step = Callable[[int, int], bool]
@@ -19,12 +19,12 @@ _LEAST_STEPS = 4
 _FINE = 0.05
 """Fraction of the depth of focus to which the depth is refined."""
 _GOLDEN = (math.sqrt(5) - 1) / 2
-_LINES, _SHARE = 3.0, 1 / 16
-"""The window around a place: so many lines wide, and so much of the picture's shorter side."""
+_LINES, _FRACTION = 3.0, 1 / 16
+"""The window around a place: so many lines wide, and this much of the picture's shorter side."""
 
 
 @dataclass(frozen=True)
-class Tried:
+class AutofocusTrial:
     """A depth that was tried.
 
     Parameters
@@ -32,7 +32,7 @@ class Tried:
     depth_um
         May be infinite.
     objective
-        ½‖b − CMv‖² + τ R(v) of the scene that is found there, in normalised units: how badly it
+        ½‖b − CMv‖² + τ R(v) of the reconstruction at that depth, in normalised units: how badly it
         explains the measurement.
     sharpness
         Energy of the gradient around the place, or of the whole picture.
@@ -44,7 +44,7 @@ class Tried:
 
 
 @dataclass(frozen=True)
-class Sharpest:
+class AutofocusResult:
     """Where a scene is sharpest.
 
     Parameters
@@ -60,14 +60,14 @@ class Sharpest:
     """
 
     depth_um: float
-    tried: tuple[Tried, ...]
+    tried: tuple[AutofocusTrial, ...]
     at_end: bool
     finished: bool
 
 
 @dataclass(frozen=True)
-class Search:
-    """How the sharpest depth is sought.
+class Autofocus:
+    """Search for the sharpest depth.
 
     Depths one depth of focus apart come first. Of these the best is the one whose PSF explains the
     measurement best, by the objective of the reconstruction, which noise does not mislead; or, at a
@@ -77,8 +77,8 @@ class Search:
 
     Parameters
     ----------
-    solving
-        How every depth is reconstructed.
+    reconstructor
+        Of the measurement.
     psf_at
         PSF of a depth in um, (channels, rows, columns).
     near_um, far_um
@@ -87,39 +87,37 @@ class Search:
         See `nolens.refocusing.depth_of_focus_per_m`.
     """
 
-    solving: Solving
+    reconstructor: DepthReconstructor
     psf_at: Callable[[float], Tensor]
     near_um: float
     far_um: float
     depth_of_focus_per_m: float
 
     @property
-    def coarse(self) -> int:
+    def _coarse(self) -> int:
         """Depths that are tried first."""
         span = per_m(self.near_um) - per_m(self.far_um)
         return max(_LEAST_STEPS, math.ceil(span / self.depth_of_focus_per_m)) + 1
 
     @property
-    def step_per_m(self) -> float:
+    def _step_per_m(self) -> float:
         """From one of them to the next."""
-        return (per_m(self.near_um) - per_m(self.far_um)) / (self.coarse - 1)
+        return (per_m(self.near_um) - per_m(self.far_um)) / (self._coarse - 1)
 
     @property
-    def fine(self) -> int:
+    def _fine(self) -> int:
         """Depths that are tried then, at most."""
-        wanted = _FINE * self.depth_of_focus_per_m / (2 * self.step_per_m)
-        return 1 + max(1, math.ceil(math.log(min(wanted, 0.5)) / math.log(_GOLDEN)))
+        fraction = _FINE * self.depth_of_focus_per_m / (2 * self._step_per_m)
+        return 1 + max(1, math.ceil(math.log(min(fraction, 0.5)) / math.log(_GOLDEN)))
 
     @property
     def iterations(self) -> int:
         """Of all depths, at most."""
-        return (self.coarse + self.fine) * min(_ITERATIONS, self.solving.iterations)
+        return (self._coarse + self._fine) * min(_ITERATIONS, self.reconstructor.iterations)
 
-    def bin_by(self, psf: Tensor) -> int:
-        """Pixels along one of the binned pixels: two of them still are less than a line."""
-        return max(1, int(line_cells(psf) / 2))
-
-    def run(self, place: tuple[float, float] | None = None, step: Step | None = None) -> Sharpest:
+    def run(
+        self, place: tuple[float, float] | None = None, step: Step | None = None
+    ) -> AutofocusResult:
         """Find the sharpest depth.
 
         Parameters
@@ -129,59 +127,58 @@ class Search:
         step
             Called after every convergence check.
         """
-        bin_by = self.bin_by(self.psf_at(self.far_um))
-        trial = _Trial(self, self.solving.coarser(bin_by, _ITERATIONS), bin_by, place, step)
+        trials = _Trials(self, place, step)
         low, high = per_m(self.far_um), per_m(self.near_um)
-        first = [low + number * self.step_per_m for number in range(self.coarse)]
+        first = [low + number * self._step_per_m for number in range(self._coarse)]
         first[-1] = high
-        finished = all(trial.add(each) for each in first)
-        best = trial.best_coarse()
+        finished = all(trials.add(each) for each in first)
+        best = trials.best_coarse()
         if finished:
-            best, finished = self._refined(trial, best)
+            best, finished = self._refined(trials, best)
         at_end = min(best - low, high - best) <= 2 * _FINE * self.depth_of_focus_per_m
-        return Sharpest(trial.found[best].depth_um, trial.sorted(), at_end, finished)
+        nearest_first = sorted(trials.tried.values(), key=lambda each: each.depth_um)
+        depth = trials.tried[best].depth_um
+        return AutofocusResult(depth, tuple(nearest_first), at_end, finished)
 
-    def _refined(self, trial: "_Trial", best: float) -> tuple[float, bool]:
+    def _refined(self, trials: "_Trials", best: float) -> tuple[float, bool]:
         """Golden sections between the neighbours of a depth; False if they were ended."""
         ends = per_m(self.far_um), per_m(self.near_um)
-        low, high = max(ends[0], best - self.step_per_m), min(ends[1], best + self.step_per_m)
+        low, high = max(ends[0], best - self._step_per_m), min(ends[1], best + self._step_per_m)
         bounds = low, high
         inner = [high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)]
-        if not all(trial.add(each) for each in inner):
+        if not all(trials.add(each) for each in inner):
             return best, False
         finished = True
-        for _ in range(self.fine - 2):
-            if trial.focus(inner[0]) > trial.focus(inner[1]):
+        for _ in range(self._fine - 2):
+            if trials.focus(inner[0]) > trials.focus(inner[1]):
                 high, inner = inner[1], [inner[1] - _GOLDEN * (inner[1] - low), inner[0]]
                 new = inner[0]
             else:
                 low, inner = inner[0], [inner[1], inner[0] + _GOLDEN * (high - inner[0])]
                 new = inner[1]
-            if not trial.add(new):
+            if not trials.add(new):
                 finished = False
                 break
-        within = [each for each in trial.found if bounds[0] <= each <= bounds[1]]
-        peak = max(within, key=trial.focus)
+        within = [each for each in trials.tried if bounds[0] <= each <= bounds[1]]
+        peak = max(within, key=trials.focus)
         edge = 2 * _FINE * self.depth_of_focus_per_m
         # Where it only rises towards a neighbour that is worse, it is noise that rises.
         inside = [abs(peak - end) > edge or end in ends for end in bounds]
         return (peak if all(inside) else best), finished
 
 
-class _Trial:
+class _Trials:
     """Depths that have been tried so far."""
 
     def __init__(
-        self,
-        search: Search,
-        solving: Solving,
-        bin_by: int,
-        place: tuple[float, float] | None,
-        step: Step | None,
+        self, search: Autofocus, place: tuple[float, float] | None, step: Step | None
     ) -> None:
-        self.search, self.solving, self.bin_by = search, solving, bin_by
+        # Two binned pixels are still less than a line.
+        self.bin_by = max(1, int(line_pixels(search.psf_at(search.far_um)) / 2))
+        self.search = search
+        self.reconstructor = search.reconstructor.coarser(self.bin_by, _ITERATIONS)
         self.place, self.step = place, step
-        self.found: dict[float, Tried] = {}
+        self.tried: dict[float, AutofocusTrial] = {}
         self.done = 0
 
     def add(self, vergence_per_m: float) -> bool:
@@ -196,38 +193,34 @@ class _Trial:
             ended = self.step is not None and self.step(done, self.search.iterations)
             return ended
 
-        result = self.solving.solve(psf, advance)
-        if ended and self.found:
+        result = self.reconstructor.solve(psf, advance)
+        if ended and self.tried:
             return False
-        self.done += self.solving.iterations
+        self.done += self.reconstructor.iterations
         picture = result.photograph
         rows, columns = picture.shape[-2:]
         if self.place is None:
             sharp = float(gradient_energy(picture).mean())
         else:
-            width = max(_LINES * line_cells(psf), _SHARE * min(rows, columns))
+            width = max(_LINES * line_pixels(psf), _FRACTION * min(rows, columns))
             row, column = (
                 min(int(at / self.bin_by), count - 1)
                 for at, count in zip(self.place, (rows, columns), strict=True)
             )
             sharp = float(sharpness(picture, width)[row, column])
-        self.found[vergence_per_m] = Tried(depth, result.objective, sharp)
+        self.tried[vergence_per_m] = AutofocusTrial(depth, result.objective, sharp)
         return not ended
 
-    def sorted(self) -> tuple[Tried, ...]:
-        """The nearest first."""
-        return tuple(sorted(self.found.values(), key=lambda each: each.depth_um))
-
     def best_coarse(self) -> float:
-        """The best 1/z of all depths so far: see `Search`."""
+        """The best 1/z of all depths so far: see `Autofocus`."""
         if self.place is None:
-            return min(self.found, key=lambda each: self.found[each].objective)
+            return min(self.tried, key=lambda each: self.tried[each].objective)
         # Edges that come of what is not explained have energy in proportion to it.
-        tried = self.found.items()
+        tried = self.tried.items()
         return max(tried, key=lambda each: each[1].sharpness / each[1].objective)[0]
 
     def focus(self, vergence_per_m: float) -> float:
-        """How sharp a depth is that was tried: see `Search`."""
-        tried = self.found[vergence_per_m]
+        """How sharp a depth is that was tried: see `Autofocus`."""
+        tried = self.tried[vergence_per_m]
         # At a place the objective would follow what is brighter elsewhere.
         return tried.sharpness / (tried.objective if self.place is None else 1.0)

@@ -1,0 +1,272 @@
+"""One measurement reconstructed at one depth and at many, and one picture of them all."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import torch
+import torch.nn.functional as nnf
+from torch import Tensor
+
+from nolens.camera import Measurement
+from nolens.camera.measurement import bin_mean
+from nolens.operators import Region
+from nolens.refocusing.depth import per_m
+from nolens.solvers import Prior, Problem, Progress, Reconstructor, Result, Stop
+from nolens.solvers.result import Callback
+
+_SCALES = (1.0, 2.0, 4.0)
+"""Windows, one beside the other: where the smallest sees nothing, a wider one does."""
+_SURE = 0.5
+
+
+@dataclass(frozen=True)
+class DepthReconstructor:
+    """Reconstructs one measurement as if all of the scene lay at one depth.
+
+    By eq. 7 and ADMM (`nolens.solvers.admm`); the PSF of a depth says which.
+
+    Parameters
+    ----------
+    measurement
+        What the sensor measured.
+    region
+        Pixels that light can come from; None for no limit.
+    tau, prior, iterations, tolerance
+        As `nolens reconstruct` takes them.
+    device
+        Where to compute.
+    """
+
+    measurement: Measurement
+    region: Region | None = None
+    tau: float = 1e-4
+    prior: Prior = Prior.TV
+    iterations: int = 100
+    tolerance: float = 3e-4
+    device: torch.device | str = "cpu"
+
+    @property
+    def sensor(self) -> tuple[int, int]:
+        """(rows, columns) of the measurement."""
+        return self.measurement.size
+
+    def problem(self, psf: Tensor) -> Problem:
+        """The problem for the PSF of a depth."""
+        return self._reconstructor(psf).problem(self.measurement)
+
+    def solve(self, psf: Tensor, callback: Callback | None = None) -> Result:
+        """The scene as it is if all of it lies at the depth of a PSF."""
+        return self._reconstructor(psf).solve(self.measurement, callback=callback)
+
+    def _reconstructor(self, psf: Tensor) -> Reconstructor:
+        stop = Stop(self.iterations, self.tolerance, scene_tolerance=0.0, smooth_part=False)
+        return Reconstructor(psf, self.region, self.tau, self.prior, stop=stop, device=self.device)
+
+    def coarser(self, bin_by: int, iterations: int) -> "DepthReconstructor":
+        """The same with `bin_by`² pixels made one, with fewer iterations."""
+        measurement, region = self.measurement, self.region
+        unusable = nnf.max_pool2d((~measurement.valid).float()[None], bin_by)[0] > 0
+        if region is not None:
+            bottom, right = region.top + region.height, region.left + region.width
+            top, left = region.top // bin_by, region.left // bin_by
+            region = Region(top, left, -(-bottom // bin_by) - top, -(-right // bin_by) - left)
+        return replace(
+            self,
+            measurement=replace(
+                measurement, values=bin_mean(measurement.values, bin_by), valid=~unusable
+            ),
+            region=region,
+            iterations=min(iterations, self.iterations),
+            tolerance=0.0,
+        )
+
+
+def sharpness(picture: Tensor, width: float) -> Tensor:
+    r"""Energy of the gradient around every pixel (`pertuz2013`, Tenengrad).
+
+    :math:`G_σ * (v_x^2 + v_y^2)`, the mean over channels, with a Gaussian window.
+
+    Parameters
+    ----------
+    picture
+        (channels, rows, columns).
+    width
+        σ of the window in pixels.
+
+    Returns
+    -------
+    Tensor
+        (rows, columns).
+    """
+    return _smoothed(gradient_energy(picture), width)
+
+
+def gradient_energy(picture: Tensor) -> Tensor:
+    """Squared length of the gradient, mean over the channels, (rows, columns)."""
+    rows = nnf.pad(picture.diff(dim=-2), (0, 0, 0, 1))
+    columns = nnf.pad(picture.diff(dim=-1), (0, 1))
+    return (rows.square() + columns.square()).mean(dim=0)
+
+
+def _smoothed(values: Tensor, width: float) -> Tensor:
+    """Weighted means under a Gaussian window of σ = `width` pixels; (rows, columns)."""
+    for axis in (0, 1):
+        count = values.shape[axis]
+        place = torch.arange(count, dtype=values.dtype, device=values.device)
+        weight = torch.exp(-((place[:, None] - place) ** 2) / (2 * width * width))
+        weight = weight / weight.sum(dim=1, keepdim=True)
+        values = weight @ values if axis == 0 else values @ weight.T
+    return values
+
+
+@dataclass(frozen=True)
+class FocalStack:
+    """Pictures at depths.
+
+    Parameters
+    ----------
+    depths_um
+        The nearest first; the last may be infinite.
+    pages
+        Radiance, (depths, channels, rows, columns).
+    objectives
+        Of each page: how badly it explains the measurement (`nolens.solvers.Result`).
+    """
+
+    depths_um: tuple[float, ...]
+    pages: Tensor
+    objectives: tuple[float, ...]
+
+
+def focal_stack(
+    reconstructor: DepthReconstructor,
+    psf_at: Callable[[float], Tensor],
+    depths_um: Sequence[float],
+    step: Callable[[int, int], bool] | None = None,
+) -> FocalStack:
+    """Reconstruct one measurement at many depths, each as if the whole scene lay there.
+
+    Parameters
+    ----------
+    reconstructor
+        Of the measurement.
+    psf_at
+        PSF of a depth in um, (channels, rows, columns).
+    depths_um
+        From the nearest on.
+    step
+        Called after every convergence check with the iterations that are done and all there
+        are; True ends the work, and the stack has the depths that are done.
+    """
+    pages: list[Tensor] = []
+    objectives: list[float] = []
+    for number, depth in enumerate(depths_um):
+        ended = False
+
+        def advance(progress: Progress, number: int = number) -> bool:
+            nonlocal ended
+            done = number * reconstructor.iterations + progress.iteration
+            ended = step is not None and step(done, len(depths_um) * reconstructor.iterations)
+            return ended
+
+        psf = psf_at(depth)
+        result = reconstructor.solve(psf, advance)
+        if ended and pages:
+            break
+        pages.append(result.photograph.cpu())
+        objectives.append(result.objective)
+        if ended:
+            break
+    return FocalStack(tuple(depths_um[: len(pages)]), torch.stack(pages), tuple(objectives))
+
+
+@dataclass(frozen=True)
+class AllInFocus:
+    """What a focal stack shows of a scene with depth.
+
+    Parameters
+    ----------
+    picture
+        Radiance, (channels, rows, columns).
+    per_m
+        1/z of every pixel, in 1/m, (rows, columns).
+    confidence
+        How far the sharpest depth stands out there, from 0 (not at all) to 1.
+    """
+
+    picture: Tensor
+    per_m: Tensor
+    confidence: Tensor
+
+
+def all_in_focus(stack: FocalStack, width: float) -> AllInFocus:
+    r"""Find the sharpest depth of every pixel, and take each pixel from there.
+
+    The sharpness is the energy of the gradient (`pertuz2013`) over the page's objective, in
+    Gaussian windows of σ, 2σ and 4σ, each divided by its mean over the picture and added up: a wide
+    window decides only where a narrow one sees nothing. The peak over the depths is refined by a
+    parabola. The map is the mean of its surroundings, weighted by the confidence; the picture
+    blends the two depths next to it.
+
+    Parameters
+    ----------
+    stack
+        Of two depths or more, in equal steps of 1/z.
+    width
+        σ of the smallest window, in pixels.
+    """
+    sharp = torch.stack(
+        [
+            _sharpness_by_scale(page, width) / max(objective, 1e-30)
+            for page, objective in zip(stack.pages, stack.objectives, strict=True)
+        ]
+    )
+    typical = sharp.mean(dim=(0, 2, 3), keepdim=True).clamp_min(1e-30)
+    focus = (sharp / typical).mean(dim=1)
+    best = focus.argmax(dim=0)
+    peak = _between(focus, best)
+    top, floor = focus.amax(dim=0), focus.median(dim=0).values
+    prominence = (top - floor) / top.clamp_min(1e-30)
+    lit = top / (top + _SURE * top.median()).clamp_min(1e-30)
+    confidence = (prominence * lit).clamp(0, 1)
+    weight = confidence.square() + 1e-6
+    place = _smoothed(peak * weight, width) / _smoothed(weight, width)
+    return AllInFocus(_blended(stack.pages, place), _vergence(stack, place), confidence)
+
+
+def _sharpness_by_scale(page: Tensor, width: float) -> Tensor:
+    """Energy of the gradient in windows of all sizes, (sizes, rows, columns)."""
+    narrow = sharpness(page, width * _SCALES[0])
+    wider = [
+        _smoothed(narrow, width * (scale**2 - _SCALES[0] ** 2) ** 0.5) for scale in _SCALES[1:]
+    ]
+    return torch.stack([narrow, *wider])
+
+
+def _between(focus: Tensor, best: Tensor) -> Tensor:
+    """Number of the sharpest depth, with the part between two by a parabola."""
+    last = len(focus) - 1
+    inner = best.clamp(1, max(1, last - 1))
+    if last < 2:
+        return best.to(focus.dtype)
+    before, top, after = (focus.gather(0, (inner + step)[None])[0] for step in (-1, 0, 1))
+    curve = before - 2 * top + after
+    offset = torch.where(curve < 0, (before - after) / (2 * curve).clamp_max(-1e-30), 0.0)
+    return torch.where(best == inner, inner + offset.clamp(-0.5, 0.5), best.to(focus.dtype))
+
+
+def _vergence(stack: FocalStack, place: Tensor) -> Tensor:
+    """1/z between the depths."""
+    known = torch.tensor([per_m(depth) for depth in stack.depths_um], dtype=place.dtype)
+    lower = place.floor().long().clamp(0, len(known) - 1)
+    upper = (lower + 1).clamp_max(len(known) - 1)
+    fraction = place - lower
+    return (1 - fraction) * known[lower] + fraction * known[upper]
+
+
+def _blended(pages: Tensor, place: Tensor) -> Tensor:
+    """Every pixel from the two depths next to its own."""
+    picture = torch.zeros_like(pages[0])
+    for number, page in enumerate(pages):
+        picture += page * (1 - (place - number).abs()).clamp_min(0)
+    return picture
