@@ -5,8 +5,8 @@ from dataclasses import replace
 
 from nolens.camera import Camera, opened, preset
 from nolens.fabricate import FrameGeometry, MouldAmount, ResinAmount, ToleranceBudget
+from nolens.fabricate.focus import Lines
 from nolens.fabricate.sheet import process_sheet
-from nolens.fabricate.sheet_focus import Lines
 from nolens.fabricate.sheet_parts import Blank, Blanks, Figure, Sheet, Steps, Table, Text
 from nolens.quantities import Length
 

@@ -21,8 +21,7 @@ from nolens.fabricate.drawing import (
     scale_name,
     spread,
 )
-from nolens.fabricate.drawing_section import draw_section
-from nolens.fabricate.drawing_top import draw_top
+from nolens.fabricate.sheet_drawings import draw_section, draw_top
 from nolens.files.write_sheet_drawing import BOLD, REGULAR, register_fonts
 
 

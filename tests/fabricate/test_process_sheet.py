@@ -9,9 +9,9 @@ from nolens.camera import OpenCamera, preset
 from nolens.errors import DataError, OptionError
 from nolens.fabricate import FrameGeometry, ToleranceBudget, ToleranceLine
 from nolens.fabricate.drawing import millimetres
-from nolens.fabricate.process import Printing, Process
-from nolens.fabricate.sheet_focus import ray_budget
+from nolens.fabricate.focus import ray_budget
 from nolens.fabricate.sheet_parts import Steps, Table
+from nolens.fabricate.sheet_steps import Printing, Process
 
 
 @pytest.fixture

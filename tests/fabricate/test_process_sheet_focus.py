@@ -10,7 +10,7 @@ from sheets import camera_of, changed
 from nolens.camera import Flat, ReliefFile, opened, preset
 from nolens.errors import DataError
 from nolens.evaluate import pattern_figures
-from nolens.fabricate.sheet_focus import expected_lines, focus_of, ray_budget
+from nolens.fabricate.focus import expected_lines, focus_of, ray_budget
 from nolens.optics import PointSource, Stack, mask_to_sensor
 from nolens.quantities import Length
 from nolens.twin import Light, Twin, point_spread

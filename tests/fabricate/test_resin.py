@@ -11,7 +11,7 @@ from workpieces import PAPER, frame, resin_of
 from nolens.camera import material
 from nolens.errors import OptionError
 from nolens.fabricate import FrameGeometry, MouldAmount, ResinAmount, Wetting
-from nolens.fabricate.crown import meniscus_mm3
+from nolens.fabricate.resin import meniscus_mm3
 
 PUA = material("pua311")
 

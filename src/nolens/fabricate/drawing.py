@@ -170,7 +170,7 @@ def millimetres(length_mm: float) -> str:
     return f"{rounded:.3f}" if round(rounded, 2) != rounded else f"{rounded:.2f}"
 
 
-def width_dimension(left: float, right: float, y: float, text: str, reach: float) -> list[Shape]:
+def width_dimension(left: float, right: float, y: float, text: str, edge: float) -> list[Shape]:
     """Dimension line along x with its text above it, or beside it where it is too short.
 
     Parameters
@@ -181,11 +181,11 @@ def width_dimension(left: float, right: float, y: float, text: str, reach: float
         Where the line runs.
     text
         What it says.
-    reach
+    edge
         Where the thin lines to the part end.
     """
-    beyond = math.copysign(_TICK_MM, y - reach)
-    shapes: list[Shape] = [Line((x, reach), (x, y + beyond)) for x in (left, right)]
+    beyond = math.copysign(_TICK_MM, y - edge)
+    shapes: list[Shape] = [Line((x, edge), (x, y + beyond)) for x in (left, right)]
     shapes += [Line((left, y), (right, y)), *_tick(left, y), *_tick(right, y)]
     if right - left > len(text) * LETTER_MM:
         return [*shapes, Word(((left + right) / 2, y - 0.8), text, "middle")]
@@ -193,7 +193,7 @@ def width_dimension(left: float, right: float, y: float, text: str, reach: float
 
 
 def height_dimension(
-    places: Sequence[float], texts: Sequence[str], x: float, reach: float
+    places: Sequence[float], texts: Sequence[str], x: float, edge: float
 ) -> list[Shape]:
     """Chain of dimension lines along y, with their texts on the side away from the part.
 
@@ -205,11 +205,11 @@ def height_dimension(
         One for each of them.
     x
         Where the lines run.
-    reach
+    edge
         Where the thin lines to the part end.
     """
-    way = math.copysign(1.0, x - reach)
-    shapes: list[Shape] = [Line((reach, y), (x + way * _TICK_MM, y)) for y in places]
+    way = math.copysign(1.0, x - edge)
+    shapes: list[Shape] = [Line((edge, y), (x + way * _TICK_MM, y)) for y in places]
     shapes.append(Line((x, places[0]), (x, places[-1])))
     for y in places:
         shapes += _tick(x, y)
@@ -236,7 +236,7 @@ def spread(places: Sequence[float], spacing: float) -> list[float]:
 
 
 def scale_bar(left: float, y: float, scale: float) -> list[Shape]:
-    """A bar of 10 mm on paper that shows whether a printer kept the scale."""
+    """A bar of 10 mm on paper that shows whether a printer changed the scale."""
     right = left + _BAR_MM
     part_mm = _BAR_MM / scale
     shapes: list[Shape] = [Line((left, y), (right, y), 0.5, part="scale-bar")]

@@ -1,16 +1,38 @@
-"""The printed frame around a sensor: its measures, from the package and the camera's layers."""
+"""The printed frame around a sensor: its measures, their limits, and the shade that it casts."""
 
 import math
 from dataclasses import dataclass
 from typing import Self
 
-from nolens.camera import Camera, Package
-from nolens.errors import OptionError
-from nolens.fabricate.frame_limits import Printer, check_printer, check_rim_and_vents, check_sizes
-from nolens.fabricate.poured import poured_layer
+import torch
 
-_RIM_SHARE, _MARK_SHARE = 0.3, 0.8
-_VENT_DEPTH_MM, _VENT_SHARE = 0.25, 0.25
+from nolens.camera import Camera, Layer, Package
+from nolens.errors import OptionError
+from nolens.optics import Stack
+from nolens.twin import REFERENCE_NM
+
+_RIM_FRACTION, _MARK_FRACTION = 0.3, 0.8
+_VENT_DEPTH_MM, _VENT_FRACTION = 0.25, 0.25
+_SLACK_MM = 1e-9
+"""Measures that were parsed from decimal text may miss a limit by their rounding."""
+_GLASSES = ("cover-glass", "d263", "bk7", "fused-silica")
+_BISECTIONS = 60
+
+
+@dataclass(frozen=True)
+class Printer:
+    """What a printer can make.
+
+    Parameters
+    ----------
+    smallest_mm
+        Thinnest wall and narrowest channel.
+    bed_mm
+        (width, depth) of its bed.
+    """
+
+    smallest_mm: float = 0.4
+    bed_mm: tuple[float, float] = (120.0, 68.0)
 
 
 @dataclass(frozen=True)
@@ -60,8 +82,8 @@ class FrameGeometry:
     mark_mm: float
 
     def __post_init__(self) -> None:
-        check_sizes(self)
-        check_rim_and_vents(self)
+        _check_sizes(self)
+        _check_rim_and_vents(self)
         room = self.mark_room_mm
         if self.mark_mm > 0 and room <= 0:
             raise OptionError(
@@ -126,13 +148,13 @@ class FrameGeometry:
         layer_mm = poured_layer(camera).thickness.mm
         if rim_mm is None:
             spare = max(0.0, wall_mm - printer.smallest_mm)
-            rim_mm = min(_RIM_SHARE * wall_mm, spare, layer_mm / 2)
+            rim_mm = min(_RIM_FRACTION * wall_mm, spare, layer_mm / 2)
         if mark_mm is None:
             seat = wall_mm - rim_mm
             room = 2 * seat - math.sqrt(2) * printer.smallest_mm
-            mark_mm = max(0.0, min(_MARK_SHARE * wall_mm, room))
+            mark_mm = max(0.0, min(_MARK_FRACTION * wall_mm, room))
         if vent_depth_mm is None:
-            vent_depth_mm = min(_VENT_DEPTH_MM, _VENT_SHARE * layer_mm)
+            vent_depth_mm = min(_VENT_DEPTH_MM, _VENT_FRACTION * layer_mm)
         frame = cls(
             package_width_mm=package.width.mm,
             package_height_mm=package.height.mm,
@@ -146,7 +168,7 @@ class FrameGeometry:
             vents=vents,
             mark_mm=mark_mm,
         )
-        check_printer(frame, printer)
+        _check_printer(frame, printer)
         return frame
 
     @property
@@ -235,3 +257,180 @@ class FrameGeometry:
             (length / count - self.vent_width_mm for length, count in lengths if count),
             default=math.inf,
         )
+
+
+def poured_layer(camera: Camera) -> Layer:
+    """Find the layer that is poured onto the sensor's glass and has the mask's relief on top.
+
+    What lies below it comes with the sensor: the cover glass and the air under it, or nothing.
+
+    Raises
+    ------
+    OptionError
+        If the mask is a film at a distance, or it does not lie on the sensor's own layers.
+    """
+    layers = camera.layers
+    first = len(layers)
+    if _is_air(layers[-1]):
+        first -= 2
+    elif layers[-1].material in _GLASSES:
+        first -= 1
+    between = layers[camera.mask.surface : max(first, 0)]
+    advice = "give a camera whose masked layer lies on the cover glass, such as the preset paper"
+    if any(_is_air(layer) for layer in between):
+        raise OptionError(
+            f"the mask of {camera.name!r} is a film with air between it and the glass: no resin is "
+            f"poured there, and this frame is for pouring; {advice}"
+        )
+    if len(between) != 1:
+        names = ", ".join(layer.name or "one without a name" for layer in between) or "none"
+        raise OptionError(
+            f"one layer is poured onto the glass, but between the mask's surface and the cover "
+            f"glass of {camera.name!r} there are {len(between)} ({names}): {advice}"
+        )
+    return between[0]
+
+
+def shading_angle_deg(camera: Camera, frame: FrameGeometry) -> float | None:
+    r"""Field angle from which on the wall shades the pixels along the sensor's edge.
+
+    Light with p = sin θ (Snell's law conserves it) reaches a pixel from
+    :math:`D = \sum_i t_i p/\sqrt{n_i^2 - p^2}` beside it at the mask's surface, which is level
+    with the frame's top. It passes the wall's upper edge while D is at most the distance a from
+    the outermost pixel to the cavity's wall, plus the rim r, and the rim's lower edge while
+    :math:`D - r p/\sqrt{n^2 - p^2} ≤ a`, with n the resin's index. The angle is the smaller one of
+    both directions; a corner's pixel is shaded from there on too.
+
+    Parameters
+    ----------
+    camera
+        Its layers, at 550 nm, and its sensor, whose middle is taken as the package's.
+    frame
+        The frame.
+
+    Returns
+    -------
+    float or None
+        In degrees, 0 where the wall stands over the pixels; None where no angle is shaded.
+    """
+    surface = camera.mask.surface
+    thicknesses = tuple(layer.thickness.um * 1e-3 for layer in camera.layers[surface:])
+    indices = camera.indices(REFERENCE_NM)[surface:]
+    whole = Stack(thicknesses, indices)
+    below = Stack((thicknesses[0] - frame.rim_mm, *thicknesses[1:]), indices)
+    sensor = camera.sensor
+    room = min(
+        (frame.inner_width_mm - sensor.width_mm) / 2,
+        (frame.inner_height_mm - sensor.height_mm) / 2,
+    )
+
+    def passes(angle_deg: float) -> bool:
+        p = torch.tensor(math.sin(math.radians(angle_deg)), dtype=torch.float64)
+        upper, lower = (float(stack.displacement_um(p)) for stack in (whole, below))
+        return upper <= room + frame.rim_mm and lower <= room
+
+    low, high = 0.0, 90.0 - 1e-9
+    if passes(high):
+        return None
+    if not passes(low):
+        return 0.0
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if passes(middle) else (low, middle)
+    return low
+
+
+def _check_sizes(frame: FrameGeometry) -> None:
+    """Refuse measures that are negative, or zero where they must not be."""
+    positive = {
+        "package's width (--package)": frame.package_width_mm,
+        "package's height (--package)": frame.package_height_mm,
+        "top of the glass (--glass-top)": frame.glass_top_mm,
+        "resin's thickness": frame.layer_mm,
+        "wall (--wall)": frame.wall_mm,
+    }
+    for what, size in positive.items():
+        if not 0 < size < math.inf:
+            raise OptionError(f"the {what} is {size:g} mm: it must be more than 0 mm")
+    rest = {
+        "clearance (--clearance)": frame.clearance_mm,
+        "rim (--rim)": frame.rim_mm,
+        "mark (--mark)": frame.mark_mm,
+    }
+    for what, size in rest.items():
+        if not 0 <= size < math.inf:
+            raise OptionError(f"the {what} is {size:g} mm: it must be 0 mm or more")
+    if frame.vents < 0:
+        raise OptionError(f"{frame.vents} vents (--vents): give 0 or more")
+
+
+def _check_rim_and_vents(frame: FrameGeometry) -> None:
+    """Refuse a rim and vents that the wall has no room for.
+
+    The rim may not take the whole wall's top, the resin not run out below the glass, and the
+    vents not stand in each other's way.
+    """
+    if frame.rim_mm > 0 and frame.rim_mm >= frame.wall_mm:
+        raise OptionError(
+            f"a pouring rim of {frame.rim_mm:g} mm leaves nothing of the wall of "
+            f"{frame.wall_mm:g} mm for the mould to lie on: give less (--rim) or a thicker --wall"
+        )
+    if frame.rim_mm > frame.layer_mm:
+        raise OptionError(
+            f"a pouring rim of {frame.rim_mm:g} mm reaches below the glass, over which the resin "
+            f"is {frame.layer_mm:g} mm thick: give at most that (--rim)"
+        )
+    if frame.vents == 0:
+        return
+    for what, size in (("width", frame.vent_width_mm), ("depth", frame.vent_depth_mm)):
+        if not 0 < size < math.inf:
+            raise OptionError(
+                f"a vent's {what} is {size:g} mm (--vent-{what}): it must be more than 0 mm; "
+                "--vents 0 leaves them out"
+            )
+    if frame.vent_depth_mm >= frame.layer_mm:
+        raise OptionError(
+            f"vents {frame.vent_depth_mm:g} mm deep let the resin run out down to the glass, over "
+            f"which it should be {frame.layer_mm:g} mm thick: give less (--vent-depth)"
+        )
+    beside = 2 * max(0.0, frame.mark_mm - frame.wall_mm)
+    if frame.vent_gap_mm <= beside:
+        raise OptionError(
+            f"{frame.vents} vents of {frame.vent_width_mm:g} mm do not fit into walls of "
+            f"{frame.inner_width_mm:.4g} and {frame.inner_height_mm:.4g} mm: give fewer (--vents) "
+            "or narrower ones (--vent-width)"
+        )
+
+
+def _check_printer(frame: FrameGeometry, printer: Printer) -> None:
+    """Refuse a frame with parts thinner than a printer's smallest feature, or beyond its bed."""
+    smallest = printer.smallest_mm
+    thin = {
+        f"the wall of {frame.wall_mm:g} mm (--wall)": frame.wall_mm,
+        f"the wall's top of {frame.seat_mm:.3g} mm beside the rim (--rim)": frame.seat_mm,
+    }
+    if frame.mark_mm > 0:
+        room = frame.mark_room_mm
+        thin[f"the wall of {room:.3g} mm that the mark leaves at its corner (--mark)"] = room
+    if frame.vents:
+        gap = frame.vent_gap_mm
+        thin[f"a vent of {frame.vent_width_mm:g} mm (--vent-width)"] = frame.vent_width_mm
+        thin[f"the wall of {gap:.3g} mm between vents (--vents)"] = gap
+    for what, size in thin.items():
+        if size < smallest - _SLACK_MM:
+            raise OptionError(
+                f"{what} is thinner than the printer's smallest feature of {smallest:g} mm: give "
+                f"{smallest:g} mm or more, or what a finer printer makes (--smallest)"
+            )
+    bed = sorted(printer.bed_mm)
+    outer = sorted((frame.outer_width_mm, frame.outer_height_mm))
+    if any(size > most + _SLACK_MM for size, most in zip(outer, bed, strict=True)):
+        raise OptionError(
+            f"the frame of {frame.outer_width_mm:.5g} × {frame.outer_height_mm:.5g} mm is larger "
+            f"than the printer's bed of {printer.bed_mm[0]:g} × {printer.bed_mm[1]:g} mm: give a "
+            "larger one (--bed), or a smaller wall or package"
+        )
+
+
+def _is_air(layer: Layer) -> bool:
+    return layer.material == "air" or layer.index == 1

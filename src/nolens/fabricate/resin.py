@@ -4,14 +4,44 @@ import math
 from dataclasses import dataclass
 from typing import Self
 
+import numpy as np
+
 from nolens.camera import Camera, material
 from nolens.errors import OptionError
-from nolens.fabricate.crown import Wetting, meniscus_mm3
-from nolens.fabricate.frame import FrameGeometry
-from nolens.fabricate.poured import poured_layer
+from nolens.fabricate.frame import FrameGeometry, poured_layer
 
 _WATER_G_CM3 = 1.0
 _MARGIN_MM = 10.0
+_GRAVITY_M_S2 = 9.80665
+_TERMS = 20_000
+_LARGEST_EXPONENT = 700.0
+
+
+@dataclass(frozen=True)
+class Wetting:
+    r"""How a liquid stands at an edge.
+
+    Parameters
+    ----------
+    surface_tension_n_m
+        γ, in N/m.
+    contact_angle_deg
+        At which it runs on over the top of the wall.
+    source
+        Where the figures come from.
+    """
+
+    surface_tension_n_m: float = 0.035
+    contact_angle_deg: float = 30.0
+    source: str = (
+        "placeholder: a surface tension and a contact angle as usual for liquid acrylate resins "
+        "on a printed wall, until a measurement replaces them"
+    )
+
+    def capillary_length_mm(self, density_g_cm3: float) -> float:
+        r"""Length :math:`ℓ = \sqrt{γ/(ρg)}` over which a surface bends (`degennes2004`)."""
+        weight = density_g_cm3 * 1e3 * _GRAVITY_M_S2
+        return 1e3 * math.sqrt(self.surface_tension_n_m / weight)
 
 
 @dataclass(frozen=True)
@@ -97,14 +127,14 @@ class ResinAmount:
                 f"the shrinkage of {name} is not known, and is taken as none: describe the resin "
                 "in TOML with cure_shrinkage_percent"
             )
-        share = shrinkage or 0.0
-        liquid_g_cm3 = (1 - share) * (density or _WATER_G_CM3)
+        lost = shrinkage or 0.0
+        liquid_g_cm3 = (1 - lost) * (density or _WATER_G_CM3)
         meniscus = meniscus_mm3(frame, crown_mm, wetting or Wetting(), liquid_g_cm3)
         overflow = frame.rim_mm3 + frame.vents_mm3
-        pour = (frame.cavity_mm3 + overflow) / (1 - share) + meniscus
+        pour = (frame.cavity_mm3 + overflow) / (1 - lost) + meniscus
         return cls(
             cavity_mm3=frame.cavity_mm3,
-            shrinkage=share,
+            shrinkage=lost,
             meniscus_mm3=meniscus,
             pour_mm3=pour,
             mass_mg=None if density is None else pour * liquid_g_cm3,
@@ -205,3 +235,76 @@ class MouldAmount:
     def hardener_g(self) -> float:
         """Mass of the hardener."""
         return self.mass_g / (self.ratio + 1)
+
+
+def meniscus_mm3(
+    frame: FrameGeometry, crown_mm: float, wetting: Wetting, density_g_cm3: float
+) -> float:
+    r"""Volume of liquid that stands above the frame's top, held at the rim's upper edge.
+
+    For small slopes its surface z follows the Young–Laplace equation
+    :math:`ℓ^2 ∇^2 z = z - z_0` with z = 0 along the edge (`degennes2004`). Over a rectangle of
+    width w and height 2b its solution is, with the odd numbers m, :math:`k = mπ/w` and
+    :math:`q^2 = k^2 + 1/ℓ^2`,
+
+    .. math:: z(x, y) = z_0 \sum_m \frac{4}{π m} \frac{1}{1 + ℓ^2 k^2}
+              \left(1 - \frac{\cosh q y}{\cosh q b}\right) \sin k x,
+
+    and z_0 is such that the middle is as high as the crown. The edge holds it while its slope is
+    less than that of the contact angle.
+
+    Parameters
+    ----------
+    frame
+        The liquid ends at its rim's upper edge.
+    crown_mm
+        Height of the middle.
+    wetting
+        Of the liquid.
+    density_g_cm3
+        Of the liquid.
+
+    Raises
+    ------
+    OptionError
+        If the crown is negative, or its slope at the edge is more than the contact angle's.
+    """
+    if not 0 <= crown_mm < math.inf:
+        raise OptionError(f"a crown of {crown_mm:g} mm (--crown): give 0 mm or more")
+    if crown_mm == 0:
+        return 0.0
+    length = wetting.capillary_length_mm(density_g_cm3)
+    width = frame.inner_width_mm + 2 * frame.rim_mm
+    height = frame.inner_height_mm + 2 * frame.rim_mm
+    crowns = _unit_crown(width, height, length), _unit_crown(height, width, length)
+    steepest = max(crown.steepest_per_mm for crown in crowns)
+    most = math.tan(math.radians(wetting.contact_angle_deg)) / steepest
+    if crown_mm > most:
+        raise OptionError(
+            f"a crown of {crown_mm:g} mm runs over the wall's top, which the resin wets at "
+            f"{wetting.contact_angle_deg:g} deg: give at most {math.floor(1e3 * most) / 1e3:g} mm "
+            "(--crown)"
+        )
+    return crown_mm * width * height * crowns[0].mean
+
+
+@dataclass(frozen=True)
+class _Crown:
+    """A crown 1 high over a rectangle: its mean height, and its slope where that is largest."""
+
+    mean: float
+    steepest_per_mm: float
+
+
+def _unit_crown(width: float, height: float, length: float) -> _Crown:
+    """The steepest place is taken among the middles of the two edges along the width."""
+    m = np.arange(1, 2 * _TERMS, 2)
+    k = m * (np.pi / width)
+    q = np.sqrt(k * k + length**-2)
+    b = height / 2
+    weights = 4 / (np.pi * m) / (1 + (length * k) ** 2)
+    in_middle = weights * np.where(m % 4 == 1, 1, -1)
+    middle = np.sum(in_middle * (1 - 1 / np.cosh(np.minimum(q * b, _LARGEST_EXPONENT))))
+    mean = np.sum(weights * (1 - np.tanh(q * b) / (q * b)) * 2 / (np.pi * m))
+    slope = np.sum(in_middle * q * np.tanh(q * b))
+    return _Crown(float(mean / middle), float(slope / middle))

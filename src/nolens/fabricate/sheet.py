@@ -1,21 +1,18 @@
 """The process sheet: what the maker of a camera does, step by step, with this camera's figures."""
 
-from nolens.amounts import amount
-from nolens.camera import OpenCamera
-from nolens.errors import NolensError
-from nolens.fabricate.drawing_section import draw_section, material_name
-from nolens.fabricate.drawing_top import draw_top
-from nolens.fabricate.frame import FrameGeometry
-from nolens.fabricate.poured import poured_layer
-from nolens.fabricate.process import Process, ToleranceBudget
-from nolens.fabricate.resin import MouldAmount, ResinAmount
-from nolens.fabricate.sheet_focus import Lines, expected_lines, ray_budget
-from nolens.fabricate.sheet_notes import safety_section, source_section
-from nolens.fabricate.sheet_parts import Blank, Blanks, Figure, Section, Sheet, Table, Text
-from nolens.fabricate.sheet_steps import step_sections
-from nolens.fabricate.sheet_work import Work, size
+from collections.abc import Iterator
 
-FILES = (
+from nolens.amounts import amount
+from nolens.camera import OpenCamera, SpectralCurve
+from nolens.errors import NolensError
+from nolens.fabricate.focus import Lines, ToleranceBudget, expected_lines, ray_budget
+from nolens.fabricate.frame import FrameGeometry, poured_layer
+from nolens.fabricate.resin import MouldAmount, ResinAmount, Wetting
+from nolens.fabricate.sheet_drawings import draw_section, draw_top, material_name
+from nolens.fabricate.sheet_parts import Blank, Blanks, Figure, Section, Sheet, Table, Text
+from nolens.fabricate.sheet_steps import Process, Work, size, step_sections
+
+_FILES = (
     ("frame.stl, frame.3mf", "the frame, for the printer; in mm"),
     ("mask.tif", "heights of the relief, 16 bit, for grey-scale or two-photon lithography"),
     ("mask.gds, mask.oas", "the same as levels, for lithography with several masks"),
@@ -23,6 +20,7 @@ FILES = (
 """Files that are written beside the sheet, and what for; each says which surface it holds."""
 _CORNERS = 4
 _ALIKE = "Cameras that are to share one PSF need the same t′ far more exactly (paper)."
+_PLACEHOLDER = "placeholder"
 
 
 def process_sheet(
@@ -75,12 +73,12 @@ def process_sheet(
     )
     sections = [
         _aim(work),
-        safety_section(),
+        _safety(),
         _materials(work, relief_file),
         *step_sections(work),
         _record(work),
         _budget(work),
-        source_section(work),
+        _source_notes(work),
     ]
     return Sheet(
         title=f"Process sheet: camera “{camera.name}”",
@@ -96,12 +94,12 @@ def process_sheet(
 
 
 def _lines(opened: OpenCamera, budget: ToleranceBudget) -> tuple[tuple[Lines, ...], str]:
-    """Expected widths at the wanted thickness and, where they are known, at its limits."""
-    wanted = poured_layer(opened.camera).thickness.mm
-    limits: tuple[float, ...] = (wanted,)
+    """Expected widths at the camera's thickness and, where they are known, at its limits."""
+    nominal = poured_layer(opened.camera).thickness.mm
+    limits: tuple[float, ...] = (nominal,)
     if budget.layer_mm is not None:
-        thinnest = max(wanted - budget.layer_mm, wanted / 2)
-        limits = (round(thinnest, 2), wanted, round(wanted + budget.layer_mm, 2))
+        thinnest = max(nominal - budget.layer_mm, nominal / 2)
+        limits = (round(thinnest, 2), nominal, round(nominal + budget.layer_mm, 2))
     try:
         return expected_lines(opened, limits), ""
     except NolensError as error:
@@ -135,24 +133,24 @@ def _materials(work: Work, relief_file: str) -> Section:
         f"{size(frame.package_width_mm, frame.package_height_mm)}, the glass's top at "
         f"{work.glass_top} mm"
     )
-    share = f"{100 * work.process.surplus:g} %"
+    surplus = f"{100 * work.process.surplus:g} %"
     amounts = (
         (
             "PDMS, base (Sylgard 184)",
             f"{work.base_g:.2f} g",
-            f"mould of {mould.base_g:.2f} g + {share}",
+            f"mould of {mould.base_g:.2f} g + {surplus}",
         ),
         (
             "PDMS, hardener",
             f"{work.hardener_g:.2f} g",
-            f"mould of {mould.hardener_g:.2f} g + {share}",
+            f"mould of {mould.hardener_g:.2f} g + {surplus}",
         ),
         (f"resin: {work.resin_name}", work.pour, _pour_note(work)),
         ("sensor on its board", "1", f"{work.camera.sensor.name}; check its package: {package}"),
         ("master mask", "1", "relief as in the files, or the diffuser that they model"),
     )
     solid = "the relief as a solid, for a printer that is fine enough"
-    files = (*FILES, (relief_file, solid))
+    files = (*_FILES, (relief_file, solid))
     tools = (
         "Balance (0.001 g for the resin, 0.01 g for PDMS), dish, cups, syringe, vacuum "
         f"chamber, oven ({work.process.bake_temperature_c:g} °C), ultraviolet lamp, height gauge "
@@ -225,6 +223,84 @@ def _budget(work: Work) -> Section:
         )
         for line in budget.lines
     )
-    heads = "parameter", "wanted", "allowed", "effect"
+    heads = "parameter", "target", "allowed", "effect"
     table = Table("How far off each may be", heads, (0.3, 0.2, 0.2, 0.3), rows)
     return Section("Tolerance budget", (table, method))
+
+
+def _safety() -> Section:
+    """What the maker must heed; general advice."""
+    return Section(
+        "Safety",
+        (
+            Text(
+                "Ultraviolet light: goggles against it, skin covered, a closed chamber. Liquid "
+                "resin: nitrile gloves and goggles; acrylates make allergic. Air the room. Oven: "
+                "hot. Vacuum: a shield in front of glass. Cured waste to the rubbish, liquid "
+                "resin never down the drain. The safety data sheets of your materials come before "
+                "this sheet (advice).",
+                "warning",
+            ),
+        ),
+    )
+
+
+def _source_notes(work: Work) -> Section:
+    """Where instructions and figures come from, and which of them are placeholders."""
+    texts = [
+        Text(
+            "Behind each step: paper = as in Fabrication of Integrated Lensless Cameras via "
+            "UV-Imprint Lithography, section II (uvimprint); advice = general practice of the "
+            "workshop, not from the paper; computed = from this camera's description; data sheet "
+            "= what the maker of the material says. Figures in large letters are this camera's, "
+            "but for those of baking and curing.",
+            "note",
+        ),
+        Text(f"Mould: {work.process.source}. Curing: {_cure_source(work)}.", "note"),
+    ]
+    placeholders = list(_placeholders(work))
+    if placeholders:
+        texts.append(
+            Text(
+                f"Placeholders, to be replaced by what you measure: {'; '.join(placeholders)}. "
+                "Their reasons: nolens camera show, nolens material show.",
+                "note",
+            )
+        )
+    return Section("Sources", tuple(texts))
+
+
+def _cure_source(work: Work) -> str:
+    source = work.process.cure.source
+    if source is None:
+        return f"no public figures are known to nolens for {work.resin_name}"
+    return source
+
+
+def _placeholders(work: Work) -> Iterator[str]:
+    for what, source in _figure_sources(work):
+        if source is not None and _PLACEHOLDER in source:
+            yield what if source.startswith(_PLACEHOLDER) else f"{what} (in part)"
+
+
+def _figure_sources(work: Work) -> Iterator[tuple[str, str | None]]:
+    """What the sheet's figures rest on, and where that comes from."""
+    camera, frame = work.camera, work.frame
+    package = camera.sensor.package
+    own = frame.package_width_mm, frame.package_height_mm, frame.glass_top_mm
+    if package is not None and own == tuple(
+        length.mm for length in (package.width, package.height, package.glass_top)
+    ):
+        yield "package of the sensor", package.source
+    poured = poured_layer(camera)
+    for layer in camera.layers:
+        made_of = camera.material_of(layer)
+        if made_of is not None:
+            yield f"index of {made_of.name}", made_of.source
+            if layer == poured:
+                yield f"density of {made_of.name}", made_of.density_source
+                yield f"shrinkage of {made_of.name}", made_of.cure_shrinkage_source
+    if work.resin.meniscus_mm3 > 0:
+        yield "crown of the resin", Wetting().source
+    if work.lines and isinstance(camera.sensor.quantum_efficiency, SpectralCurve):
+        yield "colours of the sensor", camera.sensor.quantum_efficiency.source

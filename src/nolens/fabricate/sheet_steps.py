@@ -1,10 +1,198 @@
-"""The steps of the process sheet: mould, frame, pouring, measuring."""
+"""The steps of the process sheet, and the figures of the process that they need."""
 
+from dataclasses import dataclass
+
+from nolens.camera import Camera
 from nolens.fabricate.drawing import millimetres
-from nolens.fabricate.process import Printing
-from nolens.fabricate.sheet_focus import PINHOLE_UM
+from nolens.fabricate.focus import PINHOLE_UM, Lines, ToleranceBudget
+from nolens.fabricate.frame import FrameGeometry
+from nolens.fabricate.resin import MouldAmount, ResinAmount
 from nolens.fabricate.sheet_parts import Blank, Block, Section, Step, Steps, Table, Text
-from nolens.fabricate.sheet_work import Work, size
+
+_PAPER = "the paper (uvimprint)"
+_LAYERS_MM = tuple(number / 200 for number in range(5, 21))
+"""From 0.025 to 0.1 mm."""
+_EXACT_MM = 1e-6
+
+
+@dataclass(frozen=True)
+class Cure:
+    """How a poured resin becomes hard; None where nobody published a figure.
+
+    Parameters
+    ----------
+    source
+        Where the figures come from; None where there are none.
+    minutes
+        How long the light, or the heat, must act.
+    lamp_w
+        Power of the ultraviolet lamp that is meant.
+    band_nm
+        Shortest and longest wavelength of the light.
+    dose_j_cm2
+        Energy of the light on the resin.
+    temperature_c
+        Of the oven, where heat cures it.
+    """
+
+    source: str | None = None
+    minutes: float | None = None
+    lamp_w: float | None = None
+    band_nm: tuple[float, float] | None = None
+    dose_j_cm2: float | None = None
+    temperature_c: float | None = None
+
+
+@dataclass(frozen=True)
+class Process:
+    """Figures of the mould and of the curing.
+
+    Parameters
+    ----------
+    cure
+        How the resin becomes hard.
+    bake_temperature_c, bake_minutes
+        Of the oven that makes the mould hard.
+    source
+        Where the figures of the mould come from.
+    surplus
+        Fraction that is mixed, and drawn, beyond what is needed: it stays in the cup and the
+        syringe. General advice.
+    """
+
+    cure: Cure
+    bake_temperature_c: float = 80.0
+    bake_minutes: float = 60.0
+    source: str = _PAPER
+    surplus: float = 0.1
+
+    @classmethod
+    def of(cls, resin: str | None) -> "Process":
+        """Figures for a resin by the name of its material (`nolens.camera.MATERIALS`).
+
+        The paper's for its own resin and for PDMS (`uvimprint`, section II); for NOA 61 those
+        that its maker gives for NOA 60, the wavelengths for all its adhesives (`norland60`);
+        none for others, which the person at the bench fills in.
+        """
+        return cls(_CURES.get(resin or "", Cure()))
+
+
+@dataclass(frozen=True)
+class Printing:
+    """In which layers a frame is printed.
+
+    Parameters
+    ----------
+    layer_mm
+        Thickness of a layer.
+    layers
+        How many make the frame.
+    miss_mm
+        By how much they are higher than the frame.
+    """
+
+    layer_mm: float
+    layers: int
+    miss_mm: float
+
+    @classmethod
+    def of(cls, height_mm: float, *details_mm: float) -> "Printing":
+        """Choose the thickest layers, up to 0.1 mm, that make whole numbers.
+
+        Parameters
+        ----------
+        height_mm
+            Of the frame. Where no layer fits it, the nearest is chosen.
+        details_mm
+            Heights that should be whole numbers of layers too, if some layer can make them so.
+        """
+        choices = []
+        for layer_mm in _LAYERS_MM:
+            layers = max(1, round(height_mm / layer_mm))
+            printing = cls(layer_mm, layers, layers * layer_mm - height_mm)
+            rough = [abs(each / layer_mm - round(each / layer_mm)) > 1e-6 for each in details_mm]
+            miss = max(0.0, abs(printing.miss_mm) - _EXACT_MM)
+            choices.append((miss, sum(rough), -layer_mm, printing))
+        return min(choices, key=lambda each: each[:3])[3]
+
+
+_HEAT = Cure(source=_PAPER, minutes=Process.bake_minutes, temperature_c=Process.bake_temperature_c)
+_CURES = {
+    "pua311": Cure(source=_PAPER, minutes=5.0, lamp_w=35.0),
+    "noa61": Cure(
+        source="Norland, of NOA 60 (norland60); the data sheet that came with yours comes first",
+        band_nm=(350.0, 380.0),
+        dose_j_cm2=3.0,
+    ),
+    "pdms": _HEAT,
+    "sylgard184": _HEAT,
+}
+
+
+@dataclass(frozen=True)
+class Work:
+    """All that the sheet is computed from.
+
+    Parameters
+    ----------
+    camera, frame, resin, mould, process, budget
+        What is made, of what, how, and how exactly.
+    resin_name
+        What the resin is called.
+    lines
+        Expected widths of the PSF's lines for some thicknesses, that of the camera in the middle;
+        none where they could not be computed.
+    no_lines
+        Why not.
+    """
+
+    camera: Camera
+    frame: FrameGeometry
+    resin: ResinAmount
+    mould: MouldAmount
+    process: Process
+    budget: ToleranceBudget
+    resin_name: str
+    lines: tuple[Lines, ...]
+    no_lines: str
+
+    @property
+    def allowed(self) -> str:
+        """What is allowed of every height, such as ``" ± 0.20 mm"``."""
+        if self.budget.layer_mm is None:
+            return " mm"
+        return f" ± {self.budget.layer_mm:.2f} mm"
+
+    @property
+    def layer(self) -> str:
+        """Thickness of the resin, such as ``"1.06"``."""
+        return millimetres(self.frame.layer_mm)
+
+    @property
+    def height(self) -> str:
+        """Height of the frame over the board."""
+        return millimetres(self.frame.height_mm)
+
+    @property
+    def glass_top(self) -> str:
+        """Height of the cover glass over the board."""
+        return millimetres(self.frame.glass_top_mm)
+
+    @property
+    def base_g(self) -> float:
+        """Base to weigh in, with what stays in the cup."""
+        return self.mould.base_g * (1 + self.process.surplus)
+
+    @property
+    def hardener_g(self) -> float:
+        """Hardener to weigh in."""
+        return self.mould.hardener_g * (1 + self.process.surplus)
+
+    @property
+    def pour(self) -> str:
+        """Resin for one camera, by volume and, where it is known, by mass."""
+        volume = f"{self.resin.pour_mm3:.1f} µl"
+        return volume if self.resin.mass_mg is None else f"{volume} = {self.resin.mass_mg:.0f} mg"
 
 
 def step_sections(work: Work) -> tuple[Section, ...]:
@@ -20,6 +208,11 @@ def step_sections(work: Work) -> tuple[Section, ...]:
         sections.append(Section(title, (Steps(first, steps), *after)))
         first += len(steps)
     return tuple(sections)
+
+
+def size(width_mm: float, height_mm: float) -> str:
+    """Write a width and a height, such as ``"12.98 × 11.15 mm"``."""
+    return f"{millimetres(width_mm)} × {millimetres(height_mm)} mm"
 
 
 def _mould(work: Work) -> tuple[Step, ...]:
@@ -230,8 +423,8 @@ def _shrunk(work: Work) -> str:
 def _expected(work: Work) -> str:
     if not work.lines:
         return ""
-    wanted = work.lines[len(work.lines) // 2]
-    return f"FWHM {wanted.width_um:.1f} µm, lines {wanted.line_um:.1f} µm"
+    nominal = work.lines[len(work.lines) // 2]
+    return f"FWHM {nominal.width_um:.1f} µm, lines {nominal.line_um:.1f} µm"
 
 
 def _lines(work: Work) -> tuple[Block, ...]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import gdstk
 
-from nolens.fabricate.levels import Levels
+from nolens.fabricate.surface import Levels
 from nolens.files.atomic import atomic_write
 
 LEGEND_LAYER = 255

@@ -4,8 +4,7 @@ from pathlib import Path
 
 from nolens.camera import Camera
 from nolens.errors import DataError
-from nolens.fabricate import ToleranceBudget, ToleranceLine
-from nolens.fabricate.poured import poured_layer
+from nolens.fabricate import ToleranceBudget, ToleranceLine, poured_layer
 from nolens.files import read_record
 
 _MM = {"nm": 1e-6, "um": 1e-3, "mm": 1.0}

@@ -11,6 +11,7 @@ from nolens.camera import Flat, OpenCamera
 from nolens.design.masks import quarter_um
 from nolens.errors import OptionError
 from nolens.fabricate import (
+    MOST_LEVELS,
     FrameGeometry,
     Levels,
     MouldAmount,
@@ -20,11 +21,10 @@ from nolens.fabricate import (
     decimated,
     frame_solid,
     made_surface,
+    process_sheet,
     relief_solid,
     shading_angle_deg,
 )
-from nolens.fabricate.levels import MOST_LEVELS
-from nolens.fabricate.sheet import process_sheet
 from nolens.files import (
     camera_files,
     check_height_map,

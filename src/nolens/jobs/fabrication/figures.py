@@ -12,9 +12,9 @@ from nolens.fabricate import (
     MouldAmount,
     ResinAmount,
     Solid,
+    poured_layer,
     shading_angle_deg,
 )
-from nolens.fabricate.poured import poured_layer
 from nolens.jobs.fabrication.options import FabricateOptions
 from nolens.optics import Relief
 

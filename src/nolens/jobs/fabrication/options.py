@@ -9,8 +9,7 @@ from pydantic import AfterValidator, BeforeValidator
 from nolens.camera import Camera, Package
 from nolens.camera.part import PositiveLength, refusal
 from nolens.errors import OptionError
-from nolens.fabricate.levels import MOST_LEVELS
-from nolens.fabricate.surface import SurfaceName
+from nolens.fabricate import MOST_LEVELS, SurfaceName
 from nolens.jobs.fields import FilePath, Name
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.quantities import Angle, Length, Share

@@ -1,4 +1,4 @@
-"""What the process sheet says of light: a first tolerance budget, and the lines of the PSF."""
+"""How exactly a camera must be made: a tolerance budget by rays, and the lines of its PSF."""
 
 import math
 from dataclasses import dataclass, replace
@@ -8,15 +8,58 @@ from nolens.camera import Camera, Flat, OpenCamera, RandomLenslets
 from nolens.design.focus import depth_of_focus_um, lenslet_aperture
 from nolens.errors import DataError
 from nolens.evaluate import pattern_figures
-from nolens.fabricate.process import ToleranceBudget, ToleranceLine
 from nolens.optics import PointSource, Stack, mask_to_sensor
 from nolens.quantities import Length
 from nolens.twin import REFERENCE_NM, Light, Twin, point_spread
 
 PINHOLE_UM = 50.0
 """Diameter of the paper's point source."""
-_CELLS = 384
+_PATCH = 384
 """Pixels along the side of the patch of sensor that stands for all of it."""
+
+
+@dataclass(frozen=True)
+class ToleranceLine:
+    """How far off one parameter may be.
+
+    Parameters
+    ----------
+    parameter
+        Its name, such as ``"resin thickness"``.
+    nominal
+        What it should be.
+    allowed
+        By how much it may be more or less.
+    unit
+        Of both; empty for plain numbers.
+    effect
+        What being off does.
+    """
+
+    parameter: str
+    nominal: float
+    allowed: float
+    unit: str
+    effect: str
+
+
+@dataclass(frozen=True)
+class ToleranceBudget:
+    """How far off the parameters of a camera may be.
+
+    Parameters
+    ----------
+    lines
+        One for each parameter; none where the camera leaves no room.
+    method
+        How the figures were found, in a sentence or two.
+    layer_mm
+        What is allowed of the thickness that the frame sets; None where that is not known.
+    """
+
+    lines: tuple[ToleranceLine, ...]
+    method: str
+    layer_mm: float | None
 
 
 @dataclass(frozen=True)
@@ -90,7 +133,7 @@ def focus_of(camera: Camera) -> Focus | None:
 
 
 def ray_budget(camera: Camera) -> ToleranceBudget:
-    r"""Share the depth of focus of the lenslets among the layers.
+    r"""Divide the depth of focus of the lenslets among the layers.
 
     The sensor lies :math:`D - f = Σ t_j/n_j - R/(n' - n_0)` behind the focus. Parameters p that
     vary by ±a each, independently, move it by :math:`\sqrt{Σ (a\,∂(D-f)/∂p)^2}`; each of N may
@@ -120,11 +163,11 @@ def ray_budget(camera: Camera) -> ToleranceBudget:
         )
     poured = camera.mask.surface
     slopes = _slopes(camera, focus)
-    share_mm = focus.room_mm / math.sqrt(len(slopes))
+    each_mm = focus.room_mm / math.sqrt(len(slopes))
     lines = []
     layer_mm = None
     for place, what, nominal, slope in slopes:
-        allowed = share_mm / abs(slope)
+        allowed = each_mm / abs(slope)
         unit = "mm" if what == "thickness" else ""
         if place == poured and what == "thickness":
             layer_mm = allowed
@@ -140,7 +183,7 @@ def ray_budget(camera: Camera) -> ToleranceBudget:
         f"{focus.length_mm:.2f} mm and NA = pitch/(2f) = {focus.aperture:.3f} have a depth of "
         f"focus λ/NA² = {focus.depth_mm:.2f} mm. Half of it, less the {abs(focus.off_mm):.2f} mm "
         f"by which this camera is out of focus already, leaves {focus.room_mm:.2f} mm. Each of "
-        f"{len(lines)} parameters may use 1/√{len(lines)} of that, {share_mm:.2f} mm.",
+        f"{len(lines)} parameters may use 1/√{len(lines)} of that, {each_mm:.2f} mm.",
         layer_mm,
     )
 
@@ -169,7 +212,7 @@ def expected_lines(opened: OpenCamera, thicknesses_mm: tuple[float, ...]) -> tup
     camera = twin.camera
     poured = camera.mask.surface
     source = PointSource(distance_um=camera.reference_distance.um, diameter_um=PINHOLE_UM)
-    found = []
+    lines = []
     for thickness_mm in thicknesses_mm:
         layers = list(camera.layers)
         thickness = Length.of(thickness_mm, "mm")
@@ -184,8 +227,8 @@ def expected_lines(opened: OpenCamera, thicknesses_mm: tuple[float, ...]) -> tup
             wavelengths=1,
         )
         width_um = pattern_figures(psf.mean(dim=0), twin.pixel_um).width_um
-        found.append(Lines(thickness_mm, width_um))
-    return tuple(found)
+        lines.append(Lines(thickness_mm, width_um))
+    return tuple(lines)
 
 
 def _media(camera: Camera) -> tuple[float, Stack]:
@@ -200,25 +243,25 @@ def _slopes(camera: Camera, focus: Focus) -> list[tuple[int, str, float, float]]
     """Layer, what of it, its value, and ∂(D − f)/∂ of that, in mm to the mm or to the unit."""
     surface = camera.mask.surface
     before, after = _media(camera)
-    found = []
+    slopes = []
     for number, (thickness_um, index) in enumerate(
         zip(after.thicknesses_um, after.indices, strict=True)
     ):
         place, thickness_mm = surface + number, thickness_um * 1e-3
-        found.append((place, "thickness", thickness_mm, 1 / index))
+        slopes.append((place, "thickness", thickness_mm, 1 / index))
         if index > 1:
             slope = -thickness_mm / index**2
             if number == 0:
                 slope += focus.length_mm / (index - before)
-            found.append((place, "index", index, slope))
-    return found
+            slopes.append((place, "index", index, slope))
+    return slopes
 
 
 def _patch(opened: OpenCamera) -> Twin:
-    """The camera with so little of its sensor that a pattern takes a moment."""
+    """The camera with so little of its sensor that a PSF takes a moment."""
     sensor = opened.camera.sensor
-    pixels = 1 if sensor.mosaic == "none" else 2
-    rows, columns = (min(count, _CELLS * pixels) for count in (sensor.rows, sensor.columns))
+    superpixel = 1 if sensor.mosaic == "none" else 2
+    rows, columns = (min(count, _PATCH * superpixel) for count in (sensor.rows, sensor.columns))
     if not isinstance(opened.camera.mask.relief, RandomLenslets):
         return Twin.of(opened).reading(rows, columns)
     small = sensor.model_copy(update={"rows": rows, "columns": columns})

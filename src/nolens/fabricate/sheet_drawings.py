@@ -1,9 +1,11 @@
-"""The drawing of a camera in its frame, cut through along the rows of its pixels."""
+"""The drawings of the process sheet: a camera in its frame, cut through and seen from the scene."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from nolens.camera import Camera, Layer
 from nolens.fabricate.drawing import (
+    BASE_MM,
     LINE_MM,
     WIDTH_MM,
     Area,
@@ -12,6 +14,7 @@ from nolens.fabricate.drawing import (
     Point,
     Shape,
     Tone,
+    Word,
     box,
     height_dimension,
     key,
@@ -20,18 +23,21 @@ from nolens.fabricate.drawing import (
     scale_bar,
     scale_for,
     scale_name,
+    spread,
     width_dimension,
 )
-from nolens.fabricate.frame import FrameGeometry
-from nolens.fabricate.poured import poured_layer
+from nolens.fabricate.frame import FrameGeometry, poured_layer
 from nolens.fabricate.resin import MouldAmount
+from nolens.fabricate.solid import outline
 
-_ROOM = 132.0, 60.0
-_TOP_MM, _BOARD_MM = 8.0, 4.0
+_SECTION_ROOM = 132.0, 60.0
+_SECTION_TOP_MM, _BOARD_MM = 8.0, 4.0
 _MOULD_MM, _OVERHANG_MM = 12.0, 3.5
 """How much of the mould is drawn at most, upwards and beside the frame, in mm of paper."""
 _ROW_MM = 5.0
-_MIDDLE_MM = 93.5
+_SECTION_MIDDLE_MM = 93.5
+_VIEW_ROOM = 100.0, 70.0
+_VIEW_MIDDLE_MM, _VIEW_TOP_MM = 79.0, 1.0
 
 
 def draw_section(camera: Camera, frame: FrameGeometry, mould: MouldAmount) -> Drawing:
@@ -69,7 +75,7 @@ def draw_section(camera: Camera, frame: FrameGeometry, mould: MouldAmount) -> Dr
         shapes += width_dimension(*ends, y, f"{what} {millimetres(width_mm)}", floor)
         y += _ROW_MM
     named = _named(place)
-    shapes += pointers([(letter, at) for letter, at, _ in named], _TOP_MM - 4)
+    shapes += pointers([(letter, at) for letter, at, _ in named], _SECTION_TOP_MM - 4)
     y -= 2
     shapes += key([f"{letter}  {name}" for letter, _, name in named], y)
     y += LINE_MM * ((len(named) + 1) // 2)
@@ -87,6 +93,90 @@ def draw_section(camera: Camera, frame: FrameGeometry, mould: MouldAmount) -> Dr
         scale=place.scale,
         shapes=tuple(shapes),
     )
+
+
+def draw_top(camera: Camera, frame: FrameGeometry) -> Drawing:
+    """Draw the frame's top with its rim, vents and mark, and the sensor in it, to scale.
+
+    Parameters
+    ----------
+    camera
+        Its sensor's pixels lie in the middle of the package.
+    frame
+        The frame.
+
+    Returns
+    -------
+    Drawing
+        With measures, names and a bar of 10 mm; the rows of pixels run to the right, from row to
+        row upwards.
+
+    Raises
+    ------
+    OptionError
+        If the frame is too large for the sheet.
+    """
+    scale = scale_for((frame.outer_width_mm, frame.outer_height_mm), _VIEW_ROOM)
+    centre = _VIEW_MIDDLE_MM, _VIEW_TOP_MM + frame.outer_height_mm * scale / 2
+
+    def on_paper(x_mm: float, y_mm: float) -> Point:
+        return centre[0] + x_mm * scale, centre[1] - y_mm * scale
+
+    def around(width_mm: float, height_mm: float) -> tuple[float, float, float, float]:
+        return *on_paper(-width_mm / 2, height_mm / 2), *on_paper(width_mm / 2, -height_mm / 2)
+
+    rim = 2 * frame.rim_mm
+    sensor = camera.sensor
+    inner = around(frame.inner_width_mm, frame.inner_height_mm)
+    outer = around(frame.outer_width_mm, frame.outer_height_mm)
+    pixels = around(sensor.width_mm, sensor.height_mm)
+    shapes: list[Shape] = [
+        Area(tuple(on_paper(*corner) for corner in outline(frame)), "frame", "frame"),
+        box(*around(frame.inner_width_mm + rim, frame.inner_height_mm + rim), "mould", "rim"),
+        *_vents(frame, outer, inner, on_paper),
+        box(*inner, "resin", "inside"),
+        box(*around(frame.package_width_mm, frame.package_height_mm), "glass", "package"),
+        box(*pixels, "package", "pixels"),
+    ]
+    first = pixels[0], pixels[3]
+    shapes.append(box(first[0], first[1] - 1.6, first[0] + 1.6, first[1], "air", "pixel-0-0"))
+    names = _names(camera, frame, outer, on_paper)
+    shapes += names
+    texts = [
+        f"outside {millimetres(frame.outer_width_mm)}",
+        f"inside {millimetres(frame.inner_width_mm)}",
+    ]
+    y = outer[3] + _ROW_MM + 1
+    for ends, text in zip((inner, outer), reversed(texts), strict=True):
+        shapes += width_dimension(ends[0], ends[2], y, text, outer[3])
+        y += _ROW_MM
+    for number, (ends, height_mm) in enumerate(
+        ((inner, frame.inner_height_mm), (outer, frame.outer_height_mm))
+    ):
+        shapes += height_dimension(
+            (ends[1], ends[3]), (millimetres(height_mm),), outer[0] - 4 - 12 * number, outer[0]
+        )
+    lowest = max(word.at[1] for word in names if isinstance(word, Word))
+    y = max(y, lowest + LINE_MM)
+    shapes += scale_bar(outer[0], y, scale)
+    mark = " Its lower left corner, beside pixel (0, 0), is cut off." if frame.mark_mm > 0 else ""
+    return Drawing(
+        title=f"Frame and sensor seen from the scene, scale {scale_name(scale)}, measures in mm",
+        description=(
+            f"The frame is {millimetres(frame.outer_width_mm)} mm wide and "
+            f"{millimetres(frame.outer_height_mm)} mm high around an opening of "
+            f"{millimetres(frame.inner_width_mm)} by {millimetres(frame.inner_height_mm)} mm.{mark}"
+        ),
+        width_mm=WIDTH_MM,
+        height_mm=y + 3,
+        scale=scale,
+        shapes=tuple(shapes),
+    )
+
+
+def material_name(layer: Layer) -> str:
+    """What a layer is made of, for people."""
+    return layer.material or f"a material of index {layer.index:g}"
 
 
 @dataclass(frozen=True)
@@ -107,12 +197,12 @@ class _Place:
 
     @classmethod
     def of(cls, camera: Camera, frame: FrameGeometry, mould: MouldAmount) -> "_Place":
-        scale = scale_for((frame.outer_width_mm, frame.height_mm), _ROOM)
-        top = _TOP_MM + min(mould.thickness_mm * scale, _MOULD_MM)
+        scale = scale_for((frame.outer_width_mm, frame.height_mm), _SECTION_ROOM)
+        top = _SECTION_TOP_MM + min(mould.thickness_mm * scale, _MOULD_MM)
 
         def ends(width_mm: float) -> Point:
             half = width_mm * scale / 2
-            return _MIDDLE_MM - half, _MIDDLE_MM + half
+            return _SECTION_MIDDLE_MM - half, _SECTION_MIDDLE_MM + half
 
         return cls(
             camera,
@@ -184,7 +274,7 @@ def _mould(place: _Place) -> Area:
     steps = 24
     width = (right - left) / steps
     broken = [
-        (right - number * width, _TOP_MM + (0.7 if number % 2 else -0.7))
+        (right - number * width, _SECTION_TOP_MM + (0.7 if number % 2 else -0.7))
         for number in range(steps + 1)
     ]
     return Area(((left, place.top), (right, place.top), *broken), "mould", "mould")
@@ -224,24 +314,19 @@ def _named(place: _Place) -> list[tuple[str, Point, str]]:
         ),
     ]
     for number, layer in enumerate(place.below):
-        share = 0.3 + 0.3 * number / max(1, len(place.below) - 1)
-        at = _along(place.pixels, share), (levels[number] + levels[number + 1]) / 2
+        fraction = 0.3 + 0.3 * number / max(1, len(place.below) - 1)
+        at = _along(place.pixels, fraction), (levels[number] + levels[number + 1]) / 2
         name = layer.name or material_name(layer)
         named.append((at, f"{name}, {millimetres(layer.thickness.mm)}"))
     named += [
         ((_along(place.pixels, 0.75), levels[-1]), "pixels"),
         (
-            (_along(place.pixels, 0.92), (2 * place.top + _TOP_MM) / 3),
+            (_along(place.pixels, 0.92), (2 * place.top + _SECTION_TOP_MM) / 3),
             f"mould of PDMS, {place.mould.thickness_mm:.4g} thick and wider than the frame",
         ),
         ((place.outer[1] + _OVERHANG_MM / 2, place.floor + _BOARD_MM / 2), "board"),
     ]
     return [(chr(ord("A") + number), at, name) for number, (at, name) in enumerate(named)]
-
-
-def material_name(layer: Layer) -> str:
-    """What a layer is made of, for people."""
-    return layer.material or f"a material of index {layer.index:g}"
 
 
 def _corners(ends: Point, top: float, bottom: float) -> tuple[float, float, float, float]:
@@ -252,5 +337,78 @@ def _between(wide: Point, narrow: Point) -> Point:
     return (wide[0] + narrow[0]) / 2, (wide[1] + narrow[1]) / 2
 
 
-def _along(ends: Point, share: float) -> float:
-    return ends[0] + share * (ends[1] - ends[0])
+def _along(ends: Point, fraction: float) -> float:
+    return ends[0] + fraction * (ends[1] - ends[0])
+
+
+def _vents(
+    frame: FrameGeometry,
+    outer: tuple[float, float, float, float],
+    inner: tuple[float, float, float, float],
+    on_paper: Callable[[float, float], Point],
+) -> list[Shape]:
+    """The channels across the wall's top."""
+    shapes: list[Shape] = []
+    half = frame.vent_width_mm / 2
+    for side, offsets in enumerate(frame.vent_offsets_mm()):
+        for offset in offsets:
+            left, top = on_paper(offset - half, offset + half)
+            right, bottom = on_paper(offset + half, offset - half)
+            ends = (
+                (inner[2], top, outer[2], bottom),
+                (outer[0], top, inner[0], bottom),
+                (left, outer[1], right, inner[1]),
+                (left, inner[3], right, outer[3]),
+            )[side]
+            shapes.append(box(*ends, "air", "vent"))
+    return shapes
+
+
+def _names(
+    camera: Camera,
+    frame: FrameGeometry,
+    outer: tuple[float, float, float, float],
+    on_paper: Callable[[float, float], Point],
+) -> list[Shape]:
+    """What everything is, to the right of it; the mark at the left."""
+    sensor = camera.sensor
+    x, y = frame.inner_width_mm / 2, frame.inner_height_mm / 2
+    package = f"{millimetres(frame.package_width_mm)} × {millimetres(frame.package_height_mm)}"
+    named = [
+        (
+            on_paper(x + (frame.rim_mm + frame.wall_mm) / 2, 0.9 * y),
+            f"wall {millimetres(frame.wall_mm)}: mould lies here",
+        ),
+        (
+            on_paper(0.8 * x, 0.3 * (sensor.height_mm / 2 + frame.package_height_mm / 2)),
+            f"package {package}",
+        ),
+        (
+            on_paper(0.4 * sensor.width_mm, -0.2 * sensor.height_mm),
+            f"pixels {millimetres(sensor.width_mm)} × {millimetres(sensor.height_mm)}",
+        ),
+    ]
+    if frame.rim_mm > 0:
+        at = on_paper(x + frame.rim_mm / 2, 0.6 * y)
+        named.append((at, f"pouring rim {millimetres(frame.rim_mm)} at 45°"))
+    if frame.vents:
+        vent = f"{millimetres(frame.vent_width_mm)} wide, {millimetres(frame.vent_depth_mm)} deep"
+        offset = frame.vent_offsets_mm()[0][0]
+        named.append((on_paper(x + frame.wall_mm * 0.7, offset), f"vent {vent}"))
+    named.sort(key=lambda each: each[0][1])
+    left = outer[2] + 8
+    shapes: list[Shape] = []
+    places = spread([at[1] for at, _ in named], 1.6 * LINE_MM)
+    down = max(0.0, LINE_MM / 2 - places[0])
+    for (at, text), place in zip(named, places, strict=True):
+        y_word = place + down
+        shapes += [Line((left - 1, y_word), at), Word((left, y_word + BASE_MM), text)]
+    if frame.mark_mm > 0:
+        corner = outer[0] + frame.mark_mm, outer[3] - frame.mark_mm
+        y_word = outer[3] + _ROW_MM
+        shapes += [
+            Word((0, y_word), "mark, at"),
+            Word((0, y_word + LINE_MM), "pixel (0, 0)"),
+            Line((15, y_word - BASE_MM), corner),
+        ]
+    return shapes
