@@ -12,7 +12,7 @@ from nolens.calibrate.point_register import register
 from nolens.camera import develop, exposure_white
 from nolens.evaluate import scale_fit
 from nolens.experiments.virtual_experiment import solved
-from nolens.files.plot_reproduce import Panel, plot_overlay, plot_pictures
+from nolens.files.plot_reproduction import Panel, plot_overlay, plot_pictures
 from nolens.operators import Region
 from nolens.optics import PointSource
 from nolens.refocusing import (
@@ -237,9 +237,9 @@ def magnification(work: Workbench, found: Mapping[str, Found]) -> Draft:
     )
     draw = partial(
         plot_overlay,
-        patterns=found["magnification"].arrays["overlay"],
+        psfs=found["magnification"].arrays["overlay"],
         names=("3 cm", "8 cm", "20 cm"),
-        cell_um=work.preview.pixel_um,
+        pixel_um=work.preview.pixel_um,
     )
     caption = (
         "The PSF at the middle of the sensor's right edge for a point source at three "

@@ -12,7 +12,7 @@ from nolens.errors import NolensError
 from nolens.evaluate import Dot
 from nolens.experiments.dot_grid import dot_grid
 from nolens.experiments.off_axis import falls_to, off_axis, ray_curves
-from nolens.files.plot_field import write_angles_plot, write_dots_plot
+from nolens.files.plot_measurements import write_angles_plot, write_dots_plot
 from nolens.operators import Region
 from nolens.optics import PointSource
 from nolens.reproduction.draft import Draft, Drawn, empty, refusal

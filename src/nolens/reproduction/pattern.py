@@ -8,7 +8,7 @@ from typing import Any
 
 from nolens.camera import RandomLenslets, develop
 from nolens.evaluate import PsfFigures, psf_figures
-from nolens.files.plot_psf import write_psf_plot
+from nolens.files.plot_measurements import write_psf_plot
 from nolens.reproduction.draft import Draft, Drawn, empty, refusal
 from nolens.reproduction.rows import Row
 from nolens.reproduction.steps import Found, Step, Tick
@@ -95,7 +95,7 @@ def psf(work: Workbench, found: Mapping[str, Found]) -> Draft:
         ),
     )
     pattern = found["psf"].arrays["psf"][0]
-    draw = partial(write_psf_plot, figures=figures, psf=pattern, cell_um=figures.pixel_um)
+    draw = partial(write_psf_plot, figures=figures, psf=pattern, pixel_um=figures.pixel_um)
     caption = (
         "One frame of a white LED behind a 50 µm pinhole at 300 mm, with mosaic and noise, 2×2 "
         "pixels to a cell, all colours together: the PSF, its autocorrelation and its spectrum."

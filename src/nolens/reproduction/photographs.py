@@ -13,7 +13,7 @@ from torch import Tensor
 from nolens.camera import develop, exposure_white
 from nolens.evaluate import psnr, scale_fit, ssim
 from nolens.experiments.virtual_experiment import SimulatedMeasurement, solved
-from nolens.files.plot_reproduce import Panel, plot_pictures
+from nolens.files.plot_reproduction import Panel, plot_pictures
 from nolens.operators import Region
 from nolens.reproduction.draft import Draft, Drawn
 from nolens.reproduction.rows import Row, not_made

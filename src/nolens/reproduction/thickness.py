@@ -12,7 +12,7 @@ from nolens.camera import Camera
 from nolens.design.focus import depth_of_focus_um, lenslet_aperture
 from nolens.evaluate import pattern_figures
 from nolens.experiments.virtual_experiment import VirtualExperiment
-from nolens.files.plot_reproduce import plot_films
+from nolens.files.plot_reproduction import plot_films
 from nolens.jobs.designing.thickness import ThicknessOptions, design_thickness
 from nolens.jobs.run import Reporter
 from nolens.quantities import Length
@@ -275,15 +275,15 @@ def films(work: Workbench, found: Mapping[str, Found]) -> Draft:
             "of the width in fig. 5 holds here, too.",
         ),
     )
-    patterns = {thickness: arrays[f"psf-{1000 * thickness:.0f}um"][0] for thickness in widths}
+    psfs = {thickness: arrays[f"psf-{1000 * thickness:.0f}um"][0] for thickness in widths}
     paper = PAPER["film"].value or 0.0, PAPER["film width"].value or 0.0
     draw = partial(
         plot_films,
         widths_um=widths,
-        patterns=patterns,
+        psfs=psfs,
         predicted_mm=(exact["value"], exact["plus_minus"]),
         paper=paper,
-        cell_um=work.preview.pixel_um,
+        pixel_um=work.preview.pixel_um,
     )
     caption = (
         "Above, the middle of the PSF behind films of several thicknesses, each as bright as its "

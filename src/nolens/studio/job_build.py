@@ -11,7 +11,7 @@ from nolens.design.preview import with_thickness
 from nolens.errors import FileError, OptionError
 from nolens.files import CAMERA_FILE, atomic_write, is_sequence, read_camera, write_into
 from nolens.files.cameras import camera_copies, write_description
-from nolens.files.save_plot import dark_plots
+from nolens.files.plots import dark_plots
 from nolens.jobs.designing.look import Thicknesses
 from nolens.jobs.options import JobOptions, Option
 from nolens.jobs.run import Reporter

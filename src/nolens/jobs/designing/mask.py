@@ -29,7 +29,7 @@ from nolens.design.masks import (
 from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE, camera_files, read_camera, write_camera
 from nolens.files.cameras import curve_copies
-from nolens.files.plot_mask import MaskPlot, plot_mask
+from nolens.files.plot_design import plot_mask
 from nolens.jobs.fields import (
     CAMERAS,
     LIGHTS,
@@ -389,17 +389,18 @@ def design_mask(run: Run[MaskOptions]) -> Product[OpenCamera]:
     if made.target is not None:
         target = spread_over(made.target, (psf.shape[1], psf.shape[2]))
         summary["target_correlation"] = [float(correlation(each, target)) for each in psf]
-    plot = MaskPlot(
+    plot = partial(
+        plot_mask,
         heights_um=twin.mask.relief.height_um.cpu(),
         grid_um=twin.mask.relief.grid_um,
         psf=psf,
         papers_psf=papers_psf,
-        cell_um=twin.pixel_um,
+        pixel_um=twin.pixel_um,
         title=made.opened.camera.name,
     )
     more: dict[str, Writer] = {
         **curve_copies(options.camera, opened),
-        _PICTURE_FILE: partial(plot_mask, plot=plot),
+        _PICTURE_FILE: plot,
     }
 
     def commit(writers: Mapping[Path, Writer]) -> None:

@@ -18,7 +18,7 @@ from nolens.design.uncertain import Propagated, Uncertain
 from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE, camera_files, read_camera, read_material
 from nolens.files.cameras import write_description
-from nolens.files.plot_thickness import plot_thickness
+from nolens.files.plot_design import plot_thickness
 from nolens.jobs.fields import CAMERAS, FilePath, Name
 from nolens.jobs.options import JobOptions, Option, Written, expand_home
 from nolens.jobs.run import Product, Run, Writer, job

@@ -43,6 +43,7 @@ from nolens.design.tolerances import (
 )
 from nolens.errors import OptionError
 from nolens.files import camera_files, read_camera, read_tolerances, write_trials
+from nolens.files.tolerances import plot_tolerance
 from nolens.jobs.fields import CAMERAS, FilePath, Name, Seed, Word
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Reporter, Run, Writer, check_memory, job
@@ -571,9 +572,6 @@ class _StoppedError(Exception):
 def _writers(
     options: ToleranceOptions, study: Study, summary: dict[str, Any]
 ) -> dict[Path, Writer]:
-    # Here, because matplotlib takes as long to load as some commands to run.
-    from nolens.files.plot_tolerance import plot_tolerance
-
     assert options.output is not None
     title = (
         f"{summary['camera']}: {summary['criterion']} by {summary['model']}, light {options.light}"

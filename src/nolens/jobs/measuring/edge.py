@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from torch import Tensor
 
 from nolens.evaluate import EdgeResolution, slanted_edge
-from nolens.files.plot_resolution import ACCENT, GUIDE, WORST, resolution_figure, show_picture
+from nolens.files.plots import ACCENT, GUIDE, WORST, plot_figure, show_picture
 from nolens.jobs.fields import Files
 from nolens.jobs.measuring.resolution import resolution_product, solver_line, target_picture
 from nolens.jobs.measuring.resolution_options import (
@@ -107,7 +107,7 @@ def _figures(edge: EdgeResolution) -> dict[str, Any]:
 def _draw(edge: EdgeResolution, path: Path) -> None:
     """The edge, the light across it and the contrast by frequency."""
     response = edge.response
-    with resolution_figure(path, (12.0, 3.8)) as figure:
+    with plot_figure(path, (12.0, 3.8)) as figure:
         picture, spread, contrast = figure.subplots(1, 3)
         show_picture(picture, edge.picture.values.numpy())
         picture.set_title("picture")

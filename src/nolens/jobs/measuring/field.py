@@ -29,7 +29,7 @@ from nolens.files import (
     write_png,
     write_tiff32,
 )
-from nolens.files.plot_field import write_angles_plot, write_dots_plot
+from nolens.files.plot_measurements import write_angles_plot, write_dots_plot
 from nolens.jobs.fields import CAMERAS, RESULT, FilePath, Name, Seed, record_beside
 from nolens.jobs.measuring.rounded import rounded
 from nolens.jobs.options import JobOptions, Option, Written

@@ -22,7 +22,7 @@ from nolens.files import (
     read_psf_set,
     readable,
 )
-from nolens.files.plot_psf import write_psf_plot
+from nolens.files.plot_measurements import write_psf_plot
 from nolens.jobs.fields import CAMERAS, RESULT, FilePath, Name, Word, plot_and_record, record_beside
 from nolens.jobs.measuring.rounded import rounded
 from nolens.jobs.options import JobOptions, Option, Written
@@ -172,7 +172,9 @@ def measure_psf(run: Run[MeasurePsfOptions]) -> Product[PsfFigures]:
     run.warn(*warnings, *_warnings(figures, frame, plane))
     writers: dict[Path, Writer] = {}
     if options.plot is not None:
-        writers[options.plot] = partial(write_psf_plot, figures=figures, psf=plane, cell_um=cell_um)
+        writers[options.plot] = partial(
+            write_psf_plot, figures=figures, psf=plane, pixel_um=cell_um
+        )
     return Product(
         figures,
         {

@@ -11,11 +11,11 @@ from torch import Tensor
 
 from nolens.errors import DataError
 from nolens.evaluate import StarResolution, siemens_star, star_square_deg
-from nolens.files.plot_resolution import (
+from nolens.files.plots import (
     ACCENT,
     GUIDE,
     WORST,
-    resolution_figure,
+    plot_figure,
     show_picture,
     white_level,
 )
@@ -179,7 +179,7 @@ def draw_star(resolution: StarResolution, path: Path) -> None:
         PNG to be written.
     """
     star, worst = resolution.star, resolution.worst
-    with resolution_figure(path, (10.5, 8.4)) as figure:
+    with plot_figure(path, (10.5, 8.4)) as figure:
         from matplotlib.patches import Circle
 
         places = figure.subplot_mosaic(

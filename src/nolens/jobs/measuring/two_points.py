@@ -13,7 +13,7 @@ from nolens.camera.part import PositiveLength
 from nolens.errors import OptionError
 from nolens.evaluate import ObservedPair, TwoPoints, point_pair
 from nolens.experiments.resolution import POINT_ITERATIONS, POINTS_SUPPORT, two_point_resolution
-from nolens.files.plot_resolution import ACCENT, GUIDE, resolution_figure, show_picture
+from nolens.files.plots import ACCENT, GUIDE, plot_figure, show_picture
 from nolens.jobs.fields import Files
 from nolens.jobs.measuring.resolution import ReadyBench, resolution_product, solver_line
 from nolens.jobs.measuring.resolution_options import (
@@ -192,7 +192,7 @@ def draw_two_points(points: TwoPoints, path: Path) -> None:
     """
     order = sorted(range(len(points.pairs)), key=lambda n: abs(points.dips[n] - points.threshold))
     panels = sorted(order[:_MOST_PANELS])
-    with resolution_figure(path, (max(2.0 * len(panels), 6.0), 7.0)) as figure:
+    with plot_figure(path, (max(2.0 * len(panels), 6.0), 7.0)) as figure:
         grid = figure.add_gridspec(3, len(panels), height_ratios=[3, 2, 4])
         for place, number in enumerate(panels):
             above, below = (figure.add_subplot(grid[row, place]) for row in (0, 1))

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from nolens.errors import DataError
 from nolens.evaluate import FlatPicture
-from nolens.files.plot_resolution import resolution_figure, show_picture
+from nolens.files.plots import plot_figure, show_picture
 from nolens.jobs.measuring.resolution import resolution_product, solver_line, target_picture
 from nolens.jobs.measuring.resolution_options import TARGET, OneFrameOptions, TargetAngle
 from nolens.jobs.measuring.resolution_targets import ResolutionTarget, ScreenPicture
@@ -55,7 +55,7 @@ def measure_bars(run: Run[BarOptions]) -> Product[float]:
     figures = {"target": "bars", "period_deg": run.options.period.deg, "contrast": contrast}
 
     def draw(_: float, path: Path) -> None:
-        with resolution_figure(path, (4.0, 4.0)) as figure:
+        with plot_figure(path, (4.0, 4.0)) as figure:
             show_picture(figure.subplots(), picture.values.numpy())
 
     return resolution_product(run, contrast, figures, draw)

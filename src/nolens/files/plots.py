@@ -1,4 +1,8 @@
-"""How plots are written: on white, and for pages with a dark theme once more on a dark ground."""
+"""How plots are drawn and written: on white, and for pages with a dark theme on dark ground too.
+
+matplotlib takes a third of a second to load, which a command without a plot need not wait: it is
+imported where something is drawn.
+"""
 
 import io
 from collections.abc import Iterator
@@ -7,9 +11,20 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from nolens.files.atomic import atomic_write
+
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+STYLE: dict[Any, Any] = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
+"""Settings of all plots."""
+ACCENT, WORST, GUIDE = "#2a7f62", "#c23b2e", "0.45"
+"""Colours of what is measured, of its worst part, and of lines to read it by."""
+_WHITE_PERCENTILE = 99.5
 _GROUND = "#191d20"
 _GREY = 0.15
 _LEAST_LIGHT = 0.66
@@ -34,16 +49,8 @@ def dark_plots() -> Iterator[list[bytes]]:
         _dark_plots.reset(token)
 
 
-def save_plot(figure: "Figure", path: str | Path) -> None:
-    """Write a plot as PNG.
-
-    Parameters
-    ----------
-    figure
-        The plot, as it is drawn on white. Where `dark_plots` asks for it, it is recoloured.
-    path
-        The file to write.
-    """
+def _save(figure: "Figure", path: str | Path) -> None:
+    """Write a plot as PNG, and recolour and write it once more where `dark_plots` asks for it."""
     figure.savefig(path, format="png", dpi=_DPI)
     drawn = _dark_plots.get()
     if drawn is not None:
@@ -102,3 +109,52 @@ def _dark(colour: Any) -> Any:
 
 def _is_white(colour: Any) -> bool:
     return bool(colour[3] > 0 and min(colour[:3]) > 0.98)
+
+
+def white_level(picture: NDArray[np.floating[Any]]) -> float:
+    """Value that is drawn white: nearly the greatest."""
+    return float(np.percentile(picture, _WHITE_PERCENTILE))
+
+
+def show_picture(
+    axes: "Axes", picture: NDArray[np.floating[Any]], white: float | None = None
+) -> None:
+    """Draw a picture of a target in grey, without axes."""
+    axes.imshow(
+        picture,
+        cmap="gray",
+        vmin=0,
+        vmax=white_level(picture) if white is None else white,
+        interpolation="nearest",
+    )
+    axes.set_axis_off()
+
+
+@contextmanager
+def plot_figure(
+    path: str | Path, size: tuple[float, float], *, title_size: float | str = 9
+) -> Iterator["Figure"]:
+    """Draw on a figure that is written as PNG at the end of the block.
+
+    Parameters
+    ----------
+    path
+        PNG to be written.
+    size
+        Of the figure, (width, height) in inches.
+    title_size
+        Of the titles of its parts, as matplotlib takes it.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context({**STYLE, "axes.titlesize": title_size}):
+        figure = Figure(figsize=size, layout="constrained")
+        yield figure
+        with atomic_write(path) as temporary:
+            _save(figure, temporary)

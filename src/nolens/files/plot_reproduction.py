@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
@@ -11,16 +10,12 @@ from torch import Tensor
 
 from nolens.camera import exposure_white, srgb_from_linear
 from nolens.errors import DataError
+from nolens.files.plots import STYLE
 
 _HEIGHT_IN, _TITLE_IN, _GAP_IN = 2.6, 0.32, 0.08
 _WIDEST_IN = 9.0
-STYLE: dict[Any, Any] = {
-    "font.size": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-}
-DPI = 160
-_SHOWN = 5
+_DPI = 160
+_MOST_FILMS = 5
 _INK = 0.85
 _OURS, _PAPER, _PREDICTED = "#2a5f7f", "#c0562f", "#2a7f62"
 
@@ -62,16 +57,16 @@ def plot_pictures(path: Path, panels: tuple[Panel, ...]) -> None:
         figure = Figure(figsize=(width, height + _TITLE_IN))
         left = 0.0
         for panel, ratio in zip(panels, ratios, strict=True):
-            share = height / (height + _TITLE_IN)
-            axes = figure.add_axes((left / width, 0.0, height * ratio / width, share))
-            axes.imshow(_shown(panel), aspect="auto", interpolation="antialiased")
+            fraction = height / (height + _TITLE_IN)
+            axes = figure.add_axes((left / width, 0.0, height * ratio / width, fraction))
+            axes.imshow(_encoded(panel), aspect="auto", interpolation="antialiased")
             axes.set_title(panel.title, fontsize=8.5, pad=4)
             axes.set_axis_off()
             left += height * ratio + _GAP_IN
-        save(figure, path)
+        _save(figure, path)
 
 
-def _shown(panel: Panel) -> "np.ndarray[tuple[int, ...], np.dtype[np.float32]]":
+def _encoded(panel: Panel) -> "np.ndarray[tuple[int, ...], np.dtype[np.float32]]":
     white = exposure_white(panel.radiance) if panel.white is None else panel.white
     picture = srgb_from_linear((panel.radiance / white).clamp(0, 1)).numpy()
     if len(picture) == 1:
@@ -82,11 +77,11 @@ def _shown(panel: Panel) -> "np.ndarray[tuple[int, ...], np.dtype[np.float32]]":
 def plot_films(
     path: Path,
     widths_um: dict[float, float],
-    patterns: dict[float, Tensor],
+    psfs: dict[float, Tensor],
     *,
     predicted_mm: tuple[float, float],
     paper: tuple[float, float],
-    cell_um: float,
+    pixel_um: float,
 ) -> None:
     """Draw the width of the autocorrelation over the thickness of films, and some of their PSFs.
 
@@ -96,18 +91,20 @@ def plot_films(
         PNG to be written.
     widths_um
         By thickness in mm.
-    patterns
+    psfs
         The middle of each film's PSF, (rows, columns).
     predicted_mm
         Thickness in focus by rays, and its ±.
     paper
         Thickness in mm and width in um of the paper's sharpest film.
-    cell_um
+    pixel_um
         Pitch of the PSFs' pixels.
     """
     thicknesses = sorted(widths_um)
-    chosen = np.linspace(0, len(thicknesses) - 1, min(_SHOWN, len(thicknesses))).round().astype(int)
-    shown = [thicknesses[place] for place in chosen]
+    chosen = (
+        np.linspace(0, len(thicknesses) - 1, min(_MOST_FILMS, len(thicknesses))).round().astype(int)
+    )
+    displayed = [thicknesses[place] for place in chosen]
     with rc_context(STYLE):
         figure = Figure(figsize=(8.2, 5.0), layout="constrained")
         above, below = figure.subfigures(2, 1, height_ratios=(2, 3), squeeze=False)[:, 0]
@@ -129,30 +126,30 @@ def plot_films(
         axes.set_ylabel("FWHM of the\nautocorrelation, µm")
         axes.set_xlim(thicknesses[0] - 0.1, thicknesses[-1] + 0.1)
         axes.legend(fontsize=8)
-        places = np.atleast_1d(above.subplots(1, len(shown)))
-        for place, thickness in zip(places, shown, strict=True):
-            picture = patterns[thickness].numpy()
-            side = picture.shape[-1] * cell_um
+        places = np.atleast_1d(above.subplots(1, len(displayed)))
+        for place, thickness in zip(places, displayed, strict=True):
+            picture = psfs[thickness].numpy()
+            side = picture.shape[-1] * pixel_um
             place.imshow(picture, cmap="gray", vmin=0, extent=(0, side, 0, side))
             place.set_title(f"{thickness:g} mm", fontsize=9)
             place.set_xticks([])
             place.set_yticks([])
         places[0].set_ylabel(f"{side:.0f} µm", fontsize=8)
-        save(figure, path)
+        _save(figure, path)
 
 
-def plot_overlay(path: Path, patterns: Tensor, names: tuple[str, str, str], cell_um: float) -> None:
+def plot_overlay(path: Path, psfs: Tensor, names: tuple[str, str, str], pixel_um: float) -> None:
     """Draw three PSFs in red, blue and green over each other, binarised as in fig. 8a.
 
     Parameters
     ----------
     path
         PNG to be written.
-    patterns
+    psfs
         (3, rows, columns).
     names
         Of the three.
-    cell_um
+    pixel_um
         Pitch of the pixels.
 
     Raises
@@ -160,16 +157,16 @@ def plot_overlay(path: Path, patterns: Tensor, names: tuple[str, str, str], cell
     DataError
         If they are not three.
     """
-    if patterns.ndim != 3 or len(patterns) != 3:
-        raise DataError(f"three PSFs are drawn over each other, not {tuple(patterns.shape)}")
-    levels = np.quantile(patterns.numpy(), 0.88, axis=(1, 2))
-    bright = patterns.numpy() > levels[:, None, None]
-    # On white, each pattern takes away the two colours that are not its own.
-    picture = np.ones((*patterns.shape[1:], 3))
+    if psfs.ndim != 3 or len(psfs) != 3:
+        raise DataError(f"three PSFs are drawn over each other, not {tuple(psfs.shape)}")
+    levels = np.quantile(psfs.numpy(), 0.88, axis=(1, 2))
+    bright = psfs.numpy() > levels[:, None, None]
+    # On white, each PSF takes away the two colours that are not its own.
+    picture = np.ones((*psfs.shape[1:], 3))
     for number, own in enumerate((0, 2, 1)):
         for plane in {0, 1, 2} - {own}:
             picture[..., plane] -= _INK * bright[number]
-    side_mm = [count * cell_um * 1e-3 for count in patterns.shape[1:]]
+    side_mm = [count * pixel_um * 1e-3 for count in psfs.shape[1:]]
     with rc_context(STYLE):
         figure = Figure(figsize=(4.6, 4.8), layout="constrained")
         axes = figure.subplots()
@@ -181,9 +178,9 @@ def plot_overlay(path: Path, patterns: Tensor, names: tuple[str, str, str], cell
             axes.plot([], [], "s", color=colour, label=name)
         axes.set_xlabel("mm")
         figure.legend(loc="outside upper center", ncols=3, fontsize=8, frameon=False)
-        save(figure, path)
+        _save(figure, path)
 
 
-def save(figure: Figure, path: Path) -> None:
+def _save(figure: Figure, path: Path) -> None:
     """Write a figure as PNG whose bytes depend on what is drawn alone."""
-    figure.savefig(path, format="png", dpi=DPI, metadata={"Software": None})
+    figure.savefig(path, format="png", dpi=_DPI, metadata={"Software": None})

@@ -1,0 +1,391 @@
+"""Plots of what was measured: a PSF, as the paper's Fig. 5, and the field of view, as Fig. 6."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from nolens.evaluate import Dot, PsfFigures
+from nolens.files.plots import plot_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_MARK = "#c23b2e"
+_COLOURS = {0: "#3557c9", 90: "#2f9140", 180: "#e08a1e", 270: "#8a4fb0"}
+_MOST_PIXELS = 1200
+_ZOOM_PITCHES = 7.0
+_DISPLAYED_PITCHES = 2.6
+_BRIGHTEST_PSF = 99.7
+_DECADES = 1e-4
+
+_GRADES = {"good": "#2a7f62", "distorted": "#e08a1e", "lost": "#a01c3a"}
+_FRAME, _EXPOSED, _OVERLAP, _OTHER = "#3557c9", "#a01c3a", "#2f9140", "0.45"
+_BRIGHTEST_PICTURE = 99.8
+_GAMMA = 2.2
+
+
+def write_psf_plot(path: str | Path, figures: PsfFigures, psf: Tensor, pixel_um: float) -> None:
+    """Draw a PSF with a part of it enlarged, its autocorrelation, and its spectral magnitude.
+
+    Parameters
+    ----------
+    path
+        PNG to be written.
+    figures
+        Of `nolens.evaluate.psf_figures`.
+    psf
+        (rows, columns).
+    pixel_um
+        Pitch of its pixels.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    values = psf.detach().cpu().double().numpy()
+    with plot_figure(path, (18, 4.4), title_size="large") as figure:
+        left, part, middle, right = figure.subplots(1, 4, width_ratios=(1.15, 0.8, 1, 1))
+        _draw_psf(left, part, values, figures, pixel_um)
+        _draw_autocorrelation(middle, figures)
+        _draw_psf_magnitude(right, values, figures)
+
+
+def _draw_psf(
+    axes: "Axes",
+    part: "Axes",
+    values: NDArray[np.float64],
+    figures: PsfFigures,
+    pixel_um: float,
+) -> None:
+    """All of it, and a few pitches of its middle enlarged beside it."""
+    from matplotlib.patches import Rectangle
+
+    rows, columns = values.shape
+    low, high = np.percentile(values, [1, _BRIGHTEST_PSF])
+    shades = {"cmap": "gray", "vmin": low, "vmax": high}
+    step = max(1, -(-max(rows, columns) // _MOST_PIXELS))
+    height, width = rows * pixel_um * 1e-3, columns * pixel_um * 1e-3
+    coarse = values[: rows // step * step, : columns // step * step]
+    coarse = coarse.reshape(rows // step, step, columns // step, step).mean(axis=(1, 3))
+    axes.imshow(coarse, extent=(0, width, height, 0), **shades)
+    axes.set_xlabel("mm")
+    axes.set_ylabel("mm")
+    axes.set_title(f"(a) PSF, {rows}×{columns} pixels of {pixel_um:.4g} µm")
+    pitch_um = figures.pitch_um or 5 * figures.fwhm_um
+    half = min(round(_ZOOM_PITCHES / 2 * pitch_um / pixel_um), rows // 4, columns // 4)
+    if half < 4:
+        part.set_axis_off()
+        return
+    top, left = rows // 2 - half, columns // 2 - half
+    mm = pixel_um * 1e-3
+    part.imshow(
+        values[top : top + 2 * half, left : left + 2 * half],
+        extent=(left * mm, (left + 2 * half) * mm, (top + 2 * half) * mm, top * mm),
+        interpolation="nearest",
+        **shades,
+    )
+    part.set_xticks([])
+    part.set_yticks([])
+    for spine in part.spines.values():
+        spine.set(visible=True, edgecolor=_MARK, linewidth=1.4)
+    axes.add_patch(
+        Rectangle(
+            (left * mm, top * mm), 2 * half * mm, 2 * half * mm, fill=False, edgecolor=_MARK, lw=1.4
+        )
+    )
+    part.set_title(f"its middle, {2 * half * pixel_um:.0f} µm wide")
+
+
+def _draw_autocorrelation(axes: "Axes", figures: PsfFigures) -> None:
+    """Over all directions and along the rows, with width and pitch."""
+    lag = np.array(figures.lag_um)
+    pitch = figures.pitch_um
+    extent = min(lag[-1], _DISPLAYED_PITCHES * pitch if pitch else 8 * figures.fwhm_um)
+    for values, colour, style, label in (
+        (figures.row_autocorrelation, "0.65", "-", "along the rows"),
+        (figures.autocorrelation, "black", "-", "all directions"),
+    ):
+        axes.plot(
+            np.concatenate([-lag[::-1], lag]),
+            np.concatenate([values[::-1], values]),
+            color=colour,
+            linestyle=style,
+            linewidth=1.3,
+            label=label,
+        )
+    axes.set_xlim(-extent, extent)
+    axes.axhline(0, color="0.85", linewidth=0.8, zorder=0)
+    half = (1 + figures.level) / 2
+    width = figures.fwhm_um
+    axes.annotate(
+        "",
+        (-width / 2, half),
+        (width / 2, half),
+        arrowprops={"arrowstyle": "<->", "color": _MARK, "shrinkA": 0, "shrinkB": 0},
+    )
+    axes.annotate(
+        f"FWHM {width:.2f} µm\nline {figures.line_width_um:.2f} µm\n"
+        f"half way to 0: {figures.fwhm_over_mean_um:.2f} µm",
+        (width / 2, half),
+        (10, 0),
+        textcoords="offset points",
+        color=_MARK,
+        va="center",
+    )
+    axes.axhline(figures.level, color=_MARK, linewidth=0.7, linestyle=":", zorder=0)
+    if pitch is not None:
+        top = float(np.interp(pitch, lag, figures.autocorrelation))
+        axes.plot([pitch, pitch], [figures.level, top], color=_MARK, linewidth=0.9)
+        axes.annotate(
+            f"pitch {pitch:.2f} µm",
+            (pitch, top),
+            (0, 14),
+            textcoords="offset points",
+            color=_MARK,
+            ha="center",
+        )
+    axes.set_xlabel("distance, µm")
+    axes.set_ylabel("autocorrelation, mean taken off")
+    axes.set_title("(b) autocorrelation")
+    axes.legend(fontsize=8, loc="upper right", frameon=False)
+
+
+def _draw_psf_magnitude(axes: "Axes", values: NDArray[np.float64], figures: PsfFigures) -> None:
+    """In four directions, over all of them, and the noise; the spectrum in the corner."""
+    lowest = max(_DECADES * max(figures.magnitude), figures.noise_magnitude / 2)
+    for angle, (at, magnitude) in figures.direction_magnitude.items():
+        axes.plot(
+            at,
+            np.maximum(magnitude, lowest / 10),
+            color=_COLOURS[angle],
+            linewidth=0.8,
+            linestyle="-" if angle < 180 else (0, (3, 3)),
+            label=f"{angle}°",
+        )
+    axes.plot(figures.per_mm, figures.magnitude, color="black", linewidth=1.4, label="mean")
+    if figures.noise_magnitude > lowest:
+        axes.axhline(figures.noise_magnitude, color="0.5", linestyle="--", linewidth=0.9)
+        axes.annotate(
+            "noise",
+            (0, figures.noise_magnitude),
+            (4, 3),
+            textcoords="offset points",
+            color="0.4",
+            fontsize=8,
+        )
+    axes.axvline(figures.line_per_mm, color=_MARK, linewidth=0.8)
+    axes.annotate(
+        f" line {figures.line_per_mm:.3g}/mm",
+        (figures.line_per_mm, 0.02),
+        xycoords=("data", "axes fraction"),
+        color=_MARK,
+        fontsize=8,
+    )
+    axes.set_yscale("log")
+    axes.set_ylim(lowest, 1.3)
+    axes.set_xlim(0, 500 / figures.pixel_um)
+    axes.set_xlabel("spatial frequency on the sensor, lines/mm")
+    axes.set_ylabel("spectral magnitude, of the light")
+    axes.set_title("(c) spectral magnitude")
+    axes.legend(fontsize=8, loc="upper center", frameon=False, ncols=1)
+    spectrum = np.abs(np.fft.fftshift(np.fft.fft2(values - values.mean())))
+    spectrum = _in_blocks(spectrum, 240)
+    inset = axes.inset_axes((0.62, 0.58, 0.38, 0.42))
+    decades = np.log10(np.maximum(spectrum, spectrum.max() * _DECADES))
+    inset.imshow(decades, cmap="inferno", aspect="auto")
+    inset.set_box_aspect(1)
+    inset.set_xticks([])
+    inset.set_yticks([])
+    inset.set_xlabel("spectrum", fontsize=8, labelpad=2)
+
+
+def _in_blocks(values: NDArray[np.float64], most: int) -> NDArray[np.float64]:
+    """Root of the mean square over blocks, so that at most so many rows and columns are left."""
+    steps = [max(1, -(-count // most)) for count in values.shape]
+    rows, columns = (count // step for count, step in zip(values.shape, steps, strict=True))
+    cut = values[: rows * steps[0], : columns * steps[1]]
+    squares = (cut**2).reshape(rows, steps[0], columns, steps[1]).mean(axis=(1, 3))
+    root: NDArray[np.float64] = np.sqrt(squares)
+    return root
+
+
+def write_angles_plot(
+    path: str | Path,
+    curves: Mapping[str, Sequence[float | None]],
+    rays: Mapping[str, Sequence[float]] | None = None,
+    levels: Sequence[float] = (),
+) -> None:
+    """Draw how PSFs from the side resemble the central one, and what light is left of them.
+
+    Parameters
+    ----------
+    path
+        PNG to be written.
+    curves
+        What was measured: by name, one value for each ``angle_deg``: ``correlation``,
+        ``correlation_one_exposure``, ``correlation_overlap`` and ``light``; those that hold None
+        are left out.
+    rays
+        What rays say, at angles of its own: ``angle_deg``, ``overlap_width``, ``overlap_height``
+        and ``light``; None draws none.
+    levels
+        Correlations to mark.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    with plot_figure(path, (10.5, 4.2), title_size="large") as figure:
+        left, right = figure.subplots(1, 2)
+        _draw_curve(left, curves, "correlation", _FRAME, "o-", "frames, each by its own norm")
+        _draw_curve(
+            left, curves, "correlation_one_exposure", _EXPOSED, "D-", "frames of one exposure"
+        )
+        _draw_curve(left, curves, "correlation_overlap", _OVERLAP, "s-", "their overlap alone")
+        if rays is not None:
+            _draw_curve(
+                left, rays, "overlap_width", _OTHER, "--", "overlap by rays, light at the side"
+            )
+            _draw_curve(left, rays, "overlap_height", _OTHER, ":", "overlap by rays, light above")
+        for level in levels:
+            left.axhline(level, color=_OTHER, linewidth=0.7, linestyle=(0, (6, 4)))
+            left.annotate(
+                f"{level:g}",
+                (1, level),
+                (-2, 2),
+                xycoords=("axes fraction", "data"),
+                textcoords="offset points",
+                ha="right",
+                color=_OTHER,
+                fontsize=8,
+            )
+        left.set_ylabel("correlation with the central PSF; overlap")
+        left.set_title("likeness to the central PSF")
+        left.legend(fontsize=8, frameon=False, loc="best")
+        _draw_curve(right, curves, "light", "black", "o-", "on the sensor")
+        if rays is not None:
+            _draw_curve(right, rays, "light", _OTHER, "--", "by cos³, reflection and acceptance")
+        right.set_ylabel("light, of the central PSF's")
+        right.set_title("vignetting")
+        if right.lines:
+            right.legend(fontsize=8, frameon=False, loc="best")
+        for axes in (left, right):
+            axes.set_xlabel("half angle, °")
+            axes.set_ylim(min(0.0, axes.get_ylim()[0]), 1.05)
+            axes.set_xlim(left=0)
+
+
+def write_dots_plot(
+    path: str | Path,
+    dots: Sequence[Dot],
+    picture: Tensor,
+    good_deg: float | None,
+    lost_deg: float | None,
+) -> None:
+    """Draw the picture of a grid of dots with each one judged, and their figures by angle.
+
+    Parameters
+    ----------
+    path
+        PNG to be written.
+    dots
+        All that should be there.
+    picture
+        (rows, columns).
+    good_deg, lost_deg
+        Angles to mark.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    with plot_figure(path, (15, 5.4), title_size="large") as figure:
+        left, right = figure.subfigures(1, 2, width_ratios=(1, 1.5), squeeze=False)[0]
+        axes = left.subplots()
+        _draw_picture(axes, dots, picture)
+        places = right.subplots(1, 3)
+        named = ("error_deg", "width", "light")
+        labels = ("off its place, °", "width, of the middle dots'", "light, of the middle dots'")
+        for each, name, label in zip(places, named, labels, strict=True):
+            _draw_figures(each, dots, name, label)
+            for angle, colour in ((good_deg, _GRADES["good"]), (lost_deg, _GRADES["lost"])):
+                if angle is not None:
+                    each.axvline(angle, color=colour, linewidth=0.9)
+
+
+def _draw_curve(
+    axes: "Axes",
+    curves: Mapping[str, Sequence[float | None]],
+    name: str,
+    colour: str,
+    style: str,
+    label: str,
+) -> None:
+    at = [each for each in curves["angle_deg"] if each is not None]
+    values = [each for each in curves[name] if each is not None]
+    if len(values) == len(at):
+        axes.plot(
+            at,
+            values,
+            style,
+            color=colour,
+            label=label,
+            markersize=4,
+            linewidth=1.2,
+        )
+
+
+def _draw_picture(axes: "Axes", dots: Sequence[Dot], picture: Tensor) -> None:
+    """Each dot in a ring of its grade's colour."""
+    values = picture.detach().cpu().double().numpy().clip(min=0)
+    white = float(np.percentile(values, _BRIGHTEST_PICTURE)) or 1.0
+    axes.imshow((values / white).clip(max=1) ** (1 / _GAMMA), cmap="gray", vmin=0, vmax=1)
+    side = min(values.shape)
+    around = np.sqrt(values.size / max(1, len(dots)))
+    size = (0.45 * around / side * 330) ** 2 / 4
+    for name, colour in _GRADES.items():
+        at = [dot.expected for dot in dots if dot.grade == name]
+        if at:
+            rows, columns = zip(*at, strict=True)
+            axes.scatter(
+                columns,
+                rows,
+                s=size,
+                facecolors="none",
+                edgecolors=colour,
+                linewidths=0.8,
+                label=f"{name}: {len(at)}",
+            )
+    axes.set_xlim(-0.5, values.shape[1] - 0.5)
+    axes.set_ylim(values.shape[0] - 0.5, -0.5)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.01), ncols=3, frameon=False)
+    axes.set_title(f"{len(dots)} dots")
+
+
+def _draw_figures(axes: "Axes", dots: Sequence[Dot], name: str, label: str) -> None:
+    """One figure of every dot over its angle; of the light also what is expected."""
+    for grade, colour in _GRADES.items():
+        points = [
+            (dot.angle_deg, value)
+            for dot in dots
+            if dot.grade == grade and (value := getattr(dot, name)) is not None
+        ]
+        if points:
+            axes.plot(*zip(*points, strict=True), ".", color=colour, markersize=4)
+    if name == "light":
+        curve = sorted({(dot.angle_deg, dot.expected_light) for dot in dots})
+        axes.plot(*zip(*curve, strict=True), "--", color=_OTHER, linewidth=1.1, label="expected")
+        axes.legend(fontsize=8, frameon=False)
+    axes.set_xlabel("half angle, °")
+    axes.set_title(label, fontsize=9)
+    axes.set_xlim(left=0)
+    axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
