@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from workpieces import lopsided, smooth, surface
 
 from nolens.errors import OptionError
-from nolens.fabricate import Levels, MadeSurface, levels
+from nolens.fabricate import Levels, MadeSurface
 from nolens.files.write_layout import layout, write_gds, write_oasis
 from nolens.optics import Relief
 
@@ -77,7 +77,7 @@ def test_tiles_meet(monkeypatch: pytest.MonkeyPatch) -> None:
     made = surface(smooth(60, 70, 3))
     areas = []
     for tile in (500, 13):
-        monkeypatch.setattr(levels, "_TILE", tile)
+        monkeypatch.setattr("nolens.fabricate.surface._TILE", tile)
         found = Levels(made, 6).polygons()
         areas.append([sum(each.area() for each in level) for level in found])
         union = [gdstk.boolean(level, [], "or") for level in found]
@@ -166,7 +166,7 @@ def test_level_surface_has_one_layer(tmp_path: Path) -> None:
 
 def test_many_vertices_fit_the_format(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A comb of so many teeth that its outline has more vertices than GDSII allows."""
-    monkeypatch.setattr(levels, "_TILE", 10_000)
+    monkeypatch.setattr("nolens.fabricate.surface._TILE", 10_000)
     comb = torch.zeros(6, 5001)
     comb[0], comb[:, ::2] = 1.0, 1.0
     made = surface(Relief(comb, 1.0))
@@ -193,7 +193,7 @@ def test_layouts_that_are_too_large(monkeypatch: pytest.MonkeyPatch) -> None:
     made = surface(smooth(100, 100, 1))
     steps = Levels(made, 16)
     steps.check_size()
-    monkeypatch.setattr(levels, "_MOST_BYTES", 0.25 * steps.expected_bytes("GDS"))
+    monkeypatch.setattr("nolens.fabricate.surface._MOST_BYTES", 0.25 * steps.expected_bytes("GDS"))
     with pytest.raises(OptionError, match=r"levels would fit.*--crop.*--pitch") as refused:
         steps.check_size()
     fitting = int(str(refused.value).split(" levels would fit")[0].split()[-1])
