@@ -18,7 +18,8 @@ import torch
 from torch import Tensor
 
 from machine import describe
-from nolens.calibrate.psf_from_scenes import KnownScenes, psf_from_scenes, unexplained
+from nolens.calibrate.known_scenes import KnownScenes
+from nolens.calibrate.psf_from_scenes import psf_from_scenes, unexplained
 from nolens.evaluate import affine_fit, psnr, ssim
 from nolens.files import write_png, write_tiff32
 from results import OUT, PAIRS, pair

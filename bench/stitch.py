@@ -21,7 +21,7 @@ import torch
 from torch import Tensor
 
 from machine import describe
-from nolens.calibrate.surround import filled
+from nolens.calibrate.extrapolate import filled
 from nolens.camera import PsfEntry, develop
 from nolens.evaluate import psnr, scale_fit
 from nolens.experiments.virtual_experiment import SimulatedMeasurement, VirtualExperiment, solved
@@ -158,7 +158,7 @@ def main() -> None:
         "iterations": ITERATIONS, "tau": TAU,
         "region": [region.height, region.width], "cases": rows,
         "stitch": {key: made.summary[key] for key in (
-            "cells", "region", "known_share", "misfit_cells", "captures", "seconds", "warnings",
+            "pixels", "support", "known_fraction", "residual_pixels", "captures", "seconds", "warnings",
         )},
     }  # fmt: skip
     for row in made.summary["captures"]:

@@ -7,7 +7,7 @@ import torch.nn.functional as nnf
 from skimage import data
 from torch import Tensor
 
-from nolens.calibrate.psf_from_scenes import KnownScenes
+from nolens.calibrate.known_scenes import KnownScenes
 from nolens.camera import linear_from_srgb
 from nolens.operators import CroppedConvolution, Region
 

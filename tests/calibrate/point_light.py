@@ -8,8 +8,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from nolens.calibrate.point import on_cells
-from nolens.calibrate.point_frames import FrameMean
+from nolens.calibrate.exposures import FrameMean, superpixels
 from nolens.camera import Frame, opened, preset
 from nolens.evaluate import psnr, scale_fit
 from nolens.experiments.virtual_experiment import VirtualExperiment
@@ -54,7 +53,7 @@ class Shot:
     @property
     def truth(self) -> Tensor:
         """The PSF without noise, on the cells of the reconstruction."""
-        return on_cells(self.light[None], self.frame(0.1, 0))
+        return superpixels(self.light[None], self.frame(0.1, 0))
 
     def frame(self, fill: float, seed: int, exposure_s: float | None = None) -> Frame:
         light = self.light

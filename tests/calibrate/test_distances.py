@@ -26,20 +26,20 @@ def test_spots_move_with_the_rays(measured: float, wanted: float) -> None:
     expected = spots(CELLS, growth[1]) / spots(CELLS, growth[1]).sum()
     source = spots(CELLS, growth[0])
     found = scaled_psf(
-        source, 3.1, AIR, measured_um=measured * 1e3, wanted_um=wanted * 1e3
+        source, 3.1, AIR, measured_um=measured * 1e3, target_um=wanted * 1e3
     )  # fmt: skip
     assert found.magnification == pytest.approx(growth[1] / growth[0], rel=1e-6)
     inner = (slice(None), slice(12, -12), slice(12, -12))
     got = found.psf / source.sum()
     assert rms((got - expected)[inner]) < 2e-3 * rms(expected[inner])
     shrinks = found.magnification < 1
-    assert (found.unknown_share > 0) == shrinks
+    assert (found.unknown_fraction > 0) == shrinks
     lost = 1 - found.magnification**2 if shrinks else 0
-    assert found.unknown_share == pytest.approx(lost, abs=0.035)
+    assert found.unknown_fraction == pytest.approx(lost, abs=0.035)
 
 
 def test_infinity() -> None:
-    far = scaled_psf(spots(CELLS, 1 + 1.28 / 300), 3.1, AIR, measured_um=3e5, wanted_um=math.inf)
+    far = scaled_psf(spots(CELLS, 1 + 1.28 / 300), 3.1, AIR, measured_um=3e5, target_um=math.inf)
     expected = spots(CELLS)
     inner = (slice(None), slice(12, -12), slice(12, -12))
     assert rms((far.psf - expected)[inner]) < 2e-3 * rms(expected[inner])
@@ -89,7 +89,7 @@ def test_scaled_is_what_the_twin_simulates(distance_mm: float) -> None:
     near, far = (camera.psf(PointSource(distance_um=z * 1e3)) for z in (distance_mm, 300.0))
     layers = Layers.of_camera(camera.twin.camera)
     found = scaled_psf(
-        far, camera.twin.pixel_um, layers, measured_um=3e5, wanted_um=distance_mm * 1e3
+        far, camera.twin.pixel_um, layers, measured_um=3e5, target_um=distance_mm * 1e3
     ).psf
     assert correlation(found, near) > 0.9995
     assert correlation(far, near) < 0.997
@@ -114,4 +114,4 @@ def test_unknown_light_is_that_of_the_neighbourhood() -> None:
 
 def test_nothing_left() -> None:
     with pytest.raises(OptionError, match="nothing of the PSF"):
-        scaled_psf(spots((16, 16)), 3.1, Layers.of_air(1e9), measured_um=1.0, wanted_um=math.inf)
+        scaled_psf(spots((16, 16)), 3.1, Layers.of_air(1e9), measured_um=1.0, target_um=math.inf)

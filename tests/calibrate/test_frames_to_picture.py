@@ -62,7 +62,7 @@ def test_stitched_from_noisy_frames(tmp_path: Path) -> None:
             *(("--camera", described) if number == 0 else ()),
         )  # fmt: skip
     stitched = nolens("calibrate", "stitch", mine)
-    assert stitched["misfit_cells"] < 0.1
+    assert stitched["residual_pixels"] < 0.1
 
     Image.fromarray(astronaut()[:256, 100:356]).save(tmp_path / "scene.png")
     taken = nolens(

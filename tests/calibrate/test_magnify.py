@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from nolens.calibrate.magnify import covered, magnified
+from nolens.calibrate.distances import covered, magnified
 from nolens.errors import OptionError
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import read_camera

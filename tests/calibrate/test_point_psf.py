@@ -4,9 +4,8 @@ import pytest
 import torch
 from point_light import Shot, bench, decibels, light_of, rms, warm_pixels
 
-from nolens.calibrate.point import Exposure, Noise, PointPsf, StrayLight, merge, point_psf
-from nolens.calibrate.point_frames import FrameMean
-from nolens.calibrate.point_stray import dark_area, stray_light
+from nolens.calibrate.exposures import Exposure, FrameMean, Noise, merge
+from nolens.calibrate.point_psf import PointPsf, StrayLight, dark_area, point_psf, stray_light
 from nolens.camera import Frame
 from nolens.errors import DataError
 from nolens.evaluate import scale_fit
@@ -26,7 +25,7 @@ def calibrated(
     """Frames by exposure time, each with its fill of the brightest pixel."""
     frames = {time: taken.frames(count, fill, time) for time, fill in fills.items()}
     dark = dict.fromkeys(fills, taken.darks(darks)) if darks else {}
-    return point_psf(frames, dark, cell_um=3.1, stray=stray)
+    return point_psf(frames, dark, pixel_um=3.1, stray=stray)
 
 
 @pytest.mark.parametrize("camera", [SMALL, OPEN], ids=["aperture", "open"])
@@ -38,7 +37,7 @@ def test_noisy_clipped_frames_give_back_the_psf(
     taken = shot(camera, warm=warm_pixels(size))
     found = calibrated(taken, {0.01: 0.5, 0.04: 2.0}, darks=1)
     assert decibels(found.psf, taken.truth) > 60
-    assert found.saturated_share == 0
+    assert found.saturated_fraction == 0
     assert found.ratios == pytest.approx((1, 1), abs=2e-3)
     # The rest is the noise that was foretold, and no more.
     truth = taken.truth
@@ -52,7 +51,7 @@ def test_noisy_clipped_frames_give_back_the_psf(
     # Without the short exposure, or without dark frames, it is much worse.
     alone = {0.04: taken.frames(8, 2.0, 0.04)}
     with pytest.raises(DataError, match="saturated in every exposure"):
-        point_psf(alone, {}, cell_um=3.1)
+        point_psf(alone, {}, pixel_um=3.1)
     worse = calibrated(taken, {0.01: 0.5, 0.04: 2.0}, darks=0)
     assert decibels(worse.psf, truth) < decibels(found.psf, truth) - 6
 
@@ -98,7 +97,7 @@ def test_one_frame_tells_its_noise() -> None:
     for sensor, known in ((None, "picture"), (taken.camera.sensor, "camera")):
         shares: list[float] = []
         frames = {1.0: taken.frames(1, 0.9)}
-        found = point_psf(frames, {}, cell_um=3.1, sensor=sensor, tick=shares.append)
+        found = point_psf(frames, {}, pixel_um=3.1, sensor=sensor, progress=shares.append)
         assert len(shares) > 3 and shares == sorted(shares)
         assert found.noise.known_from == known
         assert found.noise.counts_per_electron == pytest.approx(0.47, rel=0.15)
@@ -112,7 +111,7 @@ def veil(size: tuple[int, int], even: float, slope: float) -> torch.Tensor:
 def test_stray_light_is_taken_away_beside_an_aperture() -> None:
     taken = shot(SMALL, veil=veil((256, 320), 0.03, 0.005))
     found = calibrated(taken, {0.01: 0.5, 0.04: 2.0})
-    assert found.area is not None and 0.3 < found.area.share < 0.8
+    assert found.area is not None and 0.3 < found.area.fraction < 0.8
     assert decibels(found.psf, taken.truth) > 60
     peaks = found.psf.amax(dim=(-2, -1))
     green = float(found.stray[1] / peaks[1])
@@ -151,7 +150,7 @@ def test_dark_frames_with_the_room_take_stray_light_away() -> None:
     taken = shot(OPEN, veil=veil((256, 320), 0.05, 0.02))
     assert taken.veil is not None
     room = Shot(taken.camera, taken.veil.clone()).frames(8, 0.5 * float(taken.veil.max()))
-    found = point_psf({0.01: taken.frames(8, 0.5, 0.01)}, {0.01: room}, cell_um=3.1)
+    found = point_psf({0.01: taken.frames(8, 0.5, 0.01)}, {0.01: room}, pixel_um=3.1)
     assert decibels(found.psf, taken.truth) > 52
     assert decibels(calibrated(taken, {0.01: 0.5}).psf, taken.truth) < 40
 
@@ -159,19 +158,19 @@ def test_dark_frames_with_the_room_take_stray_light_away() -> None:
 def test_no_point_of_light_is_refused() -> None:
     taken = shot(OPEN)
     with pytest.raises(DataError, match="nothing above its noise"):
-        point_psf({1.0: taken.darks(8)}, {}, cell_um=3.1)
+        point_psf({1.0: taken.darks(8)}, {}, pixel_um=3.1)
     with pytest.raises(DataError, match="nothing above its noise"):
-        point_psf({1.0: taken.darks(8)}, {1.0: taken.darks(8)}, cell_um=3.1)
+        point_psf({1.0: taken.darks(8)}, {1.0: taken.darks(8)}, pixel_um=3.1)
     rows, columns = (torch.linspace(-1, 1, n) for n in (256, 320))
     scene = torch.exp(-(rows[:, None].square() + columns.square()) / 0.3)
     with pytest.raises(DataError, match="shows no point source"):
-        point_psf({1.0: Shot(taken.camera, scene).frames(8, 0.9)}, {}, cell_um=3.1)
+        point_psf({1.0: Shot(taken.camera, scene).frames(8, 0.9)}, {}, pixel_um=3.1)
 
 
 def test_dark_frames_brighter_than_the_frames_are_refused() -> None:
     taken = shot(SMALL)
     with pytest.raises(DataError, match="brighter than"):
-        point_psf({1.0: taken.darks(2)}, {1.0: taken.frames(2, 0.9)}, cell_um=3.1)
+        point_psf({1.0: taken.darks(2)}, {1.0: taken.frames(2, 0.9)}, pixel_um=3.1)
 
 
 def test_grey_frames_and_frames_in_colour() -> None:
@@ -182,6 +181,6 @@ def test_grey_frames_and_frames_in_colour() -> None:
     green = slice(1, 2)
     for part, names in ((slice(3), ("R", "G", "B")), (green, ("grey",))):
         frame = Frame(counts[part].round(), names, None, (100.0,), 4095.0, "uint16", "a.tif")
-        found = point_psf({1.0: FrameMean(frame)}, {}, cell_um=3.1, stray="none")
+        found = point_psf({1.0: FrameMean(frame)}, {}, pixel_um=3.1, stray="none")
         assert found.psf.shape == counts[part].shape
         assert decibels(found.psf, truth[part]) > 46

@@ -9,9 +9,8 @@ from skimage.data import astronaut
 from torch import Tensor
 
 from nolens.calibrate.distances import Layers
-from nolens.calibrate.register import Match
-from nolens.calibrate.stitch import Capture, Stitched, locate, stitch
-from nolens.calibrate.stitch_place import Pair, Placement
+from nolens.calibrate.registration import Match
+from nolens.calibrate.stitch import Capture, Pair, Placement, Stitched, locate, stitch
 from nolens.evaluate import psnr, scale_fit
 from nolens.experiments.virtual_experiment import SimulatedMeasurement, VirtualExperiment, solved
 from nolens.optics import PointSource
@@ -57,7 +56,7 @@ def test_where_the_light_really_was(made: tuple[Stitched, list[tuple[float, floa
     found, truth = made
     for shift, wanted in zip(found.placement.shifts, truth, strict=True):
         assert shift is not None and math.dist(shift, wanted) < 0.05
-    assert found.placement.misfit < 0.05
+    assert found.placement.residual < 0.05
     assert all(each.correlation > 0.9 for each in (pair.match for pair in found.placement.pairs))
 
 
@@ -71,7 +70,7 @@ def test_is_the_wide_psf(
     wide = bench.psf(source, (rows, columns))
     scale = float(found.psf.mean() / wide.mean())
     # Within the region's reach; further out only some corners were seen.
-    height, width = (found.region[0] + ROWS, found.region[1] + COLUMNS)
+    height, width = (found.support[0] + ROWS, found.support[1] + COLUMNS)
     top, left = (rows - height) // 2, (columns - width) // 2
     inner = (..., slice(top, top + height), slice(left, left + width))
     assert correlation(found.psf[inner], wide[inner]) > 0.98
@@ -85,7 +84,7 @@ def test_is_the_wide_psf(
         assert correlation(found.psf[inner][side], wide[inner][side]) > 0.99
     off = (found.psf / scale - wide)[inner]
     assert float(off.square().mean().sqrt()) < 0.05 * float(wide[inner].square().mean().sqrt())
-    assert 0.9 < found.known_share < 1
+    assert 0.9 < found.known_fraction < 1
 
 
 def gamma_free() -> Tensor:
@@ -105,7 +104,7 @@ def test_a_dense_scene_needs_it(
 ) -> None:
     """As much of the sensor as 56 degrees are of the paper's: 10 dB, angles half a degree off."""
     shot = bench.photograph((Plane(gamma_free(), SCENE_DEG, DISTANCE_UM),), seed=1)
-    assert shot.region.height <= made[0].region[0] and shot.region.width <= made[0].region[1]
+    assert shot.region.height <= made[0].support[0] and shot.region.width <= made[0].support[1]
     as_captured = quality(shot, captured(bench, lights(SCENE_DEG / 2, 0.0)[4]))
     assert quality(shot, made[0].psf) > as_captured + 10
 
@@ -142,7 +141,7 @@ def test_brightness_and_places_are_exact() -> None:
     assert shares == [0.0, 0.2, 0.4, 0.6, 0.8]
     for row, gain in zip(found.gains, gains, strict=True):
         assert row == pytest.approx((gain, 2 * gain if gain != 1 else 1.0), rel=1e-3)
-    assert found.psf.shape == (2, 140, 180) and found.region == (40, 60)
+    assert found.psf.shape == (2, 140, 180) and found.support == (40, 60)
     generator = torch.Generator().manual_seed(0)
     wide = 1 + torch.rand((2, 200, 240), generator=generator)
     inner = (..., slice(2, -2), slice(2, -2))
@@ -171,6 +170,6 @@ def test_nothing_is_seen_in_the_corners() -> None:
     shifts = [(0.0, 0.0), (0.0, 40.0), (40.0, 0.0)]
     given = [Capture(torch.full((1, 100, 120), 2.0), each, 1.0) for each in shifts]
     found = stitch(given, placement(shifts), 0)
-    assert found.region == (0, 0)
-    assert found.psf.shape == (1, 180, 200) and found.known_share < 0.75
+    assert found.support == (0, 0)
+    assert found.psf.shape == (1, 180, 200) and found.known_fraction < 0.75
     assert torch.allclose(found.psf, torch.tensor(2.0), rtol=1e-4)

@@ -8,7 +8,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from nolens.calibrate.point import on_cells
+from nolens.calibrate.exposures import superpixels
 from nolens.camera import opened, preset
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import write_frame
@@ -32,7 +32,7 @@ def light_of(distance_mm: float, angle_deg: tuple[float, float] = (0.0, 0.0)) ->
 def truth(distance_mm: float) -> Tensor:
     """The PSF without noise, of a light exactly straight ahead."""
     light = light_of(distance_mm)
-    return on_cells(light[None], bench().exposed(light, 0.1, 0))
+    return superpixels(light[None], bench().exposed(light, 0.1, 0))
 
 
 def captured(

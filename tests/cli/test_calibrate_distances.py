@@ -66,7 +66,7 @@ def test_as_the_twin_simulates(folder: Path) -> None:
         assert alike(psf, simulated(z)) > 0.9998
         assert alike(psf, simulated(z)) > alike(simulated(300), simulated(z))
     assert len(told["warnings"]) == 1 and "PSF of infinity lies beyond" in told["warnings"][0]
-    assert 0 < told["psfs"][2]["unknown_share"] < 0.05
+    assert 0 < told["psfs"][2]["unknown_fraction"] < 0.05
     record = json.loads((folder / "distances.json").read_text())
     assert record["result"] == told and record["parameters"]["at"] == ["8 cm", "20 cm", "infinity"]
     assert set(record["inputs"]) == {"PSF psf-300mm.tif", "camera"}

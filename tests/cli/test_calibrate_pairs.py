@@ -76,7 +76,7 @@ def test_psf_record_and_reconstruction(pairs: Path) -> None:
     assert [row["name"] for row in told["pairs"]] == ["cat", "cup", "rocket"]
     for row in told["pairs"]:
         assert row["gain"] == pytest.approx([1 / 1.5, 1, 2 / 1.5], rel=0.02)
-        assert max(row["misfit_varying"]) < 0.05 and max(row["misfit"]) < 0.15
+        assert max(row["residual_varying"]) < 0.05 and max(row["residual"]) < 0.15
     record = json.loads((pairs / "camera" / "pairs-300mm.json").read_text())
     assert record["result"] == told
     assert set(record["inputs"]) == {
@@ -97,9 +97,9 @@ def test_every_channel_and_check(pairs: Path) -> None:
     assert psf.shape[0] == 3
     light = psf.sum(dim=(-2, -1))
     assert (light / light[0]).tolist() == pytest.approx([1, 1.5, 2], rel=0.05)
-    assert [row["name"] for row in told["left_out"]] == ["cat", "cup", "rocket"]
-    for row in told["left_out"]:
-        assert row["psnr_db"] > 20 and 0.6 < row["ssim"] < 1 and max(row["misfit"]) < 0.15
+    assert [row["name"] for row in told["leave_one_out"]] == ["cat", "cup", "rocket"]
+    for row in told["leave_one_out"]:
+        assert row["psnr_db"] > 20 and 0.6 < row["ssim"] < 1 and max(row["residual"]) < 0.15
 
 
 def test_order_of_channels_and_place(pairs: Path) -> None:
@@ -151,8 +151,8 @@ def test_one_pair_is_too_few(pairs: Path) -> None:
         (["measured", "shown", *GIVEN, "-o", "out", "--support", "3"], ["--support is '3'"]),
         (["measured", "dark", *GIVEN, "-o", "out"], ["cup.png is dark"]),
         (["measured", "even", *GIVEN, "-o", "out"], ["cup.png is the same everywhere"]),
-        (["measured", "small", *GIVEN, "-o", "out"], ["16×22 cells", "32×44"]),
-        (["measured", "large", *GIVEN, "-o", "out"], ["320×440 cells", "scale the pictures"]),
+        (["measured", "small", *GIVEN, "-o", "out"], ["16×22 pixels", "32×44"]),
+        (["measured", "large", *GIVEN, "-o", "out"], ["320×440 pixels", "scale the pictures"]),
         (["measured", "shown", *GIVEN, "-o", "out", "--black", "9"], ["black"]),
         (["measured", "shown", *GIVEN, "-o", "measured/cat.tif"], ["is a file"]),
     ],

@@ -20,9 +20,8 @@ from point_frames import (
 )
 from running import check_refused, listing, run
 
-from nolens.calibrate.distances import Layers
-from nolens.calibrate.magnify import magnified
-from nolens.calibrate.point import on_cells
+from nolens.calibrate.distances import Layers, magnified
+from nolens.calibrate.exposures import superpixels
 from nolens.camera import camera_to_toml, preset
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import read_camera, read_psf, read_psf_set, write_frame
@@ -58,10 +57,10 @@ def test_depths_and_angles(tmp_path: Path) -> None:
     assert told["frames"] == 8 and told["unit"] == "counts per second"
     assert [each["ms"] for each in told["exposures"]] == pytest.approx([10, 40])
     assert [each["dark_frames"] for each in told["exposures"]] == [2, 2]
-    assert told["exposures"][0]["clipped_share"] == 0 < told["exposures"][1]["clipped_share"]
-    assert told["saturated_share"] == 0 and told["cell"] == "3.1 um"
+    assert told["exposures"][0]["clipped_fraction"] == 0 < told["exposures"][1]["clipped_fraction"]
+    assert told["saturated_fraction"] == 0 and told["cell"] == "3.1 um"
     assert told["frame_noise"]["from"] == "frames" and min(told["snr_db"]) > 40
-    assert max(told["energy"]) == 1 and 0.3 < told["dark_share"] < 0.8
+    assert max(told["energy"]) == 1 and 0.3 < told["dark_fraction"] < 0.8
     # The paper's light is 0.2° off: through the layers, 4.5 um to the right and 2.2 um down.
     by_snell = Layers.of_camera(preset("small")).shift_um(
         (Angle.of(OFF_AXIS_DEG[0], "deg"), Angle.of(OFF_AXIS_DEG[1], "deg"))
@@ -107,7 +106,7 @@ def test_depths_and_angles(tmp_path: Path) -> None:
         assert decibels(psf, centred) > 50
     sideways = light_of(300.0, (4.0, 1.0))
     frame = bench().exposed(sideways, 0.1, 0)
-    assert decibels(psfs[2], on_cells(sideways[None], frame)) > 50
+    assert decibels(psfs[2], superpixels(sideways[None], frame)) > 50
     assert all(float(psf.min()) >= 0 for psf in psfs)
 
 
@@ -187,7 +186,7 @@ def test_warnings(tmp_path: Path) -> None:
         tmp_path / "camera", *few, "--distance", "300mm", "--camera", "small",
         warnings=("saturated in every exposure",),
     )  # fmt: skip
-    assert 0 < told["saturated_share"] < 1e-3
+    assert 0 < told["saturated_fraction"] < 1e-3
     aside = captured(tmp_path, "aside", light_of(300.0, (4.0, 0.0)), fills=(0.5,), count=2)
     calibrate(
         tmp_path / "aside", *aside, "--distance", "300mm", "--camera", "small",
@@ -318,7 +317,7 @@ def test_what_is_in_the_folder_must_fit(tmp_path: Path) -> None:
     for arguments, words in (
         ((*frames, "--distance", "1m", "--camera", "paper"), "is not the camera"),
         ((*frames, "--distance", "1m", "--pixel", "1.5um"), "--pixel 1.5 um"),
-        ((*near, "--distance", "8cm"), "the pattern is not that of"),
+        ((*near, "--distance", "8cm"), "the PSF is not that of"),
     ):
         check_refused(run("calibrate", *arguments, "-o", folder), words)
         assert listing(tmp_path) == before

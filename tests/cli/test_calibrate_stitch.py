@@ -81,8 +81,8 @@ def test_added_to_the_folder(tmp_path: Path) -> None:
     assert done.code == 0 and done.err == "", done
     told = json.loads(done.out)
     reach = moved_by(6, 6)[1]
-    assert told["cells"] == [SENSOR[0] + 2 * reach, SENSOR[1] + 2 * reach]
-    assert told["region"] == [2 * reach, 2 * reach] and told["known_share"] > 0.9
+    assert told["pixels"] == [SENSOR[0] + 2 * reach, SENSOR[1] + 2 * reach]
+    assert told["support"] == [2 * reach, 2 * reach] and told["known_fraction"] > 0.9
     assert told["outputs"] == [
         str(made / name) for name in ("stitched-300mm.tif", "psfs.toml", "stitch-300mm.json")
     ]
@@ -167,7 +167,7 @@ def test_what_does_not_fit(tmp_path: Path) -> None:
     write_psfs(made, {other: view(wide(1), 6, 6)})
     refused(made, other.file, "does not fit the others", "another camera")
     write_psfs(made, {other: view(wide(), 6, 6)[:, :-2]})
-    refused(made, other.file, "94×120 cells")
+    refused(made, other.file, "94×120 pixels")
     write_psfs(made, {entry(6, 6, frame="chief-ray"): view(wide(), 6, 6)})
     refused(made, other.file, "was moved to the middle")
     write_psfs(made, {other: torch.zeros(1, *SENSOR)})
@@ -178,7 +178,7 @@ def test_doubts(tmp_path: Path) -> None:
     made = folder(tmp_path / "made", [(0, 0), (6, 0), (6, 6)], off=1.6)
     done = stitch(made, "--reduced", "1.28mm")
     assert done.code == 0
-    for words in ("about 2.", "the opposite angles", "was seen by none"):
+    for words in ("about 2.", "the opposite angles", "in none of the captures"):
         assert words in done.err, words
     assert done.err.count("warning: ") == 4
 
@@ -189,7 +189,7 @@ def test_plan() -> None:
     assert len(told["angles_deg"]) == 9 and [0, 0] in told["angles_deg"]
     assert [29, -29] in told["angles_deg"] and told["corner_deg"] < 50
     # The region of a scene of 56° through the same layers, as nolens simulate has it.
-    assert told["region"] == [414, 414] and told["cells"] == [1934, 2442]
+    assert told["support"] == [414, 414] and told["pixels"] == [1934, 2442]
     done = run("calibrate", "plan", "--angle", "30deg,20deg")
     assert done.code == 0 and done.out.count("--angle") == 5
     assert "--angle -16deg,11deg" in done.out

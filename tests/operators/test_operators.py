@@ -9,7 +9,7 @@ import torch
 from suite import CPU, EVERYWHERE, ONCE, Case
 
 import nolens.operators
-from nolens.calibrate.many_scenes import ManyScenes, ManyScenesAslant
+from nolens.calibrate.known_scenes import ManyScenes
 from nolens.operators import CroppedConvolution, FiniteDifference, LinearOperator, Region
 
 Make = Callable[[torch.dtype, torch.device], LinearOperator]
@@ -44,7 +44,7 @@ def many_scenes_aslant(region: tuple[int, int, int, int], psf: tuple[int, int]) 
 
     def make(dtype: torch.dtype, device: torch.device) -> LinearOperator:
         scenes = cells.to(device, dtype)
-        return ManyScenesAslant(scenes[:2], Region(*region), (6, 7), psf, scenes[2:])
+        return ManyScenes(scenes[:2], Region(*region), (6, 7), psf, scenes[2:])
 
     return make
 

@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 from nolens.api.inputs import Raw, angle_of, frame_of, length_um
 from nolens.api.progress import Progress, reported
 from nolens.api.simulate import Camera, Psf
+from nolens.calibrate.centring import place_psf
 from nolens.calibrate.distances import Layers
-from nolens.calibrate.point import PointPsf, StrayLight, centroid, moved_to_middle, point_psf
-from nolens.calibrate.point_frames import FrameMean, add_frame, match_darks
+from nolens.calibrate.exposures import FrameMean, add_frame, match_darks
+from nolens.calibrate.point_psf import PointPsf, StrayLight, point_psf
 from nolens.calibrate.stitch import Capture, Stitched, locate
 from nolens.calibrate.stitch import stitch as merged
 from nolens.errors import DataError, OptionError
@@ -90,11 +91,10 @@ def calibrate_psf(
         raise OptionError("no frame is given: give one or more of a point source")
     darks = match_darks(means, _means(_listed(dark), "dark frame"))
     pixel_um = length_um(pixel)
-    point = point_psf(means, darks, cell_um=pixel_um, stray=stray_light, as_is=as_is)
+    point = point_psf(means, darks, pixel_um=pixel_um, stray=stray_light, as_is=as_is)
     psf = point.psf
-    if centre and not as_is and point.area is not None:
-        dark_area = point.area.on_cells(psf.shape[-2], psf.shape[-1])
-        psf = moved_to_middle(psf, centroid(psf, dark_area))
+    if centre and not as_is:
+        psf = place_psf(point, pixel_um).psf
     first = next(iter(means.values())).first
     names = first.channels if first.mosaic is None else ("R", "G", "B")
     return CalibratedPsf(psf, names, point, pixel_um)
@@ -129,7 +129,7 @@ def stitch_psfs(
         If none is of a source straight ahead.
     """
     parsed = [
-        (angle_of(each[0]), angle_of(each[1]), given.values.cpu()) for each, given in psfs.items()
+        (angle_of(each[0]), angle_of(each[1]), psf.values.cpu()) for each, psf in psfs.items()
     ]
     ahead = [n for n, (right, up, _) in enumerate(parsed) if right.deg == 0 and up.deg == 0]
     if not ahead or len(parsed) < 2:
@@ -154,16 +154,16 @@ def stitch_psfs(
     result = merged(captures, placement, ahead[0])
     sensor = captures[0].psf.shape[-2], captures[0].psf.shape[-1]
     channels = next(iter(psfs.values())).channels
-    return StitchedPsf(result.psf, channels, result, Region.centred(*result.region, sensor))
+    return StitchedPsf(result.psf, channels, result, Region.centred(*result.support, sensor))
 
 
-def _listed(given: Raw | Sequence[Raw]) -> list[Raw]:
-    return list(given) if isinstance(given, (list, tuple)) else [given]  # type: ignore[list-item]
+def _listed(raw: Raw | Sequence[Raw]) -> list[Raw]:
+    return list(raw) if isinstance(raw, (list, tuple)) else [raw]  # type: ignore[list-item]
 
 
-def _means(given: list[Raw], role: str) -> dict[float, FrameMean]:
+def _means(frames: list[Raw], role: str) -> dict[float, FrameMean]:
     means: dict[float, FrameMean] = {}
-    for each in given:
+    for each in frames:
         frame = frame_of(each, role)
         add_frame(means, frame, frame.exposure_s, role)
     return means

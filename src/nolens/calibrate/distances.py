@@ -1,4 +1,4 @@
-"""From a PSF that was measured at one distance to those of other distances."""
+"""PSFs of other distances than the measured one: by the rays of the layers, or magnified."""
 
 import math
 from dataclasses import dataclass
@@ -21,6 +21,8 @@ _TABLE = 512
 _SPLINE = 5
 _NEIGHBOURHOOD = 12.0
 """Width of the Gaussian, in pixels, that unknown light is the mean over."""
+_LOBES = 4
+"""Zeros of the sinc to each side that the kernel of `magnified` has."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,11 @@ class Layers:
         """Layers of which only the reduced thickness Σ t/n is known, as air of that thickness."""
         return cls(Stack((), ()), Stack((reduced_um,), (1.0,)))
 
+    @property
+    def reduced_um(self) -> float:
+        """Reduced thickness of all layers."""
+        return self.before.reduced_um + self.after.reduced_um
+
     def magnification(self, distance_um: float) -> float:
         """How large the PSF of a source is beside that of a far one: 1 + D / (z + b).
 
@@ -73,18 +80,13 @@ class Layers:
         if size == 0:
             return 0.0, 0.0
         p = torch.tensor(size / math.sqrt(1 + size * size), dtype=torch.float64)
-        reach = float(self.before.then(self.after).displacement_um(p))
-        return reach * tangents[0] / size, reach * tangents[1] / size
+        shift = float(self.before.then(self.after).displacement_um(p))
+        return shift * tangents[0] / size, shift * tangents[1] / size
 
     def on_sensor(self, mask_um: Tensor, distance_um: float) -> Tensor:
-        """Where a ray from a source on the axis falls that passes the mask in a place.
+        """Where a ray falls that passes the mask at some distances from the axis, float64.
 
-        Parameters
-        ----------
-        mask_um
-            Distances from the axis, float64.
-        distance_um
-            Of the source; may be infinite.
+        It comes from a source on the axis at a distance, which may be infinite.
         """
         if math.isinf(distance_um):
             return mask_um
@@ -113,23 +115,23 @@ class Scaled:
         (channels, rows, columns).
     magnification
         How large its PSF is beside that of the measured one, near the axis.
-    unknown_share
+    unknown_fraction
         Fraction of its pixels whose light comes from beyond the measured PSF; they have the mean
         light of their neighbourhood.
     """
 
     psf: Tensor
     magnification: float
-    unknown_share: float
+    unknown_fraction: float
 
 
 def scaled_psf(
-    psf: Tensor, cell_um: float, layers: Layers, *, measured_um: float, wanted_um: float
+    psf: Tensor, pixel_um: float, layers: Layers, *, measured_um: float, target_um: float
 ) -> Scaled:
     r"""PSF of a point source on the axis at another distance than the measured one's.
 
     The PSF moves with the rays that carry it. The ray that falls on the radius
-    :math:`r_1` from the wanted distance passes the mask at m; from the measured distance the one
+    :math:`r_1` from the target distance passes the mask at m; from the measured distance the one
     through the same m falls on :math:`r_0(r_1)` (Snell's law in every layer). The light goes with
     them: :math:`p_1(r_1) = p_0(r_0)\,\frac{r_0}{r_1}\frac{dr_0}{dr_1}`. Near the axis that is a
     magnification by :math:`M_1/M_0`, :math:`M = 1 + D/z`. What the distance does to the focus is
@@ -139,29 +141,29 @@ def scaled_psf(
     ----------
     psf
         (channels, rows, columns); its middle is the axis.
-    cell_um
+    pixel_um
         Pitch of its pixels.
     layers
         What the light passes.
-    measured_um, wanted_um
+    measured_um, target_um
         Distances of the point sources; may be infinite.
 
     Raises
     ------
     OptionError
-        If nothing of the measured PSF is left at the wanted distance.
+        If nothing of the measured PSF is left at the target distance.
     """
     rows, columns = psf.shape[-2:]
     places = [(torch.arange(n, dtype=torch.float64) - (n - 1) / 2) for n in (rows, columns)]
     radius = torch.hypot(places[0][:, None].expand(-1, columns), places[1].expand(rows, -1))
-    table = torch.linspace(0, float(radius.max()) * cell_um, _TABLE, dtype=torch.float64)
-    there = layers.on_sensor(layers.on_mask(table, wanted_um), measured_um)
-    near = layers.magnification(measured_um) / layers.magnification(wanted_um)
+    table = torch.linspace(0, float(radius.max()) * pixel_um, _TABLE, dtype=torch.float64)
+    there = layers.on_sensor(layers.on_mask(table, target_um), measured_um)
+    near = layers.magnification(measured_um) / layers.magnification(target_um)
     ratio = np.append(near, (there[1:] / table[1:]).numpy())
     density = ratio * np.gradient(there.numpy(), table.numpy(), edge_order=2)
-    share = _along(radius, cell_um, table, ratio)
-    light = _along(radius, cell_um, table, density)
-    at = [places[0][:, None].numpy() * share, places[1].numpy() * share]
+    scale = _along(radius, pixel_um, table, ratio)
+    light = _along(radius, pixel_um, table, density)
+    at = [places[0][:, None].numpy() * scale, places[1].numpy() * scale]
     unknown = (np.abs(at[0]) > (rows - 1) / 2) | (np.abs(at[1]) > (columns - 1) / 2)
     if unknown.all():
         raise OptionError("nothing of the PSF is left at that distance: choose a nearer one")
@@ -190,7 +192,7 @@ def with_mean_light(psf: Tensor, known: Tensor) -> Tensor:
     if bool(known.all()):
         return psf
     mask = known.double().numpy()
-    # Beyond the reach of the Gaussian the nearest known light is what there is.
+    # Beyond the extent of the Gaussian the nearest known light is what there is.
     nearest = ndimage.distance_transform_edt(mask == 0, return_distances=False, return_indices=True)
     weight = ndimage.gaussian_filter(mask, _NEIGHBOURHOOD)
     filled = []
@@ -202,7 +204,98 @@ def with_mean_light(psf: Tensor, known: Tensor) -> Tensor:
     return torch.from_numpy(np.stack(filled)).to(psf.dtype)
 
 
-def _along(radius: Tensor, cell_um: float, table: Tensor, values: Values) -> Values:
-    """Values of a table of radii, at each cell's radius."""
-    found: Values = np.interp((radius * cell_um).numpy(), table.numpy(), values)
-    return found
+def _along(radius: Tensor, pixel_um: float, table: Tensor, values: Values) -> Values:
+    """Values of a table of radii, at each pixel's radius."""
+    result: Values = np.interp((radius * pixel_um).numpy(), table.numpy(), values)
+    return result
+
+
+def magnified(psf: Tensor, factor: float, *, moved: tuple[float, float] = (0.0, 0.0)) -> Tensor:
+    r"""PSF magnified about its zero shift, with its energy kept: :math:`p(x / M) / M^2`.
+
+    The PSF is a shadow of the mask: a source at the distance z magnifies it by
+    :math:`M = 1 + D / z`, with :math:`D = Σ t_j / n_j` of the layers down to the sensor
+    (`uvimprint`, sec. 3.5). Values between pixels come from a sinc under the main lobe of a wider
+    one (`duchon1979`), stretched where the PSF shrinks so that nothing is missed between
+    samples; what it undershoots is cut off at zero.
+
+    Parameters
+    ----------
+    psf
+        (..., rows, columns), not negative; zero shift is the pixel (rows // 2, columns // 2).
+    factor
+        M, more than zero.
+    moved
+        Pixels by which the result is moved down and to the right.
+
+    Returns
+    -------
+    Tensor
+        Of the same shape and type. Places that lie beyond the PSF have no light; `covered`
+        says which.
+
+    Raises
+    ------
+    OptionError
+        If the factor is not a finite number above zero.
+    """
+    if not 0 < factor < math.inf:
+        raise OptionError(
+            f"a magnification of {factor:g}: it must be a number above 0, such as 1.01"
+        )
+    if factor == 1 and moved == (0.0, 0.0):
+        return psf.clone()
+    result = psf
+    for axis, shift in zip((-2, -1), moved, strict=True):
+        result = _resampled(result, axis, factor, shift)
+    return result.div_(factor * factor).clamp_min_(0)
+
+
+def covered(
+    size: tuple[int, int], factor: float, *, moved: tuple[float, float] = (0.0, 0.0)
+) -> Tensor:
+    """Pixels of a `magnified` PSF that lie within what was there; bool, (rows, columns).
+
+    Parameters
+    ----------
+    size
+        (rows, columns) of the PSF.
+    factor, moved
+        As for `magnified`.
+    """
+    inside = []
+    for count, shift in zip(size, moved, strict=True):
+        place = _places(count, factor, shift)
+        inside.append((place >= 0) & (place <= count - 1))
+    return inside[0][:, None] & inside[1]
+
+
+def _places(count: int, factor: float, shift: float) -> Tensor:
+    """Place in the PSF that each pixel of the result is taken from; float64."""
+    middle = count // 2
+    return (torch.arange(count, dtype=torch.float64) - middle - shift) / factor + middle
+
+
+def _resampled(psf: Tensor, axis: int, factor: float, shift: float) -> Tensor:
+    """The PSF at `_places` along one axis."""
+    count = psf.shape[axis]
+    place = _places(count, factor, shift)
+    stretch = max(1.0, 1 / factor)
+    extent = math.ceil(_LOBES * stretch)
+    first = place.floor().long() - extent + 1
+    taps = first[:, None] + torch.arange(2 * extent)
+    weight = _kernel((place[:, None] - taps) / stretch)
+    weight /= weight.sum(dim=1, keepdim=True)
+    weight *= (taps >= 0) & (taps < count)
+    shape = [1] * psf.ndim
+    shape[axis] = count
+    result = torch.zeros_like(psf)
+    for tap, each in zip(taps.clamp(0, count - 1).T, weight.T, strict=True):
+        result += psf.index_select(axis, tap) * each.to(psf.dtype).reshape(shape)
+    return result
+
+
+def _kernel(distance: Tensor) -> Tensor:
+    """Sinc under the main lobe of a wider one."""
+    inside = distance.abs() < _LOBES
+    return torch.where(inside, torch.sinc(distance) * torch.sinc(distance / _LOBES), 0.0)

@@ -1,4 +1,4 @@
-"""One extended PSF of several that were captured at angles."""
+"""One extended PSF of several that were captured at angles: where, how bright, and merged."""
 
 import math
 from collections.abc import Callable
@@ -11,27 +11,98 @@ from scipy import ndimage
 from torch import Tensor
 
 from nolens.calibrate.distances import Layers, with_mean_light
-from nolens.calibrate.register import Cells
-from nolens.calibrate.stitch_place import Placement, place
+from nolens.calibrate.registration import Match, Plane, Shift, fine_structure, match_overlap
+from nolens.camera import Camera
 from nolens.camera.measurement import bin_mean
+from nolens.errors import OptionError
 from nolens.quantities import Angle
+from nolens.twin import LARGEST_ANGLE_DEG
 
+_MORE_DEG = 1.0
+"""Beyond the scene's edge, as the angles will not be met exactly."""
+_NARROW_DEG = 20.0
+"""Half a scene's width to which the corners and the middle are as good as all nine."""
 STATED_DEG = 3.0
 """Error of an angle that is put up with; half a degree is what a ruler gives."""
 _STEEPEST_DEG = 85.0
 _LONGEST = 1100
 """Pixels along the longer side for registration, which finds parts of a pixel."""
+_LEAST_ALIKE = 0.25
+"""Two captures whose overlap correlates less, each part by its own norm, are not taken for views
+of one mask. The 0.3 of the paper's Fig. 6c, which falls with the light too, is no such figure."""
+_CHANCE, _SPOT_PIXELS = 6.0, 25
+"""PSFs without anything in common may come to that many times 1/√n by their best shift, where
+n spots of so many pixels overlap."""
+_LEAST_OVERLAP = 0.1
+"""Fraction of the sensor that an overlap must have to be compared."""
+_ROBUST_PIXELS = 0.5
+"""Residual from which on an overlap counts less (Huber's weights)."""
+_ROUNDS = 20
 _NEAR = 0.4
-"""How far a view may be from the wanted one, as a fraction of the largest shift, to count much."""
+"""How far a view may be from the best one, as a fraction of the largest shift, to count much."""
 _KNOWN = 0.99
 """Fraction of a line at the edge that must be known."""
 _EVEN = 1e-9
-"""Weight of a view that is far from the wanted one: enough where it is the only one."""
+"""Weight of a view that is far from the best one: enough where it is the only one."""
+
+
+@dataclass(frozen=True)
+class CapturePlan:
+    """At which angles PSFs are to be captured for a scene.
+
+    Parameters
+    ----------
+    angles_deg
+        To the right and up, row by row from the upper left.
+    corner_deg
+        Of the corners off the axis.
+    sensor
+        (rows, columns) of the PSFs' pixels on the sensor.
+    support
+        (height, width) of the scene in pixels.
+    """
+
+    angles_deg: list[tuple[float, float]]
+    corner_deg: float
+    sensor: tuple[int, int]
+    support: tuple[int, int]
+
+    @classmethod
+    def of_scene(cls, camera: Camera, angle: tuple[Angle, Angle]) -> "CapturePlan":
+        """Plan the captures for a scene of a full angle across and down.
+
+        Raises
+        ------
+        OptionError
+            If its corners are farther off the axis than cameras see.
+        """
+        layers, sensor = Layers.of_camera(camera), camera.sensor
+        bin_by = 1 if sensor.mosaic == "none" else 2
+        half = [each.deg / 2 for each in angle]
+        edges = [math.ceil(2 * (each + _MORE_DEG)) / 2 for each in half]
+        corner = math.degrees(math.atan(math.hypot(*(math.tan(math.radians(e)) for e in edges))))
+        if corner > LARGEST_ANGLE_DEG:
+            raise OptionError(
+                f"a scene of {angle[0]} by {angle[1]} has its corners {corner:.0f} deg "
+                f"off the axis, and cameras see to {LARGEST_ANGLE_DEG:g} deg: choose a smaller "
+                "angle, or give the height too (--angle 80deg,45deg)"
+            )
+        height, width = (
+            2 * math.ceil(_shift_um(layers, each) / (sensor.pitch.um * bin_by))
+            for each in half[::-1]
+        )
+        grid = [
+            (right * edges[0] + 0.0, up * edges[1] + 0.0)
+            for up in (1, 0, -1)
+            for right in (-1, 0, 1)
+            if max(half) > _NARROW_DEG or abs(right) == abs(up)
+        ]
+        return cls(grid, corner, (sensor.rows // bin_by, sensor.columns // bin_by), (height, width))
 
 
 @dataclass(frozen=True)
 class Capture:
-    """A PSF as the sensor saw it.
+    """A PSF as the sensor captured it.
 
     Parameters
     ----------
@@ -44,7 +115,7 @@ class Capture:
     """
 
     psf: Tensor
-    expected: Cells
+    expected: Shift
     search: float
 
     @classmethod
@@ -57,20 +128,9 @@ class Capture:
         *,
         inexact: float = 0.0,
     ) -> "Capture":
-        """A PSF with the place where its field angles put it by Snell's law.
+        """A PSF with the place where its field angles, to the right and up, put it by Snell's law.
 
-        Parameters
-        ----------
-        psf
-            (channels, rows, columns).
-        angle
-            Of the point source, to the right and up.
-        layers
-            Of the camera.
-        pixel_um
-            Distance of the PSF's pixels.
-        inexact
-            Fraction by which the layers may put the PSF off.
+        `inexact` is the fraction by which the layers may put the PSF off.
         """
         right, up = layers.shift_um(angle)
         search = 0.0
@@ -82,11 +142,170 @@ class Capture:
 def search_um(angle: tuple[Angle, Angle], layers: Layers) -> float:
     """How far the PSF moves with the few degrees by which a stated angle may be off."""
     whole = math.degrees(math.atan(math.hypot(*(math.tan(each.rad) for each in angle))))
-    return _reach_um(layers, min(whole + STATED_DEG, _STEEPEST_DEG)) - _reach_um(layers, whole)
+    return _shift_um(layers, min(whole + STATED_DEG, _STEEPEST_DEG)) - _shift_um(layers, whole)
 
 
-def _reach_um(layers: Layers, angle_deg: float) -> float:
+def _shift_um(layers: Layers, angle_deg: float) -> float:
+    """Shift of the PSF by an angle along one axis."""
     return layers.shift_um((Angle.of(angle_deg, "deg"), Angle.of(0, "deg")))[0]
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two captures and how they lie on each other.
+
+    Parameters
+    ----------
+    first, second
+        Their numbers.
+    match
+        Where the second lies against the first.
+    """
+
+    first: int
+    second: int
+    match: Match
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where captures lie.
+
+    Parameters
+    ----------
+    shifts
+        (row, column) in pixels of every PSF against the reference's; None for one that fits
+        none of the others.
+    correlations
+        Of each with the others, at best.
+    pairs
+        Overlaps that the shifts were solved from.
+    residual
+        Root mean square, in pixels, by which the pairs disagree with the shifts.
+    """
+
+    shifts: tuple[Shift | None, ...]
+    correlations: tuple[float, ...]
+    pairs: tuple[Pair, ...]
+    residual: float
+
+    def scaled(self, by: int) -> "Placement":
+        """The same in pixels that are so many times finer."""
+        return Placement(
+            tuple(each and (by * each[0], by * each[1]) for each in self.shifts),
+            self.correlations,
+            tuple(Pair(pair.first, pair.second, pair.match.scaled(by)) for pair in self.pairs),
+            by * self.residual,
+        )
+
+
+def place(
+    psfs: list[Plane],
+    expected: list[Shift],
+    reference: int,
+    search: list[float],
+    progress: Callable[[float], None] | None = None,
+) -> Placement:
+    r"""Find the shift of every PSF against one of them.
+
+    Every two that overlap are matched (`match_overlap`). Then all shifts s are solved together:
+    the least :math:`\sum_{ij} w_{ij} |s_j - s_i - d_{ij}|^2` (`preibisch2009`), with weights of
+    the squared correlation, and less for overlaps that contradict the others (`huber1964`).
+
+    Parameters
+    ----------
+    psfs
+        As the sensor captured them, alike in size.
+    expected
+        Their shifts as far as is known, in pixels.
+    reference
+        Number of the PSF that stays where it is.
+    search
+        Pixels by which each shift may be off.
+    progress
+        Called with the fraction that is done, 0 to 1.
+    """
+    structures = [fine_structure(each) for each in psfs]
+    rows, columns = psfs[0].shape
+    candidates = []
+    for first in range(len(psfs)):
+        for second in range(first + 1, len(psfs)):
+            away = [b - a for a, b in zip(expected[first], expected[second], strict=True)]
+            left = max(0.0, rows - abs(away[0])) * max(0.0, columns - abs(away[1]))
+            if left >= _LEAST_OVERLAP * rows * columns:
+                candidates.append((first, second, (away[0], away[1])))
+    correlations = [0.0] * len(psfs)
+    pairs = []
+    for number, (first, second, apart) in enumerate(candidates):
+        match = match_overlap(
+            structures[first], structures[second], apart, search[first] + search[second]
+        )
+        if match is not None:
+            for each in (first, second):
+                correlations[each] = max(correlations[each], match.correlation)
+            if match.correlation >= _least_alike(match.pixels):
+                pairs.append(Pair(first, second, match))
+        if progress is not None:
+            progress((number + 1) / len(candidates))
+    connected = _connected(pairs, reference)
+    used = [pair for pair in pairs if pair.first in connected]
+    shifts, residual = _solved(used, sorted(connected), reference)
+    return Placement(
+        tuple(shifts.get(number) for number in range(len(psfs))),
+        tuple(correlations),
+        tuple(used),
+        residual,
+    )
+
+
+def _least_alike(pixels: int) -> float:
+    """Correlation of an overlap of so many pixels that is not by chance."""
+    return max(_LEAST_ALIKE, _CHANCE * math.sqrt(_SPOT_PIXELS / pixels))
+
+
+def _connected(pairs: list[Pair], reference: int) -> set[int]:
+    """Captures that a chain of pairs leads to."""
+    connected = {reference}
+    while True:
+        more = {
+            each
+            for pair in pairs
+            if (pair.first in connected) != (pair.second in connected)
+            for each in (pair.first, pair.second)
+        } - connected
+        if not more:
+            return connected
+        connected |= more
+
+
+def _solved(
+    pairs: list[Pair], numbers: list[int], reference: int
+) -> tuple[dict[int, Shift], float]:
+    """Shifts by number, and the weighted residual of the pairs."""
+    free = [number for number in numbers if number != reference]
+    if not free:
+        return {reference: (0.0, 0.0)}, 0.0
+    system = np.zeros((len(pairs), len(free)))
+    for row, pair in enumerate(pairs):
+        for number, sign in ((pair.first, -1.0), (pair.second, 1.0)):
+            if number != reference:
+                system[row, free.index(number)] = sign
+    measured = np.array([pair.match.shift for pair in pairs])
+    trust = np.array([pair.match.correlation**2 for pair in pairs])
+    weights = trust
+    for _ in range(_ROUNDS):
+        root = np.sqrt(weights)[:, None]
+        solution: NDArray[np.float64] = np.linalg.lstsq(system * root, measured * root, rcond=None)[
+            0
+        ]
+        off = np.hypot(*(system @ solution - measured).T)
+        weights = trust * np.minimum(1.0, _ROBUST_PIXELS / np.maximum(off, 1e-9))
+    shifts = {
+        number: (float(row), float(column))
+        for number, (row, column) in zip(free, solution, strict=True)
+    }
+    residual = float(np.sqrt((weights * off**2).sum() / weights.sum()))
+    return {**shifts, reference: (0.0, 0.0)}, residual
 
 
 @dataclass(frozen=True)
@@ -101,21 +320,21 @@ class Stitched:
         Where the captures lie.
     gains
         Brightness of each capture beside the reference's, by channel, in what both show.
-    known_share
+    known_fraction
         Fraction of the pixels that a capture shows; the others have the mean light around them.
-    region
+    support
         (height, width) of the scene, in pixels around the middle, for which the PSF is known.
     """
 
     psf: Tensor
     placement: Placement
     gains: tuple[tuple[float, ...], ...]
-    known_share: float
-    region: tuple[int, int]
+    known_fraction: float
+    support: tuple[int, int]
 
 
 def locate(
-    captures: list[Capture], reference: int, tick: Callable[[float], None] | None = None
+    captures: list[Capture], reference: int, progress: Callable[[float], None] | None = None
 ) -> Placement:
     """Find where captures lie against one of them; the first half of `stitch`.
 
@@ -125,28 +344,28 @@ def locate(
         Alike in size.
     reference
         Number of the one whose light came from straight ahead.
-    tick
+    progress
         Called with the fraction that is done, 0 to 1.
     """
     by = math.ceil(max(captures[0].psf.shape[-2:]) / _LONGEST)
-    patterns = [
+    psfs = [
         bin_mean(each.psf.mean(dim=0, keepdim=True), by)[0].double().numpy() for each in captures
     ]
-    found = place(
-        patterns,
+    placement = place(
+        psfs,
         [(each.expected[0] / by, each.expected[1] / by) for each in captures],
         reference,
         [each.search / by for each in captures],
-        tick,
+        progress,
     )
-    return found.scaled(by)
+    return placement.scaled(by)
 
 
 def stitch(
     captures: list[Capture],
     placement: Placement,
     reference: int,
-    tick: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> Stitched:
     r"""Merge captures in the frame of the chief ray.
 
@@ -167,45 +386,46 @@ def stitch(
         Where they lie (`locate`), a shift for each.
     reference
         Number of the one whose light came from straight ahead.
-    tick
-        Called with the share that is done, 0 to 1.
+    progress
+        Called with the fraction that is done, 0 to 1.
     """
     sensor = (captures[0].psf.shape[-2], captures[0].psf.shape[-1])
     shifts = [each for each in placement.shifts if each is not None]
     assert len(shifts) == len(captures)
-    reach = [max(abs(shift[axis]) for shift in shifts) for axis in (0, 1)]
-    half = [math.ceil(count / 2) + round(far) for count, far in zip(sensor, reach, strict=True)]
+    extent = [max(abs(shift[axis]) for shift in shifts) for axis in (0, 1)]
+    half = [math.ceil(count / 2) + round(far) for count, far in zip(sensor, extent, strict=True)]
     gains = _gains(captures, placement, reference)
     total = torch.zeros((captures[0].psf.shape[0], 2 * half[0], 2 * half[1]))
     weights = torch.zeros(total.shape[-2:])
-    fade = min([far for far in reach if far >= 1], default=1.0)
+    fade = min([far for far in extent if far >= 1], default=1.0)
     for number, (capture, shift, gain) in enumerate(zip(captures, shifts, gains, strict=True)):
-        if tick is not None:
-            tick(number / len(captures))
+        if progress is not None:
+            progress(number / len(captures))
         whole = round(shift[0]), round(shift[1])
-        moved = _moved(capture.psf, (whole[0] - shift[0], whole[1] - shift[1]))
+        moved = _shifted(capture.psf, (whole[0] - shift[0], whole[1] - shift[1]))
         top, left = (
             middle - by - count // 2 for middle, by, count in zip(half, whole, sensor, strict=True)
         )
         lines = [
             torch.exp(
-                -(((_wanted(count, first, middle, far) - by) / (_NEAR * max(far, 1.0))) ** 2) / 2
+                -(((_best_shift(count, first, middle, far) - by) / (_NEAR * max(far, 1.0))) ** 2)
+                / 2
             )
             for count, first, middle, far, by in zip(
-                sensor, (top, left), half, reach, shift, strict=True
+                sensor, (top, left), half, extent, shift, strict=True
             )
         ]
-        weight = (lines[0][:, None] * lines[1] + _EVEN) * _fading(sensor, fade)
+        weight = (lines[0][:, None] * lines[1] + _EVEN) * _fade(sensor, fade)
         rows, columns = slice(top, top + sensor[0]), slice(left, left + sensor[1])
         total[:, rows, columns] += moved * weight / torch.tensor(gain)[:, None, None]
         weights[rows, columns] += weight
     known = weights > 0
     psf = with_mean_light(total / weights.clamp_min(1e-30), known)
-    return Stitched(psf, placement, gains, float(known.double().mean()), _region(known, sensor))
+    return Stitched(psf, placement, gains, float(known.double().mean()), _support(known, sensor))
 
 
-def _region(known: Tensor, sensor: tuple[int, int]) -> tuple[int, int]:
-    """Largest scene around the middle whose light reaches the sensor by known cells."""
+def _support(known: Tensor, sensor: tuple[int, int]) -> tuple[int, int]:
+    """Largest scene around the middle whose light reaches the sensor by known pixels."""
     rows, columns = known.shape[0] // 2, known.shape[1] // 2
     least = sensor[0] // 2, sensor[1] // 2
     while (rows, columns) != least:
@@ -228,21 +448,21 @@ def _region(known: Tensor, sensor: tuple[int, int]) -> tuple[int, int]:
     return 2 * (rows - least[0]), 2 * (columns - least[1])
 
 
-def _wanted(count: int, first: int, middle: int, reach: float) -> Tensor:
-    """s* along one axis, for the cells of a capture that begins at `first` of the canvas."""
+def _best_shift(count: int, first: int, middle: int, extent: float) -> Tensor:
+    """s* along one axis, for the pixels of a capture that begins at `first` of the canvas."""
     place = torch.arange(first, first + count, dtype=torch.float32) - middle
-    beyond = (place.abs() - (count / 2 - reach)) / 2
-    return -place.sign() * beyond.clamp(0, reach)
+    beyond = (place.abs() - (count / 2 - extent)) / 2
+    return -place.sign() * beyond.clamp(0, extent)
 
 
-def _fading(cells: tuple[int, int], along: float) -> Tensor:
+def _fade(size: tuple[int, int], along: float) -> Tensor:
     """Weight that rises from nothing at a capture's edge to 1."""
-    lines = [torch.minimum(torch.arange(n), torch.arange(n).flip(0)).float() for n in cells]
+    lines = [torch.minimum(torch.arange(n), torch.arange(n).flip(0)).float() for n in size]
     return ((torch.minimum(lines[0][:, None], lines[1]) + 0.5) / along).clamp(0, 1)
 
 
-def _moved(psf: Tensor, part: Cells) -> Tensor:
-    """The pattern moved by parts of a cell."""
+def _shifted(psf: Tensor, part: Shift) -> Tensor:
+    """The PSF moved by parts of a pixel."""
     planes = [ndimage.shift(plane, part, order=3, mode="nearest") for plane in psf.float().numpy()]
     return torch.from_numpy(np.stack(planes)).clamp_min(0)
 
@@ -250,22 +470,23 @@ def _moved(psf: Tensor, part: Cells) -> Tensor:
 def _gains(
     captures: list[Capture], placement: Placement, reference: int
 ) -> tuple[tuple[float, ...], ...]:
+    """Brightness of each capture beside the reference's, by channel, from all overlaps."""
     channels = captures[0].psf.shape[0]
     system: NDArray[np.float64] = np.zeros((len(placement.pairs) + 1, len(captures)))
     ratios = np.zeros((len(placement.pairs) + 1, channels))
     system[-1, reference] = 1.0
     for row, pair in enumerate(placement.pairs):
-        moved = round(pair.match.moved[0]), round(pair.match.moved[1])
-        one, other = _both(captures[pair.first].psf, captures[pair.second].psf, moved)
+        shift = round(pair.match.shift[0]), round(pair.match.shift[1])
+        one, other = _mean_light(captures[pair.first].psf, captures[pair.second].psf, shift)
         system[row, [pair.first, pair.second]] = -1.0, 1.0
         ratios[row] = (other / one).log().numpy()
     solution = np.exp(np.linalg.lstsq(system, ratios, rcond=None)[0])
     return tuple(tuple(float(value) for value in gain) for gain in solution)
 
 
-def _both(one: Tensor, other: Tensor, moved: tuple[int, int]) -> tuple[Tensor, Tensor]:
-    """Mean light of two captures in what both show, by channel; float64."""
-    for axis, by in zip((-2, -1), moved, strict=True):
+def _mean_light(one: Tensor, other: Tensor, shift: tuple[int, int]) -> tuple[Tensor, Tensor]:
+    """Mean light of two captures in their overlap, by channel; float64."""
+    for axis, by in zip((-2, -1), shift, strict=True):
         count = one.shape[axis] - abs(by)
         one = one.narrow(axis, max(0, -by), count)
         other = other.narrow(axis, max(0, by), count)

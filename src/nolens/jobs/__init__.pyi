@@ -1,10 +1,13 @@
 from .calibration.distances import CalibrateDistancesOptions, calibrate_distances
+from .calibration.extrapolate import CalibrateExtrapolateOptions, calibrate_extrapolate
 from .calibration.pairs import CalibratePairsOptions, calibrate_pairs
-from .calibration.plan import CalibratePlanOptions, calibrate_plan
-from .calibration.point import calibrate_point
-from .calibration.point_options import CalibratePointOptions
-from .calibration.stitch import CalibrateStitchOptions, calibrate_stitch
-from .calibration.surround import CalibrateSurroundOptions, calibrate_surround
+from .calibration.point import CalibratePointOptions, calibrate_point
+from .calibration.stitch import (
+    CalibratePlanOptions,
+    CalibrateStitchOptions,
+    calibrate_plan,
+    calibrate_stitch,
+)
 from .capturing import CaptureOptions, CaptureReporter, capture_frames
 from .demo import DemoOptions, run_demo
 from .designing.mask import MaskOptions, design_mask, mask_kind, mask_kinds
@@ -29,11 +32,11 @@ from .simulation import SimulateOptions, simulate
 
 __all__ = [
     "CalibrateDistancesOptions",
+    "CalibrateExtrapolateOptions",
     "CalibratePairsOptions",
     "CalibratePlanOptions",
     "CalibratePointOptions",
     "CalibrateStitchOptions",
-    "CalibrateSurroundOptions",
     "CaptureOptions",
     "CaptureReporter",
     "DemoOptions",
@@ -56,11 +59,11 @@ __all__ = [
     "ToleranceOptions",
     "TwoPointOptions",
     "calibrate_distances",
+    "calibrate_extrapolate",
     "calibrate_pairs",
     "calibrate_plan",
     "calibrate_point",
     "calibrate_stitch",
-    "calibrate_surround",
     "capture_frames",
     "design_mask",
     "design_thickness",

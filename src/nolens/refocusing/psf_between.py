@@ -9,8 +9,8 @@ from typing import Self
 import torch
 from torch import Tensor
 
-from nolens.calibrate.magnify import covered, magnified
-from nolens.calibrate.point_register import register
+from nolens.calibrate.distances import covered, magnified
+from nolens.calibrate.registration import register
 from nolens.camera import Camera
 from nolens.errors import DataError
 from nolens.refocusing.depth import depth_of_focus_per_m, line_pixels, lit_pixels, per_m

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from nolens.calibrate.point_register import register
+from nolens.calibrate.registration import register
 from nolens.camera import develop, exposure_white
 from nolens.evaluate import scale_fit
 from nolens.experiments.virtual_experiment import solved

@@ -68,7 +68,7 @@ KINDS: dict[JobKind, Kind] = {
     ),
     "calibrate": Kind(
         "Calibrate",
-        f"{_JOBS}.calibration.point_options:CalibratePointOptions",
+        f"{_JOBS}.calibration.point:CalibratePointOptions",
         f"{_JOBS}.calibration.point:calibrate_point",
         about=("name", "frames"),
         own={"name": "Folder of its PSFs"},

@@ -24,7 +24,7 @@ from nolens.files import (
     write_tiff16,
 )
 from nolens.files.cameras import camera_copies
-from nolens.jobs.calibration.folder import cell_of, folder_camera, folder_psfs
+from nolens.jobs.calibration.folder import folder_camera, folder_psfs, pixel_of
 from nolens.studio.live_solver import Solved
 from nolens.studio.schemas import Settings
 from nolens.studio.workspace import CAMERAS, unused
@@ -121,7 +121,7 @@ def kept_psf(work: Path, given: str, opened: OpenCamera, psf: Tensor, shot: Shot
     distance = opened.camera.reference_distance
     entry = PsfEntry(
         file=f"psf-{distance.mm:g}mm.tif",
-        cell=cell_of(shot.frame, opened, None, None),
+        cell=pixel_of(shot.frame, opened, None, None),
         channels=opened.camera.sensor.channels,
         distance=distance,
     )

@@ -7,42 +7,50 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field
 from torch import Tensor
 
-from nolens.calibrate.distances import Layers, Scaled, scaled_psf
+from nolens.calibrate.distances import Scaled, scaled_psf
 from nolens.camera import PsfEntry, PsfKind, PsfSet
 from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth
-from nolens.errors import DataError, OptionError
-from nolens.files import CAMERA_FILE, PSFS_FILE, read_psf, read_psf_set, readable
-from nolens.jobs.calibration.fields import FolderOptions, Reduced, distance_name
-from nolens.jobs.calibration.folder import added, folder_camera
+from nolens.errors import OptionError
+from nolens.files import PSFS_FILE, read_psf, read_psf_set, readable
+from nolens.jobs.calibration.folder import (
+    FolderOptions,
+    Reduced,
+    added,
+    distance_name,
+    folder_layers,
+    made_of,
+    psfs_ahead,
+)
 from nolens.jobs.fields import Distances
 from nolens.jobs.options import Option, Written
 from nolens.jobs.run import Product, Run, job
 from nolens.quantities import Length
 from nolens.ranges import Between
 
-MEASURED: tuple[PsfKind, ...] = ("stitched", "extended", "captured", "solved")
+_MEASURED: tuple[PsfKind, ...] = ("stitched", "extended", "captured", "solved")
 """Kinds that a PSF of another distance is made of; the first one has the widest view."""
 _DIGITS = 5
 _MUCH_UNKNOWN = 0.001
 _DEFOCUSED_MM = 20.0
 
 
-def _two(given: Any) -> Any:
-    if not isinstance(given, str):
-        return given
-    parts = [part.strip() for part in given.split(",")]
+def _two(value: Any) -> Any:
+    """Both distances of "8cm,1m"."""
+    if not isinstance(value, str):
+        return value
+    parts = [part.strip() for part in value.split(",")]
     if len(parts) != 2:
         raise refusal("give two distances, such as 8cm,1m or 8cm,infinity")
     return tuple(parts)
 
 
 class CalibrateDistancesOptions(FolderOptions):
-    """Make PSFs of other distances of a measured one, by how the rays magnify the pattern.
+    """Make PSFs of other distances of a measured one, by how the rays magnify it.
 
     nolens calibrate distances mycamera --at 8cm --at 20cm --at infinity
 
-    A point source at the distance z casts a pattern 1 + D/z times as large as a far one does, D
+    The PSF of a point source at the distance z is 1 + D/z times as large as that of a far one, D
     being the reduced thickness between mask and sensor. The larger the measured PSF, the better:
     one that was stitched is taken before one that was captured.
     """
@@ -60,7 +68,7 @@ class CalibrateDistancesOptions(FolderOptions):
     count: Annotated[
         Annotated[int, Between(2, 1000)] | None,
         Option(
-            "How many distances --between has; they are equally far apart in 1/z, as patterns are "
+            "How many distances --between has; they are equally far apart in 1/z, as PSFs are "
             "in size."
         ),
     ] = None
@@ -138,11 +146,10 @@ def calibrate_distances(run: Run[CalibrateDistancesOptions]) -> Product[dict[Psf
     """
     options, reporter = run.options, run.reporter
     psfs = read_psf_set(options.folder)
-    layers = _layers(options)
+    layers, camera = folder_layers(options.folder, options.reduced)
     sources = {distance: _source(options, psfs, distance) for distance in options.distances}
     run.reads({f"PSF {each.file}": options.folder / each.file for each in sources.values()})
-    if (options.folder / CAMERA_FILE).is_file():
-        run.reads({"camera": options.folder / CAMERA_FILE})
+    run.reads(camera)
     measured = {each.file: read_psf(options.folder, each) for each in sources.values()}
     run.begin()
     made: dict[PsfEntry, Tensor] = {}
@@ -150,33 +157,26 @@ def calibrate_distances(run: Run[CalibrateDistancesOptions]) -> Product[dict[Psf
     warnings: list[str] = []
     for number, (distance, source) in enumerate(sources.items()):
         reporter.advance("distances", number / len(sources))
-        found = scaled_psf(
+        scaled = scaled_psf(
             measured[source.file],
             source.cell.um,
             layers,
             measured_um=source.distance_um,
-            wanted_um=_um(distance),
+            target_um=_um(distance),
         )
-        entry = PsfEntry(
-            file=_psf_file(distance),
-            cell=source.cell,
-            channels=source.channels,
-            distance=distance,
-            kind="scaled",
-            usable_per_mm=source.usable_per_mm,
-        )
-        made[entry] = found.psf
+        entry = made_of(source, _psf_file(distance), "scaled", distance=distance)
+        made[entry] = scaled.psf
         rows.append(
             {
                 "file": entry.file,
                 "distance": str(distance),
                 "from": source.file,
                 "from_distance": str(source.distance),
-                "magnification": round(found.magnification, 6),
-                "unknown_share": found.unknown_share,
+                "magnification": round(scaled.magnification, 6),
+                "unknown_fraction": scaled.unknown_fraction,
             }
         )
-        warnings += _warnings(found, distance)
+        warnings += _warnings(scaled, distance)
     reporter.advance("distances", 1.0)
     run.warn(*warnings)
     figures = {
@@ -187,33 +187,11 @@ def calibrate_distances(run: Run[CalibrateDistancesOptions]) -> Product[dict[Psf
     return added(made, figures, options.folder, made)
 
 
-def _layers(options: CalibrateDistancesOptions) -> Layers:
-    opened = folder_camera(options.folder)
-    if opened is not None and options.reduced is not None:
-        raise OptionError(
-            f"--reduced {options.reduced}: the folder has a {CAMERA_FILE}, whose layers say the "
-            "same. Leave --reduced out, or mend the layers"
-        )
-    if opened is not None:
-        return Layers.of_camera(opened.camera)
-    if options.reduced is None:
-        raise OptionError(
-            f"the folder has no {CAMERA_FILE}: give the reduced thickness between mask and sensor, "
-            "the sum of thickness / index of all layers (--reduced 1.28mm)"
-        )
-    return Layers.of_air(options.reduced.um)
-
-
 def _source(
     options: CalibrateDistancesOptions, psfs: PsfSet, distance: Length | Literal["infinity"]
 ) -> PsfEntry:
     """The measured PSF that one of another distance is made of."""
-    there = [each for each in psfs.by_distance(MEASURED) if each.frame == "chief-ray"]
-    if not there:
-        raise DataError(
-            f"{options.folder} has no measured PSF of a light straight ahead: add one first, with "
-            "nolens calibrate FRAME... --distance 300mm"
-        )
+    there = psfs_ahead(options.folder, psfs, _MEASURED)
     if any(each.distance == distance for each in there):
         raise OptionError(
             f"the PSF of {distance} is in {options.folder} already, and was measured: leave "
@@ -225,17 +203,17 @@ def _source(
                 return each
         have = ", ".join(str(each.distance) for each in there)
         raise OptionError(f"--from {options.source}: measured PSFs are there for {have}")
-    wanted = 1 / _um(distance)
-    return min(there, key=lambda each: abs(1 / each.distance_um - wanted))
+    return min(there, key=lambda each: abs(1 / each.distance_um - 1 / _um(distance)))
 
 
-def _warnings(found: Scaled, distance: Length | Literal["infinity"]) -> list[str]:
+def _warnings(scaled: Scaled, distance: Length | Literal["infinity"]) -> list[str]:
+    """What may make a PSF worse than a measured one."""
     texts = []
-    if found.unknown_share > _MUCH_UNKNOWN:
+    if scaled.unknown_fraction > _MUCH_UNKNOWN:
         texts.append(
-            f"{100 * found.unknown_share:.2g} % of the PSF of {distance} lies beyond the measured "
-            "one, and has the mean light of its neighbourhood: a stitched PSF, or one measured at "
-            "a nearer distance would not need that"
+            f"{100 * scaled.unknown_fraction:.2g} % of the PSF of {distance} lies beyond the "
+            "measured one, and has the mean light of its neighbourhood: a stitched PSF, or one "
+            "measured at a nearer distance would not need that"
         )
     if isinstance(distance, Length) and distance.mm < _DEFOCUSED_MM:
         texts.append(

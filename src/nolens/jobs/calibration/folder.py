@@ -1,17 +1,126 @@
-"""The folder that a camera's PSFs are gathered in."""
+"""The folder that a camera's PSFs are gathered in: what the jobs that add to it have in common."""
 
 from collections.abc import Mapping
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from torch import Tensor
 
-from nolens.camera import Frame, OpenCamera, PsfEntry, PsfSet
+from nolens.calibrate.distances import Layers
+from nolens.camera import Frame, OpenCamera, PsfEntry, PsfKind, PsfSet
+from nolens.camera.part import PositiveLength
+from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, FileError, OptionError
 from nolens.files import CAMERA_FILE, PSFS_FILE, read_camera, read_psf_set, write_psfs
+from nolens.jobs.fields import FilePath
+from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Value, Writer
 from nolens.quantities import Length
+
+RESULT = "Result"
+
+
+def psf_folder(text: str) -> Option:
+    """The option of a folder that has PSFs."""
+    return Option(
+        text,
+        needed="the folder of the camera's PSFs, as nolens calibrate makes it",
+        role="input",
+        positional=True,
+    )
+
+
+def output_folder(record: str) -> Option:
+    """The option of a folder that PSFs are added to; it may be a new one."""
+    return Option(
+        "Folder of the camera's PSFs; made if it is not there. The PSF, the list psfs.toml and "
+        f"the record {record}-….json go into it.",
+        RESULT,
+        needed="the folder of the camera's PSFs (-o folder)",
+        role="output",
+        flag="-o",
+    )
+
+
+Reduced = Annotated[
+    PositiveLength | None,
+    Option(
+        "Sum of thickness / index of the layers between mask and sensor, such as 1.28mm, where "
+        "the folder has no camera.toml."
+    ),
+]
+
+
+def distance_name(distance: Length | Literal["infinity"]) -> str:
+    """A distance as the names of files have it, the same for 30 cm and 300 mm."""
+    return f"{distance.mm:.6g}mm" if isinstance(distance, Length) else distance
+
+
+class NewPsfOptions(JobOptions):
+    """What the jobs have in common that add a PSF to a folder, ``output``.
+
+    Attributes
+    ----------
+    names
+        How the names of the PSF and of the record begin.
+    """
+
+    names: ClassVar[tuple[str, str]]
+    folder_option: ClassVar[str] = "-o"
+    if TYPE_CHECKING:
+        # Each job declares them at their own place among its fields, with its own text.
+        output: FilePath
+        distance: Depth | None
+
+    @property
+    def suffix(self) -> str | None:
+        """What the names of files end with; None until the distance in it is known."""
+        return None if self.distance is None else distance_name(self.distance)
+
+    @property
+    def psf_file(self) -> str:
+        """Name of the PSF's file."""
+        return f"{self.names[0]}-{self.suffix}.tif"
+
+    @property
+    def output_folder(self) -> Path:
+        """It is made where it does not exist."""
+        return self.output
+
+    @property
+    def record(self) -> Path | None:
+        """File of the run's record."""
+        suffix = self.suffix
+        return None if suffix is None else self.output_folder / f"{self.names[1]}-{suffix}.json"
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """PSF, list and record."""
+        if self.record is None:
+            return ()
+        return (
+            Written("PSF", self.output_folder / self.psf_file, self.folder_option),
+            Written("list of PSFs", self.output_folder / PSFS_FILE, self.folder_option),
+            Written("record of the run", self.record, self.folder_option),
+        )
+
+
+class FolderOptions(NewPsfOptions):
+    """What the jobs have in common that add PSFs to a folder which has some."""
+
+    folder_option: ClassVar[str] = "FOLDER"
+    folder: Annotated[FilePath, psf_folder("Of the camera's PSFs, as nolens calibrate makes it.")]
+
+    @property
+    def output_folder(self) -> Path:
+        """That of the PSFs."""
+        return self.folder
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Nothing but what the folder lists."""
+        return {}
 
 
 def folder_camera(folder: Path) -> OpenCamera | None:
@@ -35,6 +144,76 @@ def folder_psfs(folder: Path) -> PsfSet | None:
         If the folder's psfs.toml is none.
     """
     return read_psf_set(folder) if (folder / PSFS_FILE).is_file() else None
+
+
+def folder_layers(folder: Path, reduced: Length | None) -> tuple[Layers, dict[str, Path]]:
+    """The layers of a folder's camera, or those of a reduced thickness; and the file they are from.
+
+    Raises
+    ------
+    OptionError
+        If there is neither, or both.
+    """
+    opened = folder_camera(folder)
+    if opened is not None and reduced is not None:
+        raise OptionError(
+            f"--reduced {reduced}: the folder has a {CAMERA_FILE}, whose layers say the same. "
+            "Leave --reduced out, or mend the layers"
+        )
+    if opened is not None:
+        return Layers.of_camera(opened.camera), {"camera": folder / CAMERA_FILE}
+    if reduced is None:
+        raise OptionError(
+            f"the folder has no {CAMERA_FILE}: give the reduced thickness between mask and sensor, "
+            "the sum of thickness / index of all layers (--reduced 1.28mm)"
+        )
+    return Layers.of_air(reduced.um), {}
+
+
+def psfs_ahead(folder: Path, psfs: PsfSet, kinds: tuple[PsfKind, ...]) -> list[PsfEntry]:
+    """PSFs of sources straight ahead, in the frame of the chief ray, nearest first.
+
+    Raises
+    ------
+    DataError
+        If there is none.
+    """
+    ahead = [each for each in psfs.by_distance(kinds) if each.frame == "chief-ray"]
+    if not ahead:
+        kind = "captured" if kinds == ("captured",) else "measured"
+        raise DataError(
+            f"{folder} has no {kind} PSF of a light straight ahead: add one first, with "
+            "nolens calibrate FRAME... --distance 300mm"
+        )
+    return ahead
+
+
+def made_of(source: PsfEntry, file: str, kind: PsfKind, **changes: Any) -> PsfEntry:
+    """Entry of a PSF, of a source straight ahead, that is made of another one of the folder."""
+    of_source = {"distance": source.distance, "usable_per_mm": source.usable_per_mm}
+    return PsfEntry(
+        file=file,
+        cell=source.cell,
+        channels=source.channels,
+        kind=kind,
+        **{**of_source, **changes},
+    )
+
+
+def check_channels(psfs: PsfSet | None, channels: tuple[str, ...], remedy: str = "") -> None:
+    """Refuse a PSF whose channels are not those of the folder's.
+
+    Raises
+    ------
+    OptionError
+        If they are not.
+    """
+    if psfs is not None and psfs.psf[0].channels != channels:
+        raise OptionError(
+            f"the PSF {psfs.psf[0].file} of the folder has the channels "
+            f"{', '.join(psfs.psf[0].channels)}, but this one would have {', '.join(channels)}: "
+            f"give another folder (-o){remedy}"
+        )
 
 
 def added(
@@ -67,15 +246,15 @@ def added(
     return Product(value, figures, writers, outputs=outputs, commit=commit)
 
 
-def chosen_camera(folder: Path, given: str | None) -> tuple[OpenCamera | None, str | None]:
+def chosen_camera(folder: Path, name: str | None) -> tuple[OpenCamera | None, str | None]:
     """The camera that PSFs are measured of, and from where it is to be copied into the folder.
 
     Parameters
     ----------
     folder
         Of the PSFs.
-    given
-        Name of a camera; None takes the folder's.
+    name
+        Of a camera; None takes the folder's.
 
     Raises
     ------
@@ -83,14 +262,14 @@ def chosen_camera(folder: Path, given: str | None) -> tuple[OpenCamera | None, s
         If it cannot be read, or the folder has the description of another one.
     """
     own = folder_camera(folder)
-    if given is None:
+    if name is None:
         return own, None
-    opened = read_camera(given)
+    opened = read_camera(name)
     if own is None:
-        return opened, given
+        return opened, name
     if own.camera != opened.camera:
         raise OptionError(
-            f"--camera {given} is not the camera that {folder / CAMERA_FILE} describes: leave "
+            f"--camera {name} is not the camera that {folder / CAMERA_FILE} describes: leave "
             "--camera out, or give another folder (-o)"
         )
     return own, None
@@ -111,10 +290,10 @@ def check_free(folder: Path, names: list[str]) -> None:
             )
 
 
-def cell_of(
-    frame: Frame, opened: OpenCamera | None, psfs: PsfSet | None, pixel: Length | None
+def pixel_of(
+    frame: Frame, opened: OpenCamera | None, psfs: PsfSet | None, pitch: Length | None
 ) -> Length:
-    """Distance of the cells of the reconstruction: of a frame's pixels, or of its 2×2 cells.
+    """Pitch of the pixels of the reconstruction: of a frame's pixels, or its 2×2 superpixels.
 
     Parameters
     ----------
@@ -124,48 +303,48 @@ def cell_of(
         The camera, if it is known.
     psfs
         PSFs of the same camera, if there are any.
-    pixel
-        Distance of the frame's pixels, if it is given.
+    pitch
+        Of the frame's pixels, if it is stated.
 
     Raises
     ------
     NolensError
         If nothing says it, or the frame's size or pixels are not the camera's.
     """
-    per_cell = 1 if frame.mosaic is None else 2
-    given = None if pixel is None else _times(pixel, per_cell)
+    of_folder = None if psfs is None else psfs.psf[0]
+    bin_by = 1 if frame.mosaic is None else 2
+    stated = None if pitch is None else _times(pitch, bin_by)
     known: Length | None = None
     if opened is not None:
-        known = _cell_of_camera(frame, opened)
-        named = f"the camera {opened.camera.name!r}"
-    elif psfs is not None:
-        known, named = psfs.psf[0].cell, f"the PSF {psfs.psf[0].file}"
-    if given is None and known is None:
+        known, named = _pixel_of_camera(frame, opened), f"the camera {opened.camera.name!r}"
+    elif of_folder is not None:
+        known, named = of_folder.cell, f"the PSF {of_folder.file}"
+    pixel = known or stated
+    if pixel is None:
         raise OptionError(
             "the distance of the pixels is not known: give it (--pixel 1.55um), or the camera "
             "(--camera)"
         )
-    if given is not None and known is not None and given != known:
-        each = "a pixel" if per_cell == 1 else "2 of its pixels"
+    if stated is not None and known is not None and stated != known:
+        each = "a pixel" if bin_by == 1 else "2 of its pixels"
         raise OptionError(
-            f"--pixel {pixel}: a cell of {named} is {known} wide, but {each} are {given}; leave "
+            f"--pixel {pitch}: a pixel of {named} is {known} wide, but {each} are {stated}; leave "
             "--pixel out, or give another folder (-o)"
         )
-    cell = given if known is None else known
-    assert cell is not None
-    if psfs is not None and psfs.psf[0].cell != cell:
+    if of_folder is not None and of_folder.cell != pixel:
         raise DataError(
-            f"the PSF {psfs.psf[0].file} of the folder has cells of {psfs.psf[0].cell}, but these "
-            f"frames {cell}: they are of another camera. Give another folder (-o)"
+            f"the PSF {of_folder.file} of the folder has pixels of {of_folder.cell}, but these "
+            f"frames {pixel}: they are of another camera. Give another folder (-o)"
         )
-    return cell
+    return pixel
 
 
-def _cell_of_camera(frame: Frame, opened: OpenCamera) -> Length:
+def _pixel_of_camera(frame: Frame, opened: OpenCamera) -> Length:
+    """Pitch of a camera's pixels or superpixels; a frame that is not of it is refused."""
     sensor = opened.camera.sensor
-    pixels = 1 if sensor.mosaic == "none" else 2
-    if frame.mosaic is None and frame.channels == ("R", "G", "B") and pixels == 2:
-        size, what = (sensor.rows // 2, sensor.columns // 2), "cells"
+    bin_by = 1 if sensor.mosaic == "none" else 2
+    if frame.mosaic is None and frame.channels == ("R", "G", "B") and bin_by == 2:
+        size, what = (sensor.rows // 2, sensor.columns // 2), "superpixels"
     else:
         size, what = (sensor.rows, sensor.columns), "pixels"
     if tuple(frame.counts.shape[-2:]) != size:
@@ -179,7 +358,7 @@ def _cell_of_camera(frame: Frame, opened: OpenCamera) -> Length:
             f"{frame.source} has the colour mosaic {frame.mosaic}, but the camera "
             f"{opened.camera.name!r} has {sensor.mosaic}: give frames of this camera, not turned"
         )
-    return _times(sensor.pitch, pixels)
+    return _times(sensor.pitch, bin_by)
 
 
 def _times(length: Length, factor: int) -> Length:

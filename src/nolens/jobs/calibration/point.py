@@ -1,98 +1,220 @@
 """`nolens calibrate`: frames of a point source become a PSF in a camera's folder."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, ClassVar
 
+from pydantic import Field
 from torch import Tensor
 
+from nolens.calibrate.centring import PlacedPsf, ReferencePsf, place_psf
 from nolens.calibrate.distances import Layers
-from nolens.calibrate.point import (
-    UNCERTAIN_RATIO,
-    PointPsf,
-    centroid,
-    moved_to_middle,
-    point_psf,
-    point_psf_bytes,
-)
-from nolens.calibrate.point_frames import (
+from nolens.calibrate.exposures import (
     SAME_TIME,
-    UNKNOWN_S,
+    UNCERTAIN_RATIO,
     FrameMean,
     add_frame,
     check_alike,
     match_darks,
 )
-from nolens.calibrate.point_register import NEARBY, register
+from nolens.calibrate.point_psf import PointPsf, StrayLight, point_psf, point_psf_bytes
 from nolens.camera import Frame, PsfEntry, PsfSet, Sensor
-from nolens.errors import DataError
+from nolens.camera.part import PixelPitch
+from nolens.camera.psf_set import Depth
+from nolens.errors import DataError, OptionError
 from nolens.files import CAMERA_FILE, camera_files, read_frame, read_psf
 from nolens.files.cameras import camera_copies
 from nolens.jobs.calibration.folder import (
+    RESULT,
+    NewPsfOptions,
     added,
-    cell_of,
+    check_channels,
     check_free,
     chosen_camera,
     folder_psfs,
+    output_folder,
+    pixel_of,
 )
-from nolens.jobs.calibration.point_options import CalibratePointOptions
+from nolens.jobs.fields import CAMERAS, Exposure, FieldAngles, FilePath, Files, Mosaic, Name
+from nolens.jobs.options import Option
 from nolens.jobs.run import Product, Reporter, Run, Writer, check_memory, job
+from nolens.quantities import Angle, Length
 
-_LEAST_ALIKE = 0.4
-_MERGED_SHARE = 0.5
+_SOURCE, _FRAMES = "Point source", "Frames"
+_MERGED_FRACTION = 0.5
 """Of the work on a PSF; the rest brings it into its place."""
-_LARGE_DEG, _LARGE_SHARE = 2.0, 0.05
-_OFF_PREDICTED = 0.2
-"""Of M − 1: twins are predicted to 2 %, the paper's own figures are two thirds off."""
+
+
+class CalibratePointOptions(NewPsfOptions):
+    """Make a PSF of pictures of one point source, and add it to a camera's folder.
+
+    nolens calibrate point*.dng --distance 300mm --camera paper -o mycamera
+
+    Once for each place of the point source: the folder gathers the PSFs of all distances and
+    angles. Use a white LED behind a pinhole of 50 um in a dark room; more frames make less noise,
+    and frames of several exposure times keep the faint parts where the long ones clip.
+    """
+
+    names: ClassVar = ("psf", "calibrate")
+    usage = "calibrate FRAME... --distance 300mm -o FOLDER"
+
+    frames: Annotated[
+        Files,
+        Field(min_length=1),
+        Option(
+            "Camera raw (.dng and others), .tif, .png or .npy, all of the same point source.",
+            needed="the frames of one point source (nolens calibrate FRAME... --distance 300mm -o "
+            "FOLDER)",
+            role="input",
+            positional=True,
+            label="Frames",
+        ),
+    ]
+    distance: Annotated[
+        Depth,
+        Option(
+            "Of the point source from the camera, such as 300mm, or infinity.",
+            _SOURCE,
+            needed="that of the point source from the camera (--distance 300mm, or infinity)",
+            label="Distance from the mask",
+        ),
+    ]
+    angle: Annotated[
+        FieldAngles,
+        Option(
+            "Field angles of the point source, to the right and up as the photographer sees it, "
+            "such as 20deg,-10deg.",
+            _SOURCE,
+            default="0deg,0deg",
+        ),
+    ] = (Angle("0", "deg"), Angle("0", "deg"))
+    dark: Annotated[
+        Files,
+        Option(
+            "Frames with the point source off, after the others; those of each exposure time are "
+            "subtracted from its frames.",
+            _FRAMES,
+            default="none, and the black level of the files",
+            role="input",
+            several=True,
+            label="Dark frames",
+        ),
+    ] = ()
+    exposure: Annotated[
+        tuple[Exposure, ...],
+        Field(max_length=100_000),
+        Option(
+            "Exposure time, such as 10ms: once for all frames, or once for each in their order.",
+            _FRAMES,
+            default="what the files say",
+        ),
+    ] = ()
+    camera: Annotated[
+        Name | None,
+        Option(
+            f"{CAMERAS}; it is copied into the folder.",
+            _FRAMES,
+            default="that of the folder, if it has one",
+            role="camera",
+            label="Description",
+        ),
+    ] = None
+    pixel: Annotated[
+        PixelPitch | None,
+        Option(
+            "Distance of the pixels in the frames, such as 1.55um, where no camera is known.",
+            _FRAMES,
+        ),
+    ] = None
+    mosaic: Annotated[
+        Mosaic | None, Option("Colour mosaic of frames whose files do not say it.", _FRAMES)
+    ] = None
+    stray_light: Annotated[
+        StrayLight,
+        Option(
+            "auto subtracts a smooth background where an aperture leaves a dark area, none leaves "
+            "all in, floor takes the darkest light there is for stray light.",
+            RESULT,
+        ),
+    ] = "auto"
+    as_is: Annotated[
+        bool,
+        Option(
+            "The frames are a finished PSF, such as another group's: subtract its black level and "
+            "nothing else, and warn where frames of a camera would be refused. The middle of the "
+            "file is its zero shift.",
+            RESULT,
+            default="off",
+        ),
+    ] = False
+    output: Annotated[FilePath, output_folder("calibrate")]
+
+    def check_together(self) -> None:
+        """Refuse other times than frames, stray light of a finished PSF, and a frame twice."""
+        if len(self.exposure) not in (0, 1, len(self.frames)):
+            raise OptionError(
+                f"--exposure is given {len(self.exposure)} times for {len(self.frames)} "
+                "frames: give it once, for all of them, or once for each in their order"
+            )
+        if self.as_is and self.stray_light != "auto":
+            raise OptionError(
+                f"--as-is and --stray-light {self.stray_light} are both given: a PSF that is "
+                "taken as it is keeps its stray light. Leave one of them out"
+            )
+        twice = [path for path in self.frames if self.frames.count(path) > 1]
+        both = [path for path in self.dark if path in self.frames]
+        if twice or both:
+            raise OptionError(
+                f"{(twice or both)[0]} is given twice: a frame counts once, as a frame or as a "
+                "dark frame"
+            )
+
+    @property
+    def suffix(self) -> str:
+        """Distance and angle, as the names of files have them."""
+        text = str(super().suffix)
+        if any(each.deg != 0 for each in self.angle):
+            text += "".join(f"-{each.deg:.6g}deg" for each in self.angle)
+        return text
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Frames and dark frames, by role."""
+        return {
+            f"{role} {number}": path
+            for role, paths in (("frame", self.frames), ("dark frame", self.dark))
+            for number, path in enumerate(paths, start=1)
+        }
 
 
 @dataclass(frozen=True)
-class ReadFrames:
-    """What was read.
-
-    Parameters
-    ----------
-    exposures
-        Means of frames by exposure time in s.
-    darks
-        For each of these times, the mean of its dark frames; none where there are no dark frames.
-    timed
-        Whether the exposure times are known.
-    warnings
-        What a person should know.
-    """
+class _Frames:
+    """The frames, and the dark frames that belong to them, averaged by exposure time in s."""
 
     exposures: dict[float, FrameMean]
     darks: dict[float, FrameMean]
     timed: bool
-    warnings: tuple[str, ...]
+    """Whether the exposure times are known."""
+    warnings: list[str]
 
     @property
     def first(self) -> Frame:
         """One of the frames."""
         return next(iter(self.exposures.values())).first
 
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Of the PSF."""
+        return self.first.channels if self.first.mosaic is None else ("R", "G", "B")
 
-def read_frames(
+
+def _read_frames(
     options: CalibratePointOptions, sensor: Sensor | None, reporter: Reporter
-) -> ReadFrames:
+) -> _Frames:
     """Read all frames, and average those of one exposure time.
 
-    Parameters
-    ----------
-    options
-        They name the files.
-    sensor
-        The camera's, which says what files do not: mosaic, black and white level.
-    reporter
-        Sees how far the work is.
-
-    Raises
-    ------
-    NolensError
-        If a file cannot be read, or frames do not fit together.
+    The sensor says what files do not: mosaic, black and white level.
     """
     total = len(options.frames) + len(options.dark)
     exposures: dict[float, FrameMean] = {}
@@ -112,8 +234,13 @@ def read_frames(
         if number > 0:
             check_alike(frame, next(iter(exposures.values())).first)
         add_frame(exposures, frame, time)
-    if not known[0]:
-        _check_one_exposure(exposures[UNKNOWN_S])
+    mean = next(iter(exposures.values()))
+    if not known[0] and not mean.alike:
+        raise DataError(
+            f"the frames do not say their exposure times, and differ by {100 * mean.uneven:.3g} % "
+            f"in brightness from {mean.first.source}: give the times (--exposure, once for each "
+            "frame in their order), or frames of one exposure"
+        )
     darks: dict[float, FrameMean] = {}
     for number, path in enumerate(options.dark, start=len(options.frames)):
         reporter.advance("frames", number / total)
@@ -127,7 +254,7 @@ def read_frames(
         for time, mean in exposures.items()
         if not mean.alike
     ]
-    first = next(iter(exposures.values())).first
+    first = mean.first
     if not darks and not first.black_stated:
         warnings.append(
             f"{first.source} does not say which count is black, and {first.black[0]:g} is taken: "
@@ -139,10 +266,11 @@ def read_frames(
             "none is"
         )
     matched = _matched(exposures, darks, known[0], warnings)
-    return ReadFrames(exposures, matched, known[0], tuple(warnings))
+    return _Frames(exposures, matched, known[0], warnings)
 
 
 def _read(path: Path, options: CalibratePointOptions, sensor: Sensor | None) -> Frame:
+    """Read a frame, with what the sensor says where the file does not."""
     frame = read_frame(path, mosaic=options.mosaic)
     if sensor is None:
         return frame
@@ -153,15 +281,6 @@ def _read(path: Path, options: CalibratePointOptions, sensor: Sensor | None) -> 
         white = min(sensor.saturated_counts, math.inf if frame.white is None else frame.white)
         frame = replace(frame, black=(sensor.black_counts,), white=white, black_stated=True)
     return frame
-
-
-def _check_one_exposure(mean: FrameMean) -> None:
-    if not mean.alike:
-        raise DataError(
-            f"the frames do not say their exposure times, and differ by {100 * mean.uneven:.3g} % "
-            f"in brightness from {mean.first.source}: give the times (--exposure, once for each "
-            "frame in their order), or frames of one exposure"
-        )
 
 
 def _matched(
@@ -178,8 +297,8 @@ def _matched(
             "the dark frames have several exposure times, and those of the frames are not known: "
             "give them (--exposure), or dark frames of the same time only"
         )
-    found = match_darks(exposures, darks)
-    for time, mean in found.items():
+    matched = match_darks(exposures, darks)
+    for time, mean in matched.items():
         own = mean.first.exposure_s
         same = own is not None and math.isclose(own, time, rel_tol=SAME_TIME)
         if timed and not same and own is not None:
@@ -187,208 +306,67 @@ def _matched(
                 f"dark frames of {1e3 * own:g} ms are taken for frames of {1e3 * time:g} ms: where "
                 "the sensor's dark current counts, take dark frames of every exposure time"
             )
-    return found
-
-
-@dataclass(frozen=True)
-class Placed:
-    """A PSF in its place.
-
-    Parameters
-    ----------
-    psf
-        (channels, rows, columns).
-    frame
-        What its middle follows.
-    figures
-        How it was found, in values that JSON has.
-    warnings
-        What a person should know.
-    """
-
-    psf: Tensor
-    frame: Literal["chief-ray", "sensor"]
-    figures: dict[str, Any]
-    warnings: list[str] = field(default_factory=list)
-
-
-def placed(
-    found: PointPsf,
-    options: CalibratePointOptions,
-    layers: Layers | None,
-    psfs: PsfSet | None,
-    cell_um: float,
-    tick: Callable[[float], None],
-) -> Placed:
-    """Bring a PSF into its place.
-
-    One from straight ahead is laid over that of the nearest other distance in the folder, or
-    else, where an aperture leaves a dark area, its light is centred; without one it stays where
-    the sensor saw it. One from the side stays there as well, and one that is taken as it is.
-
-    Parameters
-    ----------
-    found
-        The PSF as it was captured.
-    options
-        They say where the light was.
-    layers
-        The camera's, if they are known.
-    psfs
-        What the folder has.
-    cell_um
-        Distance of the cells.
-    tick
-        Is told the share that is done.
-
-    Raises
-    ------
-    DataError
-        If the folder's PSFs are not of the same camera.
-    """
-    reference = _reference(options, psfs)
-    other = None if reference is None else read_psf(options.output, reference)
-    if reference is not None and other is not None and other.shape != found.psf.shape:
-        raise DataError(
-            f"the PSF {options.output / reference.file} has {other.shape[-2]}×{other.shape[-1]} "
-            f"cells, but these frames {found.psf.shape[-2]}×{found.psf.shape[-1]}: they are of "
-            "another camera or setting. Give another folder (-o)"
-        )
-    if options.as_is:
-        return Placed(found.psf, "chief-ray", {"centred_by": "its file", "shift_um": [0.0, 0.0]})
-    on_axis = all(each.deg == 0 for each in options.angle)
-    if not on_axis:
-        return _as_seen(found, options, layers, cell_um)
-    if reference is not None and other is not None and _of_other_distance(reference, options):
-        return _laid_over(found, options, layers, cell_um, reference, other, tick)
-    if found.area is not None:
-        dark = found.area.on_cells(*found.psf.shape[-2:])
-        shift = centroid(found.psf, dark)
-        return _moved(found, shift, {"centred_by": "centroid"}, layers, cell_um)
-    return Placed(found.psf, "chief-ray", {"centred_by": "stated angle", "shift_um": [0.0, 0.0]})
+    return matched
 
 
 def _reference(options: CalibratePointOptions, psfs: PsfSet | None) -> PsfEntry | None:
     """A captured PSF to compare with: of the nearest other distance, straight ahead if any is."""
     captured = [each for each in (psfs.psf if psfs else ()) if each.kind == "captured"]
-    if not captured:
-        return None
-    here = _diopters(_um(options))
+    here = 1e6 / _um(options)
     return min(
         captured,
         key=lambda each: (
-            not (each.on_axis and _of_other_distance(each, options)),
-            abs(_diopters(each.distance_um) - here),
+            not _of_other_distance(each, options),
+            abs(1e6 / each.distance_um - here),
         ),
+        default=None,
     )
 
 
 def _of_other_distance(entry: PsfEntry, options: CalibratePointOptions) -> bool:
+    """Whether a PSF is straight ahead, in the middle, and of another distance."""
     return entry.on_axis and entry.frame == "chief-ray" and entry.distance != options.distance
 
 
-def _laid_over(
-    found: PointPsf,
+def _um(options: CalibratePointOptions) -> float:
+    return options.distance.um if isinstance(options.distance, Length) else math.inf
+
+
+def _placed(
+    point: PointPsf,
     options: CalibratePointOptions,
     layers: Layers | None,
-    cell_um: float,
-    entry: PsfEntry,
-    other: Tensor,
-    tick: Callable[[float], None],
-) -> Placed:
-    expected = None
-    if layers is not None:
-        here, there = layers.magnification(_um(options)), layers.magnification(entry.distance_um)
-        expected = here / there
-    laid = register(found.psf, other, magnification=expected or NEARBY, tick=tick)
-    if laid.correlation < _LEAST_ALIKE:
-        raise DataError(
-            f"the pattern is not that of {options.output / entry.file} in another size: their "
-            f"correlation is {laid.correlation:.2f}, and less than {_LEAST_ALIKE:g} means another "
-            "camera, another mask or a wrong distance. Give another folder (-o), or calibrate "
-            f"{entry.distance} again"
-        )
-    figures: dict[str, Any] = {
-        "centred_by": entry.file,
-        "correlation": round(laid.correlation, 5),
-        "magnification": round(laid.magnification, 6),
-        "expected_magnification": None if expected is None else round(expected, 6),
-    }
-    place = _moved(found, laid.shift, figures, layers, cell_um)
-    if expected is not None:
-        off = abs(laid.magnification - expected)
-        half = min(found.psf.shape[-2:]) / 2
-        if off > _OFF_PREDICTED * abs(expected - 1) and off * half > 0.5:
-            place.warnings.append(
-                f"the pattern is {laid.magnification:.4f} times as large as that of "
-                f"{entry.distance}, and the layers say {expected:.4f}: check both distances and "
-                "the layers of the camera"
+    psfs: PsfSet | None,
+    pixel_um: float,
+    reporter: Reporter,
+) -> PlacedPsf:
+    """The PSF in its place, beside those of the folder; one that is finished stays as it is."""
+    entry, reference = _reference(options, psfs), None
+    if entry is not None:
+        path = options.output / entry.file
+        other = read_psf(options.output, entry)
+        if other.shape != point.psf.shape:
+            raise DataError(
+                f"the PSF {path} has {other.shape[-2]}×{other.shape[-1]} pixels, but these frames "
+                f"{point.psf.shape[-2]}×{point.psf.shape[-1]}: they are of another camera or "
+                "setting. Give another folder (-o)"
             )
-    return place
-
-
-def _moved(
-    found: PointPsf,
-    shift: tuple[float, float],
-    figures: dict[str, Any],
-    layers: Layers | None,
-    cell_um: float,
-) -> Placed:
-    """The PSF with its light, which lies beside the middle by so many cells, in the middle."""
-    psf = moved_to_middle(found.psf, shift)
-    figures["shift_um"] = [_rounded(shift[1] * cell_um), _rounded(-shift[0] * cell_um)]
-    place = Placed(psf, "chief-ray", figures)
-    size = math.hypot(*shift)
-    if layers is None:
-        far, text = size > _LARGE_SHARE * min(psf.shape[-2:]), ""
-    else:
-        reduced = layers.before.reduced_um + layers.after.reduced_um
-        angle = math.degrees(math.atan(size * cell_um / reduced))
-        far, text = angle > _LARGE_DEG, f", as of a light {angle:.1f}° off the axis"
-    if far:
-        place.warnings.append(
-            f"the pattern lies {size * cell_um:.0f} µm beside the middle{text}, and was moved "
-            "there: if the light was not meant to be straight ahead, say where it was (--angle)"
-        )
-    return place
-
-
-def _as_seen(
-    found: PointPsf, options: CalibratePointOptions, layers: Layers | None, cell_um: float
-) -> Placed:
-    figures: dict[str, Any] = {"centred_by": "stated angle"}
-    place = Placed(found.psf, "sensor", figures)
-    if layers is None:
-        return place
-    expected = layers.shift_um(options.angle)
-    figures["expected_shift_um"] = [_rounded(each) for each in expected]
-    if found.area is None:
-        return place
-    row, column = centroid(found.psf, found.area.on_cells(*found.psf.shape[-2:]))
-    seen = column * cell_um, -row * cell_um
-    figures["shift_um"] = [_rounded(each) for each in seen]
-    reduced = layers.before.reduced_um + layers.after.reduced_um
-    off = math.degrees(math.atan(math.dist(seen, expected) / reduced))
-    if off > _LARGE_DEG:
-        place.warnings.append(
-            f"the pattern lies {seen[0]:z.0f} µm to the right and {seen[1]:z.0f} µm up of the "
-            f"middle, and by Snell's law an angle of {options.angle[0]}, {options.angle[1]} "
-            f"puts it at {expected[0]:.0f} and {expected[1]:.0f}: about {off:.1f}° off. "
-            "Check the angle, and that the whole pattern is on the sensor"
-        )
-    return place
-
-
-def _um(options: CalibratePointOptions) -> float:
-    return math.inf if options.distance == "infinity" else options.distance.um
-
-
-def _diopters(distance_um: float) -> float:
-    return 1e6 / distance_um
-
-
-def _rounded(value: float) -> float:
-    return round(value, 3) + 0.0
+        if _of_other_distance(entry, options):
+            reference = ReferencePsf(other, entry, str(path))
+    if options.as_is:
+        figures = {"centred_by": "its file", "shift_um": [0.0, 0.0]}
+        return PlacedPsf(point.psf, "chief-ray", figures)
+    return place_psf(
+        point,
+        pixel_um,
+        distance_um=_um(options),
+        angle=options.angle,
+        layers=layers,
+        reference=reference,
+        progress=lambda fraction: reporter.advance(
+            "PSF", _MERGED_FRACTION + (1 - _MERGED_FRACTION) * fraction
+        ),
+    )
 
 
 @job
@@ -410,91 +388,78 @@ def calibrate_point(run: Run[CalibratePointOptions]) -> Product[Tensor]:
         check_free(options.output, list(camera))
     psfs = folder_psfs(options.output)
 
-    frames = read_frames(options, None if opened is None else opened.camera.sensor, reporter)
-    cell = cell_of(frames.first, opened, psfs, options.pixel)
+    sensor = None if opened is None else opened.camera.sensor
+    frames = _read_frames(options, sensor, reporter)
+    pixel = pixel_of(frames.first, opened, psfs, options.pixel)
     layers = None if opened is None else Layers.of_camera(opened.camera)
     needed = point_psf_bytes(frames.first.counts.numel(), len(frames.exposures))
     check_memory(needed, run.device, "frames of fewer exposure times need less")
     run.begin(needed)
-    found = point_psf(
+    point = point_psf(
         frames.exposures,
         frames.darks,
-        cell_um=cell.um,
+        pixel_um=pixel.um,
         stray=options.stray_light,
-        sensor=None if opened is None else opened.camera.sensor,
+        sensor=sensor,
         as_is=options.as_is,
-        tick=lambda share: reporter.advance("PSF", _MERGED_SHARE * share),
+        progress=lambda fraction: reporter.advance("PSF", _MERGED_FRACTION * fraction),
     )
-    place = placed(
-        found,
-        options,
-        layers,
-        psfs,
-        cell.um,
-        lambda share: reporter.advance("PSF", _MERGED_SHARE + (1 - _MERGED_SHARE) * share),
-    )
+    placed = _placed(point, options, layers, psfs, pixel.um, reporter)
     reporter.advance("PSF", 1.0)
 
-    usable = min(band.usable_per_mm for band in found.bands)
+    usable = min(band.usable_per_mm for band in point.bands)
     entry = PsfEntry(
-        file=options.psf.name,
-        cell=cell,
-        channels=_channels(frames),
+        file=options.psf_file,
+        cell=pixel,
+        channels=frames.channels,
         distance=options.distance,
         angle=options.angle,
         kind="captured",
-        frame=place.frame,
+        frame=placed.frame,
         usable_per_mm=round(usable, 2) if usable > 0 else None,
     )
-    if psfs is not None and psfs.psf[0].channels != entry.channels:
-        raise DataError(
-            f"the PSF {psfs.psf[0].file} of the folder has the channels "
-            f"{', '.join(psfs.psf[0].channels)}, but these frames {', '.join(entry.channels)}: "
-            "give another folder (-o)"
-        )
-    run.warn(*frames.warnings, *_warnings(found, frames, usable, options.as_is), *place.warnings)
+    check_channels(psfs, entry.channels)
+    run.warn(*frames.warnings, *_warnings(point, frames, usable, options.as_is), *placed.warnings)
     figures = {
         "camera": None if opened is None else opened.camera.name,
         **entry.model_dump(mode="json"),
-        "cells": list(place.psf.shape[-2:]),
-        **_figures(found, frames),
-        **place.figures,
+        "pixels": list(placed.psf.shape[-2:]),
+        **_figures(point, frames),
+        **placed.figures,
     }
-    return added(place.psf, figures, options.output, {entry: place.psf}, camera)
+    return added(placed.psf, figures, options.output, {entry: placed.psf}, camera)
 
 
-def _channels(frames: ReadFrames) -> tuple[str, ...]:
-    return frames.first.channels if frames.first.mosaic is None else ("R", "G", "B")
-
-
-def _warnings(found: PointPsf, frames: ReadFrames, usable: float, as_is: bool) -> list[str]:
+def _warnings(point: PointPsf, frames: _Frames, usable: float, as_is: bool) -> list[str]:
+    """What may make the PSF worse than it could be."""
     texts = []
-    if found.saturated_share > 0:
+    if point.saturated_fraction > 0:
         texts.append(
-            f"{100 * found.saturated_share:.2g} % of the pixels are saturated in every exposure, "
-            "and too dark there: a frame of a shorter exposure gives them back"
+            f"{100 * point.saturated_fraction:.2g} % of the pixels are saturated in every "
+            "exposure, and too dark there: a frame of a shorter exposure gives them back"
         )
-    if found.area is None and not frames.darks and not as_is:
+    if point.area is None and not frames.darks and not as_is:
         texts.append(
-            "the pattern fills the sensor, so that nothing tells stray light from its own: what "
-            "there is stays in. Dark frames (--dark), with the room as it was and the point "
+            "the PSF fills the sensor, so that nothing tells stray light from its own: what "
+            "there is stays in. Dark frames (--dark), with the room as it was and the point source "
             "covered, take it away"
         )
-    off = max(abs(ratio - 1) for ratio in found.ratios)
+    off = max(abs(ratio - 1) for ratio in point.ratios)
     if off > UNCERTAIN_RATIO:
         texts.append(
             f"the exposures are up to {100 * off:.2g} % off what their times say, and were "
             "corrected: the light or the shutter is not steady"
         )
     if usable <= 0:
-        texts.append("the pattern's structure does not stand out of its noise: take more frames")
+        texts.append("the PSF's structure does not stand out of its noise: take more frames")
     return texts
 
 
-def _figures(found: PointPsf, frames: ReadFrames) -> dict[str, Any]:
-    peak = float(found.psf.max())
-    energy = found.psf.double().sum(dim=(-2, -1))
-    peaks = found.psf.double().amax(dim=(-2, -1)).tolist()
+def _figures(point: PointPsf, frames: _Frames) -> dict[str, Any]:
+    """Figures of the PSF and of its frames, for the summary."""
+    peak = float(point.psf.max())
+    energy = point.psf.double().sum(dim=(-2, -1))
+    peaks = point.psf.double().amax(dim=(-2, -1)).tolist()
     exposures = sorted(frames.exposures.items())
     return {
         "frames": sum(mean.count for _, mean in exposures),
@@ -503,28 +468,28 @@ def _figures(found: PointPsf, frames: ReadFrames) -> dict[str, Any]:
                 "ms": round(1e3 * time, 6) if frames.timed else None,
                 "frames": mean.count,
                 "dark_frames": frames.darks[time].count if time in frames.darks else 0,
-                "clipped_share": float(mean.clipped.double().mean()),
+                "clipped_fraction": float(mean.clipped.double().mean()),
                 "brightness": round(ratio, 6),
             }
-            for (time, mean), ratio in zip(exposures, found.ratios, strict=True)
+            for (time, mean), ratio in zip(exposures, point.ratios, strict=True)
         ],
         "unit": "counts per second" if frames.timed else "counts of one frame",
         "peak": peak,
-        "saturated_share": found.saturated_share,
+        "saturated_fraction": point.saturated_fraction,
         "frame_noise": {
-            "read_counts": round(math.sqrt(found.noise.read_variance), 4),
-            "counts_per_electron": round(found.noise.counts_per_electron, 5),
-            "from": found.noise.known_from,
+            "read_counts": round(math.sqrt(point.noise.read_variance), 4),
+            "counts_per_electron": round(point.noise.counts_per_electron, 5),
+            "from": point.noise.known_from,
         },
-        "noise_over_peak": [each / peak for each in found.noise_rms],
+        "noise_over_peak": [each / peak for each in point.noise_rms],
         "snr_db": [
             round(20 * math.log10(top / rms), 2) if top > 0 and rms > 0 else None
-            for top, rms in zip(peaks, found.noise_rms, strict=True)
+            for top, rms in zip(peaks, point.noise_rms, strict=True)
         ],
         "energy": (energy / energy.max()).tolist(),
-        "contrast": round(found.contrast, 4),
-        "dark_share": 0.0 if found.area is None else round(found.area.share, 4),
-        "stray_over_peak": [each / peak for each in found.stray],
-        "floor_over_peak": [each / peak for each in found.floor],
-        "usable_per_mm_by_channel": [round(band.usable_per_mm, 2) for band in found.bands],
+        "contrast": round(point.contrast, 4),
+        "dark_fraction": 0.0 if point.area is None else round(point.area.fraction, 4),
+        "stray_over_peak": [each / peak for each in point.stray],
+        "floor_over_peak": [each / peak for each in point.floor],
+        "usable_per_mm_by_channel": [round(band.usable_per_mm, 2) for band in point.bands],
     }

@@ -1,41 +1,109 @@
-"""`nolens calibrate stitch`: captured PSFs of a folder become one beyond the sensor."""
+"""`nolens calibrate plan` and `stitch`: PSFs captured at angles become one beyond the sensor."""
 
 import math
-from collections import Counter
-from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
+from pydantic import BeforeValidator
 from torch import Tensor
 
 from nolens.calibrate.distances import Layers
 from nolens.calibrate.stitch import (
     STATED_DEG,
     Capture,
+    CapturePlan,
+    Placement,
     Stitched,
     locate,
     search_um,
     stitch,
 )
-from nolens.calibrate.stitch_place import Placement
-from nolens.camera import PsfEntry, PsfSet
+from nolens.camera import PsfEntry
+from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
-from nolens.files import CAMERA_FILE, PSFS_FILE, read_psf, read_psf_set, readable
-from nolens.jobs.calibration.fields import NEEDED_FOLDER, FolderOptions, Reduced, distance_name
-from nolens.jobs.calibration.folder import added, folder_camera
-from nolens.jobs.fields import FilePath
-from nolens.jobs.options import Option, Written
+from nolens.files import PSFS_FILE, read_camera, read_psf, read_psf_set, readable
+from nolens.jobs.calibration.folder import (
+    FolderOptions,
+    Reduced,
+    added,
+    folder_layers,
+    made_of,
+    psf_folder,
+)
+from nolens.jobs.fields import CAMERAS, FilePath, FullAngle, Name
+from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Run, job
 from nolens.quantities import Length
 
-_REDUCED_SHARE = 0.15
-"""How far a reduced thickness alone may put a pattern off its place; at 37° it is 11 %."""
+_REDUCED_FRACTION = 0.15
+"""How far a reduced thickness alone may put a PSF off its place; at 37° it is 11 %."""
 _PLAN = "nolens calibrate plan CAMERA --angle 56deg lists the angles for a scene of 56°"
 _OFF_DEG = 1.5
-_MISFIT_CELLS = 1.0
-_UNKNOWN_SHARE = 0.1
+_MOST_RESIDUAL = 1.0
+_MOST_UNKNOWN = 0.1
+
+
+def _one_or_two(value: Any) -> Any:
+    """Width and height of "56deg,42deg", or twice the same."""
+    if not isinstance(value, str):
+        return value
+    parts = value.split(",")
+    if len(parts) > 2:
+        raise refusal(
+            "give the angle that the scene fills, or width and height: 56deg or 56deg,42deg"
+        )
+    return parts[0], parts[-1]
+
+
+class CalibratePlanOptions(JobOptions):
+    """List the angles at which to capture PSFs for nolens calibrate stitch.
+
+    nolens calibrate plan paper --angle 56deg
+    """
+
+    usage = "calibrate plan CAMERA --angle 56deg"
+
+    camera: Annotated[
+        Name,
+        Option(f"{CAMERAS}.", role="camera", positional=True),
+    ] = "paper"
+    angle: Annotated[
+        tuple[FullAngle, FullAngle],
+        BeforeValidator(_one_or_two),
+        Option(
+            "Which angle the scene fills, or its width and height, such as 56deg,42deg.",
+            needed="the angle that the scene fills (--angle 56deg, or width and height: --angle "
+            "56deg,42deg)",
+        ),
+    ]
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """Nothing."""
+        return ()
+
+
+@job
+def calibrate_plan(run: Run[CalibratePlanOptions]) -> Product[list[tuple[float, float]]]:
+    """List the angles at which a point source must be captured for a scene of some width.
+
+    Raises
+    ------
+    NolensError
+        If the camera or an option cannot be used.
+    """
+    opened = read_camera(run.options.camera)
+    plan = CapturePlan.of_scene(opened.camera, run.options.angle)
+    figures = {
+        "camera": opened.camera.name,
+        "angles_deg": [[right, up] for right, up in plan.angles_deg],
+        "corner_deg": round(plan.corner_deg, 2),
+        "sensor_pixels": list(plan.sensor),
+        "support": list(plan.support),
+        "pixels": [plan.sensor[0] + plan.support[0], plan.sensor[1] + plan.support[1]],
+    }
+    return Product(plan.angles_deg, figures)
 
 
 class CalibrateStitchOptions(FolderOptions):
@@ -46,21 +114,19 @@ class CalibrateStitchOptions(FolderOptions):
     nolens reconstruct raw.dng --psf mycamera/stitched-300mm.tif --psf-extent wide --support 414x414
 
     A camera without an aperture sees light through mask that the PSF from straight ahead does
-    not show. Point sources from the side move the pattern, so that the sensor sees its other
+    not show. Point sources from the side move the PSF, so that the sensor sees its other
     parts: nolens calibrate plan lists the angles. They need be right to 3° only: each PSF is
     placed by what it has in common with the others.
     """
 
+    names: ClassVar = ("stitched", "stitch")
     usage = "calibrate stitch FOLDER"
 
     folder: Annotated[
         FilePath,
-        Option(
+        psf_folder(
             "Of the camera's PSFs, as nolens calibrate makes it, with one from straight ahead and "
-            "others at angles (--angle).",
-            needed=NEEDED_FOLDER,
-            role="input",
-            positional=True,
+            "others at angles (--angle)."
         ),
     ]
     distance: Annotated[
@@ -69,61 +135,13 @@ class CalibrateStitchOptions(FolderOptions):
     ] = None
     reduced: Reduced = None
 
-    @property
-    def record(self) -> Path | None:
-        """File of the run's record; None until the distance in its name is known."""
-        if self.distance is None:
-            return None
-        return self.folder / f"stitch-{distance_name(self.distance)}.json"
 
-    @property
-    def written(self) -> tuple[Written, ...]:
-        """PSF, list and record, once the distance in their names is known."""
-        if self.distance is None or self.record is None:
-            return ()
-        return (
-            Written("PSF", self.folder / _psf_file(self.distance), "FOLDER"),
-            Written("list of PSFs", self.folder / PSFS_FILE, "FOLDER"),
-            Written("record of the run", self.record, "FOLDER"),
-        )
-
-
-def _psf_file(distance: Length | Literal["infinity"]) -> str:
-    return f"stitched-{distance_name(distance)}.tif"
-
-
-@dataclass(frozen=True)
-class Captured:
-    """PSFs that were captured of lights at one distance.
-
-    Parameters
-    ----------
-    entries
-        As the folder lists them.
-    reference
-        Number of the one from straight ahead.
-    distance
-        Of the lights.
-    """
-
-    entries: tuple[PsfEntry, ...]
-    reference: int
-    distance: Length | Literal["infinity"]
-
-
-def chosen(options: CalibrateStitchOptions, psfs: PsfSet) -> Captured:
-    """The PSFs to stitch.
-
-    Raises
-    ------
-    OptionError
-        If it is not clear which distance is meant.
-    DataError
-        If there are too few of it, or they cannot be stitched.
-    """
-    captured = [each for each in psfs.psf if each.kind == "captured"]
-    distance = options.distance or _distance(options, captured)
-    entries = tuple(each for each in captured if each.distance == distance)
+def _entries(
+    options: CalibrateStitchOptions, captured: list[PsfEntry]
+) -> tuple[list[PsfEntry], int]:
+    """The PSFs to stitch, and the number of the one from straight ahead."""
+    distance = options.distance
+    entries = [each for each in captured if each.distance == distance]
     if not entries:
         have = ", ".join(sorted({str(each.distance) for each in captured})) or "no distance"
         raise OptionError(
@@ -134,7 +152,7 @@ def chosen(options: CalibrateStitchOptions, psfs: PsfSet) -> Captured:
         raise DataError(
             f"{options.folder} has no captured PSF of a light straight ahead at {distance}, which "
             "all others are laid on: add it with nolens calibrate FRAME... --distance "
-            f"{_joined(distance)} -o {options.folder}"
+            f"{str(distance).replace(' ', '')} -o {options.folder}"
         )
     if len(entries) == 1:
         raise DataError(
@@ -144,42 +162,18 @@ def chosen(options: CalibrateStitchOptions, psfs: PsfSet) -> Captured:
     for each in entries:
         if not each.on_axis and each.frame != "sensor":
             raise DataError(
-                f"{each.file} was moved to the middle, and what the sensor saw at its edges is "
-                "lost: calibrate its frames again, so that it stays as captured (frame = "
+                f"{each.file} was moved to the middle, and what the sensor captured at its edges "
+                "is lost: calibrate its frames again, so that it stays as captured (frame = "
                 '"sensor")'
             )
-    return Captured(entries, ahead[0], distance)
-
-
-def stack_of(options: CalibrateStitchOptions) -> tuple[Layers, float]:
-    """The layers, and the share by which they may put a pattern off.
-
-    Raises
-    ------
-    OptionError
-        If nothing says how far an angle moves the pattern, or two do.
-    """
-    opened = folder_camera(options.folder)
-    if opened is not None and options.reduced is not None:
-        raise OptionError(
-            f"--reduced {options.reduced}: the folder has a {CAMERA_FILE}, whose layers say the "
-            "same. Leave --reduced out, or mend the layers"
-        )
-    if opened is not None:
-        return Layers.of_camera(opened.camera), 0.0
-    if options.reduced is None:
-        raise OptionError(
-            f"the folder has no {CAMERA_FILE}: give the reduced thickness between mask and sensor, "
-            "the sum of thickness / index of all layers (--reduced 1.28mm)"
-        )
-    return Layers.of_air(options.reduced.um), _REDUCED_SHARE
+    return entries, ahead[0]
 
 
 def _distance(
     options: CalibrateStitchOptions, captured: list[PsfEntry]
 ) -> Length | Literal["infinity"]:
     """The only distance with lights from the side."""
-    aside = Counter(each.distance for each in captured if not each.on_axis)
+    aside = {each.distance for each in captured if not each.on_axis}
     if not aside:
         raise DataError(
             f"{options.folder} has no captured PSF of a light from the side: add some (nolens "
@@ -191,11 +185,7 @@ def _distance(
             f"{options.folder} has PSFs at angles of several distances ({have}): say which "
             "(--distance)"
         )
-    return next(iter(aside))
-
-
-def _joined(distance: Length | Literal["infinity"]) -> str:
-    return str(distance).replace(" ", "")
+    return aside.pop()
 
 
 @job
@@ -208,67 +198,68 @@ def calibrate_stitch(run: Run[CalibrateStitchOptions]) -> Product[Tensor]:
         If the folder or an option cannot be used; then nothing is written.
     """
     reporter = run.reporter
-    captured = chosen(run.options, read_psf_set(run.options.folder))
-    options = run.options = run.options.model_copy(update={"distance": captured.distance})
-    layers, inexact = stack_of(options)
-    run.reads({f"PSF {each.file}": options.folder / each.file for each in captured.entries})
-    if (options.folder / CAMERA_FILE).is_file():
-        run.reads({"camera": options.folder / CAMERA_FILE})
+    psfs = read_psf_set(run.options.folder).psf
+    captured = [each for each in psfs if each.kind == "captured"]
+    distance = run.options.distance or _distance(run.options, captured)
+    options = run.options = run.options.model_copy(update={"distance": distance})
+    entries, ahead = _entries(options, captured)
+    layers, camera = folder_layers(options.folder, options.reduced)
+    run.reads({f"PSF {each.file}": options.folder / each.file for each in entries})
+    run.reads(camera)
+    inexact = 0.0 if camera else _REDUCED_FRACTION
     captures = [
         Capture.at_angle(
             read_psf(options.folder, each), each.angle, layers, each.cell.um, inexact=inexact
         )
-        for each in captured.entries
+        for each in entries
     ]
-    _check_sizes(captures, captured)
+    _check_sizes(captures, entries)
     run.begin()
-    placement = locate(captures, captured.reference, partial(reporter.advance, "overlaps"))
-    _check_placement(placement, captured)
-    tick = partial(reporter.advance, "merging")
-    found = stitch(captures, placement, captured.reference, tick)
+    placement = locate(captures, ahead, partial(reporter.advance, "overlaps"))
+    _check_placement(placement, entries)
+    stitched = stitch(captures, placement, ahead, partial(reporter.advance, "merging"))
 
-    first = captured.entries[0]
-    usable = [each.usable_per_mm for each in captured.entries]
-    entry = PsfEntry(
-        file=_psf_file(captured.distance),
-        cell=first.cell,
-        channels=first.channels,
-        distance=captured.distance,
-        kind="stitched",
-        usable_per_mm=min((each for each in usable if each is not None), default=None),
+    usable = [each.usable_per_mm for each in entries if each.usable_per_mm is not None]
+    entry = made_of(
+        entries[0],
+        options.psf_file,
+        "stitched",
+        usable_per_mm=min(usable, default=None),
     )
-    rows = _rows(captures, captured, found, layers)
-    run.warn(*_warnings(rows, found))
+    rows = _rows(captures, entries, stitched, layers)
+    run.warn(*_warnings(rows, stitched))
     figures = {
         "folder": readable(options.folder),
-        "distance": str(captured.distance),
+        "distance": str(distance),
         "file": entry.file,
-        "sensor_cells": list(captures[0].psf.shape[-2:]),
-        "cells": list(found.psf.shape[-2:]),
-        "region": list(found.region),
-        "known_share": round(found.known_share, 6),
-        "misfit_cells": round(placement.misfit, 4),
+        "sensor_pixels": list(captures[0].psf.shape[-2:]),
+        "pixels": list(stitched.psf.shape[-2:]),
+        "support": list(stitched.support),
+        "known_fraction": round(stitched.known_fraction, 6),
+        "residual_pixels": round(placement.residual, 4),
         "captures": rows,
     }
-    return added(found.psf, figures, options.folder, {entry: found.psf})
+    return added(stitched.psf, figures, options.folder, {entry: stitched.psf})
 
 
-def _check_sizes(captures: list[Capture], captured: Captured) -> None:
+def _check_sizes(captures: list[Capture], entries: list[PsfEntry]) -> None:
+    """Refuse PSFs of several sizes, and dark ones."""
     first = captures[0].psf.shape
-    for capture, entry in zip(captures, captured.entries, strict=True):
+    for capture, entry in zip(captures, entries, strict=True):
         if capture.psf.shape != first:
             raise DataError(
-                f"{entry.file} has {capture.psf.shape[-2]}×{capture.psf.shape[-1]} cells, but "
-                f"{captured.entries[0].file} {first[-2]}×{first[-1]}: stitch PSFs of one camera "
+                f"{entry.file} has {capture.psf.shape[-2]}×{capture.psf.shape[-1]} pixels, but "
+                f"{entries[0].file} {first[-2]}×{first[-1]}: stitch PSFs of one camera "
                 "and setting; calibrate the other one again"
             )
         if not float(capture.psf.sum()) > 0:
             raise DataError(f"{entry.file} is dark: calibrate it again")
 
 
-def _check_placement(placement: Placement, captured: Captured) -> None:
+def _check_placement(placement: Placement, entries: list[PsfEntry]) -> None:
+    """Refuse a PSF that fits none of the others."""
     for shift, correlation, entry in zip(
-        placement.shifts, placement.correlations, captured.entries, strict=True
+        placement.shifts, placement.correlations, entries, strict=True
     ):
         if shift is None:
             raise DataError(
@@ -280,34 +271,35 @@ def _check_placement(placement: Placement, captured: Captured) -> None:
 
 
 def _rows(
-    captures: list[Capture], captured: Captured, found: Stitched, layers: Layers
+    captures: list[Capture], entries: list[PsfEntry], stitched: Stitched, layers: Layers
 ) -> list[dict[str, Any]]:
     """Figures of each capture; lengths and angles to the right and up."""
     rows: list[dict[str, Any]] = []
-    for number, (capture, entry) in enumerate(zip(captures, captured.entries, strict=True)):
-        shift = found.placement.shifts[number]
+    for number, (capture, entry) in enumerate(zip(captures, entries, strict=True)):
+        shift = stitched.placement.shifts[number]
         assert shift is not None
-        cell = entry.cell.um
-        stated = capture.expected[1] * cell, -capture.expected[0] * cell
-        seen = shift[1] * cell, -shift[0] * cell
-        off = math.dist(stated, seen)
+        pixel = entry.cell.um
+        stated = capture.expected[1] * pixel, -capture.expected[0] * pixel
+        measured = shift[1] * pixel, -shift[0] * pixel
+        off = math.dist(stated, measured)
         slope = search_um(entry.angle, layers) / STATED_DEG
         rows.append(
             {
                 "file": entry.file,
                 "angle": [str(each) for each in entry.angle],
                 "stated_shift_um": [round(each, 2) + 0.0 for each in stated],
-                "shift_um": [round(each, 2) + 0.0 for each in seen],
+                "shift_um": [round(each, 2) + 0.0 for each in measured],
                 "off_um": round(off, 2),
                 "off_deg": round(off / slope, 3),
-                "gain": [round(each, 5) for each in found.gains[number]],
-                "correlation": round(found.placement.correlations[number], 5),
+                "gain": [round(each, 5) for each in stitched.gains[number]],
+                "correlation": round(stitched.placement.correlations[number], 5),
             }
         )
     return rows
 
 
-def _warnings(rows: list[dict[str, Any]], found: Stitched) -> list[str]:
+def _warnings(rows: list[dict[str, Any]], stitched: Stitched) -> list[str]:
+    """What may make the PSF worse than it could be."""
     texts = [
         f"{row['file']} lies {row['off_um']:.0f} µm beside where its angle of "
         f"{', '.join(row['angle'])} puts it, about {row['off_deg']:.1f}°: check the angle, and "
@@ -315,19 +307,20 @@ def _warnings(rows: list[dict[str, Any]], found: Stitched) -> list[str]:
         for row in rows
         if row["off_deg"] > _OFF_DEG
     ]
-    if found.placement.misfit > _MISFIT_CELLS:
+    if stitched.placement.residual > _MOST_RESIDUAL:
         texts.append(
-            f"the overlaps disagree by {found.placement.misfit:.1f} cells about where the PSFs "
-            "lie: was the camera moved or turned between the captures?"
+            f"the overlaps disagree by {stitched.placement.residual:.1f} pixels about where the "
+            "PSFs lie: was the camera moved or turned between the captures?"
         )
-    if 0 in found.region:
+    if 0 in stitched.support:
         texts.append(
-            "no scene around the middle has its whole PSF seen: capture the opposite angles too, "
-            "and the corners"
+            "no scene around the middle has its whole PSF captured: capture the opposite angles "
+            "too, and the corners"
         )
-    if found.known_share < 1 - _UNKNOWN_SHARE:
+    if stitched.known_fraction < 1 - _MOST_UNKNOWN:
         texts.append(
-            f"{100 * (1 - found.known_share):.0f} % of the stitched PSF was seen by none, and has "
-            "the mean light around it: capture more angles, also in the corners"
+            f"{100 * (1 - stitched.known_fraction):.0f} % of the stitched PSF is in none of "
+            "the captures, and has the mean light around it: capture more angles, also in the "
+            "corners"
         )
     return texts

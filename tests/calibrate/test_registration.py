@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from point_light import bench, spots
 
-from nolens.calibrate import point_register
+from nolens.calibrate import registration
+from nolens.calibrate.centring import centroid
 from nolens.calibrate.distances import Layers
-from nolens.calibrate.point import centroid
-from nolens.calibrate.point_register import NEARBY, register
+from nolens.calibrate.registration import NEARBY, register
 from nolens.optics import PointSource
 
 CELLS = (150, 180)
@@ -33,7 +33,7 @@ def test_spots(scale: float, moved: tuple[float, float], known: bool) -> None:
 
 def test_progress() -> None:
     shares: list[float] = []
-    register(spots(CELLS), spots(CELLS), tick=shares.append)
+    register(spots(CELLS), spots(CELLS), progress=shares.append)
     assert len(shares) > 20 and shares == sorted(set(shares))
     assert shares[0] == 0 and 0.8 < shares[-1] < 1
 
@@ -70,7 +70,7 @@ def test_structure_as_fine_as_the_widest_blur(
 ) -> None:
     """Of the paper's caustic, averaged as much as at its full size, the widest blur leaves nothing
     to lay over."""
-    monkeypatch.setattr(point_register, "_LONGEST", 267)
+    monkeypatch.setattr(registration, "_LONGEST", 267)
     camera = bench("paper", (1200, 1600))
     near, far = (camera.psf(PointSource(distance_um=z * 1e3)) for z in (80.0, 200.0))
     found = register(near, far, magnification=expected)

@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from known_pairs import photograph
 
-from nolens.calibrate.many_scenes import ManyScenesAslant
-from nolens.calibrate.psf_from_scenes import KnownScenes, Weights, over_the_field
+from nolens.calibrate.known_scenes import KnownScenes, ManyScenes, Weights, over_the_field
 from nolens.errors import DataError
 from nolens.operators import Region
 from reference import direct_sum
@@ -24,7 +23,7 @@ def test_is_the_direct_sum(rows, columns, height, width, top, left, seed):
     sensor, psf = (rows, columns), (2 * rows + height, 2 * columns + width)
     scenes, terms = rng.uniform(size=(2, height, width)), rng.uniform(size=(3, height, width))
     p = rng.normal(size=(3, *psf))
-    model = ManyScenesAslant(
+    model = ManyScenes(
         torch.from_numpy(scenes), Region(top, left, height, width), sensor, psf,
         torch.from_numpy(terms),
     )  # fmt: skip
@@ -57,10 +56,10 @@ def test_binned_stays_in_place() -> None:
     sensor = torch.zeros(1, 50, 70)
     sensor[:, 5:45, 9:65] = scene
     known = KnownScenes.of([scene], [sensor], region=Region(5, 9, 40, 56)).binned(4)
-    point = torch.zeros(1, *known.reach)
-    point[0, known.reach[0] // 2, known.reach[1] // 2] = 1
-    model = ManyScenesAslant(
-        known.scenes, known.region, known.sensor, known.reach, torch.ones_like(known.scenes)
+    point = torch.zeros(1, *known.extent)
+    point[0, known.extent[0] // 2, known.extent[1] // 2] = 1
+    model = ManyScenes(
+        known.scenes, known.region, known.sensor, known.extent, torch.ones_like(known.scenes)
     )
     inner = (slice(None), slice(3, -3), slice(4, -4))
     assert torch.allclose(model(point)[inner], known.measured[inner], atol=1e-5)

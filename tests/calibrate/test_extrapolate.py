@@ -6,7 +6,7 @@ from captured_at_angles import DISTANCE_UM, grey_camera
 from skimage.data import astronaut, camera, coffee
 from torch import Tensor
 
-from nolens.calibrate.surround import extend, filled, steps
+from nolens.calibrate.extrapolate import extrapolate, filled, steps
 from nolens.camera import develop
 from nolens.evaluate import psnr, scale_fit
 from nolens.experiments.virtual_experiment import SimulatedMeasurement, VirtualExperiment, solved
@@ -57,11 +57,11 @@ def test_pictures_that_were_left_out(
         told.append(done)
         return False
 
-    found = extend(
+    found = extrapolate(
         captured, [develop(each.frame) for each in shots[:2]], region, rounds=3, tau=1e-5, step=step
     )
-    assert found.found and told == list(range(1, steps(3, 2) + 1))
-    assert all(b < a for a, b in zip(found.misfit, found.misfit[1:], strict=False))
+    assert found.from_pictures and told == list(range(1, steps(3, 2) + 1))
+    assert all(b < a for a, b in zip(found.residual, found.residual[1:], strict=False))
     top, left = (mean.shape[-2] - ROWS) // 2, (mean.shape[-1] - COLUMNS) // 2
     inner = (..., slice(top, top + ROWS), slice(left, left + COLUMNS))
     assert torch.equal(found.psf[inner], captured) and torch.equal(mean[inner], captured)
@@ -82,19 +82,19 @@ def test_noise_shows_nothing(bench: VirtualExperiment, captured: Tensor) -> None
     picture = (torch.from_numpy(astronaut()[..., 1].copy()).float() / 255).square()
     plane = Plane(picture[None], SCENE_DEG, DISTANCE_UM)
     shot = bench.photograph((plane,), seed=3, fill=0.01)
-    found = extend(captured, [develop(shot.frame)], shot.region, rounds=3, tau=1e-5)
-    assert not found.found and len(found.misfit) == 2
+    found = extrapolate(captured, [develop(shot.frame)], shot.region, rounds=3, tau=1e-5)
+    assert not found.from_pictures and len(found.residual) == 2
     assert torch.equal(found.psf, filled(captured, shot.region))
 
 
 def test_stopped(captured: Tensor, shots: list[SimulatedMeasurement]) -> None:
     measured = [develop(shots[0].frame)]
     region = shots[0].region
-    at_once = extend(captured, measured, region, rounds=3, tau=1e-5, step=lambda done: True)
-    assert not at_once.found and at_once.misfit == ()
+    at_once = extrapolate(captured, measured, region, rounds=3, tau=1e-5, step=lambda done: True)
+    assert not at_once.from_pictures and at_once.residual == ()
     assert torch.equal(at_once.psf, filled(captured, region))
-    later = extend(captured, measured, region, rounds=3, tau=1e-5, step=lambda done: done == 3)
-    assert later.found and len(later.misfit) == 2
+    later = extrapolate(captured, measured, region, rounds=3, tau=1e-5, step=lambda done: done == 3)
+    assert later.from_pictures and len(later.residual) == 2
 
 
 @pytest.mark.parametrize("rows", [20, 21])

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from nolens.calibrate.register import fine_structure, matched
-from nolens.calibrate.stitch_place import place
+from nolens.calibrate.registration import fine_structure, match_overlap
+from nolens.calibrate.stitch import place
 
 Plane = NDArray[np.float64]
 LARGE = 400
@@ -38,24 +38,24 @@ def view(pattern: Plane, moved: tuple[float, float], rows: int = 120, columns: i
 )
 def test_parts_of_a_cell(moved: tuple[float, float], off: tuple[float, float]) -> None:
     one, other = (fine_structure(view(canvas(), each)) for each in ((0.0, 0.0), moved))
-    found = matched(one, other, (moved[0] + off[0], moved[1] + off[1]), 10)
+    found = match_overlap(one, other, (moved[0] + off[0], moved[1] + off[1]), 10)
     assert found is not None
-    assert math.dist(found.moved, moved) < 0.03
+    assert math.dist(found.shift, moved) < 0.03
     assert found.correlation > 0.98
 
 
 def test_smooth_light_is_no_landmark() -> None:
     glow = 100 * np.exp(-(((np.arange(150) - 40) / 120) ** 2)) * np.ones((120, 1))
     one, other = view(canvas(), (0, 0)) + glow, view(canvas(), (7.3, -11.6)) + glow
-    found = matched(fine_structure(one), fine_structure(other), (6.0, -10.0), 8)
-    assert found is not None and math.dist(found.moved, (7.3, -11.6)) < 0.1
+    found = match_overlap(fine_structure(one), fine_structure(other), (6.0, -10.0), 8)
+    assert found is not None and math.dist(found.shift, (7.3, -11.6)) < 0.1
 
 
 def test_other_patterns_are_not_alike() -> None:
     one, other = fine_structure(view(canvas(), (0, 0))), fine_structure(view(canvas(1), (0, 0)))
-    found = matched(one, other, (0.0, 0.0), 20)
+    found = match_overlap(one, other, (0.0, 0.0), 20)
     assert found is not None and abs(found.correlation) < 0.15
-    assert matched(one, other, (110.0, 0.0), 2) is None
+    assert match_overlap(one, other, (110.0, 0.0), 2) is None
 
 
 def test_all_shifts_together() -> None:
@@ -68,11 +68,11 @@ def test_all_shifts_together() -> None:
     assert shares[-1] == 1 and shares == sorted(shares)
     for shift, wanted in zip(found.shifts, truth, strict=True):
         assert shift is not None and math.dist(shift, wanted) < 0.05
-    assert found.misfit < 0.1 and len(found.pairs) == 10
+    assert found.residual < 0.1 and len(found.pairs) == 10
     twice = found.scaled(2)
     assert twice.shifts[1] == pytest.approx((62.8, 4.4), abs=0.1)
-    assert twice.pairs[0].match.moved == pytest.approx(
-        [2 * each for each in found.pairs[0].match.moved]
+    assert twice.pairs[0].match.shift == pytest.approx(
+        [2 * each for each in found.pairs[0].match.shift]
     )
 
     patterns[3] = view(canvas(1), truth[3])

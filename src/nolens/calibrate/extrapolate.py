@@ -1,4 +1,4 @@
-"""What a PSF is beyond the sensor's edge, found together with ordinary pictures."""
+"""The PSF beyond the sensor's edge: its mean light, or estimated with ordinary pictures."""
 
 import math
 from collections.abc import Callable
@@ -7,38 +7,38 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from nolens.calibrate.many_scenes import ManyScenes
+from nolens.calibrate.known_scenes import ManyScenes
 from nolens.camera.measurement import Measurement
 from nolens.operators import Region
 from nolens.solvers import Reconstructor
 
-SCENE_STEPS = 60
+_SCENE_STEPS = 60
 """Of ADMM, for each scene and round."""
-PSF_STEPS = 40
+_PSF_STEPS = 40
 """Of FISTA, for each round."""
-LEAST_SHOWN = 0.1
+_LEAST_EXPLAINED = 0.1
 """Fraction of the residual that the first round must explain: less is noise, and harms."""
 
 
 @dataclass(frozen=True)
-class Extended:
-    """A PSF extended beyond the sensor.
+class ExtrapolatedPsf:
+    """A PSF extrapolated beyond the sensor.
 
     Parameters
     ----------
     psf
         (channels, rows, columns), zero shift in the pixel (rows // 2, columns // 2); the
         captured one in its middle.
-    found
+    from_pictures
         Whether the pictures show what lies outside; if not, it is the mean light.
-    misfit
+    residual
         Root mean square of what the pictures' reconstructions leave over, as a fraction of the
         measurements', before the first round and after each.
     """
 
     psf: Tensor
-    found: bool
-    misfit: tuple[float, ...]
+    from_pictures: bool
+    residual: tuple[float, ...]
 
 
 def filled(captured: Tensor, region: Region) -> Tensor:
@@ -61,7 +61,7 @@ def filled(captured: Tensor, region: Region) -> Tensor:
     return wide
 
 
-def extend(
+def extrapolate(
     captured: Tensor,
     pictures: list[Measurement],
     region: Region,
@@ -69,7 +69,7 @@ def extend(
     rounds: int,
     tau: float,
     step: Callable[[int], bool] | None = None,
-) -> Extended:
+) -> ExtrapolatedPsf:
     r"""Estimate the PSF beyond the sensor's edge from pictures of unknown scenes.
 
     Minimises :math:`\sum_k ½‖b_k - C(h * v_k)‖^2 + τ R(v_k)` over scenes :math:`v_k \ge 0` in the
@@ -80,8 +80,8 @@ def extend(
     the scenes.
 
     Where the scenes are so wide that their light averages the extrapolated PSF out, the
-    measurements show nothing of it above noise, and what the first round finds is worse than the
-    mean light. Then that is what is given (docs/decisions/0005-beyond-the-sensor.md).
+    measurements show nothing of it above noise, and the estimate of the first round is worse than
+    the mean light. Then the mean light is the result (docs/decisions/0005-beyond-the-sensor.md).
 
     Parameters
     ----------
@@ -98,8 +98,8 @@ def extend(
     step
         Called with the number of steps that are done, of `steps`; stops by returning True.
     """
-    psf, found = filled(captured, region), False
-    misfit: list[float] = []
+    psf, from_pictures = filled(captured, region), False
+    residual: list[float] = []
     done = 0
 
     def stopped() -> bool:
@@ -110,21 +110,22 @@ def extend(
     for _ in range(rounds):
         scenes = []
         for picture in pictures:
-            scenes.append(_scene(psf, picture, region, tau))
+            reconstructor = Reconstructor(psf, region, tau).for_iterations(_SCENE_STEPS)
+            scenes.append(reconstructor.solve(picture).scene)
             if stopped():
-                return Extended(psf, found, tuple(misfit))
-        following, before, after = _surround(psf, captured, pictures, scenes, region)
-        misfit += [after] if misfit else [before, after]
-        if misfit[1] > (1 - LEAST_SHOWN) * misfit[0]:
+                return ExtrapolatedPsf(psf, from_pictures, tuple(residual))
+        following, before, after = _outside_captured(psf, captured, pictures, scenes, region)
+        residual += [after] if residual else [before, after]
+        if residual[1] > (1 - _LEAST_EXPLAINED) * residual[0]:
             break
-        psf, found = following, True
+        psf, from_pictures = following, True
         if stopped():
             break
-    return Extended(psf, found, tuple(misfit))
+    return ExtrapolatedPsf(psf, from_pictures, tuple(residual))
 
 
 def steps(rounds: int, pictures: int) -> int:
-    """How many steps `extend` takes."""
+    """How many steps `extrapolate` takes."""
     return rounds * (pictures + 1)
 
 
@@ -134,32 +135,7 @@ def _inside(size: tuple[int, int], sensor: tuple[int, int]) -> tuple[slice, slic
     return slice(None), slice(top, top + sensor[0]), slice(left, left + sensor[1])
 
 
-def _scene(psf: Tensor, picture: Measurement, region: Region, tau: float) -> Tensor:
-    return Reconstructor(psf, region, tau).for_iterations(SCENE_STEPS).solve(picture).scene
-
-
-def _maps(
-    psf: Tensor, scenes: list[Tensor], picture: Measurement, region: Region
-) -> list[ManyScenes]:
-    """All pictures' measurements as a linear map of the PSF, channel by channel."""
-    sensor = (picture.values.shape[-2], picture.values.shape[-1])
-    size = (psf.shape[-2], psf.shape[-1])
-    return [
-        ManyScenes(torch.stack(planes), region, sensor, size)
-        for planes in zip(*scenes, strict=True)
-    ]
-
-
-def _residual(
-    forward: ManyScenes, plane: Tensor, pictures: list[Measurement], channel: int
-) -> Tensor:
-    """What the map of a channel's PSF leaves of all pictures, (pictures, rows, columns)."""
-    values = torch.stack([each.values[channel] for each in pictures])
-    valid = torch.stack([each.valid[channel] for each in pictures])
-    return torch.where(valid, forward(plane) - values, 0)
-
-
-def _surround(
+def _outside_captured(
     psf: Tensor,
     captured: Tensor,
     pictures: list[Measurement],
@@ -168,15 +144,20 @@ def _surround(
 ) -> tuple[Tensor, float, float]:
     """Non-negative least squares for the PSF outside what was captured, given the scenes.
 
-    Also the misfits that it begins and ends with.
+    Also the residuals that it begins and ends with.
     """
-    inside = _inside((psf.shape[-2], psf.shape[-1]), (captured.shape[-2], captured.shape[-1]))[1:]
+    size, sensor = (psf.shape[-2], psf.shape[-1]), (captured.shape[-2], captured.shape[-1])
+    inside = _inside(size, sensor)
     planes, first, last = [], 0.0, 0.0
-    for channel, forward in enumerate(_maps(psf, scenes, pictures[0], region)):
+    for channel, radiances in enumerate(zip(*scenes, strict=True)):
+        forward = ManyScenes(torch.stack(radiances), region, sensor, size)
+        values = torch.stack([each.values[channel] for each in pictures])
+        valid = torch.stack([each.valid[channel] for each in pictures])
         lipschitz = float(forward.transfer.abs().square().sum(dim=0).max())
-        plane, ahead, momentum = psf[channel], psf[channel], 1.0
-        for number in range(PSF_STEPS):
-            residual = _residual(forward, ahead, pictures, channel)
+        plane = ahead = psf[channel : channel + 1]
+        momentum = 1.0
+        for number in range(_PSF_STEPS):
+            residual = torch.where(valid, forward(ahead) - values, 0)
             if number == 0:
                 first += float(residual.double().square().sum())
             slope = forward.adjoint(residual)
@@ -185,9 +166,10 @@ def _surround(
             following = (1 + math.sqrt(1 + 4 * momentum**2)) / 2
             ahead = plane + (momentum - 1) / following * (plane - before)
             momentum = following
-        last += float(_residual(forward, plane, pictures, channel).double().square().sum())
+        left = torch.where(valid, forward(plane) - values, 0)
+        last += float(left.double().square().sum())
         planes.append(plane)
     light = sum(
         float(torch.where(each.valid, each.values, 0).double().square().sum()) for each in pictures
     )
-    return torch.stack(planes), math.sqrt(first / light), math.sqrt(last / light)
+    return torch.cat(planes), math.sqrt(first / light), math.sqrt(last / light)

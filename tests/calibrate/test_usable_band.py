@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from nolens.calibrate.point_band import usable_band
+from nolens.calibrate.point_psf import usable_band
 
 CELL_UM = 3.1
 
