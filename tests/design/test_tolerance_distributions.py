@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from nolens.design.tolerances import Parameter, draw, shares
+from nolens.design.tolerances.parameters import Parameter, draw, random_fractions
 
 SIZES = st.floats(0.01, 100)
 
@@ -67,6 +67,6 @@ def test_more_trials_begin_with_those_of_fewer() -> None:
     assert not torch.equal(draw((one, other), 17, 5), few)
 
 
-def test_shares_are_between_0_and_1() -> None:
-    found = shares("resin.thickness", 50_000, 0)
+def test_fractions_are_between_0_and_1() -> None:
+    found = random_fractions("resin.thickness", 50_000, 0)
     assert 0 < found.min() < 1e-3 and 1 - 1e-3 < found.max() < 1

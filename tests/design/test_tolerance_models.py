@@ -11,16 +11,10 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from nolens.camera import OpenCamera, ReliefFile, opened, preset
-from nolens.design.tolerances import (
-    Builds,
-    Lenslets,
-    Patch,
-    RayModel,
-    Sharpness,
-    WaveModel,
-    criterion_of,
-    default_parameters,
-)
+from nolens.design.tolerances.models import Builds, RayModel, WaveModel, criterion_of
+from nolens.design.tolerances.parameters import default_parameters
+from nolens.design.tolerances.patch import Lenslets, Patch
+from nolens.design.tolerances.sharpness import Sharpness
 from nolens.errors import OptionError
 from nolens.evaluate import pattern_figures
 from nolens.optics import PointSource, Relief, Stack, mask_to_sensor
@@ -54,7 +48,7 @@ def test_wave_model_is_the_twins(patch: Patch) -> None:
     """The same patch and changed layers, as a camera of their own that the twin simulates."""
     names = ("resin.thickness", "resin.index", "relief.gain", "cover glass.thickness")
     rows = torch.tensor([[1200.0, 1.50, 95.0, 470.0]]).double()
-    pattern = wave(patch).pattern(Builds.of(PAPER.camera, names, rows), 0)
+    pattern = wave(patch).psf(Builds.of(PAPER.camera, names, rows), 0)
 
     base = PAPER.camera
     layers = list(base.layers)
@@ -75,7 +69,7 @@ def test_wave_model_is_the_twins(patch: Patch) -> None:
     part = pattern[43:-43, 43:-43]
     assert float((part - seen).norm() / seen.norm()) < 2e-3
     found = pattern_figures(seen, 1.55).width_um / math.sqrt(2)
-    assert WIDTH.of_pattern(pattern, 1.55, 1.0) == pytest.approx(found, rel=0.02)
+    assert WIDTH.of_psf(pattern, 1.55, 1.0) == pytest.approx(found, rel=0.02)
 
 
 def test_shrinkage_scales_relief_and_layer(patch: Patch) -> None:
@@ -83,13 +77,13 @@ def test_shrinkage_scales_relief_and_layer(patch: Patch) -> None:
     model = wave(patch)
     names = ("relief.shrinkage", "resin.thickness")
     rows = torch.tensor([[5.0, 1000.0]]).double()
-    found = model.pattern(Builds.of(PAPER.camera, names, rows), 0)
+    found = model.psf(Builds.of(PAPER.camera, names, rows), 0)
     relief = patch.twin.mask.relief
     small = Relief(relief.height_um * 0.95, relief.grid_um * 0.95)
     twin = replace(patch.twin, mask=replace(patch.twin.mask, relief=small))
     shrunk = wave(replace(patch, twin=twin))
     builds = Builds.of(PAPER.camera, ("resin.thickness",), column(950.0))
-    expected = shrunk.pattern(builds, 0)
+    expected = shrunk.psf(builds, 0)
     assert float((found - expected).norm() / expected.norm()) < 0.02
 
 
@@ -156,7 +150,7 @@ def test_contrast_of_spots_is_that_of_a_drawn_lattice() -> None:
     expected = 100 * float(plane.std(correction=0) / plane.mean())
     spots = Sharpness("contrast").of_spots(torch.tensor([sigma]), torch.tensor([pitch]), share)
     assert float(spots[0]) == pytest.approx(expected, rel=1e-6)
-    assert Sharpness("contrast").of_pattern(plane.float(), 1.0, 1.0) == pytest.approx(expected)
+    assert Sharpness("contrast").of_psf(plane.float(), 1.0, 1.0) == pytest.approx(expected)
 
 
 def test_width_and_mtf_of_random_spots_are_those_of_one() -> None:
@@ -175,19 +169,19 @@ def test_width_and_mtf_of_random_spots_are_those_of_one() -> None:
     for per_mm in (15.0, 30.0, 40.0):
         mtf = Sharpness("mtf", per_mm)
         expected = 100 * math.exp(-2 * (math.pi * sigma * per_mm * 1e-3) ** 2)
-        assert mtf.of_pattern(pattern, cell, count) == pytest.approx(expected, rel=0.12)
+        assert mtf.of_psf(pattern, cell, count) == pytest.approx(expected, rel=0.12)
         one, pitch = torch.tensor([sigma]), torch.tensor([70.0])
         assert float(mtf.of_spots(one, pitch, 1.0)[0]) == pytest.approx(expected)
     fwhm = 2.3548 * sigma
-    assert WIDTH.of_pattern(pattern, cell, count) == pytest.approx(fwhm, rel=0.08)
+    assert WIDTH.of_psf(pattern, cell, count) == pytest.approx(fwhm, rel=0.08)
     assert float(WIDTH.of_spots(torch.tensor([sigma]), pitch, 1.0)[0]) == pytest.approx(
         fwhm, rel=1e-4
     )
 
 
 def test_even_patterns_have_no_lines() -> None:
-    assert WIDTH.of_pattern(torch.ones(64, 64), 1.55, 1.0) == math.inf
-    assert Sharpness("contrast").of_pattern(torch.ones(64, 64), 1.55, 1.0) == 0
+    assert WIDTH.of_psf(torch.ones(64, 64), 1.55, 1.0) == math.inf
+    assert Sharpness("contrast").of_psf(torch.ones(64, 64), 1.55, 1.0) == 0
 
 
 @pytest.mark.parametrize(
@@ -280,7 +274,7 @@ def test_an_opening_that_leaves_the_sensor_changes_the_pattern() -> None:
     small = opened(preset("small"))
     model = WaveModel(Patch.of(small), Sharpness("contrast"), GREEN)
     still, moved = (
-        model.pattern(Builds.of(small.camera, ("decentre",), column(by)), 0) for by in (0.0, 31.0)
+        model.psf(Builds.of(small.camera, ("decentre",), column(by)), 0) for by in (0.0, 31.0)
     )
     # 20 pixels to the right.
     assert float((moved[:, 60:260] - still[:, 40:240]).norm() / still.norm()) < 1e-3
@@ -331,7 +325,7 @@ def test_beams_behind_a_film_that_faces_the_sensor(facing: OpenCamera) -> None:
 def test_waves_behind_a_film_that_faces_the_sensor(facing: OpenCamera) -> None:
     patch = Patch.of(facing)
     assert patch.twin.camera.mask.surface == 1 and patch.lenslets.radius_um > 0
-    pattern = wave(patch).pattern(Builds.of(facing.camera, ("film.thickness",), column(305.0)), 0)
+    pattern = wave(patch).psf(Builds.of(facing.camera, ("film.thickness",), column(305.0)), 0)
     cells = pattern.shape[0] - 86, pattern.shape[1] - 86
     sensor = facing.camera.sensor.model_copy(update={"rows": 300, "columns": 300})
     twin = replace(patch.twin, camera=patch.twin.camera.model_copy(update={"sensor": sensor}))

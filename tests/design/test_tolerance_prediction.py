@@ -8,7 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from nolens.design.tolerances import Parameter, Sharpness, Study, draw, respond, sweep
+from nolens.design.tolerances.parameters import Parameter, draw
+from nolens.design.tolerances.sensitivity import respond, sweep
+from nolens.design.tolerances.sharpness import Sharpness
+from nolens.design.tolerances.study import Study
 
 NUMBERS = st.floats(-3, 3)
 

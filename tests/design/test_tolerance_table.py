@@ -8,10 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nolens.camera import Camera, Flat, preset
-from nolens.design.tolerances import (
-    Builds,
+from nolens.design.tolerances.models import Builds, check_possible
+from nolens.design.tolerances.parameters import (
     Parameter,
-    check_possible,
     default_parameters,
     draw,
     find,

@@ -9,15 +9,9 @@ from hypothesis import strategies as st
 from scipy import stats
 from torch import Tensor
 
-from nolens.design.tolerances import (
-    MOST_STEPS,
-    Parameter,
-    Yield,
-    draw,
-    evaluate,
-    largest_tolerance,
-    levels,
-)
+from nolens.design.tolerances.parameters import Parameter, draw
+from nolens.design.tolerances.sensitivity import evaluate
+from nolens.design.tolerances.study import MOST_STEPS, Yield, largest_tolerance, levels
 
 TRIALS = 4000
 COEFFICIENTS = st.lists(st.floats(-3, 3), min_size=1, max_size=5)
@@ -38,7 +32,7 @@ def normals(tolerances: list[float], middle: float = 1.0) -> tuple[Parameter, ..
 def within(found: Yield, expected: float) -> bool:
     """Five standard deviations of the binomial, or five cameras where it has none."""
     spread = math.sqrt(expected * (1 - expected) / found.trials)
-    return abs(found.share - expected) <= max(5 * spread, 5 / found.trials)
+    return abs(found.fraction - expected) <= max(5 * spread, 5 / found.trials)
 
 
 @settings(max_examples=40)
@@ -132,7 +126,7 @@ def test_tolerance_for_a_yield_of_a_linear_criterion(
     limit = room * z * max(abs(other) / 2, 0.2)
     exact = 2 * math.sqrt((limit / z) ** 2 - (other / 2) ** 2) / own
     found, asked = solve([own, other], limit, wanted)
-    assert found.verdict == "found" and found.reached.share >= wanted
+    assert found.verdict == "found" and found.reached.fraction >= wanted
     assert len(asked) <= MOST_STEPS + max(0, math.ceil(math.log2(5 / found.tolerance)))
     # Of 4000 trials a yield is known to this, and the tolerance to that over the slope.
     spread = 5 * math.sqrt(wanted * (1 - wanted) / TRIALS)
@@ -155,7 +149,7 @@ def test_impossible_and_any_tolerance() -> None:
     assert found.verdict == "impossible" and found.tolerance == 0 and asked == [0.0]
     assert within(found.reached, float(stats.norm.cdf(0.2)))
     found, asked = solve([0.001, 0.0], 1.0, 0.9)
-    assert found.verdict == "any" and found.tolerance == 50 and found.reached.share == 1
+    assert found.verdict == "any" and found.tolerance == 50 and found.reached.fraction == 1
     assert asked == [0.0, 50.0]
 
 

@@ -10,7 +10,8 @@ from torch import Tensor
 
 from nolens.amounts import amount, shown_unit
 from nolens.camera import Camera
-from nolens.design.tolerances import Parameter, Study, parameters_from_toml
+from nolens.design.tolerances.parameters import Parameter, parameters_from_toml
+from nolens.design.tolerances.study import Study
 from nolens.files.input import read_text
 from nolens.files.plots import plot_figure
 
@@ -128,7 +129,8 @@ def _draw_figures(axes: "Axes", study: Study) -> None:
         low, high = passed.interval()
         axes.axvline(study.limit, color=_LIMIT, linestyle="--", linewidth=1.2)
         text += (
-            f"; {100 * passed.share:.1f} % meet {amount(study.limit, sharpness.unit, digits=4)}\n"
+            f"; {100 * passed.fraction:.1f} % meet "
+            f"{amount(study.limit, sharpness.unit, digits=4)}\n"
             f"(95 % interval {100 * low:.1f} to {100 * high:.1f} %)"
         )
     axes.set_title(text)

@@ -7,8 +7,43 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from nolens.design.tolerances.criterion import Criterion, evaluate
-from nolens.design.tolerances.distributions import Parameter
+from nolens.design.tolerances.parameters import Parameter
+
+Criterion = Callable[[Tensor], Tensor]
+"""From cameras (trials, parameters), each parameter in its unit, to their figure (trials,)."""
+
+
+def evaluate(
+    criterion: Criterion,
+    cameras: Tensor,
+    *,
+    at_once: int,
+    stop: Callable[[int], bool] | None = None,
+) -> Tensor:
+    """Evaluate cameras in portions.
+
+    Parameters
+    ----------
+    criterion
+        To be evaluated.
+    cameras
+        (trials, parameters).
+    at_once
+        Cameras in a portion.
+    stop
+        Called with the number that is done after every portion; True ends the work.
+
+    Returns
+    -------
+    Tensor
+        float64, one figure for each camera that was done.
+    """
+    figures = []
+    for first in range(0, len(cameras), at_once):
+        figures.append(criterion(cameras[first : first + at_once]).double())
+        if stop is not None and stop(min(first + at_once, len(cameras))):
+            break
+    return torch.cat(figures)
 
 
 @dataclass(frozen=True)
@@ -154,7 +189,7 @@ def respond(
     *,
     smaller_is_better: bool,
     at_once: int = 1,
-    tick: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> Response:
     r"""Evaluate a criterion at ± the tolerance of every parameter, and of every two of them.
 
@@ -171,7 +206,7 @@ def respond(
         Which figure is the best one.
     at_once
         Cameras that are given to the criterion in one call.
-    tick
+    progress
         Called with the fraction that is done.
     """
     count = len(parameters)
@@ -181,19 +216,19 @@ def respond(
     both = steps[pairs[:, 0]] + steps[pairs[:, 1]]
     offsets = torch.cat([torch.zeros(1, count).double(), steps, -steps, both, -both])
 
-    def seen(done: int) -> bool:
-        if tick is not None:
-            tick(done / len(offsets))
+    def advance(done: int) -> bool:
+        if progress is not None:
+            progress(done / len(offsets))
         return False
 
-    found = evaluate(criterion, middle + offsets, at_once=at_once, stop=seen)
-    nominal = found[0]
-    plus, minus = found[1 : 1 + 2 * count].reshape(2, count)
-    plus_both, minus_both = found[1 + 2 * count :].reshape(2, len(pairs))
+    figures = evaluate(criterion, middle + offsets, at_once=at_once, stop=advance)
+    nominal = figures[0]
+    plus, minus = figures[1 : 1 + 2 * count].reshape(2, count)
+    plus_both, minus_both = figures[1 + 2 * count :].reshape(2, len(pairs))
     alone = plus + minus
     mixed = torch.zeros(count, count, dtype=torch.float64)
     mixed[pairs[:, 0], pairs[:, 1]] = (
         plus_both + minus_both - alone[pairs[:, 0]] - alone[pairs[:, 1]] + 2 * nominal
     ) / 2
-    best = float(found.min() if smaller_is_better else found.max())
+    best = float(figures.min() if smaller_is_better else figures.max())
     return Response(parameters, float(nominal), minus, plus, mixed + mixed.T, best)

@@ -3,17 +3,20 @@
 import math
 import re
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import torch
+from pydantic import ConfigDict, Field, RootModel
 from torch import Tensor
 
 from nolens.errors import DataError, OptionError
 from nolens.evaluate import pattern_figures, spectral_magnitude
+from nolens.quantities import Length, Share
 
 _MTF = re.compile(r"mtf@([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*/\s*mm")
 _FWHM = math.sqrt(8 * math.log(2))
 _ORDERS = 12
+_TIMES = re.compile(r"\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*[x×]\s*")
 
 
 @dataclass(frozen=True)
@@ -47,13 +50,13 @@ class Sharpness:
             return cls("line-width")
         if text == "contrast":
             return cls("contrast")
-        found = _MTF.fullmatch(text.strip())
-        if found is None or not 0 < float(found[1]) < 1e5:
+        match = _MTF.fullmatch(text.strip())
+        if match is None or not 0 < float(match[1]) < 1e5:
             raise OptionError(
                 f"criterion {text!r} is unknown: give line-width, contrast, or mtf@ and a "
                 "frequency such as mtf@40/mm"
             )
-        return cls("mtf", float(found[1]))
+        return cls("mtf", float(match[1]))
 
     @property
     def smaller_is_better(self) -> bool:
@@ -70,12 +73,12 @@ class Sharpness:
         """Unit of the figure."""
         return "um" if self.kind == "line-width" else "%"
 
-    def check(self, cell_um: float, pitch_um: float) -> None:
-        """Refuse a frequency at which one lenslet's spot cannot be told from the arrangement.
+    def check(self, pixel_um: float, pitch_um: float) -> None:
+        """Refuse a frequency that shows the arrangement of the lenslets rather than one of them.
 
         Parameters
         ----------
-        cell_um
+        pixel_um
             Distance of the sensor's pixels.
         pitch_um
             Of the lenslets.
@@ -85,15 +88,15 @@ class Sharpness:
         OptionError
             If it is below the lenslets' own or beyond what the pixels show.
         """
-        lowest, highest = 1e3 / pitch_um, 5e2 / cell_um
+        lowest, highest = 1e3 / pitch_um, 5e2 / pixel_um
         if self.kind == "mtf" and not lowest <= self.per_mm <= highest:
             raise OptionError(
                 f"{self.name}: between the lenslets' own frequency and the finest that "
-                f"pixels of {cell_um:g} µm show, give {math.ceil(lowest)}/mm to "
+                f"pixels of {pixel_um:g} µm show, give {math.ceil(lowest)}/mm to "
                 f"{math.floor(highest)}/mm"
             )
 
-    def of_pattern(self, pattern: Tensor, cell_um: float, lenslets: float) -> float:
+    def of_psf(self, psf: Tensor, pixel_um: float, lenslets: float) -> float:
         r"""Figure of a PSF.
 
         The modulation transfer is that of `lenslets` spots in random places, whose spectra add
@@ -102,9 +105,9 @@ class Sharpness:
 
         Parameters
         ----------
-        pattern
+        psf
             (rows, columns), in any unit.
-        cell_um
+        pixel_um
             Pitch of its pixels.
         lenslets
             How many have made it.
@@ -116,14 +119,14 @@ class Sharpness:
         """
         if self.kind == "line-width":
             try:
-                return pattern_figures(pattern, cell_um).width_um / math.sqrt(2)
+                return pattern_figures(psf, pixel_um).width_um / math.sqrt(2)
             except DataError:
                 return math.inf
         if self.kind == "contrast":
-            values = pattern.double()
+            values = psf.double()
             return 100 * float(values.std(correction=0) / values.mean())
-        area_mm2 = math.prod(pattern.shape) * (cell_um * 1e-3) ** 2
-        whole = spectral_magnitude(pattern, cell_um, self.per_mm)
+        area_mm2 = math.prod(psf.shape) * (pixel_um * 1e-3) ** 2
+        whole = spectral_magnitude(psf, pixel_um, self.per_mm)
         return 100 * whole * math.sqrt(lenslets / area_mm2)
 
     def of_spots(self, sigma_um: Tensor, pitch_um: Tensor, gathered: float) -> Tensor:
@@ -140,7 +143,7 @@ class Sharpness:
         pitch_um
             Distance of neighbouring spots; of the same shape.
         gathered
-            Share η of the light that is in the spots.
+            Fraction η of the light that is in the spots.
         """
         if self.kind == "line-width":
             return _FWHM * sigma_um
@@ -151,3 +154,43 @@ class Sharpness:
         squared = squared[squared > 0] * (4 / 3)
         exponent = -4 * (math.pi * sigma_um / pitch_um)[..., None] ** 2 * squared
         return 100 * gathered * exponent.exp().sum(-1).sqrt()
+
+
+class Limit(RootModel[Annotated[str, Field(max_length=40)]]):
+    """What a good camera meets: a length, a fraction, or so many times the nominal figure."""
+
+    model_config = ConfigDict(frozen=True)
+
+    def __str__(self) -> str:
+        return self.root
+
+    def value(self, sharpness: Sharpness, nominal: float) -> float:
+        """The limit in the criterion's unit.
+
+        Parameters
+        ----------
+        sharpness
+            The criterion.
+        nominal
+            Its figure with every parameter in its middle.
+
+        Raises
+        ------
+        OptionError
+            If the text is no limit for this criterion.
+        """
+        times = _TIMES.fullmatch(self.root)
+        if times is not None:
+            limit = float(times[1]) * nominal
+        else:
+            kind = Length if sharpness.unit == "um" else Share
+            try:
+                limit = kind.parse(self.root).to(sharpness.unit)
+            except OptionError as error:
+                raise OptionError(
+                    f"--limit: {error}; or give it as a multiple of the nominal figure, such as "
+                    "1.2x"
+                ) from None
+        if not limit > 0:
+            raise OptionError(f"--limit {self} is not more than zero: nothing meets it")
+        return limit

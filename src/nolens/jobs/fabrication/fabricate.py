@@ -39,7 +39,7 @@ from nolens.files import (
     write_stl,
 )
 from nolens.files.write_sheet import write_sheet_html, write_sheet_pdf
-from nolens.jobs.designing.study_budget import study_budget
+from nolens.jobs.designing.tolerance import study_budget
 from nolens.jobs.fabrication.figures import Workpieces, figures
 from nolens.jobs.fabrication.options import FabricateOptions
 from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Reporter, Run, Writer, check_memory, job
