@@ -57,7 +57,7 @@ def main() -> None:
     camera.open()
     seen, _ = next(frames(camera, "chart"))
     region: Region = camera.region
-    problem = Problem.pose(camera.psf(), seen.values, valid=seen.valid, region=region)
+    problem = Problem.build(camera.psf(), seen.values, valid=seen.valid, support=region)
     best = {
         scene: pictures(camera, problem, {scene: SETTLED})[0][-1]
         for scene in dict.fromkeys(after for _, after in CUTS)

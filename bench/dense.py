@@ -32,7 +32,7 @@ def seen(sensor: tuple[int, int], side: int) -> Shot:
 
 
 def posed(given: Shot, tau: float) -> Problem:
-    return Problem.pose(given.psf, given.data, region=given.region, tau=tau)
+    return Problem.build(given.psf, given.data, support=given.region, tau=tau)
 
 
 def converged(given: Shot, tau: float) -> dict[str, Any]:
@@ -70,7 +70,7 @@ def main(height: int, width: int, side: int) -> None:
     found = {
         "sensor": [height, width],
         "side": side,
-        "period": posed(given, TAUS[0]).forward.geometry.period,
+        "period": posed(given, TAUS[0]).forward.geometry.padded,
         "iterations": CONVERGED,
         "converged": runs,
         "best": best,

@@ -46,16 +46,16 @@ def taken() -> Iterator[Case]:
         photograph = work.bench.photograph((plane,), seed=0)
         measured = develop(photograph.frame)
         psf = work.wide_psf(scene.distance_um, photograph.region)[GREEN]
-        problem = Problem.pose(
+        problem = Problem.build(
             psf, measured.values[GREEN], valid=measured.valid[GREEN],
-            region=photograph.region, tau=TAU,
+            support=photograph.region, tau=TAU,
         )  # fmt: skip
         yield f"twin, {scene.picture}", problem, (photograph.truth * photograph.response)[GREEN]
         if number == 0:
             sensor = (measured.values.shape[-2], measured.values.shape[-1])
             exact = shot(linear_light(photographs.astronaut(), SIDE, channels=1), psf, sensor)
             region = Region.centred(SIDE, SIDE, sensor)
-            posed = Problem.pose(psf, exact.data, region=region, tau=TAU)
+            posed = Problem.build(psf, exact.data, support=region, tau=TAU)
             yield "its PSF alone, astronaut", posed, exact.truth
 
 
@@ -71,7 +71,7 @@ def cases(folder: Path) -> Iterator[Case]:
         yield f"full view, {side}×{side}, τ = {tau:g}", problem, truth
     if folder.is_dir():
         psf, frame = (torch.from_numpy(each).float() for each in hand(folder, 4))
-        yield "hand, binned 4×4", Problem.pose(psf, frame, tau=1e-4), None
+        yield "hand, binned 4×4", Problem.build(psf, frame, tau=1e-4), None
 
 
 def judge(truth: Tensor, scene: Tensor) -> float:
@@ -80,7 +80,7 @@ def judge(truth: Tensor, scene: Tensor) -> float:
 
 
 def course(
-    problem: Problem, seen: Callable[[Tensor], float], smooth_part: bool
+    problem: Problem, seen: Callable[[Tensor], float], low_frequency: bool
 ) -> dict[int, float]:
     """PSNR of the iterate at the marks."""
     found: dict[int, float] = {}
@@ -89,7 +89,7 @@ def course(
         if progress.iteration in MARKS:  # type: ignore[attr-defined]
             found[progress.iteration] = seen(progress.scene())  # type: ignore[attr-defined]
 
-    admm(problem, iterations=MARKS[-1], tolerance=0.0, smooth_part=smooth_part, callback=look)
+    admm(problem, iterations=MARKS[-1], tolerance=0.0, low_frequency=low_frequency, callback=look)
     return found
 
 
@@ -117,8 +117,8 @@ def main() -> None:
 
             for result in (done, long):
                 row += [f"{seen(result.scene):.2f}", f"{result.objective:.4g}"]
-            for smooth_part in (False, True):
-                at = course(problem, seen, smooth_part)
+            for low_frequency in (False, True):
+                at = course(problem, seen, low_frequency)
                 row += [f"{at[mark]:.2f}" for mark in MARKS]
             row.append(f"{seen(quick(problem).scene):.2f}")
         print("| " + " | ".join(row) + " |", flush=True)

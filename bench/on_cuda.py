@@ -39,7 +39,7 @@ def bytes_per_iteration(problem: Problem) -> int:
     reads and writes it and reads the PSF's half spectrum. The update reads and writes it and the
     four real arrays of the splits, and reads the measurement and which of its pixels are valid.
     """
-    cells = math.prod(problem.forward.geometry.period)
+    cells = math.prod(problem.forward.geometry.padded)
     transforms = 2 * 2 * 2 * COMPLEX * cells
     solve = 2 * COMPLEX * cells + problem.transfer(0).nbytes
     update = 2 * COMPLEX * cells + 2 * 4 * REAL * cells
@@ -72,13 +72,13 @@ def bandwidth() -> float:
 def photos(psf: torch.Tensor, frame: torch.Tensor, count: int) -> None:
     """Reconstruct frames, each brought to the device, posed and solved anew."""
     for _ in range(count):
-        photo(Problem.pose(psf, frame.cuda())).scene.cpu()
+        photo(Problem.build(psf, frame.cuda())).scene.cpu()
 
 
 def measured(height: int, width: int, iterations: int) -> dict[str, Any]:
     """All of it, each after a first run that fills caches."""
     full, half = drawn(height, width), drawn(height // 2, width // 2)
-    problem = Problem.pose(full[0], full[1].cuda())
+    problem = Problem.build(full[0], full[1].cuda())
     photos(*full, 1)
     took = seconds(lambda: admm(problem, iterations=iterations, tolerance=0.0))
     photo_s = seconds(lambda: photos(*full, 1))
@@ -87,7 +87,7 @@ def measured(height: int, width: int, iterations: int) -> dict[str, Any]:
     return {
         "device": torch.cuda.get_device_name(),
         "size": [height, width, CHANNELS],
-        "period": problem.forward.geometry.period,
+        "period": problem.forward.geometry.padded,
         "iterations": iterations,
         "seconds": took,
         "bytes_per_iteration": moved,

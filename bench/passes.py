@@ -26,7 +26,7 @@ from nolens.kernels import (
     update_splits_,
 )
 from nolens.operators import Geometry
-from nolens.solvers.penalties import LOOK
+from nolens.solvers.admm_state import CHECK_EVERY
 
 SIZES = ((3040, 4056), (3072, 4096), (3080, 4116), (3072, 4116))
 SENSOR = (1520, 2028)
@@ -78,7 +78,7 @@ def passes(period: tuple[int, int], splits: SplitState) -> dict[str, Callable[[]
 
 def share(sensor: tuple[int, int]) -> dict[str, object]:
     """Median seconds of every pass, and the share that is not transforms."""
-    period = Geometry.lay_out(sensor, sensor, None).period
+    period = Geometry.build(sensor, sensor, None).padded
     runs = passes(period, state(period, sensor))
     seconds: dict[str, list[float]] = {name: [] for name in runs}
     for _ in range(TURNS):
@@ -90,13 +90,13 @@ def share(sensor: tuple[int, int]) -> dict[str, object]:
         name: statistics.median(each[1:]) for name, each in seconds.items()
     }  # first: compiles
     summed = median.pop("update with sums")
-    median["update"] += (summed - median["update"]) / LOOK
+    median["update"] += (summed - median["update"]) / CHECK_EVERY
     others = median["solve"] + median["update"]
     return {
         "period": period,
         "threads": torch.get_num_threads(),
         "turns": TURNS - 1,
-        "look": LOOK,
+        "look": CHECK_EVERY,
         "median_s": median,
         "share": others / sum(median.values()),
     }

@@ -16,7 +16,7 @@ from torch import Tensor
 from cases import hand
 from nolens.evaluate import psnr, scale_fit
 from nolens.solvers import Problem, Progress, admm
-from nolens.solvers.penalties import Balance
+from nolens.solvers.admm_state import Balance
 from photographed import GREEN_ALONE, linear_light, mask_psf, shot
 
 SENSOR = (380, 507)
@@ -44,7 +44,7 @@ def full_view(side: int, tau: float, photograph: Callable[[], object]) -> tuple[
     """A photograph on side×side cells through a mask that is wider than the sensor."""
     psf = mask_psf((SENSOR[0] + side, SENSOR[1] + side), GREEN_ALONE)
     seen = shot(linear_light(photograph(), side, channels=1), psf, SENSOR)
-    return Problem.pose(seen.psf, seen.data, region=seen.region, tau=tau), seen.truth
+    return Problem.build(seen.psf, seen.data, support=seen.region, tau=tau), seen.truth
 
 
 def run(
@@ -83,7 +83,7 @@ def main() -> None:
     if folder.is_dir():
         psf, frame = (torch.from_numpy(each).float() for each in hand(folder, 4))
         for tau in (1e-3, 1e-4, 1e-5):
-            problems[f"hand, τ = {tau:g}"] = Problem.pose(psf, frame, tau=tau), None
+            problems[f"hand, τ = {tau:g}"] = Problem.build(psf, frame, tau=tau), None
     for name, (problem, truth) in problems.items():
         long = [run(problem, truth, RULES[rule], LONG) for rule in list(RULES)[1:3]]
         long.append(run(problem, truth, {}, LONG))

@@ -16,10 +16,10 @@ def photo(problem: Problem) -> Result:
         iterations=stop.iterations,
         tolerance=stop.tolerance,
         scene_tolerance=stop.scene_tolerance,
-        smooth_part=stop.smooth_part,
+        low_frequency=stop.low_frequency,
     )
 
 
 def quick(problem: Problem) -> Result:
     """Solve as `--smooth-part --iterations 24 --tolerance 0` does."""
-    return admm(problem, iterations=QUICK, tolerance=0.0, smooth_part=True)
+    return admm(problem, iterations=QUICK, tolerance=0.0, low_frequency=True)

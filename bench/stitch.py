@@ -91,7 +91,7 @@ def as_the_paper(shot: SimulatedMeasurement, psf: Tensor) -> tuple[Tensor, float
     """The same with fixed penalties, as published codes for such cameras have them."""
     start = time.perf_counter()
     seen = develop(shot.frame)
-    problem = Problem.pose(psf, seen.values, valid=seen.valid, tau=PAPERS_TAU)
+    problem = Problem.build(psf, seen.values, valid=seen.valid, tau=PAPERS_TAU)
     scene = admm(
         problem, iterations=PAPERS_ITERATIONS, tolerance=0.0, penalties=PAPERS_PENALTIES,
         balance=None,
@@ -103,7 +103,7 @@ def shown(scene: Tensor, shot: SimulatedMeasurement, psf: Tensor) -> Tensor:
     """The scene's cells of a reconstruction that was not confined to them."""
     sensor = develop(shot.frame).values.shape[-2:]
     size = (psf.shape[-2], psf.shape[-1])
-    origin = Geometry.lay_out((sensor[0], sensor[1]), size, None).origin
+    origin = Geometry.build((sensor[0], sensor[1]), size, None).origin
     top, left = shot.region.top - origin[0], shot.region.left - origin[1]
     return scene[:, top : top + shot.region.height, left : left + shot.region.width]
 

@@ -46,9 +46,9 @@ class Side:
         """Pose one problem."""
         frames = read(psf), read(data)
         start = perf_counter()
-        self.problem = Problem.pose(*frames, tau=1e-4)
+        self.problem = Problem.build(*frames, tau=1e-4)
         seconds = perf_counter() - start
-        return {"setup_s": seconds, "period": self.problem.forward.geometry.period}
+        return {"setup_s": seconds, "period": self.problem.forward.geometry.padded}
 
     def iterate(self, iterations: int) -> dict[str, Any]:
         """Seconds per iteration after the first ones, and what `admm` did before that."""
@@ -68,7 +68,7 @@ class Side:
         """Objective against seconds, set-up included; both ways to compute it must agree."""
         frames = read(files["psf"]), read(files["data"])
         trace = Trace(*judges(files, tau), looks(iterations, count))
-        problem = Problem.pose(*frames, tau=tau)
+        problem = Problem.build(*frames, tau=tau)
         result = admm(
             problem,
             iterations=iterations,

@@ -87,7 +87,7 @@ class Reference:
         tau: float,
         prior: str,
     ) -> None:
-        self.tau, self.prior, self.period = tau, prior, geometry.period
+        self.tau, self.prior, self.period = tau, prior, geometry.padded
         kernel = used_part(psf.astype(np.float64), geometry)
         b = np.where(valid, data, 0).astype(np.float64)
         self.scale = float(np.linalg.norm(b) / np.linalg.norm(kernel))

@@ -87,8 +87,8 @@ def test_a_reconstruction_shows_the_scene(source: TwinSource) -> None:
     truth = source.truth()
 
     def posed(tau: float) -> Problem:
-        return Problem.pose(
-            source.psf(), measured.values, valid=measured.valid, region=source.region, tau=tau
+        return Problem.build(
+            source.psf(), measured.values, valid=measured.valid, support=source.region, tau=tau
         )
 
     quick = wiener(posed(1.0)).scene

@@ -147,9 +147,9 @@ def _psnr(pattern: Tensor, electrons: float, seed: int) -> float:
     light = torch.poisson(light * (electrons / light.mean()), generator=generator)
     light += 3 * torch.randn(light.shape, generator=generator)
     wide = (torch.arange(sensor + side) - (sensor + side) // 2 + cells // 2) % cells
-    problem = Problem.pose(
+    problem = Problem.build(
         pattern[wide][:, wide][None], light[None],
-        region=Region.centred(side, side, (sensor, sensor)), tau=1e-5,
+        support=Region.centred(side, side, (sensor, sensor)), tau=1e-5,
     )  # fmt: skip
     found = admm(problem, iterations=150).scene
     return psnr(scale_fit(found, scene[None]), scene[None], 1.0)

@@ -90,7 +90,7 @@ def test_iterations_and_sums_follow_the_equations(prior, region, relaxation):
     """Penalties that change, relaxation and every sum, against plain float64 ADMM."""
     rng = np.random.default_rng(8)
     sensor = (5, 4)
-    geometry = Geometry.lay_out(sensor, (5, 5), region)
+    geometry = Geometry.build(sensor, (5, 5), region)
     data, valid = rng.uniform(0, 1, sensor), rng.random(sensor) > 0.2
     reference = Reference(rng.random((5, 5)), data, valid, geometry, 0.02, prior)
     start = reference.region * 0.3

@@ -63,7 +63,7 @@ def test_operator_is_the_direct_sum(sensor, margin, region, seed):
 def test_no_light_wraps_around_onto_the_sensor(sensor, margin, region, seed):
     """In a period of just the cells asked for, odd or even: no slack hides one that is missing."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("nolens.operators.geometry.fast_length", lambda cells, **_: cells)
+        patch.setattr("nolens.operators.convolution.fast_length", lambda cells, **_: cells)
         _check_direct_sum(sensor, (sensor[0] + margin[0], sensor[1] + margin[1]), region, seed)
 
 
@@ -72,20 +72,20 @@ def test_no_light_wraps_around_onto_the_sensor(sensor, margin, region, seed):
 def test_layout(sensor, margin, region):
     psf = (sensor[0] + margin[0], sensor[1] + margin[1])
     try:
-        geometry = Geometry.lay_out(sensor, psf, region)
+        geometry = Geometry.build(sensor, psf, region)
     except OptionError:
         assert region is not None
         return
     for window in (geometry.sensor, geometry.scene):
         for axis in range(2):
             assert window[axis] >= 0
-            assert window[axis] + window[axis + 2] <= geometry.period[axis]
+            assert window[axis] + window[axis + 2] <= geometry.padded[axis]
     assert geometry.sensor[2:] == sensor
     # The scene's first cell lies `origin` away from the sensor's.
     assert geometry.origin == tuple(geometry.scene[k] - geometry.sensor[k] for k in range(2))
     if region is None:
-        assert geometry.scene == (0, 0, *geometry.period)
-        assert geometry.period == tuple(
+        assert geometry.scene == (0, 0, *geometry.padded)
+        assert geometry.padded == tuple(
             fast_length(n + p - 1, of_rows=k == 1)
             for k, (n, p) in enumerate(zip(sensor, psf, strict=True))
         )
@@ -95,7 +95,7 @@ def test_layout(sensor, margin, region):
     starts, lengths = (region.top, region.left), (region.height, region.width)
     for axis in range(2):
         if starts[axis] < sensor[axis] and starts[axis] + lengths[axis] > 0:
-            assert geometry.period[axis] <= fast_length(
+            assert geometry.padded[axis] <= fast_length(
                 sensor[axis] + lengths[axis] - 1, of_rows=axis == 1
             )
 

@@ -104,9 +104,9 @@ def test_the_magnification_is_laid_beside_rays_and_the_papers_own_stack() -> Non
 
 
 def test_a_scene_is_cut_from_what_was_solved_and_zero_beyond() -> None:
-    problem = Problem.pose(torch.rand(1, 6, 8), torch.rand(1, 6, 8))
+    problem = Problem.build(torch.rand(1, 6, 8), torch.rand(1, 6, 8))
     origin = problem.forward.geometry.origin
-    rows, columns = problem.forward.geometry.period
+    rows, columns = problem.forward.geometry.padded
     scene = torch.arange(rows * columns, dtype=torch.float32).reshape(1, rows, columns) + 1
     cut = photographs._cut(scene, problem, Region(1, 2, 3, 4))
     top, left = 1 - origin[0], 2 - origin[1]

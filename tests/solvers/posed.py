@@ -57,12 +57,12 @@ class Posed:
             "psf": psf,
             "data": data,
             "valid": torch.from_numpy(self.valid),
-            "region": self.case.region,
+            "support": self.case.region,
             "tau": self.case.tau,
             "prior": Prior(self.case.prior),
             **changed,
         }
-        return Problem.pose(**given)  # type: ignore[arg-type]
+        return Problem.build(**given)  # type: ignore[arg-type]
 
 
 @cache
@@ -101,11 +101,11 @@ def pose(case: Case) -> Posed:
     """Draw PSF, scene and mask; measure by the direct sum, with noise of a part in a hundred."""
     alike = replace(case, prior=Case.prior, tau=Case.tau)
     psf, data, valid = (each.copy() for each in _drawn(alike))
-    problem = Problem.pose(
+    problem = Problem.build(
         torch.from_numpy(psf).float(),
         torch.from_numpy(data).float(),
         valid=torch.from_numpy(valid),
-        region=case.region,
+        support=case.region,
         tau=case.tau,
         prior=Prior(case.prior),
     )

@@ -9,7 +9,7 @@ from posed import Case, pose
 from nolens.operators import Region
 from nolens.solvers import AdmmState, Prior
 from nolens.solvers.admm import AdmmRun
-from nolens.solvers.penalties import Balance
+from nolens.solvers.admm_state import Balance
 
 CASE = Case(channels=3, region=Region(1, 2, 4, 5), saturated=0.1)
 SAME, OTHER = (0.3, 2.0, 0.7), (0.9, 4.0, 0.5)
@@ -25,13 +25,13 @@ def test_measure(prior, penalties):
     for goes_on in (True, False):
         state = AdmmState.cold(problem, SAME)
         run = AdmmRun(problem, state, balance=None, relaxation=1.8)
-        run.to_look(3)
+        run.to_check(3)
         if goes_on:
             run.measure(following, penalties)
         else:
             state.renew(following, penalties)
             run = AdmmRun(following, state, balance=None, relaxation=1.8)
-        progress = run.to_look(2)
+        progress = run.to_check(2)
         assert (state.iteration, progress.iteration) == (2, 2)
         second = penalties[1] if prior.endswith("tv") else 0
         assert state.penalties == (penalties[0], second, penalties[2])
@@ -46,7 +46,7 @@ def test_looks_lie_at_multiples_of_four_and_at_the_limit(limit):
     run = AdmmRun(problem, AdmmState.cold(problem), balance=Balance(), relaxation=1.8)
     seen = []
     while run.state.iteration < limit:
-        seen.append(run.to_look(limit).iteration)
+        seen.append(run.to_check(limit).iteration)
     assert seen == sorted({*range(4, limit + 1, 4), limit})
 
 
@@ -57,8 +57,8 @@ def test_share_of_the_light_that_is_kept():
     top, left, *_ = state.splits[0].sensor
     for split in state.splits:
         split.measured.zero_()
-    assert state.kept() == 1.0
+    assert state.fraction_on_sensor() == 1.0
     state.splits[0].measured[top, left] = 3.0
-    assert state.kept() == 1.0
+    assert state.fraction_on_sensor() == 1.0
     state.splits[0].measured[top - 1, left] = 1.0
-    assert state.kept() == pytest.approx(0.75)
+    assert state.fraction_on_sensor() == pytest.approx(0.75)

@@ -23,8 +23,8 @@ def test_solution_is_that_of_the_large_domain(case: Case, prior: str) -> None:
     posed = pose(replace(case, prior=prior))
     region, short = case.region, posed.problem.forward.geometry
     assert region is not None
-    whole = Geometry.lay_out(case.sensor, case.psf, None)
-    assert np.prod(short.period) < np.prod(whole.period)
+    whole = Geometry.build(case.sensor, case.psf, None)
+    assert np.prod(short.padded) < np.prod(whole.padded)
     top, left = whole.sensor[:2]
     scene = (top + region.top, left + region.left, region.height, region.width)
     large = replace(whole, scene=scene, origin=(region.top, region.left))

@@ -48,10 +48,10 @@ def test_reference_objective_within_sixty_iterations():
     """From a cold start, at all defaults."""
     psf, data = _hand()
     assert data.shape == psf.shape == (300, 400)
-    problem = Problem.pose(
+    problem = Problem.build(
         torch.from_numpy(psf[None]).float(), torch.from_numpy(data[None]).float(), tau=TAU
     )
-    assert problem.forward.geometry.period == (600, 800)
+    assert problem.forward.geometry.padded == (600, 800)
     result = admm(problem, iterations=60, tolerance=0)
     assert result.iterations == 60
     scene = result.scene[0].double().numpy()

@@ -11,7 +11,7 @@ from nolens.solvers import Frame, Live, Problem, Stream
 
 def stream() -> Stream:
     psf, blur = camera()
-    return Stream(Problem.pose(psf, blur(scene(0)), region=REGION, tau=1e-5))
+    return Stream(Problem.build(psf, blur(scene(0)), support=REGION, tau=1e-5))
 
 
 def test_slow_solver_drops_all_but_the_newest():

@@ -47,7 +47,7 @@ def test_solves_as_its_parts_do(method: Method) -> None:
     psf = spots(70, 80)
     data = measured(psf)
     weight = {Method.WIENER: 0.1}.get(method, 1e-4)
-    problem = Problem.pose(psf, data, region=SUPPORT, tau=weight)
+    problem = Problem.build(psf, data, support=SUPPORT, tau=weight)
     solver = Reconstructor(psf, SUPPORT, method=method)
     result = solver.solve(data)
     assert solver.weight == weight
@@ -78,9 +78,9 @@ def test_stream_starts_as_a_photo() -> None:
 def test_when_it_stops() -> None:
     assert stop_of(Method.ADMM) == STOPS[Quality.PHOTO]
     assert stop_of(Method.ADMM, Quality.EXACT) == STOPS[Quality.EXACT]
-    given = stop_of(Method.ADMM, Quality.EXACT, iterations=7, tolerance=0.1, smooth_part=False)
+    given = stop_of(Method.ADMM, Quality.EXACT, iterations=7, tolerance=0.1, low_frequency=False)
     assert given == replace(
-        STOPS[Quality.EXACT], iterations=7, tolerance=0.1, scene_tolerance=0.0, smooth_part=False
+        STOPS[Quality.EXACT], iterations=7, tolerance=0.1, scene_tolerance=0.0, low_frequency=False
     )
     psf = spots(48, 56)
     assert Reconstructor(psf).for_iterations(5).solve(measured(psf)).iterations == 5

@@ -201,17 +201,17 @@ BAD = {
     "tau is text": ({"tau": "small"}, OptionError, "'small'.*0 or more"),
     "unknown prior": ({"prior": "foo"}, OptionError, "'foo'; give one of tv, isotropic-tv, l1"),
     "prior is a function": ({"prior": lambda x: x}, OptionError, "lambda.*one of tv"),
-    "three sides": ({"region": (1, 2, 3)}, OptionError, r"\(1, 2, 3\); give \(height, width\)"),
-    "half a pixel": ({"region": (1.5, 2)}, OptionError, r"\(1.5, 2\)"),
-    "region is text": ({"region": "2x2"}, OptionError, "'2x2'"),
-    "region beside": ({"region": Region(40, 0, 2, 2)}, OptionError, "pixels 40 to 41"),
+    "three sides": ({"support": (1, 2, 3)}, OptionError, r"\(1, 2, 3\); give \(height, width\)"),
+    "half a pixel": ({"support": (1.5, 2)}, OptionError, r"\(1.5, 2\)"),
+    "region is text": ({"support": "2x2"}, OptionError, "'2x2'"),
+    "region beside": ({"support": Region(40, 0, 2, 2)}, OptionError, "pixels 40 to 41"),
 }
 
 
 @pytest.mark.parametrize(("changed", "error", "message"), BAD.values(), ids=BAD.keys())
 def test_bad_problem_is_refused(changed, error, message):
     with pytest.raises(error, match=message):
-        Problem.pose(**{"psf": _ones(1, 4, 5), "data": _ones(1, 4, 5), **changed})
+        Problem.build(**{"psf": _ones(1, 4, 5), "data": _ones(1, 4, 5), **changed})
 
 
 @pytest.mark.parametrize("prior", list(Prior))
@@ -222,14 +222,14 @@ def test_what_a_notebook_has_poses_the_same_problem(prior):
     ways = {
         "arrays": {"psf": posed.psf, "data": posed.data, "valid": posed.valid},
         "without channels": {"psf": posed.psf[0], "data": posed.data[0], "valid": posed.valid[0]},
-        "a view": {"psf": posed.psf[:, ::-1].copy()[:, ::-1], "region": np.array([4, 6])},
-        "four sides": {"region": (1, 1, 4, 6)},
+        "a view": {"psf": posed.psf[:, ::-1].copy()[:, ::-1], "support": np.array([4, 6])},
+        "four sides": {"support": (1, 1, 4, 6)},
         "gradients": {"psf": torch.from_numpy(posed.psf).float().requires_grad_()},
     }
     for name, given in ways.items():
-        problem = posed.pose(**{"region": (4, 6), "prior": prior.value, **given})
+        problem = posed.pose(**{"support": (4, 6), "prior": prior.value, **given})
         assert problem.prior is prior, name
-        assert problem.forward.region == Region(1, 1, 4, 6), name
+        assert problem.forward.support == Region(1, 1, 4, 6), name
         assert torch.equal(admm(problem, iterations=8).scene, wanted), name
 
 
@@ -253,10 +253,10 @@ def test_wiener_needs_a_weight():
 
 def test_what_saturated_pixels_hold_is_not_looked_at():
     data = _with(math.nan)
-    Problem.pose(_ones(1, 4, 5), data, valid=torch.isfinite(data))
+    Problem.build(_ones(1, 4, 5), data, valid=torch.isfinite(data))
 
 
 def test_admm_refuses_double_precision():
-    problem = Problem.pose(_ones(1, 4, 5).double(), _ones(1, 4, 5).double())
+    problem = Problem.build(_ones(1, 4, 5).double(), _ones(1, 4, 5).double())
     with pytest.raises(DataError, match="float64"):
         admm(problem)

@@ -46,11 +46,11 @@ def test_interrupted_run_ends_like_the_whole_one(case, pause):
 
 def test_smooth_part_is_taken_up_again():
     problem = pose(CASES["full view"]).problem
-    whole = admm(problem, iterations=40, tolerance=0, smooth_part=True)
+    whole = admm(problem, iterations=40, tolerance=0, low_frequency=True)
     state = AdmmState.cold(problem)
-    admm(problem, iterations=8, tolerance=0, smooth_part=True, state=state)
+    admm(problem, iterations=8, tolerance=0, low_frequency=True, state=state)
     restored = restored_state(problem, state.arrays())
-    rest = admm(problem, iterations=40, tolerance=0, smooth_part=True, state=restored)
+    rest = admm(problem, iterations=40, tolerance=0, low_frequency=True, state=restored)
     torch.testing.assert_close(rest.scene, whole.scene, rtol=1e-3, atol=1e-4)
 
 

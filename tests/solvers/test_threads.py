@@ -18,16 +18,16 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("smooth_part", [False, True])
+@pytest.mark.parametrize("low_frequency", [False, True])
 @pytest.mark.parametrize("prior", ["tv", "isotropic-tv", "l1"])
 @pytest.mark.parametrize("name", CASES)
-def test_one_and_two_threads(name, prior, smooth_part):
+def test_one_and_two_threads(name, prior, low_frequency):
     case = CASES[name]
     problem = pose(Case(**{**vars(case), "prior": prior})).problem
     pictures = []
     for threads in (1, 2):
         torch.set_num_threads(threads)
-        result = admm(problem, iterations=40, tolerance=0.0, smooth_part=smooth_part)
+        result = admm(problem, iterations=40, tolerance=0.0, low_frequency=low_frequency)
         pictures.append(result.scene)
     one, two = pictures
     assert float(torch.linalg.vector_norm(one - two)) <= 1e-5 * float(torch.linalg.vector_norm(one))

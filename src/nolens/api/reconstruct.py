@@ -144,7 +144,7 @@ def reconstruct(
     support = own if support is None else support
     ready = development.fitted(frame, spare, coarsen=bin_by is None and support is None)
     seen, prepared = ready.measurement, ready.prepared
-    solver = replace(solver, psf=prepared.values, region=region_of(support, seen.size))
+    solver = replace(solver, psf=prepared.values, support=region_of(support, seen.size))
     limit = solver.limits.iterations
     with reported(progress, "photograph") as tick:
 

@@ -190,16 +190,16 @@ class ManyScenes(CroppedConvolution):
     def _forward(self, v: Tensor) -> Tensor:
         top, left, height, width = self.geometry.sensor
         spectrum = (rfft2(self.embed(v))[..., None, :, :] * self.spectra).sum(dim=-4)
-        image = irfft2(spectrum, self.geometry.period)
+        image = irfft2(spectrum, self.geometry.padded)
         return image[..., top : top + height, left : left + width]
 
     def _adjoint(self, y: Tensor) -> Tensor:
         top, left, height, width = self.geometry.sensor
-        grid = y.new_zeros((*y.shape[:-2], *self.geometry.period))
+        grid = y.new_zeros((*y.shape[:-2], *self.geometry.padded))
         grid[..., top : top + height, left : left + width] = y
         spectrum = (rfft2(grid)[..., None, :, :, :] * self.spectra.conj()).sum(dim=-3)
         top, left, height, width = self.geometry.scene
-        return irfft2(spectrum, self.geometry.period)[..., top : top + height, left : left + width]
+        return irfft2(spectrum, self.geometry.padded)[..., top : top + height, left : left + width]
 
 
 def over_the_field(known: KnownScenes) -> Tensor:

@@ -185,12 +185,12 @@ class PsfSolver:
 
     def _spectrum(self) -> Tensor:
         """Of the normal equation of each term in which crop and taper are their means."""
-        grid = self._model.geometry.period
+        grid = self._model.geometry.padded
         power = self._model.spectra.abs().square() * self._weights.on_grid(grid)
         return (self.gains.square() * power).sum(dim=1)
 
     def _spectrum_of_differences(self) -> Tensor:
-        grid = self._model.geometry.period
+        grid = self._model.geometry.padded
         point = torch.zeros(grid)
         point[0, 0] = 1
         spectrum: Tensor = rfft2(FiniteDifference(grid)(point)).abs().square().sum(dim=0)
@@ -214,7 +214,7 @@ class PsfSolver:
 
     def _nearly_solved(self, residual: Tensor, spectrum: Tensor) -> Tensor:
         geometry = self._model.geometry
-        image = irfft2(rfft2(self._model.embed(residual)) / spectrum, geometry.period)
+        image = irfft2(rfft2(self._model.embed(residual)) / spectrum, geometry.padded)
         top, left, height, width = geometry.scene
         return self._support * image[..., top : top + height, left : left + width]
 

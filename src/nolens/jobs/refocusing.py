@@ -459,7 +459,7 @@ def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
     )
     refocusing = _Refocusing(options, psfs, reconstructor, run.reporter)
     run.warn(*refocusing.warnings())
-    run.begin(admm_bytes(reconstructor.problem(farthest).cells))
+    run.begin(admm_bytes(reconstructor.problem(farthest).padded_pixels))
 
     figures: dict[str, Any] = {
         "depth_of_focus_per_m": psfs.depth_of_focus_per_m,

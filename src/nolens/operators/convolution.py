@@ -1,12 +1,129 @@
-"""The forward model of a mask-based lensless camera."""
+"""The forward model of a mask-based lensless camera, and the padded shape of its transforms."""
+
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from nolens.kernels import irfft2_window_, rfft2_window
+from nolens.errors import OptionError
+from nolens.kernels import fast_length, irfft2_window_, rfft2_window
 from nolens.kernels.fft import Window
 from nolens.operators.base import LinearOperator
-from nolens.operators.geometry import Geometry, Region
+
+
+@dataclass(frozen=True)
+class Region:
+    """Rectangle of scene pixels, in the sensor's frame.
+
+    Scene pixel (i, j) is the one whose light, through the centre of the PSF, falls on sensor
+    pixel (i, j). A scene can reach beyond the sensor, so `top` and `left` may be negative.
+    """
+
+    top: int
+    left: int
+    height: int
+    width: int
+
+    @classmethod
+    def centred(cls, height: int, width: int, sensor: tuple[int, int]) -> "Region":
+        """Support of the given size around the centre of the sensor."""
+        return cls((sensor[0] - height) // 2, (sensor[1] - width) // 2, height, width)
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """`Geometry` along one axis; the PSF's pixels from `psf_start` to `psf_stop` can matter."""
+
+    padded: int
+    sensor_start: int
+    scene_start: int
+    scene_length: int
+    psf_start: int
+    psf_stop: int
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Layout of one convolution: windows are (top, left, height, width) in the padded shape.
+
+    Parameters
+    ----------
+    padded
+        (height, width) of the transforms: the padded shape.
+    sensor, scene
+        Windows of the measurement and of the pixels that light can come from.
+    psf
+        Window of the PSF array that can reach the sensor from the scene.
+    psf_shift
+        Where the first pixel of that window lies, relative to zero shift.
+    origin
+        Scene pixel, in the sensor's frame, of the scene's first row and column.
+    """
+
+    padded: tuple[int, int]
+    sensor: tuple[int, int, int, int]
+    scene: tuple[int, int, int, int]
+    psf: tuple[int, int, int, int]
+    psf_shift: tuple[int, int]
+    origin: tuple[int, int]
+
+    @classmethod
+    def build(
+        cls, sensor: tuple[int, int], psf: tuple[int, int], support: Region | None
+    ) -> "Geometry":
+        r"""Smallest fast padded shape in which no wrap-around reaches the sensor.
+
+        For a PSF with offsets from o₀ to o₁ and scene pixels from t to t + r − 1, the shifted
+        copies of the convolution miss the sensor's pixels 0 … N − 1 when the padded length is at
+        least max(t + r + o₁, N − t − o₀). Offsets that carry no light from the scene to the sensor
+        are cut off first, so sensor + support − 1 is enough for a support that overlaps the
+        sensor, and for a scene without limits sensor + PSF − 1.
+
+        Parameters
+        ----------
+        sensor, psf
+            (height, width) in pixels of the same pitch. Zero shift is the PSF's pixel
+            (height // 2, width // 2).
+        support
+            Pixels that light can come from; None for every pixel that the sensor can see, with
+            the whole padded shape as the scene.
+
+        Raises
+        ------
+        OptionError
+            If the support has no pixel from which the PSF reaches the sensor.
+        """
+        if support is None:
+            axes = [
+                _unlimited(sensor[0], psf[0], of_rows=False),
+                _unlimited(sensor[1], psf[1], of_rows=True),
+            ]
+            scene_origin = tuple(a.scene_start - a.sensor_start for a in axes)
+        else:
+            axes = [
+                _confined(sensor[0], psf[0], support.top, support.height, of_rows=False),
+                _confined(sensor[1], psf[1], support.left, support.width, of_rows=True),
+            ]
+            scene_origin = (support.top, support.left)
+        rows, columns = axes
+        return cls(
+            padded=(rows.padded, columns.padded),
+            sensor=(rows.sensor_start, columns.sensor_start, *sensor),
+            scene=(
+                rows.scene_start,
+                columns.scene_start,
+                rows.scene_length,
+                columns.scene_length,
+            ),
+            psf=(
+                rows.psf_start,
+                columns.psf_start,
+                rows.psf_stop - rows.psf_start,
+                columns.psf_stop - columns.psf_start,
+            ),
+            psf_shift=(rows.psf_start - psf[0] // 2, columns.psf_start - psf[1] // 2),
+            origin=(scene_origin[0], scene_origin[1]),
+        )
 
 
 class CroppedConvolution(LinearOperator):
@@ -22,9 +139,9 @@ class CroppedConvolution(LinearOperator):
         the sensor's pitch.
     sensor
         (height, width) of the measurement.
-    region
+    support
         Pixels that light can come from. With it, the operator takes scenes of the support's
-        size; without, of the whole period (`geometry.period`), in which the sensor's frame
+        size; without, of the whole padded shape (`geometry.padded`), in which the sensor's frame
         lies at `geometry.sensor`.
 
     Raises
@@ -33,27 +150,27 @@ class CroppedConvolution(LinearOperator):
         If no light from the support reaches the sensor.
     """
 
-    def __init__(self, psf: Tensor, sensor: tuple[int, int], region: Region | None = None) -> None:
+    def __init__(self, psf: Tensor, sensor: tuple[int, int], support: Region | None = None) -> None:
         self.sensor = sensor
-        self.region = region
+        self.support = support
         self.channels = psf.shape[-3]
         self._channel_axis = (self.channels,) if self.channels > 1 else ()
-        self.geometry = Geometry.lay_out(sensor, (psf.shape[-2], psf.shape[-1]), region)
+        self.geometry = Geometry.build(sensor, (psf.shape[-2], psf.shape[-1]), support)
         top, left, height, width = self.geometry.psf
-        period = self.geometry.period
+        padded = self.geometry.padded
         self.transfer = torch.empty(
-            (self.channels, period[0], period[1] // 2 + 1),
+            (self.channels, padded[0], padded[1] // 2 + 1),
             dtype=psf.dtype.to_complex(),
             device=psf.device,
         )
-        """Half spectrum of the PSF, (channels, height, width // 2 + 1) of the period."""
+        """Half spectrum of the PSF, (channels, height, width // 2 + 1) of the padded shape."""
         for plane, transfer in zip(psf, self.transfer, strict=True):
             part = plane[top : top + height, left : left + width]
-            rfft2_window(part, self.geometry.psf_shift, period, transfer)
+            rfft2_window(part, self.geometry.psf_shift, padded, transfer)
 
     @property
     def domain_shape(self) -> tuple[int, ...]:
-        """Size of the scene: the support, or the whole period; channels first where fixed."""
+        """Size of the scene: the support, or the whole padded shape; channels first where fixed."""
         return (*self._channel_axis, *self.geometry.scene[2:])
 
     @property
@@ -62,25 +179,49 @@ class CroppedConvolution(LinearOperator):
         return (*self._channel_axis, *self.sensor)
 
     def embed(self, scene: Tensor) -> Tensor:
-        """Scene on the whole period, zero outside the support."""
-        return _embed(scene, self.geometry.scene, self.geometry.period)
+        """Scene on the whole padded shape, zero outside the support."""
+        top, left, height, width = self.geometry.scene
+        padded = scene.new_zeros((*scene.shape[:-2], *self.geometry.padded))
+        padded[..., top : top + height, left : left + width] = scene
+        return padded
 
     def _forward(self, v: Tensor) -> Tensor:
-        return self._moved(v, self.geometry.scene, self.transfer, self.geometry.sensor)
+        return self._blurred(v, self.geometry.scene, self.transfer, self.geometry.sensor)
 
     def _adjoint(self, y: Tensor) -> Tensor:
-        return self._moved(y, self.geometry.sensor, self.transfer.conj(), self.geometry.scene)
+        return self._blurred(y, self.geometry.sensor, self.transfer.conj(), self.geometry.scene)
 
-    def _moved(self, inside: Tensor, window: Window, transfer: Tensor, wanted: Window) -> Tensor:
-        """A window of the period, blurred, in another window of it."""
-        spectrum = rfft2_window(inside, window[:2], self.geometry.period)
+    def _blurred(self, inside: Tensor, window: Window, transfer: Tensor, target: Window) -> Tensor:
+        """A window of the padded shape, blurred, in another window of it."""
+        spectrum = rfft2_window(inside, window[:2], self.geometry.padded)
         channels_alike = spectrum.ndim >= transfer.ndim and spectrum.shape[-3] >= transfer.shape[0]
         spectrum = spectrum.mul_(transfer) if channels_alike else spectrum * transfer
-        return irfft2_window_(spectrum, wanted, self.geometry.period)
+        return irfft2_window_(spectrum, target, self.geometry.padded)
 
 
-def _embed(small: Tensor, window: Window, period: tuple[int, int]) -> Tensor:
-    top, left, height, width = window
-    large = small.new_zeros((*small.shape[:-2], *period))
-    large[..., top : top + height, left : left + width] = small
-    return large
+def _unlimited(sensor: int, psf: int, *, of_rows: bool) -> _Axis:
+    padded = fast_length(sensor + psf - 1, of_rows=of_rows)
+    return _Axis(padded, (padded - sensor) // 2, 0, padded, 0, psf)
+
+
+def _confined(sensor: int, psf: int, start: int, length: int, *, of_rows: bool) -> _Axis:
+    centre = psf // 2
+    low = max(-centre, -(start + length - 1))
+    high = min(psf - 1 - centre, sensor - 1 - start)
+    if length < 1 or high < low:
+        raise OptionError(
+            f"no light from the support (pixels {start} to {start + length - 1} of the sensor's "
+            f"frame, which has {sensor}) reaches the sensor through a PSF of {psf} pixels; "
+            "give a support that overlaps the sensor"
+        )
+    sensor_start = max(0, -start)
+    span = max(sensor_start + sensor, sensor_start + start + length)
+    needed = max(start + length + high, sensor - start - low, span)
+    return _Axis(
+        fast_length(needed, of_rows=of_rows),
+        sensor_start,
+        sensor_start + start,
+        length,
+        low + centre,
+        high + centre + 1,
+    )

@@ -59,7 +59,7 @@ class DepthReconstructor:
         return self._reconstructor(psf).solve(self.measurement, callback=callback)
 
     def _reconstructor(self, psf: Tensor) -> Reconstructor:
-        stop = Stop(self.iterations, self.tolerance, scene_tolerance=0.0, smooth_part=False)
+        stop = Stop(self.iterations, self.tolerance, scene_tolerance=0.0, low_frequency=False)
         return Reconstructor(psf, self.region, self.tau, self.prior, stop=stop, device=self.device)
 
     def coarser(self, bin_by: int, iterations: int) -> "DepthReconstructor":

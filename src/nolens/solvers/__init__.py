@@ -4,12 +4,10 @@ from nolens.solvers.admm import admm, admm_bytes
 from nolens.solvers.admm_state import AdmmState
 from nolens.solvers.development import Developed, Development
 from nolens.solvers.fista import fista
-from nolens.solvers.live import Live
 from nolens.solvers.problem import Prior, Problem
-from nolens.solvers.quality import STOPS, Quality, Stop
 from nolens.solvers.reconstructor import Method, Reconstructor, stop_of
-from nolens.solvers.result import Progress, Result
-from nolens.solvers.stream import Frame, Stream
+from nolens.solvers.result import STOPS, Progress, Quality, Result, Stop
+from nolens.solvers.stream import Frame, Live, Stream
 from nolens.solvers.wiener import wiener
 
 __all__ = [

@@ -13,27 +13,24 @@ from nolens.kernels import (
     in_large_pages,
     update_splits_,
 )
-from nolens.solvers.admm_state import AdmmState
-from nolens.solvers.level import levelled
-from nolens.solvers.penalties import LOOK, Balance, Penalties
+from nolens.solvers.admm_state import CHECK_EVERY, AdmmState, Balance, Penalties
+from nolens.solvers.corrections import LowFrequencyCorrection, gain_corrected
 from nolens.solvers.problem import Prior, Problem
-from nolens.solvers.result import Callback, Progress, Result, StopReason
-from nolens.solvers.smooth_part import SmoothPart
+from nolens.solvers.result import Callback, Progress, Result, StopReason, has_converged
 
 RELAXATION = 1.8
-"""α of a run that is not told another."""
-_SMOOTH_AT = 12
-"""Convergence check after which the low-frequency part is solved for: detail is there, and
-penalties are still small."""
+"""α where no other is given."""
+_LOW_FREQUENCY_AT = 12
+"""Iterations after which low frequencies are corrected: detail is there, and penalties are still
+small."""
+
+_BYTES_PER_PIXEL = 60
+"""Held in the first and the last step, where a run holds most, per pixel of the padded shape."""
 
 
-_BYTES_PER_CELL = 60
-"""Held in the first and the last step, where a run holds most, for a cell of the period."""
-
-
-def admm_bytes(cells: float) -> float:
-    """Most memory that a run holds at once, for so many cells of `Problem.cells`."""
-    return cells * _BYTES_PER_CELL
+def admm_bytes(pixels: float) -> float:
+    """Most memory that a run holds at once, for so many `Problem.padded_pixels`."""
+    return pixels * _BYTES_PER_PIXEL
 
 
 class AdmmRun:
@@ -84,7 +81,7 @@ class AdmmRun:
         for pair, split in zip(self._pairs, self.state.splits, strict=True):
             _measure_again(pair, split, before[0])
 
-    def to_look(self, limit: int) -> Progress:
+    def to_check(self, limit: int) -> Progress:
         """Iterate until the next convergence check, four iterations on or at the limit.
 
         Parameters
@@ -101,8 +98,9 @@ class AdmmRun:
         following = state.penalties
         if self._balance is not None and state.sums:
             following = self._balance.next(state.penalties, state.sums, state.iteration)
-        count = min(limit, state.iteration - state.iteration % LOOK + LOOK) - state.iteration
-        # Penalties change as soon as they can; the last iteration is the one that is looked at.
+        until_check = CHECK_EVERY - state.iteration % CHECK_EVERY
+        count = min(until_check, limit - state.iteration)
+        # Penalties change as soon as they can; the last iteration is the one with sums.
         first = [(state.penalties, following, False)] if count > 1 else []
         last = (following if first else state.penalties, following, True)
         steps = [*first, *[(following, following, False)] * (count - 2), last]
@@ -132,8 +130,8 @@ def _measure_again(pair: Tensor, split: SplitState, mu: float) -> None:
     top, left, height, width = split.sensor
     inside = (slice(top, top + height), slice(left, left + width))
     stored = split.measured[inside]
-    met = torch.lerp(split.data, stored, mu / (1 + mu))
-    pair.real[inside] = torch.where(split.valid > 0, 2 * met - stored, stored)
+    fitted = torch.lerp(split.data, stored, mu / (1 + mu))
+    pair.real[inside] = torch.where(split.valid > 0, 2 * fitted - stored, stored)
 
 
 def _progress(problem: Problem, state: AdmmState) -> Progress:
@@ -190,7 +188,7 @@ def admm(
     iterations: int = 100,
     tolerance: float = 3e-4,
     scene_tolerance: float = 0.0,
-    smooth_part: bool = False,
+    low_frequency: bool = False,
     penalties: Penalties | None = None,
     balance: Balance | None = Balance(),  # noqa: B008 (frozen)
     relaxation: float = RELAXATION,
@@ -206,8 +204,8 @@ def admm(
     of the data (a scene that fills the view: the glow is then right from the start), and from
     zero otherwise.
 
-    Every fourth iteration, and the last, is looked at: its residuals decide whether to stop and
-    how the penalties go on, and the callback sees it.
+    Every fourth iteration, and the last, is a convergence check: its residuals decide whether to
+    stop and how the penalties go on, and the callback sees it.
 
     Parameters
     ----------
@@ -220,11 +218,12 @@ def admm(
         ‖x − x_before‖ ≤ tolerance · ‖x‖ (dual). 0 never stops for it.
     scene_tolerance
         Stops when the picture has at most scene_tolerance · ‖w‖ still to go, as its last steps
-        predict (`still_to_go`), and no residual is above a third of it: the steps alone can be
-        short while the penalties grow. 0 never stops for it.
-    smooth_part
-        Whether, where the scene fills the view, its low-frequency part is solved for directly
-        (`SmoothPart`): once on the way, which saves hundreds of iterations, and in the end.
+        predict (`nolens.solvers.result.still_to_go`), and no residual is above a third of it: the
+        steps alone can be short while the penalties grow. 0 never stops for it.
+    low_frequency
+        Whether, where the scene fills the view, its low frequencies are solved for directly
+        (`LowFrequencyCorrection`): once on the way, which saves hundreds of iterations, and in the
+        end.
     penalties
         μ₁, μ₂, μ₃ to start with, > 0; None leaves the choice to the program.
     balance
@@ -248,33 +247,34 @@ def admm(
     _check(problem, iterations, tolerance, scene_tolerance, penalties, relaxation)
     if state is None:
         state = AdmmState.cold(problem, penalties)
-    smooth = SmoothPart(problem) if smooth_part and state.fills_view else None
+    corrected = low_frequency and state.fills_view
+    correction = LowFrequencyCorrection(problem) if corrected else None
     run = AdmmRun(problem, state, balance=balance, relaxation=relaxation)
     history: list[dict[str, float]] = []
     stop_reason: StopReason = "iteration limit"
     while state.iteration < iterations:
-        progress = run.to_look(iterations)
+        progress = run.to_check(iterations)
         history.append(progress.row())
         if callback is not None and callback(progress):
             stop_reason = "callback"
             break
-        if stands(history, scene_tolerance) or progress.residual <= tolerance:
+        if has_converged(history, scene_tolerance) or progress.residual <= tolerance:
             stop_reason = "converged"
             break
-        if smooth is not None and state.iteration == _SMOOTH_AT:
+        if correction is not None and state.iteration == _LOW_FREQUENCY_AT:
             before = state.scene()
-            after, better = smooth.improved(before)
+            after, better = correction.improved(before)
             if better:
                 state.move_(problem, after - before)
                 run.restart()
             else:
-                smooth = None  # The model is not that exact: ADMM's own way is the better one.
+                correction = None  # The model is not that exact: ADMM's own way is the better one.
     run.end()  # What follows needs its memory.
     scene = state.scene()
-    if smooth is not None:
-        scene, _ = smooth.improved(scene)
+    if correction is not None:
+        scene, _ = correction.improved(scene)
     if state.fills_view:
-        scene, objective = levelled(problem, scene)
+        scene, objective = gain_corrected(problem, scene)
     else:
         objective = problem.objective(scene)
     return Result(
@@ -285,45 +285,6 @@ def admm(
         frame=problem.frame,
         history=history,
     )
-
-
-def stands(history: list[dict[str, float]], tolerance: float) -> bool:
-    """Whether the picture has at most tolerance · ‖w‖ still to go, and residuals agree.
-
-    Parameters
-    ----------
-    history
-        Rows of the convergence checks (`Progress.row`), one or more.
-    tolerance
-        Relative; a third of it for the residuals.
-    """
-    last = history[-1]
-    residual = max(last["primal_residual"], last["dual_residual"])
-    return still_to_go(history) <= tolerance and residual <= tolerance / 3
-
-
-def still_to_go(history: list[dict[str, float]]) -> float:
-    """Distance that the picture still has to go, relative to ‖w‖, if it goes on as it did.
-
-    Steps c that shrink by the factor ρ from iteration to iteration have cρ/(1 − ρ) before them. ρ
-    is taken from the last check and the one two before, as single checks scatter. Infinite where
-    the steps do not shrink, or fewer checks were made.
-
-    Parameters
-    ----------
-    history
-        Rows of the convergence checks (`Progress.row`).
-    """
-    if len(history) < 3:
-        return math.inf
-    before, now = history[-3], history[-1]
-    if now["scene_change"] == 0:
-        return 0.0
-    if before["scene_change"] <= now["scene_change"]:
-        return math.inf
-    span = now["iteration"] - before["iteration"]
-    rate = math.pow(now["scene_change"] / before["scene_change"], 1 / span)
-    return now["scene_change"] * rate / (1 - rate)
 
 
 def _check(

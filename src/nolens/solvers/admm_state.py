@@ -1,4 +1,4 @@
-"""Where a run of ADMM stands: what the next iteration needs, and what a state file holds."""
+"""The state of a run of ADMM: what the next iteration needs, its penalties and their balance."""
 
 import math
 from collections.abc import Mapping
@@ -11,8 +11,15 @@ from nolens.camera.finite import all_finite
 from nolens.errors import DataError
 from nolens.kernels import PassSums, SplitState, in_large_pages, irfft2, rfft2
 from nolens.operators import FiniteDifference
-from nolens.solvers.penalties import START, Penalties
 from nolens.solvers.problem import Prior, Problem
+
+Penalties = tuple[float, float, float]
+"""μ₁, μ₂, μ₃ of the splits x = Mv, u = Ψv, w = v."""
+
+CHECK_EVERY = 4
+"""Iterations from one convergence check to the next: residuals, balance, stop."""
+
+_START: Penalties = (0.02, 2.0, 1.0)
 
 _UNIFORM_START = 0.9
 """Fraction of the data that a uniform scene must explain for the iteration to start from it."""
@@ -23,6 +30,54 @@ _SUM_COUNT = 15
 _SMALLEST = 1e-15
 """Least penalty of a saved state; balanced ones stay near one."""
 _MOST_ITERATIONS = 10**9
+
+
+@dataclass(frozen=True)
+class Balance:
+    r"""Balances penalties until multipliers and splits move alike.
+
+    For each split, Rᵢ = ‖Δdᵢ‖ / ‖Δxᵢ‖ compares the way that its scaled multiplier went in an
+    iteration with the way that the split itself went, and R does so for all of them, in the
+    metric of the penalties: R² = Σμᵢ‖Δdᵢ‖² / Σμᵢ‖Δxᵢ‖². Residual balancing (`boyd2011`,
+    § 3.4.1; `he2000`) keeps such a ratio near one. Here, after every check,
+
+    - all penalties grow by `growth` while R exceeds `target`: they start small, where the
+      measurement is met at once, and end where the splits agree;
+    - each is multiplied by (Rᵢ/R)^`rate`, at most by `limit`, so that no split is left behind.
+
+    After `span` iterations the penalties stay as they are, without which ADMM need not
+    converge (`he2000`). `docs/decisions/0002-penalties.md` has what was measured.
+    """
+
+    growth: float = 1.31
+    target: float = 0.7
+    rate: float = 0.34
+    limit: float = 1.46
+    span: int = 100
+
+    def next(self, penalties: Penalties, sums: list[PassSums], iteration: int) -> Penalties:
+        """Penalties after `iteration`, from the sums of every channel's last pass."""
+        if iteration > self.span:
+            return penalties
+        turned = [sum(each.multiplier_change[k] for each in sums) for k in range(3)]
+        moved = [sum(each.change[k] for each in sums) for k in range(3)]
+        all_turned = sum(mu * d for mu, d in zip(penalties, turned, strict=True))
+        all_moved = sum(mu * x for mu, x in zip(penalties, moved, strict=True))
+        if not (all_turned > 0 and all_moved > 0):
+            return penalties
+        ratio = math.sqrt(all_turned / all_moved)
+        growth = self.growth if ratio > self.target else 1.0
+        first, second, third = (
+            mu * growth * self._step(d, x, ratio)
+            for mu, d, x in zip(penalties, turned, moved, strict=True)
+        )
+        return first, second, third
+
+    def _step(self, turned: float, moved: float, ratio: float) -> float:
+        if turned == 0 or moved == 0:
+            return 1.0
+        step = math.pow(math.sqrt(turned / moved) / ratio, self.rate)
+        return min(max(step, 1 / self.limit), self.limit)
 
 
 @dataclass
@@ -39,7 +94,7 @@ class AdmmState:
     penalties
         μ₁, μ₂, μ₃ of the next solve.
     sums
-        Of every channel, from the last iteration that was looked at; empty before the first.
+        Of every channel, from the last convergence check; empty before the first.
     iteration
         How many were done.
     fills_view
@@ -57,7 +112,7 @@ class AdmmState:
         """Start of a run: the uniform scene that fits best where that explains most, or zero."""
         levels = _uniform_levels(problem)
         scenes = [problem.data.new_full(problem.scene_shape[1:], level) for level in levels]
-        return cls._at(problem, scenes, START if penalties is None else penalties, levels)
+        return cls._at(problem, scenes, _START if penalties is None else penalties, levels)
 
     @classmethod
     def at(cls, problem: Problem, scene: Tensor, penalties: Penalties) -> "AdmmState":
@@ -82,7 +137,7 @@ class AdmmState:
         splits = []
         for channel, each in enumerate(scenes):
             scene = problem.forward.embed(each)
-            measured = irfft2(rfft2(scene) * problem.transfer(channel), geometry.period)
+            measured = irfft2(rfft2(scene) * problem.transfer(channel), geometry.padded)
             splits.append(_split(problem, channel, measured, scene))
         return cls(splits, _of_splits(penalties, splits), [], fills_view=min(levels) > 0)
 
@@ -109,7 +164,7 @@ class AdmmState:
         Parameters
         ----------
         problem
-            With the measurement, of the same sizes; x is the light on the sensor as it stands.
+            With the measurement, of the same sizes; x is the light on the sensor so far.
         """
         missed = total = 0.0
         for channel, split in enumerate(self.splits):
@@ -121,8 +176,8 @@ class AdmmState:
             total += weight * float(data.square().sum())
         return math.sqrt(missed / total)
 
-    def kept(self) -> float:
-        """Fraction of the scene's light in the period that falls onto the sensor, as it stands."""
+    def fraction_on_sensor(self) -> float:
+        """Fraction of the scene's light in the padded shape that falls onto the sensor so far."""
         total = on_sensor = 0.0
         for split in self.splits:
             top, left, height, width = split.sensor
@@ -131,7 +186,7 @@ class AdmmState:
         return on_sensor / total if total > 0 else 1.0
 
     def move_(self, problem: Problem, change: Tensor) -> None:
-        """Add to the scene what another method found: to every split, with its multiplier kept.
+        """Add to the scene another method's correction: to every split, with its multiplier kept.
 
         On the sensor x stays: it is held by the measurement, and v comes to it.
 
@@ -146,12 +201,12 @@ class AdmmState:
         top, left, height, width = geometry.sensor
         for channel, split in enumerate(self.splits):
             scene = problem.forward.embed(change[channel])
-            image = irfft2(rfft2(scene) * problem.transfer(channel), geometry.period)
+            image = irfft2(rfft2(scene) * problem.transfer(channel), geometry.padded)
             image[top : top + height, left : left + width] = 0
             split.measured += image
             split.scene += scene
             if split.tv > 0:
-                rows, columns = FiniteDifference(geometry.period)(scene)
+                rows, columns = FiniteDifference(geometry.padded)(scene)
                 split.rows += rows
                 split.columns += columns
 
@@ -161,7 +216,7 @@ class AdmmState:
 
     def arrays(self) -> dict[str, Tensor]:
         """All of it as named tensors, for a state file."""
-        held = {
+        arrays = {
             f"{name}_{channel}": getattr(split, name)
             for channel, split in enumerate(self.splits)
             for name in _ARRAYS
@@ -176,7 +231,7 @@ class AdmmState:
             for each in self.sums
         ]
         return {
-            **held,
+            **arrays,
             "penalties": torch.tensor(self.penalties, dtype=torch.float64),
             "sums": torch.stack(sums) if sums else torch.zeros(0, dtype=torch.float64),
             "iteration": torch.tensor(self.iteration),
@@ -238,7 +293,7 @@ def _size(array: Tensor) -> str:
 def _split(problem: Problem, channel: int, measured: Tensor, scene: Tensor) -> SplitState:
     geometry = problem.forward.geometry
     tv = problem.tau if problem.prior in (Prior.TV, Prior.ISOTROPIC_TV) else 0.0
-    gradient = FiniteDifference(geometry.period)(scene) if tv > 0 else scene.new_empty(2, 0, 0)
+    gradient = FiniteDifference(geometry.padded)(scene) if tv > 0 else scene.new_empty(2, 0, 0)
     data, valid = _measurement(problem, channel)
     return SplitState(
         data=data,

@@ -57,8 +57,8 @@ def fista(
     history: list[dict[str, float]] = []
     stop_reason: StopReason = "iteration limit"
     for iteration in range(1, iterations + 1):
-        misfit = torch.where(problem.valid, forward(y) - problem.data, 0)
-        before, v = v, proximal(y - forward.adjoint(misfit) / lipschitz)
+        residual = torch.where(problem.valid, forward(y) - problem.data, 0)
+        before, v = v, proximal(y - forward.adjoint(residual) / lipschitz)
         following = (1 + math.sqrt(1 + 4 * momentum**2)) / 2
         y = v + (momentum - 1) / following * (v - before)
         momentum = following
@@ -94,12 +94,12 @@ def fista(
 
 
 class _Proximal:
-    """argmin ½‖x − z‖² + weight·R(x) over x ≥ 0, on the scene's cells, with a warm dual."""
+    """argmin ½‖x − z‖² + weight·R(x) over x ≥ 0, on the scene's pixels, with a warm dual."""
 
     def __init__(self, problem: Problem, weight: float) -> None:
         self._problem = problem
         self._weight = weight
-        self._difference = FiniteDifference(problem.forward.geometry.period)
+        self._difference = FiniteDifference(problem.forward.geometry.padded)
         self._dual: Tensor | None = None
 
     def __call__(self, z: Tensor) -> Tensor:
@@ -108,23 +108,23 @@ class _Proximal:
             return (z - self._weight).clamp_min(0)
         if prior is Prior.NONE or self._weight == 0:
             return z.clamp_min(0)
-        period = self._problem.forward.embed(z)
-        dual = self._dual if self._dual is not None else self._difference(period) * 0
+        padded = self._problem.forward.embed(z)
+        dual = self._dual if self._dual is not None else self._difference(padded) * 0
         ahead, momentum = dual, 1.0
         for _ in range(_INNER):
             # ‖Ψ‖² ≤ 8, so 1/8 is the step of the dual.
-            ascent = self._difference(self._primal(period, ahead)) / (8 * self._weight)
+            ascent = self._difference(self._primal(padded, ahead)) / (8 * self._weight)
             before, dual = dual, self._into_ball(ahead + ascent)
             following = (1 + math.sqrt(1 + 4 * momentum**2)) / 2
             ahead = dual + (momentum - 1) / following * (dual - before)
             momentum = following
         self._dual = dual
         top, left, height, width = self._problem.forward.geometry.scene
-        return self._primal(period, dual)[..., top : top + height, left : left + width]
+        return self._primal(padded, dual)[..., top : top + height, left : left + width]
 
-    def _primal(self, period: Tensor, dual: Tensor) -> Tensor:
+    def _primal(self, padded: Tensor, dual: Tensor) -> Tensor:
         top, left, height, width = self._problem.forward.geometry.scene
-        moved = period - self._weight * self._difference.adjoint(dual)
+        moved = padded - self._weight * self._difference.adjoint(dual)
         return self._problem.forward.embed(
             moved[..., top : top + height, left : left + width].clamp_min(0)
         )

@@ -1,4 +1,4 @@
-"""The reconstruction problem of eq. 7, posed so that no constant factor matters."""
+"""The reconstruction problem of eq. 7, normalised so that no constant factor matters."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -43,7 +43,7 @@ class Problem:
     either scale exactly, and τ need not change with it. `unscale` takes such a scene back
     to measurement over PSF.
 
-    Make one with `Problem.pose`.
+    Make one with `Problem.build`.
     """
 
     forward: CroppedConvolution = field(repr=False)
@@ -58,17 +58,17 @@ class Problem:
     psf_norm: Tensor = field(repr=False)
 
     @classmethod
-    def pose(
+    def build(
         cls,
         psf: Plane,
         data: Plane,
         *,
         valid: Plane | None = None,
-        region: Support | None = None,
+        support: Support | None = None,
         tau: float = 1e-4,
         prior: Prior | str = Prior.TV,
     ) -> "Problem":
-        """Normalise PSF and measurement and lay out the transforms.
+        """Normalise PSF and measurement, and transform the PSF.
 
         Arrays may be tensors or NumPy's; those become float32. No gradient goes through a solver.
 
@@ -81,7 +81,7 @@ class Problem:
             `(channels, height, width)` or `(height, width)`, linear, background removed.
         valid
             Like `data`, bool: False where a pixel is to be left out of the fit (saturated).
-        region
+        support
             Pixels of the sensor's frame that light can come from: a `Region`, (height, width)
             around the sensor's middle, or (top, left, height, width); None for no limit.
         tau
@@ -94,7 +94,7 @@ class Problem:
         DataError
             If shapes, types or devices do not fit, or PSF or data hold NaN or nothing but zeros.
         OptionError
-            If `tau`, `prior` or `region` is none, or no light from the support reaches the sensor.
+            If `tau`, `prior` or `support` is none, or no light from the support reaches the sensor.
         """
         tau, prior = weight_of(tau), one_of(Prior, prior, "prior")
         psf, data = channels_of(psf, "PSF"), channels_of(data, "measurement")
@@ -103,7 +103,7 @@ class Problem:
         precision = torch.promote_types(psf.dtype, data.dtype)
         psf, data = psf.to(precision), data.to(precision)
         sensor = (data.shape[-2], data.shape[-1])
-        forward = CroppedConvolution(psf, sensor, region_of(region, sensor))
+        forward = CroppedConvolution(psf, sensor, region_of(support, sensor))
         top, left, height, width = forward.geometry.psf
         psf_norm = _norm(psf[:, top : top + height, left : left + width], "the PSF")
         data = torch.where(valid, data, 0)
@@ -120,12 +120,12 @@ class Problem:
         )
 
     def measuring(self, data: Plane, valid: Plane | None = None) -> "Problem":
-        """The same problem for another measurement: no transform is laid out again.
+        """The same problem for another measurement: the PSF is not transformed again.
 
         Parameters
         ----------
         data, valid
-            As `pose` takes them, of the same sizes.
+            As `build` takes them, of the same sizes.
 
         Raises
         ------
@@ -151,9 +151,9 @@ class Problem:
         return self.data.shape[0]
 
     @property
-    def cells(self) -> int:
-        """Cells of the transforms' period, those of all channels together."""
-        return self.channels * math.prod(self.forward.geometry.period)
+    def padded_pixels(self) -> int:
+        """Pixels of the padded shape, those of all channels together."""
+        return self.channels * math.prod(self.forward.geometry.padded)
 
     @property
     def scene_shape(self) -> tuple[int, int, int]:
@@ -168,7 +168,7 @@ class Problem:
         surroundings.
         """
         geometry, sensor = self.forward.geometry, self.forward.sensor
-        if self.forward.region is not None:
+        if self.forward.support is not None:
             return (0, 0, geometry.scene[2], geometry.scene[3])
         return (-geometry.origin[0], -geometry.origin[1], *sensor)
 
@@ -191,12 +191,12 @@ class Problem:
         residual
             Of this scene, where it is known.
         """
-        misfit = self.residual(scene) if residual is None else residual
-        value = 0.5 * misfit.double().square().sum() + self.tau * self.regulariser(scene)
+        left = self.residual(scene) if residual is None else residual
+        value = 0.5 * left.double().square().sum() + self.tau * self.regulariser(scene)
         return float(value) / self.channels
 
     def regulariser(self, scene: Tensor) -> Tensor:
-        """R(v) of the whole period, so with the step to zero at a support's edge; float64."""
+        """R(v) of the whole padded shape, so with the step to zero at a support's edge; float64."""
         if self.prior is Prior.NONE:
             return scene.new_zeros((), dtype=torch.float64)
         if self.prior is Prior.L1:
@@ -206,9 +206,9 @@ class Problem:
         return torch.stack(channels).sum()
 
     def _variation(self, scene: Tensor) -> Tensor:
-        # Differences of the whole period are zero further than a cell from the scene.
-        whole = self.forward.geometry.period
-        size = [min(n + 2, period) for n, period in zip(scene.shape, whole, strict=True)]
+        # Differences of the whole padded shape are zero further than a pixel from the scene.
+        whole = self.forward.geometry.padded
+        size = [min(n + 2, most) for n, most in zip(scene.shape, whole, strict=True)]
         framed = scene.new_zeros(size)
         top, left = (int(n < m) for n, m in zip(scene.shape, size, strict=True))
         framed[top : top + scene.shape[0], left : left + scene.shape[1]] = scene

@@ -7,13 +7,11 @@ import torch
 
 from nolens.camera import Measurement
 from nolens.solvers.admm import RELAXATION, admm
-from nolens.solvers.admm_state import AdmmState
+from nolens.solvers.admm_state import AdmmState, Balance, Penalties
 from nolens.solvers.fista import fista
 from nolens.solvers.inputs import Plane, Support, tensor_of
-from nolens.solvers.penalties import Balance, Penalties
 from nolens.solvers.problem import Prior, Problem
-from nolens.solvers.quality import STOPS, Quality, Stop
-from nolens.solvers.result import Callback, Result
+from nolens.solvers.result import STOPS, Callback, Quality, Result, Stop
 from nolens.solvers.stream import FOLLOWING, Stream
 from nolens.solvers.wiener import wiener
 
@@ -26,15 +24,15 @@ class Method(StrEnum):
     WIENER = "wiener"
 
 
-TAU = {Method.ADMM: 1e-4, Method.FISTA: 1e-4, Method.WIENER: 0.1}
+_TAU = {Method.ADMM: 1e-4, Method.FISTA: 1e-4, Method.WIENER: 0.1}
 """Weight of the prior where none is given."""
 SPARE = {Method.ADMM: 4, Method.FISTA: 4, Method.WIENER: 1}
 """How many times finer than what the PSF carries the pixels of the scene are worth to be: what is
 assumed of a scene finds edges between what the PSF carries; Wiener's filter does not."""
 _STOP = {
     Method.ADMM: STOPS[Quality.PHOTO],
-    Method.FISTA: Stop(300, tolerance=1e-4, scene_tolerance=0.0, smooth_part=False),
-    Method.WIENER: Stop(1, tolerance=0.0, scene_tolerance=0.0, smooth_part=False),
+    Method.FISTA: Stop(300, tolerance=1e-4, scene_tolerance=0.0, low_frequency=False),
+    Method.WIENER: Stop(1, tolerance=0.0, scene_tolerance=0.0, low_frequency=False),
 }
 
 
@@ -44,7 +42,7 @@ def stop_of(
     *,
     iterations: int | None = None,
     tolerance: float | None = None,
-    smooth_part: bool | None = None,
+    low_frequency: bool | None = None,
 ) -> Stop:
     """When a solver stops: its own limits or those of a quality, with what is given in their place.
 
@@ -54,7 +52,7 @@ def stop_of(
         The solver.
     quality
         Of ADMM's picture; None takes the method's own limits.
-    iterations, tolerance, smooth_part
+    iterations, tolerance, low_frequency
         See `Stop`; a tolerance stands in place of both of its.
     """
     stop = _STOP[method]
@@ -64,8 +62,8 @@ def stop_of(
         stop = replace(stop, tolerance=tolerance, scene_tolerance=0.0)
     if iterations is not None:
         stop = replace(stop, iterations=iterations)
-    if smooth_part is not None:
-        stop = replace(stop, smooth_part=smooth_part)
+    if low_frequency is not None:
+        stop = replace(stop, low_frequency=low_frequency)
     return stop
 
 
@@ -80,11 +78,11 @@ class Reconstructor:
     ----------
     psf
         ``(channels, height, width)``, of the sensor's size or larger, background removed.
-    region
-        Pixels of the sensor's frame that light can come from, as `Problem.pose` takes it; None
+    support
+        Pixels of the sensor's frame that light can come from, as `Problem.build` takes it; None
         for no limit.
     tau
-        Weight of the prior in normalised units, ≥ 0; None takes the method's own (`TAU`).
+        Weight of the prior in normalised units, ≥ 0; None takes the method's own (`_TAU`).
     prior
         What the scene is assumed to be like; the Wiener filter has its own.
     method
@@ -98,7 +96,7 @@ class Reconstructor:
     """
 
     psf: Plane = field(repr=False)
-    region: Support | None = None
+    support: Support | None = None
     tau: float | None = None
     prior: Prior | str = Prior.TV
     method: Method = Method.ADMM
@@ -111,7 +109,7 @@ class Reconstructor:
     @property
     def weight(self) -> float:
         """τ, given or the method's own."""
-        return TAU[self.method] if self.tau is None else self.tau
+        return _TAU[self.method] if self.tau is None else self.tau
 
     @property
     def limits(self) -> Stop:
@@ -119,7 +117,7 @@ class Reconstructor:
         return stop_of(self.method) if self.stop is None else self.stop
 
     def problem(self, measured: Measurement | Plane, valid: Plane | None = None) -> Problem:
-        """What is to be solved for a measurement, normalised (`Problem.pose`).
+        """What is to be solved for a measurement, normalised (`Problem.build`).
 
         Parameters
         ----------
@@ -131,14 +129,14 @@ class Reconstructor:
         Raises
         ------
         NolensError
-            As `Problem.pose`.
+            As `Problem.build`.
         """
         values, usable = _parts(measured, valid)
-        return Problem.pose(
+        return Problem.build(
             tensor_of(self.psf, "PSF").to(self.device),
             tensor_of(values, "measurement").to(self.device),
             valid=None if usable is None else tensor_of(usable, "mask").to(self.device),
-            region=self.region,
+            support=self.support,
             tau=self.weight,
             prior=self.prior,
         )
@@ -180,7 +178,7 @@ class Reconstructor:
             iterations=stop.iterations,
             tolerance=stop.tolerance,
             scene_tolerance=stop.scene_tolerance,
-            smooth_part=stop.smooth_part,
+            low_frequency=stop.low_frequency,
             penalties=self.penalties,
             balance=self.balance,
             relaxation=self.relaxation,
@@ -209,7 +207,7 @@ class Reconstructor:
 
     def for_iterations(self, count: int) -> "Reconstructor":
         """The same by ADMM with so many iterations, whatever comes of them."""
-        return replace(self, stop=Stop(count, 0.0, 0.0, smooth_part=False))
+        return replace(self, stop=Stop(count, 0.0, 0.0, low_frequency=False))
 
 
 def _parts(measured: Measurement | Plane, valid: Plane | None) -> tuple[Plane, Plane | None]:

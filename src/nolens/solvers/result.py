@@ -1,12 +1,45 @@
-"""What a solver tells while it runs, and what it hands back."""
+"""When a solver stops, what it reports while it runs, and what it hands back."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Literal
 
 from torch import Tensor
 
 StopReason = Literal["converged", "iteration limit", "callback", "one shot"]
+
+
+class Quality(StrEnum):
+    """What a picture is for.
+
+    `DRAFT` is one pass of the Wiener filter; for the others ADMM goes on until a `Stop`.
+    """
+
+    DRAFT = "draft"
+    PHOTO = "photo"
+    EXACT = "exact"
+
+
+@dataclass(frozen=True)
+class Stop:
+    """When ADMM stops; the parameters are `admm`'s of these names."""
+
+    iterations: int
+    tolerance: float
+    scene_tolerance: float
+    low_frequency: bool
+
+
+STOPS = {
+    Quality.PHOTO: Stop(200, tolerance=0.0, scene_tolerance=1e-2, low_frequency=False),
+    Quality.EXACT: Stop(5000, tolerance=1e-4, scene_tolerance=0.0, low_frequency=True),
+}
+"""A photo is done when it will no longer change visibly: by 1 % of its norm, as its last steps
+predict. Exact means that all relative residuals are at most 1e-4; the low-frequency part of a scene
+that fills the view is then solved for directly. A photo leaves that out: it is where a PSF that is
+not quite the camera's leads furthest astray (decision 7)."""
 
 
 @dataclass(frozen=True)
@@ -99,3 +132,42 @@ class Result:
             f"Result(scene {scene}, objective {self.objective:.4g}, {self.iterations} iterations, "
             f"{self.stop_reason})"
         )
+
+
+def has_converged(history: list[dict[str, float]], tolerance: float) -> bool:
+    """Whether the picture has at most tolerance · ‖w‖ still to go, and residuals agree.
+
+    Parameters
+    ----------
+    history
+        Rows of the convergence checks (`Progress.row`), one or more.
+    tolerance
+        Relative; a third of it for the residuals.
+    """
+    last = history[-1]
+    residual = max(last["primal_residual"], last["dual_residual"])
+    return still_to_go(history) <= tolerance and residual <= tolerance / 3
+
+
+def still_to_go(history: list[dict[str, float]]) -> float:
+    """Distance that the picture still has to go, relative to ‖w‖, if it goes on as it did.
+
+    Steps c that shrink by the factor ρ from iteration to iteration have cρ/(1 − ρ) before them. ρ
+    is taken from the last check and the one two before, as single checks scatter. Infinite where
+    the steps do not shrink, or fewer checks were made.
+
+    Parameters
+    ----------
+    history
+        Rows of the convergence checks (`Progress.row`).
+    """
+    if len(history) < 3:
+        return math.inf
+    before, now = history[-3], history[-1]
+    if now["scene_change"] == 0:
+        return 0.0
+    if before["scene_change"] <= now["scene_change"]:
+        return math.inf
+    span = now["iteration"] - before["iteration"]
+    rate = math.pow(now["scene_change"] / before["scene_change"], 1 / span)
+    return now["scene_change"] * rate / (1 - rate)

@@ -1,29 +1,30 @@
-"""A sequence of measurements, each reconstructed from where the one before it ended."""
+"""A sequence of measurements, each reconstructed from where the one before it ended; live, too."""
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from threading import Condition, Thread
+from types import TracebackType
 
 import torch
 from torch import Tensor
 
-from nolens.errors import DivergenceError, OptionError
-from nolens.solvers.admm import RELAXATION, AdmmRun, admm, stands
-from nolens.solvers.admm_state import AdmmState
+from nolens.errors import DivergenceError, NolensError, OptionError
+from nolens.solvers.admm import RELAXATION, AdmmRun, admm
+from nolens.solvers.admm_state import CHECK_EVERY, AdmmState, Balance, Penalties
+from nolens.solvers.corrections import gain_corrected
 from nolens.solvers.inputs import Plane
-from nolens.solvers.level import levelled
-from nolens.solvers.penalties import LOOK, Balance, Penalties
 from nolens.solvers.problem import Problem
-from nolens.solvers.quality import STOPS, Quality
-from nolens.solvers.result import Progress
+from nolens.solvers.result import STOPS, Progress, Quality, has_converged
 from nolens.solvers.wiener import wiener
 
-WARM: Penalties = (1.0, 3.0, 1.0)
+_WARM: Penalties = (1.0, 3.0, 1.0)
 """Penalties that a frame starts from: small enough to follow what moves (decision 7)."""
-WARM_FEW: Penalties = (1.0, 10.0, 3.0)
+_WARM_FEW: Penalties = (1.0, 10.0, 3.0)
 """The same for less than four iterations, which have no time to lose the noise in."""
-WARM_SPILLING: Penalties = (0.3, 3.0, 1.0)
+_WARM_SPILLING: Penalties = (0.3, 3.0, 1.0)
 """The same where the sensor misses much of the light: what falls beside it is then the old one."""
-_KEPT = 0.75
+_MOST_LIGHT = 0.75
 """Fraction of the light on the sensor from which on the first two are better."""
 _CUT, _CUT_TIMES = 0.25, 2.0
 """A frame that the picture before it misses by more than this fraction, and by more than so many
@@ -106,7 +107,7 @@ class Stream:
         Parameters
         ----------
         data, valid
-            As `Problem.pose` takes them.
+            As `Problem.build` takes them.
 
         Raises
         ------
@@ -145,8 +146,8 @@ class Stream:
     def _next(self, run: AdmmRun, problem: Problem, deadline: "_Deadline") -> tuple[Tensor, int]:
         """The same for a frame that goes on from the one before, or from a cut."""
         before, self._residual = self._residual, run.state.residual(problem)
-        warm = WARM if self._iterations >= LOOK else WARM_FEW
-        penalties = warm if run.state.kept() > _KEPT else WARM_SPILLING
+        warm = _WARM if self._iterations >= CHECK_EVERY else _WARM_FEW
+        penalties = warm if run.state.fraction_on_sensor() > _MOST_LIGHT else _WARM_SPILLING
         if self._residual > 1 or self._residual > max(_CUT, _CUT_TIMES * before):
             run = self._run = _from_wiener(problem, penalties)
         else:
@@ -154,14 +155,91 @@ class Stream:
         state = run.state
         history: list[dict[str, float]] = []
         while state.iteration < self._iterations:
-            progress = run.to_look(self._iterations)
+            progress = run.to_check(self._iterations)
             history.append(progress.row())
-            if deadline(progress) or stands(history, _STOP.scene_tolerance):
+            if deadline(progress) or has_converged(history, _STOP.scene_tolerance):
                 break
         scene = state.scene()
         if state.fills_view:
-            scene, _ = levelled(problem, scene)
+            scene, _ = gain_corrected(problem, scene)
         return scene, state.iteration
+
+
+class Live:
+    """Solves the newest frame of a camera, always, in a thread of its own.
+
+    One frame waits at most. A newer one takes its place, and the older is counted as dropped: what
+    is displayed is never older than the frame in work and the one that waits, and memory does not
+    grow, however slow the solver is. Frames that cannot be solved for are counted as refused.
+
+    Used as a context; at its end the frame that waits is still solved.
+
+    Parameters
+    ----------
+    stream
+        What solves; nobody else may use it meanwhile.
+    show
+        Called with every picture, in the thread of the solver. What it raises ends the thread, and
+        is raised again at the end of the context.
+    """
+
+    def __init__(self, stream: Stream, show: Callable[[Frame], None]) -> None:
+        self.dropped = 0
+        self.refused = 0
+        self._stream, self._show = stream, show
+        self._waiting: tuple[Plane, Plane | None] | None = None
+        self._ending = False
+        self._failure: BaseException | None = None
+        self._changed = Condition()
+        self._thread = Thread(target=self._work, name="nolens-live", daemon=True)
+
+    def __enter__(self) -> "Live":
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        with self._changed:
+            self._ending = True
+            self._changed.notify()
+        self._thread.join()
+        if self._failure is not None and error is None:
+            raise self._failure
+
+    def offer(self, data: Plane, valid: Plane | None = None) -> None:
+        """Hand over the newest frame, and return at once.
+
+        Parameters
+        ----------
+        data, valid
+            As `Stream.solve` takes them; not to be changed afterwards.
+        """
+        with self._changed:
+            self.dropped += self._waiting is not None
+            self._waiting = data, valid
+            self._changed.notify()
+
+    def _next(self) -> tuple[Plane, Plane | None] | None:
+        with self._changed:
+            self._changed.wait_for(lambda: self._waiting is not None or self._ending)
+            frame, self._waiting = self._waiting, None
+            return frame
+
+    def _work(self) -> None:
+        try:
+            while (frame := self._next()) is not None:
+                try:
+                    solved = self._stream.solve(*frame)
+                except NolensError:
+                    self.refused += 1
+                    continue
+                self._show(solved)
+        except BaseException as failure:
+            self._failure = failure
 
 
 def _from_wiener(problem: Problem, penalties: Penalties) -> AdmmRun:
@@ -170,8 +248,8 @@ def _from_wiener(problem: Problem, penalties: Penalties) -> AdmmRun:
     """
     scene = wiener(replace(problem, tau=_WIENER_TAU)).scene / problem.scale
     light = torch.where(problem.valid, problem.forward(scene), 0)
-    met, total = (light * problem.data).sum((-2, -1)), light.square().sum((-2, -1))
-    brightness = (met / total.clamp_min(1e-30)).clamp_min(0)
+    overlap, total = (light * problem.data).sum((-2, -1)), light.square().sum((-2, -1))
+    brightness = (overlap / total.clamp_min(1e-30)).clamp_min(0)
     state = AdmmState.at(problem, scene * brightness[:, None, None], penalties)
     return AdmmRun(problem, state, balance=Balance(), relaxation=RELAXATION)
 
@@ -186,6 +264,6 @@ class _Deadline:
     def __call__(self, progress: Progress) -> bool:
         now = time.perf_counter()
         # The last stretch also has to undo the scaling, so twice the time of one is kept.
-        ahead = now + 2 * (now - self._last) if progress.iteration > LOOK else now
+        ahead = now + 2 * (now - self._last) if progress.iteration > CHECK_EVERY else now
         self._last = now
         return self._end is not None and ahead > self._end

@@ -12,11 +12,11 @@ from nolens.solvers.problem import Problem
 from nolens.solvers.result import Result
 
 _ROWS = 64
-"""Rows of the spectrum that are worked on while they are in the cache."""
+"""Rows of the spectrum that are processed while they are in the cache."""
 
 
 def wiener(problem: Problem) -> Result:
-    r"""Minimise ½‖Cᵀb − Mv‖² + τ/2 ‖v‖² over the period, then clip to v ≥ 0 and the support.
+    r"""Minimise ½‖Cᵀb − Mv‖² + τ/2 ‖v‖² over the padded shape, then clip to v ≥ 0 and the support.
 
     v = F⁻¹[ conj(H) F(Cᵀb) / (|H|² + τ) ], with the measurement zero beside the sensor and at
     pixels that are not valid (`wiener1949`). As the PSF has unit norm, |H|² is 1 on average.
@@ -49,18 +49,18 @@ def wiener(problem: Problem) -> Result:
 def _solve_channel(problem: Problem, channel: int, spectrum: Tensor, out: Tensor) -> float:
     """Put a channel's normalised scene into `out`; its objective. `spectrum` is memory."""
     geometry, data = problem.forward.geometry, problem.data[channel]
-    rfft2_window(data, geometry.sensor[:2], geometry.period, spectrum)
+    rfft2_window(data, geometry.sensor[:2], geometry.padded, spectrum)
     # Half spectra leave out the mirrors of all columns but the first and an even width's last.
     twice = torch.full((spectrum.shape[1],), 2.0, dtype=torch.float64, device=data.device)
-    twice[[0, -1] if geometry.period[1] % 2 == 0 else [0]] = 1.0
+    twice[[0, -1] if geometry.padded[1] % 2 == 0 else [0]] = 1.0
     power = torch.zeros_like(twice)
     both = (torch.split(each, _ROWS) for each in (spectrum, problem.transfer(channel)))
     for part, transfer in zip(*both, strict=True):
         inverse = _power(transfer).add_(problem.tau).reciprocal_()
         power += (_power(part) * inverse).sum(dim=0, dtype=torch.float64)
         part *= transfer.conj() * inverse
-    objective = problem.tau / 2 * float((power * twice).sum()) / math.prod(geometry.period)
-    scene = irfft2_window_(spectrum, geometry.scene, geometry.period)
+    objective = problem.tau / 2 * float((power * twice).sum()) / math.prod(geometry.padded)
+    scene = irfft2_window_(spectrum, geometry.scene, geometry.padded)
     torch.clamp_min(scene, 0, out=out)
     return objective
 

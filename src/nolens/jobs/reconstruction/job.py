@@ -49,7 +49,7 @@ def reconstruct(run: Run[ReconstructOptions]) -> Product[Tensor]:
     stop, tau = reconstructor.limits, reconstructor.weight
     problem = reconstructor.problem(measurement)
     window = crop_window(options, problem)
-    announce_memory(admm_bytes(problem.cells), reporter)
+    announce_memory(admm_bytes(problem.padded_pixels), reporter)
     state, about = None, about_run(options, run.inputs, tau)
     if method is Method.ADMM:
         state = resumed(problem, options, about)
@@ -86,8 +86,8 @@ def reconstruct(run: Run[ReconstructOptions]) -> Product[Tensor]:
         "iterations": stop.iterations,
         "tolerance": stop.tolerance,
         "scene_tolerance": stop.scene_tolerance,
-        "smooth_part": stop.smooth_part,
-        "period": list(problem.forward.geometry.period),
+        "low_frequency": stop.low_frequency,
+        "period": list(problem.forward.geometry.padded),
         "channel_names": list(measurement.channels),
         "threads": torch.get_num_threads(),
     }

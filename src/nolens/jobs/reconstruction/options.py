@@ -171,7 +171,7 @@ class ReconstructOptions(JobOptions):
         Annotated[float, Between(0, 1)] | None,
         Option("Relative residual at which to stop, instead of the preset's rule.", SOLVER),
     ] = None
-    smooth_part: Annotated[
+    low_frequency: Annotated[
         bool | None,
         Option(
             "Low-frequency correction: solve directly for the shading of a scene that fills the "

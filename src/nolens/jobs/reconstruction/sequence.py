@@ -163,7 +163,7 @@ class _Work:
         problem = reconstructor.problem(measurement)
         self.tau = reconstructor.weight
         self._window = crop_window(options, problem)
-        announce_memory(admm_bytes(problem.cells), self.run.reporter)
+        announce_memory(admm_bytes(problem.padded_pixels), self.run.reporter)
         latency = None if options.latency is None else options.latency.s
         each = {} if options.iterations is None else {"iterations": options.iterations}
         return reconstructor.stream(problem, latency_s=latency, **each), measurement

@@ -7,7 +7,7 @@ from nolens.errors import OptionError
 from nolens.jobs.reconstruction.options import ReconstructOptions
 from nolens.operators import Region
 from nolens.solvers import Method, Quality, Reconstructor, stop_of
-from nolens.solvers.penalties import Balance
+from nolens.solvers.admm_state import Balance
 
 
 def method_of(options: ReconstructOptions) -> Method:
@@ -54,7 +54,7 @@ def reconstructor_of(
             options.quality,
             iterations=options.iterations,
             tolerance=options.tolerance,
-            smooth_part=options.smooth_part,
+            low_frequency=options.low_frequency,
         ),
         penalties=options.penalties,
         balance=Balance() if options.balance else None,

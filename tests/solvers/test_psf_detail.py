@@ -7,7 +7,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nolens.operators.psf_detail import finest_detail
+from nolens.solvers.development import finest_detail
 
 
 def blurred_spots(sigma: float, size: tuple[int, int] = (300, 380)) -> torch.Tensor:

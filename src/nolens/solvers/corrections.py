@@ -1,4 +1,4 @@
-"""The low-frequency part of a scene, solved for by itself: what ADMM is slowest at."""
+"""What ADMM is slowest at in a scene that fills the view: its gain and its low frequencies."""
 
 import math
 from dataclasses import dataclass
@@ -11,16 +11,43 @@ from nolens.kernels import irfft2
 from nolens.operators import CroppedConvolution, FiniteDifference, Region
 from nolens.solvers.problem import Prior, Problem
 
-MODES = 8
+_MODES = 8
 """Cosines along each side of the scene."""
-_CELLS_PER_HALF_WAVE = 3
+_PIXELS_PER_HALF_WAVE = 3
 _STEPS = 2
 _SHORTEST = 0.2
 _FLAT = 0.1
 """Differences below this fraction of their mean count as it, in the weights of the variation."""
 
 
-class SmoothPart:
+def gain_corrected(problem: Problem, scene: Tensor) -> tuple[Tensor, float]:
+    """Every channel times the factor f that minimises the objective, and the objective.
+
+    The iterate's mean is held by all pixels that it is seen through, and comes to rest last: it can
+    be some per cent off, each channel in its own way, when the picture has long been there. As all
+    priors are homogeneous, R(fv) = f R(v), the best factor is f = (⟨b, CMv⟩ − τR(v)) / ‖CMv‖²
+    where that is above zero.
+
+    Parameters
+    ----------
+    problem
+        In normalised units.
+    scene
+        `(channels, height, width)` in normalised units, non-negative.
+    """
+    fit = torch.where(problem.valid, problem.data - problem.residual(scene), 0).double()
+    priors = [problem.tau * problem.regulariser(channel[None]) for channel in scene]
+    prior = torch.stack(priors)
+    power = fit.square().sum(dim=(-2, -1)).clamp_min(1e-300)
+    factor = ((fit * problem.data).sum(dim=(-2, -1)) - prior) / power
+    if not bool((factor > 0).all()):
+        factor = torch.ones_like(factor)
+    residual = (problem.data - factor[:, None, None] * fit).square().sum(dim=(-2, -1))
+    objective = float((0.5 * residual + factor * prior).mean())
+    return factor.to(scene.dtype)[:, None, None] * scene, objective
+
+
+class LowFrequencyCorrection:
     r"""Minimises the objective of a problem over the low-frequency part of the scene.
 
     A scene that fills the view of a camera without aperture gives a glow that hardly depends on
@@ -45,7 +72,7 @@ class SmoothPart:
         height, width = problem.scene_shape[1:]
         self._rows = _cosines(height).to(problem.data)
         self._columns = _cosines(width).to(problem.data)
-        self._bin = max(1, min(height, width) // (_CELLS_PER_HALF_WAVE * MODES))
+        self._bin = max(1, min(height, width) // (_PIXELS_PER_HALF_WAVE * _MODES))
         self._responses = [
             _responses(problem, channel, self._bin) for channel in range(problem.forward.channels)
         ]
@@ -79,20 +106,20 @@ class SmoothPart:
         parts = []
         for channel, residual in enumerate(point.residual):
             which = channel % len(self._responses)
-            seen = _binned(residual, self._bin).flatten().double() * self._bin
+            binned = _binned(residual, self._bin).flatten().double() * self._bin
             curvature, slope = self._prior(point.scene[channel])
             # A trace of the identity, for cosines that neither data nor prior know.
             matrix = self._grams[which] + curvature
             matrix += 1e-12 * matrix.trace() * torch.eye(len(matrix)).to(matrix)
-            wanted = self._responses[which] @ seen - slope
-            amounts = torch.linalg.solve(matrix, wanted).to(residual.dtype)
-            parts.append(self._rows.T @ amounts.view(MODES, MODES) @ self._columns)
+            target = self._responses[which] @ binned - slope
+            amounts = torch.linalg.solve(matrix, target).to(residual.dtype)
+            parts.append(self._rows.T @ amounts.view(_MODES, _MODES) @ self._columns)
         return torch.stack(parts)
 
     def _prior(self, scene: Tensor) -> tuple[Tensor, Tensor]:
         """Curvature and slope of the prior along the cosines; float64."""
         prior, tau = self._problem.prior, self._problem.tau
-        none = torch.zeros(MODES * MODES, dtype=torch.float64, device=scene.device)
+        none = torch.zeros(_MODES * _MODES, dtype=torch.float64, device=scene.device)
         if prior is Prior.NONE or tau == 0:
             return torch.outer(none, none), none
         if prior is Prior.L1:
@@ -119,7 +146,7 @@ class SmoothPart:
         steep_rows, steep_columns = (
             _pooled(nnf.pad(each.diff(), (0, 1)), cells) for each in (self._rows, self._columns)
         )
-        total = torch.zeros(MODES**2, MODES**2, dtype=torch.float64, device=weight.device)
+        total = torch.zeros(_MODES**2, _MODES**2, dtype=torch.float64, device=weight.device)
         for each, across, along in (
             (pooled[0], steep_rows, columns),
             (pooled[1], rows, steep_columns),
@@ -144,15 +171,15 @@ class _Point:
 
 
 def _cosines(count: int) -> Tensor:
-    """(MODES, count) cosines of 0, 1, … half waves along `count` cells, of unit norm."""
+    """(_MODES, count) cosines of 0, 1, … half waves along `count` pixels, of unit norm."""
     place = (torch.arange(count, dtype=torch.float64) + 0.5) / count
-    waves = torch.cos(math.pi * torch.arange(MODES, dtype=torch.float64)[:, None] * place)
+    waves = torch.cos(math.pi * torch.arange(_MODES, dtype=torch.float64)[:, None] * place)
     unit: Tensor = waves / torch.linalg.vector_norm(waves, dim=1, keepdim=True)
     return unit
 
 
-def _pooled(waves: Tensor, cells: int) -> Tensor:
-    means: Tensor = nnf.avg_pool1d(waves[None], cells)[0]
+def _pooled(waves: Tensor, pixels: int) -> Tensor:
+    means: Tensor = nnf.avg_pool1d(waves[None], pixels)[0]
     return means.double()
 
 
@@ -166,7 +193,7 @@ def _responses(problem: Problem, channel: int, bin_by: int) -> Tensor:
     """AB of a channel on blocks of the sensor, times the block's side: (MODES², blocks); float64.
 
     The cosines are taken as constant over blocks of the scene. The PSF between blocks is then its
-    mean over all pairs of their cells, a triangle of f cells to either side.
+    mean over all pairs of their pixels, a triangle of f pixels to either side.
     """
     forward = problem.forward
     rows, columns = forward.sensor[0] // bin_by, forward.sensor[1] // bin_by
@@ -177,8 +204,10 @@ def _responses(problem: Problem, channel: int, bin_by: int) -> Tensor:
         -(-(top + height) // bin_by) - top // bin_by,
         -(-(left + width) // bin_by) - left // bin_by,
     )
-    reach = (rows + region.height + 1, columns + region.width + 1)
-    psf = _between_blocks(irfft2(forward.transfer[channel], forward.geometry.period), bin_by, reach)
+    extent = (rows + region.height + 1, columns + region.width + 1)
+    psf = _between_blocks(
+        irfft2(forward.transfer[channel], forward.geometry.padded), bin_by, extent
+    )
     coarse = CroppedConvolution(psf[None] * bin_by**2, (rows, columns), region)
     vertical = _on_blocks(_cosines(height), top - region.top * bin_by, region.height, bin_by)
     horizontal = _on_blocks(_cosines(width), left - region.left * bin_by, region.width, bin_by)
@@ -188,28 +217,28 @@ def _responses(problem: Problem, channel: int, bin_by: int) -> Tensor:
 
 
 def _on_blocks(waves: Tensor, start: int, blocks: int, bin_by: int) -> Tensor:
-    """Means over blocks of waves that begin at cell `start` of the first, zero beside them."""
+    """Means over blocks of waves that begin at pixel `start` of the first, zero beside them."""
     padded = nnf.pad(waves, (start, blocks * bin_by - start - waves.shape[1]))
     means: Tensor = nnf.avg_pool1d(padded[None], bin_by)[0]
     return means
 
 
-def _between_blocks(kernel: Tensor, bin_by: int, reach: tuple[int, int]) -> Tensor:
+def _between_blocks(kernel: Tensor, bin_by: int, extent: tuple[int, int]) -> Tensor:
     """Mean PSF from block to block, at offsets of up to `reach` blocks from the middle.
 
-    `kernel` is the PSF over the period, with zero shift at its first cell.
+    `kernel` is the PSF over the padded shape, with zero shift at its first pixel.
     """
-    for axis, blocks in zip((-2, -1), reach, strict=True):
-        period = kernel.shape[axis]
+    for axis, blocks in zip((-2, -1), extent, strict=True):
+        padded = kernel.shape[axis]
         offsets = torch.arange(-blocks, blocks + 1, device=kernel.device) * bin_by
         mean = torch.zeros_like(kernel.narrow(axis, 0, 1)).repeat_interleave(len(offsets), axis)
         for shift in range(1 - bin_by, bin_by):
-            share = (bin_by - abs(shift)) / bin_by**2
-            # Beyond half the period either way it is another offset's cell: nothing is there.
+            fraction = (bin_by - abs(shift)) / bin_by**2
+            # Beyond half the padded shape it is another offset's pixel: nothing is there.
             place = offsets + shift
-            there = (place >= -(period // 2)) & (place < period - period // 2)
-            cells = kernel.index_select(axis, place % period)
+            there = (place >= -(padded // 2)) & (place < padded - padded // 2)
+            pixels = kernel.index_select(axis, place % padded)
             mask = there.to(kernel).reshape((-1, 1) if axis == -2 else (1, -1))
-            mean += share * cells * mask
+            mean += fraction * pixels * mask
         kernel = mean
     return kernel

@@ -8,7 +8,7 @@ from posed import Case, pose
 
 from nolens.operators import CroppedConvolution, Region
 from nolens.solvers import Problem, admm
-from nolens.solvers.smooth_part import SmoothPart
+from nolens.solvers.corrections import LowFrequencyCorrection
 
 
 def full_view(channels: int = 1) -> tuple[Problem, torch.Tensor]:
@@ -22,7 +22,7 @@ def full_view(channels: int = 1) -> tuple[Problem, torch.Tensor]:
     scene = (0.3 + 0.7 * rows * columns + 0.2 * torch.cos(6 * rows)).expand(channels, -1, -1)
     region = Region.centred(side, side, sensor)
     data = CroppedConvolution(psf, sensor, region)(scene)
-    return Problem.pose(psf, data, region=region, tau=1e-7), scene
+    return Problem.build(psf, data, support=region, tau=1e-7), scene
 
 
 @pytest.mark.parametrize("channels", [1, 3])
@@ -31,7 +31,7 @@ def test_finds_a_shading_at_once(channels):
     problem, truth = full_view(channels)
     noise = 0.02 * torch.randn(truth.shape, generator=torch.Generator().manual_seed(4))
     grey = (truth.mean() + noise) / problem.scale
-    better, fell = SmoothPart(problem).improved(grey)
+    better, fell = LowFrequencyCorrection(problem).improved(grey)
     assert fell
     assert problem.objective(better) < 0.1 * problem.objective(grey)
     error = torch.linalg.vector_norm(problem.unscale(better) - truth)
@@ -41,11 +41,11 @@ def test_finds_a_shading_at_once(channels):
 def test_saves_iterations():
     problem, truth = full_view()
 
-    def error(iterations: int, smooth_part: bool) -> float:
-        scene = admm(problem, iterations=iterations, tolerance=0, smooth_part=smooth_part).scene
+    def error(iterations: int, low_frequency: bool) -> float:
+        scene = admm(problem, iterations=iterations, tolerance=0, low_frequency=low_frequency).scene
         return float(torch.linalg.vector_norm(scene - truth))
 
-    assert error(24, smooth_part=True) < 0.5 * error(200, smooth_part=False)
+    assert error(24, low_frequency=True) < 0.5 * error(200, low_frequency=False)
 
 
 @pytest.mark.parametrize("prior", ["tv", "isotropic-tv", "l1", "none"])
@@ -57,7 +57,7 @@ def test_objective_never_rises(prior, seed):
     )  # fmt: skip
     problem = pose(case).problem
     scene = torch.rand(problem.scene_shape, generator=torch.Generator().manual_seed(seed)) * 0.01
-    better, fell = SmoothPart(problem).improved(scene)
+    better, fell = LowFrequencyCorrection(problem).improved(scene)
     assert (better >= 0).all()
     assert fell == (problem.objective(better) < problem.objective(scene))
     assert fell or torch.equal(better, scene)
@@ -67,5 +67,5 @@ def test_is_left_alone_where_the_scene_does_not_fill_the_view():
     problem = pose(replace(Case(), region=Region(1, 2, 4, 5))).problem
     plain = admm(problem, iterations=30, tolerance=0)
     assert torch.equal(
-        admm(problem, iterations=30, tolerance=0, smooth_part=True).scene, plain.scene
+        admm(problem, iterations=30, tolerance=0, low_frequency=True).scene, plain.scene
     )
