@@ -1,6 +1,7 @@
-"""Numbers with their units as people read them: plain decimals, and µm."""
+"""Numbers as people and JSON read them: with units, plain decimals, µm, and some digits."""
 
 import math
+from typing import Any
 
 _UNITS = {"um": "µm", "us": "µs"}
 _LEAST = {"um": 1e-3, "nm": 1e-3, "mm": 1e-5, "deg": 1e-4, "%": 1e-3}
@@ -38,3 +39,20 @@ def _plain(value: float, unit: str, digits: int, sign: str) -> str:
     decimals = digits - 1 - math.floor(math.log10(abs(value)))
     text = f"{round(value, decimals):{sign}.{max(decimals, 0)}f}"
     return text.rstrip("0").rstrip(".") if decimals > 0 else text
+
+
+def rounded(value: Any, digits: int = 6) -> Any:
+    """Figures in values that JSON has, each number with some significant digits.
+
+    Parameters
+    ----------
+    value
+        Numbers, texts, lists and dicts of them; keys become text.
+    digits
+        Of every number that is no whole one.
+    """
+    if isinstance(value, float):
+        return float(f"{value:.{digits}g}")
+    if isinstance(value, dict):
+        return {str(key): rounded(each, digits) for key, each in value.items()}
+    return [rounded(each, digits) for each in value] if isinstance(value, list | tuple) else value

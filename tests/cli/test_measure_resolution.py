@@ -86,7 +86,7 @@ def test_two_points_on_raw_frames(captured: Path, tmp_path: Path) -> None:
     assert record["result"] == told and len(record["inputs"]) == 5 and record["warnings"] == []
     assert plot.read_bytes()[:4] == b"\x89PNG"
     # The same pictures give the same dips, whoever reconstructed them.
-    for scale in (("--camera", "small"), ("--cell-angle", "0.13908deg")):
+    for scale in (("--camera", "small"), ("--pixel-angle", "0.13908deg")):
         again = measured("two-points", *frames(captured, "picture{}.tif"), *scale)
         for one, other in zip(told["separations"], again["separations"], strict=True):
             assert one["dip"] == pytest.approx(other["dip"], abs=0.01)
@@ -105,7 +105,7 @@ def test_two_points_simulated(captured: Path) -> None:
     assert told["iterations"] == 100 and told["tau"] == 1e-5 and told["simulated"] == "small"
     # Frames of the same camera, solved by themselves, agree within what both are uncertain by.
     from_frames = measured(
-        "two-points", *frames(captured, "picture{}.tif"), "--cell-angle", "0.139deg"
+        "two-points", *frames(captured, "picture{}.tif"), "--pixel-angle", "0.139deg"
     )
     apart = abs(from_frames["resolved_deg"] - told["resolved_deg"])
     assert apart < from_frames["plus_minus_deg"] + told["plus_minus_deg"]
@@ -141,7 +141,7 @@ def test_siemens_on_a_picture(tmp_path: Path) -> None:
     """A Gaussian blur's contrast of a share c is at the period πσ√(2/ln(1/c))."""
     star, sigma = written(tmp_path / "star.tif", blurred_star()), 2.0
     plot = tmp_path / "out.png"
-    told = measured("siemens", star, "--cell-angle", "0.1deg", "--plot", plot)
+    told = measured("siemens", star, "--pixel-angle", "0.1deg", "--plot", plot)
     assert told["spokes"] == 24 and told["centre"] == pytest.approx([79.5, 79.5], abs=0.02)
     assert told["diameter_deg"] == pytest.approx(0.96 * 16, rel=0.02)
     share = 0.1 * told["contrast_of_wide_spokes"]
@@ -154,7 +154,7 @@ def test_siemens_on_a_picture(tmp_path: Path) -> None:
         contrast = np.interp(1 / told["resolved_deg"], each["cycles_per_deg"][::-1],
                              each["contrast"][::-1])  # fmt: skip
         assert contrast == pytest.approx(share, abs=0.01)
-    coarser = measured("siemens", star, "--cell-angle", "0.1deg", "--threshold", "50%")
+    coarser = measured("siemens", star, "--pixel-angle", "0.1deg", "--threshold", "50%")
     halved = math.pi * math.sqrt(sigma**2 + 1 / 12) * math.sqrt(2 / math.log(1 / (5 * share)))
     assert coarser["resolved_deg"] == pytest.approx(0.1 * halved, rel=0.02)
     record = json.loads((tmp_path / "out.json").read_text())
@@ -205,7 +205,7 @@ def test_edge_on_a_picture(tmp_path: Path) -> None:
     blurred = gaussian_filter(sharp, sigma * fine, mode="nearest")
     picture = torch.from_numpy(blurred.reshape(72, fine, 72, fine).mean((1, 3)))
     given = written(tmp_path / "edge.tif", picture)
-    told = measured("edge", given, "--cell-angle", "0.139deg", "--plot", tmp_path / "out.png")
+    told = measured("edge", given, "--pixel-angle", "0.139deg", "--plot", tmp_path / "out.png")
     spread = math.sqrt(sigma**2 + 1 / 12)
     for name, level in (("half_contrast_per_deg", 0.5), ("tenth_contrast_per_deg", 0.1)):
         wanted = math.sqrt(math.log(1 / level) / 2) / (math.pi * spread) / 0.139
@@ -236,7 +236,7 @@ def bad(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path
 
 
-CELL = ("--cell-angle", "0.1deg")
+CELL = ("--pixel-angle", "0.1deg")
 
 
 @pytest.mark.parametrize(
@@ -244,10 +244,10 @@ CELL = ("--cell-angle", "0.1deg")
     [
         (("siemens",), ("nothing to measure", "--simulate CAMERA")),
         (("siemens", "star.tif", "--simulate", "small"), ("are both given",)),
-        (("siemens", "star.tif"), ("--camera FOLDER", "--cell-angle")),
+        (("siemens", "star.tif"), ("--camera FOLDER", "--pixel-angle")),
         (("siemens", "star.tif", *CELL, "--camera", "small"), ("leave one out",)),
-        (("siemens", "star.tif", "--cell-angle", "0.1"), ("has no unit", "0.1 deg")),
-        (("siemens", "star.tif", "--cell-angle", "0deg"), ("to 10 deg",)),
+        (("siemens", "star.tif", "--pixel-angle", "0.1"), ("has no unit", "0.1 deg")),
+        (("siemens", "star.tif", "--pixel-angle", "0deg"), ("to 10 deg",)),
         (("siemens", "star.tif", *CELL, "--spokes", "36"), ("24 bright spokes, not 36",)),
         (("siemens", "star.tif", *CELL, "--spokes", "2"), ("spokes", "4 to 200")),
         (("siemens", "star.tif", *CELL, "--angle", "20deg"), ("deg wide, not 20 deg",)),
@@ -321,7 +321,7 @@ def test_options_from_a_file(tmp_path: Path) -> None:
     config.write_text('frames = ["star.tif"]\ncell-angle = "0.1deg"\nthreshold = "50%"\n')
     told = measured("siemens", "--config", config, "--spokes", 24)
     assert told["spokes"] == 24 and told["contrast_needed"] > 0.3
-    config.write_text('frames = "star.tif"\ncell_angle = "0.1deg"\nlight = "535nm"\n')
+    config.write_text('frames = "star.tif"\npixel_angle = "0.1deg"\nlight = "535nm"\n')
     check_refused(run(*COMMAND, "siemens", "--config", config), "--light goes with --simulate only")
 
 

@@ -13,11 +13,11 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from nolens.files import read_picture
-from nolens.jobs.measuring.resolution_targets import resolution_target, target_names
+from nolens.jobs.measuring.resolution import resolution_target, target_names
 
 NOLENS = Path(sys.executable).with_name("nolens")
 INSTALLED = Path(__file__).parent / "installed"
-CELL_DEG = 0.1
+PIXEL_DEG = 0.1
 
 
 def nolens(*arguments: object, packages: Path = INSTALLED) -> "subprocess.CompletedProcess[str]":
@@ -56,11 +56,11 @@ def test_contrast_of_bars(
     period_cells: float, contrast: float, blur_cells: float, tmp_path: Path
 ) -> None:
     np.save(tmp_path / "bars.npy", bars(period_cells, contrast, blur_cells))
-    cell = math.tan(math.radians(CELL_DEG))
+    cell = math.tan(math.radians(PIXEL_DEG))
     period_deg = math.degrees(2 * math.atan(period_cells * cell / 2))
     done = nolens(
         "measure", "resolution", "bars", tmp_path / "bars.npy", "--period", f"{period_deg}deg",
-        "--cell-angle", f"{CELL_DEG}deg", "--plot", tmp_path / "out.png", "--json",
+        "--pixel-angle", f"{PIXEL_DEG}deg", "--plot", tmp_path / "out.png", "--json",
     )  # fmt: skip
     assert done.returncode == 0 and done.stderr == "", done
     told = json.loads(done.stdout)
@@ -103,12 +103,12 @@ def test_bars_are_listed_and_drawn(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("resolution", "bars", "bars.npy", "--cell-angle", "0.1deg"), "no period is given"),
-        (("resolution", "bars", "bars.npy", "--period", "1", "--cell-angle", "0.1deg"), "no unit"),
-        (("resolution", "bars", "bars.npy", "--period", "1deg"), "--cell-angle"),
+        (("resolution", "bars", "bars.npy", "--pixel-angle", "0.1deg"), "no period is given"),
+        (("resolution", "bars", "bars.npy", "--period", "1", "--pixel-angle", "0.1deg"), "no unit"),
+        (("resolution", "bars", "bars.npy", "--period", "1deg"), "--pixel-angle"),
         (("resolution", "bars", "--period", "1deg"), "nothing to measure"),
-        (("resolution", "bars", "none.npy", "--period", "1deg", "--cell-angle", "1deg"), "none"),
-        (("resolution", "bars", "bars.npy", "--period", "9deg", "--cell-angle", "0.1deg"),
+        (("resolution", "bars", "none.npy", "--period", "1deg", "--pixel-angle", "1deg"), "none"),
+        (("resolution", "bars", "bars.npy", "--period", "9deg", "--pixel-angle", "0.1deg"),
          "half of all"),
         (("resolution", "bars", "bars.npy", "--period", "1deg", "--spokes", "4"), "--spokes"),
         (("target", "bars", "-o", "bars.png", "--tilt", "4deg"),
@@ -131,7 +131,7 @@ def test_package_that_cannot_be_loaded(tmp_path: Path) -> None:
     packages = tmp_path / "packages"
     shutil.copytree(INSTALLED, packages)
     (packages / "nolens_example" / "bars.py").write_text("import nowhere\n")
-    given = ("bars.npy", "--period", "1deg", "--cell-angle", "0.1deg")
+    given = ("bars.npy", "--period", "1deg", "--pixel-angle", "0.1deg")
     said = refusal(nolens("measure", "resolution", "bars", *given, packages=packages))
     assert "nolens-example" in said.replace("_", "-") and "No module named 'nowhere'" in said
     listed = nolens("measure", "resolution", "--help", packages=packages)
@@ -145,4 +145,4 @@ def test_package_that_cannot_be_loaded(tmp_path: Path) -> None:
 def test_built_in_targets() -> None:
     for name in target_names():
         target = resolution_target(name)
-        assert target.options.__doc__ and target.job.__doc__
+        assert target.job.options.__doc__ and target.job.__doc__

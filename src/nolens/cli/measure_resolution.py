@@ -7,7 +7,7 @@ from cyclopts import App, Parameter
 
 from nolens.cli.command import command
 from nolens.errors import OptionError
-from nolens.jobs.measuring.resolution_targets import resolution_target, target_names
+from nolens.jobs.measuring.resolution import resolution_target, target_names
 
 
 def _measure(name: str) -> Callable[..., int]:
@@ -16,7 +16,7 @@ def _measure(name: str) -> Callable[..., int]:
         target = resolution_target(name)
     except OptionError as error:
         return _refusing(error)
-    return command(target.options, target.job, target.lines, name=name)
+    return command(target.job.options, target.job, target.lines, name=name)
 
 
 def _refusing(error: OptionError) -> Callable[..., int]:

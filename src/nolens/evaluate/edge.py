@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -255,6 +256,21 @@ class EdgeResolution:
         """Cycles to the degree at which the contrast has fallen to a value; None: nowhere."""
         frequency = self.response.frequency_of(contrast)
         return None if frequency is None else frequency / self.pixel_deg
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """What is resolved, and the contrast by frequency, in values that JSON has."""
+        half, tenth = self.per_deg(0.5), self.per_deg(0.1)
+        frequencies = self.response.frequencies / self.pixel_deg
+        return {
+            "resolved_deg": None if tenth is None else 1 / tenth,
+            "half_contrast_per_deg": half,
+            "tenth_contrast_per_deg": tenth,
+            "tilt_deg": self.response.tilt_deg,
+            "direction_deg": self.response.direction_deg,
+            "cycles_per_deg": frequencies.tolist(),
+            "contrast": self.response.transfer.tolist(),
+        }
 
     @classmethod
     def of(cls, picture: FlatPicture) -> "EdgeResolution":

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -462,6 +463,33 @@ class StarResolution:
         ends = [(middle[1] + side * radius - self.picture.axis[1]) for side in (-1, 1)]
         angles = [math.degrees(math.atan(end * self.picture.tangent)) for end in ends]
         return angles[1] - angles[0]
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """What is resolved, and contrast by frequency and direction, in values that JSON has."""
+        star, worst = self.star, self.worst
+        return {
+            "resolved_deg": self.resolved_everywhere_deg,
+            "plus_minus_deg": self.plus_minus_deg[worst],
+            "spoke_deg": self.resolved_everywhere_deg / 2,
+            "worst_direction_deg": float(star.directions_deg[worst]),
+            "finest_of_the_pixels": self.at_limit[worst],
+            "contrast_needed": self.threshold * star.wide,
+            "contrast_of_wide_spokes": star.wide,
+            "spokes": star.place.periods,
+            "centre": star.place.centre,
+            "diameter_deg": self.diameter_deg,
+            "directions": [
+                {
+                    "direction_deg": float(star.directions_deg[number]),
+                    "resolved_deg": resolved_deg,
+                    "plus_minus_deg": self.plus_minus_deg[number],
+                    "cycles_per_deg": [1 / each for each in self.pairs_deg[number].tolist()],
+                    "contrast": star.contrast[number].tolist(),
+                }
+                for number, resolved_deg in enumerate(self.resolved_deg)
+            ],
+        }
 
     @classmethod
     def of(

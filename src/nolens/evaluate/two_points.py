@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -274,9 +275,26 @@ class TwoPoints:
     pairs: tuple[ObservedPair, ...]
 
     @property
-    def resolved_deg(self) -> float | None:
-        """Smallest resolved angle; None where it is beyond the separations that there are."""
-        return self.resolved.value
+    def figures(self) -> dict[str, Any]:
+        """What is resolved, and the dips by separation, in values that JSON has."""
+        return {
+            "resolved_deg": self.resolved.value,
+            "plus_minus_deg": self.resolved.plus_minus,
+            "largest_unresolved_deg": self.resolved.unresolved,
+            "smallest_resolved_deg": self.resolved.resolved,
+            "dip_needed": self.threshold,
+            "separations": [
+                {
+                    "separation_deg": angle,
+                    "dip": dip,
+                    "dip_noise": noise,
+                    "resolved": dip >= self.threshold,
+                }
+                for angle, dip, noise in zip(
+                    self.separations_deg, self.dips, self.noise, strict=True
+                )
+            ],
+        }
 
     @classmethod
     def of(cls, pairs: Sequence[ObservedPair], threshold: float = RAYLEIGH_DIP) -> "TwoPoints":

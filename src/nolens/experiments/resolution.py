@@ -8,22 +8,36 @@ import torch
 from scipy import ndimage
 from torch import Tensor
 
-from nolens.camera import Frame, develop
+from nolens.camera import Frame, OpenCamera, develop
 from nolens.errors import DataError
 from nolens.evaluate import RAYLEIGH_DIP, FlatPicture, ObservedPair, TwoPoints, point_pair
 from nolens.experiments.virtual_experiment import Tick, VirtualExperiment, solved
 from nolens.operators import Region
 from nolens.optics import PointSource
-from nolens.twin import FieldMap, Plane, Twin
+from nolens.solvers import admm_bytes
+from nolens.twin import (
+    FieldMap,
+    Light,
+    Plane,
+    Twin,
+    colours_of,
+    polychromatic_psf_bytes,
+    preview_model,
+    relief_points,
+    shortest_nm,
+    simulation_bytes,
+)
 
 TARGET_ITERATIONS = 300
 TAU = 1e-5
 POINT_ITERATIONS = 100
-POINTS_SUPPORT = 48
+_POINTS_SIDE = 48
 """Pixels along the side of the square that two points are looked for in."""
 _TARGET_PIXELS = 4
 """Of a target, to a pixel of its picture."""
 _MOST_PIXELS = 1600
+_BYTES_PER_PIXEL = 20
+"""Of PSF, frame and picture, which ADMM works on."""
 _FIRST_PIXELS = 6.0
 _WIDER = 1.5
 _MARGIN_PIXELS = 12
@@ -182,7 +196,7 @@ def screen_picture(
     OptionError
         If the angle is beyond the model.
     """
-    support = target_support(experiment.twin, angle_deg)
+    support = target_support(experiment.twin, angle_deg, distance_um)
     scale = AngularScale.of_camera(experiment.twin, support)
     pieces = _Pieces(3, tick)
     camera = _SolvingCamera.of(experiment, distance_um, support, settings, pieces.part)
@@ -199,10 +213,59 @@ def screen_picture(
     return scale.flat(camera.picture(shot.frame, pieces.part) / shot.response)
 
 
-def target_support(twin: Twin, angle_deg: float) -> Region:
-    """Pixels that a square target fills, by the field angle of its side."""
+def target_support(twin: Twin, angle_deg: float, distance_um: float) -> Region:
+    """Scene pixels that a square target fills, by the field angle of its side.
+
+    Raises
+    ------
+    OptionError
+        If the angle is beyond the model.
+    """
     tangent = math.tan(math.radians(angle_deg) / 2)
+    twin.check_source(PointSource((tangent, tangent), distance_um))
     return FieldMap.covering(twin, (tangent, tangent)).region
+
+
+def points_support(twin: Twin) -> Region:
+    """Scene pixels that two points are looked for in."""
+    return Region.centred(_POINTS_SIDE, _POINTS_SIDE, twin.shape)
+
+
+def reconstruction_bytes(
+    opened: OpenCamera, support: Region, distance_um: float, light: Light, wavelengths: int
+) -> float:
+    """Bytes that a simulated camera and a reconstruction of its frame hold at once.
+
+    Parameters
+    ----------
+    opened
+        The camera.
+    support
+        Scene pixels that are solved for.
+    distance_um
+        Of the target.
+    light, wavelengths
+        As `VirtualExperiment` takes them.
+
+    Raises
+    ------
+    OptionError
+        If the light cannot be used.
+    """
+    twin, sensor = preview_model(opened), opened.camera.sensor
+    psf = polychromatic_psf_bytes(
+        twin,
+        PointSource((0.0, 0.0), distance_um),
+        (sensor.rows, sensor.columns),
+        1,
+        at_least=2,
+        shortest=shortest_nm(colours_of(twin, light, wavelengths)),
+    )
+    rows, columns = twin.shape
+    pixels = (rows + support.height) * (columns + support.width)
+    # Channels are solved for one by one.
+    solver = admm_bytes(pixels) + _BYTES_PER_PIXEL * pixels
+    return simulation_bytes(relief_points(opened), psf + solver)
 
 
 def two_point_resolution(
@@ -245,7 +308,7 @@ def two_point_resolution(
         If even points half the support apart are not resolved.
     """
     settings = settings or SolverSettings(POINT_ITERATIONS)
-    support = Region.centred(POINTS_SUPPORT, POINTS_SUPPORT, experiment.twin.shape)
+    support = points_support(experiment.twin)
     pieces = _Pieces(1 + _EXPECTED_STEPS * draws, tick)
     camera = _SolvingCamera.of(experiment, distance_um, support, settings, pieces.part)
     pieces.next()
@@ -277,7 +340,7 @@ def two_point_resolution(
     low, high = 0.0, _FIRST_PIXELS
     while not is_resolved(high):
         low, high = high, high * _WIDER
-        if high > POINTS_SUPPORT - _MARGIN_PIXELS:
+        if high > _POINTS_SIDE - _MARGIN_PIXELS:
             raise DataError(
                 f"even two points {pairs[-1].separation_deg:.2g} deg apart are not resolved at "
                 f"{distance_um * 1e-3:g} mm: try more iterations or another tau, or a mask that "

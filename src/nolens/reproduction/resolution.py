@@ -20,8 +20,7 @@ from nolens.evaluate import (
 )
 from nolens.experiments.resolution import SolverSettings, screen_picture, two_point_resolution
 from nolens.experiments.virtual_experiment import VirtualExperiment
-from nolens.jobs.measuring.siemens import draw_star
-from nolens.jobs.measuring.two_points import draw_two_points
+from nolens.files.plot_resolution import draw_star, draw_two_points
 from nolens.operators import Region
 from nolens.reproduction.draft import Draft, Drawn, empty, refusal
 from nolens.reproduction.rows import Row

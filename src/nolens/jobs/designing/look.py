@@ -6,6 +6,7 @@ from typing import Annotated, Any
 from pydantic import Field
 from torch import Tensor
 
+from nolens.amounts import rounded
 from nolens.camera import OpenCamera, RandomLenslets
 from nolens.camera.part import PositiveLength
 from nolens.camera.psf_set import Depth
@@ -15,7 +16,6 @@ from nolens.errors import NolensError
 from nolens.evaluate import PsfFigures, psf_figures
 from nolens.files import camera_files, read_camera, readable, write_png
 from nolens.jobs.fields import CAMERAS, FilePath, Name, Word
-from nolens.jobs.measuring.rounded import rounded
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Run, job
 from nolens.twin import REFERENCE_NM, distance_um

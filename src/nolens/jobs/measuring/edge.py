@@ -1,29 +1,30 @@
 """A slanted edge as a resolution target."""
 
 from functools import partial
-from pathlib import Path
 from typing import Annotated, Any
 
 from torch import Tensor
 
 from nolens.evaluate import EdgeResolution, slanted_edge
-from nolens.files.plots import ACCENT, GUIDE, WORST, plot_figure, show_picture
+from nolens.files.plot_resolution import draw_edge
 from nolens.jobs.fields import Files
-from nolens.jobs.measuring.resolution import resolution_product, solver_line, target_picture
-from nolens.jobs.measuring.resolution_options import (
+from nolens.jobs.measuring.resolution import (
     SIMULATION,
     OneFrameOptions,
+    ResolutionTarget,
+    ScreenPicture,
     TargetAngle,
     frames_option,
+    resolution_product,
+    solver_line,
+    target_picture,
 )
-from nolens.jobs.measuring.resolution_targets import ResolutionTarget, ScreenPicture
 from nolens.jobs.options import Option
 from nolens.jobs.run import Product, Run, job
 from nolens.quantities import Angle
 from nolens.ranges import Between
 
 _TILT_DEG = 5.0
-_HALF, _TENTH = 0.5, 0.1
 
 
 class EdgeOptions(OneFrameOptions):
@@ -85,59 +86,13 @@ def measure_edge(run: Run[EdgeOptions]) -> Product[EdgeResolution]:
     target = partial(slanted_edge, tilt_deg=_TILT_DEG)
     picture = target_picture(run, target, run.options.angle.deg, "slanted edge")
     edge = EdgeResolution.of(picture)
-    return resolution_product(run, edge, _figures(edge), _draw)
-
-
-def _figures(edge: EdgeResolution) -> dict[str, Any]:
-    """Contrast by frequency across the edge."""
-    response = edge.response
-    half, tenth = edge.per_deg(_HALF), edge.per_deg(_TENTH)
-    return {
-        "target": "edge",
-        "resolved_deg": None if tenth is None else 1 / tenth,
-        "half_contrast_per_deg": half,
-        "tenth_contrast_per_deg": tenth,
-        "tilt_deg": response.tilt_deg,
-        "direction_deg": response.direction_deg,
-        "cycles_per_deg": [each / edge.pixel_deg for each in response.frequencies.tolist()],
-        "contrast": response.transfer.tolist(),
-    }
-
-
-def _draw(edge: EdgeResolution, path: Path) -> None:
-    """The edge, the light across it and the contrast by frequency."""
-    response = edge.response
-    with plot_figure(path, (12.0, 3.8)) as figure:
-        picture, spread, contrast = figure.subplots(1, 3)
-        show_picture(picture, edge.picture.values.numpy())
-        picture.set_title("picture")
-        spread.plot(response.at.numpy() * edge.pixel_deg, response.spread.numpy(), color=ACCENT)
-        spread.set_xlabel("degrees from the edge")
-        spread.set_ylabel("light")
-        spread.set_title("across the edge")
-        frequencies = response.frequencies.numpy() / edge.pixel_deg
-        contrast.plot(frequencies, response.transfer.numpy(), color=ACCENT)
-        for level in (_HALF, _TENTH):
-            contrast.axhline(level, color=GUIDE, linewidth=0.8, linestyle=":")
-            frequency = edge.per_deg(level)
-            if frequency is not None:
-                contrast.plot([frequency], [level], "o", color=WORST, markersize=5)
-                contrast.annotate(
-                    f"{frequency:.2f}/deg",
-                    (frequency, level),
-                    xytext=(6, 5),
-                    textcoords="offset points",
-                )
-        contrast.set_xlabel("cycles to the degree")
-        contrast.set_ylabel("contrast")
-        contrast.set_ylim(bottom=0)
-        contrast.set_title("modulation transfer")
+    return resolution_product(run, "edge", edge, edge.figures, draw_edge)
 
 
 def _lines(summary: dict[str, Any]) -> list[str]:
     def frequency(value: float | None) -> str:
         if value is None:
-            return "nowhere up to the cells' limit"
+            return "nowhere up to the pixels' limit"
         return f"{value:.2f} cycles/deg ({1 / value:.3f} deg a pair of lines)"
 
     return [
@@ -148,4 +103,4 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     ]
 
 
-EDGE = ResolutionTarget(EdgeOptions, measure_edge, _lines, EdgePicture)
+EDGE = ResolutionTarget(measure_edge, _lines, EdgePicture)

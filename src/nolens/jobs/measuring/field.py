@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, Field
 from torch import Tensor
 
+from nolens.amounts import rounded
 from nolens.camera import OpenCamera, PsfEntry, develop
 from nolens.camera.part import PositiveLength, refusal
 from nolens.camera.psf_set import Depth
@@ -31,7 +32,6 @@ from nolens.files import (
 )
 from nolens.files.plot_measurements import write_angles_plot, write_dots_plot
 from nolens.jobs.fields import CAMERAS, RESULT, FilePath, Name, Seed, record_beside
-from nolens.jobs.measuring.rounded import rounded
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Run, Writer, check_memory, job
 from nolens.optics import PointSource

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 from torch import Tensor
 
+from nolens.amounts import rounded
 from nolens.camera import BlackLevel, Frame, OpenCamera, black_level, check_psf, develop
 from nolens.camera.part import PixelPitch
 from nolens.design.focus import depth_of_focus_um, lenslet_aperture
@@ -24,7 +25,6 @@ from nolens.files import (
 )
 from nolens.files.plot_measurements import write_psf_plot
 from nolens.jobs.fields import CAMERAS, RESULT, FilePath, Name, Word, plot_and_record, record_beside
-from nolens.jobs.measuring.rounded import rounded
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.optics import PointSource

@@ -1,150 +1,474 @@
-"""What the jobs of `nolens measure resolution` have in common."""
+"""What all targets of `nolens measure resolution` share: options, pictures, results, names."""
 
 import math
-from collections.abc import Callable, Mapping
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from pkgutil import resolve_name
+from typing import Annotated, Any, ClassVar, TypeVar
 
 from torch import Tensor
 
-from nolens.camera import OpenCamera
+from nolens.amounts import rounded
+from nolens.camera import Measurement, OpenCamera, develop, prepare_psf
+from nolens.camera.psf_set import Depth
+from nolens.errors import DataError, OptionError
 from nolens.evaluate import FlatPicture
-from nolens.experiments.resolution import screen_picture
-from nolens.experiments.virtual_experiment import VirtualExperiment
-from nolens.files import camera_files, read_camera
-from nolens.jobs.measuring.resolution_options import ResolutionOptions
-from nolens.jobs.measuring.resolution_pictures import target_pictures
-from nolens.jobs.measuring.rounded import rounded
-from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Run, check_memory
-from nolens.optics import PointSource
-from nolens.solvers import admm_bytes
-from nolens.twin import (
-    FieldMap,
-    Light,
-    Twin,
-    colours_of,
-    distance_um,
-    polychromatic_psf_bytes,
-    preview_model,
-    relief_points,
-    shortest_nm,
-    simulation_bytes,
+from nolens.experiments.resolution import (
+    TARGET_ITERATIONS,
+    TAU,
+    AngularScale,
+    SolverSettings,
+    reconstruction_bytes,
+    screen_picture,
+    target_support,
 )
+from nolens.experiments.virtual_experiment import VirtualExperiment, solved
+from nolens.files import CAMERA_FILE, camera_files, read_camera, read_frame
+from nolens.jobs.fields import (
+    CAMERAS,
+    LIGHTS,
+    RESULT,
+    FilePath,
+    Files,
+    Iterations,
+    Name,
+    PsfExtent,
+    Seed,
+    Tau,
+    Window,
+    Word,
+    plot_and_record,
+    record_beside,
+)
+from nolens.jobs.options import JobOptions, Option, Written
+from nolens.jobs.reconstruction.options import parse_window
+from nolens.jobs.run import BYTES_OF_PROGRAM, Job, Product, Run, check_memory
+from nolens.operators import Region
+from nolens.optics import PointSource
+from nolens.plugins import load_plugin, plugin_names
+from nolens.quantities import Angle, Share
+from nolens.ranges import Between
+from nolens.twin import Light, Twin, distance_um, preview_model
 
-Options = TypeVar("Options", bound=ResolutionOptions)
-Value = TypeVar("Value")
-# More is neither known nor worth the paper.
+Threshold = Annotated[Share, Between("0.01 %", "99.99 %")]
+_PixelAngle = Annotated[Angle, Between("0.000001 deg", "10 deg")]
+TargetAngle = Annotated[Angle, Between("0.001 deg", "89.9 deg")]
+_FRAMES_ONLY = ("psf", "psf_extent", "dark", "support", "camera", "pixel_angle")
+_SIMULATED_ONLY = ("light", "wavelengths", "fill", "seed")
+_LINEAR = (".tif", ".tiff", ".npy")
 _DIGITS = 5
-_BYTES_PER_CELL = 20
-"""Of PSF, frame and picture, which ADMM works on."""
+"""Of figures: more is neither known nor worth the paper."""
 _REMEDY = "a camera with fewer pixels, or a target of a smaller angle, needs less"
+_HERE = "nolens.jobs.measuring"
+_TARGETS = {
+    "two-points": f"{_HERE}.two_points:TWO_POINTS",
+    "siemens": f"{_HERE}.siemens:SIEMENS",
+    "edge": f"{_HERE}.edge:EDGE",
+}
+TARGET, _FRAMES, SIMULATION, _SOLVER = "Target", "Frames", "Simulation", "Solver"
+"""Headings."""
+Options = TypeVar("Options", bound="ResolutionOptions")
+Value = TypeVar("Value")
+
+
+def frames_option(text: str) -> Option:
+    """Declare the frames of a target, with a text of its own."""
+    return Option(text, role="input", positional=True, label="Picture")
+
+
+class ResolutionOptions(JobOptions):
+    """What all targets have in common.
+
+    Attributes
+    ----------
+    default_iterations
+        Of ADMM, where none are given.
+    """
+
+    default_iterations: ClassVar[int] = TARGET_ITERATIONS
+
+    frames: Annotated[
+        Files,
+        frames_option(
+            "Raw frames of the target, or pictures of it that nolens reconstruct wrote (.tif, "
+            ".npy)."
+        ),
+    ] = ()
+    distance: Annotated[
+        Depth | None,
+        Option(
+            "From the camera to the target.",
+            TARGET,
+            default="the simulated camera's reference_distance",
+            label="Distance",
+        ),
+    ] = None
+    psf: Annotated[
+        FilePath | None,
+        Option(
+            "PSF to reconstruct raw frames with, captured at that distance.", _FRAMES, role="input"
+        ),
+    ] = None
+    psf_extent: PsfExtent = "sensor"
+    dark: Annotated[FilePath | None, Option("Dark frame.", _FRAMES, role="input")] = None
+    support: Annotated[
+        Window | None,
+        Option(
+            "Scene pixels that light can come from, as nolens reconstruct takes it; of pictures, "
+            "those that they show.",
+            _FRAMES,
+            default="the sensor's; of pictures, as many around its middle",
+            former="region",
+        ),
+    ] = None
+    camera: Annotated[
+        Name | None,
+        Option(
+            f"That took the frames: {CAMERAS}. It tells the angles of scene pixels.",
+            _FRAMES,
+            default="camera.toml beside the PSF",
+            role="camera",
+            label="Camera",
+        ),
+    ] = None
+    pixel_angle: Annotated[
+        _PixelAngle | None,
+        Option(
+            "The angle of a scene pixel in the middle, in place of a camera, such as 0.138deg.",
+            _FRAMES,
+            former="cell_angle",
+        ),
+    ] = None
+    simulate: Annotated[
+        Name | None,
+        Option(
+            f"Camera to simulate in place of frames: {CAMERAS}.",
+            SIMULATION,
+            role="camera",
+            label="Camera",
+        ),
+    ] = None
+    light: Annotated[Word, Option(f"{LIGHTS}.", SIMULATION)] = "white-led"
+    wavelengths: Annotated[
+        int, Between(1, 64), Option("How many stand for a channel of the sensor.", SIMULATION)
+    ] = 1
+    fill: Annotated[
+        Share,
+        Between("0.001 %", "100 %"),
+        Option("Fraction of a full pixel that the brightest one is exposed to.", SIMULATION),
+    ] = Share("90", "%")
+    seed: Annotated[Seed, Option("Of the noise.", SIMULATION)] = 0
+    iterations: Annotated[
+        Iterations | None,
+        Option("Of ADMM; all of them are done.", _SOLVER, default="300; two points 100"),
+    ] = None
+    tau: Annotated[Tau | None, Option("Weight of the prior.", _SOLVER, default="1e-5")] = None
+    plot: Annotated[
+        FilePath | None,
+        Option(
+            "Picture to write (.png) of what was measured. The record of the run goes beside it, "
+            "as .json.",
+            RESULT,
+            role="output",
+        ),
+    ] = None
+
+    def check_together(self) -> None:
+        """Refuse all but one of frames and a simulation, and options that go with the other."""
+        if not self.frames and self.simulate is None:
+            raise OptionError(
+                "nothing to measure is given: name frames or pictures of the target, or a camera "
+                "to simulate (--simulate CAMERA)"
+            )
+        if self.frames and self.simulate is not None:
+            raise OptionError(
+                f"{self.frames[0]} and --simulate {self.simulate} are both given: measure "
+                "frames, or simulate a camera"
+            )
+        simulated = self.simulate is not None
+        for name in self.only(not simulated):
+            if name in self.model_fields_set:
+                where = "frames" if simulated else "--simulate"
+                raise OptionError(
+                    f"--{name.replace('_', '-')} goes with {where} only: leave it out"
+                )
+        if not simulated:
+            self.check_frames()
+
+    @classmethod
+    def only(cls, simulated: bool) -> tuple[str, ...]:
+        """Options that only simulations take, or only frames."""
+        return _SIMULATED_ONLY if simulated else _FRAMES_ONLY
+
+    def check_frames(self) -> None:
+        """Refuse options for frames that do not go together.
+
+        Raises
+        ------
+        OptionError
+            If a picture is no linear one, or the angle of a pixel is given twice or not at all.
+        """
+        if self.psf is None:
+            for name, value in (
+                ("psf-extent", self.psf_extent == "wide"),
+                ("dark", self.dark),
+                ("iterations", self.iterations),
+                ("tau", self.tau),
+            ):
+                if value:
+                    raise OptionError(
+                        f"--{name} goes with raw frames, which --psf reconstructs: give --psf too, "
+                        f"or leave --{name} out"
+                    )
+            for path in self.frames:
+                if path.suffix.lower() not in _LINEAR:
+                    raise OptionError(
+                        f"{path} is no linear picture: without --psf, give pictures that nolens "
+                        f"reconstruct wrote as {_LINEAR[0]}; with --psf, raw frames"
+                    )
+            if self.support is not None and self.pixel_angle is not None:
+                raise OptionError(
+                    f"--support {self.support} says where on the sensor the pictures lie, which "
+                    f"matters with --camera only: leave it out, or --pixel-angle {self.pixel_angle}"
+                )
+        if self.camera is not None and self.pixel_angle is not None:
+            raise OptionError(
+                f"--camera {self.camera} and --pixel-angle {self.pixel_angle} both say how large "
+                "a pixel is: leave one out"
+            )
+
+    @property
+    def settings(self) -> SolverSettings:
+        """How pictures are taken and solved."""
+        iterations = self.iterations or self.default_iterations
+        return SolverSettings(iterations, self.tau or TAU, self.fill.value, self.seed)
+
+    @property
+    def record(self) -> Path | None:
+        """File of the run's record, beside the plot."""
+        return None if self.plot is None else record_beside(self.plot)
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Files that are read, by role, but for the camera's."""
+        several = len(self.frames) > 1
+        frames = {
+            f"frame {number}" if several else "frame": path
+            for number, path in enumerate(self.frames, start=1)
+        }
+        more = {"PSF": self.psf, "dark frame": self.dark}
+        return frames | {role: path for role, path in more.items() if path is not None}
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """Plot and record."""
+        return plot_and_record(self.plot)
+
+
+class OneFrameOptions(ResolutionOptions):
+    """What the measurement of one picture can be told."""
+
+    def check_frames(self) -> None:
+        """Refuse options for frames that do not go together.
+
+        Raises
+        ------
+        OptionError
+            If there are more frames than one.
+        """
+        super().check_frames()
+        if len(self.frames) > 1:
+            raise OptionError(
+                f"{len(self.frames)} frames are given: one picture of the target is measured at a "
+                "time"
+            )
+
+    @classmethod
+    def only(cls, simulated: bool) -> tuple[str, ...]:
+        """Options that only simulations take, or only frames."""
+        return (*super().only(simulated), *(("distance",) if simulated else ()))
 
 
 @dataclass(frozen=True)
-class ReadyBench:
-    """A camera to simulate, before its relief is computed.
+class TargetPicture:
+    """One picture of a target.
 
     Parameters
     ----------
-    opened
-        The camera.
-    files
-        Files it is read from, by role.
-    light
-        Spectrum of the light.
-    wavelengths
-        How many stand for a channel.
-    distance_um
-        Of the target.
-    preview
-        The camera with a stand-in for its relief.
+    picture
+        Mean of its channels, (height, width).
+    scale
+        Angles of its pixels.
     """
 
-    opened: OpenCamera
-    files: dict[str, Path]
-    light: Light
-    wavelengths: int
-    distance_um: float
-    preview: Twin
+    picture: Tensor
+    scale: AngularScale
 
-    @classmethod
-    def of(cls, options: ResolutionOptions) -> "ReadyBench":
-        """Read the camera.
 
-        Raises
-        ------
-        NolensError
-            If it, the light or the distance cannot be used.
-        """
-        assert options.simulate is not None
-        opened = read_camera(options.simulate)
-        bare = preview_model(opened)
-        distance = distance_um(options.distance, opened)
-        bare.check_source(PointSource((0.0, 0.0), distance))
-        return cls(
-            opened,
-            camera_files(options.simulate, opened.camera),
-            Light(options.light),
-            options.wavelengths,
-            distance,
-            bare,
+def target_pictures(run: Run[Options]) -> list[TargetPicture]:
+    """Every frame of a run as a picture: read, or reconstructed with the PSF.
+
+    Every file is read and checked before the first one is reconstructed.
+
+    Raises
+    ------
+    NolensError
+        If a file cannot be used.
+    """
+    options, camera = run.options, _camera(run)
+    if options.psf is None:
+        return [_read(path, options, camera) for path in options.frames]
+    frames = _developed(options, run.warn)
+    scales = [
+        _scale(path, options, camera, each.support)
+        for path, each in zip(options.frames, frames, strict=True)
+    ]
+    run.begin()
+    pictures = []
+    for number, (each, scale) in enumerate(zip(frames, scales, strict=True)):
+
+        def tick(done: float, number: int = number) -> None:
+            run.reporter.advance("frames", (number + done) / len(frames))
+
+        picture = solved(
+            each.measurement,
+            each.psf,
+            each.support,
+            iterations=options.settings.iterations,
+            tau=options.settings.tau,
+            tick=tick,
+        )[0]
+        pictures.append(TargetPicture(picture, scale))
+    return pictures
+
+
+def _camera(run: Run[Options]) -> OpenCamera | None:
+    """The camera that is named, or the one beside the PSF; None where a pixel's angle is given."""
+    options = run.options
+    name: str | Path | None = options.camera
+    if options.pixel_angle is not None:
+        return None
+    if name is None and options.psf is not None:
+        beside = options.psf.parent / CAMERA_FILE
+        name = beside if beside.is_file() else None
+    if name is None:
+        raise OptionError(
+            "nothing says under which angle a pixel is seen: give the camera that took the "
+            "frames (--camera FOLDER), or the angle (--pixel-angle 0.138deg)"
         )
+    camera = read_camera(name)
+    run.reads(camera_files(name, camera.camera))
+    return camera
 
-    def cells_of(self, angle_deg: float) -> tuple[int, int]:
-        """(rows, columns) of cells that a square target fills.
 
-        Raises
-        ------
-        OptionError
-            If it is beyond the model.
-        """
-        tangent = math.tan(math.radians(angle_deg) / 2)
-        self.preview.check_source(PointSource((tangent, tangent), self.distance_um))
-        region = FieldMap.covering(self.preview, (tangent, tangent)).region
-        return region.height, region.width
-
-    def needed(self, region: tuple[int, int]) -> float:
-        """Bytes that are held at once where so many (rows, columns) of pixels are solved for.
-
-        Raises
-        ------
-        OptionError
-            If the light cannot be used.
-        """
-        bare, sensor = self.preview, self.opened.camera.sensor
-        colours = colours_of(bare, self.light, self.wavelengths)
-        source = PointSource((0.0, 0.0), self.distance_um)
-        pattern = polychromatic_psf_bytes(
-            bare,
-            source,
-            (sensor.rows, sensor.columns),
-            1,
-            at_least=2,
-            shortest=shortest_nm(colours),
+def _read(path: Path, options: ResolutionOptions, camera: OpenCamera | None) -> TargetPicture:
+    """A picture that was reconstructed already."""
+    frame = read_frame(path)
+    if frame.mosaic is not None:
+        raise DataError(
+            f"{path} holds raw counts behind a colour mosaic: give --psf to reconstruct it, or a "
+            "picture that nolens reconstruct wrote"
         )
-        cells = math.prod(a + b for a, b in zip(bare.shape, region, strict=True))
-        # Channels are solved for one by one.
-        held = admm_bytes(cells) + _BYTES_PER_CELL * cells
-        return BYTES_OF_PROGRAM + simulation_bytes(relief_points(self.opened), pattern + held)
+    picture = develop(frame, channels="grey").values[0]
+    height, width = picture.shape
+    support = Region(0, 0, height, width)
+    if camera is not None:
+        sensor = preview_model(camera).shape
+        support = Region.centred(height, width, sensor)
+        if options.support is not None:
+            support = parse_window(options.support, sensor, "--support")
+        if (support.height, support.width) != (height, width):
+            raise OptionError(
+                f"--support {options.support} is {support.height}×{support.width} pixels, but "
+                f"{path} shows {height}×{width}: give the support that it was reconstructed with"
+            )
+    return TargetPicture(picture, _scale(path, options, camera, support))
 
-    def experiment(self, run: Run[Options], region: tuple[int, int]) -> VirtualExperiment:
-        """Say what memory it takes to solve for a region, and compute the camera's relief.
 
-        Raises
-        ------
-        OptionError
-            If the machine has too little memory, or a file of the camera would be written over.
-        """
-        run.reads(self.files)
-        needed = self.needed(region)
-        check_memory(needed, run.device, _REMEDY)
-        run.begin(needed)
-        run.reporter.advance("mask", 0.0)
-        return VirtualExperiment.of(
-            self.opened, light=self.light.name, wavelengths=self.wavelengths
+@dataclass(frozen=True)
+class _Developed:
+    """What one reconstruction starts from."""
+
+    measurement: Measurement
+    psf: Tensor
+    support: Region
+
+
+def _developed(options: ResolutionOptions, warn: Callable[..., None]) -> list[_Developed]:
+    """All raw frames, developed, with the PSF that fits them."""
+    assert options.psf is not None
+    dark = None if options.dark is None else read_frame(options.dark)
+    psf = read_frame(options.psf)
+    psf_dark = dark if dark is not None and dark.counts.shape == psf.counts.shape else None
+    point = develop(psf, dark=psf_dark, channels="grey")
+    frames = []
+    for number, path in enumerate(options.frames):
+        measurement = develop(read_frame(path), dark=dark, channels="grey")
+        prepared = prepare_psf(point, measurement, wider=options.psf_extent == "wide")
+        if number == 0:
+            warn(*prepared.notes, *prepared.warnings)
+        rows, columns = measurement.values.shape[-2:]
+        support = Region(0, 0, rows, columns)
+        if options.support is not None:
+            support = parse_window(options.support, (rows, columns), "--support")
+        frames.append(_Developed(measurement, prepared.values, support))
+    return frames
+
+
+def _scale(
+    path: Path, options: ResolutionOptions, camera: OpenCamera | None, support: Region
+) -> AngularScale:
+    """Angles of the pixels of a support."""
+    if options.pixel_angle is not None:
+        return AngularScale(math.tan(options.pixel_angle.rad))
+    assert camera is not None
+    twin = preview_model(camera)
+    rows, columns = twin.shape
+    if support.height > 2 * rows or support.width > 2 * columns:
+        raise DataError(
+            f"{path} shows {support.height}×{support.width} pixels, but the sensor of "
+            f"{camera.camera.name!r} has {rows}×{columns}: give the camera that took it"
         )
+    return AngularScale.of_camera(twin, support)
+
+
+def simulated_camera(
+    run: Run[Options], support_of: Callable[[Twin, float], Region]
+) -> tuple[VirtualExperiment, float]:
+    """The camera that is simulated, and the distance of its target in µm.
+
+    Parameters
+    ----------
+    run
+        Which camera.
+    support_of
+        Scene pixels that are solved for, of the camera's preview model and the distance.
+
+    Raises
+    ------
+    NolensError
+        If the camera, the light or the distance cannot be used, the machine has too little memory,
+        or a file of the camera would be written over.
+    """
+    options = run.options
+    assert options.simulate is not None
+    opened = read_camera(options.simulate)
+    preview, distance = preview_model(opened), distance_um(options.distance, opened)
+    preview.check_source(PointSource((0.0, 0.0), distance))
+    light, support = Light(options.light), support_of(preview, distance)
+    run.reads(camera_files(options.simulate, opened.camera))
+    needed = BYTES_OF_PROGRAM + reconstruction_bytes(
+        opened, support, distance, light, options.wavelengths
+    )
+    check_memory(needed, run.device, _REMEDY)
+    run.begin(needed)
+    run.reporter.advance("mask", 0.0)
+    experiment = VirtualExperiment.of(opened, light=light.name, wavelengths=options.wavelengths)
+    return experiment, distance
 
 
 def target_picture(
@@ -169,18 +493,19 @@ def target_picture(
     NolensError
         If a file or an option cannot be used, or the angle is beyond the model.
     """
-    settings = run.options.settings
     if run.options.simulate is None:
-        (each,) = target_pictures(run, settings.iterations)
+        (each,) = target_pictures(run)
         return each.scale.flat(each.picture)
-    ready = ReadyBench.of(run.options)
-    experiment = ready.experiment(run, ready.cells_of(angle_deg))
+    experiment, distance = simulated_camera(
+        run, lambda preview, distance: target_support(preview, angle_deg, distance)
+    )
     tick = partial(run.reporter.advance, what)
-    return screen_picture(experiment, target, angle_deg, ready.distance_um, settings, tick)
+    return screen_picture(experiment, target, angle_deg, distance, run.options.settings, tick)
 
 
 def resolution_product(
     run: Run[Options],
+    target: str,
     value: Value,
     figures: Mapping[str, Any],
     draw: Callable[[Value, Path], None],
@@ -191,6 +516,8 @@ def resolution_product(
     ----------
     run
         What was asked for.
+    target
+        Its name.
     value
         What was measured.
     figures
@@ -206,7 +533,7 @@ def resolution_product(
         "tau": options.settings.tau if reconstructs else None,
     }
     writers = {} if options.plot is None else {options.plot: partial(draw, value)}
-    return Product(value, {**rounded(figures, _DIGITS), **solver}, writers)
+    return Product(value, {"target": target, **rounded(figures, _DIGITS), **solver}, writers)
 
 
 def solver_line(summary: Mapping[str, Any]) -> list[str]:
@@ -214,3 +541,74 @@ def solver_line(summary: Mapping[str, Any]) -> list[str]:
     if summary["iterations"] is None:
         return []
     return [f"reconstructed with {summary['iterations']} iterations, tau {summary['tau']:g}"]
+
+
+class ScreenPicture(JobOptions):
+    """A target in black and white, to show on a screen.
+
+    Its fields are options of `nolens measure target`, each with a default; a name that a target
+    before it has means the same.
+
+    Attributes
+    ----------
+    about
+        What it shows.
+    """
+
+    about: ClassVar[str]
+
+    @abstractmethod
+    def draw(self, side: int) -> Tensor:
+        """Give it, (side, side) from 0 to 1, for a side in pixels."""
+
+
+@dataclass(frozen=True)
+class ResolutionTarget:
+    """What can be put in front of a camera to measure how fine it resolves.
+
+    Parameters
+    ----------
+    job
+        Measures; the docstring of its options is the help of its command.
+    lines
+        Text of the summary for a terminal.
+    picture
+        The target as `nolens measure target` draws it; None where no screen can show it.
+    """
+
+    job: Job[Any, Any]
+    lines: Callable[[dict[str, Any]], Iterable[str]]
+    picture: type[ScreenPicture] | None = None
+
+
+def target_names() -> tuple[str, ...]:
+    """Names of the targets, those of other packages (entry points ``nolens.targets``) last."""
+    return (*_TARGETS, *(name for name in plugin_names("nolens.targets") if name not in _TARGETS))
+
+
+def resolution_target(name: str) -> ResolutionTarget:
+    """The target of a name.
+
+    Raises
+    ------
+    OptionError
+        If there is none, or the package that adds it cannot be loaded.
+    """
+    target = (
+        resolve_name(_TARGETS[name]) if name in _TARGETS else load_plugin("nolens.targets", name)
+    )
+    if not isinstance(target, ResolutionTarget):
+        what = "is no target" if target is None else f"is a {type(target).__name__}, and no target"
+        raise OptionError(f"{name!r} {what}; known are {', '.join(target_names())}")
+    return target
+
+
+def screen_pictures() -> dict[str, type[ScreenPicture]]:
+    """Pictures of the targets that have one, by name, but for packages that cannot be loaded."""
+    pictures = {}
+    for name in target_names():
+        with suppress(OptionError):
+            target = resolution_target(name)
+            if target.picture is not None:
+                pictures[name] = target.picture
+    return pictures

@@ -10,7 +10,7 @@ from torch import Tensor
 from nolens.errors import OptionError
 from nolens.files import write_png
 from nolens.jobs.fields import FilePath, Word
-from nolens.jobs.measuring.resolution_targets import ScreenPicture, screen_pictures
+from nolens.jobs.measuring.resolution import ScreenPicture, screen_pictures
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Run, job
 from nolens.ranges import Between

@@ -2,36 +2,36 @@
 
 import math
 from functools import partial
-from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 from pydantic import Field
-from scipy import ndimage
 
 from nolens.camera.part import PositiveLength
 from nolens.errors import OptionError
 from nolens.evaluate import ObservedPair, TwoPoints, point_pair
-from nolens.experiments.resolution import POINT_ITERATIONS, POINTS_SUPPORT, two_point_resolution
-from nolens.files.plots import ACCENT, GUIDE, plot_figure, show_picture
+from nolens.experiments.resolution import (
+    POINT_ITERATIONS,
+    points_support,
+    two_point_resolution,
+)
+from nolens.files.plot_resolution import draw_two_points
 from nolens.jobs.fields import Files
-from nolens.jobs.measuring.resolution import ReadyBench, resolution_product, solver_line
-from nolens.jobs.measuring.resolution_options import (
+from nolens.jobs.measuring.resolution import (
     SIMULATION,
     TARGET,
     ResolutionOptions,
+    ResolutionTarget,
     Threshold,
     frames_option,
+    resolution_product,
+    simulated_camera,
+    solver_line,
+    target_pictures,
 )
-from nolens.jobs.measuring.resolution_pictures import target_pictures
-from nolens.jobs.measuring.resolution_targets import ResolutionTarget
 from nolens.jobs.options import Option
 from nolens.jobs.run import Product, Run, job
 from nolens.quantities import Angle, Share
 from nolens.ranges import Between
-
-_MOST_PANELS = 6
-_SIDE_CELLS = 24
 
 
 class TwoPointOptions(ResolutionOptions):
@@ -123,25 +123,24 @@ def measure_two_points(run: Run[TwoPointOptions]) -> Product[TwoPoints]:
         If a file, an option or an output cannot be used, or a frame shows no two points; then
         nothing is written.
     """
-    options, settings = run.options, run.options.settings
+    options = run.options
     if options.simulate is None:
         assert options.distance is not None and options.distance != "infinity"
-        seen = []
-        pictures = target_pictures(run, settings.iterations)
-        for separation, each in zip(options.separation, pictures, strict=True):
+        pairs = []
+        for separation, each in zip(options.separation, target_pictures(run), strict=True):
             angle = math.degrees(2 * math.atan(separation.um / options.distance.um / 2))
             pair = point_pair(each.picture, each.scale.pixels(angle))
-            seen.append(ObservedPair(angle, pair, each.picture))
-        points = TwoPoints.of(seen, options.dip.value)
+            pairs.append(ObservedPair(angle, pair, each.picture))
+        points = TwoPoints.of(pairs, options.dip.value)
     else:
-        ready = ReadyBench.of(options)
+        experiment, distance = simulated_camera(run, lambda preview, _: points_support(preview))
         points = two_point_resolution(
-            ready.experiment(run, (POINTS_SUPPORT, POINTS_SUPPORT)),
-            ready.distance_um,
+            experiment,
+            distance,
             direction_deg=options.direction.deg,
             draws=options.draws,
             threshold=options.dip.value,
-            settings=settings,
+            settings=options.settings,
             tick=partial(run.reporter.advance, "two points"),
         )
     resolved = points.resolved
@@ -153,84 +152,7 @@ def measure_two_points(run: Run[TwoPointOptions]) -> Product[TwoPoints]:
             else f"the largest separation, {resolved.unresolved:.3g} deg, is not resolved: take "
             "frames at larger ones"
         )
-    return resolution_product(run, points, _figures(points), draw_two_points)
-
-
-def _figures(points: TwoPoints) -> dict[str, Any]:
-    """Dips by separation, and what is resolved."""
-    resolved = points.resolved
-    return {
-        "target": "two-points",
-        "resolved_deg": resolved.value,
-        "plus_minus_deg": resolved.plus_minus,
-        "largest_unresolved_deg": resolved.unresolved,
-        "smallest_resolved_deg": resolved.resolved,
-        "dip_needed": points.threshold,
-        "separations": [
-            {
-                "separation_deg": angle,
-                "dip": dip,
-                "dip_noise": noise,
-                "resolved": dip >= points.threshold,
-            }
-            for angle, dip, noise in zip(
-                points.separations_deg, points.dips, points.noise, strict=True
-            )
-        ],
-    }
-
-
-def draw_two_points(points: TwoPoints, path: Path) -> None:
-    """Draw the points with the light through them, and the dips by separation.
-
-    Parameters
-    ----------
-    points
-        What to draw.
-    path
-        PNG to be written.
-    """
-    order = sorted(range(len(points.pairs)), key=lambda n: abs(points.dips[n] - points.threshold))
-    panels = sorted(order[:_MOST_PANELS])
-    with plot_figure(path, (max(2.0 * len(panels), 6.0), 7.0)) as figure:
-        grid = figure.add_gridspec(3, len(panels), height_ratios=[3, 2, 4])
-        for place, number in enumerate(panels):
-            above, below = (figure.add_subplot(grid[row, place]) for row in (0, 1))
-            each = points.pairs[number]
-            picture = each.picture.numpy()
-            light = np.clip(picture, 0, None)
-            middle = [round(at) for at in ndimage.center_of_mass(light**2)]
-            top, left = (max(0, at - _SIDE_CELLS // 2) for at in middle)
-            picture = picture[top : top + _SIDE_CELLS, left : left + _SIDE_CELLS]
-            show_picture(above, picture, white=float(picture.max()))
-            above.set_title(f"{each.separation_deg:.3g}°, dip {100 * points.dips[number]:.0f} %")
-            below.plot(each.pair.at.numpy(), each.pair.trace.numpy(), color=ACCENT)
-            below.axhline(1 - points.threshold, color=GUIDE, linewidth=0.8, linestyle=":")
-            below.set_xlabel("cells")
-            below.set_ylim(-0.05, 1.1)
-            below.set_ylabel("light" if place == 0 else "")
-        axes = figure.add_subplot(grid[2, :])
-        axes.axhline(100 * points.threshold, color=GUIDE, linewidth=0.8, linestyle=":")
-        title = "dip between the points"
-        angle, off = points.resolved.value, points.resolved.plus_minus
-        if angle is not None and off is not None:
-            axes.axvspan(angle - off, angle + off, color=ACCENT, alpha=0.15, linewidth=0)
-            axes.axvline(angle, color=ACCENT, linewidth=0.9)
-            title = f"resolved from {angle:.3f}° ± {off:.3f}° on"
-        axes.errorbar(
-            points.separations_deg,
-            [100 * dip for dip in points.dips],
-            [100 * each for each in points.noise],
-            color="black",
-            marker="o",
-            markersize=4,
-            linewidth=1,
-            capsize=2,
-        )
-        axes.set_xlabel("separation, degrees")
-        axes.set_ylabel("dip, %")
-        axes.set_ylim(-4, 104)
-        axes.set_title(f"{title}; dotted: a dip of {100 * points.threshold:.1f} %")
+    return resolution_product(run, "two-points", points, points.figures, draw_two_points)
 
 
 def _lines(summary: dict[str, Any]) -> list[str]:
@@ -248,4 +170,4 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     return [*lines, *solver_line(summary)]
 
 
-TWO_POINTS = ResolutionTarget(TwoPointOptions, measure_two_points, _lines)
+TWO_POINTS = ResolutionTarget(measure_two_points, _lines)

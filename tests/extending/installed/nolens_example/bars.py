@@ -10,9 +10,16 @@ from torch import Tensor
 from nolens.errors import DataError
 from nolens.evaluate import FlatPicture
 from nolens.files.plots import plot_figure, show_picture
-from nolens.jobs.measuring.resolution import resolution_product, solver_line, target_picture
-from nolens.jobs.measuring.resolution_options import TARGET, OneFrameOptions, TargetAngle
-from nolens.jobs.measuring.resolution_targets import ResolutionTarget, ScreenPicture
+from nolens.jobs.measuring.resolution import (
+    TARGET,
+    OneFrameOptions,
+    ResolutionTarget,
+    ScreenPicture,
+    TargetAngle,
+    resolution_product,
+    solver_line,
+    target_picture,
+)
 from nolens.jobs.options import Option
 from nolens.jobs.run import Product, Run, job
 from nolens.ranges import Between
@@ -52,23 +59,25 @@ def measure_bars(run: Run[BarOptions]) -> Product[float]:
     side_deg = _PAIRS * run.options.period.deg
     picture = target_picture(run, BarPicture(pairs=_PAIRS).draw, side_deg, "bars")
     contrast = _contrast(picture, run.options.period.rad)
-    figures = {"target": "bars", "period_deg": run.options.period.deg, "contrast": contrast}
+    figures = {"period_deg": run.options.period.deg, "contrast": contrast}
 
     def draw(_: float, path: Path) -> None:
         with plot_figure(path, (4.0, 4.0)) as figure:
             show_picture(figure.subplots(), picture.values.numpy())
 
-    return resolution_product(run, contrast, figures, draw)
+    return resolution_product(run, "bars", contrast, figures, draw)
 
 
 def _contrast(picture: FlatPicture, period: float) -> float:
     """By a wave of the period, fitted to the light along whole periods of the picture."""
-    cells = 2 * math.tan(period / 2) / picture.tangent
+    pixels = 2 * math.tan(period / 2) / picture.tangent
     light = picture.values.double().mean(0)
-    whole = round(len(light) // cells * cells)
-    if cells < 2 or whole < 2 * cells:
-        raise DataError(f"bars of {cells:.3g} cells in {len(light)}: give 2 cells to half of all")
-    turns = torch.arange(whole) * (2 * math.pi / cells)
+    whole = round(len(light) // pixels * pixels)
+    if pixels < 2 or whole < 2 * pixels:
+        raise DataError(
+            f"bars of {pixels:.3g} pixels in {len(light)}: give 2 pixels to half of all"
+        )
+    turns = torch.arange(whole) * (2 * math.pi / pixels)
     wave = torch.stack([torch.ones(whole), turns.cos(), turns.sin()], dim=1).double()
     mean, even, odd = torch.linalg.lstsq(wave, light[:whole, None]).solution[:, 0].tolist()
     return math.hypot(even, odd) / mean * math.pi / 4
@@ -81,4 +90,4 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     ]
 
 
-BARS = ResolutionTarget(BarOptions, measure_bars, _lines, BarPicture)
+BARS = ResolutionTarget(measure_bars, _lines, BarPicture)

@@ -49,7 +49,7 @@ export const twoPointRows = (found) => [
 
 /** What `measure resolution siemens` found. @param {any} found @returns {[string, string][]} */
 export const starRows = (found) => [
-  ["Resolved in all directions from", `${known(found.resolved_deg, degrees)}${found.finest_of_the_cells ? ", the finest that the pixels show" : ""}`],
+  ["Resolved in all directions from", `${known(found.resolved_deg, degrees)}${found.finest_of_the_pixels ? ", the finest that the pixels show" : ""}`],
   ["Uncertainty ±", known(found.plus_minus_deg, degrees)],
   ["Worst direction", known(found.worst_direction_deg, degrees)],
   ["Contrast threshold", known(found.contrast_needed, (value) => percent(value, 3))],
