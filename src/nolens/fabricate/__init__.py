@@ -7,6 +7,7 @@ from nolens.fabricate.sheet import process_sheet
 from nolens.fabricate.sheet_parts import Sheet
 from nolens.fabricate.solid import Solid, decimated, frame_solid, relief_solid
 from nolens.fabricate.surface import MOST_LEVELS, Levels, MadeSurface, SurfaceName, made_surface
+from nolens.fabricate.workpieces import Workpieces
 
 __all__ = [
     "MOST_LEVELS",
@@ -22,6 +23,7 @@ __all__ = [
     "ToleranceBudget",
     "ToleranceLine",
     "Wetting",
+    "Workpieces",
     "decimated",
     "frame_solid",
     "made_surface",

@@ -13,8 +13,7 @@ from .demo import DemoOptions, run_demo
 from .designing.mask import MaskOptions, design_mask, mask_kind, mask_kinds
 from .designing.thickness import ThicknessOptions, design_thickness
 from .designing.tolerance import ToleranceOptions, study_tolerances
-from .fabrication.fabricate import fabricate
-from .fabrication.options import FabricateOptions
+from .fabrication import FabricateOptions, fabricate
 from .measuring.edge import EdgeOptions, measure_edge
 from .measuring.field import MeasureFieldOptions, measure_field
 from .measuring.psf import MeasurePsfOptions, measure_psf

@@ -90,8 +90,8 @@ KINDS: dict[JobKind, Kind] = {
     ),
     "fabricate": Kind(
         "Fabricate",
-        f"{_JOBS}.fabrication.options:FabricateOptions",
-        f"{_JOBS}.fabrication.fabricate:fabricate",
+        f"{_JOBS}.fabrication:FabricateOptions",
+        f"{_JOBS}.fabrication:fabricate",
         about=("camera",),
         own={"thickness": "Layers"},
     ),
