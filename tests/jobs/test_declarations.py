@@ -13,7 +13,7 @@ import nolens
 from nolens.jobs import PsfOptions
 from nolens.jobs.fields import FilePath
 from nolens.jobs.options import JobOptions, Option
-from nolens.studio.job_build import declarations
+from nolens.studio.job_process import declarations
 
 SOURCES = [
     path

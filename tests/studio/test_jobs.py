@@ -247,11 +247,11 @@ def test_a_bad_job_of_an_earlier_run_is_shown_with_its_reason(
 class Checking:
     """A process that checks jobs one after the other, and never ends one."""
 
-    async def ask(self, *message: object, seconds: float) -> object:
+    async def request(self, *message: object, seconds: float) -> object:
         await asyncio.sleep(0.001)
         return {"psf": {}} if message[0] == "declarations" else None
 
-    def tell(self, *message: object) -> None:
+    def send(self, *message: object) -> None:
         pass
 
     async def stop(self, grace_s: float) -> None:

@@ -30,8 +30,8 @@ from websockets.sync.client import ClientConnection, connect
 
 from nolens.capture import chart
 from nolens.files import read_frame, read_record
-from nolens.studio import routes_live
-from nolens.studio.live import Client
+from nolens.studio import live
+from nolens.studio.live import _Client
 from patience import PATIENCE_S
 
 Header = dict[str, Any]
@@ -379,12 +379,12 @@ def test_who_sends_more_than_frames_need_waits(monkeypatch: pytest.MonkeyPatch) 
         else:  # A studio that the tests share.
             await others(seconds)
 
-    monkeypatch.setattr(routes_live.asyncio, "sleep", sleep)
+    monkeypatch.setattr(live.asyncio, "sleep", sleep)
     page: Any = Page()
 
     async def receive() -> None:
         own.append(threading.get_ident())
-        await routes_live._receive(page, Client(), Any)  # type: ignore[arg-type]
+        await live._receive(page, _Client(), Any)  # type: ignore[arg-type]
 
     with ThreadPoolExecutor(1) as pool:  # The browser's tests leave a running loop in this thread.
         pool.submit(asyncio.run, receive()).result()

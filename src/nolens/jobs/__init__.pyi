@@ -10,6 +10,7 @@ from .calibration.stitch import (
 )
 from .capturing import CaptureOptions, CaptureReporter, capture_frames
 from .demo import DemoOptions, run_demo
+from .designing.look import look_at_design
 from .designing.mask import MaskOptions, design_mask, mask_kind, mask_kinds
 from .designing.thickness import ThicknessOptions, design_thickness
 from .designing.tolerance import ToleranceOptions, study_tolerances
@@ -21,6 +22,7 @@ from .measuring.siemens import SiemensOptions, measure_siemens
 from .measuring.target import TargetOptions, make_target
 from .measuring.two_points import TwoPointOptions, measure_two_points
 from .options import expand_home
+from .preview import write_preview
 from .psf import PsfOptions, simulate_psf
 from .reconstruction.job import reconstruct
 from .reconstruction.options import ReconstructOptions
@@ -68,6 +70,7 @@ __all__ = [
     "design_thickness",
     "expand_home",
     "fabricate",
+    "look_at_design",
     "make_target",
     "mask_kind",
     "mask_kinds",
@@ -83,4 +86,5 @@ __all__ = [
     "simulate",
     "simulate_psf",
     "study_tolerances",
+    "write_preview",
 ]

@@ -55,7 +55,7 @@ class PreviewOptions(JobOptions):
 
 
 @job
-def preview(run: Run[PreviewOptions]) -> Product[Tensor]:
+def write_preview(run: Run[PreviewOptions]) -> Product[Tensor]:
     """Write a small sRGB picture of a raw frame or a picture, and say how bright it is.
 
     Raises

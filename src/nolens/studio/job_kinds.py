@@ -1,148 +1,168 @@
-"""The kinds of jobs: which command each is, and the page's paths among its options."""
+"""The kinds of jobs that the page can start: which job of `nolens.jobs` each is, its title, and
+where it writes.
+
+The server loads this file, so what loads the numerics is imported in the functions that use it.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from nolens.errors import OptionError
 from nolens.studio.schemas import JobKind, JobOption
-from nolens.studio.workspace import Workspace
+from nolens.studio.workspace import CAMERAS, JOBS, PICTURES, SHOTS, Workspace, unused
+
+_MOST_FILES = 2000
+_NAME = "letters, digits, spaces and any of - _ ( ), at most 60, such as bench-camera"
+Outputs = dict[str, Path | tuple[Path, ...]]
+"""Options that the studio chooses, with the files or folders that they name."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a job writes: the folder of the workspace, and the id of the job."""
+
+    work: Path
+    id: str
+
+    @property
+    def folder(self) -> Path:
+        """The job's own."""
+        return self.work / JOBS / self.id
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A command as the page can start it.
+    """A job as the page can start it.
 
     Parameters
     ----------
     title
         What it does, for people; the name of what it works on follows.
-    options, run
-        Class of its options and its function, as ``"module:name"`` (they load the numerics).
+    job
+        Its name in `nolens.jobs`.
     about
-        Options that name what it works on, the first that is given counts.
-    chosen
-        Options that the studio chooses: what is written, and where.
+        Options that name what it works on, the first that has a value counts.
+    outputs
+        Chooses its outputs by its options; the first one's folder is made for it.
     own
-        Options of the studio's, beside those of the command, with what the page calls them.
+        Options of the studio's, beside those of the job, with what the page calls them.
     brief
         Whether it answers a person who waits: it goes before others, and is not kept for long.
     """
 
     title: str
-    options: str
-    run: str
+    job: str
     about: tuple[str, ...]
-    chosen: tuple[str, ...] = ("output",)
+    outputs: Callable[[Mapping[str, Any], Place], Outputs]
     own: Mapping[str, str] = field(default_factory=dict)
     brief: bool = False
 
 
-_JOBS = "nolens.jobs"
-_MOST_FILES = 2000
+def _in_job(option: str, name: str) -> Callable[[Mapping[str, Any], Place], Outputs]:
+    """An output with a fixed name in the job's own folder."""
+    return lambda options, place: {option: place.folder / name}
+
+
+def _picture(options: Mapping[str, Any], place: Place) -> Outputs:
+    from nolens.files import is_sequence
+
+    folder, measurement = place.work / PICTURES, _measurement(options)
+    stem = unused(folder, measurement.stem or "picture")
+    if is_sequence(measurement):
+        return {"output": (folder / stem,)}
+    return {"output": (folder / f"{stem}.png", folder / f"{stem}.tif")}
+
+
+def _refocused(options: Mapping[str, Any], place: Place) -> Outputs:
+    folder = place.work / PICTURES
+    return {"output": folder / unused(folder, f"{_measurement(options).stem}-refocus")}
+
+
+def _measurement(options: Mapping[str, Any]) -> Path:
+    return Path(str(options.get("measurement", "picture")))
+
+
+def _shot(options: Mapping[str, Any], place: Place) -> Outputs:
+    from nolens.files import read_camera
+
+    folder, scenes = place.work / SHOTS, options.get("scenes")
+    first = Path(scenes[0] if isinstance(scenes, list) and scenes else str(scenes))
+    camera = read_camera(str(options.get("camera", "paper"))).camera
+    suffix = ".tif" if camera.sensor.mosaic == "none" else ".dng"
+    return {"output": folder / f"{unused(folder, f'{first.stem}-simulated')}{suffix}"}
+
+
+def _camera(options: Mapping[str, Any], place: Place) -> Outputs:
+    name = options.get("name", "camera")
+    allowed = isinstance(name, str) and 0 < len(name) <= 60 and name.strip() == name
+    if not allowed or not all(each.isalnum() or each in "-_ ()" for each in name):
+        raise OptionError(f"name is {name!r}: give {_NAME}")
+    return {"output": place.work / CAMERAS / name}
+
+
+def _thickness(options: Mapping[str, Any], place: Place) -> Outputs:
+    camera = _camera(options, place) if "name" in options else {}
+    return {"plot": place.folder / "thickness.png", **camera}
+
+
+def _field(options: Mapping[str, Any], place: Place) -> Outputs:
+    simulated = options.get("simulate") and options.get("dot_pitch")
+    dots: Outputs = {"output": place.folder / "dots.png"} if simulated else {}
+    return {"plot": place.folder / "field.png", **dots}
+
+
+_CAMERA = ("camera",)
+_MEASUREMENT = ("measurement",)
+_FRAMES = ("simulate", "frames")
 KINDS: dict[JobKind, Kind] = {
-    "reconstruct": Kind(
-        "Reconstruct",
-        f"{_JOBS}.reconstruction.options:ReconstructOptions",
-        f"{_JOBS}.reconstruction.job:reconstruct",
-        about=("measurement",),
-    ),
-    "refocus": Kind(
-        "Refocus",
-        f"{_JOBS}.refocusing:RefocusOptions",
-        f"{_JOBS}.refocusing:refocus",
-        about=("measurement",),
-    ),
-    "simulate": Kind(
-        "Simulate",
-        f"{_JOBS}.simulation:SimulateOptions",
-        f"{_JOBS}.simulation:simulate",
-        about=("scenes",),
-        chosen=("output", "truth", "response"),
-    ),
-    "psf": Kind(
-        "PSF of",
-        f"{_JOBS}.psf:PsfOptions",
-        f"{_JOBS}.psf:simulate_psf",
-        about=("camera",),
-    ),
+    "reconstruct": Kind("Reconstruct", "reconstruct", _MEASUREMENT, _picture),
+    "refocus": Kind("Refocus", "refocus", _MEASUREMENT, _refocused),
+    "simulate": Kind("Simulate", "simulate", ("scenes",), _shot),
+    "psf": Kind("PSF of", "simulate_psf", _CAMERA, _in_job("output", "psf.tif")),
     "calibrate": Kind(
         "Calibrate",
-        f"{_JOBS}.calibration.point:CalibratePointOptions",
-        f"{_JOBS}.calibration.point:calibrate_point",
-        about=("name", "frames"),
+        "calibrate_point",
+        ("name", "frames"),
+        _camera,
         own={"name": "Folder of its PSFs"},
     ),
     "design-thickness": Kind(
         "Thickness for",
-        f"{_JOBS}.designing.thickness:ThicknessOptions",
-        f"{_JOBS}.designing.thickness:design_thickness",
-        about=("camera", "material"),
-        chosen=("output", "plot"),
+        "design_thickness",
+        ("camera", "material"),
+        _thickness,
         own={"name": "Name"},
     ),
     "design-look": Kind(
-        "Look at",
-        f"{_JOBS}.designing.look:LookOptions",
-        f"{_JOBS}.designing.look:look_at_design",
-        about=("camera",),
-        brief=True,
+        "Look at", "look_at_design", _CAMERA, _in_job("output", "psf.png"), brief=True
     ),
     "fabricate": Kind(
         "Fabricate",
-        f"{_JOBS}.fabrication:FabricateOptions",
-        f"{_JOBS}.fabrication:fabricate",
-        about=("camera",),
+        "fabricate",
+        _CAMERA,
+        _in_job("output", "workshop"),
         own={"thickness": "Layers"},
     ),
-    "measure-psf": Kind(
-        "Measure",
-        f"{_JOBS}.measuring.psf:MeasurePsfOptions",
-        f"{_JOBS}.measuring.psf:measure_psf",
-        about=("psf",),
-        chosen=("plot",),
-    ),
+    "measure-psf": Kind("Measure", "measure_psf", ("psf",), _in_job("plot", "psf.png")),
     "measure-two-points": Kind(
-        "Two points by",
-        f"{_JOBS}.measuring.two_points:TwoPointOptions",
-        f"{_JOBS}.measuring.two_points:measure_two_points",
-        about=("simulate", "frames"),
-        chosen=("plot",),
+        "Two points by", "measure_two_points", _FRAMES, _in_job("plot", "two-points.png")
     ),
-    "measure-siemens": Kind(
-        "Star by",
-        f"{_JOBS}.measuring.siemens:SiemensOptions",
-        f"{_JOBS}.measuring.siemens:measure_siemens",
-        about=("simulate", "frames"),
-        chosen=("plot",),
-    ),
-    "measure-edge": Kind(
-        "Edge by",
-        f"{_JOBS}.measuring.edge:EdgeOptions",
-        f"{_JOBS}.measuring.edge:measure_edge",
-        about=("simulate", "frames"),
-        chosen=("plot",),
-    ),
+    "measure-siemens": Kind("Star by", "measure_siemens", _FRAMES, _in_job("plot", "star.png")),
+    "measure-edge": Kind("Edge by", "measure_edge", _FRAMES, _in_job("plot", "edge.png")),
     "measure-field": Kind(
-        "Field of view of",
-        f"{_JOBS}.measuring.field:MeasureFieldOptions",
-        f"{_JOBS}.measuring.field:measure_field",
-        about=("simulate", "psfs", "dots"),
-        chosen=("plot", "output"),
+        "Field of view of", "measure_field", ("simulate", "psfs", "dots"), _field
     ),
     "preview": Kind(
-        "Preview",
-        f"{_JOBS}.preview:PreviewOptions",
-        f"{_JOBS}.preview:preview",
-        about=("path",),
-        brief=True,
+        "Preview", "write_preview", ("path",), _in_job("output", "preview.png"), brief=True
     ),
 }
 
 
-def title_of(kind: JobKind, given: Mapping[str, Any]) -> str:
+def title_of(kind: JobKind, options: Mapping[str, Any]) -> str:
     """What a job is called, such as "Reconstruct raw.dng"."""
-    about = next((given[name] for name in KINDS[kind].about if given.get(name)), None)
+    about = next((options[name] for name in KINDS[kind].about if options.get(name)), None)
     count = len(about) if isinstance(about, list) else 1
     first = about[0] if isinstance(about, list) else about
     if not isinstance(first, str):
@@ -152,20 +172,17 @@ def title_of(kind: JobKind, given: Mapping[str, Any]) -> str:
 
 
 def with_paths(
-    kind: JobKind,
     declared: Mapping[str, JobOption],
-    given: Mapping[str, Any],
+    options: Mapping[str, Any],
     workspace: Workspace,
 ) -> dict[str, Any]:
     """Options with real paths in place of the page's, each checked to lie in a named folder.
 
     Parameters
     ----------
-    kind
-        Of the job.
     declared
-        Its options.
-    given
+        Options of the job.
+    options
         What the page asks for.
     workspace
         Folders that the page knows.
@@ -177,7 +194,6 @@ def with_paths(
     FileError
         If there is no such file.
     """
-    about = KINDS[kind]
     presets = workspace.presets()
 
     def camera(text: str) -> str:
@@ -199,15 +215,15 @@ def with_paths(
         "camera": camera,
         "material": material,
     }
-    found: dict[str, Any] = {}
-    for name, value in given.items():
+    resolved: dict[str, Any] = {}
+    for name, value in options.items():
         if value is None:
             continue
-        if name in about.chosen or name == "record":
-            raise OptionError(f"{name} is chosen by the studio: leave it out")
         role = declared[name].role if name in declared else "value"
-        found[name] = _each(name, value, change[role]) if role in change else value
-    return found
+        if role == "output" or name == "record":
+            raise OptionError(f"{name} is chosen by the studio: leave it out")
+        resolved[name] = _each(name, value, change[role]) if role in change else value
+    return resolved
 
 
 def _each(name: str, value: Any, change: Callable[[str], str]) -> Any:

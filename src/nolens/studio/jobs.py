@@ -1,4 +1,4 @@
-"""The queue of jobs: what was asked for, how far it is, and what came of it."""
+"""The queue of jobs: what was requested, how far it is, and its result; and their routes."""
 
 import asyncio
 import secrets
@@ -10,6 +10,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from fastapi import APIRouter
 from pydantic import ValidationError
 
 from nolens.documents import parse_json
@@ -17,16 +18,19 @@ from nolens.errors import DataError, FileError, NolensError
 from nolens.files.atomic import atomic_write
 from nolens.files.input import read_text, readable
 from nolens.studio.job_kinds import KINDS, title_of, with_paths
+from nolens.studio.requests import JsonRoute
 from nolens.studio.schemas import (
     ENDED,
     Job,
     JobDeclarations,
+    JobId,
     JobProgress,
     JobRequest,
+    Jobs,
     JobShort,
     Status,
 )
-from nolens.studio.worker import RefusedError, Told, Worker
+from nolens.studio.worker import Message, RefusedError, Worker
 from nolens.studio.workspace import JOBS, WORK, Workspace, is_name
 
 _TARGET = "nolens.studio.job_process:main"
@@ -94,7 +98,7 @@ class JobQueue:
         return None if self._worker is None else self._worker.pid
 
     async def submit(self, request: JobRequest) -> Job:
-        """Check what is asked for as the command would, and put it into the queue.
+        """Check the options as the command would, and put the job into the queue.
 
         Raises
         ------
@@ -110,7 +114,7 @@ class JobQueue:
             )
         self._checking += 1
         try:
-            identity, given = await self._checked(request)
+            identity, options = await self._checked(request)
         finally:
             self._checking -= 1
         job = Job(
@@ -120,7 +124,7 @@ class JobQueue:
             status="queued",
             options=dict(request.options),
         )
-        self._jobs[identity], self._resolved[identity] = job, given
+        self._jobs[identity], self._resolved[identity] = job, options
         place = len(self._queue)
         if _is_brief(job):  # Before the first that is not.
             waiting = [_is_brief(self._jobs[each]) for each in self._queue]
@@ -138,7 +142,7 @@ class JobQueue:
             If that process cannot be started.
         """
         if self._declarations is None:
-            kinds = await self._working().ask("declarations", seconds=_CHECK_S)
+            kinds = await self._working().request("declarations", seconds=_CHECK_S)
             self._declarations = JobDeclarations(kinds=kinds)
         return self._declarations
 
@@ -147,15 +151,17 @@ class JobQueue:
         identity = self._new_id(request.kind)
         loop = asyncio.get_running_loop()
         declared = (await self.declarations()).kinds[request.kind]
-        given = await loop.run_in_executor(
-            self._disk, with_paths, request.kind, declared, request.options, self._workspace
+        options = await loop.run_in_executor(
+            self._disk, with_paths, declared, request.options, self._workspace
         )
         work = str(self._workspace.work)
-        await self._working().ask("check", identity, request.kind, given, work, seconds=_CHECK_S)
-        return identity, given
+        await self._working().request(
+            "check", identity, request.kind, options, work, seconds=_CHECK_S
+        )
+        return identity, options
 
     def cancel(self, identity: str) -> Job:
-        """End a job: one that runs keeps what it keeps, and is killed if it does not end.
+        """End a job: one that runs may write what it has so far, and is killed if it does not end.
 
         Raises
         ------
@@ -169,7 +175,7 @@ class JobQueue:
         elif identity == self._running and not self._cancelling and self._worker is not None:
             self._cancelling = True
             with suppress(RefusedError):
-                self._worker.tell("cancel", identity)
+                self._worker.send("cancel", identity)
             self._grace = asyncio.get_running_loop().call_later(_GRACE_S, self._worker.kill)
         return job
 
@@ -178,7 +184,7 @@ class JobQueue:
         self._working()
 
     async def close(self) -> None:
-        """End the process; a job that runs is lost, and told to be."""
+        """End the process; a job that runs is lost, and has failed."""
         worker, self._worker = self._worker, None
         if self._running is not None:
             self._end(self._jobs[self._running], "failed", "the studio was stopped while it ran")
@@ -193,45 +199,45 @@ class JobQueue:
         if self._worker is None:
             loop = asyncio.get_running_loop()
 
-            def hear(message: Told) -> None:
-                about, identity, *what = message
+            def on_message(message: Message) -> None:
+                about, identity, *content = message
                 # Paths are looked up here, in the worker's thread.
-                named = self._workspace.named(what)
+                named = self._workspace.named(content)
                 with suppress(RuntimeError):  # The loop is closed.
-                    loop.call_soon_threadsafe(self._heard, about, identity, *named)
+                    loop.call_soon_threadsafe(self._received, about, identity, *named)
 
             folders = self._workspace.paths
-            self._worker = Worker("nolens-jobs", _TARGET, folders, hear, self._died)
+            self._worker = Worker("nolens-jobs", _TARGET, folders, on_message, self._died)
         return self._worker
 
     def _next(self) -> None:
         if self._running is not None or not self._queue:
             return
         job = self._jobs[self._queue.pop(0)]
-        given = self._resolved[job.id]
+        options = self._resolved[job.id]
         job.status, job.started = "running", time.time()
         self._running, self._cancelling = job.id, False
         self._store(job)
         try:
-            self._working().tell("run", job.id, job.kind, given, str(self._workspace.work))
+            self._working().send("run", job.id, job.kind, options, str(self._workspace.work))
         except (RefusedError, OSError) as error:
             self._end(job, "failed", f"the process for jobs cannot be started: {error}")
 
-    def _heard(self, about: str, identity: str, *what: Any) -> None:
+    def _received(self, about: str, identity: str, *content: Any) -> None:
         """A message of the process; of a job that has ended meanwhile it means nothing."""
         if identity != self._running:
             return
         job = self._jobs[identity]
-        tell: dict[str, Callable[..., None]] = {
+        handlers: dict[str, Callable[..., None]] = {
             "progress": self._progress,
             "rows": self._rows,
-            "note": lambda job, text: _keep(job.notes, text),
-            "warning": lambda job, text: _keep(job.warnings, text),
+            "note": lambda job, text: _add_text(job.notes, text),
+            "warning": lambda job, text: _add_text(job.warnings, text),
             "done": self._done,
             "cancelled": lambda job, summary: self._done(job, summary, "cancelled"),
             "failed": lambda job, text: self._end(job, "failed", text),
         }
-        tell[about](job, *what)
+        handlers[about](job, *content)
 
     def _progress(self, job: Job, progress: dict[str, Any]) -> None:
         job.progress = JobProgress(**progress)
@@ -267,7 +273,7 @@ class JobQueue:
             return
         job = self._jobs[self._running]
         if self._cancelling:
-            _keep(job.notes, f"it did not end within {_GRACE_S:g} s, and was killed")
+            _add_text(job.notes, f"it did not end within {_GRACE_S:g} s, and was killed")
             self._end(job, "cancelled")
         else:
             self._end(job, "failed", f"the process that worked on it {reason}")
@@ -292,17 +298,17 @@ class JobQueue:
             del self._jobs[identity]
 
     def _store(self, job: Job) -> None:
-        """Write what is known of a job, so that the studio finds it when it is started again."""
-        loop, text = asyncio.get_running_loop(), job.model_dump_json(indent=1)
+        """Write the state of a job, so that the studio finds it when it is started again."""
+        loop, record = asyncio.get_running_loop(), job.model_dump_json(indent=1)
 
         def written(done: Future[None]) -> None:
             error = done.exception()
             if error is not None:
-                said = f"this job is not kept beyond this run of the studio: {error}"
+                text = f"this job is not kept beyond this run of the studio: {error}"
                 with suppress(RuntimeError):  # The loop is closed.
-                    loop.call_soon_threadsafe(_keep, job.warnings, readable(said))
+                    loop.call_soon_threadsafe(_add_text, job.warnings, readable(text))
 
-        self._disk.submit(self._write, job.id, text).add_done_callback(written)
+        self._disk.submit(self._write, job.id, record).add_done_callback(written)
 
     def _write(self, identity: str, text: str) -> None:
         folder = self._workspace.make(f"{JOBS}/{identity}")
@@ -329,12 +335,12 @@ class JobQueue:
         self._prune()
 
     def _read(self, name: str) -> Job | None:
-        """A job of an earlier run; None where nothing was kept of it.
+        """A job of an earlier run; None where it has no record.
 
         Raises
         ------
         NolensError
-            If what was kept is no job, or cannot be read.
+            If the record is no job, or cannot be read.
         """
         text = f"{WORK}/{JOBS}/{name}/{_RECORD}"
         try:
@@ -360,6 +366,33 @@ def _is_brief(job: Job) -> bool:
     return any(kind.brief for name, kind in KINDS.items() if name == job.kind)
 
 
-def _keep(texts: list[str], text: str) -> None:
+def _add_text(texts: list[str], text: str) -> None:
     if len(texts) < _MOST_TEXTS:
         texts.append(text)
+
+
+def jobs_router(queue: JobQueue) -> APIRouter:
+    """Routes of jobs."""
+    router = APIRouter(prefix="/api/jobs", route_class=JsonRoute)
+
+    @router.get("")
+    async def jobs() -> Jobs:
+        return Jobs(jobs=queue.all())
+
+    @router.post("", status_code=201)
+    async def submit(request: JobRequest) -> JobId:
+        return JobId(id=(await queue.submit(request)).id)
+
+    @router.get("/options")
+    async def options() -> JobDeclarations:
+        return await queue.declarations()
+
+    @router.get("/{identity}")
+    async def job(identity: str) -> Job:
+        return queue.job(identity)
+
+    @router.post("/{identity}/cancel")
+    async def cancel(identity: str) -> Job:
+        return queue.cancel(identity)
+
+    return router

@@ -1,4 +1,4 @@
-"""The live view as the server has it: its process, its state, and who looks at it."""
+"""The live view as the server has it: its process, its state, its routes and its clients."""
 
 import asyncio
 import threading
@@ -7,10 +7,23 @@ from contextlib import suppress
 from functools import partial
 from typing import Any
 
-from nolens.errors import NolensError, OptionError
-from nolens.studio.scene_names import SCENES
-from nolens.studio.schemas import LiveStart, LiveState, Saved, Settings, SettingsChange
-from nolens.studio.worker import NoAnswerError, RefusedError, Told, Worker
+from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
+from pydantic import ValidationError
+
+from nolens.errors import DataError, NolensError, OptionError
+from nolens.studio.requests import JsonRoute, parsed
+from nolens.studio.schemas import (
+    SCENES,
+    BuiltinScene,
+    LiveStart,
+    LiveState,
+    Saved,
+    SaveRequest,
+    SceneShown,
+    Settings,
+    SettingsChange,
+)
+from nolens.studio.worker import Message, NoAnswerError, RefusedError, Worker
 from nolens.studio.workspace import Workspace
 
 _TARGET = "nolens.studio.live_process:main"
@@ -19,16 +32,36 @@ _ANSWER_S = 10.0
 _SAVE_S = 30.0
 _TOO_SOON_S = 30.0
 _MOST_CLIENTS = 32
+SCENE_PATH = "/api/live/scene"
+SCENE_BYTES = 32_000_000
+WEBCAM_BYTES = 1_000_000
+_MOST_SCENES = 4
+_SCENE_NAME_BYTES = 10_000
+_MESSAGES_PER_S, _MESSAGES_AT_ONCE = 100.0, 50
+_PICTURES = (b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n")
+_PICTURE_TYPES = ("image/jpeg", "image/png", "image/webp")
+_MALFORMED = 1008
+_TOO_MANY = 1013
+_BYTES = {"schema": {"type": "string", "format": "binary"}}
+_SCENE_BODY: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "application/json": {"schema": BuiltinScene.model_json_schema()},
+            **dict.fromkeys(_PICTURE_TYPES, _BYTES),
+        },
+    }
+}
 
 
-class Client:
-    """Someone who looks: is handed the newest message, when it has dealt with the one before."""
+class _Client:
+    """A page: it gets the newest message when it has acknowledged the one before."""
 
     def __init__(self) -> None:
         self.arrived = asyncio.Event()
         self.ready = asyncio.Event()
         self.ready.set()
-        self.seen = 0
+        self.last = 0
 
 
 class LiveHub:
@@ -39,7 +72,7 @@ class LiveHub:
     workspace
         Where PSFs are read and frames are saved.
     say
-        Tells a person at the terminal.
+        Shows a message to the person at the terminal.
     """
 
     def __init__(self, workspace: Workspace, say: Callable[[str], None]) -> None:
@@ -47,11 +80,11 @@ class LiveHub:
         self._worker: Worker | None = None
         self._state = LiveState()
         self._started: LiveStart | None = None
-        self._clients: set[Client] = set()
+        self._clients: set[_Client] = set()
         self._newest: bytes | None = None
         self._number, self._left = 0, 0
         self._lock = threading.Lock()
-        self._arrived: Told | None = None
+        self._arrived: Message | None = None
         self._starting = asyncio.Lock()
         self._died_at = float("-inf")
         self._fps_at = float("-inf")
@@ -74,41 +107,43 @@ class LiveHub:
         """Number of the newest message, and it."""
         return self._number, self._newest
 
-    def join(self) -> Client | None:
-        """Someone comes to look; None where there are too many."""
+    def join(self) -> _Client | None:
+        """A page opens the view; None where there are too many."""
         if len(self._clients) >= _MOST_CLIENTS:
             return None
-        client = Client()
+        client = _Client()
         if self._newest is not None:
             client.arrived.set()
         self._clients.add(client)
-        self._tell_watched()
+        self._send_watched()
         return client
 
-    def leave(self, client: Client) -> None:
-        """Someone looks no more."""
+    def leave(self, client: _Client) -> None:
+        """A page closes the view."""
         self._clients.discard(client)
-        self._tell_watched()
+        self._send_watched()
 
-    def begin(self, asked: LiveStart) -> None:
-        """Start, without waiting for it; what goes wrong is told in the state."""
-        self._restart = asyncio.get_running_loop().create_task(self._start_again(asked))
+    def begin(self, request: LiveStart) -> None:
+        """Start, without waiting for it; what goes wrong stands in the state."""
+        self._restart = asyncio.get_running_loop().create_task(self._start_again(request))
 
-    async def start(self, asked: LiveStart) -> LiveState:
-        """Look through a source, in place of the one before.
+    async def start(self, request: LiveStart) -> LiveState:
+        """Take frames from a source, in place of the one before.
 
         Raises
         ------
         NolensError
             If it cannot be opened, or the PSF not be read; the text is for a person.
         """
-        source, psf = await asyncio.to_thread(self._resolved, asked)
-        changes = _given(asked.settings)
+        source, psf = await asyncio.to_thread(self._resolved, request)
+        changes = _changes(request.settings)
         scene = self._state.scene if self._state.scene in SCENES else None
         async with self._starting:
-            self._started = asked
+            self._started = request
             try:
-                await self._working().ask("start", source, psf, changes, scene, seconds=_START_S)
+                await self._working().request(
+                    "start", source, psf, changes, scene, seconds=_START_S
+                )
             except RefusedError as error:
                 if isinstance(error, NoAnswerError):
                     await self._end()  # It hangs in a camera, and would go on to.
@@ -122,7 +157,7 @@ class LiveHub:
         worker = self._worker
         if worker is not None:
             try:
-                await worker.ask("stop", seconds=_ANSWER_S)
+                await worker.request("stop", seconds=_ANSWER_S)
             except RefusedError:
                 await self._end()
                 self._state = LiveState(settings=self._state.settings)
@@ -131,30 +166,30 @@ class LiveHub:
 
     async def set(self, change: SettingsChange) -> Settings:
         """Change settings, from the next frame on."""
-        found = await self._working().ask("settings", _given(change), seconds=_ANSWER_S)
-        return Settings.model_validate(found)
+        settings = await self._working().request("settings", _changes(change), seconds=_ANSWER_S)
+        return Settings.model_validate(settings)
 
     async def show(self, name: str) -> str:
         """Let the simulated camera look at a built-in scene."""
-        return str(await self._working().ask("scene", name, seconds=_ANSWER_S))
+        return str(await self._working().request("scene", name, seconds=_ANSWER_S))
 
     async def show_picture(self, data: bytes) -> str:
         """Let it look at a JPEG or PNG."""
-        return str(await self._working().ask("picture", data, seconds=_ANSWER_S))
+        return str(await self._working().request("picture", data, seconds=_ANSWER_S))
 
     def show_webcam(self, data: bytes) -> None:
         """Let it look at a frame of a webcam; only the newest counts."""
         if self._worker is not None and self._state.running:
             with suppress(RefusedError):
-                self._worker.tell("webcam", data, instead="webcam")
+                self._worker.send("webcam", data, instead="webcam")
 
     async def save(self, formats: list[str], folder: str) -> Saved:
-        """Write the frame that is shown into a folder of the workspace."""
+        """Write the displayed frame into a folder of the workspace."""
         if self._worker is None:
             raise OptionError("no camera is running: start one, and try again")
         work = str(self._workspace.work)
-        found = await self._worker.ask("save", formats, work, folder, seconds=_SAVE_S)
-        named = await asyncio.to_thread(self._workspace.named, found)
+        saved = await self._worker.request("save", formats, work, folder, seconds=_SAVE_S)
+        named = await asyncio.to_thread(self._workspace.named, saved)
         return Saved(files=named["files"], psf_path=named["psf_path"])
 
     async def close(self) -> None:
@@ -169,20 +204,20 @@ class LiveHub:
 
     def _working(self) -> Worker:
         if self._worker is None:
-            hear = partial(self._hear, asyncio.get_running_loop())
+            on_message = partial(self._received, asyncio.get_running_loop())
             folders = self._workspace.paths
-            self._worker = Worker("nolens-live", _TARGET, folders, hear, self._died)
-            self._tell_watched()
+            self._worker = Worker("nolens-live", _TARGET, folders, on_message, self._died)
+            self._send_watched()
         return self._worker
 
-    def _tell_watched(self) -> None:
+    def _send_watched(self) -> None:
         if self._worker is not None:
             with suppress(RefusedError):
-                self._worker.tell("watched", bool(self._clients), instead="watched")
+                self._worker.send("watched", bool(self._clients), instead="watched")
 
-    def _resolved(self, asked: LiveStart) -> tuple[str, str | None]:
+    def _resolved(self, request: LiveStart) -> tuple[str, str | None]:
         """Source and PSF with real paths."""
-        source = asked.source
+        source = request.source
         kind, _, rest = source.partition(":")
         if kind == "folder":
             if not rest:
@@ -195,10 +230,10 @@ class LiveHub:
                 f"there is no camera {rest!r}: give one of {', '.join(self._workspace.presets())}, "
                 "or the path of a camera's folder such as work/cameras/mine"
             )
-        psf = None if asked.psf is None else str(self._workspace.resolve(asked.psf))
+        psf = None if request.psf is None else str(self._workspace.resolve(request.psf))
         return source, psf
 
-    def _hear(self, loop: asyncio.AbstractEventLoop, message: Told) -> None:
+    def _received(self, loop: asyncio.AbstractEventLoop, message: Message) -> None:
         """In the worker's thread: of messages that come faster than they go, the newest stays."""
         if message[0] == "state":
             message = "state", self._named(message[1]), *message[2:]
@@ -261,21 +296,21 @@ class LiveHub:
             self._fail(f"{text}. Start it again")
             return
         self._fail(f"{text}. It is being started again")
-        asked = self._started.model_copy(
+        request = self._started.model_copy(
             update={
                 "settings": SettingsChange(**self._state.settings.model_dump(exclude={"frozen"}))
             }
         )
-        self.begin(asked)
+        self.begin(request)
 
-    async def _start_again(self, asked: LiveStart) -> None:
+    async def _start_again(self, request: LiveStart) -> None:
         try:
-            await self.start(asked)
+            await self.start(request)
         except NolensError as error:
             self._fail(str(error))
 
 
-def _given(change: SettingsChange | None) -> dict[str, Any]:
+def _changes(change: SettingsChange | None) -> dict[str, Any]:
     """Settings that are named in a change; no exposure time means automatic."""
     if change is None:
         return {}
@@ -283,3 +318,117 @@ def _given(change: SettingsChange | None) -> dict[str, Any]:
     return {
         name: value for name, value in named.items() if value is not None or name == "exposure_s"
     }
+
+
+def live_router(hub: LiveHub) -> APIRouter:
+    """Routes of the live view."""
+    router = APIRouter(prefix="/api/live", route_class=JsonRoute)
+
+    # Each may have `SCENE_BYTES` in memory.
+    receiving = asyncio.Semaphore(_MOST_SCENES)
+
+    @router.get("")
+    async def state() -> LiveState:
+        return hub.state
+
+    @router.post("/start")
+    async def start(request: LiveStart) -> LiveState:
+        return await hub.start(request)
+
+    @router.post("/stop")
+    async def stop() -> LiveState:
+        return await hub.stop()
+
+    @router.post("/settings")
+    async def settings(change: SettingsChange) -> Settings:
+        return await hub.set(change)
+
+    @router.post("/scene", openapi_extra=_SCENE_BODY)
+    async def scene(request: Request) -> SceneShown:
+        kind = request.headers.get("content-type", "").split(";")[0].strip().lower()
+        async with receiving:
+            body = await request.body()
+            if kind in _PICTURE_TYPES:
+                return SceneShown(scene=await hub.show_picture(body))
+        return SceneShown(scene=await hub.show(_builtin(body)))
+
+    @router.post("/save")
+    async def save(request: SaveRequest) -> Saved:
+        return await hub.save(list(request.formats), request.folder)
+
+    @router.websocket("/frames")
+    async def frames(socket: WebSocket) -> None:
+        client = hub.join()
+        if client is None:
+            await socket.close(_TOO_MANY, "too many pages are open at once")
+            return
+        try:
+            await socket.accept()
+            await _serve(socket, client, hub)
+        finally:
+            hub.leave(client)
+
+    return router
+
+
+def _builtin(body: bytes) -> str:
+    try:
+        return BuiltinScene.model_validate(parsed(body[:_SCENE_NAME_BYTES])).builtin
+    except (DataError, ValidationError):
+        raise OptionError(
+            f'the scene is none: give {{"builtin": "chart"}}, or a picture as {_PICTURE_TYPES[0]} '
+            f"or {_PICTURE_TYPES[1]}"
+        ) from None
+
+
+async def _serve(socket: WebSocket, client: _Client, hub: LiveHub) -> None:
+    """Send frames as they are asked for, until one side ends."""
+    sending = asyncio.create_task(_send(socket, client, hub))
+    receiving = asyncio.create_task(_receive(socket, client, hub))
+    try:
+        await asyncio.wait((sending, receiving), return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in (sending, receiving):
+            task.cancel()
+        results = await asyncio.gather(sending, receiving, return_exceptions=True)
+    for result in results:
+        known = (asyncio.CancelledError, WebSocketDisconnect, RuntimeError, OSError)
+        if isinstance(result, BaseException) and not isinstance(result, known):
+            raise result
+
+
+async def _send(socket: WebSocket, client: _Client, hub: LiveHub) -> None:
+    while True:
+        await client.ready.wait()
+        await client.arrived.wait()
+        client.arrived.clear()
+        number, message = hub.newest
+        if message is None or number == client.last:
+            continue
+        client.last = number
+        client.ready.clear()
+        await socket.send_bytes(message)
+
+
+async def _receive(socket: WebSocket, client: _Client, hub: LiveHub) -> None:
+    loop = asyncio.get_running_loop()
+    due = 0.0
+    while True:
+        # Who sends more than frames and pictures of a webcam need waits: what is not read yet
+        # waits in its own connection.
+        now = loop.time()
+        due = max(due, now - _MESSAGES_AT_ONCE / _MESSAGES_PER_S) + 1 / _MESSAGES_PER_S
+        if due > now:
+            await asyncio.sleep(due - now)
+        message = await socket.receive()
+        if message["type"] == "websocket.disconnect":
+            return
+        text, data = message.get("text"), message.get("bytes")
+        if text == "ok":
+            client.ready.set()
+        elif data is not None and data.startswith(_PICTURES) and len(data) <= WEBCAM_BYTES:
+            hub.show_webcam(data)
+        else:
+            with suppress(RuntimeError):
+                await socket.close(_MALFORMED, 'send "ok", or a JPEG or PNG')
+            return

@@ -20,7 +20,7 @@ from nolens.studio.live_solver import Solved
 from nolens.studio.live_source import LiveSource, open_live
 from nolens.studio.scenes import decoded_scene, show_scene
 from nolens.studio.schemas import Method, Settings
-from nolens.studio.worker import Channel, Told
+from nolens.studio.worker import Channel, Message
 
 _FPS_OVER_S = 3.0
 _WEBCAM_PIXELS = 4_000_000
@@ -56,7 +56,7 @@ class LiveView:
     def __init__(self, channel: Channel) -> None:
         self._channel = channel
         self._changed = threading.Condition()
-        self._told: deque[Told] = deque()
+        self._told: deque[Message] = deque()
         self._settings = Settings()
         self._used = dict(_OWN)
         self._source: LiveSource | None = None
@@ -70,7 +70,7 @@ class LiveView:
         self._left = 0
         self._cores = torch.get_num_threads()
 
-    def put(self, told: Told) -> None:
+    def put(self, told: Message) -> None:
         """Take a message of the server, from any thread."""
         with self._changed:
             if told[0] == "webcam":  # The newest alone.
@@ -99,7 +99,7 @@ class LiveView:
         frame = source.camera.has_frame and not self._settings.frozen
         return frame or source.camera.failure is not None
 
-    def _heed(self, told: Told) -> None:
+    def _heed(self, told: Message) -> None:
         if told[0] == "watched":
             self._watched = bool(told[1])
             if self._source is not None:
@@ -289,7 +289,7 @@ class LiveView:
             "frozen": self._settings.frozen,
             "trouble": trouble,
         }
-        self._channel.tell("frame", message(header, parts), round(fps, 2), source.camera.dropped)
+        self._channel.send("frame", message(header, parts), round(fps, 2), source.camera.dropped)
 
     def _warn(self, text: str) -> None:
         self._error = text
@@ -310,4 +310,4 @@ class LiveView:
             "limits": None if limits is None else vars(limits),
             "scene": self._scene if source is not None and source.twin is not None else None,
         }
-        self._channel.tell("state", state, self._left)
+        self._channel.send("state", state, self._left)

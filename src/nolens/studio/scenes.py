@@ -12,7 +12,7 @@ from nolens.capture import TwinSource, chart
 from nolens.errors import DataError, NolensError
 from nolens.files import check_scans
 from nolens.jobs.sample_pictures import sample_picture
-from nolens.studio.scene_names import SCENES
+from nolens.studio.schemas import SCENES
 
 _MOST_PIXELS = 50_000_000
 _LONG_SIDE = 1024

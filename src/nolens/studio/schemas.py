@@ -23,6 +23,15 @@ JobKind = Literal[
     "measure-field",
     "preview",
 ]
+SCENES = {
+    "chart": "Chart",
+    "astronaut": "Astronaut",
+    "coffee": "Coffee",
+    "camera": "Cameraman",
+    "point": "Point source",
+    "dark": "No light",
+}
+"""Built-in scenes by id, and what the page calls them."""
 ENDED: tuple[Status, ...] = ("done", "failed", "cancelled")
 
 

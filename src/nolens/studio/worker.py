@@ -1,4 +1,4 @@
-"""A process beside the server: it is told and asked things, tells things, and may die."""
+"""A process beside the server: both send messages, it answers requests, and it may die."""
 
 import asyncio
 import faulthandler
@@ -19,7 +19,7 @@ from nolens.files.input import read_limit, set_read_limit
 from nolens.process import prepare
 from nolens.studio.confinement import confine
 
-Told = tuple[Any, ...]
+Message = tuple[Any, ...]
 """A message: plain values, the first of which says what it is about."""
 
 _CONTEXT = get_context("spawn")
@@ -50,9 +50,9 @@ class Worker:
         ``"module:function"``, imported in the process alone; called with its `Channel`.
     folders
         Out of which it opens nothing through links (`confine`).
-    hear
+    on_message
         Called with every message of its own accord, in a thread of the worker's.
-    ended
+    on_end
         Called in the event loop with the reason, once, when it is gone.
     """
 
@@ -61,14 +61,14 @@ class Worker:
         name: str,
         target: str,
         folders: Sequence[str],
-        hear: Callable[[Told], None],
-        ended: Callable[[str], None],
+        on_message: Callable[[Message], None],
+        on_end: Callable[[str], None],
     ) -> None:
         self._loop = asyncio.get_running_loop()
-        self._hear, self._ended = hear, ended
-        self._asked: dict[int, asyncio.Future[Any]] = {}
+        self._on_message, self._on_end = on_message, on_end
+        self._requests: dict[int, asyncio.Future[Any]] = {}
         self._number = 0
-        self._waiting: deque[tuple[str | None, Told]] = deque()
+        self._waiting: deque[tuple[str | None, Message]] = deque()
         self._changed = threading.Condition()
         self._gone = threading.Event()
         self._errors: deque[str] = deque(maxlen=_LAST_LINES)
@@ -84,17 +84,17 @@ class Worker:
             self._process.start()
         theirs.close()
         their_stderr.close()
-        complaints = threading.Thread(target=self._complaints, daemon=True)
-        complaints.start()
-        threading.Thread(target=self._speak, daemon=True).start()
-        threading.Thread(target=self._listen, args=(complaints,), daemon=True).start()
+        stderr_thread = threading.Thread(target=self._read_stderr, daemon=True)
+        stderr_thread.start()
+        threading.Thread(target=self._send_all, daemon=True).start()
+        threading.Thread(target=self._listen, args=(stderr_thread,), daemon=True).start()
 
     @property
     def pid(self) -> int | None:
         """Number of the process."""
         return self._process.pid
 
-    def tell(self, *message: Any, instead: str | None = None) -> None:
+    def send(self, *message: Any, instead: str | None = None) -> None:
         """Send a message, without waiting.
 
         Parameters
@@ -117,7 +117,7 @@ class Worker:
             self._waiting.append((instead, message))
             self._changed.notify()
 
-    async def ask(self, *message: Any, seconds: float) -> Any:
+    async def request(self, *message: Any, seconds: float) -> Any:
         """Send a message, and wait for what the process answers.
 
         Raises
@@ -131,20 +131,20 @@ class Worker:
             raise WorkerDiedError("it has ended")
         self._number += 1
         number, future = self._number, self._loop.create_future()
-        self._asked[number] = future
+        self._requests[number] = future
         try:
-            self.tell("asked", number, *message)
+            self.send("request", number, *message)
             async with asyncio.timeout(seconds):
                 return await future
         except TimeoutError:
             raise NoAnswerError(f"no answer within {seconds:g} s: try again, or stop it") from None
         finally:
-            del self._asked[number]
+            del self._requests[number]
 
     async def stop(self, grace_s: float) -> None:
         """Ask the process to end, and kill it where it does not."""
         with suppress(RefusedError):
-            self.tell("end")
+            self.send("end")
         if not await asyncio.to_thread(self._gone.wait, grace_s):
             self.kill()
             await asyncio.to_thread(self._gone.wait, 2.0)
@@ -154,7 +154,7 @@ class Worker:
         with suppress(ValueError, OSError):
             self._process.kill()
 
-    def _speak(self) -> None:
+    def _send_all(self) -> None:
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._waiting or self._gone.is_set())
@@ -168,7 +168,7 @@ class Worker:
                 self.kill()
                 return
 
-    def _listen(self, complaints: threading.Thread) -> None:
+    def _listen(self, stderr_thread: threading.Thread) -> None:
         # Whatever cannot be read, as what a killed process had half sent, is the end too.
         with suppress(Exception):
             while True:
@@ -176,19 +176,19 @@ class Worker:
                 if message[0] == "answer":
                     self._in_loop(self._answered, *message[1:])
                 else:
-                    self._hear(message)
+                    self._on_message(message)
         self._process.join(2.0)
         if self._process.exitcode is None:
             self._process.kill()
             self._process.join()
-        complaints.join(1.0)
+        stderr_thread.join(1.0)
         with self._changed:
             self._gone.set()
             self._changed.notify()
         self._channel.close()
         self._in_loop(self._over, self._reason())
 
-    def _complaints(self) -> None:
+    def _read_stderr(self) -> None:
         """Keep the last lines of its standard error."""
         rest = b""
         with suppress(OSError):
@@ -208,15 +208,15 @@ class Worker:
                 text += ", as the system does where memory runs out"
         else:
             text = f"ended (exit code {code})"
-        said = "; ".join(self._errors)
-        return f"{text}: {said}" if said else text
+        stderr = "; ".join(self._errors)
+        return f"{text}: {stderr}" if stderr else text
 
     def _in_loop(self, call: Callable[..., None], *arguments: Any) -> None:
         with suppress(RuntimeError):  # The loop is closed: nobody waits any more.
             self._loop.call_soon_threadsafe(call, *arguments)
 
     def _answered(self, number: int, result: Any, refused: str | None) -> None:
-        future = self._asked.get(number)
+        future = self._requests.get(number)
         if future is None or future.done():
             return
         if refused is None:
@@ -225,14 +225,14 @@ class Worker:
             future.set_exception(RefusedError(refused))
 
     def _over(self, reason: str) -> None:
-        for future in self._asked.values():
+        for future in self._requests.values():
             if not future.done():
                 future.set_exception(WorkerDiedError(f"the process {reason}"))
-        self._ended(reason)
+        self._on_end(reason)
 
 
 class Channel:
-    """The worker's end: what it is told, and how it answers. Threads may share it.
+    """The worker's end: what it receives, and how it answers. Threads may share it.
 
     Parameters
     ----------
@@ -243,10 +243,10 @@ class Channel:
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
         self._lock = threading.Lock()
-        self._heard: queue.SimpleQueue[Told | None] = queue.SimpleQueue()
+        self._received: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
         threading.Thread(target=self._listen, name="channel", daemon=True).start()
 
-    def tell(self, *message: Any) -> None:
+    def send(self, *message: Any) -> None:
         """Send a message to the server; a server that is gone ends the process."""
         try:
             with self._lock:
@@ -255,22 +255,22 @@ class Channel:
             os._exit(0)
 
     def answer(self, number: int, result: Any = None, *, refused: str | None = None) -> None:
-        """Answer what was asked under a number."""
-        self.tell("answer", number, result, refused)
+        """Answer the request of a number."""
+        self.send("answer", number, result, refused)
 
-    def messages(self) -> Iterator[Told]:
-        """What the server tells, to its end; what it asks is ``("asked", number, ...)``."""
-        while (message := self._heard.get()) is not None:
+    def messages(self) -> Iterator[Message]:
+        """What the server sends, to its end; what it requests is ``("request", number, ...)``."""
+        while (message := self._received.get()) is not None:
             yield message
 
     def _listen(self) -> None:
         """From the first moment on, so that the process goes with the server."""
         try:
             while (message := self._connection.recv())[0] != "end":
-                self._heard.put(message)
+                self._received.put(message)
         except (EOFError, OSError):
             os._exit(0)
-        self._heard.put(None)
+        self._received.put(None)
 
 
 def _begin(
