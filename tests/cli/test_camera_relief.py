@@ -18,7 +18,7 @@ from nolens.camera import camera_to_toml, preset
 from nolens.errors import OptionError
 from nolens.fabricate.surface import SurfaceName, made_surface
 from nolens.files import read_camera
-from nolens.files.write_relief import write_height_map
+from nolens.files.workshop import write_height_map
 from nolens.optics import Grid, MaskSurface, PointSource, Relief
 from nolens.twin import Light, Twin, point_spread
 

@@ -22,7 +22,7 @@ from nolens.fabricate.drawing import (
     spread,
 )
 from nolens.fabricate.sheet_drawings import draw_section, draw_top
-from nolens.files.write_sheet_drawing import BOLD, REGULAR, register_fonts
+from nolens.files.pdf import BOLD, REGULAR, register_fonts
 
 
 def sizes(least: float, most: float) -> st.SearchStrategy[float]:

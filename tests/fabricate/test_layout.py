@@ -17,7 +17,7 @@ from workpieces import lopsided, smooth, surface
 
 from nolens.errors import OptionError
 from nolens.fabricate import Levels, MadeSurface
-from nolens.files.write_layout import layout, write_gds, write_oasis
+from nolens.files.workshop import layout, write_gds, write_oasis
 from nolens.optics import Relief
 
 WRITERS: dict[str, Callable[..., None]] = {".gds": write_gds, ".oas": write_oasis}

@@ -14,7 +14,7 @@ from workpieces import lopsided, smooth, surface
 
 from nolens.errors import OptionError
 from nolens.fabricate import MadeSurface
-from nolens.files.write_relief import check_height_map, write_height_map
+from nolens.files.workshop import check_height_map, write_height_map
 from nolens.optics import Relief
 
 

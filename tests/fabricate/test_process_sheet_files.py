@@ -14,8 +14,8 @@ from nolens.errors import FileError
 from nolens.fabricate import FrameGeometry, Sheet
 from nolens.fabricate.drawing import Word
 from nolens.fabricate.sheet_parts import Blank, Figure, Section, Table
-from nolens.files.write_sheet import write_sheet_html, write_sheet_pdf
-from nolens.files.write_sheet_drawing import BOLD, REGULAR
+from nolens.files.pdf import BOLD, REGULAR, write_sheet_pdf
+from nolens.files.sheet import write_sheet_html
 
 POINTS_PER_MM = 72 / 25.4
 A4_MM = 210, 297

@@ -15,8 +15,7 @@ from workpieces import frame, inside, lopsided, smooth, surface
 
 from nolens.errors import DataError, OptionError
 from nolens.fabricate import MadeSurface, Solid, decimated, frame_solid, relief_solid
-from nolens.files.write_solid import write_3mf, write_stl
-from nolens.files.write_step import write_step
+from nolens.files.workshop import write_3mf, write_step, write_stl
 from nolens.optics import Relief
 
 

@@ -19,7 +19,7 @@ from nolens.camera import ReliefFile, preset
 from nolens.errors import DataError, FileError, NolensError, OptionError
 from nolens.fabricate.surface import made_surface
 from nolens.files import read_height_map, write_camera
-from nolens.files.write_relief import write_height_map
+from nolens.files.workshop import write_height_map
 from nolens.optics import Relief
 from nolens.quantities import Length
 

@@ -12,10 +12,16 @@ import pytest
 from pypdf import PdfReader
 
 from nolens.errors import FileError
-from nolens.files.report import Report, ReportPicture, ReportRow, ReportSection
-from nolens.files.write_report_html import report_html, write_report_html
-from nolens.files.write_report_markdown import write_report_markdown
-from nolens.files.write_report_pdf import write_report_pdf
+from nolens.files.pdf import write_report_pdf
+from nolens.files.reports import (
+    Report,
+    ReportPicture,
+    ReportRow,
+    ReportSection,
+    report_html,
+    write_report_html,
+    write_report_markdown,
+)
 
 
 def png(width: int, height: int) -> bytes:

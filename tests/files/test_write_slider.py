@@ -16,7 +16,7 @@ import pytest
 import torch
 from PIL import Image
 
-from nolens.files.write_slider import SliderPage, write_slider
+from nolens.files.html import write_slider
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 DEPTHS = (50e3, 80e3, 200e3, math.inf)
@@ -26,15 +26,21 @@ SIZE = (120, 200)
 in_browser = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here to open the page with")
 
 
-def page(title: str = "raw.dng refocused") -> SliderPage:
+def page(title: str = "raw.dng refocused") -> dict[str, Any]:
     """Pages of one grey each, and the far half of the picture at the right."""
     greys = torch.tensor([0.2, 0.4, 0.6, 0.8])[:, None, None, None]
     sharpest = torch.zeros(SIZE, dtype=torch.long)
     sharpest[:, 100:] = 3
     sharpest[100:, 100:] = 2
-    return SliderPage(
-        title, greys.expand(4, 1, *SIZE), DEPTHS, PLACES, torch.full((1, *SIZE), 0.5), sharpest, 1.0
-    )
+    return {
+        "title": title,
+        "pages": greys.expand(4, 1, *SIZE),
+        "depths_um": DEPTHS,
+        "places": PLACES,
+        "everywhere": torch.full((1, *SIZE), 0.5),
+        "sharpest": sharpest,
+        "white": 1.0,
+    }
 
 
 def opened(path: Path, script: str) -> dict[str, Any]:
@@ -59,7 +65,7 @@ def opened(path: Path, script: str) -> dict[str, Any]:
 
 _HELPERS = """
 const $ = (id) => document.getElementById(id);
-const number = () => told.pages.indexOf($('picture').src);
+const number = () => stack.pages.indexOf($('picture').src);
 const at = (x, y) => {
   const box = $('picture').getBoundingClientRect();
   $('picture').dispatchEvent(new MouseEvent('click', {clientX: box.left + x * box.width,
@@ -71,9 +77,9 @@ const at = (x, y) => {
 
 @in_browser
 def test_slider_keyboard_and_clicks(tmp_path: Path) -> None:
-    write_slider(tmp_path / "sweep.html", page())
+    write_slider(tmp_path / "sweep.html", **page())
     found = opened(tmp_path / "sweep.html", _HELPERS + """
-      found.start = [$('shown').textContent, $('picture').src === told.everywhere,
+      found.start = [$('shown').textContent, $('picture').src === stack.everywhere,
         $('picture').naturalWidth, $('picture').naturalHeight];
       $('depth').value = 2;
       $('depth').dispatchEvent(new Event('input'));
@@ -85,7 +91,7 @@ def test_slider_keyboard_and_clicks(tmp_path: Path) -> None:
       found.corner = at(0.8, 0.95);
       found.edge = at(1.0, 1.0);
       $('all').click();
-      found.all = [$('shown').textContent, $('mark').hidden, $('picture').src === told.everywhere];
+      found.all = [$('shown').textContent, $('mark').hidden, $('picture').src === stack.everywhere];
       found.labelled = document.querySelector('label').control === $('depth');
       $('depth').focus();
       found.focus = document.activeElement === $('depth');
@@ -105,7 +111,7 @@ def test_slider_keyboard_and_clicks(tmp_path: Path) -> None:
 
 @in_browser
 def test_sweep_goes_there_and_back(tmp_path: Path) -> None:
-    write_slider(tmp_path / "sweep.html", page())
+    write_slider(tmp_path / "sweep.html", **page())
     found = opened(tmp_path / "sweep.html", _HELPERS + """
       let tick = null;
       window.setInterval = (step) => { tick = step; return 7; };
@@ -121,7 +127,7 @@ def test_sweep_goes_there_and_back(tmp_path: Path) -> None:
 
 
 def test_needs_no_other_file(tmp_path: Path) -> None:
-    write_slider(tmp_path / "sweep.html", page("</script><b>&"))
+    write_slider(tmp_path / "sweep.html", **page("</script><b>&"))
     text = (tmp_path / "sweep.html").read_text(encoding="utf-8")
     assert "default-src 'none'" in text
     assert not re.search(r"(?:src|href)\s*=\s*[\"'](?!data:)", text)
@@ -133,5 +139,5 @@ def test_needs_no_other_file(tmp_path: Path) -> None:
         assert picture.size == SIZE[::-1]
         # sRGB of 0.2 is 124.
         assert np.asarray(picture).max() == np.asarray(picture).min() == 124
-    write_slider(tmp_path / "again.html", page("</script><b>&"))
+    write_slider(tmp_path / "again.html", **page("</script><b>&"))
     assert (tmp_path / "again.html").read_bytes() == (tmp_path / "sweep.html").read_bytes()

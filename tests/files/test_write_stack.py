@@ -11,7 +11,7 @@ import torch
 from PIL import Image, ImageSequence
 
 from nolens.errors import FileError
-from nolens.files.write_stack import depth_text, write_depths, write_stack
+from nolens.files.stacks import depth_text, write_depths, write_stack
 
 DEPTHS = (80e3, 123.456e3, 2e6, math.inf)
 

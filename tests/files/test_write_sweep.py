@@ -9,8 +9,7 @@ import torch
 from PIL import Image, ImageSequence
 
 from nolens.camera import srgb_from_linear
-from nolens.files.plot_depth import plot_depth
-from nolens.files.write_sweep import write_sweep
+from nolens.files.stacks import plot_depth, write_sweep
 
 DEPTHS, PLACES = (50e3, 80e3, 200e3, math.inf), (0.0, 0.4, 0.75, 1.0)
 

@@ -3,7 +3,7 @@
 from typing import Any
 
 from nolens.cli.command import command
-from nolens.files.write_stack import depth_text
+from nolens.files.stacks import depth_text
 from nolens.jobs import RefocusOptions
 from nolens.jobs import refocus as refocus_job
 

@@ -44,10 +44,17 @@ from .record import (
 )
 from .state import read_state, write_state
 from .tolerances import read_tolerances, write_trials
-from .write_layout import layout, write_gds, write_oasis
-from .write_relief import check_height_map, write_height_map
-from .write_solid import write_3mf, write_stl
-from .write_step import check_step, write_step
+from .workshop import (
+    check_height_map,
+    check_step,
+    layout,
+    write_3mf,
+    write_gds,
+    write_height_map,
+    write_oasis,
+    write_step,
+    write_stl,
+)
 
 __all__ = [
     "CAMERA_FILE",

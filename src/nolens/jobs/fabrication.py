@@ -38,7 +38,8 @@ from nolens.files import (
     write_step,
     write_stl,
 )
-from nolens.files.write_sheet import write_sheet_html, write_sheet_pdf
+from nolens.files.pdf import write_sheet_pdf
+from nolens.files.sheet import write_sheet_html
 from nolens.jobs.designing.tolerance import study_budget
 from nolens.jobs.fields import FilePath, Name, OutputFolderOptions
 from nolens.jobs.options import Option, Written

@@ -37,10 +37,8 @@ from nolens.files import (
     write_png,
     write_tiff16,
 )
-from nolens.files.plot_depth import plot_depth
-from nolens.files.write_slider import SliderPage, write_slider
-from nolens.files.write_stack import write_depths, write_stack
-from nolens.files.write_sweep import write_sweep
+from nolens.files.html import write_slider
+from nolens.files.stacks import plot_depth, write_depths, write_stack, write_sweep
 from nolens.jobs.fields import (
     INPUT,
     MAIN,
@@ -649,13 +647,22 @@ def _stack_writers(
     places = [(first - per_m(each)) / span for each in depths]
     steps = max(1, len(depths) - 1)
     numbers = ((first - together.per_m) / span * steps).round().long().clamp(0, len(depths) - 1)
-    slider = SliderPage(title, stack.pages, depths, places, together.picture, numbers, white)
+    slider = partial(
+        write_slider,
+        title=title,
+        pages=stack.pages,
+        depths_um=depths,
+        places=places,
+        everywhere=together.picture,
+        sharpest=numbers,
+        white=white,
+    )
     writers: dict[str, Writer] = {
         "stack": partial(write_stack, pages=stack.pages, depths_um=depths, white=white),
         "sweep": partial(
             write_sweep, pages=stack.pages, depths_um=depths, places=places, white=white
         ),
-        "page with a slider": partial(write_slider, page=slider),
+        "page with a slider": slider,
         "picture that is sharp everywhere": partial(write_png, radiance=together.picture),
         "depth map": partial(
             plot_depth, per_m=together.per_m, confidence=together.confidence, depths_um=depths

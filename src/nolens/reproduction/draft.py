@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from nolens.files.report import ReportPicture, ReportSection
+from nolens.files.reports import ReportPicture, ReportSection
 from nolens.interrupt import Unfinished
 from nolens.reproduction.rows import Row, not_made
 from nolens.reproduction.steps import Found

@@ -11,7 +11,7 @@ import torch
 from nolens import __version__
 from nolens.errors import FileError
 from nolens.files import camera_files, read_camera, readable
-from nolens.files.report import Report
+from nolens.files.reports import Report
 from nolens.jobs.fields import FilePath, Name
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Clock, Product, Run, check_memory, job

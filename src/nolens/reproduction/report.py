@@ -9,10 +9,8 @@ from typing import Any
 from pydantic_core import to_json
 
 from nolens.camera import preset
-from nolens.files.report import Report, ReportRow
-from nolens.files.write_report_html import write_report_html
-from nolens.files.write_report_markdown import write_report_markdown
-from nolens.files.write_report_pdf import write_report_pdf
+from nolens.files.pdf import write_report_pdf
+from nolens.files.reports import Report, ReportRow, write_report_html, write_report_markdown
 from nolens.reproduction import (
     depths,
     field,

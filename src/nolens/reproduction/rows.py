@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from nolens.files.report import ReportRow
+from nolens.files.reports import ReportRow
 from nolens.reproduction.paper import PAPER
 
 

@@ -5,15 +5,15 @@ let timer = null;
 
 function show(number) {
   slider.value = number;
-  picture.src = told.pages[number];
-  picture.alt = "The scene, sharp at " + told.depths[number];
-  shown.textContent = told.depths[number];
-  slider.setAttribute("aria-valuetext", told.depths[number]);
+  picture.src = stack.pages[number];
+  picture.alt = "The scene, sharp at " + stack.depths[number];
+  shown.textContent = stack.depths[number];
+  slider.setAttribute("aria-valuetext", stack.depths[number]);
   all.setAttribute("aria-pressed", "false");
 }
 
 function showAll() {
-  picture.src = told.everywhere;
+  picture.src = stack.everywhere;
   picture.alt = "The scene, sharp everywhere";
   shown.textContent = "everywhere";
   mark.hidden = true;
@@ -34,14 +34,14 @@ play.addEventListener("click", () => {
   mark.hidden = true;
   let step = 1;
   timer = setInterval(() => {
-    const last = told.pages.length - 1, now = Number(slider.value);
+    const last = stack.pages.length - 1, now = Number(slider.value);
     if (now + step > last || now + step < 0) { step = -step; }
     show(Math.min(last, Math.max(0, now + step)));
   }, 350);
 });
 picture.addEventListener("click", (event) => {
   stop();
-  const box = picture.getBoundingClientRect(), grid = told.sharpest;
+  const box = picture.getBoundingClientRect(), grid = stack.sharpest;
   const across = (event.clientX - box.left) / box.width;
   const down = (event.clientY - box.top) / box.height;
   const place = (share, count) => Math.min(count - 1, Math.max(0, Math.floor(share * count)));

@@ -1,0 +1,236 @@
+"""Reports of a reproduction: what is in them, as Markdown for the docs and HTML for the screen."""
+
+import base64
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+from nolens.files.atomic import atomic_write
+from nolens.files.html import html_page
+
+COLUMNS = ("quantity", "the paper", "here", "ratio", "where they differ, why")
+"""Heads of every table; the section of the paper stands below the quantity."""
+_WIDE_MM = 120.0
+
+
+@dataclass(frozen=True)
+class ReportRow:
+    """One quantity, as the paper has it and as it came out here.
+
+    Parameters
+    ----------
+    what
+        The quantity.
+    where
+        Section or figure of the paper.
+    paper
+        Its value there, with its unit.
+    ours
+        The value here.
+    ratio
+        Ours over the paper's; empty where there is none to form.
+    why
+        Where the two differ, why; else how it was found.
+    """
+
+    what: str
+    where: str
+    paper: str
+    ours: str
+    ratio: str
+    why: str
+
+
+@dataclass(frozen=True)
+class ReportPicture:
+    """A picture of a report.
+
+    Parameters
+    ----------
+    name
+        Of its file, without suffix.
+    png
+        Its bytes.
+    caption
+        What it shows.
+    width_mm
+        How wide it is printed, at most the width of the text.
+    """
+
+    name: str
+    png: bytes
+    caption: str
+    width_mm: float = 180.0
+
+
+@dataclass(frozen=True)
+class ReportSection:
+    """A figure of the paper, made again.
+
+    Parameters
+    ----------
+    name
+        To be referred to.
+    title
+        Its heading.
+    texts
+        Paragraphs above the pictures.
+    pictures
+        Beside its table.
+    rows
+        The table.
+    """
+
+    name: str
+    title: str
+    texts: tuple[str, ...]
+    pictures: tuple[ReportPicture, ...]
+    rows: tuple[ReportRow, ...]
+
+
+@dataclass(frozen=True)
+class Report:
+    """A whole report.
+
+    Parameters
+    ----------
+    title, subtitle
+        At its head.
+    texts
+        Paragraphs below them.
+    sections
+        In their order.
+    """
+
+    title: str
+    subtitle: str
+    texts: tuple[str, ...]
+    sections: tuple[ReportSection, ...]
+
+
+def write_report_markdown(
+    path: str | Path, report: Report, *, folder: str, notes: tuple[str, ...] = ()
+) -> None:
+    """Write a report as Markdown.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    report
+        What is in it.
+    folder
+        Where its pictures lie, from the file's own folder.
+    notes
+        Paragraphs after those of the report: what differs from run to run, such as the time.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    parts = [f"# {report.title}", report.subtitle, *report.texts, *notes]
+    for section in report.sections:
+        parts += _markdown_section(section, folder)
+    with atomic_write(path) as temporary:
+        temporary.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+
+
+def _markdown_section(section: ReportSection, folder: str) -> list[str]:
+    parts = [f"## {section.title}", *section.texts]
+    for picture in section.pictures:
+        parts += [
+            f"![{picture.name}]({folder}/{picture.name}.png)",
+            f"*{picture.caption}*",
+        ]
+    if section.rows:
+        head = f"| {' | '.join(COLUMNS)} |\n|{'---|' * len(COLUMNS)}"
+        rows = "\n".join(
+            _markdown_line(f"{row.what} ({row.where})", row.paper, row.ours, row.ratio, row.why)
+            for row in section.rows
+        )
+        parts.append(f"{head}\n{rows}")
+    return parts
+
+
+def _markdown_line(*texts: str) -> str:
+    return f"| {' | '.join(text.replace('|', '∣') for text in texts)} |"
+
+
+def write_report_html(path: str | Path, report: Report) -> None:
+    """Write a report as HTML with its pictures inside, readable on a phone as on a screen.
+
+    The same report gives the same bytes.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    with atomic_write(path) as temporary:
+        temporary.write_text(report_html(report), encoding="utf-8")
+
+
+def report_html(report: Report) -> str:
+    """Write a report as an HTML document with everything in it."""
+    links = "\n".join(
+        f'<a href="#{escape(section.name)}">{escape(section.title)}</a>'
+        for section in report.sections
+    )
+    body = f"""<header>
+<h1>{escape(report.title)}</h1>
+<p class="subtitle">{escape(report.subtitle)}</p>
+{_paragraphs(report.texts)}
+<nav aria-label="figures">
+{links}
+</nav>
+</header>
+{"".join(map(_section, report.sections))}"""
+    return html_page(report.title, body, style="report.css", scheme="light")
+
+
+def _paragraphs(texts: tuple[str, ...]) -> str:
+    return "\n".join(f"<p>{escape(text)}</p>" for text in texts)
+
+
+def _section(section: ReportSection) -> str:
+    pictures = "\n".join(map(_picture, section.pictures))
+    narrow = section.pictures and all(each.width_mm <= _WIDE_MM for each in section.pictures)
+    body = f"<div>\n{pictures}\n</div>\n<div>\n{_table(section)}</div>"
+    return (
+        f'<section id="{escape(section.name)}">\n<h2>{escape(section.title)}</h2>\n'
+        f"{_paragraphs(section.texts)}\n"
+        f'<div class="{"beside" if narrow else "below"}">\n{body}\n</div>\n</section>\n'
+    )
+
+
+def _picture(picture: ReportPicture) -> str:
+    data = base64.b64encode(picture.png).decode("ascii")
+    caption = escape(picture.caption)
+    return (
+        f'<figure>\n<img src="data:image/png;base64,{data}" alt="{caption}">\n'
+        f"<figcaption>{caption}</figcaption>\n</figure>"
+    )
+
+
+def _table(section: ReportSection) -> str:
+    if not section.rows:
+        return ""
+    heads = "".join(f'<th scope="col">{escape(head)}</th>' for head in COLUMNS)
+    rows = "\n".join(map(_row, section.rows))
+    return f"<table>\n<thead><tr>{heads}</tr></thead>\n<tbody>\n{rows}\n</tbody>\n</table>\n"
+
+
+def _row(row: ReportRow) -> str:
+    cells = zip(
+        ("paper", "ours", "ratio", "why"),
+        COLUMNS[1:],
+        (row.paper, row.ours, row.ratio, row.why),
+        strict=True,
+    )
+    values = "".join(
+        f'<td class="{kind}" data-head="{escape(head)}">{escape(text)}</td>'
+        for kind, head, text in cells
+    )
+    where = f'<span class="where">{escape(row.where)}</span>'
+    return f'<tr><th scope="row">{escape(row.what)}{where}</th>{values}</tr>'

@@ -1,0 +1,213 @@
+"""Focal stacks and depth maps: TIFF, an animated PNG, and a depth map in colours."""
+
+import math
+from collections.abc import Sequence
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import tifffile
+from PIL import Image, ImageDraw, ImageFont
+from torch import Tensor
+
+from nolens.files.atomic import atomic_write
+from nolens.files.pictures import screen_picture
+from nolens.files.tiff import write_tiff
+
+_MM = "mm"
+_STRIP = 26
+_NARROWEST = 150
+_INK, _PALE, _PAPER = (235, 235, 235), (110, 110, 110), (20, 20, 20)
+_LABEL = 76
+_PAUSE_MS, _STEP_MS = 700, 220
+
+_WIDE_INCHES = 7.5
+_UNKNOWN = 0.25
+_MOST_TICKS = 12
+
+
+def depth_text(depth_um: float) -> str:
+    """A depth as people say it, with three digits."""
+    if math.isinf(depth_um):
+        return "infinity"
+    for unit, size in (("m", 1e6), ("cm", 1e4)):
+        if depth_um >= size:
+            return f"{depth_um / size:.3g} {unit}"
+    return f"{depth_um / 1e3:.3g} {_MM}"
+
+
+def write_stack(
+    path: str | Path, pages: Tensor, depths_um: Sequence[float], *, white: float
+) -> None:
+    """Write a focal stack as one 16-bit TIFF of many pages, linear, as ImageJ reads it.
+
+    Every page, or every channel of one, is a slice with its depth as its label; `depths_mm` in
+    the file's description has them all.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    pages
+        Radiance, (depths, 1 or 3, rows, columns).
+    depths_um
+        Of the pages.
+    white
+        Radiance that 65535 stands for, in all of them; what is brighter clips.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    counts = ((pages.double() / white).clamp(0, 1) * 65535).round().numpy().astype(np.uint16)
+    colour = counts.shape[1] == 3
+    names = ("R", "G", "B") if colour else ("",)
+    labels = [f"{depth_text(each)} {name}".strip() for each in depths_um for name in names]
+    more = {"mode": "composite"} if colour else {}
+    with atomic_write(path) as temporary:
+        tifffile.imwrite(
+            temporary,
+            counts if colour else counts[:, 0],
+            imagej=True,
+            photometric="minisblack",
+            metadata={
+                "axes": "ZCYX" if colour else "ZYX",
+                "Labels": labels,
+                **more,
+                "depths_mm": ",".join(_number(each) for each in depths_um),
+                "linear": "true",
+                "per_count": f"{white / 65535:.9g}",
+            },
+        )
+
+
+def write_depths(path: str | Path, per_m: Tensor) -> None:
+    """Write a depth map as 32-bit float TIFF in mm; infinity stays infinite.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    per_m
+        1/z of every pixel in 1/m, (rows, columns).
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    millimetres = (1e3 / per_m.clamp_min(0)).numpy().astype(np.float32)
+    write_tiff(path, millimetres, {"quantity": "depth", "unit": _MM})
+
+
+def _number(depth_um: float) -> str:
+    return "infinity" if math.isinf(depth_um) else f"{depth_um * 1e-3:.6g}"
+
+
+def page_png(page: Tensor, white: float) -> bytes:
+    """Radiance (1 or 3, rows, columns) as the bytes of a PNG file, 8-bit sRGB."""
+    buffer = BytesIO()
+    screen_picture(page, white).save(buffer, "png", optimize=True)
+    return buffer.getvalue()
+
+
+def write_sweep(
+    path: str | Path,
+    pages: Tensor,
+    depths_um: Sequence[float],
+    places: Sequence[float],
+    *,
+    white: float,
+) -> None:
+    """Write pictures at many depths as one animated PNG, there and back, without an end.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    pages
+        Radiance, (depths, 1 or 3, rows, columns).
+    depths_um
+        Of the pages; each is written under its picture.
+    places
+        Where the depths lie between the first (0) and the last (1), in 1/z.
+    white
+        Radiance that is white in all of them.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    frames = [
+        _labelled(screen_picture(page, white), depth_text(depth), place)
+        for page, depth, place in zip(pages, depths_um, places, strict=True)
+    ]
+    pauses = [_STEP_MS] * len(frames)
+    pauses[0] = pauses[-1] = _PAUSE_MS
+    back = slice(-2, 0, -1)
+    with atomic_write(path) as temporary:
+        frames[0].save(
+            temporary,
+            format="png",
+            save_all=True,
+            append_images=[*frames[1:], *frames[back]],
+            duration=[*pauses, *pauses[back]],
+            loop=0,
+        )
+
+
+def _labelled(picture: Image.Image, text: str, place: float) -> Image.Image:
+    """The picture above its depth, and where that lies among all of them."""
+    width = max(picture.width, _NARROWEST)
+    frame = Image.new("RGB", (width, picture.height + _STRIP), _PAPER)
+    frame.paste(picture, ((width - picture.width) // 2, 0))
+    draw = ImageDraw.Draw(frame)
+    middle = picture.height + _STRIP // 2
+    draw.text((8, middle), text, fill=_INK, font=ImageFont.load_default(13), anchor="lm")
+    left, right = _LABEL, width - 12
+    draw.line((left, middle, right, middle), fill=_PALE, width=2)
+    at = left + place * (right - left)
+    draw.ellipse((at - 4, middle - 4, at + 4, middle + 4), fill=_INK)
+    return frame
+
+
+def plot_depth(path: Path, per_m: Tensor, confidence: Tensor, depths_um: Sequence[float]) -> None:
+    """Draw a depth map in colours, and grey where nothing tells the depth.
+
+    Parameters
+    ----------
+    path
+        PNG to be written.
+    per_m
+        1/z of every pixel in 1/m, (rows, columns).
+    confidence
+        From 0 to 1, as `nolens.refocusing.AllInFocus` has it.
+    depths_um
+        Depths of the stack that it comes from, the nearest first.
+    """
+    # It takes a third of a second, which other commands need not wait.
+    import matplotlib as mpl
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+
+    known = [1e6 / each for each in depths_um]
+    norm, colour_map = Normalize(min(known), max(known) + 1e-9), mpl.colormaps["viridis"]
+    colours = colour_map(norm(per_m.numpy()))[..., :3]
+    sure = (confidence / _UNKNOWN).clamp(0, 1).numpy()[..., None]
+    colours = colours * sure + 0.75 * (1 - sure)
+    rows, columns = per_m.shape
+    size = (_WIDE_INCHES, np.clip(_WIDE_INCHES * 0.8 * rows / columns + 0.5, 2, 12))
+    with mpl.rc_context({"font.size": 9}):
+        figure = Figure(figsize=size, dpi=120, layout="constrained")
+        axes = figure.add_subplot()
+        axes.imshow(colours, interpolation="nearest")
+        axes.set_xlabel("column, pixels")
+        axes.set_ylabel("row, pixels")
+        bar = figure.colorbar(ScalarMappable(norm, colour_map), ax=axes)
+        every = -(-len(known) // _MOST_TICKS)
+        bar.set_ticks(known[::every], labels=[depth_text(each) for each in depths_um[::every]])
+        bar.set_label("distance (grey: not known)")
+        figure.savefig(path, metadata={"Software": None})
