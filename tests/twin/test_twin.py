@@ -22,7 +22,7 @@ from cameras import (
 from torch import Tensor
 
 from nolens.camera import Aperture, Camera, ReliefFile, opened, preset
-from nolens.camera.opened import OpenCamera
+from nolens.camera.description import OpenCamera
 from nolens.errors import OptionError
 from nolens.optics import Grid, PointSource
 from nolens.quantities import Length

@@ -11,8 +11,8 @@ import torch.nn.functional as nnf
 from torch import Tensor
 
 from nolens.camera import MOSAICS, Frame, Sensor
-from nolens.camera.finite import unusable
 from nolens.camera.measurement import colour_planes
+from nolens.camera.values import unusable
 from nolens.errors import DataError
 
 UNKNOWN_S = 1.0

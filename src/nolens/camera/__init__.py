@@ -8,38 +8,41 @@ it and its mask; `preset` has some, and TOML text holds any. Nothing in here rea
 file of the user's.
 """
 
-from nolens.camera.curves import AngularCurve, CurveFile, SpectralCurve
 from nolens.camera.description import (
     Aperture,
     Camera,
     Flat,
     Layer,
     Mask,
+    OpenCamera,
     RandomLenslets,
     ReliefFile,
+    opened,
 )
-from nolens.camera.explain import camera_from_mapping, material_from_mapping
 from nolens.camera.frame import MOSAICS, Frame
 from nolens.camera.materials import LINES_NM, MATERIALS, Material, material
 from nolens.camera.measurement import BlackLevel, Measurement, black_level, dark_corner, develop
-from nolens.camera.opened import OpenCamera, opened
-from nolens.camera.picture import (
+from nolens.camera.psf import PreparedPsf, check_psf, prepare_psf
+from nolens.camera.psf_set import PsfEntry, PsfKind, PsfSet
+from nolens.camera.sensor import AngularCurve, CurveFile, Package, Sensor, SpectralCurve
+from nolens.camera.toml import (
+    PRESETS,
+    camera_from_mapping,
+    camera_from_toml,
+    camera_to_toml,
+    material_from_mapping,
+    material_from_toml,
+    material_to_toml,
+    preset,
+    preset_text,
+    psf_set_from_toml,
+    psf_set_to_toml,
+)
+from nolens.camera.values import (
     arrange_rgb,
     exposure_white,
     linear_from_srgb,
     srgb_from_linear,
-)
-from nolens.camera.presets import PRESETS, preset, preset_text
-from nolens.camera.psf import PreparedPsf, check_psf, prepare_psf
-from nolens.camera.psf_set import PsfEntry, PsfKind, PsfSet
-from nolens.camera.sensor import Package, Sensor
-from nolens.camera.toml import (
-    camera_from_toml,
-    camera_to_toml,
-    material_from_toml,
-    material_to_toml,
-    psf_set_from_toml,
-    psf_set_to_toml,
 )
 
 __all__ = [

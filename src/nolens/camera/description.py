@@ -1,14 +1,16 @@
 """A whole camera as one unchangeable description: sensor, layers above it, and mask."""
 
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
+from torch import Tensor
 
 from nolens.camera.materials import Material, check_own_name, material
 from nolens.camera.part import Number, Part, PositiveLength, Text, TiffFile, refusal
 from nolens.camera.psf_set import Distance
-from nolens.camera.sensor import Sensor
-from nolens.errors import OptionError
+from nolens.camera.sensor import AngularCurve, CurveFile, Sensor, SpectralCurve
+from nolens.errors import DataError, OptionError
 from nolens.quantities import Length
 from nolens.ranges import Between
 
@@ -243,3 +245,45 @@ class Camera(Part):
             return made_of.index(wavelength_nm)
         assert layer.index is not None
         return layer.index
+
+
+@dataclass(frozen=True)
+class OpenCamera:
+    """A camera with all that its description names.
+
+    Attributes
+    ----------
+    camera
+        The description.
+    quantum_efficiency
+        Electrons per photon over wavelength.
+    acceptance
+        Response over the angle of incidence.
+    relief_um
+        Heights in um, float32, (rows, columns); None where the relief is not a file.
+    """
+
+    camera: Camera
+    quantum_efficiency: SpectralCurve
+    acceptance: AngularCurve
+    relief_um: Tensor | None = None
+
+
+def opened(camera: Camera) -> OpenCamera:
+    """Open a camera that names no files.
+
+    Raises
+    ------
+    DataError
+        If it does name one.
+    """
+    efficiency, acceptance = camera.sensor.quantum_efficiency, camera.sensor.acceptance
+    relief = camera.mask.relief
+    for part in (efficiency, acceptance, relief):
+        if isinstance(part, CurveFile | ReliefFile):
+            raise DataError(
+                f"the camera {camera.name!r} names the file {part.file}: read it from its folder "
+                "with nolens.files.cameras"
+            )
+    assert isinstance(efficiency, SpectralCurve) and isinstance(acceptance, AngularCurve)
+    return OpenCamera(camera, efficiency, acceptance)

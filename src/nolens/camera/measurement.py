@@ -9,9 +9,9 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
-from nolens.camera.finite import unusable
 from nolens.camera.frame import Frame, size_text
 from nolens.camera.part import Counts
+from nolens.camera.values import unusable
 from nolens.errors import DataError, OptionError
 
 BlackLevel = Counts | Literal["auto"] | None

@@ -34,7 +34,7 @@ from nolens.camera import (
     psf_set_from_toml,
     psf_set_to_toml,
 )
-from nolens.camera.explain import explain, psf_set_from_mapping
+from nolens.camera.toml import explain, psf_set_from_mapping
 from nolens.errors import DataError, FileError
 from nolens.files.atomic import write_into
 from nolens.files.frames import read_frame

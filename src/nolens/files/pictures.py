@@ -12,7 +12,7 @@ from PIL import Image, ImageOps, PngImagePlugin
 from torch import Tensor
 
 from nolens.camera import exposure_white, linear_from_srgb, srgb_from_linear
-from nolens.camera.finite import all_finite, unusable
+from nolens.camera.values import all_finite, unusable
 from nolens.errors import DataError, FileError
 from nolens.files.arrays import read_npy, read_png_samples
 from nolens.files.atomic import atomic_write

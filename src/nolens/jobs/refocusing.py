@@ -24,8 +24,8 @@ from nolens.camera import (
 )
 from nolens.camera.measurement import bin_mean
 from nolens.camera.part import refusal
+from nolens.camera.psf import edge_warning
 from nolens.camera.psf_set import Depth
-from nolens.camera.psf_warnings import edge_warning
 from nolens.errors import DataError, OptionError
 from nolens.files import (
     CAMERA_FILE,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import torch
 from torch import Tensor
 
-from nolens.camera.finite import all_finite
+from nolens.camera.values import all_finite
 from nolens.errors import DataError
 from nolens.kernels import PassSums, SplitState, in_large_pages, irfft2, rfft2
 from nolens.operators import FiniteDifference

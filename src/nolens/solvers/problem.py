@@ -7,7 +7,7 @@ from enum import StrEnum
 import torch
 from torch import Tensor
 
-from nolens.camera.finite import all_finite
+from nolens.camera.values import all_finite
 from nolens.errors import DataError
 from nolens.operators import CroppedConvolution, FiniteDifference
 from nolens.solvers.inputs import (

@@ -5,7 +5,7 @@ import math
 import torch
 from torch import Tensor
 
-from nolens.camera.finite import all_finite
+from nolens.camera.values import all_finite
 from nolens.errors import DataError
 from nolens.kernels import irfft2_window_, rfft2_window
 from nolens.solvers.problem import Problem

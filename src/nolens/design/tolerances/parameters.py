@@ -17,8 +17,8 @@ from torch import Tensor
 
 from nolens.amounts import amount
 from nolens.camera import Camera, Flat
-from nolens.camera.explain import explain
 from nolens.camera.part import Part, Text
+from nolens.camera.toml import explain
 from nolens.documents import parse_toml
 from nolens.errors import DataError, OptionError
 from nolens.printable import printable, quoted
