@@ -14,15 +14,15 @@ from nolens.camera import (
     MATERIALS,
     MOSAICS,
     AngularCurve,
+    Camera,
+    Material,
     SpectralCurve,
-    camera_from_mapping,
-    camera_from_toml,
-    camera_to_toml,
-    material_from_toml,
-    material_to_toml,
+    from_mapping,
+    from_toml,
     opened,
     preset,
     preset_text,
+    to_toml,
 )
 from nolens.errors import DataError, OptionError
 
@@ -144,18 +144,18 @@ cameras = st.fixed_dictionaries(
 @settings(max_examples=60)
 @given(cameras)
 def test_text_does_not_change(mapping):
-    camera = camera_from_mapping(mapping, "camera.toml")
-    text = camera_to_toml(camera)
-    again = camera_from_toml(text, "camera.toml")
+    camera = from_mapping(Camera, mapping, "camera.toml")
+    text = to_toml(camera)
+    again = from_toml(Camera, text, "camera.toml")
     assert again == camera
     for own in camera.materials:
-        assert material_from_toml(material_to_toml(own), "my-resin.toml") == own
-    assert camera_to_toml(again) == text
-    assert camera_from_mapping(camera.model_dump(), "a copy") == camera
+        assert from_toml(Material, to_toml(own), "my-resin.toml") == own
+    assert to_toml(again) == text
+    assert from_mapping(Camera, camera.model_dump(), "a copy") == camera
 
 
 def test_text_is_for_people():
-    text = camera_to_toml(preset("small"))
+    text = to_toml(preset("small"))
     assert "angle_deg = [0, 10, 20, 30, 40, 50, 60]\n" in text
     assert '{ name = "resin", thickness = "1.06 mm", material = "pua311" },\n' in text
     assert "gain" not in text
@@ -165,26 +165,26 @@ def test_text_is_for_people():
 
 def test_an_index_holds_at_every_wavelength():
     layers = [{"thickness": "1 mm", "index": 1.5}, {"thickness": "1 mm", "material": "bk7"}]
-    camera = camera_from_mapping(SMALL | {"layers": layers}, "camera.toml")
+    camera = from_mapping(Camera, SMALL | {"layers": layers}, "camera.toml")
     assert camera.indices(400)[0] == camera.indices(700)[0] == 1.5
     assert camera.indices(400)[1] > camera.indices(700)[1] > 1.5
 
 
 def test_a_cameras_own_material():
     layers = [{"thickness": "1 mm", "material": "my-resin"}, *SMALL["layers"][1:]]
-    camera = camera_from_mapping(SMALL | {"layers": layers, "materials": [OWN]}, "camera.toml")
+    camera = from_mapping(Camera, SMALL | {"layers": layers, "materials": [OWN]}, "camera.toml")
     assert camera.indices(500) == pytest.approx(
         (1.5 + 0.004 / 0.25, *preset("small").indices(500)[1:])
     )
     assert camera.indices(400)[0] == pytest.approx(1.525)
-    text = camera_to_toml(camera)
+    text = to_toml(camera)
     assert '\n[[materials]]\nname = "my-resin"\n' in text
     assert "coefficients = [1.5, 0.004]\nrange_nm = [400, 900.5]\n" in text
     with pytest.raises(OptionError, match=r"my-resin .* 400 to 900\.5 nm, not at 399 nm"):
         camera.indices(399)
     layers[0] = layers[0] | {"material": "my-resine"}
     with pytest.raises(DataError, match=r"layers\[0\].*did you mean 'my-resin'"):
-        camera_from_mapping(SMALL | {"layers": layers, "materials": [OWN]}, "camera.toml")
+        from_mapping(Camera, SMALL | {"layers": layers, "materials": [OWN]}, "camera.toml")
 
 
 def test_spectral_curve_is_zero_outside():
@@ -202,7 +202,7 @@ def test_a_camera_that_names_files_is_not_open():
     mapping = copy.deepcopy(SMALL)
     mapping["sensor"]["acceptance"] = {"file": "a.csv"}
     with pytest.raises(DataError, match=r"names the file a\.csv.*read_camera"):
-        opened(camera_from_mapping(mapping, "camera.toml"))
+        opened(from_mapping(Camera, mapping, "camera.toml"))
 
 
 LENSLETS = SMALL["mask"]["relief"]
@@ -292,7 +292,7 @@ def test_bad_input_says_what_to_do(path, value, words):
     else:
         at[steps[-1]] = value
     with pytest.raises(DataError) as error:
-        camera_from_mapping(mapping, "camera.toml")
+        from_mapping(Camera, mapping, "camera.toml")
     message = str(error.value)
     assert message.startswith("camera.toml: ")
     assert words in message
@@ -302,7 +302,7 @@ def test_bad_input_says_what_to_do(path, value, words):
 def test_one_bad_layer_is_one_error():
     mapping = SMALL | {"layers": [{"thickness": "0 mm", "material": "air"}]}
     with pytest.raises(DataError) as error:
-        camera_from_mapping(mapping, "camera.toml")
+        from_mapping(Camera, mapping, "camera.toml")
     assert "; " not in str(error.value)
 
 
@@ -310,7 +310,7 @@ def test_many_errors_are_counted():
     mapping = copy.deepcopy(SMALL)
     mapping["sensor"]["quantum_efficiency"]["values"]["R"] = [2] * 31
     with pytest.raises(DataError, match="and 28 more"):
-        camera_from_mapping(mapping, "camera.toml")
+        from_mapping(Camera, mapping, "camera.toml")
 
 
 @pytest.mark.parametrize(
@@ -323,4 +323,4 @@ def test_many_errors_are_counted():
 )
 def test_broken_toml(text, words):
     with pytest.raises(DataError, match=words):
-        camera_from_toml(text, "camera.toml")
+        from_toml(Camera, text, "camera.toml")

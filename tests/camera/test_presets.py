@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nolens.camera import PRESETS, camera_to_toml, opened, preset, preset_text
+from nolens.camera import PRESETS, opened, preset, preset_text, to_toml
 from nolens.errors import OptionError
 
 
@@ -11,7 +11,7 @@ from nolens.errors import OptionError
 def test_text_is_what_would_be_written(name):
     camera = preset(name)
     assert camera.name == name
-    assert camera_to_toml(camera) == preset_text(name)
+    assert to_toml(camera) == preset_text(name)
     assert opened(camera).relief_um is None
 
 

@@ -22,7 +22,7 @@ from running import check_refused, listing, run
 
 from nolens.calibrate.distances import Layers, magnified
 from nolens.calibrate.exposures import superpixels
-from nolens.camera import camera_to_toml, preset
+from nolens.camera import preset, to_toml
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import read_camera, read_psf, read_psf_set, write_frame
 from nolens.quantities import Angle
@@ -333,7 +333,7 @@ def test_what_is_in_the_folder_must_fit(tmp_path: Path) -> None:
 def test_a_camera_with_files_is_copied_whole(tmp_path: Path) -> None:
     given = tmp_path / "given"
     (given / "curves").mkdir(parents=True)
-    text = camera_to_toml(preset("small"))
+    text = to_toml(preset("small"))
     at = text.index("[sensor.acceptance]"), text.index("[sensor.package]")
     curve = '[sensor.acceptance]\nfile = "curves/angles.csv"\n\n'
     (given / "camera.toml").write_text(text[: at[0]] + curve + text[at[1] :])

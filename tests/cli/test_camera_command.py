@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from running import check_refused, command, run
 
-from nolens.camera import PRESETS, camera_from_toml, preset, preset_text
+from nolens.camera import PRESETS, Camera, from_toml, preset, preset_text
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -22,7 +22,7 @@ def test_text_is_the_cameras_file(name: str, tmp_path: Path) -> None:
 def test_facts_are_beside_it() -> None:
     done = command("camera", "show", "paper")
     assert done.code == 0
-    assert camera_from_toml(done.out, "output") == preset("paper")
+    assert from_toml(Camera, done.out, "output") == preset("paper")
     for words in ("4.712 × 6.287 mm", "1520×2028 cells", "1.277 mm of air", "1.0160 times",
                   "10° 224 µm, 30° 689 µm, 50° 1211 µm", "saturate at 8168 electrons",
                   "placeholders, not measured: acceptance"):  # fmt: skip

@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 from running import check_refused, command, listing, run
 
-from nolens.camera import camera_to_toml, preset
+from nolens.camera import preset, to_toml
 from nolens.errors import OptionError
 from nolens.fabricate.surface import SurfaceName, made_surface
 from nolens.files import read_camera
@@ -164,7 +164,7 @@ def open_camera(folder: Path) -> Path:
     """The small camera without its aperture, with a curve in a file in a folder of its own."""
     camera = preset("small")
     mask = camera.mask.model_copy(update={"aperture": None})
-    text = camera_to_toml(camera.model_copy(update={"mask": mask}))
+    text = to_toml(camera.model_copy(update={"mask": mask}))
     at = text.index("[sensor.acceptance]"), text.index("[sensor.package]")
     curve = '[sensor.acceptance]\nfile = "curves/angles.csv"\n\n'
     (folder / "curves").mkdir(parents=True)

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 from running import check_refused, command, listing, run
 
-from nolens.camera import MATERIALS, material_to_toml
+from nolens.camera import MATERIALS, to_toml
 from nolens.files import read_camera
 
 
@@ -167,7 +167,7 @@ def test_camera_to_go_on_with(tmp_path: Path) -> None:
     """The camera that is written has this focus, and can be simulated."""
     own = MATERIALS["pua311"].model_copy(update={"name": "my-resin", "coefficients": (1.5, 45.0)})
     resin, folder = tmp_path / "resin.toml", tmp_path / "made"
-    resin.write_text(material_to_toml(own))
+    resin.write_text(to_toml(own))
     asked = ("--camera", "small", "--material", resin, "--radius", "0.5mm", "-o", folder)
     told = designed(*asked, "--plot", tmp_path / "plot.png")
     outputs = [tmp_path / "plot.png", folder / "camera.toml", folder / "thickness.json"]

@@ -15,7 +15,7 @@ from PIL import Image
 from running import check_refused, command, listing, read_terminal, run, start
 from torch import Tensor
 
-from nolens.camera import camera_to_toml, preset
+from nolens.camera import preset, to_toml
 from nolens.errors import DataError
 from nolens.evaluate import PatternFigures
 from patience import PATIENCE_S
@@ -244,7 +244,7 @@ def test_other_refusals(tmp_path: Path, few: Path) -> None:
     refused(tmp_path, "paper", few, "-o", few, words=("is a file", "folder"))
     refused(tmp_path, "paper", few, few, "-o", out, words=("design tolerance CAMERA",))
     refused(tmp_path, "paper", few, "-o", few / "out", words=("is a file",))
-    text = camera_to_toml(preset("paper"))
+    text = to_toml(preset("paper"))
     flat = tmp_path / "flat.toml"
     flat.write_text(text[: text.index("[mask.relief]")] + '[mask.relief]\nkind = "flat"\n')
     refused(tmp_path, flat, "-o", out, words=("is flat",))

@@ -15,7 +15,7 @@ import torch
 from running import listing, read_terminal, run, start
 from simulated import QUICK, plain, scene, simulated, values
 
-from nolens.camera import camera_to_toml, linear_from_srgb, preset, preset_text
+from nolens.camera import linear_from_srgb, preset, preset_text, to_toml
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import read_frame
 from patience import PATIENCE_S
@@ -170,7 +170,7 @@ def test_grey_sensor(picture: Path, tmp_path: Path) -> None:
     sensor = camera.sensor.model_copy(
         update={"mosaic": "none", "rows": 101, "columns": 121, "quantum_efficiency": curve}
     )
-    text = camera_to_toml(camera.model_copy(update={"sensor": sensor}))
+    text = to_toml(camera.model_copy(update={"sensor": sensor}))
     (tmp_path / "camera.toml").write_text(text)
     given = (picture, "--camera", tmp_path, *QUICK[2:], "--truth", tmp_path / "truth.tif")
     told = simulated(*given, "-o", tmp_path / "raw.tif")

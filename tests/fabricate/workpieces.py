@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from nolens.camera import Camera, Layer, camera_from_mapping, preset
+from nolens.camera import Camera, Layer, from_mapping, preset
 from nolens.fabricate import FrameGeometry, MadeSurface, Solid, made_surface
 from nolens.optics import Relief
 
@@ -24,7 +24,7 @@ def frame(**changed: Any) -> FrameGeometry:
 def with_layers(*layers: dict[str, Any], surface: int = 0) -> Camera:
     fields = PAPER.model_dump(mode="json")
     fields["layers"], fields["mask"]["surface"] = list(layers), surface
-    return camera_from_mapping(fields, "test")
+    return from_mapping(Camera, fields, "test")
 
 
 def resin_of(thickness: str, **other: Any) -> Camera:

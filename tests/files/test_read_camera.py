@@ -8,7 +8,7 @@ import pytest
 import tifffile
 import torch
 
-from nolens.camera import camera_from_mapping, camera_to_toml, opened, preset, preset_text
+from nolens.camera import Camera, from_mapping, opened, preset, preset_text, to_toml
 from nolens.errors import DataError, FileError
 from nolens.files import read_camera, write_camera
 
@@ -25,7 +25,7 @@ def small(**changes):
         for table in tables:
             at = at[table]
         at[key] = value
-    return camera_from_mapping(mapping, "small")
+    return from_mapping(Camera, mapping, "small")
 
 
 def with_curves():
@@ -39,7 +39,7 @@ def with_relief(name="relief.tif"):
 
 
 def put(folder, camera, **files):
-    (folder / "camera.toml").write_text(camera_to_toml(camera), encoding="utf-8")
+    (folder / "camera.toml").write_text(to_toml(camera), encoding="utf-8")
     for name, text in files.items():
         (folder / f"{name}.csv").write_text(text, encoding="utf-8")
     return folder

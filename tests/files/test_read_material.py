@@ -2,7 +2,7 @@
 
 import pytest
 
-from nolens.camera import MATERIALS, material_to_toml
+from nolens.camera import MATERIALS, to_toml
 from nolens.errors import DataError, FileError, NolensError, OptionError
 from nolens.files import read_material
 
@@ -18,7 +18,7 @@ range_nm = [400, 900]
 def test_by_name_and_as_a_copy(name, tmp_path):
     assert read_material(name) is MATERIALS[name]
     path = tmp_path / "copy.toml"
-    path.write_text(material_to_toml(MATERIALS[name]), encoding="utf-8")
+    path.write_text(to_toml(MATERIALS[name]), encoding="utf-8")
     assert read_material(path) == read_material(str(path)) == MATERIALS[name]
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from nolens.camera import PsfEntry, psf_set_from_toml
+from nolens.camera import PsfEntry, PsfSet, from_toml
 from nolens.errors import DataError, FileError
 from nolens.files import read_psf, read_psf_set, write_psfs
 from nolens.quantities import Length
@@ -77,7 +77,7 @@ def test_the_documented_list_is_one() -> None:
     """docs/camera-folder.md shows a list that is read, and names every key."""
     page = (Path(__file__).parents[2] / "docs" / "camera-folder.md").read_text()
     example = page.partition("```toml\n")[2].partition("```")[0]
-    psfs = psf_set_from_toml(example, "docs/camera-folder.md").psf
+    psfs = from_toml(PsfSet, example, "docs/camera-folder.md").psf
     assert [each.kind for each in psfs] == ["captured", "captured", "stitched"]
     for key in PsfEntry.model_fields:
         assert f"| `{key}` |" in page

@@ -10,7 +10,7 @@ import torch
 from PIL import Image
 from readers import JOB
 
-from nolens.camera import Camera, PsfEntry, camera_from_toml, camera_to_toml, preset
+from nolens.camera import Camera, PsfEntry, from_toml, preset, to_toml
 from nolens.files import write_psfs
 from nolens.jobs import ReconstructOptions, Reporter, reconstruct
 from nolens.quantities import Angle, Length
@@ -26,7 +26,7 @@ SENSOR = (48, 64)
 
 def tiny_camera() -> Camera:
     """The preset `small` with 96×128 pixels and a coarse relief: patterns in milliseconds."""
-    text = camera_to_toml(preset("small"))
+    text = to_toml(preset("small"))
     for before, after in (
         ('name = "small"', 'name = "tiny"'),
         ("rows = 256", "rows = 96"),
@@ -37,7 +37,7 @@ def tiny_camera() -> Camera:
     ):
         assert before in text, before
         text = text.replace(before, after)
-    return camera_from_toml(text, "tiny")
+    return from_toml(Camera, text, "tiny")
 
 
 def make_seeds(folder: Path) -> None:
@@ -127,7 +127,7 @@ def _tables(folder: Path) -> None:
 
 def _camera(folder: Path) -> None:
     folder.mkdir(exist_ok=True)
-    text = camera_to_toml(tiny_camera())
+    text = to_toml(tiny_camera())
     (folder / "camera.toml").write_text(text)
     start = text.index("[sensor.quantum_efficiency]")
     stop = text.index("[sensor.acceptance]")
@@ -154,7 +154,7 @@ def _psfs(folder: Path) -> None:
         for depth, angle, shift in ((80, 0, 0), (300, 0, 1), (80, 5, 4))
     }
     write_psfs(folder, entries)
-    (folder / "camera.toml").write_text(camera_to_toml(tiny_camera()))
+    (folder / "camera.toml").write_text(to_toml(tiny_camera()))
 
 
 def _jobs(folder: Path) -> None:

@@ -1,11 +1,11 @@
-"""Camera descriptions from plain mappings, with errors that people can act on."""
+"""Descriptions of cameras, materials and PSFs: TOML text, its errors, and the presets."""
 
 import difflib
 import re
 import textwrap
 from collections.abc import Mapping
 from importlib.resources import files
-from typing import Any
+from typing import Any, TypeVar
 
 import tomli_w
 from pydantic import ValidationError
@@ -13,82 +13,98 @@ from pydantic import ValidationError
 from nolens.camera.description import Camera
 from nolens.camera.materials import Material, check_own_name
 from nolens.camera.part import Part
-from nolens.camera.psf_set import PsfSet
 from nolens.documents import parse_toml
 from nolens.errors import DataError, OptionError
 from nolens.printable import quoted
 
+PRESETS = ("paper", "paper-film", "small", "live")
+"""Names of the cameras that come with the package."""
+
 _CHOICES = ("relief", "quantum_efficiency", "acceptance")
 _MOST = 3
 _SUBJECT = re.compile(r"^(Input|Tuple|String|Dictionary) should ")
+_WIDTH = 100
+_NUMBERS = re.compile(r"^([^\n\"]+ = )\[\n((?: {4}[-+.0-9e]+,\n)+)\]$", re.MULTILINE)
+_Kind = TypeVar("_Kind", bound=Part)
 
 
-def camera_from_mapping(mapping: Mapping[str, Any], source: str) -> Camera:
-    """Check a camera's description.
+def from_mapping(kind: type[_Kind], mapping: Mapping[str, Any], source: str) -> _Kind:
+    """Check a description.
 
     Parameters
     ----------
+    kind
+        `Camera`, `Material` (a person's own) or `PsfSet`.
     mapping
         The description, as it stands in a TOML file.
     source
-        Where it comes from, for messages.
+        Where it comes from, usually the path of a file, for messages.
 
     Raises
     ------
     DataError
-        If it is no camera; says at which key, what was given and what would be accepted.
+        If it is none of this kind, or a material with the name of another one; says at which key,
+        what was given and what would be accepted.
     """
     try:
-        return Camera.model_validate(dict(mapping))
-    except ValidationError as error:
-        raise DataError(f"{source}: {explain(error)}") from None
-
-
-def material_from_mapping(mapping: Mapping[str, Any], source: str) -> Material:
-    """Check the description of a person's own material.
-
-    Parameters
-    ----------
-    mapping
-        The description, as it stands in a TOML file.
-    source
-        Where it comes from, for messages.
-
-    Raises
-    ------
-    DataError
-        If it is no material, or has the name of another one; says at which key, what was given
-        and what would be accepted.
-    """
-    try:
-        own = Material.model_validate(dict(mapping))
-        check_own_name(own)
+        part = kind.model_validate(dict(mapping))
+        if isinstance(part, Material):
+            check_own_name(part)
     except ValidationError as error:
         raise DataError(f"{source}: {explain(error)}") from None
     except OptionError as error:
         raise DataError(f"{source}: {error}") from None
-    return own
+    return part
 
 
-def psf_set_from_mapping(mapping: Mapping[str, Any], source: str) -> PsfSet:
-    """Check the list of a camera's PSFs.
-
-    Parameters
-    ----------
-    mapping
-        The list, as it stands in a TOML file.
-    source
-        Where it comes from, for messages.
+def from_toml(kind: type[_Kind], text: str, source: str) -> _Kind:
+    """Read a description from TOML text.
 
     Raises
     ------
     DataError
-        If it is none; says at which key, what was given and what would be accepted.
+        As `from_mapping` does, and if it is no TOML (with line and column).
     """
-    try:
-        return PsfSet.model_validate(dict(mapping))
-    except ValidationError as error:
-        raise DataError(f"{source}: {explain(error)}") from None
+    return from_mapping(kind, parse_toml(text, source), source)
+
+
+def to_toml(part: Part) -> str:
+    """Write a description as TOML text.
+
+    Fields that have their default are left out. Reading the text and writing it again gives
+    the same text.
+    """
+    text = tomli_w.dumps(_plain(part.model_dump(exclude_defaults=True)))
+    return _NUMBERS.sub(_in_line, text)
+
+
+def preset(name: str) -> Camera:
+    """Give a camera that comes with the package.
+
+    Raises
+    ------
+    OptionError
+        If there is none of this name.
+    """
+    return from_toml(Camera, preset_text(name), f"preset {name}")
+
+
+def preset_text(name: str) -> str:
+    """Give the TOML text of a camera that comes with the package.
+
+    Raises
+    ------
+    OptionError
+        If there is none of this name; with the nearest name and all of them.
+    """
+    if name not in PRESETS:
+        near = difflib.get_close_matches(name.lower(), PRESETS, n=1)
+        raise OptionError(
+            f"there is no preset {name!r}"
+            + (f"; did you mean {near[0]!r}?" if near else ";")
+            + f" Presets are {', '.join(PRESETS)}"
+        )
+    return (files("nolens.camera") / "presets" / f"{name}.toml").read_text(encoding="utf-8")
 
 
 def explain(error: ValidationError) -> str:
@@ -96,22 +112,22 @@ def explain(error: ValidationError) -> str:
     errors = error.errors(include_url=False)
     places = [each["loc"] for each in errors]
     # A list whose only item is wrong is called empty as well.
-    found = [
+    texts = [
         _explain_one(each)
         for each in errors
         if not any(place != each["loc"] == place[: len(each["loc"])] for place in places)
     ]
-    more = len(found) - _MOST
-    return "; ".join(found[:_MOST]) + (f"; and {more} more" if more > 0 else "")
+    more = len(texts) - _MOST
+    return "; ".join(texts[:_MOST]) + (f"; and {more} more" if more > 0 else "")
 
 
 def _explain_one(error: Any) -> str:
-    place, given, message = _path(error["loc"]), error["input"], error["msg"]
+    place, value, message = _path(error["loc"]), error["input"], error["msg"]
     kind = error["type"]
     if kind == "union_tag_not_found":
         message = "kind is missing: give kind = random-lenslets, file or flat"
     elif kind == "union_tag_invalid":
-        place, given = f"{place}.kind", given["kind"]
+        place, value = f"{place}.kind", value["kind"]
         message = f"known are {error['ctx']['expected_tags']}"
     elif kind in ("model_type", "model_attributes_type", "dict_type"):
         message = "it should be a table of keys and values"
@@ -120,9 +136,9 @@ def _explain_one(error: Any) -> str:
     else:
         message = _SUBJECT.sub("it should ", message).replace(" after validation", "")
     # A whole table would bury the message, which names what is wrong in it.
-    if isinstance(given, Mapping):
+    if isinstance(value, Mapping):
         return f"{place}: {message}" if place else str(message)
-    return f"{place} is {quoted(given)}: {message}"
+    return f"{place} is {quoted(value)}: {message}"
 
 
 def _path(location: tuple[int | str, ...]) -> str:
@@ -134,88 +150,6 @@ def _path(location: tuple[int | str, ...]) -> str:
         elif before not in _CHOICES:
             path += f".{step}"
     return path.removeprefix(".")
-
-
-_WIDTH = 100
-_NUMBERS = re.compile(r"^([^\n\"]+ = )\[\n((?: {4}[-+.0-9e]+,\n)+)\]$", re.MULTILINE)
-
-
-def camera_from_toml(text: str, source: str) -> Camera:
-    """Read a camera's description from TOML text.
-
-    Parameters
-    ----------
-    text
-        The text.
-    source
-        Where it comes from, usually the path of a file, for messages.
-
-    Raises
-    ------
-    DataError
-        If it is no TOML (with line and column) or no camera.
-    """
-    return camera_from_mapping(parse_toml(text, source), source)
-
-
-def material_from_toml(text: str, source: str) -> Material:
-    """Read the description of a person's own material from TOML text.
-
-    Parameters
-    ----------
-    text
-        The text.
-    source
-        Where it comes from, usually the path of a file, for messages.
-
-    Raises
-    ------
-    DataError
-        If it is no TOML (with line and column) or no material, or has the name of another one.
-    """
-    return material_from_mapping(parse_toml(text, source), source)
-
-
-def camera_to_toml(camera: Camera) -> str:
-    """Write a camera's description as TOML text.
-
-    Fields that have their default are left out. Reading the text and writing it again gives
-    the same text.
-    """
-    return _dumped(camera)
-
-
-def material_to_toml(material: Material) -> str:
-    """Write a material's description as TOML text, which `material_from_toml` reads."""
-    return _dumped(material)
-
-
-def psf_set_from_toml(text: str, source: str) -> PsfSet:
-    """Read the list of a camera's PSFs from TOML text.
-
-    Parameters
-    ----------
-    text
-        The text.
-    source
-        Where it comes from, usually the path of a file, for messages.
-
-    Raises
-    ------
-    DataError
-        If it is no TOML (with line and column) or no list of PSFs.
-    """
-    return psf_set_from_mapping(parse_toml(text, source), source)
-
-
-def psf_set_to_toml(psfs: PsfSet) -> str:
-    """Write the list of a camera's PSFs as TOML text, which `psf_set_from_toml` reads."""
-    return _dumped(psfs)
-
-
-def _dumped(part: Part) -> str:
-    text = tomli_w.dumps(_plain(part.model_dump(exclude_defaults=True)))
-    return _NUMBERS.sub(_in_line, text)
 
 
 def _plain(value: Any) -> Any:
@@ -238,36 +172,3 @@ def _in_line(match: re.Match[str]) -> str:
     # 1e-05 must not be broken at its hyphen.
     lines = textwrap.wrap(numbers, _WIDTH - 4, break_on_hyphens=False)
     return "\n".join([f"{match[1]}[", *(f"    {line}" for line in lines)]) + ",\n]"
-
-
-PRESETS = ("paper", "paper-film", "small", "live")
-"""Names of the cameras that come with the package."""
-
-
-def preset(name: str) -> Camera:
-    """Give a camera that comes with the package.
-
-    Raises
-    ------
-    OptionError
-        If there is none of this name.
-    """
-    return camera_from_toml(preset_text(name), f"preset {name}")
-
-
-def preset_text(name: str) -> str:
-    """Give the TOML text of a camera that comes with the package.
-
-    Raises
-    ------
-    OptionError
-        If there is none of this name; with the nearest name and all of them.
-    """
-    if name not in PRESETS:
-        near = difflib.get_close_matches(name.lower(), PRESETS, n=1)
-        raise OptionError(
-            f"there is no preset {name!r}"
-            + (f"; did you mean {near[0]!r}?" if near else ";")
-            + f" Presets are {', '.join(PRESETS)}"
-        )
-    return (files("nolens.camera") / "presets" / f"{name}.toml").read_text(encoding="utf-8")

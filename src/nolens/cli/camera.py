@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from cyclopts import App, Parameter
 
 from nolens.amounts import amount
-from nolens.camera import PRESETS, camera_to_toml, preset_text
+from nolens.camera import PRESETS, preset_text, to_toml
 from nolens.cli.command import Json, command
 from nolens.cli.messages import say, show
 from nolens.files import read_camera
@@ -39,7 +39,7 @@ def show_camera(name: str, /, *, json_: _Described = False) -> int:
     if json_:
         show(json.dumps({"camera": opened.camera.model_dump(mode="json"), **facts}))
         return 0
-    text = preset_text(name) if name in PRESETS else camera_to_toml(opened.camera)
+    text = preset_text(name) if name in PRESETS else to_toml(opened.camera)
     for line in text.removesuffix("\n").split("\n"):
         show(line)
     for line in _lines(facts):

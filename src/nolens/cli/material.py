@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from nolens.camera import MATERIALS, Material, material_to_toml
+from nolens.camera import MATERIALS, Material, to_toml
 from nolens.camera.materials import material_figures
 from nolens.cli.command import Json
 from nolens.cli.messages import say, show
@@ -63,7 +63,7 @@ def show_material(name: str, /, *, json_: _One = False) -> int:
     if json_:
         show(json.dumps(_described(found)))
         return 0
-    for line in material_to_toml(found).removesuffix("\n").split("\n"):
+    for line in to_toml(found).removesuffix("\n").split("\n"):
         show(line)
     for line in _lines(found, material_figures(found)):
         say(line)

@@ -26,15 +26,13 @@ from nolens.camera import (
     ReliefFile,
     Sensor,
     SpectralCurve,
-    camera_from_toml,
-    camera_to_toml,
+    from_mapping,
+    from_toml,
     material,
-    material_from_toml,
     preset,
-    psf_set_from_toml,
-    psf_set_to_toml,
+    to_toml,
 )
-from nolens.camera.toml import explain, psf_set_from_mapping
+from nolens.camera.toml import explain
 from nolens.errors import DataError, FileError
 from nolens.files.atomic import write_into
 from nolens.files.frames import read_frame
@@ -70,7 +68,7 @@ def read_camera(source: str | Path) -> OpenCamera:
     if str(source) in PRESETS:
         return _load(preset(str(source)), Path())
     path = _find(source)
-    return _load(camera_from_toml(read_text(path), str(path)), path.parent)
+    return _load(from_toml(Camera, read_text(path), str(path)), path.parent)
 
 
 def camera_files(source: str | Path, camera: Camera) -> dict[str, Path]:
@@ -139,7 +137,7 @@ def write_camera(
 
 def write_description(path: Path, camera: Camera) -> None:
     """Write camera.toml alone, where the files that it names are written beside it."""
-    _write_text(path, camera_to_toml(camera))
+    _write_text(path, to_toml(camera))
 
 
 def curve_copies(name: str | Path, opened: OpenCamera) -> dict[str, Callable[[Path], None]]:
@@ -339,7 +337,7 @@ def read_psf_set(folder: str | Path) -> PsfSet:
     """
     path = Path(folder) / PSFS_FILE
     advice = f"Give a folder with a {PSFS_FILE}, as nolens calibrate writes it"
-    return psf_set_from_toml(read_text(path, advice=advice), str(path))
+    return from_toml(PsfSet, read_text(path, advice=advice), str(path))
 
 
 def read_psf(folder: str | Path, entry: PsfEntry) -> Tensor:
@@ -390,8 +388,8 @@ def write_psfs(
     entries = tuple(psfs)
     before = read_psf_set(folder).psf if listed.exists() else ()
     others = [each for each in before if not any(new.replaces(each) for new in entries)]
-    together = psf_set_from_mapping({"psf": [*others, *entries]}, str(listed))
-    text = psf_set_to_toml(together)
+    together = from_mapping(PsfSet, {"psf": [*others, *entries]}, str(listed))
+    text = to_toml(together)
     writers: dict[Path, Callable[[Path], None]] = {listed: lambda path: _write_text(path, text)}
     writers |= {folder / each.file: partial(write_tiff32, radiance=psfs[each]) for each in entries}
     writers |= {folder / name: write for name, write in (more or {}).items()}
@@ -425,4 +423,4 @@ def read_material(source: str | Path) -> Material:
         return material(str(source))
     advice = f"Give a .toml file, or one of the names {', '.join(MATERIALS)}"
     text = read_text(path, advice=advice)
-    return material_from_toml(text, str(path))
+    return from_toml(Material, text, str(path))
