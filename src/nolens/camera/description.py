@@ -283,7 +283,7 @@ def opened(camera: Camera) -> OpenCamera:
         if isinstance(part, CurveFile | ReliefFile):
             raise DataError(
                 f"the camera {camera.name!r} names the file {part.file}: read it from its folder "
-                "with nolens.files.cameras"
+                "with nolens.files.read_camera"
             )
     assert isinstance(efficiency, SpectralCurve) and isinstance(acceptance, AngularCurve)
     return OpenCamera(camera, efficiency, acceptance)
