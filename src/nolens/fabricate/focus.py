@@ -20,20 +20,9 @@ _PATCH = 384
 
 @dataclass(frozen=True)
 class ToleranceLine:
-    """How far off one parameter may be.
+    """How far off its nominal value one parameter may be: ± `allowed`, in the same unit.
 
-    Parameters
-    ----------
-    parameter
-        Its name, such as ``"resin thickness"``.
-    nominal
-        What it should be.
-    allowed
-        By how much it may be more or less.
-    unit
-        Of both; empty for plain numbers.
-    effect
-        What being off does.
+    The unit is empty for plain numbers; `effect` says what being off does.
     """
 
     parameter: str
@@ -52,7 +41,7 @@ class ToleranceBudget:
     lines
         One for each parameter; none where the camera leaves no room.
     method
-        How the figures were found, in a sentence or two.
+        How the figures were computed, in a sentence or two.
     layer_mm
         What is allowed of the thickness that the frame sets; None where that is not known.
     """
@@ -93,15 +82,7 @@ class Focus:
 
 @dataclass(frozen=True)
 class Lines:
-    """What the PSF measures behind a layer of some thickness.
-
-    Parameters
-    ----------
-    layer_mm
-        Thickness of the resin.
-    width_um
-        Full width at half maximum of the PSF's autocorrelation.
-    """
+    """Full width at half maximum of the PSF's autocorrelation, behind a layer of some thickness."""
 
     layer_mm: float
     width_um: float
@@ -193,13 +174,6 @@ def expected_lines(opened: OpenCamera, thicknesses_mm: tuple[float, ...]) -> tup
 
     White light of a pinhole of 50 µm at the camera's reference distance falls on a patch of the
     mask; one wavelength stands for each colour of the sensor, whose PSFs are added.
-
-    Parameters
-    ----------
-    opened
-        The camera.
-    thicknesses_mm
-        Of the poured layer.
 
     Raises
     ------

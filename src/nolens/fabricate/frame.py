@@ -21,15 +21,7 @@ _BISECTIONS = 60
 
 @dataclass(frozen=True)
 class Printer:
-    """What a printer can make.
-
-    Parameters
-    ----------
-    smallest_mm
-        Thinnest wall and narrowest channel.
-    bed_mm
-        (width, depth) of its bed.
-    """
+    """Thinnest wall and narrowest channel that a printer makes; (width, depth) of its bed."""
 
     smallest_mm: float = 0.4
     bed_mm: tuple[float, float] = (120.0, 68.0)
@@ -301,17 +293,8 @@ def shading_angle_deg(camera: Camera, frame: FrameGeometry) -> float | None:
     :math:`D - r p/\sqrt{n^2 - p^2} ≤ a`, with n the resin's index. The angle is the smaller one of
     both directions; a corner's pixel is shaded from there on too.
 
-    Parameters
-    ----------
-    camera
-        Its layers, at 550 nm, and its sensor, whose middle is taken as the package's.
-    frame
-        The frame.
-
-    Returns
-    -------
-    float or None
-        In degrees, 0 where the wall stands over the pixels; None where no angle is shaded.
+    The camera's layers count at 550 nm; the sensor's middle is taken as the package's. The angle
+    is 0 where the wall stands over the pixels, and None where no angle is shaded.
     """
     surface = camera.mask.surface
     thicknesses = tuple(layer.thickness.um * 1e-3 for layer in camera.layers[surface:])

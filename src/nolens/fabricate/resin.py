@@ -19,17 +19,7 @@ _LARGEST_EXPONENT = 700.0
 
 @dataclass(frozen=True)
 class Wetting:
-    r"""How a liquid stands at an edge.
-
-    Parameters
-    ----------
-    surface_tension_n_m
-        γ, in N/m.
-    contact_angle_deg
-        At which it runs on over the top of the wall.
-    source
-        Where the figures come from.
-    """
+    """Surface tension γ of a liquid, and the contact angle at which it runs over a wall's top."""
 
     surface_tension_n_m: float = 0.035
     contact_angle_deg: float = 30.0
@@ -181,16 +171,8 @@ class MouldAmount:
     ) -> Self:
         """Work out how much to mix.
 
-        Parameters
-        ----------
-        frame
-            The mould lies on it and must be larger.
-        dish_mm
-            (width, height); None takes the frame's with 10 mm more on every side.
-        thickness_mm
-            Of the mould.
-        ratio
-            Base to hardener by mass; the paper's is 6:1 (`uvimprint`).
+        A dish of None is 10 mm larger than the frame on every side, as the mould lies on that.
+        The paper's ratio of base to hardener is 6:1 by mass (`uvimprint`).
 
         Raises
         ------
@@ -252,17 +234,6 @@ def meniscus_mm3(
 
     and z_0 is such that the middle is as high as the crown. The edge holds it while its slope is
     less than that of the contact angle.
-
-    Parameters
-    ----------
-    frame
-        The liquid ends at its rim's upper edge.
-    crown_mm
-        Height of the middle.
-    wetting
-        Of the liquid.
-    density_g_cm3
-        Of the liquid.
 
     Raises
     ------

@@ -16,23 +16,10 @@ _EXACT_MM = 1e-6
 
 
 @dataclass(frozen=True)
-class Cure:
-    """How a poured resin becomes hard; None where nobody published a figure.
+class _Cure:
+    """How a poured resin becomes hard, by light or in an oven; None where no figure is public.
 
-    Parameters
-    ----------
-    source
-        Where the figures come from; None where there are none.
-    minutes
-        How long the light, or the heat, must act.
-    lamp_w
-        Power of the ultraviolet lamp that is meant.
-    band_nm
-        Shortest and longest wavelength of the light.
-    dose_j_cm2
-        Energy of the light on the resin.
-    temperature_c
-        Of the oven, where heat cures it.
+    `minutes` holds for an ultraviolet lamp of `lamp_w`, or at the oven's temperature.
     """
 
     source: str | None = None
@@ -45,22 +32,13 @@ class Cure:
 
 @dataclass(frozen=True)
 class Process:
-    """Figures of the mould and of the curing.
+    """Figures of the mould, which is baked, and of the curing.
 
-    Parameters
-    ----------
-    cure
-        How the resin becomes hard.
-    bake_temperature_c, bake_minutes
-        Of the oven that makes the mould hard.
-    source
-        Where the figures of the mould come from.
-    surplus
-        Fraction that is mixed, and drawn, beyond what is needed: it stays in the cup and the
-        syringe. General advice.
+    `surplus` is the fraction that is mixed, and drawn, beyond what is needed: it stays in the cup
+    and the syringe. General advice.
     """
 
-    cure: Cure
+    cure: _Cure
     bake_temperature_c: float = 80.0
     bake_minutes: float = 60.0
     source: str = _PAPER
@@ -74,22 +52,12 @@ class Process:
         that its maker gives for NOA 60, the wavelengths for all its adhesives (`norland60`);
         none for others, which the person at the bench fills in.
         """
-        return cls(_CURES.get(resin or "", Cure()))
+        return cls(_CURES.get(resin or "", _Cure()))
 
 
 @dataclass(frozen=True)
 class Printing:
-    """In which layers a frame is printed.
-
-    Parameters
-    ----------
-    layer_mm
-        Thickness of a layer.
-    layers
-        How many make the frame.
-    miss_mm
-        By how much they are higher than the frame.
-    """
+    """Thickness and number of a printed frame's layers, and how much higher than it they are."""
 
     layer_mm: float
     layers: int
@@ -97,14 +65,10 @@ class Printing:
 
     @classmethod
     def of(cls, height_mm: float, *details_mm: float) -> "Printing":
-        """Choose the thickest layers, up to 0.1 mm, that make whole numbers.
+        """Choose the thickest layers, up to 0.1 mm, of which a whole number makes the frame.
 
-        Parameters
-        ----------
-        height_mm
-            Of the frame. Where no layer fits it, the nearest is chosen.
-        details_mm
-            Heights that should be whole numbers of layers too, if some layer can make them so.
+        Where none does, the nearest is chosen. The details' heights should be whole numbers of
+        layers too, if some layer can make them so.
         """
         choices = []
         for layer_mm in _LAYERS_MM:
@@ -116,10 +80,10 @@ class Printing:
         return min(choices, key=lambda each: each[:3])[3]
 
 
-_HEAT = Cure(source=_PAPER, minutes=Process.bake_minutes, temperature_c=Process.bake_temperature_c)
+_HEAT = _Cure(source=_PAPER, minutes=Process.bake_minutes, temperature_c=Process.bake_temperature_c)
 _CURES = {
-    "pua311": Cure(source=_PAPER, minutes=5.0, lamp_w=35.0),
-    "noa61": Cure(
+    "pua311": _Cure(source=_PAPER, minutes=5.0, lamp_w=35.0),
+    "noa61": _Cure(
         source="Norland, of NOA 60 (norland60); the data sheet that came with yours comes first",
         band_nm=(350.0, 380.0),
         dose_j_cm2=3.0,
@@ -131,19 +95,10 @@ _CURES = {
 
 @dataclass(frozen=True)
 class Work:
-    """All that the sheet is computed from.
+    """All that the sheet is computed from: what is made, of what, how, and how exactly.
 
-    Parameters
-    ----------
-    camera, frame, resin, mould, process, budget
-        What is made, of what, how, and how exactly.
-    resin_name
-        What the resin is called.
-    lines
-        Expected widths of the PSF's lines for some thicknesses, that of the camera in the middle;
-        none where they could not be computed.
-    no_lines
-        Why not.
+    `lines` are expected widths of the PSF's lines for some thicknesses, that of the camera in the
+    middle; where they could not be computed there are none, and `no_lines` says why.
     """
 
     camera: Camera

@@ -75,15 +75,7 @@ class Solid:
 
 
 def frame_solid(frame: FrameGeometry, title: str) -> Solid:
-    """Build the frame, whose middle is at x = y = 0 and which stands on z = 0.
-
-    Parameters
-    ----------
-    frame
-        Its measures.
-    title
-        See `Solid`.
-    """
+    """Build the frame, whose middle is at x = y = 0 and which stands on z = 0."""
     height, r = frame.height_mm, frame.rim_mm
     block = m3.CrossSection([outline(frame)]).extrude(height)
     inner = frame.inner_width_mm, frame.inner_height_mm
@@ -113,13 +105,6 @@ def decimated(surface: MadeSurface, triangles: int) -> MadeSurface:
     Over m × n points a solid has 2(m−1)(n−1) triangles on top and 6(m+n−2) at its sides and
     its base.
 
-    Parameters
-    ----------
-    surface
-        All points.
-    triangles
-        The most that it may have.
-
     Raises
     ------
     OptionError
@@ -147,14 +132,8 @@ def relief_solid(surface: MadeSurface, base_mm: float) -> Solid:
     """Build the solid below a surface.
 
     Seen from above, x goes along the columns and y along the rows; the middle is at x = y = 0.
-    The flat base is at z = 0, and the surface's lowest point at z = `base_mm`.
-
-    Parameters
-    ----------
-    surface
-        Its points become vertices; each square of four is halved along the same diagonal.
-    base_mm
-        Thickness under the lowest point.
+    The flat base is at z = 0, and the surface's lowest point at z = `base_mm`. The points become
+    vertices; each square of four is halved along the same diagonal.
 
     Raises
     ------

@@ -135,10 +135,8 @@ def made_surface(
     ----------
     relief
         On the camera.
-    name
-        Which surface.
-    camera
-        Name of the camera.
+    name, camera
+        Which surface, and the name of the camera.
     crop_mm
         (width, height) of the middle part that is made; None for all of it.
     mould_shrinkage
@@ -176,13 +174,6 @@ class Levels:
     that cover it, at most Δ/2 off. Each is one layer of the layout, as for stacked or repeated
     exposures, each of which adds one step; where a machine wants one dose for each height
     instead, layer k without layer k + 1 is what has exactly k steps.
-
-    Parameters
-    ----------
-    surface
-        The surface.
-    count
-        N, from 2 to 250.
 
     Raises
     ------
@@ -255,17 +246,8 @@ class Levels:
     def polygons(self, progress: ProgressCallback | None = None) -> list[list[gdstk.Polygon]]:
         """Trace the levels above 0, in um around the middle, x along the columns, y the rows.
 
-        They are traced in tiles of 500 pixels, at whose seams polygons abut.
-
-        Parameters
-        ----------
-        progress
-            Called with the fraction that is done.
-
-        Returns
-        -------
-        list
-            For each level from 1 on its polygons, whose layer is the level.
+        They are traced in tiles of 500 pixels, at whose seams polygons abut. The list has those
+        of each level from 1 on, whose layer is the level.
         """
         levels: list[list[gdstk.Polygon]] = [[] for _ in range(1, self.count)]
         if self.step_um == 0:

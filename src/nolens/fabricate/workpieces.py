@@ -64,18 +64,12 @@ class Workpieces:
 
         Parameters
         ----------
-        camera
-            Its name is on all of them.
-        frame, resin, mould
-            Measures and amounts.
-        surface
-            What is made of the camera's relief, at the relief's own pitch.
-        mask
-            The same at the pitch of the files.
-        levels
-            Steps of the layout.
-        triangles
-            The most that the relief's solid has.
+        camera, frame, resin, mould
+            What is made, its measures and amounts.
+        surface, mask
+            What is made of the camera's relief, at the relief's own pitch and at that of the files.
+        levels, triangles
+            Steps of the layout; the most triangles that the relief's solid has.
         base_mm
             Thickness under the relief's lowest point.
         printer_shrinkage
@@ -108,15 +102,7 @@ class Workpieces:
         return pieces
 
     def figures(self, camera: Camera, relief: Relief) -> dict[str, Any]:
-        """All figures of frame, resin, mould, mask and relief, in values that JSON has.
-
-        Parameters
-        ----------
-        camera
-            Its poured layer names the resin.
-        relief
-            On the camera.
-        """
+        """All figures of frame, resin, mould, mask and relief, in values that JSON has."""
         frame, resin, mould = self.frame, self.resin, self.mould
         material = camera.material_of(poured_layer(camera))
         return {
@@ -173,18 +159,9 @@ class Workpieces:
     def warnings(
         self, camera: Camera, package: Package | None, relief: Relief, coarsest_um: float
     ) -> list[str]:
-        """What the maker must know of the amounts, the sizes and the steps.
+        """What the maker must know of the sensor's package, the amounts, the sizes and the steps.
 
-        Parameters
-        ----------
-        camera
-            The camera.
-        package
-            Of its sensor.
-        relief
-            On the camera.
-        coarsest_um
-            Height of a step that turns the light by a quarter of a wavelength.
+        A step of `coarsest_um` turns the light by a quarter of a wavelength.
         """
         frame = self.frame
         warnings = list(self.resin.notes)
