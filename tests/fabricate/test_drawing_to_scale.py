@@ -11,17 +11,8 @@ from sheets import camera_of
 from nolens.camera import preset
 from nolens.errors import OptionError
 from nolens.fabricate import FrameGeometry, MouldAmount
-from nolens.fabricate.drawing import (
-    Area,
-    Drawing,
-    Line,
-    Word,
-    millimetres,
-    scale_for,
-    scale_name,
-    spread,
-)
-from nolens.fabricate.sheet_drawings import draw_section, draw_top
+from nolens.fabricate.sheet_drawings import draw_section, draw_top, scale_for, scale_name, spread
+from nolens.fabricate.sheet_parts import Area, Drawing, Line, Word, millimetres
 from nolens.files.pdf import BOLD, REGULAR, register_fonts
 
 

@@ -8,9 +8,8 @@ from sheets import LINES, camera_of, changed, sheet_of, words_of
 from nolens.camera import OpenCamera, preset
 from nolens.errors import DataError, OptionError
 from nolens.fabricate import FrameGeometry, ToleranceBudget, ToleranceLine
-from nolens.fabricate.drawing import millimetres
 from nolens.fabricate.focus import ray_budget
-from nolens.fabricate.sheet_parts import Steps, Table
+from nolens.fabricate.sheet_parts import Steps, Table, millimetres
 from nolens.fabricate.sheet_steps import Printing, Process
 
 

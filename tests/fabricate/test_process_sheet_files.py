@@ -12,8 +12,7 @@ from sheets import LINES, camera_of, sheet_of, words_of
 from nolens.camera import preset
 from nolens.errors import FileError
 from nolens.fabricate import FrameGeometry, Sheet
-from nolens.fabricate.drawing import Word
-from nolens.fabricate.sheet_parts import Blank, Figure, Section, Table
+from nolens.fabricate.sheet_parts import Blank, Figure, Section, Table, Word
 from nolens.files.pdf import BOLD, REGULAR, write_sheet_pdf
 from nolens.files.sheet import write_sheet_html
 

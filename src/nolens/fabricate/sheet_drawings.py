@@ -1,13 +1,17 @@
 """The drawings of the process sheet: a camera in its frame, cut through and seen from the scene."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from nolens.camera import Camera, Layer
-from nolens.fabricate.drawing import (
-    BASE_MM,
-    LINE_MM,
-    WIDTH_MM,
+from nolens.errors import OptionError
+from nolens.fabricate.frame import FrameGeometry, poured_layer
+from nolens.fabricate.resin import MouldAmount
+from nolens.fabricate.sheet_parts import (
+    WORD_MM,
+    Anchor,
     Area,
     Drawing,
     Line,
@@ -15,21 +19,21 @@ from nolens.fabricate.drawing import (
     Shape,
     Tone,
     Word,
-    box,
-    height_dimension,
-    key,
     millimetres,
-    pointers,
-    scale_bar,
-    scale_for,
-    scale_name,
-    spread,
-    width_dimension,
 )
-from nolens.fabricate.frame import FrameGeometry, poured_layer
-from nolens.fabricate.resin import MouldAmount
 from nolens.fabricate.solid import outline
 
+_WIDTH_MM = 180.0
+"""Of every drawing: what an A4 page has between its margins."""
+_LETTER_MM = 0.62 * WORD_MM
+"""Room that a letter is given; those of DejaVu Sans are narrower on average."""
+_LINE_MM = 1.3 * WORD_MM
+"""From one line of words to the next."""
+_BASE_MM = 0.36 * WORD_MM
+"""From the middle of a line of words down to its baseline."""
+_TICK_MM = 1.2
+_SCALES = (100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
+_BAR_MM = 10.0
 _SECTION_ROOM = 132.0, 60.0
 _SECTION_TOP_MM, _BOARD_MM = 8.0, 4.0
 _MOULD_MM, _OVERHANG_MM = 12.0, 3.5
@@ -43,19 +47,8 @@ _VIEW_MIDDLE_MM, _VIEW_TOP_MM = 79.0, 1.0
 def draw_section(camera: Camera, frame: FrameGeometry, mould: MouldAmount) -> Drawing:
     """Draw sensor, glass, gap, resin, frame and mould to scale.
 
-    Parameters
-    ----------
-    camera
-        Its layers below the resin lie in the package.
-    frame
-        The frame.
-    mould
-        The mould; what is large of it is cut off.
-
-    Returns
-    -------
-    Drawing
-        With measures, a key and a bar of 10 mm. The relief is too low to be drawn.
+    The layers below the resin lie in the package; what is large of the mould is cut off, and the
+    relief is too low to be drawn. There are measures, a key and a bar of 10 mm.
 
     Raises
     ------
@@ -72,14 +65,14 @@ def draw_section(camera: Camera, frame: FrameGeometry, mould: MouldAmount) -> Dr
     )
     y = floor + _ROW_MM
     for ends, width_mm, what in rows:
-        shapes += width_dimension(*ends, y, f"{what} {millimetres(width_mm)}", floor)
+        shapes += _width_dimension(*ends, y, f"{what} {millimetres(width_mm)}", floor)
         y += _ROW_MM
     named = _named(place)
-    shapes += pointers([(letter, at) for letter, at, _ in named], _SECTION_TOP_MM - 4)
+    shapes += _pointers([(letter, at) for letter, at, _ in named], _SECTION_TOP_MM - 4)
     y -= 2
-    shapes += key([f"{letter}  {name}" for letter, _, name in named], y)
-    y += LINE_MM * ((len(named) + 1) // 2)
-    shapes += scale_bar(place.outer[0], y + 3.5, place.scale)
+    shapes += _key([f"{letter}  {name}" for letter, _, name in named], y)
+    y += _LINE_MM * ((len(named) + 1) // 2)
+    shapes += _scale_bar(place.outer[0], y + 3.5, place.scale)
     return Drawing(
         title=f"Section along the pixel rows, scale {scale_name(place.scale)}, measures in mm",
         description=(
@@ -88,7 +81,7 @@ def draw_section(camera: Camera, frame: FrameGeometry, mould: MouldAmount) -> Dr
             "high. Over its glass the frame is filled with a layer of resin "
             f"{millimetres(frame.layer_mm)} mm thick, on which the mould lies."
         ),
-        width_mm=WIDTH_MM,
+        width_mm=_WIDTH_MM,
         height_mm=y + 5.5,
         scale=place.scale,
         shapes=tuple(shapes),
@@ -98,18 +91,8 @@ def draw_section(camera: Camera, frame: FrameGeometry, mould: MouldAmount) -> Dr
 def draw_top(camera: Camera, frame: FrameGeometry) -> Drawing:
     """Draw the frame's top with its rim, vents and mark, and the sensor in it, to scale.
 
-    Parameters
-    ----------
-    camera
-        Its sensor's pixels lie in the middle of the package.
-    frame
-        The frame.
-
-    Returns
-    -------
-    Drawing
-        With measures, names and a bar of 10 mm; the rows of pixels run to the right, from row to
-        row upwards.
+    The pixels lie in the middle of the package; rows run to the right, from row to row upwards.
+    There are measures, names and a bar of 10 mm.
 
     Raises
     ------
@@ -132,14 +115,14 @@ def draw_top(camera: Camera, frame: FrameGeometry) -> Drawing:
     pixels = around(sensor.width_mm, sensor.height_mm)
     shapes: list[Shape] = [
         Area(tuple(on_paper(*corner) for corner in outline(frame)), "frame", "frame"),
-        box(*around(frame.inner_width_mm + rim, frame.inner_height_mm + rim), "mould", "rim"),
+        _box(*around(frame.inner_width_mm + rim, frame.inner_height_mm + rim), "mould", "rim"),
         *_vents(frame, outer, inner, on_paper),
-        box(*inner, "resin", "inside"),
-        box(*around(frame.package_width_mm, frame.package_height_mm), "glass", "package"),
-        box(*pixels, "package", "pixels"),
+        _box(*inner, "resin", "inside"),
+        _box(*around(frame.package_width_mm, frame.package_height_mm), "glass", "package"),
+        _box(*pixels, "package", "pixels"),
     ]
     first = pixels[0], pixels[3]
-    shapes.append(box(first[0], first[1] - 1.6, first[0] + 1.6, first[1], "air", "pixel-0-0"))
+    shapes.append(_box(first[0], first[1] - 1.6, first[0] + 1.6, first[1], "air", "pixel-0-0"))
     names = _names(camera, frame, outer, on_paper)
     shapes += names
     texts = [
@@ -148,17 +131,17 @@ def draw_top(camera: Camera, frame: FrameGeometry) -> Drawing:
     ]
     y = outer[3] + _ROW_MM + 1
     for ends, text in zip((inner, outer), reversed(texts), strict=True):
-        shapes += width_dimension(ends[0], ends[2], y, text, outer[3])
+        shapes += _width_dimension(ends[0], ends[2], y, text, outer[3])
         y += _ROW_MM
     for number, (ends, height_mm) in enumerate(
         ((inner, frame.inner_height_mm), (outer, frame.outer_height_mm))
     ):
-        shapes += height_dimension(
+        shapes += _height_dimension(
             (ends[1], ends[3]), (millimetres(height_mm),), outer[0] - 4 - 12 * number, outer[0]
         )
     lowest = max(word.at[1] for word in names if isinstance(word, Word))
-    y = max(y, lowest + LINE_MM)
-    shapes += scale_bar(outer[0], y, scale)
+    y = max(y, lowest + _LINE_MM)
+    shapes += _scale_bar(outer[0], y, scale)
     mark = " Its lower left corner, beside pixel (0, 0), is cut off." if frame.mark_mm > 0 else ""
     return Drawing(
         title=f"Frame and sensor seen from the scene, scale {scale_name(scale)}, measures in mm",
@@ -167,7 +150,7 @@ def draw_top(camera: Camera, frame: FrameGeometry) -> Drawing:
             f"{millimetres(frame.outer_height_mm)} mm high around an opening of "
             f"{millimetres(frame.inner_width_mm)} by {millimetres(frame.inner_height_mm)} mm.{mark}"
         ),
-        width_mm=WIDTH_MM,
+        width_mm=_WIDTH_MM,
         height_mm=y + 3,
         scale=scale,
         shapes=tuple(shapes),
@@ -246,9 +229,9 @@ def _parts(place: _Place) -> list[Shape]:
         (inner[0], top + rim),
     )
     shapes: list[Shape] = [
-        box(ground[0], floor, ground[1], floor + _BOARD_MM, "board", "board"),
+        _box(ground[0], floor, ground[1], floor + _BOARD_MM, "board", "board"),
         Area(resin, "resin", "resin"),
-        box(*_corners(place.package, place.glass_top, floor), "package", "package"),
+        _box(*_corners(place.package, place.glass_top, floor), "package", "package"),
     ]
     for out, into, way in ((left, inner[0], -1), (right, inner[1], 1)):
         wall = ((out, top), (into + way * rim, top), (into, top + rim), (into, floor), (out, floor))
@@ -259,7 +242,7 @@ def _parts(place: _Place) -> list[Shape]:
         air = layer.material == "air" or layer.index == 1
         ends = place.package if not air else _between(place.package, place.pixels)
         tone: Tone = "air" if air else "glass"
-        shapes.append(box(*_corners(ends, upper, lower), tone, tone))
+        shapes.append(_box(*_corners(ends, upper, lower), tone, tone))
     pixels = levels[-1]
     shapes.append(Line((place.pixels[0], pixels), (place.pixels[1], pixels), 0.8, part="pixels"))
     return shapes
@@ -270,7 +253,7 @@ def _mould(place: _Place) -> Area:
     left, right = place.outer[0] - _OVERHANG_MM, place.outer[1] + _OVERHANG_MM
     high = place.mould.thickness_mm * place.scale
     if high <= _MOULD_MM:
-        return box(left, place.top - high, right, place.top, "mould", "mould")
+        return _box(left, place.top - high, right, place.top, "mould", "mould")
     steps = 24
     width = (right - left) / steps
     broken = [
@@ -288,9 +271,9 @@ def _heights(place: _Place) -> list[Shape]:
     glass_top = (millimetres(frame.glass_top_mm),)
     whole = (millimetres(frame.height_mm),)
     return [
-        *height_dimension([place.top, *place.levels], texts, right, place.inner[1]),
-        *height_dimension((place.glass_top, place.floor), glass_top, left, place.package[0]),
-        *height_dimension((place.top, place.floor), whole, left - 11, place.outer[0]),
+        *_height_dimension([place.top, *place.levels], texts, right, place.inner[1]),
+        *_height_dimension((place.glass_top, place.floor), glass_top, left, place.package[0]),
+        *_height_dimension((place.top, place.floor), whole, left - 11, place.outer[0]),
     ]
 
 
@@ -360,7 +343,7 @@ def _vents(
                 (left, outer[1], right, inner[1]),
                 (left, inner[3], right, outer[3]),
             )[side]
-            shapes.append(box(*ends, "air", "vent"))
+            shapes.append(_box(*ends, "air", "vent"))
     return shapes
 
 
@@ -398,17 +381,137 @@ def _names(
     named.sort(key=lambda each: each[0][1])
     left = outer[2] + 8
     shapes: list[Shape] = []
-    places = spread([at[1] for at, _ in named], 1.6 * LINE_MM)
-    down = max(0.0, LINE_MM / 2 - places[0])
+    places = spread([at[1] for at, _ in named], 1.6 * _LINE_MM)
+    down = max(0.0, _LINE_MM / 2 - places[0])
     for (at, text), place in zip(named, places, strict=True):
         y_word = place + down
-        shapes += [Line((left - 1, y_word), at), Word((left, y_word + BASE_MM), text)]
+        shapes += [Line((left - 1, y_word), at), Word((left, y_word + _BASE_MM), text)]
     if frame.mark_mm > 0:
         corner = outer[0] + frame.mark_mm, outer[3] - frame.mark_mm
         y_word = outer[3] + _ROW_MM
         shapes += [
             Word((0, y_word), "mark, at"),
-            Word((0, y_word + LINE_MM), "pixel (0, 0)"),
-            Line((15, y_word - BASE_MM), corner),
+            Word((0, y_word + _LINE_MM), "pixel (0, 0)"),
+            Line((15, y_word - _BASE_MM), corner),
         ]
     return shapes
+
+
+def _box(left: float, top: float, right: float, bottom: float, tone: Tone, part: str = "") -> Area:
+    """Give a rectangle with sides along the axes."""
+    return Area(((left, top), (right, top), (right, bottom), (left, bottom)), tone, part)
+
+
+def scale_for(size_mm: Point, room_mm: Point) -> float:
+    """Largest usual scale at which a part of so much (width, height) fits into so much paper.
+
+    Raises
+    ------
+    OptionError
+        If none of them does, down to 1:10.
+    """
+    for scale in _SCALES:
+        if all(part * scale <= room for part, room in zip(size_mm, room_mm, strict=True)):
+            return scale
+    raise OptionError(
+        f"a part of {size_mm[0]:.4g} × {size_mm[1]:.4g} mm does not fit on the sheet at 1:10: the "
+        f"sheet holds parts up to {10 * room_mm[0]:g} × {10 * room_mm[1]:g} mm"
+    )
+
+
+def scale_name(scale: float) -> str:
+    """Write a scale as drawings do: ``10:1`` or ``1:2``."""
+    return f"{scale:g}:1" if scale >= 1 else f"1:{1 / scale:g}"
+
+
+def _width_dimension(left: float, right: float, y: float, text: str, edge: float) -> list[Shape]:
+    """Dimension line along x with its text above it, or beside it where it is too short.
+
+    Thin lines go from it to the part's edge.
+    """
+    beyond = math.copysign(_TICK_MM, y - edge)
+    shapes: list[Shape] = [Line((x, edge), (x, y + beyond)) for x in (left, right)]
+    shapes += [Line((left, y), (right, y)), *_tick(left, y), *_tick(right, y)]
+    if right - left > len(text) * _LETTER_MM:
+        return [*shapes, Word(((left + right) / 2, y - 0.8), text, "middle")]
+    return [*shapes, Word((right + 1.5, y + _BASE_MM), text)]
+
+
+def _height_dimension(
+    places: Sequence[float], texts: Sequence[str], x: float, edge: float
+) -> list[Shape]:
+    """Chain of dimension lines along y between rising places, each with its text.
+
+    The texts are on the side away from the part; thin lines go to the part's edge.
+    """
+    way = math.copysign(1.0, x - edge)
+    shapes: list[Shape] = [Line((edge, y), (x + way * _TICK_MM, y)) for y in places]
+    shapes.append(Line((x, places[0]), (x, places[-1])))
+    for y in places:
+        shapes += _tick(x, y)
+    middles = [sum(pair) / 2 for pair in pairwise(places)]
+    anchor: Anchor = "start" if way > 0 else "end"
+    for y, text in zip(spread(middles, _LINE_MM), texts, strict=True):
+        shapes.append(Word((x + 1.8 * way, y + _BASE_MM), text, anchor))
+    return shapes
+
+
+def spread(places: Sequence[float], spacing: float) -> list[float]:
+    """Move rising places apart, each as little as it takes, until neighbours keep a distance."""
+    moved: list[float] = []
+    groups: list[list[float]] = []
+    # Groups of places that touch share the move: their mean stays where it was.
+    for number, place in enumerate(places):
+        groups.append([place - number * spacing])
+        while len(groups) > 1 and _mean(groups[-2]) > _mean(groups[-1]):
+            last = groups.pop()
+            groups[-1] += last
+    for group in groups:
+        moved += [_mean(group)] * len(group)
+    return [place + number * spacing for number, place in enumerate(moved)]
+
+
+def _scale_bar(left: float, y: float, scale: float) -> list[Shape]:
+    """A bar of 10 mm on paper that shows whether a printer changed the scale."""
+    right = left + _BAR_MM
+    part_mm = _BAR_MM / scale
+    shapes: list[Shape] = [Line((left, y), (right, y), 0.5, part="scale-bar")]
+    shapes += [Line((x, y - 1.2), (x, y + 1.2), 0.3) for x in (left, right)]
+    text = f"{_BAR_MM:g} mm on paper, {part_mm:g} mm of the part: scale {scale_name(scale)}"
+    return [*shapes, Word((right + 2, y + _BASE_MM), text)]
+
+
+def _pointers(named: Sequence[tuple[str, Point]], y: float) -> list[Shape]:
+    """Words side by side at a height, in the order of what they name, and lines down to that."""
+    dot = 0.45
+    shapes: list[Shape] = []
+    apart = spread([at[0] for _, at in named], 2 * WORD_MM)
+    for x, (text, at) in zip(apart, named, strict=True):
+        shapes += [
+            Word((x, y), text, "middle", bold=True),
+            Line((x, y + 0.8), at),
+            _box(at[0] - dot, at[1] - dot, at[0] + dot, at[1] + dot, "sensor"),
+        ]
+    return shapes
+
+
+def _key(texts: Sequence[str], y: float) -> list[Shape]:
+    """Texts below each other in two columns, from some height on; long ones are cut."""
+    rows = (len(texts) + 1) // 2
+    most = int(_WIDTH_MM / 2 / _LETTER_MM)
+    return [
+        Word(
+            (_WIDTH_MM / 2 * (number // rows), y + _LINE_MM * (number % rows + 1)),
+            text if len(text) <= most else f"{text[: most - 1]}…",
+        )
+        for number, text in enumerate(texts)
+    ]
+
+
+def _tick(x: float, y: float) -> list[Shape]:
+    half = _TICK_MM * 0.7
+    return [Line((x - half, y + half), (x + half, y - half), 0.35)]
+
+
+def _mean(values: list[float]) -> float:
+    return sum(values) / len(values)

@@ -3,11 +3,19 @@
 from dataclasses import dataclass
 
 from nolens.camera import Camera
-from nolens.fabricate.drawing import millimetres
 from nolens.fabricate.focus import PINHOLE_UM, Lines, ToleranceBudget
 from nolens.fabricate.frame import FrameGeometry
 from nolens.fabricate.resin import MouldAmount, ResinAmount
-from nolens.fabricate.sheet_parts import Blank, Block, Section, Step, Steps, Table, Text
+from nolens.fabricate.sheet_parts import (
+    Blank,
+    Block,
+    Section,
+    Step,
+    Steps,
+    Table,
+    Text,
+    millimetres,
+)
 
 _PAPER = "the paper (uvimprint)"
 _LAYERS_MM = tuple(number / 200 for number in range(5, 21))

@@ -31,17 +31,22 @@ from reportlab.platypus import (
 )
 from reportlab.platypus import Table as Grid
 
-from nolens.fabricate.drawing import INK, TONES, Drawing, Line, Shape, Word
 from nolens.fabricate.sheet_parts import (
+    INK,
+    TONES,
     Blank,
     Blanks,
     Block,
+    Drawing,
     Figure,
+    Line,
+    Shape,
     Sheet,
     Step,
     Steps,
     Table,
     Text,
+    Word,
 )
 from nolens.files.atomic import atomic_write
 from nolens.files.reports import COLUMNS, Report, ReportPicture, ReportRow, ReportSection
@@ -250,7 +255,7 @@ def _step(number: int, step: Step) -> Flowable:
 
 
 def _table(table: Table) -> Flowable:
-    widths = [fraction * _WIDTH for fraction in table.shares]
+    widths = [fraction * _WIDTH for fraction in table.fractions]
     rows = [[Paragraph(escape(head), _HEAD) for head in table.columns]]
     for row in table.rows:
         rows.append(

@@ -3,18 +3,23 @@
 from html import escape
 from pathlib import Path
 
-from nolens.fabricate.drawing import INK, TONES, Drawing, Line, Shape, Word
 from nolens.fabricate.sheet_parts import (
+    INK,
+    TONES,
     Blank,
     Blanks,
     Block,
+    Drawing,
     Figure,
+    Line,
     Section,
+    Shape,
     Sheet,
     Step,
     Steps,
     Table,
     Text,
+    Word,
 )
 from nolens.files.atomic import atomic_write
 from nolens.files.html import html_page
@@ -84,7 +89,7 @@ def _step(number: int, step: Step) -> str:
 
 
 def _table(table: Table) -> str:
-    widths = "".join(f'<col style="width:{100 * part:g}%">' for part in table.shares)
+    widths = "".join(f'<col style="width:{100 * part:g}%">' for part in table.fractions)
     heads = "".join(f'<th scope="col">{escape(head)}</th>' for head in table.columns)
     rows = "\n".join(_row(row, table.columns) for row in table.rows)
     return (
