@@ -20,7 +20,7 @@ from nolens.evaluate import psnr, scale_fit
 from nolens.files import read_camera
 from nolens.operators import Region
 from nolens.reproduction.photographs import SCENES
-from nolens.reproduction.workbench import FULL, Workbench
+from nolens.reproduction.setup import FULL, ExperimentSetup
 from nolens.solvers import Problem, admm
 from nolens.twin import Plane
 from penalties import full_view
@@ -40,12 +40,12 @@ Case = tuple[str, Problem, Tensor | None]
 
 def taken() -> Iterator[Case]:
     """Photographs of the paper's camera, and one through its PSF alone."""
-    work = Workbench(read_camera("paper"), FULL, 0)
+    setup = ExperimentSetup(read_camera("paper"), FULL, 0)
     for number, scene in enumerate(SCENES[:PICTURES]):
-        plane = Plane(work.picture(scene.picture), scene.angle_deg, scene.distance_um)
-        photograph = work.bench.photograph((plane,), seed=0)
+        plane = Plane(setup.picture(scene.picture), scene.angle_deg, scene.distance_um)
+        photograph = setup.experiment.photograph((plane,), seed=0)
         measured = develop(photograph.frame)
-        psf = work.wide_psf(scene.distance_um, photograph.region)[GREEN]
+        psf = setup.wide_psf(scene.distance_um, photograph.region)[GREEN]
         problem = Problem.build(
             psf, measured.values[GREEN], valid=measured.valid[GREEN],
             support=photograph.region, tau=TAU,

@@ -10,14 +10,13 @@ from watching import Watcher
 
 from nolens.camera import preset_text
 from nolens.reproduction import ReproduceOptions, depths, job, photographs, reproduce
-from nolens.reproduction import photographs as told
-from nolens.reproduction import workbench as sizes
-from nolens.reproduction.paper import PAPER
+from nolens.reproduction import setup as sizes
+from nolens.reproduction.comparison import PAPER
 
 TINY = sizes.Size(
     pixels=None, field_points=1, iterations=6, papers_iterations=2, films_mm=(1.25, 1.45),
     films_pixels=(200, 200), point_draws=1, point_iterations=30, angle_steps=8,
-    dot_field_points=1, dot_reach_deg=12.0,
+    dot_field_points=1, dot_extent_deg=12.0,
 )  # fmt: skip
 
 
@@ -29,7 +28,7 @@ def small_work(monkeypatch: pytest.MonkeyPatch) -> None:
         photographs.Scene(each.name, each.picture, 8.0, each.distance_um)
         for each in photographs.SCENES
     )
-    for module in (photographs, job, told):
+    for module in (photographs, job):
         monkeypatch.setattr(module, "SCENES", scenes)
     monkeypatch.setattr(depths, "_ANGLE_DEG", 12.0)
 
@@ -113,7 +112,7 @@ def test_every_row_is_there_and_the_same_seed_gives_the_same_bytes(
 def test_steps_of_another_seed_are_not_taken(tmp_path: Path) -> None:
     opened = job.read_camera("small")
     keys = [
-        [step.key for step in job.all_steps(sizes.Workbench(opened, TINY, seed), "small")]
+        [step.key for step in job.all_steps(sizes.ExperimentSetup(opened, TINY, seed), "small")]
         for seed in (0, 1)
     ]
     assert len(set(keys[0]) | set(keys[1])) == 2 * len(keys[0])

@@ -8,7 +8,8 @@ import torch
 from watching import Watcher
 
 from nolens.errors import DataError
-from nolens.reproduction.steps import Found, Step, Tick, carry_out, within
+from nolens.progress import ProgressCallback
+from nolens.reproduction.steps import Step, StepResult, carry_out, within
 
 
 class Work:
@@ -20,13 +21,13 @@ class Work:
     def step(
         self, name: str, parameters: dict[str, Any], *, fails: BaseException | None = None
     ) -> Step:
-        def run(tick: Tick) -> Found:
+        def run(progress: ProgressCallback) -> StepResult:
             self.done.append(name)
-            tick(0.5)
+            progress(0.5)
             if fails is not None:
                 raise fails
             values = torch.rand(3, 5, 7, generator=torch.Generator().manual_seed(len(name)))
-            return Found({"third": 1 / 3, "none": None}, {"values": values}, {"part": 0.5})
+            return StepResult({"third": 1 / 3, "none": None}, {"values": values}, {"part": 0.5})
 
         return Step(name, f"step {name}", parameters, 10.0, run)
 
@@ -54,10 +55,10 @@ def test_time_left_goes_by_the_work_that_is_done(
     monkeypatch.setattr("nolens.jobs.run.time.perf_counter", lambda: now)
 
     def step(name: str, work: float) -> Step:
-        def run(tick: Tick) -> Found:
+        def run(progress: ProgressCallback) -> StepResult:
             nonlocal now
             now += 60 * work
-            return Found()
+            return StepResult()
 
         return Step(name, name, {}, work, run)
 

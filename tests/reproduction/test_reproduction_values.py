@@ -14,13 +14,10 @@ from nolens.files import read_camera
 from nolens.jobs import SimulateOptions, simulate
 from nolens.operators import Region
 from nolens.quantities import Luminance
-from nolens.reproduction import depths, photographs, thickness
-from nolens.reproduction import depths as tell_depths
-from nolens.reproduction import field as tell_field
-from nolens.reproduction.paper import PAPER
-from nolens.reproduction.rows import Row
-from nolens.reproduction.steps import Found
-from nolens.reproduction.workbench import FULL, QUICK, Workbench
+from nolens.reproduction import depths, photographs, resolution, thickness
+from nolens.reproduction.comparison import PAPER, Row
+from nolens.reproduction.setup import FULL, QUICK, ExperimentSetup
+from nolens.reproduction.steps import StepResult
 from nolens.solvers import Problem
 from nolens.twin import Plane
 
@@ -55,18 +52,18 @@ def test_the_papers_focal_length_is_the_master_films() -> None:
 def test_a_row_says_the_ratio_and_its_size() -> None:
     row = Row("width", 40.3, "40.30 µm", "twice as wide", sized=True)
     assert row.ratio == pytest.approx(2.0)
-    assert row.told(reduced=True).ours == "40.30 µm (reduced size)"
-    assert row.told(reduced=False).ours == "40.30 µm"
-    assert row.told(reduced=False).ratio == "2.00"
-    assert row.stored(reduced=True)["reduced"] is True
-    assert Row("mtf", None, "equal", "").told(reduced=True) == Row(
+    assert row.report_row(reduced=True).ours == "40.30 µm (reduced size)"
+    assert row.report_row(reduced=False).ours == "40.30 µm"
+    assert row.report_row(reduced=False).ratio == "2.00"
+    assert row.values(reduced=True)["reduced"] is True
+    assert Row("mtf", None, "equal", "").report_row(reduced=True) == Row(
         "mtf", None, "equal", "", sized=False
-    ).told(reduced=False)
+    ).report_row(reduced=False)
 
 
 def test_the_overlap_is_that_of_rays_by_snells_law() -> None:
-    work = Workbench(read_camera("paper"), QUICK, 0)
-    row = tell_field._overlap(work)
+    work = ExperimentSetup(read_camera("paper"), QUICK, 0)
+    row = resolution._overlap(work)
     indices = np.array(work.opened.camera.indices(550.0))
     inside = np.arcsin(math.sin(math.radians(10)) / indices)
     moved = float((np.array([1.06, 0.49, 0.235]) * np.tan(inside)).sum())
@@ -87,14 +84,14 @@ def test_a_film_takes_the_place_of_the_resin_alone() -> None:
 
 
 def test_the_magnification_is_laid_beside_rays_and_the_papers_own_stack() -> None:
-    work = Workbench(read_camera("paper"), QUICK, 0)
+    work = ExperimentSetup(read_camera("paper"), QUICK, 0)
     reduced = 1.06 / 1.4716 + 0.49 / 1.5218 + 0.235
     figures = {"reduced_mm": reduced} | {
         f"{z:g}": {"larger": reduced / z - reduced / 200, "by_rays": 0.0, "correlation": 1.0}
         for z in (30.0, 80.0, 300.0, math.inf)
     }
-    found = {"magnification": Found(figures, {"overlay": torch.rand(3, 8, 8)})}
-    rows = {row.key: row for row in tell_depths.magnification(work, found).rows}
+    found = {"magnification": StepResult(figures, {"overlay": torch.rand(3, 8, 8)})}
+    rows = {row.key: row for row in depths.magnification(work, found).rows}
     assert rows["magnification 8"].value == pytest.approx(0.96, abs=0.01)
     assert "D = 0.47 mm" in rows["magnification 3"].why
     assert "D = 0.48 mm" in rows["magnification 8"].why
@@ -139,7 +136,7 @@ def test_the_exposure_is_that_of_a_scene_of_known_luminance(tmp_path: Path) -> N
 
 
 def test_two_objects_stand_side_by_side_and_the_near_one_hides_nothing_else() -> None:
-    near, far = depths._planes(Workbench(read_camera("small"), QUICK, 0))
+    near, far = depths._planes(ExperimentSetup(read_camera("small"), QUICK, 0))
     assert near.opacity is not None
     half = near.opacity.shape[-1] // 2
     assert bool((near.opacity[:, :half] == 1).all()) and bool((near.opacity[:, half:] == 0).all())
@@ -150,13 +147,13 @@ def test_two_objects_stand_side_by_side_and_the_near_one_hides_nothing_else() ->
 
 def test_quick_is_smaller_in_every_way_and_both_foretell_memory() -> None:
     opened = read_camera("paper")
-    quick, full = (Workbench(opened, size, 0) for size in (QUICK, FULL))
+    quick, full = (ExperimentSetup(opened, size, 0) for size in (QUICK, FULL))
     assert quick.reduced and not full.reduced
     assert full.pixels == (3040, 4056)
     assert quick.bytes < full.bytes and quick.written_bytes < full.written_bytes
     region = Region.centred(446, 446, quick.preview.shape)
     assert quick.scene_work() < full.scene_work()
     assert quick.solve_work(region, 100) < full.solve_work(region, 100)
-    assert replace(QUICK, pixels=(9000, 9000)) and Workbench(
+    assert replace(QUICK, pixels=(9000, 9000)) and ExperimentSetup(
         opened, replace(QUICK, pixels=(9000, 9000)), 0
     ).pixels == (3040, 4056)

@@ -15,18 +15,18 @@ from nolens.experiments.virtual_experiment import solved
 from nolens.files.plot_reproduction import Panel, plot_overlay, plot_pictures
 from nolens.operators import Region
 from nolens.optics import PointSource
+from nolens.progress import ProgressCallback, part_of
 from nolens.refocusing import (
     Autofocus,
     DepthReconstructor,
     PsfAt,
     PsfBetween,
+    reduced_um,
     sharpness,
 )
-from nolens.reproduction.draft import Draft, Drawn, empty, refusal
-from nolens.reproduction.paper import PAPER
-from nolens.reproduction.rows import Row
-from nolens.reproduction.steps import Found, Step, Tick, within
-from nolens.reproduction.workbench import PINHOLE_UM, TAU, Workbench
+from nolens.reproduction.comparison import PAPER, Picture, Row, Section, section
+from nolens.reproduction.setup import PINHOLE_UM, TAU, ExperimentSetup
+from nolens.reproduction.steps import Step, StepResult, within
 from nolens.twin import FieldMap, Plane
 
 REFERENCE_MM, NEAR_MM = 200.0, (30.0, 80.0)
@@ -34,72 +34,72 @@ FAR_MM = 300.0
 OBJECTS_MM = (80.0, 200.0)
 _KNOWN_MM = (50.0, 500.0)
 _ANGLE_DEG = 40.0
-_SHOWN_CELLS = 300
-_WINDOW_CELLS, _EDGE_CELLS = 2.0, 6
+_CORNER_PIXELS = 300
+_WINDOW_PIXELS, _EDGE_PIXELS = 2.0, 6
 _SEARCHED, _SEARCH_ITERATIONS = 6.5, 60
-"""One search, in reconstructions of so many iterations: some twelve depths on coarser cells."""
+"""One search, in reconstructions of so many iterations: some twelve depths on coarser pixels."""
 _MAGNIFIED = ("magnification 8", "magnification 3", "magnification 30")
 _OBJECTS = ("near object", "far object")
 
 
-def steps(work: Workbench) -> tuple[Step, ...]:
+def steps(setup: ExperimentSetup) -> tuple[Step, ...]:
     """Magnification of the PSF, and a photograph of two objects refocused."""
-    region = _region(work)
-    solving = work.solve_work(region, work.size.iterations)
-    searching = _SEARCHED * work.solve_work(region, _SEARCH_ITERATIONS)
+    region = _region(setup)
+    solving = setup.solve_work(region, setup.size.iterations)
+    searching = _SEARCHED * setup.solve_work(region, _SEARCH_ITERATIONS)
     return (
         Step(
             "magnification",
             "fig. 8a: PSFs at four distances",
-            work.parameters(),
-            8 * work.psf_work(),
-            lambda tick: _magnified(work, tick),
+            setup.parameters(),
+            8 * setup.psf_work(),
+            lambda progress: _magnified(setup, progress),
         ),
         Step(
             "refocus",
             "fig. 8b–e: two objects, refocused",
-            work.parameters(tau=TAU),
-            2 * (work.scene_work() + solving + searching),
-            lambda tick: _refocused(work, tick),
+            setup.parameters(tau=TAU),
+            2 * (setup.scene_work() + solving + searching),
+            lambda progress: _refocused(setup, progress),
         ),
     )
 
 
-def _magnified(work: Workbench, tick: Tick) -> Found:
+def _magnified(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult:
     """How much larger the PSF is at each distance, by registering it on that of 20 cm."""
     distances = (REFERENCE_MM, *NEAR_MM, FAR_MM, math.inf)
     psfs = []
     for number, distance_mm in enumerate(distances):
         size = 0.0 if math.isinf(distance_mm) else PINHOLE_UM
         source = PointSource(distance_um=1e3 * distance_mm, diameter_um=size)
-        part = within(tick, number / len(distances), 1 / len(distances))
-        psfs.append(work.bench.psf(source, tick=part))
-    reduced_mm = work.bench.twin.stack().reduced_um * 1e-3
+        part = part_of(progress, number, len(distances))
+        psfs.append(setup.experiment.psf(source, tick=part))
+    reduced_mm = setup.experiment.twin.stack().reduced_um * 1e-3
     own = 1 + reduced_mm / REFERENCE_MM
-    found: dict[str, Any] = {"reduced_mm": reduced_mm}
+    figures: dict[str, Any] = {"reduced_mm": reduced_mm}
     for distance_mm, psf in zip(distances[1:], psfs[1:], strict=True):
         expected = (1 + reduced_mm / distance_mm) / own
         placed = register(psf, psfs[0], magnification=expected)
-        found[f"{distance_mm:g}"] = {
+        figures[f"{distance_mm:g}"] = {
             "larger": placed.magnification - 1,
             "by_rays": expected - 1,
             "correlation": placed.correlation,
         }
     corner = [_corner(psf.sum(dim=0)) for psf in (psfs[1], psfs[2], psfs[0])]
-    return Found(found, {"overlay": torch.stack(corner)})
+    return StepResult(figures, {"overlay": torch.stack(corner)})
 
 
 def _corner(psf: Tensor) -> Tensor:
-    """The middle of the right edge, where a magnification moves the pattern most."""
+    """The middle of the right edge, where a magnification moves the PSF most."""
     rows, columns = psf.shape
-    size = min(rows, columns, _SHOWN_CELLS)
+    size = min(rows, columns, _CORNER_PIXELS)
     top = (rows - size) // 2
     return psf[top : top + size, columns - size :]
 
 
-def _planes(work: Workbench) -> tuple[Plane, ...]:
+def _planes(setup: ExperimentSetup) -> tuple[Plane, ...]:
     """A near object to the left, in front of a far picture that is seen to the right of it."""
-    near, far = (work.picture(name) for name in ("chelsea", "astronaut"))
+    near, far = (setup.picture(name) for name in ("chelsea", "astronaut"))
     rows, columns = near.shape[-2:]
     square = near[:, :, columns - rows :] if columns > rows else near
     side = square.shape[-1]
@@ -115,95 +115,95 @@ def _planes(work: Workbench) -> tuple[Plane, ...]:
     )
 
 
-def _region(work: Workbench) -> Region:
+def _region(setup: ExperimentSetup) -> Region:
     longer = math.tan(math.radians(_ANGLE_DEG) / 2)
-    return FieldMap.covering(work.preview, (longer / 2, longer)).region
+    return FieldMap.covering(setup.preview, (longer / 2, longer)).region
 
 
-def _refocused(work: Workbench, tick: Tick) -> Found:
-    """One frame of both objects: the depth of each found, and both pictures.
+def _refocused(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult:
+    """One frame of both objects: the depth of each by autofocus, and both pictures.
 
     The search knows PSFs of two other distances, nearer and farther than both objects.
     """
-    shot = work.bench.photograph(_planes(work), seed=work.seed, tick=within(tick, 0.0, 0.4))
-    seen = shot.truth * shot.response
-    known = [PsfAt(work.wide_psf(1e3 * each, shot.region), 1e3 * each) for each in _KNOWN_MM]
-    tick(0.45)
-    reconstructor = DepthReconstructor(
-        develop(shot.frame), shot.region, TAU, iterations=work.size.iterations
+    shot = setup.experiment.photograph(
+        _planes(setup), seed=setup.seed, tick=within(progress, 0.0, 0.4)
     )
-    twin = work.bench.twin
-    reduced_um = twin.stack().reduced_um
-    focus_per_m = known[-1].depth_of_focus_per_m(reduced_um, twin.shape)
-    between = PsfBetween.of(known, reduced_um)
+    truth = shot.truth * shot.response
+    known = [PsfAt(setup.wide_psf(1e3 * each, shot.region), 1e3 * each) for each in _KNOWN_MM]
+    progress(0.45)
+    reconstructor = DepthReconstructor(
+        develop(shot.frame), shot.region, TAU, iterations=setup.size.iterations
+    )
+    twin = setup.experiment.twin
+    distance_um = twin.stack().reduced_um
+    focus_per_m = known[-1].depth_of_focus_per_m(distance_um, twin.shape)
+    between = PsfBetween.of(known, distance_um)
     search = Autofocus(
         reconstructor, between.at, known[0].distance_um, known[1].distance_um, focus_per_m
     )
     figures: dict[str, Any] = {"depth_of_focus_per_m": focus_per_m, "objects": []}
-    arrays = {"truth": seen}
-    rows, columns = seen.shape[-2:]
+    arrays = {"truth": truth}
+    rows, columns = truth.shape[-2:]
     for number, distance_mm in enumerate(OBJECTS_MM):
         before = 0.45 + 0.275 * number
 
         def step(done: int, limit: int, before: float = before) -> bool:
-            tick(before + 0.1 * done / limit)
+            progress(before + 0.1 * done / limit)
             return False
 
-        found = search.run((rows / 2, columns * (1 + 2 * number) / 4), step)
+        focus = search.run((rows / 2, columns * (1 + 2 * number) / 4), step)
         picture = solved(
             shot.frame,
-            work.wide_psf(1e3 * distance_mm, shot.region),
+            setup.wide_psf(1e3 * distance_mm, shot.region),
             shot.region,
-            iterations=work.size.iterations,
+            iterations=setup.size.iterations,
             tau=TAU,
-            tick=within(tick, before + 0.1, 0.175),
+            tick=within(progress, before + 0.1, 0.175),
         )
-        arrays[f"at-{distance_mm:g}mm"] = scale_fit(picture, seen)
+        arrays[f"at-{distance_mm:g}mm"] = scale_fit(picture, truth)
         figures["objects"].append(
             {
                 "distance_mm": distance_mm,
-                "found_mm": found.depth_um * 1e-3,
+                "found_mm": focus.depth_um * 1e-3,
                 "tried": [
                     {
                         "depth_mm": each.depth_um * 1e-3,
                         "sharpness": each.sharpness,
                         "objective": each.objective,
                     }
-                    for each in found.tried
+                    for each in focus.tried
                 ],
             }
         )
-    return Found({**figures, "halves": _halves(arrays)}, arrays)
+    return StepResult({**figures, "halves": _halves(arrays)}, arrays)
 
 
 def _halves(arrays: dict[str, Tensor]) -> dict[str, list[float]]:
     """Energy of the gradient of the near object's half and of the far one's, in both pictures."""
-    found = {}
+    halves = {}
     for distance_mm in OBJECTS_MM:
         picture = arrays[f"at-{distance_mm:g}mm"]
         middle = picture.shape[-1] // 2
-        energy = sharpness(picture, _WINDOW_CELLS)
-        # Cells at the edge between the objects belong to neither.
-        halves = energy[:, : middle - _EDGE_CELLS], energy[:, middle + _EDGE_CELLS :]
-        found[f"{distance_mm:g}"] = [float(half.mean()) for half in halves]
-    return found
+        energy = sharpness(picture, _WINDOW_PIXELS)
+        # Pixels at the edge between the objects belong to neither.
+        parts = energy[:, : middle - _EDGE_PIXELS], energy[:, middle + _EDGE_PIXELS :]
+        halves[f"{distance_mm:g}"] = [float(part.mean()) for part in parts]
+    return halves
 
 
-def magnification(work: Workbench, found: Mapping[str, Found]) -> Draft:
+@section("magnification", "Fig. 8a: the PSF at other distances", _MAGNIFIED, ("magnification",))
+def magnification(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
     """PSFs at 3, 8 and 20 cm, and beyond 30 cm."""
-    title = "Fig. 8a: the PSF at other distances"
-    reason = refusal(found, ("magnification",))
-    if reason is not None:
-        return empty("magnification", title, _MAGNIFIED, reason)
-    figures = found["magnification"].figures
+    figures, camera = results["magnification"].figures, setup.opened.camera
     reduced_mm = figures["reduced_mm"]
+    cover_mm = 1e-3 * reduced_um(camera, camera.mask.surface + 1)
     rows = []
     for distance_mm in reversed(NEAR_MM):
         key = f"magnification {distance_mm / 10:g}"
         each = figures[f"{distance_mm:g}"]
         value = 100 * each["larger"]
         printed = (PAPER[key].value or 0.0) / 100
-        implied = printed / (1 / distance_mm - 1 / REFERENCE_MM)
+        implied_mm = printed / (1 / distance_mm - 1 / REFERENCE_MM)
         rows.append(
             Row(
                 key,
@@ -212,19 +212,18 @@ def magnification(work: Workbench, found: Mapping[str, Found]) -> Draft:
                 "By registering one PSF on the other; 1 + D/z with the stack's D = "
                 f"{reduced_mm:.2f} mm gives {100 * each['by_rays']:.2f} %. "
                 "The paper's figure would be that of "
-                f"D = {implied:.2f} mm"
+                f"D = {implied_mm:.2f} mm"
                 + (
                     ", as its other one would; but the cover glass and the air below it alone are "
-                    f"{_cover_mm(work):.2f} mm. Its two figures agree with each other, not with "
-                    "its camera: the distances or the way it measured are not what they are said "
-                    "to be."
+                    f"{cover_mm:.2f} mm. Its two figures agree with each other, not with its "
+                    "camera: the distances or the way it measured are not what they are said to be."
                     if distance_mm == NEAR_MM[-1]
                     else "."
                 ),
             )
         )
     far = 100 * ((1 + figures[f"{FAR_MM:g}"]["larger"]) / (1 + figures["inf"]["larger"]) - 1)
-    sensor = work.opened.camera.sensor
+    sensor = camera.sensor
     half_um = max(sensor.rows, sensor.columns) / 2 * sensor.pitch.um
     rows.append(
         Row(
@@ -237,34 +236,21 @@ def magnification(work: Workbench, found: Mapping[str, Found]) -> Draft:
     )
     draw = partial(
         plot_overlay,
-        psfs=found["magnification"].arrays["overlay"],
+        psfs=results["magnification"].arrays["overlay"],
         names=("3 cm", "8 cm", "20 cm"),
-        pixel_um=work.preview.pixel_um,
+        pixel_um=setup.preview.pixel_um,
     )
     caption = (
         "The PSF at the middle of the sensor's right edge for a point source at three "
         "distances, binarised and laid over each other as in fig. 8a. Where all agree it is black."
     )
-    return Draft(
-        "magnification", title, (), (Drawn("magnification", caption, draw, 100.0),), tuple(rows)
-    )
+    return Section(tuple(rows), (Picture("magnification", caption, draw, 100.0),))
 
 
-def _cover_mm(work: Workbench) -> float:
-    """Reduced thickness of what lies below the mask's own layer."""
-    camera = work.opened.camera
-    indices = camera.indices(550.0)
-    below = range(camera.mask.surface + 1, len(camera.layers))
-    return sum(camera.layers[place].thickness.mm / indices[place] for place in below)
-
-
-def refocus(work: Workbench, found: Mapping[str, Found]) -> Draft:
+@section("refocus", "Fig. 8b–e: two objects, refocused", _OBJECTS, ("refocus",))
+def refocus(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
     """Two objects, each in focus in its own picture."""
-    title = "Fig. 8b–e: two objects, refocused"
-    reason = refusal(found, ("refocus",))
-    if reason is not None:
-        return empty("refocus", title, _OBJECTS, reason)
-    arrays = found["refocus"].arrays
+    arrays = results["refocus"].arrays
     white = exposure_white(arrays["truth"])
     near, far = (f"at-{distance_mm:g}mm" for distance_mm in OBJECTS_MM)
     panels = (
@@ -278,9 +264,9 @@ def refocus(work: Workbench, found: Mapping[str, Found]) -> Draft:
     )
     draw = partial(plot_pictures, panels=panels)
     rows = tuple(
-        _object_row(key, number, found["refocus"].figures) for number, key in enumerate(_OBJECTS)
+        _object_row(key, number, results["refocus"].figures) for number, key in enumerate(_OBJECTS)
     )
-    return Draft("refocus", title, (), (Drawn("refocus", caption, draw),), rows)
+    return Section(rows, (Picture("refocus", caption, draw),))
 
 
 def _object_row(key: str, number: int, figures: Mapping[str, Any]) -> Row:
@@ -296,7 +282,7 @@ def _object_row(key: str, number: int, figures: Mapping[str, Any]) -> Row:
         found_mm / 10,
         f"{found_mm / 10:.1f} cm",
         f"Found by itself as the depth at which this object is sharpest, from PSFs at 5 and 50 cm "
-        f"alone. The pattern's edge moves by one line between {ends[0]:.1f} and {far}: that is "
+        f"alone. The PSF's edge moves by one line between {ends[0]:.1f} and {far}: that is "
         f"the depth of focus. With its own PSF the object's gradients have {sharp / blurred:.2f} "
         "times the energy that they have with the other one's.",
         sized=True,

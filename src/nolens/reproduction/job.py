@@ -1,41 +1,55 @@
-"""The paper's figures and numbers, made again with a simulated camera."""
+"""`nolens reproduce`: the paper's figures and numbers, made again, in one report."""
 
 import os
 import platform
 import shutil
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import torch
+from pydantic_core import to_json
 
 from nolens import __version__
+from nolens.camera import preset
 from nolens.errors import FileError
 from nolens.files import camera_files, read_camera, readable
-from nolens.files.reports import Report
-from nolens.jobs.fields import FilePath, Name
-from nolens.jobs.options import JobOptions, Option, Written
-from nolens.jobs.run import Clock, Product, Run, check_memory, job
+from nolens.files.pdf import write_report_pdf
+from nolens.files.reports import Report, ReportRow, write_report_html, write_report_markdown
+from nolens.jobs.fields import FilePath, Name, OutputFolderOptions
+from nolens.jobs.options import Option, Written
+from nolens.jobs.run import Clock, Product, Run, Writer, check_memory, job
 from nolens.jobs.sample_pictures import check_sample_pictures
 from nolens.ranges import Between
-from nolens.reproduction import (
-    depths,
-    field,
-    pattern,
-    photographs,
-    resolution,
-    thickness,
-)
+from nolens.reproduction import depths, photographs, psf, resolution, thickness
+from nolens.reproduction.comparison import PAPER, Row, SectionMaker
 from nolens.reproduction.photographs import SCENES
-from nolens.reproduction.report import PICTURES, report_writers, tell
-from nolens.reproduction.steps import Found, Step, carry_out
-from nolens.reproduction.workbench import FULL, NEEDED_BY, QUICK, Workbench
+from nolens.reproduction.setup import FULL, NEEDED_BY, QUICK, ExperimentSetup
+from nolens.reproduction.steps import Step, StepResult, carry_out
 
 _INFO = Path("/proc/cpuinfo")
-_RECORD_FILE, _STEPS = "report.json", "steps"
+_STEPS, _PICTURES = "steps", "pictures"
+"""Folders in that of the report."""
+_RECORD_FILE = "report.json"
 _REPORT_FILES = ("report.html", "report.pdf", _RECORD_FILE, "reproduction.md", "timing.json")
+_TITLE = "The paper's figures, made again"
+_SECTIONS: tuple[SectionMaker, ...] = (
+    thickness.rays,
+    thickness.films,
+    psf.psf,
+    resolution.two_points,
+    resolution.siemens,
+    resolution.off_axis_psfs,
+    resolution.dots,
+    photographs.photographs,
+    depths.magnification,
+    depths.refocus,
+)
 
 
-class ReproduceOptions(JobOptions):
+class ReproduceOptions(OutputFolderOptions):
     """Make every figure of the paper again that simulation can give, beside the paper's values.
 
     nolens reproduce -o report/ --quick
@@ -47,6 +61,7 @@ class ReproduceOptions(JobOptions):
     """
 
     usage = "reproduce -o FOLDER"
+    record_file = _RECORD_FILE
 
     output: Annotated[
         FilePath,
@@ -80,16 +95,6 @@ class ReproduceOptions(JobOptions):
     ] = "paper"
 
     @property
-    def record(self) -> Path:
-        """File of the run's record."""
-        return self.output / _RECORD_FILE
-
-    @property
-    def output_folder(self) -> Path:
-        """It is made where it does not exist."""
-        return self.output
-
-    @property
     def written(self) -> tuple[Written, ...]:
         """The report's files."""
         return tuple(Written("report", self.output / name) for name in _REPORT_FILES)
@@ -111,59 +116,65 @@ def reproduce(run: Run[ReproduceOptions]) -> Product[Report]:
     check_sample_pictures(NEEDED_BY)
     opened = read_camera(options.camera)
     run.reads(camera_files(options.camera, opened.camera))
-    work = Workbench(opened, QUICK if options.quick else FULL, options.seed)
+    setup = ExperimentSetup(opened, QUICK if options.quick else FULL, options.seed)
     remedy = "a camera with fewer pixels, or --quick, needs less"
-    check_memory(work.bytes, torch.device("cpu"), remedy)
-    _check_folder(options.output, work.written_bytes)
+    check_memory(setup.bytes, torch.device("cpu"), remedy)
+    _check_folder(options.output, setup.written_bytes)
     run.begin()
-    steps = all_steps(work, options.camera)
+    steps = all_steps(setup, options.camera)
     reporter.note(
-        f"{len(steps)} parts, which take about {work.bytes / 1e9:.1f} GB of memory; each is kept "
+        f"{len(steps)} parts, which take about {setup.bytes / 1e9:.1f} GB of memory; each is kept "
         f"in {readable(options.output / _STEPS)} when it is done, so this can be stopped and "
         "started again"
     )
-    found = carry_out(steps, options.output / _STEPS, reporter)
-    # They were told when the parts could not be made.
-    refused = {name: each.refused for name, each in found.items() if each.refused}
+    results = carry_out(steps, options.output / _STEPS, reporter)
+    # The reporter was told when the parts could not be made.
+    refused = {name: each.refused for name, each in results.items() if each.refused}
     run.warn(*(f"{name}: {reason}" for name, reason in refused.items()), aloud=False)
-    told = tell(work, found)
+    sections = [make(setup, results) for make in _SECTIONS]
+    reduced = setup.reduced
+    report = Report(
+        _TITLE,
+        _subtitle(setup),
+        _intro(setup),
+        tuple(each.report_section(reduced=reduced) for each in sections),
+    )
     figures = {
         "camera": opened.camera.name,
-        "pixels": list(work.pixels),
-        "reduced": work.reduced,
+        "pixels": list(setup.pixels),
+        "reduced": reduced,
         "seed": options.seed,
-        "rows": told.rows,
+        "rows": [row.values(reduced=reduced) for each in sections for row in each.rows],
     }
     return Product(
-        told.report,
+        report,
         figures,
-        report_writers(options.output, told.report, _timing(found, run.clock)),
+        _report_writers(options.output, report, _timing(results, run.clock)),
         outputs=tuple(each.path for each in options.written if each.path != options.record),
     )
 
 
-def all_steps(work: Workbench, camera: str) -> tuple[Step, ...]:
+def all_steps(setup: ExperimentSetup, camera: str) -> tuple[Step, ...]:
     """All parts, in the order of the paper."""
     return (
-        *thickness.steps(work, camera),
-        *pattern.steps(work),
-        *resolution.steps(work),
-        *field.steps(work),
-        *photographs.steps(work),
-        *depths.steps(work),
+        *thickness.steps(setup, camera),
+        *psf.steps(setup),
+        *resolution.steps(setup),
+        *photographs.steps(setup),
+        *depths.steps(setup),
     )
 
 
 def _check_folder(folder: Path, needed_bytes: float) -> None:
     """Refuse a folder that holds something else than a report, or a disk without room for it."""
     if folder.is_dir():
-        ours = {*_REPORT_FILES, PICTURES, _STEPS}
+        ours = {*_REPORT_FILES, _PICTURES, _STEPS}
         # What begins with a dot is a system's, or left over by a run that was killed.
         others = (each.name for each in folder.iterdir() if not each.name.startswith("."))
-        found = sorted(name for name in others if name not in ours)
-        if found:
+        foreign = sorted(name for name in others if name not in ours)
+        if foreign:
             raise FileError(
-                f"{folder} holds {found[0]}, which is no part of a report: give a folder that is "
+                f"{folder} holds {foreign[0]}, which is no part of a report: give a folder that is "
                 "empty or new, or that of an earlier report (-o)"
             )
     there = next(each for each in (folder, *folder.absolute().parents) if each.exists())
@@ -175,14 +186,14 @@ def _check_folder(folder: Path, needed_bytes: float) -> None:
         )
 
 
-def _timing(found: dict[str, Found], clock: Clock) -> dict[str, Any]:
+def _timing(results: dict[str, StepResult], clock: Clock) -> dict[str, Any]:
     """What differs from run to run."""
     photographs_s = {
-        scene.name: found[f"scene-{scene.name}"].seconds["photograph"]
+        scene.name: results[f"scene-{scene.name}"].seconds["photograph"]
         for scene in SCENES
-        if found[f"scene-{scene.name}"].refused is None
+        if results[f"scene-{scene.name}"].refused is None
     }
-    parts = {name: each.seconds["all"] for name, each in found.items()}
+    parts = {name: each.seconds["all"] for name, each in results.items()}
     return {
         "nolens": __version__,
         "machine": _machine(),
@@ -191,6 +202,91 @@ def _timing(found: dict[str, Found], clock: Clock) -> dict[str, Any]:
         "photographs": photographs_s,
         "parts": parts,
     }
+
+
+def _subtitle(setup: ExperimentSetup) -> str:
+    rows, columns = setup.pixels
+    part = "the middle " if setup.reduced else "all "
+    return (
+        f"nolens reproduce: camera {setup.opened.camera.name!r}, {part}{columns}×{rows} pixels, "
+        f"seed {setup.seed}"
+    )
+
+
+def _intro(setup: ExperimentSetup) -> tuple[str, ...]:
+    texts = [
+        "Every figure and number of “Fabrication of Integrated Lensless Cameras via UV-Imprint "
+        "Lithography” that a computer can produce, by simulation of the camera that it describes. "
+        "No row is tuned to the paper: what is computed follows from the camera's description, "
+        "and where a value differs, the last column says why.",
+        "What the simulation does not have: the paper's own diffuser (random lenslets of its mean "
+        "radius and pitch stand for it), a measured curve of the light that its pixels accept at "
+        "angles (a placeholder), measured spectra of its colours (their ratios in white light are "
+        "fitted to Raspberry Pi's tuning of the camera, an infrared-cut filter included), and the "
+        "paper's scenes (photographs stand for them).",
+    ]
+    if setup.opened.camera != preset("paper"):
+        texts.append(
+            "The camera is another one than the paper's, whose preset is named paper: where a "
+            "value differs, that comes first, and the explanations hold for the rest."
+        )
+    if setup.reduced:
+        texts.append(
+            "This is a report of reduced size: a part of the sensor, fewer PSFs and iterations. "
+            "Rows that this changes say so; without --quick they come out at full size."
+        )
+    return tuple(texts)
+
+
+def _report_writers(folder: Path, report: Report, timing: Mapping[str, Any]) -> dict[Path, Writer]:
+    """What writes each file of the report, but for the record."""
+    writers: dict[Path, Writer] = {
+        folder / _PICTURES / f"{picture.name}.png": partial(_write_bytes, content=picture.png)
+        for section in report.sections
+        for picture in section.pictures
+    }
+    seconds = dict(timing["photographs"])
+    notes = (
+        f"Written by `nolens reproduce` of nolens {timing['nolens']} on {timing['date'][:10]}; "
+        f"{timing['machine']}; all parts together took {timing['seconds'] / 60:.0f} min.",
+    )
+    return writers | {
+        folder / "timing.json": partial(_write_bytes, content=to_json(timing, indent=1) + b"\n"),
+        folder / "reproduction.md": partial(
+            write_report_markdown,
+            report=_timed(report, seconds, str(timing["machine"])),
+            folder=_PICTURES,
+            notes=notes,
+        ),
+        folder / "report.pdf": partial(write_report_pdf, report=report),
+        folder / "report.html": partial(write_report_html, report=report),
+    }
+
+
+def _timed(report: Report, seconds: Mapping[str, float], machine: str) -> Report:
+    """The report with what the photographs took, for where it may differ from run to run."""
+    if not seconds:
+        return report
+    longest = max(seconds.values())
+    row = Row(
+        "seconds",
+        longest,
+        f"up to {longest:.0f} s",
+        f"The reconstruction alone, three colours, on {machine}: another machine than the "
+        "paper's, so the ratio says what a person waits and no more.",
+    ).report_row(reduced=False)
+
+    def exchanged(each: ReportRow) -> ReportRow:
+        return row if each.what == PAPER["seconds"].what else each
+
+    sections = tuple(
+        replace(section, rows=tuple(map(exchanged, section.rows))) for section in report.sections
+    )
+    return replace(report, sections=sections)
+
+
+def _write_bytes(path: Path, content: bytes) -> None:
+    path.write_bytes(content)
 
 
 def _machine() -> str:

@@ -1,4 +1,4 @@
-"""Steps of a long job whose results are kept, so that it goes on where it was interrupted."""
+"""Steps of a long job whose results are saved, so that it goes on where it was interrupted."""
 
 import hashlib
 import time
@@ -17,18 +17,16 @@ from nolens.documents import parse_json
 from nolens.errors import NolensError
 from nolens.files import read_frame, read_text, versions, write_into, write_tiff32
 from nolens.jobs.run import Pace, Reporter, duration_text
-
-Tick = Callable[[float], None]
-"""Is told what share of a step is done, from 0 to 1."""
+from nolens.progress import ProgressCallback
 
 _FOUND, _TIMING = "found.json", "timing.json"
-_NO_PART_OF_RESULTS = ("cli", "fabricate", "files", "jobs/reproduction/tell")
-"""Rooms of nolens whose code shows results and does not change them."""
+_WITHOUT_RESULTS = ("cli", "fabricate", "files")
+"""Rooms of nolens whose code does not change results."""
 _WORK = "the paper's figures"
 
 
 @dataclass(frozen=True)
-class Found:
+class StepResult:
     """What came of a step.
 
     Parameters
@@ -51,7 +49,7 @@ class Found:
 
 @dataclass(frozen=True)
 class Step:
-    """A piece of work whose result is kept.
+    """A piece of work whose result is saved.
 
     Parameters
     ----------
@@ -71,19 +69,25 @@ class Step:
     what: str
     parameters: Mapping[str, Any]
     work: float
-    run: Callable[[Tick], Found]
+    run: Callable[[ProgressCallback], StepResult]
 
     @property
     def key(self) -> str:
         """SHA-256 of parameters, nolens's code and the versions of what it computes with."""
         known = versions()
         del known["platform"]
-        given = {"name": self.name, "parameters": self.parameters, "versions": known}
-        text = to_json({**given, "code": code_digest()})
+        text = to_json(
+            {
+                "name": self.name,
+                "parameters": self.parameters,
+                "versions": known,
+                "code": _code_digest(),
+            }
+        )
         return hashlib.sha256(text).hexdigest()
 
 
-def carry_out(steps: Sequence[Step], folder: Path, reporter: Reporter) -> dict[str, Found]:
+def carry_out(steps: Sequence[Step], folder: Path, reporter: Reporter) -> dict[str, StepResult]:
     """Do all steps, each of which is written when it is done; what is there already is taken.
 
     Parameters
@@ -93,60 +97,65 @@ def carry_out(steps: Sequence[Step], folder: Path, reporter: Reporter) -> dict[s
     folder
         Gets a folder for each of them.
     reporter
-        Is told what is done and how long the rest will take.
+        Sees what is done and how long the rest will take.
 
     Returns
     -------
     dict
-        What was found by name, as it is read from its files.
+        Results by name, as they are read from their files.
 
     Raises
     ------
     FileError
         If a result cannot be written.
     """
-    kept = {step.name: _load(folder / step.name, step.key) for step in steps}
-    there = [name for name, found in kept.items() if found is not None]
-    if there:
-        reporter.note(f"{len(there)} of {len(steps)} parts are there from an earlier run")
-    todo = [step for step in steps if kept[step.name] is None]
+    results: dict[str, StepResult] = {}
+    for step in steps:
+        earlier = _load(folder / step.name, step.key)
+        if earlier is not None:
+            results[step.name] = earlier
+    if results:
+        reporter.note(f"{len(results)} of {len(steps)} parts are there from an earlier run")
+    todo = [step for step in steps if step.name not in results]
     whole, done, pace = sum(step.work for step in todo), 0.0, Pace()
     for number, step in enumerate(todo, 1):
         left = pace.seconds_left(_WORK, done / whole)
         more = "" if left is None or not pace.sure else f"; about {duration_text(left)} left"
         reporter.note(f"{step.what} ({number} of {len(todo)}{more})")
 
-        def tick(share: float, before: float = done, step: Step = step) -> None:
-            reporter.advance(_WORK, (before + share * step.work) / whole)
+        def progress(fraction: float, before: float = done, step: Step = step) -> None:
+            reporter.advance(_WORK, (before + fraction * step.work) / whole)
 
-        tick(0.0)
+        progress(0.0)
         start = time.perf_counter()
         try:
-            found = step.run(tick)
+            result = step.run(progress)
         except NolensError as error:
-            found = Found(refused=str(error))
+            result = StepResult(refused=str(error))
             reporter.warn(f"{step.what} cannot be made with this camera: {error}")
         taken = time.perf_counter() - start
-        _write(folder / step.name, step.key, found, taken)
+        _write(folder / step.name, step.key, result, taken)
         done += step.work
-        kept[step.name] = _load(folder / step.name, step.key)
-    return {name: found for name, found in kept.items() if found is not None}
+        saved = _load(folder / step.name, step.key)
+        if saved is not None:
+            results[step.name] = saved
+    return {step.name: results[step.name] for step in steps if step.name in results}
 
 
-def within(tick: Tick, start: float, length: float) -> Tick:
-    """What a part of a step tells its share to, which begins and is as long as said."""
-    return lambda share: tick(start + length * share)
+def within(progress: ProgressCallback, start: float, length: float) -> ProgressCallback:
+    """Callback for a part of a step, which begins and is as long as said, in fractions of it."""
+    return lambda fraction: progress(start + length * fraction)
 
 
-class _Kept(BaseModel):
-    """What found.json holds; with a digest, as no schema knows the figures of every step.
+class _Saved(BaseModel):
+    """What found.json has; with a digest, as no schema knows the figures of every step.
 
     Attributes
     ----------
     key
         Of the step.
     figures, refused
-        As `Found` has them.
+        As `StepResult` has them.
     arrays
         SHA-256 of each array, by name.
     digest
@@ -163,6 +172,7 @@ class _Kept(BaseModel):
 
     @property
     def expected(self) -> str:
+        """SHA-256 of all but the digest."""
         text = to_json(self.model_dump(exclude={"digest"}), inf_nan_mode="null")
         return hashlib.sha256(text).hexdigest()
 
@@ -171,34 +181,34 @@ _SECONDS = TypeAdapter(dict[str, float])
 
 
 @cache
-def code_digest() -> str:
+def _code_digest() -> str:
     """SHA-256 of the files of nolens that results follow from."""
     digest = hashlib.sha256()
     root = Path(nolens.__file__).parent
     for path in sorted(root.rglob("*")):
         name = path.relative_to(root).as_posix()
-        shows = any(name.startswith(f"{room}/") for room in _NO_PART_OF_RESULTS)
-        if path.suffix in (".py", ".toml") and not shows:
+        irrelevant = name.split("/")[0] in _WITHOUT_RESULTS
+        if path.suffix in (".py", ".toml") and not irrelevant:
             digest.update(f"{name}\0".encode() + path.read_bytes())
     return digest.hexdigest()
 
 
-def _write(folder: Path, key: str, found: Found, taken: float) -> None:
+def _write(folder: Path, key: str, result: StepResult, taken: float) -> None:
     """Files of a step, all or none."""
-    kept = _Kept(
+    saved = _Saved(
         key=key,
-        figures=dict(found.figures),
-        arrays={name: _array_digest(array) for name, array in sorted(found.arrays.items())},
-        refused=found.refused,
+        figures=dict(result.figures),
+        arrays={name: _array_digest(array) for name, array in sorted(result.arrays.items())},
+        refused=result.refused,
     )
-    kept = kept.model_copy(update={"digest": kept.expected})
-    seconds = {"all": round(taken, 3), **{name: round(s, 3) for name, s in found.seconds.items()}}
+    saved = saved.model_copy(update={"digest": saved.expected})
+    seconds = {"all": round(taken, 3), **{name: round(s, 3) for name, s in result.seconds.items()}}
     writers: dict[Path, Callable[[Path], None]] = {
         folder / f"{name}.tif": partial(write_tiff32, radiance=array)
-        for name, array in found.arrays.items()
+        for name, array in result.arrays.items()
     }
     writers[folder / _TIMING] = partial(_write_json, value=seconds)
-    writers[folder / _FOUND] = partial(_write_json, value=kept.model_dump())
+    writers[folder / _FOUND] = partial(_write_json, value=saved.model_dump())
     write_into(folder, writers)
 
 
@@ -206,20 +216,20 @@ def _write_json(path: Path, value: dict[str, Any]) -> None:
     path.write_bytes(to_json(value, indent=1, inf_nan_mode="null") + b"\n")
 
 
-def _load(folder: Path, key: str) -> Found | None:
+def _load(folder: Path, key: str) -> StepResult | None:
     """A result of the same parameters and code; None where there is none, or it is damaged."""
     try:
-        kept = _Kept.model_validate(_json(folder / _FOUND))
-        if kept.key != key or kept.digest != kept.expected:
+        saved = _Saved.model_validate(_json(folder / _FOUND))
+        if saved.key != key or saved.digest != saved.expected:
             return None
         seconds = _SECONDS.validate_python(_json(folder / _TIMING))
-        arrays = {name: read_frame(folder / f"{name}.tif").counts for name in kept.arrays}
+        arrays = {name: read_frame(folder / f"{name}.tif").counts for name in saved.arrays}
     # pydantic's errors are ValueErrors.
     except (NolensError, ValueError):
         return None
-    if any(_array_digest(arrays[name]) != digest for name, digest in kept.arrays.items()):
+    if any(_array_digest(arrays[name]) != digest for name, digest in saved.arrays.items()):
         return None
-    return Found(kept.figures, arrays, seconds, kept.refused)
+    return StepResult(saved.figures, arrays, seconds, saved.refused)
 
 
 def _json(path: Path) -> Any:

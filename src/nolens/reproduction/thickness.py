@@ -11,26 +11,24 @@ from torch import Tensor
 from nolens.camera import Camera
 from nolens.design.focus import depth_of_focus_um, lenslet_aperture
 from nolens.evaluate import pattern_figures
-from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files.plot_reproduction import plot_films
 from nolens.jobs.designing.thickness import ThicknessOptions, design_thickness
 from nolens.jobs.run import Reporter
+from nolens.progress import ProgressCallback, part_of
 from nolens.quantities import Length
-from nolens.reproduction.draft import Draft, Drawn, empty, refusal
-from nolens.reproduction.paper import PAPER
-from nolens.reproduction.rows import Row
-from nolens.reproduction.steps import Found, Step, Tick, within
-from nolens.reproduction.workbench import Workbench
+from nolens.reproduction.comparison import PAPER, Picture, Row, Section, section
+from nolens.reproduction.setup import ExperimentSetup
+from nolens.reproduction.steps import Step, StepResult
 from nolens.twin import relief_points
 
 _FILM = {"film": "0.305mm", "film_distance": "0.4mm±0.2mm", "film_material": "polycarbonate"}
 """The paper's master and where it was sharpest; 0.012 inch is assumed for its thickness."""
 _REPLICAS = ("pdms", "pua311")
 _FILM_OF = "pdms"
-_SHOWN_CELLS = 96
+_MIDDLE_PIXELS = 96
 _PAPERS_WAVELENGTH_UM = 0.5
 """Its depth of focus of 0.41 mm is that of NA 0.035 at 500 nm."""
-_RAYS = (
+_BY_RAYS = (
     "radius",
     "radius printed",
     "thickness pdms",
@@ -41,51 +39,46 @@ _RAYS = (
     "aperture",
     "depth of focus",
 )
-_FILMS = ("film", "film width")
 
 
-def steps(work: Workbench, camera: str) -> tuple[Step, ...]:
+def steps(setup: ExperimentSetup, camera: str) -> tuple[Step, ...]:
     """Radius and thicknesses by rays, and the series of films by waves.
 
-    Parameters
-    ----------
-    work
-        The camera.
-    camera
-        What it was read from: its layers are those that the replica lies on.
+    `camera` is what the setup's camera was read from: its layers are those that the replica lies
+    on.
     """
-    pixels = _film_pixels(work)
-    films = relief_points(work.opened) + len(work.size.films_mm) * work.psf_work(pixels)
+    pixels = _film_pixels(setup)
+    films = relief_points(setup.opened) + len(setup.size.films_mm) * setup.psf_work(pixels)
     return (
         Step(
             "thickness",
             "fig. 2a, b: thickness by ray matrices",
-            work.parameters(**_FILM),
-            work.psf_work(pixels) / len(work.size.films_mm),
-            lambda tick: _designed(camera),
+            setup.parameters(**_FILM),
+            setup.psf_work(pixels) / len(setup.size.films_mm),
+            lambda progress: _designed(camera),
         ),
         Step(
             "films",
             "fig. 2c: films of PDMS",
-            work.parameters(material=_FILM_OF),
+            setup.parameters(material=_FILM_OF),
             films,
-            lambda tick: _films(work, tick),
+            lambda progress: _films(setup, progress),
         ),
     )
 
 
-def _designed(camera: str) -> Found:
+def _designed(camera: str) -> StepResult:
     """What `nolens design thickness` finds from the paper's measurement of its master."""
-    given = {"camera": camera, **_FILM, "material": _REPLICAS}
-    summary = design_thickness(ThicknessOptions.gather(given), Reporter()).summary
+    options = ThicknessOptions.gather({"camera": camera, **_FILM, "material": _REPLICAS})
+    summary = design_thickness(options, Reporter()).summary
     figures: dict[str, Any] = {
         name: summary[name] for name in ("radius_mm", "printed_radius_mm", "film")
     }
-    figures["replicas"] = {found["material"]: found for found in summary["materials"]}
+    figures["replicas"] = {each["material"]: each for each in summary["materials"]}
     figures["master"] = master_lenslet(
         summary["radius_mm"]["value"], summary["film"]["index"], summary["pitch_um"]["value"]
     )
-    return Found(figures)
+    return StepResult(figures)
 
 
 def master_lenslet(radius_mm: float, index: float, pitch_um: float) -> dict[str, float]:
@@ -125,51 +118,46 @@ def with_film(camera: Camera, thickness_mm: float) -> Camera:
     return camera.model_copy(update={"layers": layers})
 
 
-def _films(work: Workbench, tick: Tick) -> Found:
+def _films(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult:
     """Width of the autocorrelation of every film's PSF, and the middle of the PSF.
 
     All colours together count, as the sensor sees the white LED.
     """
-    thicknesses = work.size.films_mm
-    widths, shown = [], {}
+    thicknesses = setup.size.films_mm
+    widths, middles = [], {}
     for number, thickness_mm in enumerate(thicknesses):
-        psf = _behind(work, thickness_mm, number / len(thicknesses), tick)
-        widths.append(pattern_figures(psf, work.bench.twin.pixel_um).width_um)
-        shown[f"psf-{1000 * thickness_mm:.0f}um"] = _middle(psf)[None]
-    return Found({"thicknesses_mm": list(thicknesses), "widths_um": widths}, shown)
+        psf = _psf_behind(setup, thickness_mm, part_of(progress, number, len(thicknesses)))
+        widths.append(pattern_figures(psf, setup.experiment.twin.pixel_um).width_um)
+        middles[f"psf-{1000 * thickness_mm:.0f}um"] = _middle(psf)[None]
+    return StepResult({"thicknesses_mm": list(thicknesses), "widths_um": widths}, middles)
 
 
-def _behind(work: Workbench, thickness_mm: float, before: float, tick: Tick) -> Tensor:
+def _psf_behind(setup: ExperimentSetup, thickness_mm: float, progress: ProgressCallback) -> Tensor:
     """PSF behind a film, the sum of all colours."""
-    twin = work.bench.twin
+    twin = setup.experiment.twin
     camera = with_film(twin.camera, thickness_mm)
-    bench: VirtualExperiment = replace(work.bench, twin=replace(twin, camera=camera))
-    cells = tuple(count // twin.superpixel for count in _film_pixels(work))
-    part = within(tick, before, 1 / len(work.size.films_mm))
-    return bench.psf(work.source, (cells[0], cells[1]), part).sum(dim=0)
+    experiment = replace(setup.experiment, twin=replace(twin, camera=camera))
+    rows, columns = (count // twin.superpixel for count in _film_pixels(setup))
+    return experiment.psf(setup.source, (rows, columns), progress).sum(dim=0)
 
 
-def _film_pixels(work: Workbench) -> tuple[int, int]:
-    wanted = zip(work.size.films_pixels, work.pixels, strict=True)
-    rows, columns = (min(pair) for pair in wanted)
-    return rows, columns
+def _film_pixels(setup: ExperimentSetup) -> tuple[int, int]:
+    (rows, columns), (most_rows, most_columns) = setup.size.films_pixels, setup.pixels
+    return min(rows, most_rows), min(columns, most_columns)
 
 
 def _middle(psf: Tensor) -> Tensor:
-    """The middle cells, as bright as they are, of a PSF."""
+    """The middle pixels of a PSF, as bright as they are."""
     rows, columns = psf.shape
-    size = min(rows, columns, _SHOWN_CELLS)
+    size = min(rows, columns, _MIDDLE_PIXELS)
     top, left = (rows - size) // 2, (columns - size) // 2
     return torch.clone(psf[top : top + size, left : left + size])
 
 
-def rays(work: Workbench, found: Mapping[str, Found]) -> Draft:
+@section("thickness", "Fig. 2a, b: how thick the replica must be", _BY_RAYS, ("thickness",))
+def rays(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
     """Radius and thickness by ray matrices."""
-    title = "Fig. 2a, b: how thick the replica must be"
-    reason = refusal(found, ("thickness",))
-    if reason is not None:
-        return empty("thickness", title, _RAYS, reason)
-    figures = found["thickness"].figures
+    figures = results["thickness"].figures
     radius, printed = figures["radius_mm"]["value"], figures["printed_radius_mm"]
     replicas: dict[str, Any] = figures["replicas"]
     rows = [
@@ -210,7 +198,7 @@ def rays(work: Workbench, found: Mapping[str, Found]) -> Draft:
             ),
         ]
     rows += _lenslet(figures["master"], replicas["pua311"])
-    return Draft("thickness", title, (), (), tuple(rows))
+    return Section(tuple(rows))
 
 
 def _lenslet(master: dict[str, float], replica: dict[str, Any]) -> list[Row]:
@@ -244,26 +232,28 @@ def _lenslet(master: dict[str, float], replica: dict[str, Any]) -> list[Row]:
     ]
 
 
-def films(work: Workbench, found: Mapping[str, Found]) -> Draft:
+@section(
+    "films",
+    "Fig. 2c: films of PDMS of several thicknesses",
+    ("film", "film width"),
+    ("films", "thickness"),
+)
+def films(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
     """Films of PDMS: how sharp their PSFs are."""
-    title = "Fig. 2c: films of PDMS of several thicknesses"
-    reason = refusal(found, ("films", "thickness"))
-    if reason is not None:
-        return empty("films", title, _FILMS, reason)
-    figures, arrays = found["films"].figures, found["films"].arrays
+    figures, arrays = results["films"].figures, results["films"].arrays
     widths = dict(zip(figures["thicknesses_mm"], figures["widths_um"], strict=True))
     sharpest = min(widths, key=lambda thickness: widths[thickness])
-    exact = found["thickness"].figures["replicas"]["pdms"]["thickness_mm"]
+    exact = results["thickness"].figures["replicas"]["pdms"]["thickness_mm"]
     at_paper = widths.get(PAPER["film"].value or 0.0)
-    within = [each for each, width in widths.items() if width <= 1.05 * widths[sharpest]]
+    sharp = [each for each, width in widths.items() if width <= 1.05 * widths[sharpest]]
     beside = "" if at_paper is None else f" At 1.25 mm it is {at_paper:.2f} µm."
     rows = (
         Row(
             "film",
             sharpest,
             f"{sharpest:g} mm",
-            f"The sharpest of these films; the minimum is flat: from {min(within):g} to "
-            f"{max(within):g} mm the lines are at most 5 % wider, so which of a few films is "
+            f"The sharpest of these films; the minimum is flat: from {min(sharp):g} to "
+            f"{max(sharp):g} mm the lines are at most 5 % wider, so which of a few films is "
             f"sharpest says little. The paper's own t′ is 1.44 mm, and 1.25 mm was the best of "
             "the films that it made, whose other thicknesses it does not give.",
         ),
@@ -283,11 +273,11 @@ def films(work: Workbench, found: Mapping[str, Found]) -> Draft:
         psfs=psfs,
         predicted_mm=(exact["value"], exact["plus_minus"]),
         paper=paper,
-        pixel_um=work.preview.pixel_um,
+        pixel_um=setup.preview.pixel_um,
     )
     caption = (
         "Above, the middle of the PSF behind films of several thicknesses, each as bright as its "
         "brightest spot; below, the FWHM of the PSF's autocorrelation. The line and the band are "
         "t′ by ray matrices and its ±."
     )
-    return Draft("films", title, (), (Drawn("films", caption, draw, 165.0),), rows)
+    return Section(rows, (Picture("films", caption, draw, 165.0),))

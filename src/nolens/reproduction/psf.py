@@ -4,60 +4,47 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from functools import partial
-from typing import Any
+
+from pydantic import TypeAdapter
 
 from nolens.camera import RandomLenslets, develop
 from nolens.evaluate import PsfFigures, psf_figures
 from nolens.files.plot_measurements import write_psf_plot
-from nolens.reproduction.draft import Draft, Drawn, empty, refusal
-from nolens.reproduction.rows import Row
-from nolens.reproduction.steps import Found, Step, Tick
-from nolens.reproduction.workbench import Workbench
+from nolens.progress import ProgressCallback
+from nolens.reproduction.comparison import Picture, Row, Section, section
+from nolens.reproduction.setup import ExperimentSetup
+from nolens.reproduction.steps import Step, StepResult
 
-_SPREAD_OVER = "direction_magnitude"
-_KEYS = ("width", "line", "pitch", "mtf")
-_TITLE = "Fig. 5: the PSF"
 _LOWEST_PER_MM = 3.0
 """Below it a direction has too few frequencies to be compared."""
 
 
-def steps(work: Workbench) -> tuple[Step, ...]:
+def steps(setup: ExperimentSetup) -> tuple[Step, ...]:
     """One frame of the paper's point source, and its figures."""
     return (
         Step(
             "psf",
             "fig. 5: the PSF",
-            work.parameters(),
-            2 * work.psf_work(),
-            lambda tick: _captured(work, tick),
+            setup.parameters(),
+            2 * setup.psf_work(),
+            lambda progress: _captured(setup, progress),
         ),
     )
 
 
-def _captured(work: Workbench, tick: Tick) -> Found:
+def _captured(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult:
     """Figures of the frame, noise and mosaic included, all colours together."""
-    frame = work.bench.point(work.source, seed=work.seed, tick=tick)
+    frame = setup.experiment.point(setup.source, seed=setup.seed, tick=progress)
     psf = develop(frame).values.sum(dim=0)
-    twin = work.bench.twin
+    twin = setup.experiment.twin
     figures = psf_figures(psf, twin.pixel_um, reduced_um=twin.stack().reduced_um)
-    return Found(asdict(figures), {"psf": psf[None]})
+    return StepResult(asdict(figures), {"psf": psf[None]})
 
 
-def read_figures(stored: dict[str, Any]) -> PsfFigures:
-    """The figures as they were found, from what is stored of them."""
-    by_direction = {
-        int(angle): (tuple(at), tuple(values))
-        for angle, (at, values) in stored[_SPREAD_OVER].items()
-    }
-    return PsfFigures(**{**stored, _SPREAD_OVER: by_direction})
-
-
-def psf(work: Workbench, found: Mapping[str, Found]) -> Draft:
+@section("psf", "Fig. 5: the PSF", ("width", "line", "pitch", "mtf"), ("psf",))
+def psf(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
     """Figures of one frame of the point source."""
-    reason = refusal(found, ("psf",))
-    if reason is not None:
-        return empty("psf", _TITLE, _KEYS, reason)
-    figures = read_figures(dict(found["psf"].figures))
+    figures = TypeAdapter(PsfFigures).validate_python(results["psf"].figures)
     width, pitch = figures.fwhm_over_mean_um, figures.pitch_um
     line = width / math.sqrt(2)
     spread = _directions_differ(figures)
@@ -66,7 +53,7 @@ def psf(work: Workbench, found: Mapping[str, Found]) -> Draft:
             "width",
             width,
             f"{width:.2f} µm",
-            f"{_described(work)}Half height is counted from the pattern's mean, all directions "
+            f"{_described(setup)}Half height is counted from the PSF's mean, all directions "
             f"averaged; counted from the valley beside the peak it is {figures.fwhm_um:.1f} µm. "
             "The paper does not say which it takes.",
         ),
@@ -94,18 +81,23 @@ def psf(work: Workbench, found: Mapping[str, Found]) -> Draft:
             "with one over the root of the number of spots, which a modulation transfer does not.",
         ),
     )
-    pattern = found["psf"].arrays["psf"][0]
-    draw = partial(write_psf_plot, figures=figures, psf=pattern, pixel_um=figures.pixel_um)
+    draw = partial(
+        write_psf_plot,
+        figures=figures,
+        psf=results["psf"].arrays["psf"][0],
+        pixel_um=figures.pixel_um,
+    )
     caption = (
         "One frame of a white LED behind a 50 µm pinhole at 300 mm, with mosaic and noise, 2×2 "
-        "pixels to a cell, all colours together: the PSF, its autocorrelation and its spectrum."
+        "pixels to a superpixel, all colours together: the PSF, its autocorrelation and its "
+        "spectrum."
     )
-    return Draft("psf", _TITLE, (), (Drawn("psf", caption, draw),), rows)
+    return Section(rows, (Picture("psf", caption, draw),))
 
 
-def _described(work: Workbench) -> str:
+def _described(setup: ExperimentSetup) -> str:
     """What of the mask is the paper's, and what is not."""
-    relief = work.opened.camera.mask.relief
+    relief = setup.opened.camera.mask.relief
     if not isinstance(relief, RandomLenslets):
         return ""
     return (

@@ -1,9 +1,9 @@
-"""The camera that the figures are made with, and how much of its sensor is read."""
+"""The camera that the figures are made with, how much of its sensor is read, and the work of it."""
 
 import hashlib
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,7 +15,6 @@ from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.jobs.sample_pictures import sample_picture
 from nolens.operators import Region
 from nolens.optics import PointSource
-from nolens.reproduction.steps import Tick
 from nolens.twin import Twin, in_channels, preview_model
 
 NEEDED_BY = "the scenes of the report come"
@@ -28,10 +27,10 @@ TAU = 1e-5
 _SAMPLES_PER_PIXEL = 4
 """Of the PSF of a single source; those that are blended over a scene have one."""
 _BYTES_OF_PROGRAM = 1e9
-_BYTES_PER_CELL = 260
-"""Held for a cell of the period of the paper's way of solving."""
+_BYTES_PER_PIXEL = 260
+"""Held for a pixel of the FFT grid of the paper's way of solving."""
 _BYTES_OF_REPORT = 3e7
-_BYTES_KEPT_PER_CELL = 30
+_BYTES_WRITTEN_PER_PIXEL = 30
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ class Size:
         From one angle of fig. 6c to the next, in steps of 2.5°.
     dot_field_points
         PSFs along each side of the grid of dots.
-    dot_reach_deg
+    dot_extent_deg
         Half angle up to which there are dots.
     """
 
@@ -72,7 +71,7 @@ class Size:
     point_iterations: int
     angle_steps: int
     dot_field_points: int
-    dot_reach_deg: float
+    dot_extent_deg: float
 
 
 FULL = Size(
@@ -86,7 +85,7 @@ FULL = Size(
     point_iterations=100,
     angle_steps=1,
     dot_field_points=9,
-    dot_reach_deg=48.0,
+    dot_extent_deg=48.0,
 )
 QUICK = Size(
     pixels=(1014, 1352),
@@ -99,12 +98,12 @@ QUICK = Size(
     point_iterations=60,
     angle_steps=4,
     dot_field_points=3,
-    dot_reach_deg=48.0,
+    dot_extent_deg=48.0,
 )
 
 
 @dataclass(frozen=True)
-class Workbench:
+class ExperimentSetup:
     """The camera, the size of the work and the seed of all noise.
 
     Parameters
@@ -122,20 +121,15 @@ class Workbench:
     seed: int
 
     @cached_property
-    def bench(self) -> VirtualExperiment:
+    def experiment(self) -> VirtualExperiment:
         """The simulated camera; its relief takes seconds, so it is made when it is needed."""
         whole = VirtualExperiment.of(self.opened, field_points=self.size.field_points)
-        return VirtualExperiment(
-            self._read(whole.twin), whole.light, whole.wavelengths, whole.field_points
-        )
+        return replace(whole, twin=whole.twin.reading(*self.pixels))
 
     @cached_property
     def preview(self) -> Twin:
         """The camera for rays and sizes, in a moment."""
-        return self._read(preview_model(self.opened))
-
-    def _read(self, twin: Twin) -> Twin:
-        return twin.reading(*self.pixels)
+        return preview_model(self.opened).reading(*self.pixels)
 
     @property
     def pixels(self) -> tuple[int, int]:
@@ -160,27 +154,25 @@ class Workbench:
         radiance = sample_picture(name, NEEDED_BY)
         return in_channels(radiance, len(self.opened.camera.sensor.channels))
 
-    def wide_cells(self, region: Region) -> tuple[int, int]:
-        """Cells of the PSF that a scene needs: more than the sensor's where no aperture ends it."""
-        rows, columns = self.preview.shape
-        if self.opened.camera.mask.aperture is not None:
-            return rows, columns
-        return rows + region.height, columns + region.width
+    def wide_psf(self, distance_um: float, region: Region) -> Tensor:
+        """PSF of a point at some distance, as wide as a scene of this region needs.
 
-    def wide_psf(self, distance_um: float, region: Region, tick: Tick | None = None) -> Tensor:
-        """PSF of a point at some distance, as wide as a scene of this region needs."""
-        source = PointSource(distance_um=distance_um)
-        return self.bench.psf(source, self.wide_cells(region), tick)
+        That is wider than the sensor where no aperture ends it.
+        """
+        rows, columns = self.preview.shape
+        if self.opened.camera.mask.aperture is None:
+            rows, columns = rows + region.height, columns + region.width
+        return self.experiment.psf(PointSource(distance_um=distance_um), (rows, columns))
 
     def parameters(self, **more: Any) -> Mapping[str, Any]:
         """All that the results of a step follow from."""
         opened = self.opened
-        relief = None if opened.relief_um is None else _digest(opened.relief_um)
+        relief = None if opened.relief_um is None else opened.relief_um.cpu().numpy().tobytes()
         return {
             "camera": opened.camera.model_dump(mode="json"),
             "quantum efficiency": opened.quantum_efficiency.model_dump(mode="json"),
             "acceptance": opened.acceptance.model_dump(mode="json"),
-            "relief": relief,
+            "relief": None if relief is None else hashlib.sha256(relief).hexdigest(),
             "size": asdict(self.size),
             "seed": self.seed,
             "threads": torch.get_num_threads(),
@@ -189,15 +181,15 @@ class Workbench:
 
     @property
     def bytes(self) -> float:
-        """Forecast of the most memory that is held at once: solving as the paper does."""
+        """Estimate of the most memory that is held at once: solving as the paper does."""
         rows, columns = self.preview.shape
-        return _BYTES_OF_PROGRAM + 4 * rows * columns * _BYTES_PER_CELL
+        return _BYTES_OF_PROGRAM + 4 * rows * columns * _BYTES_PER_PIXEL
 
     @property
     def written_bytes(self) -> float:
-        """Forecast of what the report's folder will hold."""
+        """Estimate of what the report's folder will hold."""
         rows, columns = self.preview.shape
-        return _BYTES_OF_REPORT + rows * columns * _BYTES_KEPT_PER_CELL
+        return _BYTES_OF_REPORT + rows * columns * _BYTES_WRITTEN_PER_PIXEL
 
     def psf_work(self, pixels: tuple[int, int] | None = None) -> float:
         """Samples of the PSF of all channels."""
@@ -209,9 +201,9 @@ class Workbench:
         return self._channels * points**2 * math.prod(self.pixels)
 
     def solve_work(self, region: Region | None, iterations: int) -> float:
-        """Cells of all iterations of a reconstruction; without a region, the PSF is the sensor's.
+        """Pixels of all iterations of a reconstruction; without a region, the PSF is the sensor's.
 
-        An iteration takes about as long for a cell as a PSF does for a sample.
+        An iteration takes about as long for a pixel as a PSF does for a sample.
         """
         rows, columns = self.preview.shape
         more = (region.height, region.width) if region is not None else (rows, columns)
@@ -220,7 +212,3 @@ class Workbench:
     @property
     def _channels(self) -> int:
         return len(self.opened.camera.sensor.channels)
-
-
-def _digest(values: Tensor) -> str:
-    return hashlib.sha256(values.cpu().numpy().tobytes()).hexdigest()
