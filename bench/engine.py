@@ -1,4 +1,4 @@
-"""When a photo is done, and what the smooth part is worth: the tables of `docs/decisions/0007`.
+"""When a photo is done, and what the low-frequency correction is worth: the tables of `docs/decisions/0007`.
 
 `.venv/bin/python bench/engine.py --data ../shared/data` prints PSNR in dB after one scale factor.
 Photographs as the paper's camera takes them (`nolens.twin`, PSFs that vary over the field; green),
@@ -101,7 +101,7 @@ def main() -> None:
     marks = " | ".join(str(mark) for mark in MARKS)
     print(
         f"| problem | photo: iterations | PSNR | objective | after {LONG} | objective "
-        f"| ADMM: {marks} | smooth part: {marks} | and in the end, {QUICK} iterations |"
+        f"| ADMM: {marks} | corrected: {marks} | and in the end, {QUICK} iterations |"
     )
     print("|---|" + "---|" * (6 + 2 * len(MARKS)))
     for name, problem, truth in cases(folder):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from nolens.solvers import STOPS, Problem, Quality, Result, admm
 
 QUICK = 24
-"""Iterations with which, and the smooth part, a full view is near its end."""
+"""Iterations with which, and the low-frequency correction, a full view is near its end."""
 
 
 def photo(problem: Problem) -> Result:
@@ -21,5 +21,5 @@ def photo(problem: Problem) -> Result:
 
 
 def quick(problem: Problem) -> Result:
-    """Solve as `--smooth-part --iterations 24 --tolerance 0` does."""
+    """Solve as `--low-frequency --iterations 24 --tolerance 0` does."""
     return admm(problem, iterations=QUICK, tolerance=0.0, low_frequency=True)

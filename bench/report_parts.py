@@ -91,9 +91,9 @@ def dense_section(found: Json) -> str:
                 [
                     f"- Target: at least {DENSE_DB:g} dB: {met(best['psnr_db'] >= DENSE_DB)}.",
                     f"- Target: from a cold start within {DENSE_NEAR_DB:g} dB of that in at most "
-                    f"{DENSE_SECONDS:g} s: {solved(quick)} with `--smooth-part`, {short:.2f} dB "
+                    f"{DENSE_SECONDS:g} s: {solved(quick)} with `--low-frequency`, {short:.2f} dB "
                     f"short: {met(holds)}.",
-                    "- Quality `photo`, which leaves the smooth part out: "
+                    "- Quality `photo`, which leaves the low-frequency correction out: "
                     f"{solved(found['photo'])}.",
                 ]
             ),

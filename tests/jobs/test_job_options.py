@@ -44,6 +44,16 @@ def test_no_window(text: str) -> None:
         parse_window(text, (10, 10), "--crop")
 
 
+@pytest.mark.parametrize("value", [True, False])
+def test_former_name_of_a_switch(value: bool) -> None:
+    notes: list[str] = []
+    options = ReconstructOptions.gather({**FILES, "smooth_part": value}, None, notes.append)
+    assert options.low_frequency is value
+    assert notes == [
+        "smooth_part is called low_frequency now; the former name goes with the next version"
+    ]
+
+
 def test_defaults_and_given_values() -> None:
     options = ReconstructOptions.gather({**FILES, "method": "fista", "black": "12.5"}, None)
     assert options.method is Method.FISTA and options.black == 12.5

@@ -61,7 +61,7 @@ from nolens.jobs.fields import (
     White,
 )
 from nolens.jobs.options import Option, Written
-from nolens.jobs.reconstruction.window import oriented, region_within
+from nolens.jobs.reconstruction.options import oriented, parse_support
 from nolens.jobs.run import Product, Reporter, Run, Writer, job
 from nolens.quantities import Length
 from nolens.ranges import Between
@@ -451,7 +451,7 @@ def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
     farthest = psfs.at(psfs.distances_um[-1])
     region = None
     if options.support is not None:
-        region = region_within(options.support, measurement.size, farthest)
+        region = parse_support(options.support, measurement.size, farthest)
     reconstructor = DepthReconstructor(
         measurement, region, options.tau, options.prior, options.iterations, device=run.device
     )

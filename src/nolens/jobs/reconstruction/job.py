@@ -1,78 +1,158 @@
-"""From a measurement and a PSF on disk to pictures on disk."""
+"""From a measurement, or a sequence of them, and a PSF on disk to pictures on disk."""
 
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from nolens.camera import arrange_rgb, exposure_white
-from nolens.files import write_png, write_state, write_tiff16, write_tiff32
-from nolens.jobs.reconstruction.options import ReconstructOptions
-from nolens.jobs.reconstruction.read import developed, read_development, read_measurement
-from nolens.jobs.reconstruction.resume import about_run, resumed
-from nolens.jobs.reconstruction.sequence import reconstruct_sequence
-from nolens.jobs.reconstruction.solve import method_of, reconstructor_of
-from nolens.jobs.reconstruction.window import asked_region, crop_window, oriented
+from nolens.camera import Frame, Measurement, arrange_rgb, black_level, exposure_white
+from nolens.errors import DataError, FileError, NolensError, OptionError
+from nolens.files import (
+    InputFile,
+    open_sequence,
+    read_camera,
+    read_frame,
+    read_state,
+    readable,
+    write_into,
+    write_png,
+    write_state,
+    write_tiff16,
+    write_tiff32,
+)
+from nolens.jobs.reconstruction.options import (
+    ReconstructOptions,
+    oriented,
+    parse_support,
+    parse_window,
+)
 from nolens.jobs.run import Product, Run, Writer, announce_memory, job
-from nolens.solvers import Method, Progress, admm_bytes
+from nolens.operators import Region
+from nolens.solvers import (
+    AdmmState,
+    Developed,
+    Development,
+    Method,
+    Problem,
+    Progress,
+    Quality,
+    Reconstructor,
+    Stream,
+    admm_bytes,
+    stop_of,
+)
+from nolens.solvers.admm_state import Balance
+from nolens.solvers.reconstructor import SPARE
+
+_DROPS_REPORTED = 5
+"""Frames that are dropped with a warning each; of more, the record has all."""
+_PROBLEM_OPTIONS = (
+    "black",
+    "white",
+    "mosaic",
+    "bgr",
+    "psf_scale",
+    "psf_extent",
+    "prior",
+    "bin",
+    "channels",
+    "support",
+    "field",
+    "camera",
+)
+"""Options that decide what problem is solved; how long and where may change."""
 
 
 @job
 def reconstruct(run: Run[ReconstructOptions]) -> Product[Tensor]:
     """Radiance of the part that was written, (channels, height, width); a sequence's last one.
 
-    Where the measurement is a sequence of frames (a folder, a stack), see `reconstruct_sequence`.
-
     Raises
     ------
     NolensError
         If an input, an option or an output cannot be used; then nothing is written.
     """
-    options, reporter = run.options, run.reporter
-    if options.is_sequence:
-        return reconstruct_sequence(run)
-    options.check_single()
-    method = method_of(options)
+    if run.options.is_sequence:
+        return _reconstruct_sequence(run)
+    if run.options.latency is not None:
+        raise OptionError(
+            f"--latency {run.options.latency} bounds the frames of a sequence, and "
+            f"{run.options.measurement} is one frame: leave it out, or give a folder or a stack of "
+            "frames"
+        )
+    _method(run.options)  # A contradiction is an error before anything is read.
+    development = _read_development(run.options)
+    frame = read_frame(run.options.measurement, mosaic=run.options.mosaic, bgr=run.options.bgr)
+    return _reconstruct_frame(run, _Setup.of(run, development, frame))
 
-    development = read_development(options)
-    frame = read_measurement(options, options.measurement)
-    options, ready = developed(options, development, frame, reporter)
-    measurement, prepared = ready.measurement, ready.prepared
-    psf = prepared.values
-    region = asked_region(options, measurement.size, psf)
-    for text in prepared.notes:
-        reporter.note(text)
-    run.warn(*prepared.warnings)
 
-    reconstructor = reconstructor_of(options, psf, region, run.device)
+@dataclass(frozen=True)
+class _Setup:
+    """What the first measurement decides for all of a run.
+
+    `options` have the binning that was chosen, `development` has it too. `window` (top, left,
+    height, width) is the part of the scene that is written.
+    """
+
+    options: ReconstructOptions
+    development: Development
+    measurement: Measurement
+    reconstructor: Reconstructor
+    problem: Problem
+    window: tuple[int, int, int, int]
+
+    @classmethod
+    def of(cls, run: Run[ReconstructOptions], development: Development, frame: Frame) -> "_Setup":
+        """Develop measurement and PSF, and build the problem."""
+        options, developed = _developed(run, development, frame)
+        psf = developed.prepared.values
+        support = _support(options, developed.measurement.size, psf)
+        for text in developed.prepared.notes:
+            run.reporter.note(text)
+        run.warn(*developed.prepared.warnings)
+        reconstructor = _reconstructor(options, psf, support, run.device)
+        problem = reconstructor.problem(developed.measurement)
+        window = _crop_window(options, problem)
+        announce_memory(admm_bytes(problem.padded_pixels), run.reporter)
+        measurement, development = developed.measurement, developed.development
+        return cls(options, development, measurement, reconstructor, problem, window)
+
+    def picture(self, scene: Tensor) -> Tensor:
+        """The part of a scene that is written, as --flip turns it."""
+        top, left, height, width = self.window
+        inside = scene[:, top : top + height, left : left + width].cpu()
+        return oriented(inside, self.options.flip)
+
+
+def _reconstruct_frame(run: Run[ReconstructOptions], setup: _Setup) -> Product[Tensor]:
+    """The picture of one measurement."""
+    options, reconstructor, problem = setup.options, setup.reconstructor, setup.problem
     stop, tau = reconstructor.limits, reconstructor.weight
-    problem = reconstructor.problem(measurement)
-    window = crop_window(options, problem)
-    announce_memory(admm_bytes(problem.padded_pixels), reporter)
-    state, about = None, about_run(options, run.inputs, tau)
-    if method is Method.ADMM:
-        state = resumed(problem, options, about)
+    about = _about(setup, run.inputs)
+    state = None
+    if reconstructor.method is Method.ADMM:
+        state = _start(setup, about)
 
     def watch(progress: Progress) -> bool:
-        return reporter.progress(progress, stop.iterations)
+        return run.reporter.progress(progress, stop.iterations)
 
     result = reconstructor.solve(problem, state=state, callback=watch)
-    top, left, height, width = window
-    scene = result.scene[:, top : top + height, left : left + width].cpu()
-    picture = oriented(scene, options.flip)
+    picture = setup.picture(result.scene)
     white = exposure_white(picture)  # An empty picture is an error before anything is written.
-
     interrupted = result.stop_reason == "callback"
-    shown = arrange_rgb(picture, measurement.channels)
+    rgb = arrange_rgb(picture, setup.measurement.channels)
     writers: dict[Path, Writer] = {
-        path: partial(_write, picture=shown, white=white, options=options)
-        for path in options.output
+        path: partial(_write, picture=rgb, white=white, options=options) for path in options.output
     }
     if interrupted and state is not None:
         writers[options.state] = partial(write_state, arrays=state.arrays(), about=about)
     figures = {
-        "method": method.value,
+        "method": reconstructor.method.value,
         "iterations": result.iterations,
         "stop_reason": "interrupted" if interrupted else result.stop_reason,
         "objective": result.objective,
@@ -81,14 +161,14 @@ def reconstruct(run: Run[ReconstructOptions]) -> Product[Tensor]:
     }
     parameters = {
         "bin": options.bin_by,
-        "black": development.black,
+        "black": setup.development.black,
         "tau": tau,
         "iterations": stop.iterations,
         "tolerance": stop.tolerance,
         "scene_tolerance": stop.scene_tolerance,
         "low_frequency": stop.low_frequency,
         "period": list(problem.forward.geometry.padded),
-        "channel_names": list(measurement.channels),
+        "channel_names": list(setup.measurement.channels),
         "threads": torch.get_num_threads(),
     }
     return Product(picture, figures, writers, parameters, result.history)
@@ -101,3 +181,281 @@ def _write(path: Path, picture: Tensor, white: float, options: ReconstructOption
         write_tiff16(path, picture)
     else:
         write_tiff32(path, picture)
+
+
+def _reconstruct_sequence(run: Run[ReconstructOptions]) -> Product[Tensor]:
+    """Reconstruct every frame of a folder or stack into a folder of pictures.
+
+    The PSF, and all that follows from it, are prepared once, with the first frame that can be used;
+    every later frame starts from the one before (`Stream`). A frame that cannot be used is
+    dropped, with a warning. Pictures are written as they come, and share the white of the first.
+    """
+    options, reporter = run.options, run.reporter
+    folder = _sequence_folder(options)
+    frames = open_sequence(options.measurement, mosaic=options.mosaic, bgr=options.bgr)
+    run.reads({f"frame {path.name}": path for path in frames.sources})
+    run.begin()
+    development = _read_development(options)
+    setup: _Setup | None = None
+    stream: Stream | None = None
+    picture: Tensor | None = None
+    white: float | None = None
+    rows: list[dict[str, float]] = []
+    dropped: list[tuple[str, str]] = []
+    count, interrupted = len(frames.names), False
+    for number, name in enumerate(frames.names):
+        try:
+            frame = frames.read(number)
+            if setup is None or stream is None:
+                setup = _Setup.of(run, development, frame)
+                stream = _stream(setup)
+                measurement = setup.measurement
+            else:
+                measurement = setup.development.measurement(frame)
+            solved = stream.solve(
+                measurement.values.to(run.device), measurement.valid.to(run.device)
+            )
+            current = setup.picture(solved.scene)
+            white = exposure_white(current) if white is None else white
+        except (NolensError, ArithmeticError) as error:
+            if stream is None and isinstance(error, OptionError):
+                raise
+            dropped.append((name, str(error)))
+            run.warn(f"{name} is dropped: {error}", aloud=len(dropped) <= _DROPS_REPORTED)
+        else:
+            picture = current
+            rgb = arrange_rgb(picture, measurement.channels)
+            write_into(
+                folder, {folder / f"{name}.png": partial(write_png, radiance=rgb, white=white)}
+            )
+            rows.append(
+                {"frame": number + 1, "iterations": solved.iterations, "seconds": solved.seconds}
+            )
+        if reporter.step("frame", number + 1, count, "the pictures"):
+            interrupted = True
+            break
+    silent = len(dropped) - _DROPS_REPORTED
+    if silent > 0 and picture is not None:
+        reporter.warn(f"{silent} more frames are dropped: {readable(options.record)} says why")
+    if setup is None or picture is None:
+        raise FileError(
+            f"none of the {count} frames of {options.measurement} can be used: {dropped[0][1]}"
+        )
+    figures = {
+        "method": Method.ADMM.value,
+        "frames": len(rows),
+        "dropped": [name for name, _ in dropped],
+        "stop_reason": "interrupted" if interrupted else "end of the sequence",
+    }
+    parameters = {
+        "bin": setup.options.bin_by,
+        "black": setup.development.black,
+        "tau": setup.reconstructor.weight,
+        "white_radiance": white,
+        "names": [name for name in frames.names if (folder / f"{name}.png").exists()],
+        "threads": torch.get_num_threads(),
+    }
+    return Product(picture, figures, parameters=parameters, history=rows, outputs=(folder,))
+
+
+def _sequence_folder(options: ReconstructOptions) -> Path:
+    """The folder to write into, once the options are known to suit a sequence."""
+    if len(options.output) != 1 or options.output[0].suffix:
+        outputs = " ".join(str(path) for path in options.output)
+        raise OptionError(
+            f"{options.measurement} is a sequence of frames, whose pictures go into a folder; "
+            f"given is -o {outputs}: give the name of a folder, such as -o pictures"
+        )
+    if _method(options) is not Method.ADMM or options.resume is not None:
+        raise OptionError(
+            "a sequence is solved by ADMM, each frame from the one before: leave out --method, "
+            "--quality draft and --resume"
+        )
+    return options.output[0]
+
+
+def _stream(setup: _Setup) -> Stream:
+    """The stream that solves for every frame, within --iterations and --latency."""
+    options = setup.options
+    latency = None if options.latency is None else options.latency.s
+    limit = {} if options.iterations is None else {"iterations": options.iterations}
+    return setup.reconstructor.stream(setup.problem, latency_s=latency, **limit)
+
+
+def _read_development(options: ReconstructOptions) -> Development:
+    """Read all but the measurement."""
+    psf = read_frame(options.psf)
+    # Like the measurement as far as its channels allow: it may be grey.
+    if len(psf.channels) == 3 and options.bgr:
+        psf = read_frame(options.psf, bgr=True)
+    elif len(psf.channels) != 3 and options.mosaic is not None and psf.mosaic is None:
+        psf = read_frame(options.psf, mosaic=options.mosaic)
+    dark, flat = (
+        read_frame(path, mosaic=options.mosaic, bgr=options.bgr) if path else None
+        for path in (options.dark, options.flat)
+    )
+    return Development(
+        psf,
+        dark,
+        flat,
+        black_level(options.black, psf),
+        options.white,
+        options.bin_by,
+        options.channels,
+        options.psf_scale,
+        options.psf_extent == "wide",
+    )
+
+
+def _developed(
+    run: Run[ReconstructOptions], development: Development, frame: Frame
+) -> tuple[ReconstructOptions, Developed]:
+    """A frame and the PSF, on pixels no finer than the PSF carries, unless --bin says otherwise.
+
+    Also the options, with the binning that was chosen.
+    """
+    options = run.options
+    if options.bin is not None:
+        measurement = development.measurement(frame)
+        return options, Developed(development, measurement, development.prepared(measurement), ())
+    # Parts of the scene are given in pixels, and would be others.
+    coarsen = options.support is None and options.crop in (None, "all")
+    result = development.fitted(frame, SPARE[_method(options)], coarsen=coarsen)
+    for text in result.notes:
+        run.reporter.note(text)
+    if result.development.bin_by > 1:
+        options = options.model_copy(update={"bin": result.development.bin_by})
+    return options, result
+
+
+def _method(options: ReconstructOptions) -> Method:
+    """The solver: what --quality or --method say; an error if they contradict each other."""
+    if options.quality is None:
+        return options.method
+    if options.method is not Method.ADMM:
+        raise OptionError(
+            f"--quality {options.quality} chooses how to solve, and so does --method "
+            f"{options.method}: leave one out"
+        )
+    return Method.WIENER if options.quality is Quality.DRAFT else Method.ADMM
+
+
+def _reconstructor(
+    options: ReconstructOptions, psf: Tensor, support: Region | None, device: torch.device
+) -> Reconstructor:
+    """The solver with the preset's limits, or the options' in their place."""
+    method = _method(options)
+    return Reconstructor(
+        psf,
+        support,
+        tau=options.tau,
+        prior=options.prior,
+        method=method,
+        stop=stop_of(
+            method,
+            options.quality,
+            iterations=options.iterations,
+            tolerance=options.tolerance,
+            low_frequency=options.low_frequency,
+        ),
+        penalties=options.penalties,
+        balance=Balance() if options.balance else None,
+        relaxation=options.relaxation,
+        device=device,
+    )
+
+
+def _support(options: ReconstructOptions, sensor: tuple[int, int], psf: Tensor) -> Region | None:
+    """Pixels that light can come from: --support, or --field through the --camera; None for all."""
+    if options.support is not None and options.field is not None:
+        raise OptionError(
+            f"--support {options.support} and --field {options.field} both say where light can "
+            "come from: leave one out"
+        )
+    if (options.field is None) != (options.camera is None):
+        raise OptionError(
+            "--field needs --camera, and --camera is for --field: an angle becomes pixels by the "
+            "camera's layers. Give both, such as --field 56deg --camera paper"
+        )
+    if options.field is None or options.camera is None:
+        return None if options.support is None else parse_support(options.support, sensor, psf)
+    # Most reconstructions need no camera.
+    from nolens.twin import FieldMap, preview_model
+
+    camera = preview_model(read_camera(options.camera))
+    size = tuple(count // options.bin_by for count in camera.shape)
+    if size != sensor:
+        raise OptionError(
+            f"the camera {options.camera} has {size[0]}×{size[1]} pixels (height × width), and "
+            f"the measurement {sensor[0]}×{sensor[1]}: give the measurement's camera, or --support"
+        )
+    tangent = math.tan(math.radians(options.field.deg) / 2)
+    whole = FieldMap.covering(camera, (tangent, tangent)).region
+    by = options.bin_by
+    side = -(-whole.height // by), -(-whole.width // by)
+    return parse_support(f"{side[0]}x{side[1]}", sensor, psf)
+
+
+def _crop_window(options: ReconstructOptions, problem: Problem) -> tuple[int, int, int, int]:
+    """Part of the scene that is written, (top, left, height, width)."""
+    geometry = problem.forward.geometry
+    height, width = geometry.scene[2:]
+    if options.crop is None:
+        return problem.frame
+    if options.crop == "all":
+        return 0, 0, height, width
+    crop = parse_window(options.crop, problem.forward.sensor, "--crop")
+    top, left = crop.top - geometry.origin[0], crop.left - geometry.origin[1]
+    if min(top, left) < 0 or top + crop.height > height or left + crop.width > width:
+        raise OptionError(
+            f"--crop {options.crop} reaches beyond the scene, which is {height}×{width} pixels "
+            f"from {geometry.origin[0]:+d}{geometry.origin[1]:+d}; give a part of that, or all"
+        )
+    return top, left, crop.height, crop.width
+
+
+def _about(setup: _Setup, inputs: dict[str, InputFile]) -> dict[str, Any]:
+    """What a run must have in common with one that goes on with its state."""
+    values = setup.options.model_dump(mode="json")
+    return {
+        **{role: file.sha256 for role, file in inputs.items()},
+        "tau": setup.reconstructor.weight,
+        **{name: values[name] for name in _PROBLEM_OPTIONS},
+    }
+
+
+def _start(setup: _Setup, about: dict[str, Any]) -> AdmmState:
+    """Where to start: from the state file that --resume names, or cold.
+
+    A state of a run with other files or options, or an edited one, is an error.
+    """
+    options, problem = setup.options, setup.problem
+    if options.resume is None:
+        return AdmmState.cold(problem, options.penalties)
+
+    def check_run(stored: Mapping[str, Any]) -> None:
+        before = _in_present_names(stored)
+        names = sorted(name for name in {*about, *before} if about.get(name) != before.get(name))
+        if names:
+            known = [name for name in names if name in about] or ["option"]
+            raise OptionError(
+                f"{options.resume} is the state of a run with another {' and '.join(known)}; give "
+                "the same files and options again, or leave out --resume"
+            )
+
+    state = AdmmState.cold(problem)
+    try:
+        state.restore_(read_state(options.resume, state.arrays(), check_run))
+    except DataError as error:
+        raise OptionError(f"{options.resume} does not fit this run: {error}") from None
+    return state
+
+
+def _in_present_names(stored: Mapping[str, Any]) -> dict[str, Any]:
+    """What a state says of its run; the names of the version before are read too."""
+    about = dict(stored)
+    if "region" in about:
+        about["support"] = about.pop("region")
+    if "psf_wider" in about:
+        about["psf_extent"] = "wide" if about.pop("psf_wider") else "sensor"
+    return about

@@ -1,9 +1,11 @@
-"""Options of `nolens reconstruct`."""
+"""Options of `nolens reconstruct`, and what texts of windows and --flip mean."""
 
 from pathlib import Path
 from typing import Annotated, Literal
 
+import torch
 from pydantic import Field
+from torch import Tensor
 
 from nolens.camera import BlackLevel
 from nolens.errors import OptionError
@@ -178,6 +180,7 @@ class ReconstructOptions(JobOptions):
             "view. It needs a PSF that is exactly the camera's.",
             SOLVER,
             default="with exact",
+            former="smooth_part",
         ),
     ] = None
     resume: Annotated[
@@ -233,7 +236,7 @@ class ReconstructOptions(JobOptions):
 
     @property
     def bin_by(self) -> int:
-        """Pixels along a cell, as far as it is said."""
+        """Sensor pixels along one of the measurement, where none are chosen for it."""
         return 1 if self.bin is None else self.bin
 
     @property
@@ -245,20 +248,6 @@ class ReconstructOptions(JobOptions):
     def state(self) -> Path:
         """File of the state that an interrupted run leaves."""
         return self.output[0].with_suffix(".state.npz")
-
-    def check_single(self) -> None:
-        """Refuse what only a sequence can be told.
-
-        Raises
-        ------
-        OptionError
-            If there is such an option.
-        """
-        if self.latency is not None:
-            raise OptionError(
-                f"--latency {self.latency} bounds the frames of a sequence, and {self.measurement} "
-                "is one frame: leave it out, or give a folder or a stack of frames"
-            )
 
     @property
     def output_folder(self) -> Path | None:
@@ -274,7 +263,7 @@ class ReconstructOptions(JobOptions):
 
 
 def parse_window(text: str, sensor: tuple[int, int], option: str) -> Region:
-    """Read HEIGHTxWIDTH or HEIGHTxWIDTH+TOP+LEFT.
+    """Pixels of HEIGHTxWIDTH, around the middle of the sensor, or of HEIGHTxWIDTH+TOP+LEFT.
 
     Raises
     ------
@@ -288,3 +277,36 @@ def parse_window(text: str, sensor: tuple[int, int], option: str) -> Region:
     if top is None or left is None:
         return Region.centred(height, width, sensor)
     return Region(top, left, height, width)
+
+
+def parse_support(text: str, sensor: tuple[int, int], psf: Tensor) -> Region:
+    """Pixels that light can come from; by far more than can be seen would only fill the memory.
+
+    Parameters
+    ----------
+    text
+        As --support has it.
+    sensor
+        (height, width) of the measurement.
+    psf
+        For the reconstruction.
+
+    Raises
+    ------
+    OptionError
+        If the text is no window, or one larger than can be seen.
+    """
+    support = parse_window(text, sensor, "--support")
+    height, width = sensor[0] + psf.shape[-2], sensor[1] + psf.shape[-1]
+    if support.height > height or support.width > width:
+        raise OptionError(
+            f"--support {text} is larger than what the sensor can see through this PSF; give at "
+            f"most {height}x{width}, or leave it out for no limit"
+        )
+    return support
+
+
+def oriented(picture: Tensor, flip: str) -> Tensor:
+    """Picture (…, height, width) turned over as --flip asks for."""
+    axes = {"none": (), "vertical": (-2,), "horizontal": (-1,), "both": (-2, -1)}[flip]
+    return torch.flip(picture, axes) if axes else picture
