@@ -1,6 +1,7 @@
 """PSFs from captures at angles: against the wide PSF, and by the picture they give."""
 
 import math
+from itertools import combinations
 
 import pytest
 import torch
@@ -10,7 +11,7 @@ from torch import Tensor
 
 from nolens.calibrate.distances import Layers
 from nolens.calibrate.registration import Match
-from nolens.calibrate.stitch import Capture, Pair, Placement, Stitched, locate, stitch
+from nolens.calibrate.stitch import Capture, Placement, Stitched, locate, stitch
 from nolens.evaluate import psnr, scale_fit
 from nolens.experiments.virtual_experiment import SimulatedMeasurement, VirtualExperiment, solved
 from nolens.optics import PointSource
@@ -57,7 +58,7 @@ def test_where_the_light_really_was(made: tuple[Stitched, list[tuple[float, floa
     for shift, wanted in zip(found.placement.shifts, truth, strict=True):
         assert shift is not None and math.dist(shift, wanted) < 0.05
     assert found.placement.residual < 0.05
-    assert all(each.correlation > 0.9 for each in (pair.match for pair in found.placement.pairs))
+    assert all(each.correlation > 0.9 for each in found.placement.overlaps.values())
 
 
 def test_is_the_wide_psf(
@@ -123,12 +124,11 @@ def flat_captures(gains: list[float], shifts: list[tuple[float, float]]) -> list
 
 
 def placement(shifts: list[tuple[float, float]]) -> Placement:
-    pairs = tuple(
-        Pair(a, b, Match((shifts[b][0] - shifts[a][0], shifts[b][1] - shifts[a][1]), 1.0, 1))
-        for a in range(len(shifts))
-        for b in range(a + 1, len(shifts))
-    )
-    return Placement(tuple(shifts), (1.0,) * len(shifts), pairs, 0.0)
+    overlaps = {
+        (a, b): Match((shifts[b][0] - shifts[a][0], shifts[b][1] - shifts[a][1]), 1.0, 1)
+        for a, b in combinations(range(len(shifts)), 2)
+    }
+    return Placement(tuple(shifts), (1.0,) * len(shifts), overlaps, 0.0)
 
 
 def test_brightness_and_places_are_exact() -> None:
@@ -156,7 +156,7 @@ def test_views_count_by_their_angle() -> None:
         for value, shift in zip((1.0, 3.0, 5.0), shifts, strict=True)
     ]
     # Without overlaps to compare, brightness stays.
-    found = stitch(given, Placement(tuple(shifts), (1.0,) * 3, (), 0.0), 0)
+    found = stitch(given, Placement(tuple(shifts), (1.0,) * 3, {}, 0.0), 0)
     line = found.psf[0, 50]
     at = {x: float(line[100 + x]) for x in (-75, -50, -40, 0, 40, 50, 75)}
     assert at[-75] == pytest.approx(3) and at[75] == pytest.approx(5)

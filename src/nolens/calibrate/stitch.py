@@ -1,17 +1,19 @@
 """One extended PSF of several that were captured at angles: where, how bright, and merged."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.sparse.csgraph import connected_components
 from torch import Tensor
 
 from nolens.calibrate.distances import Layers, with_mean_light
-from nolens.calibrate.registration import Match, Plane, Shift, fine_structure, match_overlap
+from nolens.calibrate.registration import Match, Shift, fine_structure, match_overlap
 from nolens.camera import Camera
 from nolens.camera.measurement import bin_mean
 from nolens.errors import OptionError
@@ -151,23 +153,6 @@ def _shift_um(layers: Layers, angle_deg: float) -> float:
 
 
 @dataclass(frozen=True)
-class Pair:
-    """Two captures and how they lie on each other.
-
-    Parameters
-    ----------
-    first, second
-        Their numbers.
-    match
-        Where the second lies against the first.
-    """
-
-    first: int
-    second: int
-    match: Match
-
-
-@dataclass(frozen=True)
 class Placement:
     """Where captures lie.
 
@@ -178,35 +163,23 @@ class Placement:
         none of the others.
     correlations
         Of each with the others, at best.
-    pairs
-        Overlaps that the shifts were solved from.
+    overlaps
+        What the shifts were solved from: for two captures, by number, where the second lies
+        against the first.
     residual
-        Root mean square, in pixels, by which the pairs disagree with the shifts.
+        Root mean square, in pixels, by which the overlaps disagree with the shifts.
     """
 
     shifts: tuple[Shift | None, ...]
     correlations: tuple[float, ...]
-    pairs: tuple[Pair, ...]
+    overlaps: Mapping[tuple[int, int], Match]
     residual: float
 
-    def scaled(self, by: int) -> "Placement":
-        """The same in pixels that are so many times finer."""
-        return Placement(
-            tuple(each and (by * each[0], by * each[1]) for each in self.shifts),
-            self.correlations,
-            tuple(Pair(pair.first, pair.second, pair.match.scaled(by)) for pair in self.pairs),
-            by * self.residual,
-        )
 
-
-def place(
-    psfs: list[Plane],
-    expected: list[Shift],
-    reference: int,
-    search: list[float],
-    progress: Callable[[float], None] | None = None,
+def locate(
+    captures: list[Capture], reference: int, progress: Callable[[float], None] | None = None
 ) -> Placement:
-    r"""Find the shift of every PSF against one of them.
+    r"""Find where captures lie against one of them; the first half of `stitch`.
 
     Every two that overlap are matched (`match_overlap`). Then all shifts s are solved together:
     the least :math:`\sum_{ij} w_{ij} |s_j - s_i - d_{ij}|^2` (`preibisch2009`), with weights of
@@ -214,98 +187,79 @@ def place(
 
     Parameters
     ----------
-    psfs
-        As the sensor captured them, alike in size.
-    expected
-        Their shifts as far as is known, in pixels.
+    captures
+        Alike in size.
     reference
-        Number of the PSF that stays where it is.
-    search
-        Pixels by which each shift may be off.
+        Number of the one whose light came from straight ahead.
     progress
         Called with the fraction that is done, 0 to 1.
     """
-    structures = [fine_structure(each) for each in psfs]
-    rows, columns = psfs[0].shape
-    candidates = []
-    for first in range(len(psfs)):
-        for second in range(first + 1, len(psfs)):
-            away = [b - a for a, b in zip(expected[first], expected[second], strict=True)]
-            left = max(0.0, rows - abs(away[0])) * max(0.0, columns - abs(away[1]))
-            if left >= _LEAST_OVERLAP * rows * columns:
-                candidates.append((first, second, (away[0], away[1])))
-    correlations = [0.0] * len(psfs)
-    pairs = []
-    for number, (first, second, apart) in enumerate(candidates):
-        match = match_overlap(
-            structures[first], structures[second], apart, search[first] + search[second]
-        )
+    bin_by = math.ceil(max(captures[0].psf.shape[-2:]) / _LONGEST)
+    structures = [
+        fine_structure(bin_mean(each.psf.mean(dim=0, keepdim=True), bin_by)[0].double().numpy())
+        for each in captures
+    ]
+    rows, columns = structures[0].shape
+    candidates: dict[tuple[int, int], Shift] = {}
+    for first, second in combinations(range(len(captures)), 2):
+        both = zip(captures[first].expected, captures[second].expected, strict=True)
+        row, column = (b / bin_by - a / bin_by for a, b in both)
+        overlap = max(0.0, rows - abs(row)) * max(0.0, columns - abs(column))
+        if overlap >= _LEAST_OVERLAP * rows * columns:
+            candidates[first, second] = row, column
+    correlations = [0.0] * len(captures)
+    overlaps: dict[tuple[int, int], Match] = {}
+    for number, ((first, second), expected) in enumerate(candidates.items()):
+        search = captures[first].search / bin_by + captures[second].search / bin_by
+        match = match_overlap(structures[first], structures[second], expected, search)
         if match is not None:
             for each in (first, second):
                 correlations[each] = max(correlations[each], match.correlation)
-            if match.correlation >= _least_alike(match.pixels):
-                pairs.append(Pair(first, second, match))
+            by_chance = _CHANCE * math.sqrt(_SPOT_PIXELS / match.pixels)
+            if match.correlation >= max(_LEAST_ALIKE, by_chance):
+                overlaps[first, second] = match
         if progress is not None:
             progress((number + 1) / len(candidates))
-    connected = _connected(pairs, reference)
-    used = [pair for pair in pairs if pair.first in connected]
-    shifts, residual = _solved(used, sorted(connected), reference)
+    shifts, residual = _solved(overlaps, len(captures), reference)
     return Placement(
-        tuple(shifts.get(number) for number in range(len(psfs))),
+        tuple(each and (bin_by * each[0], bin_by * each[1]) for each in shifts),
         tuple(correlations),
-        tuple(used),
-        residual,
+        {both: match.scaled(bin_by) for both, match in overlaps.items() if shifts[both[0]]},
+        bin_by * residual,
     )
 
 
-def _least_alike(pixels: int) -> float:
-    """Correlation of an overlap of so many pixels that is not by chance."""
-    return max(_LEAST_ALIKE, _CHANCE * math.sqrt(_SPOT_PIXELS / pixels))
-
-
-def _connected(pairs: list[Pair], reference: int) -> set[int]:
-    """Captures that a chain of pairs leads to."""
-    connected = {reference}
-    while True:
-        more = {
-            each
-            for pair in pairs
-            if (pair.first in connected) != (pair.second in connected)
-            for each in (pair.first, pair.second)
-        } - connected
-        if not more:
-            return connected
-        connected |= more
-
-
 def _solved(
-    pairs: list[Pair], numbers: list[int], reference: int
-) -> tuple[dict[int, Shift], float]:
-    """Shifts by number, and the weighted residual of the pairs."""
-    free = [number for number in numbers if number != reference]
+    overlaps: Mapping[tuple[int, int], Match], count: int, reference: int
+) -> tuple[list[Shift | None], float]:
+    """Shift of each capture that a chain of overlaps leads to, and the weighted residual."""
+    links = np.zeros((count, count))
+    for both in overlaps:
+        links[both] = 1
+    part = connected_components(links, directed=False)[1]
+    free = [n for n in range(count) if part[n] == part[reference] and n != reference]
+    shifts: list[Shift | None] = [None] * count
+    shifts[reference] = (0.0, 0.0)
     if not free:
-        return {reference: (0.0, 0.0)}, 0.0
-    system = np.zeros((len(pairs), len(free)))
-    for row, pair in enumerate(pairs):
-        for number, sign in ((pair.first, -1.0), (pair.second, 1.0)):
+        return shifts, 0.0
+    used = {both: match for both, match in overlaps.items() if both[0] in (reference, *free)}
+    system = np.zeros((len(used), len(free)))
+    for row, both in enumerate(used):
+        for number, sign in zip(both, (-1.0, 1.0), strict=True):
             if number != reference:
                 system[row, free.index(number)] = sign
-    measured = np.array([pair.match.shift for pair in pairs])
-    trust = np.array([pair.match.correlation**2 for pair in pairs])
+    measured = np.array([match.shift for match in used.values()])
+    trust = np.array([match.correlation**2 for match in used.values()])
     weights = trust
     for _ in range(_ROUNDS):
         root = np.sqrt(weights)[:, None]
-        solution: NDArray[np.float64] = np.linalg.lstsq(system * root, measured * root, rcond=None)[
-            0
-        ]
+        solution: NDArray[np.float64]
+        solution = np.linalg.lstsq(system * root, measured * root, rcond=None)[0]
         off = np.hypot(*(system @ solution - measured).T)
         weights = trust * np.minimum(1.0, _ROBUST_PIXELS / np.maximum(off, 1e-9))
-    shifts = {
-        number: (float(row), float(column))
-        for number, (row, column) in zip(free, solution, strict=True)
-    }
-    residual = float(np.sqrt((weights * off**2).sum() / weights.sum()))
-    return {**shifts, reference: (0.0, 0.0)}, residual
+    for number, (down, right) in zip(free, solution.tolist(), strict=True):
+        shifts[number] = down, right
+    return shifts, float(np.sqrt((weights * off**2).sum() / weights.sum()))
 
 
 @dataclass(frozen=True)
@@ -331,34 +285,6 @@ class Stitched:
     gains: tuple[tuple[float, ...], ...]
     known_fraction: float
     support: tuple[int, int]
-
-
-def locate(
-    captures: list[Capture], reference: int, progress: Callable[[float], None] | None = None
-) -> Placement:
-    """Find where captures lie against one of them; the first half of `stitch`.
-
-    Parameters
-    ----------
-    captures
-        Alike in size.
-    reference
-        Number of the one whose light came from straight ahead.
-    progress
-        Called with the fraction that is done, 0 to 1.
-    """
-    by = math.ceil(max(captures[0].psf.shape[-2:]) / _LONGEST)
-    psfs = [
-        bin_mean(each.psf.mean(dim=0, keepdim=True), by)[0].double().numpy() for each in captures
-    ]
-    placement = place(
-        psfs,
-        [(each.expected[0] / by, each.expected[1] / by) for each in captures],
-        reference,
-        [each.search / by for each in captures],
-        progress,
-    )
-    return placement.scaled(by)
 
 
 def stitch(
@@ -472,13 +398,13 @@ def _gains(
 ) -> tuple[tuple[float, ...], ...]:
     """Brightness of each capture beside the reference's, by channel, from all overlaps."""
     channels = captures[0].psf.shape[0]
-    system: NDArray[np.float64] = np.zeros((len(placement.pairs) + 1, len(captures)))
-    ratios = np.zeros((len(placement.pairs) + 1, channels))
+    system: NDArray[np.float64] = np.zeros((len(placement.overlaps) + 1, len(captures)))
+    ratios = np.zeros((len(placement.overlaps) + 1, channels))
     system[-1, reference] = 1.0
-    for row, pair in enumerate(placement.pairs):
-        shift = round(pair.match.shift[0]), round(pair.match.shift[1])
-        one, other = _mean_light(captures[pair.first].psf, captures[pair.second].psf, shift)
-        system[row, [pair.first, pair.second]] = -1.0, 1.0
+    for row, (both, match) in enumerate(placement.overlaps.items()):
+        shift = round(match.shift[0]), round(match.shift[1])
+        one, other = _mean_light(captures[both[0]].psf, captures[both[1]].psf, shift)
+        system[row, both] = -1.0, 1.0
         ratios[row] = (other / one).log().numpy()
     solution = np.exp(np.linalg.lstsq(system, ratios, rcond=None)[0])
     return tuple(tuple(float(value) for value in gain) for gain in solution)
