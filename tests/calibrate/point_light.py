@@ -8,7 +8,8 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from nolens.calibrate.exposures import FrameMean, superpixels
+from nolens.calibrate.exposures import superpixels
+from nolens.calibrate.frames import FrameMean
 from nolens.camera import Frame, opened, preset
 from nolens.evaluate import psnr, scale_fit
 from nolens.experiments.virtual_experiment import VirtualExperiment

@@ -8,13 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from nolens.calibrate.exposures import (
-    FrameMean,
-    Noise,
-    black_plane,
-    noise_of_samples,
-    noise_squares,
-)
+from nolens.calibrate.exposures import Noise, noise_of_samples, noise_squares
+from nolens.calibrate.frames import FrameMean, black_plane
 from nolens.camera import Frame
 from nolens.errors import DataError
 

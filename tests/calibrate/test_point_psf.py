@@ -4,7 +4,8 @@ import pytest
 import torch
 from point_light import Shot, bench, decibels, light_of, rms, warm_pixels
 
-from nolens.calibrate.exposures import Exposure, FrameMean, Noise, merge
+from nolens.calibrate.exposures import Exposure, Noise, merge
+from nolens.calibrate.frames import FrameMean
 from nolens.calibrate.point_psf import PointPsf, StrayLight, dark_area, point_psf, stray_light
 from nolens.camera import Frame
 from nolens.errors import DataError

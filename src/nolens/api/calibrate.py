@@ -8,7 +8,7 @@ from nolens.api.progress import Progress, reported
 from nolens.api.simulate import Camera, Psf
 from nolens.calibrate.centring import place_psf
 from nolens.calibrate.distances import Layers
-from nolens.calibrate.exposures import FrameMean, add_frame, match_darks
+from nolens.calibrate.frames import PointFrames
 from nolens.calibrate.point_psf import PointPsf, StrayLight, point_psf
 from nolens.calibrate.stitch import Capture, Stitched, locate
 from nolens.calibrate.stitch import stitch as merged
@@ -86,18 +86,20 @@ def calibrate_psf(
     NolensError
         If a frame cannot be read, they do not fit together, or show no point source.
     """
-    means = _means(_listed(frames), "frame")
-    if not means:
+    listed = _listed(frames)
+    if not listed:
         raise OptionError("no frame is given: give one or more of a point source")
-    darks = match_darks(means, _means(_listed(dark), "dark frame"))
+    taken = PointFrames()
+    for each in listed:
+        taken.add(frame_of(each, "frame"))
+    for each in _listed(dark):
+        taken.add_dark(frame_of(each, "dark frame"))
     pixel_um = length_um(pixel)
-    point = point_psf(means, darks, pixel_um=pixel_um, stray=stray_light, as_is=as_is)
+    point = point_psf(taken.means, taken.darks(), pixel_um=pixel_um, stray=stray_light, as_is=as_is)
     psf = point.psf
     if centre and not as_is:
         psf = place_psf(point, pixel_um).psf
-    first = next(iter(means.values())).first
-    names = first.channels if first.mosaic is None else ("R", "G", "B")
-    return CalibratedPsf(psf, names, point, pixel_um)
+    return CalibratedPsf(psf, taken.channels, point, pixel_um)
 
 
 def stitch_psfs(
@@ -159,11 +161,3 @@ def stitch_psfs(
 
 def _listed(raw: Raw | Sequence[Raw]) -> list[Raw]:
     return list(raw) if isinstance(raw, (list, tuple)) else [raw]  # type: ignore[list-item]
-
-
-def _means(frames: list[Raw], role: str) -> dict[float, FrameMean]:
-    means: dict[float, FrameMean] = {}
-    for each in frames:
-        frame = frame_of(each, role)
-        add_frame(means, frame, frame.exposure_s, role)
-    return means

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 import torch.nn.functional as nnf
@@ -11,7 +11,6 @@ from torch import Tensor
 
 from nolens.calibrate.exposures import (
     Exposure,
-    FrameMean,
     Noise,
     merge,
     merged_half_difference,
@@ -19,6 +18,7 @@ from nolens.calibrate.exposures import (
     superpixel_variance,
     superpixels,
 )
+from nolens.calibrate.frames import FrameMean
 from nolens.camera import Sensor
 from nolens.errors import DataError
 from nolens.kernels import rfft2
@@ -26,6 +26,8 @@ from nolens.kernels import rfft2
 StrayLight = Literal["auto", "none", "floor"]
 """Fitted where an aperture leaves a dark area, left in, or taken to be the darkest light."""
 _MOST_SATURATED = 1e-3
+_UNCERTAIN_RATIO = 0.02
+"""Difference of stated and measured ratio of exposures that a person should hear of."""
 _AROUND = 15
 _LEAST_CONTRAST = 0.1
 """Of fine structure; a scene of some degrees shows less than 1 % through an open mask."""
@@ -309,6 +311,64 @@ class PointPsf:
     area: DarkArea | None
     bands: tuple[Band, ...]
     contrast: float
+
+    @property
+    def usable_per_mm(self) -> float:
+        """Spatial frequency up to which all channels stand out of the noise; zero if nowhere."""
+        return min(band.usable_per_mm for band in self.bands)
+
+    def warnings(self, *, known_floor: bool) -> list[str]:
+        """What may make the PSF worse than it could be.
+
+        `known_floor` says whether the light of a PSF that fills the sensor is all its own.
+        """
+        texts = []
+        if self.saturated_fraction > 0:
+            texts.append(
+                f"{100 * self.saturated_fraction:.2g} % of the pixels are saturated in every "
+                "exposure, and too dark there: a frame of a shorter exposure gives them back"
+            )
+        if self.area is None and not known_floor:
+            texts.append(
+                "the PSF fills the sensor, so that nothing tells stray light from its own: what "
+                "there is stays in. Dark frames (--dark), with the room as it was and the point "
+                "source covered, take it away"
+            )
+        off = max(abs(ratio - 1) for ratio in self.ratios)
+        if off > _UNCERTAIN_RATIO:
+            texts.append(
+                f"the exposures are up to {100 * off:.2g} % off what their times say, and were "
+                "corrected: the light or the shutter is not steady"
+            )
+        if self.usable_per_mm <= 0:
+            texts.append("the PSF's structure does not stand out of its noise: take more frames")
+        return texts
+
+    def figures(self) -> dict[str, Any]:
+        """Figures of the PSF, in values that JSON has."""
+        peak = float(self.psf.max())
+        energy = self.psf.double().sum(dim=(-2, -1))
+        peaks = self.psf.double().amax(dim=(-2, -1)).tolist()
+        return {
+            "peak": peak,
+            "saturated_fraction": self.saturated_fraction,
+            "frame_noise": {
+                "read_counts": round(math.sqrt(self.noise.read_variance), 4),
+                "counts_per_electron": round(self.noise.counts_per_electron, 5),
+                "from": self.noise.known_from,
+            },
+            "noise_over_peak": [each / peak for each in self.noise_rms],
+            "snr_db": [
+                round(20 * math.log10(top / rms), 2) if top > 0 and rms > 0 else None
+                for top, rms in zip(peaks, self.noise_rms, strict=True)
+            ],
+            "energy": (energy / energy.max()).tolist(),
+            "contrast": round(self.contrast, 4),
+            "dark_fraction": 0.0 if self.area is None else round(self.area.fraction, 4),
+            "stray_over_peak": [each / peak for each in self.stray],
+            "floor_over_peak": [each / peak for each in self.floor],
+            "usable_per_mm_by_channel": [round(band.usable_per_mm, 2) for band in self.bands],
+        }
 
 
 def point_psf(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from nolens.calibrate.exposures import check_alike
+from nolens.calibrate.frames import check_alike
 from nolens.camera import Frame
 from nolens.camera.measurement import colour_planes
 from nolens.capture.source import CameraSource, Limits, Shot

@@ -1,23 +1,16 @@
 """`nolens calibrate`: frames of a point source become a PSF in a camera's folder."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 from torch import Tensor
 
 from nolens.calibrate.centring import PlacedPsf, ReferencePsf, place_psf
 from nolens.calibrate.distances import Layers
-from nolens.calibrate.exposures import (
-    SAME_TIME,
-    UNCERTAIN_RATIO,
-    FrameMean,
-    add_frame,
-    check_alike,
-    match_darks,
-)
+from nolens.calibrate.frames import PointFrames
 from nolens.calibrate.point_psf import PointPsf, StrayLight, point_psf, point_psf_bytes
 from nolens.camera import Frame, PsfEntry, PsfSet, Sensor
 from nolens.camera.part import PixelPitch
@@ -188,85 +181,21 @@ class CalibratePointOptions(NewPsfOptions):
         }
 
 
-@dataclass(frozen=True)
-class _Frames:
-    """The frames, and the dark frames that belong to them, averaged by exposure time in s."""
-
-    exposures: dict[float, FrameMean]
-    darks: dict[float, FrameMean]
-    timed: bool
-    """Whether the exposure times are known."""
-    warnings: list[str]
-
-    @property
-    def first(self) -> Frame:
-        """One of the frames."""
-        return next(iter(self.exposures.values())).first
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Of the PSF."""
-        return self.first.channels if self.first.mosaic is None else ("R", "G", "B")
-
-
 def _read_frames(
     options: CalibratePointOptions, sensor: Sensor | None, reporter: Reporter
-) -> _Frames:
-    """Read all frames, and average those of one exposure time.
-
-    The sensor says what files do not: mosaic, black and white level.
-    """
+) -> PointFrames:
+    """All frames; the sensor says what files do not: mosaic, black and white level."""
     total = len(options.frames) + len(options.dark)
-    exposures: dict[float, FrameMean] = {}
-    known: list[bool] = []
+    frames = PointFrames()
     for number, path in enumerate(options.frames):
         reporter.advance("frames", number / total)
-        frame = _read(path, options, sensor)
         stated = options.exposure[number % len(options.exposure)].s if options.exposure else None
-        time = frame.exposure_s if stated is None else stated
-        known.append(time is not None)
-        if known[-1] != known[0]:
-            raise DataError(
-                f"{path} says {'its' if known[-1] else 'no'} exposure time, but "
-                f"{options.frames[0]} does {'not' if known[-1] else 'so'}: give the time of every "
-                "frame (--exposure, once for each in their order)"
-            )
-        if number > 0:
-            check_alike(frame, next(iter(exposures.values())).first)
-        add_frame(exposures, frame, time)
-    mean = next(iter(exposures.values()))
-    if not known[0] and not mean.alike:
-        raise DataError(
-            f"the frames do not say their exposure times, and differ by {100 * mean.uneven:.3g} % "
-            f"in brightness from {mean.first.source}: give the times (--exposure, once for each "
-            "frame in their order), or frames of one exposure"
-        )
-    darks: dict[float, FrameMean] = {}
+        frames.add(_read(path, options, sensor), stated)
     for number, path in enumerate(options.dark, start=len(options.frames)):
         reporter.advance("frames", number / total)
-        frame = _read(path, options, sensor)
-        check_alike(frame, next(iter(exposures.values())).first, "dark frame")
-        add_frame(darks, frame, frame.exposure_s or None, "dark frame")
+        frames.add_dark(_read(path, options, sensor))
     reporter.advance("frames", 1.0)
-    warnings = [
-        f"frames of {1e3 * time:g} ms differ by {100 * mean.uneven:.2g} % in brightness: a light "
-        "that flickers, or settings that changed between them"
-        for time, mean in exposures.items()
-        if not mean.alike
-    ]
-    first = mean.first
-    if not darks and not first.black_stated:
-        warnings.append(
-            f"{first.source} does not say which count is black, and {first.black[0]:g} is taken: "
-            "give dark frames (--dark), or a camera (--camera)"
-        )
-    if not math.isfinite(min(mean.white for mean in exposures.values())):
-        warnings.append(
-            f"{first.source} does not say from which count a pixel is saturated: make sure that "
-            "none is"
-        )
-    matched = _matched(exposures, darks, known[0], warnings)
-    return _Frames(exposures, matched, known[0], warnings)
+    return frames
 
 
 def _read(path: Path, options: CalibratePointOptions, sensor: Sensor | None) -> Frame:
@@ -281,32 +210,6 @@ def _read(path: Path, options: CalibratePointOptions, sensor: Sensor | None) -> 
         white = min(sensor.saturated_counts, math.inf if frame.white is None else frame.white)
         frame = replace(frame, black=(sensor.black_counts,), white=white, black_stated=True)
     return frame
-
-
-def _matched(
-    exposures: dict[float, FrameMean],
-    darks: dict[float, FrameMean],
-    timed: bool,
-    warnings: list[str],
-) -> dict[float, FrameMean]:
-    """The dark frames that belong to each exposure time."""
-    if not darks:
-        return {}
-    if not timed and len(darks) > 1:
-        raise DataError(
-            "the dark frames have several exposure times, and those of the frames are not known: "
-            "give them (--exposure), or dark frames of the same time only"
-        )
-    matched = match_darks(exposures, darks)
-    for time, mean in matched.items():
-        own = mean.first.exposure_s
-        same = own is not None and math.isclose(own, time, rel_tol=SAME_TIME)
-        if timed and not same and own is not None:
-            warnings.append(
-                f"dark frames of {1e3 * own:g} ms are taken for frames of {1e3 * time:g} ms: where "
-                "the sensor's dark current counts, take dark frames of every exposure time"
-            )
-    return matched
 
 
 def _reference(options: CalibratePointOptions, psfs: PsfSet | None) -> PsfEntry | None:
@@ -390,14 +293,15 @@ def calibrate_point(run: Run[CalibratePointOptions]) -> Product[Tensor]:
 
     sensor = None if opened is None else opened.camera.sensor
     frames = _read_frames(options, sensor, reporter)
+    warnings, darks = frames.warnings(), frames.darks()
     pixel = pixel_of(frames.first, opened, psfs, options.pixel)
     layers = None if opened is None else Layers.of_camera(opened.camera)
-    needed = point_psf_bytes(frames.first.counts.numel(), len(frames.exposures))
+    needed = point_psf_bytes(frames.first.counts.numel(), len(frames.means))
     check_memory(needed, run.device, "frames of fewer exposure times need less")
     run.begin(needed)
     point = point_psf(
-        frames.exposures,
-        frames.darks,
+        frames.means,
+        darks,
         pixel_um=pixel.um,
         stray=options.stray_light,
         sensor=sensor,
@@ -407,7 +311,7 @@ def calibrate_point(run: Run[CalibratePointOptions]) -> Product[Tensor]:
     placed = _placed(point, options, layers, psfs, pixel.um, reporter)
     reporter.advance("PSF", 1.0)
 
-    usable = min(band.usable_per_mm for band in point.bands)
+    usable = point.usable_per_mm
     entry = PsfEntry(
         file=options.psf_file,
         cell=pixel,
@@ -419,77 +323,24 @@ def calibrate_point(run: Run[CalibratePointOptions]) -> Product[Tensor]:
         usable_per_mm=round(usable, 2) if usable > 0 else None,
     )
     check_channels(psfs, entry.channels)
-    run.warn(*frames.warnings, *_warnings(point, frames, usable, options.as_is), *placed.warnings)
+    run.warn(*warnings, *point.warnings(known_floor=bool(darks) or options.as_is), *placed.warnings)
     figures = {
         "camera": None if opened is None else opened.camera.name,
         **entry.model_dump(mode="json"),
         "pixels": list(placed.psf.shape[-2:]),
-        **_figures(point, frames),
-        **placed.figures,
-    }
-    return added(placed.psf, figures, options.output, {entry: placed.psf}, camera)
-
-
-def _warnings(point: PointPsf, frames: _Frames, usable: float, as_is: bool) -> list[str]:
-    """What may make the PSF worse than it could be."""
-    texts = []
-    if point.saturated_fraction > 0:
-        texts.append(
-            f"{100 * point.saturated_fraction:.2g} % of the pixels are saturated in every "
-            "exposure, and too dark there: a frame of a shorter exposure gives them back"
-        )
-    if point.area is None and not frames.darks and not as_is:
-        texts.append(
-            "the PSF fills the sensor, so that nothing tells stray light from its own: what "
-            "there is stays in. Dark frames (--dark), with the room as it was and the point source "
-            "covered, take it away"
-        )
-    off = max(abs(ratio - 1) for ratio in point.ratios)
-    if off > UNCERTAIN_RATIO:
-        texts.append(
-            f"the exposures are up to {100 * off:.2g} % off what their times say, and were "
-            "corrected: the light or the shutter is not steady"
-        )
-    if usable <= 0:
-        texts.append("the PSF's structure does not stand out of its noise: take more frames")
-    return texts
-
-
-def _figures(point: PointPsf, frames: _Frames) -> dict[str, Any]:
-    """Figures of the PSF and of its frames, for the summary."""
-    peak = float(point.psf.max())
-    energy = point.psf.double().sum(dim=(-2, -1))
-    peaks = point.psf.double().amax(dim=(-2, -1)).tolist()
-    exposures = sorted(frames.exposures.items())
-    return {
-        "frames": sum(mean.count for _, mean in exposures),
+        "frames": sum(mean.count for mean in frames.means.values()),
         "exposures": [
             {
                 "ms": round(1e3 * time, 6) if frames.timed else None,
                 "frames": mean.count,
-                "dark_frames": frames.darks[time].count if time in frames.darks else 0,
+                "dark_frames": darks[time].count if time in darks else 0,
                 "clipped_fraction": float(mean.clipped.double().mean()),
                 "brightness": round(ratio, 6),
             }
-            for (time, mean), ratio in zip(exposures, point.ratios, strict=True)
+            for (time, mean), ratio in zip(sorted(frames.means.items()), point.ratios, strict=True)
         ],
         "unit": "counts per second" if frames.timed else "counts of one frame",
-        "peak": peak,
-        "saturated_fraction": point.saturated_fraction,
-        "frame_noise": {
-            "read_counts": round(math.sqrt(point.noise.read_variance), 4),
-            "counts_per_electron": round(point.noise.counts_per_electron, 5),
-            "from": point.noise.known_from,
-        },
-        "noise_over_peak": [each / peak for each in point.noise_rms],
-        "snr_db": [
-            round(20 * math.log10(top / rms), 2) if top > 0 and rms > 0 else None
-            for top, rms in zip(peaks, point.noise_rms, strict=True)
-        ],
-        "energy": (energy / energy.max()).tolist(),
-        "contrast": round(point.contrast, 4),
-        "dark_fraction": 0.0 if point.area is None else round(point.area.fraction, 4),
-        "stray_over_peak": [each / peak for each in point.stray],
-        "floor_over_peak": [each / peak for each in point.floor],
-        "usable_per_mm_by_channel": [round(band.usable_per_mm, 2) for band in point.bands],
+        **point.figures(),
+        **placed.figures,
     }
+    return added(placed.psf, figures, options.output, {entry: placed.psf}, camera)
