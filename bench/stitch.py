@@ -158,7 +158,8 @@ def main() -> None:
         "iterations": ITERATIONS, "tau": TAU,
         "region": [region.height, region.width], "cases": rows,
         "stitch": {key: made.summary[key] for key in (
-            "pixels", "support", "known_fraction", "residual_pixels", "captures", "seconds", "warnings",
+            "pixels", "support", "known_fraction", "residual_pixels", "captures", "seconds",
+            "warnings",
         )},
     }  # fmt: skip
     for row in made.summary["captures"]:
