@@ -102,7 +102,7 @@ def test_grades_with_other_limits() -> None:
     assert grade(width=1.5, error=0, light=1, widest=2) == "good"
     assert grade(width=1, error=0.2, light=1, farthest=0.1) == "distorted"
     assert grade(width=1, error=0, light=0.7, least_light=0.8) == "distorted"
-    assert grade(width=1, error=0, light=0.7, seen_light=0.8) == "lost"
+    assert grade(width=1, error=0, light=0.7, faint_light=0.8) == "lost"
 
 
 def dots(*grades: tuple[float, str]) -> list[Dot]:

@@ -8,7 +8,13 @@ from torch import Tensor
 
 from nolens.camera import OpenCamera
 from nolens.errors import DataError, OptionError
-from nolens.experiments.dot_grid import Rays, between_deg, dot_grid, found_grid, grid_tangents
+from nolens.experiments.dot_grid import (
+    Rays,
+    angle_between_deg,
+    dot_grid,
+    grid_tangents,
+    locate_grid,
+)
 from nolens.experiments.off_axis import off_axis, ray_curves
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import read_camera
@@ -80,40 +86,40 @@ def test_dots_lie_where_snells_law_says(
     bare: Twin, turned_deg: float, beside: tuple[float, float]
 ) -> None:
     picture = drawn(bare, turned_deg=turned_deg, beside=beside)
-    grid = found_grid(picture, bare, pitch_um=PITCH_UM, distance_um=DISTANCE_UM, reach_deg=47.0)
+    grid = locate_grid(picture, bare, pitch_um=PITCH_UM, distance_um=DISTANCE_UM, extent_deg=47.0)
     assert grid.pose.pitch_mm == pytest.approx(24.0, rel=1e-3)
     assert grid.pose.turned_deg == pytest.approx(turned_deg, abs=0.05)
     assert grid.pose.beside == pytest.approx(beside, abs=1e-3)
     assert len(grid.dots) > 450
     assert {dot.grade for dot in grid.dots} == {"good"}
-    assert grid.lost_deg is None and grid.good_deg == pytest.approx(47, abs=1.5)
+    assert grid.angles.lost_deg is None and grid.angles.good_deg == pytest.approx(47, abs=1.5)
     for dot in grid.dots:
-        assert dot.error_cells is not None and dot.error_deg is not None and dot.light is not None
-        assert dot.error_cells < 0.1
+        assert dot.error_pixels is not None and dot.error_deg is not None and dot.light is not None
+        assert dot.error_pixels < 0.1
         assert dot.light == pytest.approx(dot.expected_light, abs=0.05)
         assert dot.width == pytest.approx(1, abs=0.06)
     cell_deg = math.degrees(math.atan(CELL_UM / bare.stack().reduced_um))
-    assert grid.cell_deg == pytest.approx(cell_deg)
+    assert grid.pixel_deg == pytest.approx(cell_deg)
 
 
 def test_rays_that_go_straight_on_are_off_their_places(bare: Twin) -> None:
     """Without refraction a dot at 40° would lie some ten cells further out."""
     picture = drawn(bare, straight=True, side=1000)
-    grid = found_grid(picture, bare, pitch_um=PITCH_UM, distance_um=DISTANCE_UM, reach_deg=47.0)
+    grid = locate_grid(picture, bare, pitch_um=PITCH_UM, distance_um=DISTANCE_UM, extent_deg=47.0)
     for angle in (20, 25):
         dot = min(grid.dots, key=lambda each: abs(each.angle_deg - angle))
         tangent = math.tan(math.radians(dot.angle_deg))
         wrong = (bare.stack().reduced_um * tangent - snell_um(tangent, bare)) / CELL_UM
         # The pose takes up what a larger distance would do as well.
-        assert dot.error_cells is not None and 1 < wrong / 2 < dot.error_cells < wrong
-    assert grid.good_deg is not None and 8 < grid.good_deg < 30
+        assert dot.error_pixels is not None and 1 < wrong / 2 < dot.error_pixels < wrong
+    assert grid.angles.good_deg is not None and 8 < grid.angles.good_deg < 30
 
 
 @pytest.mark.parametrize("tangent", [(0.0, 0.0), (0.3, -0.1), (-0.5, 0.9)])
 def test_rays(bare: Twin, tangent: tuple[float, float]) -> None:
     """There by Snell's law, back again, and how far apart neighbours are, by small steps."""
     rays = Rays.of(bare, (760, 700))
-    (place,) = rays.cells([tangent])
+    (place,) = rays.places([tangent])
     reach = math.hypot(*tangent)
     away = [(at - middle) * CELL_UM for at, middle in zip(place, (380, 350), strict=True)]
     assert math.hypot(*away) == pytest.approx(snell_um(reach, bare), rel=1e-6)
@@ -121,33 +127,33 @@ def test_rays(bare: Twin, tangent: tuple[float, float]) -> None:
     unit = (tangent[0] / reach, tangent[1] / reach) if reach else (1.0, 0.0)
     steps = []
     for down, right in (unit, (-unit[1], unit[0])):
-        (near,) = rays.cells([(tangent[0] + 1e-5 * down, tangent[1] + 1e-5 * right)])
+        (near,) = rays.places([(tangent[0] + 1e-5 * down, tangent[1] + 1e-5 * right)])
         steps.append(math.dist(near, place) / 1e-5)
     assert rays.spacings([tangent], 0.05)[0] == pytest.approx(0.05 * min(steps), rel=1e-3)
 
 
 def test_angle_between_rays() -> None:
     one, other = (0.0, math.tan(math.radians(20))), (0.0, math.tan(math.radians(-25)))
-    assert between_deg(one, other) == pytest.approx(45)
-    assert between_deg((0.0, 1.0), (1.0, 0.0)) == pytest.approx(60)
+    assert angle_between_deg(one, other) == pytest.approx(45)
+    assert angle_between_deg((0.0, 1.0), (1.0, 0.0)) == pytest.approx(60)
 
 
 @pytest.mark.parametrize("pitch_um", [17e3, 32e3])
 def test_another_pitch_is_named(bare: Twin, pitch_um: float) -> None:
     picture = drawn(bare, pitch_um=pitch_um)
     with pytest.raises(DataError, match=r"lie (17|32|31.9) mm apart at 300 mm, not 24"):
-        found_grid(picture, bare, pitch_um=PITCH_UM, distance_um=DISTANCE_UM)
+        locate_grid(picture, bare, pitch_um=PITCH_UM, distance_um=DISTANCE_UM)
 
 
 def test_no_grid_is_refused(bare: Twin) -> None:
     with pytest.raises(DataError, match="empty"):
-        found_grid(torch.zeros(300, 300), bare, pitch_um=PITCH_UM, distance_um=DISTANCE_UM)
+        locate_grid(torch.zeros(300, 300), bare, pitch_um=PITCH_UM, distance_um=DISTANCE_UM)
     one = torch.zeros(300, 300)
     one[150, 150] = 1
     with pytest.raises(DataError, match="has 1 bright dots"):
-        found_grid(one, bare, pitch_um=PITCH_UM, distance_um=DISTANCE_UM)
+        locate_grid(one, bare, pitch_um=PITCH_UM, distance_um=DISTANCE_UM)
     with pytest.raises(OptionError, match="they need 2 or more"):
-        found_grid(one, bare, pitch_um=1e3, distance_um=DISTANCE_UM)
+        locate_grid(one, bare, pitch_um=1e3, distance_um=DISTANCE_UM)
     with pytest.raises(OptionError, match="only one"):
         grid_tangents(PITCH_UM, DISTANCE_UM, 2.0)
     with pytest.raises(OptionError, match="more than"):
@@ -156,8 +162,8 @@ def test_no_grid_is_refused(bare: Twin) -> None:
 
 def test_simulated_grid(bench: VirtualExperiment) -> None:
     """Scene, noise and reconstruction: dots within a fifth of a cell of Snell's law."""
-    grid = dot_grid(bench, pitch_um=15e3, distance_um=DISTANCE_UM, reach_deg=9.8, iterations=60)
-    assert len(grid.dots) == 37 and grid.lost_deg is None
+    grid = dot_grid(bench, pitch_um=15e3, distance_um=DISTANCE_UM, extent_deg=9.8, iterations=60)
+    assert len(grid.dots) == 37 and grid.angles.lost_deg is None
     assert grid.pose.pitch_mm == pytest.approx(15, rel=5e-3)
     assert abs(grid.pose.turned_deg) < 0.3
     middle = grid.picture.shape[0] // 2

@@ -82,14 +82,14 @@ def spots_at(
     ]
 
 
-def brightest_places(picture: Tensor, share: float = 0.25) -> list[tuple[float, float]]:
+def brightest_places(picture: Tensor, fraction: float = 0.25) -> list[tuple[float, float]]:
     """Places of pixels, not at the edge, that are the highest of their 3×3 and not faint.
 
     Parameters
     ----------
     picture
         (rows, columns).
-    share
+    fraction
         Of the very highest one's height over the median, down to which they count.
 
     Returns
@@ -99,14 +99,14 @@ def brightest_places(picture: Tensor, share: float = 0.25) -> list[tuple[float, 
     """
     values = picture.double().numpy()
     above = np.clip(values - np.median(values), 0, None)
-    top = (scipy.ndimage.maximum_filter(above, 3) == above) & (above >= share * above.max())
+    top = (scipy.ndimage.maximum_filter(above, 3) == above) & (above >= fraction * above.max())
     top &= above > 0
-    found = []
+    places = []
     # At the very edge, what is highest may be the side of a dot beyond it.
     for row, column in np.argwhere(top[1:-1, 1:-1]) + 1:
         near = above[row - 1 : row + 2, column - 1 : column + 2]
-        found.append((float(row + _vertex(near[:, 1])), float(column + _vertex(near[1]))))
-    return found
+        places.append((float(row + _vertex(near[:, 1])), float(column + _vertex(near[1]))))
+    return places
 
 
 def _spot(
@@ -157,13 +157,13 @@ def _vertex(three: NDArray[np.float64]) -> float:
 
 
 def _finer(
-    values: NDArray[np.float64], place: tuple[float, float], reach: float
+    values: NDArray[np.float64], place: tuple[float, float], extent: float
 ) -> tuple[tuple[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]:
-    """Rows, columns and cubic interpolation between the cells around a place."""
+    """Rows, columns and cubic interpolation between the pixels around a place."""
     at = []
     for middle, count in zip(place, values.shape, strict=True):
-        low = max(0.0, math.floor(middle - reach))
-        high = min(count - 1.0, math.ceil(middle + reach))
+        low = max(0.0, math.floor(middle - extent))
+        high = min(count - 1.0, math.ceil(middle + extent))
         at.append(np.arange(low, high + 0.5 / _FINER, 1 / _FINER))
     start = [max(0, int(each[0]) - _BEYOND) for each in at]
     stop = [int(each[-1]) + _BEYOND + 1 for each in at]
@@ -174,10 +174,10 @@ def _finer(
 
 
 def _window(
-    place: tuple[float, float], reach: float, shape: tuple[int, ...]
+    place: tuple[float, float], extent: float, shape: tuple[int, ...]
 ) -> tuple[slice, slice]:
     rows, columns = (
-        slice(max(0, math.ceil(middle - reach)), min(count, math.floor(middle + reach) + 1))
+        slice(max(0, math.ceil(middle - extent)), min(count, math.floor(middle + extent) + 1))
         for middle, count in zip(place, shape, strict=True)
     )
     return rows, columns
@@ -195,9 +195,9 @@ class Dot:
         Row and column of the picture where rays put it.
     found
         Where it is; None if it was not found.
-    error_cells, error_deg
+    error_pixels, error_deg
         How far that is off, in pixels and as an angle in the scene.
-    width_cells, width
+    width_pixels, width
         Of the dot, in pixels and in widths of the middle dots.
     light
         Of the dot, in light of the middle dots.
@@ -210,9 +210,9 @@ class Dot:
     angle_deg: float
     expected: tuple[float, float]
     found: tuple[float, float] | None
-    error_cells: float | None
+    error_pixels: float | None
     error_deg: float | None
-    width_cells: float | None
+    width_pixels: float | None
     width: float | None
     light: float | None
     expected_light: float
@@ -246,7 +246,7 @@ def grade(
     widest: float = math.sqrt(2),
     farthest: float = 0.5,
     least_light: float = 0.5,
-    seen_light: float = 0.1,
+    faint_light: float = 0.1,
 ) -> Grade:
     """Judge a dot that was found.
 
@@ -267,10 +267,10 @@ def grade(
         From here on it is distorted: it reaches out of its own place.
     least_light
         Below it is distorted: half of it went elsewhere.
-    seen_light
+    faint_light
         Below it is lost: what is left is as faint as what a picture is cluttered with.
     """
-    if light < seen_light:
+    if light < faint_light:
         return "lost"
     if width > widest or error > farthest or light < least_light:
         return "distorted"
@@ -290,11 +290,11 @@ def angles_of(dots: Sequence[Dot]) -> Angles:
     ordered = sorted(dots, key=lambda dot: dot.angle_deg)
     at = [dot.angle_deg for dot in ordered]
     good = _inside(ordered, lambda dot: dot.grade == "good")
-    seen = _inside(ordered, lambda dot: dot.grade != "lost")
+    visible = _inside(ordered, lambda dot: dot.grade != "lost")
     return Angles(
         good_deg=at[good - 1] if good else None,
-        distorted_deg=at[seen - 1] if seen else None,
-        lost_deg=at[seen] if seen < len(at) else None,
+        distorted_deg=at[visible - 1] if visible else None,
+        lost_deg=at[visible] if visible < len(at) else None,
     )
 
 

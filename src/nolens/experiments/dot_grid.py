@@ -3,17 +3,31 @@
 import cmath
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 
+from nolens.camera import OpenCamera
 from nolens.errors import DataError, OptionError
-from nolens.evaluate import Dot, Spot, angles_of, brightest_places, grade, spots_at
-from nolens.experiments.virtual_experiment import Tick, VirtualExperiment, solved
+from nolens.evaluate import Angles, Dot, Spot, angles_of, brightest_places, grade, spots_at
+from nolens.experiments.virtual_experiment import Tick, VirtualExperiment, solved, within
 from nolens.operators import Region
 from nolens.optics import PointSource, Stack
-from nolens.twin import LARGEST_ANGLE_DEG, FieldMap, PlaneView, Twin
+from nolens.twin import (
+    LARGEST_ANGLE_DEG,
+    FieldMap,
+    Light,
+    PlaneView,
+    Twin,
+    colours_of,
+    polychromatic_psf_bytes,
+    preview_model,
+    relief_points,
+    shortest_nm,
+    simulation_bytes,
+)
 
 _FEWEST = 5
 _OFF = 0.15
@@ -26,6 +40,9 @@ _MIDDLE_DEG = 12.0
 _NEXT = 9
 _NEARLY = 1.005
 _MOST_DOTS = 20_000
+_FIELD_STEP_DEG = 12.5
+_BYTES_PER_PIXEL = 8 * 12
+"""Of the sensor: frame, scene and what ADMM works on."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +52,7 @@ class Pose:
     Parameters
     ----------
     pitch_mm
-        Distance of its dots, as found.
+        Distance of its dots, as measured.
     turned_deg
         By how much its rows are turned clockwise in the picture, -45 to 45.
     beside
@@ -139,32 +156,36 @@ class Rays:
     def of(cls, twin: Twin, size: tuple[int, int]) -> "Rays":
         """For a picture of (rows, columns): all of the sensor, or an area around its middle."""
         rows, columns = (
-            cells // 2 - (cells - count) // 2 for cells, count in zip(twin.shape, size, strict=True)
+            whole // 2 - (whole - count) // 2 for whole, count in zip(twin.shape, size, strict=True)
         )
         return cls(twin, twin.stack(), (rows, columns))
 
-    def cells(self, tangents: Places) -> Places:
+    def places(self, tangents: Places) -> Places:
         """Where the light of some directions falls."""
-        at, reach, p = self._sines(tangents)
+        at, radius, p = self._sines(tangents)
         moved = self.stack.displacement_um(p) / self.twin.pixel_um
-        scale = torch.where(reach > 0, moved / reach.clamp_min(1e-12), 0.0)
+        scale = torch.where(radius > 0, moved / radius.clamp_min(1e-12), 0.0)
         return _pairs(at * scale[:, None] + torch.tensor(self.axis, dtype=torch.float64))
 
-    def tangents(self, cells: Places) -> Places:
+    def tangents(self, places: Places) -> Places:
         """From where light falls on some places."""
-        away = torch.tensor(cells, dtype=torch.float64) - torch.tensor(self.axis)
+        away = torch.tensor(places, dtype=torch.float64) - torch.tensor(self.axis)
         away = away * self.twin.pixel_um
-        reach = away.norm(dim=1)
-        p = self.stack.ray(reach)
+        radius = away.norm(dim=1)
+        p = self.stack.ray(radius)
         tangent = p / (1 - p * p).sqrt()
-        return _pairs(away * torch.where(reach > 0, tangent / reach.clamp_min(1e-12), 0.0)[:, None])
+        return _pairs(
+            away * torch.where(radius > 0, tangent / radius.clamp_min(1e-12), 0.0)[:, None]
+        )
 
     def spacings(self, tangents: Places, step: float) -> list[float]:
         """Pixels between dots whose tangents are a step apart, in the direction that is nearer."""
-        _, reach, p = self._sines(tangents)
+        _, radius, p = self._sines(tangents)
         along = self.stack.spread_um(p) * (1 - p * p).pow(1.5)
         across = torch.where(
-            reach > 0, self.stack.displacement_um(p) / reach.clamp_min(1e-12), self.stack.reduced_um
+            radius > 0,
+            self.stack.displacement_um(p) / radius.clamp_min(1e-12),
+            self.stack.reduced_um,
         )
         spacings: list[float] = (
             torch.minimum(along, across) * (step / self.twin.pixel_um)
@@ -179,11 +200,11 @@ class Rays:
 
     def _sines(self, tangents: Places) -> tuple[Tensor, Tensor, Tensor]:
         at = torch.tensor(tangents, dtype=torch.float64).reshape(-1, 2)
-        reach = at.norm(dim=1)
-        return at, reach, reach / (1 + reach * reach).sqrt()
+        radius = at.norm(dim=1)
+        return at, radius, radius / (1 + radius * radius).sqrt()
 
 
-def between_deg(one: tuple[float, float], other: tuple[float, float]) -> float:
+def angle_between_deg(one: tuple[float, float], other: tuple[float, float]) -> float:
     """Angle between the rays of two tangents."""
     across = (
         one[0] - other[0],
@@ -205,32 +226,41 @@ class DotGrid:
     ----------
     dots
         All that should be there, by angle.
-    good_deg, distorted_deg, lost_deg
-        See `nolens.evaluate.Angles`.
+    angles
+        Up to where they are good, and from where on lost.
     pose
-        How the grid was found to stand.
-    cell_deg
+        Where the grid is, and how it is turned.
+    pixel_deg
         What a pixel in the middle of the picture sees.
     picture
         (rows, columns).
     """
 
     dots: list[Dot]
-    good_deg: float | None
-    distorted_deg: float | None
-    lost_deg: float | None
+    angles: Angles
     pose: Pose
-    cell_deg: float
+    pixel_deg: float
     picture: Tensor
 
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Angles, pose and every dot, in values that JSON has."""
+        return {
+            **asdict(self.angles),
+            "pitch_found_mm": self.pose.pitch_mm,
+            "turned_deg": self.pose.turned_deg,
+            "pixel_deg": self.pixel_deg,
+            "dots": [asdict(dot) for dot in self.dots],
+        }
 
-def found_grid(
+
+def locate_grid(
     picture: Tensor,
     twin: Twin,
     *,
     pitch_um: float,
     distance_um: float,
-    reach_deg: float = LARGEST_ANGLE_DEG,
+    extent_deg: float = LARGEST_ANGLE_DEG,
 ) -> DotGrid:
     """Find the dots of a grid in a picture, and judge each.
 
@@ -245,7 +275,7 @@ def found_grid(
         The camera.
     pitch_um, distance_um
         Of the grid; the distance from the camera.
-    reach_deg
+    extent_deg
         Half angle up to which dots are looked for.
 
     Raises
@@ -256,38 +286,29 @@ def found_grid(
         If dots so far apart are less than two pixels apart in the picture, or beyond number.
     """
     step = pitch_um / distance_um
-    cell_tangent = twin.pixel_um / twin.stack().reduced_um
-    if step < 2 * cell_tangent:
+    pixel_tangent = twin.pixel_um / twin.stack().reduced_um
+    if step < 2 * pixel_tangent:
         raise OptionError(
             f"dots {pitch_um * 1e-3:g} mm apart at {distance_um * 1e-3:g} mm are "
-            f"{step / cell_tangent:.2g} pixels apart in the picture: to be resolved they need 2 "
-            f"or more, {2 * cell_tangent * distance_um * 1e-3:.2g} mm"
+            f"{step / pixel_tangent:.2g} pixels apart in the picture: to be resolved they need 2 "
+            f"or more, {2 * pixel_tangent * distance_um * 1e-3:.2g} mm"
         )
-    at = grid_tangents(pitch_um, distance_um, reach_deg)
+    at = grid_tangents(pitch_um, distance_um, extent_deg)
     rays = Rays.of(twin, (picture.shape[0], picture.shape[1]))
     pose = Pose.of(rays.tangents(_middle_tops(picture, rays, step)), pitch_um, distance_um)
     # Up to the last ring, though the pose is not exact.
-    limit = math.tan(math.radians(reach_deg)) * _NEARLY
+    limit = math.tan(math.radians(extent_deg)) * _NEARLY
     tangents = [each for each in map(pose.tangent, at) if math.hypot(*each) <= limit]
     tangents.sort(key=lambda each: math.hypot(*each))
-    inside = [_inside(place, picture) for place in rays.cells(tangents)]
-    tangents = [each for each, kept in zip(tangents, inside, strict=True) if kept]
-    spots = spots_at(picture, rays.cells(tangents), rays.spacings(tangents, step))
+    inside = [_inside(place, picture) for place in rays.places(tangents)]
+    tangents = [each for each, there in zip(tangents, inside, strict=True) if there]
+    spots = spots_at(picture, rays.places(tangents), rays.spacings(tangents, step))
     dots = _judged(rays, tangents, spots)
-    ends = angles_of(dots)
-    return DotGrid(
-        dots,
-        ends.good_deg,
-        ends.distorted_deg,
-        ends.lost_deg,
-        pose,
-        math.degrees(math.atan(cell_tangent)),
-        picture,
-    )
+    return DotGrid(dots, angles_of(dots), pose, math.degrees(math.atan(pixel_tangent)), picture)
 
 
 def grid_tangents(
-    pitch_um: float, distance_um: float, reach_deg: float
+    pitch_um: float, distance_um: float, extent_deg: float
 ) -> list[tuple[float, float]]:
     """Tangents, (row, column), of all dots of a grid around the axis up to a half angle.
 
@@ -296,17 +317,17 @@ def grid_tangents(
     OptionError
         If there are fewer than nine, or more than 20 000.
     """
-    step, limit = pitch_um / distance_um, math.tan(math.radians(reach_deg))
+    step, limit = pitch_um / distance_um, math.tan(math.radians(extent_deg))
     most = int(limit / step + 1e-9)
     if (2 * most + 1) ** 2 > _MOST_DOTS:
         raise OptionError(
             f"dots {pitch_um * 1e-3:g} mm apart at {distance_um * 1e-3:g} mm are more than "
-            f"{_MOST_DOTS} up to {reach_deg:g} deg: choose a larger pitch or a smaller extent"
+            f"{_MOST_DOTS} up to {extent_deg:g} deg: choose a larger pitch or a smaller extent"
         )
     if most < 1:
         raise OptionError(
             f"of dots {pitch_um * 1e-3:g} mm apart at {distance_um * 1e-3:g} mm, up to "
-            f"{reach_deg:g} deg there is only one: choose a smaller pitch or a larger extent"
+            f"{extent_deg:g} deg there is only one: choose a smaller pitch or a larger extent"
         )
     return [
         (i * step, j * step)
@@ -332,7 +353,7 @@ def _judged(rays: Rays, tangents: Places, spots: list[Spot | None]) -> list[Dot]
         )
     width = _median([spot.width for spot, _ in middle])
     power = _median([spot.light / light for spot, light in middle])
-    places = rays.cells(tangents)
+    places = rays.places(tangents)
     there = rays.tangents(
         [place if spot is None else spot.place for place, spot in zip(places, spots, strict=True)]
     )
@@ -343,22 +364,22 @@ def _judged(rays: Rays, tangents: Places, spots: list[Spot | None]) -> list[Dot]
             dots.append(Dot(angle, place, None, None, None, None, None, None, light, "lost"))
             continue
         off = math.dist(spot.place, place)
-        share = spot.light / power
+        fraction = spot.light / power
         dots.append(
             Dot(
                 angle_deg=angle,
                 expected=place,
                 found=spot.place,
-                error_cells=off,
-                error_deg=between_deg(tangents[number], there[number]),
-                width_cells=spot.width,
+                error_pixels=off,
+                error_deg=angle_between_deg(tangents[number], there[number]),
+                width_pixels=spot.width,
                 width=spot.width / width,
-                light=share,
+                light=fraction,
                 expected_light=light,
                 grade=grade(
                     width=spot.width / width,
                     error=off / width,
-                    light=share / light if light > 0 else 0.0,
+                    light=fraction / light if light > 0 else 0.0,
                 ),
             )
         )
@@ -372,10 +393,10 @@ def _inside(place: tuple[float, float], picture: Tensor) -> bool:
 def _middle_tops(picture: Tensor, rays: Rays, step: float) -> Places:
     """Bright places within a few pitches of the axis, or within 12° where that is more."""
     tangent = max(math.tan(math.radians(_MIDDLE_DEG)), 2.6 * step)
-    (_, column), *_ = rays.cells([(0.0, tangent)])
-    reach = math.ceil(column) - rays.axis[1]
-    top, left = (max(0, at - reach) for at in rays.axis)
-    part = picture[top : rays.axis[0] + reach + 1, left : rays.axis[1] + reach + 1]
+    (_, column), *_ = rays.places([(0.0, tangent)])
+    extent = math.ceil(column) - rays.axis[1]
+    top, left = (max(0, at - extent) for at in rays.axis)
+    part = picture[top : rays.axis[0] + extent + 1, left : rays.axis[1] + extent + 1]
     if part.numel() == 0 or not float(part.max()) > float(part.median()):
         raise DataError("the middle of the picture is empty: it shows no grid of dots")
     return [(top + row, left + column) for row, column in brightest_places(part)]
@@ -386,11 +407,11 @@ def _median(values: list[float]) -> float:
 
 
 def dot_grid(
-    bench: VirtualExperiment,
+    experiment: VirtualExperiment,
     *,
     pitch_um: float,
     distance_um: float,
-    reach_deg: float = LARGEST_ANGLE_DEG,
+    extent_deg: float = LARGEST_ANGLE_DEG,
     iterations: int = 300,
     fill: float = 0.9,
     seed: int = 0,
@@ -403,11 +424,11 @@ def dot_grid(
 
     Parameters
     ----------
-    bench
+    experiment
         The camera; between its field points PSFs are blended.
     pitch_um, distance_um
         Of the grid.
-    reach_deg
+    extent_deg
         Half angle up to which there are dots.
     iterations
         Of the reconstruction.
@@ -423,56 +444,78 @@ def dot_grid(
     DataError
         If the picture shows no such grid.
     """
-    twin = bench.twin
-    at = grid_tangents(pitch_um, distance_um, reach_deg)
-    twin.check_source(PointSource((0.0, math.tan(math.radians(reach_deg))), distance_um))
-    field = _map_of(twin, reach_deg, pitch_um / distance_um)
+    twin = experiment.twin
+    at = grid_tangents(pitch_um, distance_um, extent_deg)
+    twin.check_source(PointSource((0.0, math.tan(math.radians(extent_deg))), distance_um))
+    field = _map_of(twin, extent_deg, pitch_um / distance_um)
     scene = _radiance(field, at)
 
-    def first(share: float) -> None:
-        if tick is not None:
-            tick(0.6 * share)
-
-    def second(share: float) -> None:
-        if tick is not None:
-            tick(0.6 + 0.4 * share)
-
-    channels = len(bench.sensor.channels)
+    channels = len(experiment.sensor.channels)
     seen = PlaneView(scene.expand(channels, -1, -1).contiguous(), distance_um)
-    shot = bench.seen(field, (seen,), fill=fill, seed=seed, tick=first)
+    shot = experiment.seen(field, (seen,), fill=fill, seed=seed, tick=within(tick, 0.0, 0.6))
     rows, columns = twin.shape
     wide = rows + field.region.height, columns + field.region.width
-    psf = bench.psf(PointSource((0.0, 0.0), distance_um), wide)
-    picture = solved(shot.frame, psf, field.region, iterations=iterations, tick=second)
-    return found_grid(
+    psf = experiment.psf(PointSource((0.0, 0.0), distance_um), wide)
+    picture = solved(
+        shot.frame, psf, field.region, iterations=iterations, tick=within(tick, 0.6, 0.4)
+    )
+    return locate_grid(
         picture.cpu().mean(dim=0),
         twin,
         pitch_um=pitch_um,
         distance_um=distance_um,
-        reach_deg=reach_deg,
+        extent_deg=extent_deg,
     )
 
 
-def _map_of(twin: Twin, reach_deg: float, step: float) -> FieldMap:
-    """Square of cells up to an angle along its sides, and half a pitch more."""
-    limit = math.tan(math.radians(reach_deg))
-    reach = twin.shift_um(PointSource((0.0, limit)))[1] + step / 2 * twin.stack().reduced_um
-    side = 2 * math.ceil(reach / twin.pixel_um + 1)
+def dot_grid_bytes(opened: OpenCamera, extent_deg: float, distance_um: float) -> float:
+    """Bytes that a grid of dots up to a half angle holds at once.
+
+    The PSFs of its field points have one sample to the pixel, and are wider than the sensor by a
+    part of the support.
+    """
+    twin, sensor = preview_model(opened), opened.camera.sensor
+    farthest = PointSource((0.0, math.tan(math.radians(extent_deg))), distance_um)
+    shift = twin.shift_um(PointSource(farthest.tangent))[1] / twin.pixel_um
+    more = math.ceil(4 * shift / (field_points(extent_deg) - 1))
+    psf = polychromatic_psf_bytes(
+        twin,
+        farthest,
+        (sensor.rows // twin.superpixel + more, sensor.columns // twin.superpixel + more),
+        twin.superpixel,
+        at_least=1,
+        shortest=shortest_nm(colours_of(twin, Light("white-led"), 1)),
+    )
+    return simulation_bytes(
+        relief_points(opened), psf + _BYTES_PER_PIXEL * sensor.rows * sensor.columns
+    )
+
+
+def field_points(extent_deg: float) -> int:
+    """Points along a side of the field up to a half angle, between which PSFs are blended."""
+    return 2 * math.ceil(extent_deg / _FIELD_STEP_DEG) + 1
+
+
+def _map_of(twin: Twin, extent_deg: float, step: float) -> FieldMap:
+    """Square of pixels up to an angle along its sides, and half a pitch more."""
+    limit = math.tan(math.radians(extent_deg))
+    extent = twin.shift_um(PointSource((0.0, limit)))[1] + step / 2 * twin.stack().reduced_um
+    side = 2 * math.ceil(extent / twin.pixel_um + 1)
     return FieldMap(twin, Region.centred(side, side, twin.shape))
 
 
 def _radiance(field: FieldMap, at: Places) -> Tensor:
-    """Dots of one size on the cells, each shared by the four that it lies between."""
+    """Dots of one size on the pixels, each shared by the four that it lies between."""
     region = field.region
     scene = torch.zeros(region.height, region.width, dtype=torch.float64)
     weight = field.solid_angle()
     rays = Rays.of(field.twin, (region.height, region.width))
-    for tangent, place in zip(at, rays.cells(at), strict=True):
+    for tangent, place in zip(at, rays.places(at), strict=True):
         row, column = (math.floor(each) for each in place)
         down, right = place[0] - row, place[1] - column
         power = math.cos(math.radians(PointSource(tangent).angle_deg))
-        for i, share in ((0, 1 - down), (1, down)):
-            for j, part in ((0, 1 - right), (1, right)):
-                scene[row + i, column + j] += power * share * part
+        for i, vertical in ((0, 1 - down), (1, down)):
+            for j, horizontal in ((0, 1 - right), (1, right)):
+                scene[row + i, column + j] += power * vertical * horizontal
     scene = scene / weight
     return (scene / scene.max()).float()

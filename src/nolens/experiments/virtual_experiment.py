@@ -26,6 +26,12 @@ from nolens.twin import (
 from nolens.twin import Frame as PsfFrame
 
 Tick = Callable[[float], None]
+"""Called with the fraction that is done."""
+
+
+def within(tick: Tick | None, start: float, length: float) -> Tick:
+    """Progress of a part of the work, which begins at a fraction and is as long as another."""
+    return (lambda done: None) if tick is None else lambda done: tick(start + length * done)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Plots of what was measured: a PSF, as the paper's Fig. 5, and the field of view, as Fig. 6."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from nolens.evaluate import Dot, PsfFigures
 from nolens.files.plots import plot_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from nolens.evaluate import Dot, PsfFigures
+    from nolens.experiments.off_axis import OffAxis
 
 _MARK = "#c23b2e"
 _COLOURS = {0: "#3557c9", 90: "#2f9140", 180: "#e08a1e", 270: "#8a4fb0"}
@@ -28,7 +31,7 @@ _BRIGHTEST_PICTURE = 99.8
 _GAMMA = 2.2
 
 
-def write_psf_plot(path: str | Path, figures: PsfFigures, psf: Tensor, pixel_um: float) -> None:
+def write_psf_plot(path: str | Path, figures: "PsfFigures", psf: Tensor, pixel_um: float) -> None:
     """Draw a PSF with a part of it enlarged, its autocorrelation, and its spectral magnitude.
 
     Parameters
@@ -59,7 +62,7 @@ def _draw_psf(
     axes: "Axes",
     part: "Axes",
     values: NDArray[np.float64],
-    figures: PsfFigures,
+    figures: "PsfFigures",
     pixel_um: float,
 ) -> None:
     """All of it, and a few pitches of its middle enlarged beside it."""
@@ -101,7 +104,7 @@ def _draw_psf(
     part.set_title(f"its middle, {2 * half * pixel_um:.0f} µm wide")
 
 
-def _draw_autocorrelation(axes: "Axes", figures: PsfFigures) -> None:
+def _draw_autocorrelation(axes: "Axes", figures: "PsfFigures") -> None:
     """Over all directions and along the rows, with width and pitch."""
     lag = np.array(figures.lag_um)
     pitch = figures.pitch_um
@@ -155,7 +158,7 @@ def _draw_autocorrelation(axes: "Axes", figures: PsfFigures) -> None:
     axes.legend(fontsize=8, loc="upper right", frameon=False)
 
 
-def _draw_psf_magnitude(axes: "Axes", values: NDArray[np.float64], figures: PsfFigures) -> None:
+def _draw_psf_magnitude(axes: "Axes", values: NDArray[np.float64], figures: "PsfFigures") -> None:
     """In four directions, over all of them, and the noise; the spectrum in the corner."""
     lowest = max(_DECADES * max(figures.magnitude), figures.noise_magnitude / 2)
     for angle, (at, magnitude) in figures.direction_magnitude.items():
@@ -216,7 +219,7 @@ def _in_blocks(values: NDArray[np.float64], most: int) -> NDArray[np.float64]:
 
 def write_angles_plot(
     path: str | Path,
-    curves: Mapping[str, Sequence[float | None]],
+    psfs: Sequence["OffAxis"],
     rays: Mapping[str, Sequence[float]] | None = None,
     levels: Sequence[float] = (),
 ) -> None:
@@ -226,10 +229,8 @@ def write_angles_plot(
     ----------
     path
         PNG to be written.
-    curves
-        What was measured: by name, one value for each ``angle_deg``: ``correlation``,
-        ``correlation_one_exposure``, ``correlation_overlap`` and ``light``; those that hold None
-        are left out.
+    psfs
+        What was measured, by angle; curves that hold None are left out.
     rays
         What rays say, at angles of its own: ``angle_deg``, ``overlap_width``, ``overlap_height``
         and ``light``; None draws none.
@@ -241,6 +242,8 @@ def write_angles_plot(
     FileError
         If the file cannot be written.
     """
+    columns = [asdict(each) for each in psfs]
+    curves = {name: [each[name] for each in columns] for name in columns[0]}
     with plot_figure(path, (10.5, 4.2), title_size="large") as figure:
         left, right = figure.subplots(1, 2)
         _draw_curve(left, curves, "correlation", _FRAME, "o-", "frames, each by its own norm")
@@ -283,7 +286,7 @@ def write_angles_plot(
 
 def write_dots_plot(
     path: str | Path,
-    dots: Sequence[Dot],
+    dots: Sequence["Dot"],
     picture: Tensor,
     good_deg: float | None,
     lost_deg: float | None,
@@ -342,7 +345,7 @@ def _draw_curve(
         )
 
 
-def _draw_picture(axes: "Axes", dots: Sequence[Dot], picture: Tensor) -> None:
+def _draw_picture(axes: "Axes", dots: Sequence["Dot"], picture: Tensor) -> None:
     """Each dot in a ring of its grade's colour."""
     values = picture.detach().cpu().double().numpy().clip(min=0)
     white = float(np.percentile(values, _BRIGHTEST_PICTURE)) or 1.0
@@ -371,7 +374,7 @@ def _draw_picture(axes: "Axes", dots: Sequence[Dot], picture: Tensor) -> None:
     axes.set_title(f"{len(dots)} dots")
 
 
-def _draw_figures(axes: "Axes", dots: Sequence[Dot], name: str, label: str) -> None:
+def _draw_figures(axes: "Axes", dots: Sequence["Dot"], name: str, label: str) -> None:
     """One figure of every dot over its angle; of the light also what is expected."""
     for grade, colour in _GRADES.items():
         points = [

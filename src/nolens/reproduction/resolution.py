@@ -22,7 +22,7 @@ from nolens.evaluate import (
     star_square_deg,
 )
 from nolens.experiments.dot_grid import dot_grid
-from nolens.experiments.off_axis import falls_to, off_axis, ray_curves
+from nolens.experiments.off_axis import OffAxis, falls_to, off_axis, ray_curves
 from nolens.experiments.resolution import SolverSettings, screen_picture, two_point_resolution
 from nolens.files.plot_measurements import write_angles_plot, write_dots_plot
 from nolens.files.plot_resolution import draw_star, draw_two_points
@@ -272,16 +272,16 @@ def _dots(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult:
         experiment,
         pitch_um=pitch_um,
         distance_um=SCREEN_UM,
-        reach_deg=setup.size.dot_extent_deg,
+        extent_deg=setup.size.dot_extent_deg,
         iterations=setup.size.iterations,
         seed=setup.seed,
         tick=within(progress, 0.0, 0.8),
     )
     figures: dict[str, Any] = {
-        "good_deg": wide.good_deg,
-        "distorted_deg": wide.distorted_deg,
-        "lost_deg": wide.lost_deg,
-        "cell_deg": wide.cell_deg,
+        "good_deg": wide.angles.good_deg,
+        "distorted_deg": wide.angles.distorted_deg,
+        "lost_deg": wide.angles.lost_deg,
+        "pixel_deg": wide.pixel_deg,
         "pitch_mm": pitch_um * 1e-3,
         "dots": [asdict(each) for each in wide.dots],
     }
@@ -290,7 +290,7 @@ def _dots(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult:
             replace(experiment, field_points=3),
             pitch_um=PAPERS_PITCH_UM,
             distance_um=SCREEN_UM,
-            reach_deg=min(_PAPERS_EXTENT_DEG, setup.size.dot_extent_deg),
+            extent_deg=min(_PAPERS_EXTENT_DEG, setup.size.dot_extent_deg),
             iterations=setup.size.iterations,
             seed=setup.seed,
             tick=within(progress, 0.8, 0.2),
@@ -328,7 +328,7 @@ def off_axis_psfs(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> 
     )
     draw = partial(
         write_angles_plot,
-        curves=curves,
+        psfs=[OffAxis(**each) for each in measured],
         rays=ray_curves(setup.preview, at[-1], SCREEN_UM),
         levels=tuple(_LEVELS.values()),
     )

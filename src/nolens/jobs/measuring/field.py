@@ -2,13 +2,12 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field
-from torch import Tensor
 
 from nolens.amounts import rounded
 from nolens.camera import OpenCamera, PsfEntry, develop
@@ -16,8 +15,23 @@ from nolens.camera.part import PositiveLength, refusal
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
 from nolens.evaluate import clipped_pixels
-from nolens.experiments.dot_grid import DotGrid, dot_grid, found_grid, grid_tangents
-from nolens.experiments.off_axis import OffAxis, compare, falls_to, off_axis, ray_curves
+from nolens.experiments.dot_grid import (
+    DotGrid,
+    dot_grid,
+    dot_grid_bytes,
+    field_points,
+    grid_tangents,
+    locate_grid,
+)
+from nolens.experiments.off_axis import (
+    CORRELATIONS,
+    OffAxis,
+    angle_figures,
+    compare,
+    off_axis,
+    off_axis_bytes,
+    ray_curves,
+)
 from nolens.experiments.virtual_experiment import Tick, VirtualExperiment
 from nolens.files import (
     CAMERA_FILE,
@@ -37,32 +51,16 @@ from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Run, Writer, check_memory
 from nolens.optics import PointSource
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
-from nolens.twin import (
-    Light,
-    Twin,
-    colours_of,
-    distance_um,
-    polychromatic_psf_bytes,
-    preview_model,
-    relief_points,
-    shortest_nm,
-    simulation_bytes,
-)
+from nolens.twin import Twin, distance_um, preview_model
 
 FieldOfView = list[OffAxis] | DotGrid
-"""What a measurement finds: PSFs from the side, or the dots of a grid."""
-CORRELATIONS = (0.6, 0.3)
-"""Down to the first a picture is good, below the second it is lost (`uvimprint`); the paper does
-not say whether frames count by their own norms or, at one exposure, by the central one's."""
-_FIELD_STEP_DEG = 12.5
-"""From one field point to the next, between which PSFs are blended."""
-_ITERATIONS = 300
-_SIZE_UM = 50.0
+"""PSFs from the side, or the dots of a grid."""
+_DIAMETER_UM = 50.0
 """The paper's light: a pinhole of 50 um."""
 _REMEDY = "a camera with fewer pixels or a coarser grid of its relief needs less"
 
 
-_TELLS = {
+_OPTIONS = {
     "PSFS": ("psfs", "camera", "plot"),
     "--dots": ("dots", "dot_pitch", "distance", "extent", "camera", "plot"),
     "--simulate": (
@@ -221,7 +219,7 @@ class MeasureFieldOptions(JobOptions):
         source = sources[0]
         given = [name for name in type(self).model_fields if name in self.model_fields_set]
         for name in given:
-            if name not in _TELLS[source]:
+            if name not in _OPTIONS[source]:
                 raise OptionError(f"{_option(name)} means nothing with {source}: leave it out")
         grid = self.dots is not None or self.dot_pitch is not None
         for name in _OF_DOTS:
@@ -272,32 +270,6 @@ def _option(name: str) -> str:
     return "-o" if name == "output" else f"--{name.replace('_', '-')}"
 
 
-def angle_figures(found: list[OffAxis]) -> dict[str, Any]:
-    """Figures of PSFs from the side, in values that JSON has."""
-    at = [each.angle_deg for each in found]
-    figures: dict[str, Any] = {"angles": [rounded(asdict(each)) for each in found]}
-    for name in ("correlation", "correlation_one_exposure", "correlation_overlap"):
-        values = [getattr(each, name) for each in found]
-        if None not in values:
-            figures[f"{name}_falls_to_deg"] = {
-                f"{level:g}": rounded(falls_to(level, at, values)) for level in CORRELATIONS
-            }
-    return figures
-
-
-def grid_figures(grid: DotGrid) -> dict[str, Any]:
-    """Figures of a grid of dots, in values that JSON has."""
-    return {
-        "good_deg": rounded(grid.good_deg),
-        "distorted_deg": rounded(grid.distorted_deg),
-        "lost_deg": rounded(grid.lost_deg),
-        "pitch_found_mm": rounded(grid.pose.pitch_mm),
-        "turned_deg": rounded(grid.pose.turned_deg),
-        "cell_deg": rounded(grid.cell_deg),
-        "dots": [rounded(asdict(dot)) for dot in grid.dots],
-    }
-
-
 def captured_off_axis(
     folder: Path, twin: Twin | None, tick: Tick
 ) -> tuple[list[OffAxis], float, list[str]]:
@@ -310,13 +282,13 @@ def captured_off_axis(
     twin
         The camera; None leaves out what follows from it.
     tick
-        Called with the share that is done.
+        Called with the fraction that is done.
 
     Returns
     -------
     tuple
         One for each PSF, by angle, the central one first; the distance of the light in um; and
-        what to warn of.
+        warnings.
 
     Raises
     ------
@@ -330,22 +302,22 @@ def captured_off_axis(
     first = read_psf(folder, central).mean(dim=0)
     if twin is not None and not math.isclose(central.cell.um, twin.pixel_um, rel_tol=0.01):
         raise DataError(
-            f"{central.file} has cells of {central.cell}, but a reconstruction with the camera "
-            f"{twin.camera.name!r} has cells of {twin.pixel_um:g} µm: give the camera that the "
+            f"{central.file} has pixels of {central.cell}, but a reconstruction with the camera "
+            f"{twin.camera.name!r} has pixels of {twin.pixel_um:g} µm: give the camera that the "
             "PSFs are from (--camera)"
         )
-    found = []
+    psfs = []
     for number, entry in enumerate(others):
         tick(number / len(others))
-        pattern = first if entry is central else read_psf(folder, entry).mean(dim=0)
-        clipped = clipped_pixels(pattern)
+        psf = first if entry is central else read_psf(folder, entry).mean(dim=0)
+        clipped = clipped_pixels(psf)
         if clipped:
             warnings.append(
-                f"{clipped} cells of {folder / entry.file}, many side by side, have its very "
+                f"{clipped} pixels of {folder / entry.file}, many side by side, have its very "
                 "largest value: it seems to be clipped. Take a shorter exposure"
             )
-        found.append(compare(first, pattern, source_of(entry), central.cell.um, twin))
-    return found, central.distance_um, warnings
+        psfs.append(compare(first, psf, source_of(entry), central.cell.um, twin))
+    return psfs, central.distance_um, warnings
 
 
 def source_of(entry: PsfEntry) -> PointSource:
@@ -390,20 +362,30 @@ def measure_field(run: Run[MeasureFieldOptions]) -> Product[FieldOfView]:
         If an input, an option or an output cannot be used, or a target is not what it was said to
         be; then nothing is written.
     """
-    given = _camera(run.options)
-    if given is None:
-        opened, product = None, _of_folder(run, None)
+    options, name = run.options, _camera(run.options)
+    opened = None
+    if name is not None:
+        opened = read_camera(name)
+        run.reads(camera_files(name, opened.camera))
+    if options.psfs is not None or opened is None:
+        product = _of_folder(run, opened)
+    elif options.dots is not None:
+        product = _of_picture(run, opened)
     else:
-        opened = read_camera(given)
-        run.reads(camera_files(given, opened.camera))
-        if run.options.dots is not None:
-            product = _of_picture(run, opened)
-        elif run.options.psfs is not None:
-            product = _of_folder(run, opened)
-        else:
-            product = _of_twin(run, opened)
-    name = None if opened is None else opened.camera.name
-    return replace(product, figures={**product.figures, "camera": name})
+        product = _of_twin(run, opened)
+    camera = None if opened is None else opened.camera.name
+    return replace(product, figures={**product.figures, "camera": camera})
+
+
+def _camera(options: MeasureFieldOptions) -> str | Path | None:
+    """The camera that is named, or the one in the PSFs' folder; for a picture the paper's."""
+    if options.simulate is not None:
+        return options.simulate
+    if options.psfs is None:
+        return options.camera or "paper"
+    if options.camera is None and (options.psfs / CAMERA_FILE).is_file():
+        return options.psfs
+    return options.camera
 
 
 def _of_picture(run: Run[MeasureFieldOptions], opened: OpenCamera) -> Product[FieldOfView]:
@@ -418,93 +400,82 @@ def _of_picture(run: Run[MeasureFieldOptions], opened: OpenCamera) -> Product[Fi
     picture = develop(frame, channels="all" if len(frame.channels) == 1 else "grey").values[0]
     run.begin()
     assert isinstance(options.distance, Length)
-    grid = found_grid(
+    grid = locate_grid(
         picture,
         preview_model(opened),
         pitch_um=options.dot_pitch.um,
         distance_um=options.distance.um,
-        reach_deg=options.extent.deg,
+        extent_deg=options.extent.deg,
     )
-    return Product(grid, grid_figures(grid), _grid_writers(options, grid))
+    return Product(grid, rounded(grid.figures), _grid_writers(options, grid))
 
 
 def _of_folder(run: Run[MeasureFieldOptions], opened: OpenCamera | None) -> Product[FieldOfView]:
     options = run.options
     assert options.psfs is not None
     twin = None if opened is None else preview_model(opened)
-    found, away_um, warnings = captured_off_axis(
-        options.psfs, twin, partial(run.reporter.advance, "PSFs")
-    )
+    tick = partial(run.reporter.advance, "PSFs")
+    psfs, away_um, warnings = captured_off_axis(options.psfs, twin, tick)
     run.warn(*warnings)
-    return _off_axis_product(options, found, away_um, twin)
+    return _off_axis_product(options, psfs, away_um, twin)
 
 
 def _of_twin(run: Run[MeasureFieldOptions], opened: OpenCamera) -> Product[FieldOfView]:
-    options, reporter = run.options, run.reporter
-    bare = preview_model(opened)
-    away_um = distance_um(options.distance, opened)
+    options, away_um = run.options, distance_um(run.options.distance, opened)
+    grid = options.dot_pitch is not None
+    largest = options.extent if grid else options.angles[-1]
+    what, count = "point sources", len(options.angles)
     if options.dot_pitch is not None:
-        at = grid_tangents(options.dot_pitch.um, away_um, options.extent.deg)
-        largest, what = options.extent, f"{len(at)} dots"
-        points = 2 * math.ceil(options.extent.deg / _FIELD_STEP_DEG) + 1
-        patterns = points**2
-    else:
-        largest, what = options.angles[-1], f"{len(options.angles)} point sources"
-        points, patterns = 1, len(options.angles) + 1
+        what = "dots"
+        count = len(grid_tangents(options.dot_pitch.um, away_um, options.extent.deg))
     farthest = PointSource((0.0, math.tan(largest.rad)), away_um)
-    bare.check_source(farthest)
-    needed = _needed(opened, bare, farthest, patterns, grid=options.dot_pitch is not None)
+    preview_model(opened).check_source(farthest)
+    needed = BYTES_OF_PROGRAM + (
+        dot_grid_bytes(opened, largest.deg, away_um)
+        if grid
+        else off_axis_bytes(opened, farthest, count)
+    )
     check_memory(needed, run.device, _REMEDY)
     run.begin(needed)
-    reporter.advance("mask", 0.0)
-    bench = VirtualExperiment.of(opened, field_points=points)
-    tick = partial(reporter.advance, what)
+    run.reporter.advance("mask", 0.0)
+    tick = partial(run.reporter.advance, f"{count} {what}")
     if options.dot_pitch is not None:
-        grid = dot_grid(
-            bench,
+        dots = dot_grid(
+            VirtualExperiment.of(opened, field_points=field_points(largest.deg)),
             pitch_um=options.dot_pitch.um,
             distance_um=away_um,
-            reach_deg=options.extent.deg,
-            iterations=_ITERATIONS,
+            extent_deg=largest.deg,
             seed=options.seed,
             tick=tick,
         )
-        figures = {"distance_mm": _millimetres(away_um), **grid_figures(grid)}
-        return Product(grid, figures, _grid_writers(options, grid))
-    found = off_axis(
-        bench,
+        figures = {"distance_mm": _millimetres(away_um), **rounded(dots.figures)}
+        return Product(dots, figures, _grid_writers(options, dots))
+    experiment = VirtualExperiment.of(opened, field_points=1)
+    psfs = off_axis(
+        experiment,
         [angle.deg for angle in options.angles],
         distance_um=away_um,
-        diameter_um=0.0 if math.isinf(away_um) else _SIZE_UM,
+        diameter_um=0.0 if math.isinf(away_um) else _DIAMETER_UM,
         seed=options.seed,
         tick=tick,
     )
-    return _off_axis_product(options, found, away_um, bench.twin)
+    return _off_axis_product(options, psfs, away_um, experiment.twin)
 
 
 def _off_axis_product(
-    options: MeasureFieldOptions, found: list[OffAxis], away_um: float, twin: Twin | None
+    options: MeasureFieldOptions, psfs: list[OffAxis], away_um: float, twin: Twin | None
 ) -> Product[FieldOfView]:
     """PSFs from the side, with what rays say of them where the camera is known."""
-    figures = {"distance_mm": _millimetres(away_um), **angle_figures(found)}
+    figures = {"distance_mm": _millimetres(away_um), **rounded(angle_figures(psfs))}
     writers: dict[Path, Writer] = {}
     if options.plot is not None:
         writers[options.plot] = partial(
             write_angles_plot,
-            curves={
-                name: [getattr(each, name) for each in found]
-                for name in (
-                    "angle_deg",
-                    "correlation",
-                    "correlation_one_exposure",
-                    "correlation_overlap",
-                    "light",
-                )
-            },
-            rays=None if twin is None else ray_curves(twin, found[-1].angle_deg, away_um),
+            psfs=psfs,
+            rays=None if twin is None else ray_curves(twin, psfs[-1].angle_deg, away_um),
             levels=CORRELATIONS,
         )
-    return Product(found, figures, writers)
+    return Product(psfs, figures, writers)
 
 
 def _grid_writers(options: MeasureFieldOptions, grid: DotGrid) -> dict[Path, Writer]:
@@ -514,56 +485,13 @@ def _grid_writers(options: MeasureFieldOptions, grid: DotGrid) -> dict[Path, Wri
             write_dots_plot,
             dots=grid.dots,
             picture=grid.picture,
-            good_deg=grid.good_deg,
-            lost_deg=grid.lost_deg,
+            good_deg=grid.angles.good_deg,
+            lost_deg=grid.angles.lost_deg,
         )
     if options.output is not None:
-        writers[options.output] = partial(_write_picture, picture=grid.picture[None])
+        write = write_png if options.output.suffix.lower() == ".png" else write_tiff32
+        writers[options.output] = partial(write, radiance=grid.picture[None])
     return writers
-
-
-def _needed(
-    opened: OpenCamera, bare: Twin, farthest: PointSource, patterns: int, *, grid: bool
-) -> float:
-    """Bytes that are held at once.
-
-    Patterns of a grid's field points have one sample to the pixel and are wider by a part of the
-    region; those of single lights have two.
-    """
-    sensor = opened.camera.sensor
-    light = Light("white-led")
-    colours = colours_of(bare, light, 1)
-    pixels = bare.superpixel if grid else 1
-    rows, columns = sensor.rows // pixels, sensor.columns // pixels
-    more = 0
-    if grid:
-        reach = bare.shift_um(PointSource(farthest.tangent))[1] / bare.pixel_um
-        more = math.ceil(4 * reach / (math.isqrt(patterns) - 1))
-    pattern = polychromatic_psf_bytes(
-        bare,
-        farthest,
-        (rows + more, columns + more),
-        pixels,
-        at_least=1 if grid else 2,
-        shortest=shortest_nm(colours),
-    )
-    held = 8 * sensor.rows * sensor.columns * (patterns if not grid else 12)
-    return BYTES_OF_PROGRAM + simulation_bytes(relief_points(opened), pattern + held)
-
-
-def _camera(options: MeasureFieldOptions) -> str | Path | None:
-    """The camera that is named, or the one in the PSFs' folder; for a picture the paper's."""
-    if options.simulate is not None:
-        return options.simulate
-    if options.psfs is None:
-        return options.camera or "paper"
-    if options.camera is None and (options.psfs / CAMERA_FILE).is_file():
-        return options.psfs
-    return options.camera
-
-
-def _write_picture(path: Path, picture: Tensor) -> None:
-    (write_png if path.suffix.lower() == ".png" else write_tiff32)(path, picture)
 
 
 def _millimetres(away_um: float) -> float | None:

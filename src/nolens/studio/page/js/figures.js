@@ -74,7 +74,7 @@ export const dotRows = (found) => [
   ["Lost from", found.lost_deg === null ? "nowhere among these dots" : degrees(found.lost_deg)],
   ["Dots", String(found.dots.length)],
   ["Pitch found", known(found.pitch_found_mm, mm)],
-  ["Field angle of a pixel in the middle", known(found.cell_deg, degrees)],
+  ["Field angle of a pixel in the middle", known(found.pixel_deg, degrees)],
 ];
 
 /** What `measure field` found of PSFs from the side. @param {any} found */
