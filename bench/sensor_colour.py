@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from nolens.camera import SpectralCurve, opened, preset
+from nolens.camera import LoadedCamera, SpectralCurve, preset
 
 Array = NDArray[np.float64]
 
@@ -139,7 +139,7 @@ def main() -> None:
     )
     for channel in "RGB":
         print(channel, np.round(curves[channel], 3).tolist())
-    ours = opened(preset("paper")).quantum_efficiency
+    ours = LoadedCamera.of(preset("paper")).quantum_efficiency
     print(f"preset: at most {_away(ours, curves):.4f} away")
 
 

@@ -20,7 +20,7 @@ import torch
 import torch.nn.functional as nnf
 
 from machine import Others, describe
-from nolens.camera import opened, preset
+from nolens.camera import LoadedCamera, preset
 from nolens.evaluate import pattern_figures
 from nolens.files import write_png
 from nolens.optics import Grid, MaskSurface, PointSource, Relief, monochromatic_psf
@@ -36,7 +36,7 @@ GREEN = Light("535nm")
 
 def run_psf(device: str) -> dict[str, Any]:
     """The paper's PSF on all pixels of its sensor, one wavelength, samples at half the pitch."""
-    camera = opened(preset("paper"))
+    camera = LoadedCamera.of(preset("paper"))
     # One channel of the light is timed, as three would see the same wavelength.
     sensor = camera.camera.sensor.model_copy(update={"mosaic": "none"})
     curve = camera.quantum_efficiency
@@ -60,7 +60,7 @@ def run_psf(device: str) -> dict[str, Any]:
 
 def run_field(device: str) -> dict[str, Any]:
     """A scene on all cells of the paper's sensor: 9×9 field points, a wavelength a colour."""
-    twin = Twin.of(opened(preset("paper")), device=device)
+    twin = Twin.of(LoadedCamera.of(preset("paper")), device=device)
     picture = torch.rand((3, 512, 512), generator=torch.Generator().manual_seed(0))
     start = time.perf_counter()
     field, seen = render_planes(twin, (Plane(picture, 60.0, 300e3),))
@@ -93,7 +93,7 @@ def correlation(one: torch.Tensor, other: torch.Tensor) -> float:
 
 def exactness() -> dict[str, Any]:
     """What more wavelengths and finer samples change, on the middle of the paper's sensor."""
-    twin = Twin.of(opened(preset("paper"))).reading(1024, 1024)
+    twin = Twin.of(LoadedCamera.of(preset("paper"))).reading(1024, 1024)
     few, many = (
         point_spread(twin, SOURCE, (1024, 1024), light=WHITE, wavelengths=count)
         for count in (3, 21)
@@ -119,7 +119,7 @@ def exactness() -> dict[str, Any]:
 
 def picture() -> None:
     """Parts of the PSF at 0, 20 and 40 degrees, each as bright as the first, side by side."""
-    twin = Twin.of(opened(preset("paper"))).reading(720, 720)
+    twin = Twin.of(LoadedCamera.of(preset("paper"))).reading(720, 720)
     parts = [
         point_spread(
             twin, PointSource((0.0, math.tan(math.radians(angle))), 300e3, 50.0), (360, 360),

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from nolens.camera import OpenCamera, opened, preset
+from nolens.camera import LoadedCamera, preset
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.optics import PointSource
 from nolens.quantities import Length
@@ -15,9 +15,9 @@ DISTANCE_UM = 300e3
 CELL_UM = 3.1
 
 
-def grey_camera(rows: int, columns: int) -> OpenCamera:
+def grey_camera(rows: int, columns: int) -> LoadedCamera:
     """One channel on cells of 3.1 um, through the paper's mask and layers."""
-    camera = opened(preset("paper"))
+    camera = LoadedCamera.of(preset("paper"))
     green = camera.quantum_efficiency.model_copy(
         update={"values": {"grey": camera.quantum_efficiency.values["G"]}}
     )

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from nolens.calibrate.exposures import superpixels
 from nolens.calibrate.frames import FrameMean
-from nolens.camera import Frame, opened, preset
+from nolens.camera import Frame, LoadedCamera, preset
 from nolens.evaluate import psnr, scale_fit
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import write_frame
@@ -27,7 +27,7 @@ def bench(name: str, size: tuple[int, int] | None = None) -> VirtualExperiment:
     if size is not None:
         sensor = camera.sensor.model_copy(update={"rows": size[0], "columns": size[1]})
         camera = camera.model_copy(update={"sensor": sensor})
-    return VirtualExperiment.of(opened(camera), light="white-led")
+    return VirtualExperiment.of(LoadedCamera.of(camera), light="white-led")
 
 
 @cache

@@ -15,11 +15,11 @@ from nolens.camera import (
     MOSAICS,
     AngularCurve,
     Camera,
+    LoadedCamera,
     Material,
     SpectralCurve,
     from_mapping,
     from_toml,
-    opened,
     preset,
     preset_text,
     to_toml,
@@ -202,7 +202,7 @@ def test_a_camera_that_names_files_is_not_open():
     mapping = copy.deepcopy(SMALL)
     mapping["sensor"]["acceptance"] = {"file": "a.csv"}
     with pytest.raises(DataError, match=r"names the file a\.csv.*read_camera"):
-        opened(from_mapping(Camera, mapping, "camera.toml"))
+        LoadedCamera.of(from_mapping(Camera, mapping, "camera.toml"))
 
 
 LENSLETS = SMALL["mask"]["relief"]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nolens.camera import PRESETS, opened, preset, preset_text, to_toml
+from nolens.camera import PRESETS, LoadedCamera, preset, preset_text, to_toml
 from nolens.errors import OptionError
 
 
@@ -12,12 +12,12 @@ def test_text_is_what_would_be_written(name):
     camera = preset(name)
     assert camera.name == name
     assert to_toml(camera) == preset_text(name)
-    assert opened(camera).relief_um is None
+    assert LoadedCamera.of(camera).relief_um is None
 
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_what_is_a_placeholder_is_called_one(name):
-    camera = opened(preset(name))
+    camera = LoadedCamera.of(preset(name))
     assert camera.acceptance.source.startswith("placeholder")
     assert "infrared-cut filter" in camera.quantum_efficiency.source
 
@@ -33,7 +33,7 @@ MEASURED_GREYS = """
 @pytest.mark.parametrize("name", PRESETS)
 def test_colours_of_greys_are_those_that_were_measured(name):
     """In Planck's light R/G within 3 %; B/G, which no smooth curves follow closer, within 12 %."""
-    curve = opened(preset(name)).quantum_efficiency
+    curve = LoadedCamera.of(preset(name)).quantum_efficiency
     nm = np.arange(400.0, 701.0)
     points = np.array(MEASURED_GREYS.split(), float).reshape(-1, 3)
     off = []

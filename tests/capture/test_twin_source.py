@@ -9,7 +9,7 @@ import time
 import pytest
 import torch
 
-from nolens.camera import develop, opened, preset
+from nolens.camera import LoadedCamera, develop, preset
 from nolens.capture import CameraSource, Levels, TwinSource, chart, open_source
 from nolens.errors import CameraError, DataError, NolensError, OptionError
 from nolens.evaluate import psnr, scale_fit
@@ -103,7 +103,7 @@ def test_a_reconstruction_shows_the_scene(source: TwinSource) -> None:
 
 def test_light_of_the_whole_field_stays_on_the_sensor() -> None:
     camera = preset("live")
-    twin = Twin.of(opened(camera))
+    twin = Twin.of(LoadedCamera.of(camera))
     edge = math.tan(math.radians(20.0))
     field = FieldMap.covering(twin, (0.75 * edge, edge))
     model = ShiftInvariantModel.of(

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from nolens.calibrate.exposures import superpixels
-from nolens.camera import opened, preset
+from nolens.camera import LoadedCamera, preset
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import write_frame
 from nolens.optics import PointSource
@@ -20,7 +20,7 @@ OFF_AXIS_DEG = (0.2, -0.1)
 
 @cache
 def bench() -> VirtualExperiment:
-    return VirtualExperiment.of(opened(preset("small")), light="535nm")
+    return VirtualExperiment.of(LoadedCamera.of(preset("small")), light="535nm")
 
 
 @cache

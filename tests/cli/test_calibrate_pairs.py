@@ -69,7 +69,7 @@ def test_psf_record_and_reconstruction(pairs: Path) -> None:
     ]
     (entry,) = read_psf_set("camera").psf
     assert (entry.kind, entry.frame, entry.channels) == ("solved", "chief-ray", ("grey",))
-    assert str(entry.cell) == "3.1 um" and entry.distance_um == 300e3
+    assert str(entry.pixel) == "3.1 um" and entry.distance_um == 300e3
     psf = read_psf("camera", entry)
     assert psf.shape == (1, 72, 100) and float(psf.min()) >= 0
     assert alike(psf[0], pattern()) > 0.9

@@ -95,7 +95,7 @@ def test_added_to_the_folder(tmp_path: Path) -> None:
     listed = read_psf_set(made)
     found = listed.by_distance(("stitched",))
     assert [each.file for each in found] == ["stitched-300mm.tif"]
-    assert found[0].frame == "chief-ray" and found[0].cell.um == CELL_UM
+    assert found[0].frame == "chief-ray" and found[0].pixel.um == CELL_UM
     assert len(listed.psf) == len(ANGLES) + 1
     psf = read_psf(made, found[0])
     truth = wide()[:, 102 - reach : 198 + reach, 110 - reach : 230 + reach]

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from nolens.camera import opened, preset
+from nolens.camera import LoadedCamera, preset
 from nolens.design.masks import Layout, Limits, Tile, spread_over
 from nolens.optics import Grid, MaskSurface, PointSource, Relief, monochromatic_psf, smoothed
 from nolens.twin import Light, Twin
@@ -14,7 +14,7 @@ LIMITS = Limits(height_um=12.0, slope=0.095, feature_um=8.0)
 
 def small() -> Twin:
     """Without reflections, which tiles leave out."""
-    return Twin.of(opened(preset("small")), fresnel=False)
+    return Twin.of(LoadedCamera.of(preset("small")), fresnel=False)
 
 
 def waves(side: int, height_um: float, seed: int, deviation: float = 8.0) -> Tensor:

@@ -8,7 +8,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nolens.camera import opened, preset
+from nolens.camera import LoadedCamera, preset
 from nolens.design.focus import depth_of_focus_um, lenslet_aperture, line_width_um, sharp_blur
 from nolens.design.replica import Cover, Replica
 from nolens.evaluate import pattern_figures
@@ -44,7 +44,7 @@ def paper() -> Twin:
     sensor = camera.sensor.model_copy(update={"rows": PIXELS, "columns": PIXELS})
     relief = camera.mask.relief.model_copy(update={"overhang": Length("0.4", "mm")})
     mask = camera.mask.model_copy(update={"relief": relief})
-    return Twin.of(opened(camera.model_copy(update={"sensor": sensor, "mask": mask})))
+    return Twin.of(LoadedCamera.of(camera.model_copy(update={"sensor": sensor, "mask": mask})))
 
 
 @pytest.mark.parametrize(("light_nm", "thickness_um", "within"), [

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from nolens.camera import Layer, Mask, opened, preset
+from nolens.camera import Layer, LoadedCamera, Mask, preset
 from nolens.design.focus import LensletStack
 from nolens.design.replica import Cover, Film, Replica
 from nolens.optics import (
@@ -133,7 +133,7 @@ def peak_over_mean(surface: int, distance_um: float) -> float:
         update={"sensor": size, "layers": layers, "mask": Mask(surface=surface, relief=relief)}
     )
     pattern = point_spread(
-        Twin.of(opened(made)), PointSource(), (192, 192), superpixel=1, light=Light("550nm"),
-        wavelengths=1,
+        Twin.of(LoadedCamera.of(made)), PointSource(), (192, 192), superpixel=1,
+        light=Light("550nm"), wavelengths=1,
     )[1]  # fmt: skip
     return float(pattern.max() / pattern.mean())

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from nolens.camera import OpenCamera, ReliefFile, opened, preset
+from nolens.camera import LoadedCamera, ReliefFile, preset
 from nolens.design.tolerances.models import Builds, RayModel, WaveModel, criterion_of
 from nolens.design.tolerances.parameters import default_parameters
 from nolens.design.tolerances.patch import Lenslets, Patch
@@ -21,7 +21,7 @@ from nolens.optics import PointSource, Relief, Stack, mask_to_sensor
 from nolens.quantities import Length
 from nolens.twin import Light, Twin, point_spread
 
-PAPER = opened(preset("paper"))
+PAPER = LoadedCamera.of(preset("paper"))
 GREEN = ((550.0, 1.0),)
 WIDTH = Sharpness("line-width")
 THICKNESS = ("resin.thickness",)
@@ -111,7 +111,7 @@ def test_beams_are_those_of_the_ray_matrices(
     assert found == pytest.approx(expected, rel=2e-3)
 
 
-FAKE = Patch(Twin.of(opened(preset("small"))), (600.0, 600.0), Lenslets(700.0, 70.0, 0.5))
+FAKE = Patch(Twin.of(LoadedCamera.of(preset("small"))), (600.0, 600.0), Lenslets(700.0, 70.0, 0.5))
 """Lenslets of round figures on the layers of the paper's camera."""
 
 
@@ -271,7 +271,7 @@ def test_wedge_by_waves_uses_both_sides(patch: Patch) -> None:
 
 
 def test_an_opening_that_leaves_the_sensor_changes_the_pattern() -> None:
-    small = opened(preset("small"))
+    small = LoadedCamera.of(preset("small"))
     model = WaveModel(Patch.of(small), Sharpness("contrast"), GREEN)
     still, moved = (
         model.psf(Builds.of(small.camera, ("decentre",), column(by)), 0) for by in (0.0, 31.0)
@@ -288,7 +288,7 @@ def test_a_relief_from_a_file(patch: Patch) -> None:
     mask = PAPER.camera.mask.model_copy(update={"relief": relief})
     camera = PAPER.camera.model_copy(update={"mask": mask})
     other = Patch.of(
-        OpenCamera(camera, PAPER.quantum_efficiency, PAPER.acceptance, surface.height_um)
+        LoadedCamera(camera, PAPER.quantum_efficiency, PAPER.acceptance, surface.height_um)
     )
     builds = Builds.of(PAPER.camera, THICKNESS, column(1060.0))
     assert min(other.side_um) > 400
@@ -297,17 +297,19 @@ def test_a_relief_from_a_file(patch: Patch) -> None:
     )
     cut = surface.height_um[:150, :150]
     with pytest.raises(OptionError, match="mm or more"):
-        Patch.of(OpenCamera(camera, PAPER.quantum_efficiency, PAPER.acceptance, cut))
+        Patch.of(LoadedCamera(camera, PAPER.quantum_efficiency, PAPER.acceptance, cut))
 
 
 @pytest.fixture(scope="module")
-def facing() -> OpenCamera:
+def facing() -> LoadedCamera:
     """A film whose relief faces the sensor: its hollows gather light."""
     film = preset("paper-film")
-    return opened(film.model_copy(update={"mask": film.mask.model_copy(update={"surface": 1})}))
+    return LoadedCamera.of(
+        film.model_copy(update={"mask": film.mask.model_copy(update={"surface": 1})})
+    )
 
 
-def test_beams_behind_a_film_that_faces_the_sensor(facing: OpenCamera) -> None:
+def test_beams_behind_a_film_that_faces_the_sensor(facing: LoadedCamera) -> None:
     patch = replace(FAKE, twin=Twin.of(facing_patch(facing)))
     rows = torch.tensor([[250.0, 300.0]]).double()
     names = ("film.thickness", "distance of the film.thickness")
@@ -322,7 +324,7 @@ def test_beams_behind_a_film_that_faces_the_sensor(facing: OpenCamera) -> None:
     assert found == pytest.approx(expected, rel=1e-6)
 
 
-def test_waves_behind_a_film_that_faces_the_sensor(facing: OpenCamera) -> None:
+def test_waves_behind_a_film_that_faces_the_sensor(facing: LoadedCamera) -> None:
     patch = Patch.of(facing)
     assert patch.twin.camera.mask.surface == 1 and patch.lenslets.radius_um > 0
     pattern = wave(patch).psf(Builds.of(facing.camera, ("film.thickness",), column(305.0)), 0)
@@ -333,7 +335,7 @@ def test_waves_behind_a_film_that_faces_the_sensor(facing: OpenCamera) -> None:
     assert float((pattern[43:-43, 43:-43] - seen).norm() / seen.norm()) < 2e-3
 
 
-def facing_patch(camera: OpenCamera) -> OpenCamera:
+def facing_patch(camera: LoadedCamera) -> LoadedCamera:
     """The camera with a little relief of its own, for models that do not look at it."""
     relief = ReliefFile(kind="file", file="a.tif", grid=Length("1.55", "um"))
     mask = camera.camera.mask.model_copy(update={"relief": relief})

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from nolens.camera import OpenCamera
+from nolens.camera import LoadedCamera
 from nolens.errors import DataError, OptionError
 from nolens.experiments.dot_grid import (
     Rays,
@@ -25,17 +25,17 @@ CELL_UM = 3.1
 
 
 @pytest.fixture(scope="module")
-def small() -> OpenCamera:
+def small() -> LoadedCamera:
     return read_camera("small")
 
 
 @pytest.fixture(scope="module")
-def bare(small: OpenCamera) -> Twin:
+def bare(small: LoadedCamera) -> Twin:
     return preview_model(small, fresnel=False)
 
 
 @pytest.fixture(scope="module")
-def bench(small: OpenCamera) -> VirtualExperiment:
+def bench(small: LoadedCamera) -> VirtualExperiment:
     return VirtualExperiment.of(small, light="535nm", field_points=3)
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
-from nolens.camera import Camera, opened, preset
+from nolens.camera import Camera, LoadedCamera, preset
 from nolens.fabricate import FrameGeometry, MouldAmount, ResinAmount, ToleranceBudget
 from nolens.fabricate.focus import Lines
 from nolens.fabricate.sheet import process_sheet
@@ -38,7 +38,11 @@ def sheet_of(camera: Camera, tolerances: ToleranceBudget | None = None, **frame:
     """The sheet of a camera, with a frame of other measures if any are given."""
     made = replace(FrameGeometry.of(camera), **frame)
     return process_sheet(
-        opened(camera), made, ResinAmount.of(camera, made), MouldAmount.of(made), tolerances
+        LoadedCamera.of(camera),
+        made,
+        ResinAmount.of(camera, made),
+        MouldAmount.of(made),
+        tolerances,
     )
 
 

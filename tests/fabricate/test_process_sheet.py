@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sheets import LINES, camera_of, changed, sheet_of, words_of
 
-from nolens.camera import OpenCamera, preset
+from nolens.camera import LoadedCamera, preset
 from nolens.errors import DataError, OptionError
 from nolens.fabricate import FrameGeometry, ToleranceBudget, ToleranceLine
 from nolens.fabricate.focus import ray_budget
@@ -140,7 +140,7 @@ def test_a_given_budget_takes_the_place_of_the_first_one(quick):
 
 
 def test_the_sheet_says_why_no_width_is_predicted(monkeypatch):
-    def fail(camera: OpenCamera, limits: tuple[float, ...]) -> None:
+    def fail(camera: LoadedCamera, limits: tuple[float, ...]) -> None:
         raise DataError("the PSF is even")
 
     monkeypatch.setattr("nolens.fabricate.sheet.expected_lines", fail)

@@ -7,7 +7,7 @@ import pytest
 import torch
 from sheets import camera_of, changed
 
-from nolens.camera import Flat, ReliefFile, opened, preset
+from nolens.camera import Flat, LoadedCamera, ReliefFile, preset
 from nolens.errors import DataError
 from nolens.evaluate import pattern_figures
 from nolens.fabricate.focus import expected_lines, focus_of, ray_budget
@@ -81,8 +81,8 @@ def test_lines_are_those_of_the_twin():
     camera = camera.model_copy(
         update={"mask": camera.mask.model_copy(update={"aperture": None})}
     )  # fmt: skip
-    found = expected_lines(opened(camera), (0.5, 1.06))
-    twin = Twin.of(opened(camera))
+    found = expected_lines(LoadedCamera.of(camera), (0.5, 1.06))
+    twin = Twin.of(LoadedCamera.of(camera))
     source = PointSource(distance_um=300e3, diameter_um=50.0)
     psf = point_spread(
         twin, source, (128, 160), superpixel=2, light=Light("white-led"), wavelengths=1
@@ -97,20 +97,20 @@ def test_lines_are_those_of_the_twin():
 def test_lines_of_the_papers_camera_are_the_papers():
     """Autocorrelation 20.15 µm wide."""
     camera = changed(preset("paper"), overhang="0.3 mm")
-    (found,) = expected_lines(opened(camera), (1.06,))
+    (found,) = expected_lines(LoadedCamera.of(camera), (1.06,))
     assert found.width_um == pytest.approx(20.15, abs=2)
 
 
 def test_lines_of_a_relief_from_a_file():
     camera = changed(preset("small"), overhang="0.3 mm")
-    relief = Twin.of(opened(camera)).mask.relief
+    relief = Twin.of(LoadedCamera.of(camera)).mask.relief
     file = ReliefFile(kind="file", file="a.tif", grid=Length("1.55", "um"))
     mask = camera.mask.model_copy(update={"relief": file})
     other = camera.model_copy(update={"mask": mask})
     given_file = replace(
-        opened(preset("small")), camera=other, relief_um=relief.height_um.to(torch.float32)
+        LoadedCamera.of(preset("small")), camera=other, relief_um=relief.height_um.to(torch.float32)
     )
-    own = expected_lines(opened(camera), (1.06,))
+    own = expected_lines(LoadedCamera.of(camera), (1.06,))
     assert expected_lines(given_file, (1.06,))[0].width_um == pytest.approx(own[0].width_um)
 
 
@@ -118,4 +118,4 @@ def test_a_flat_mask_has_no_lines():
     camera = preset("small")
     mask = camera.mask.model_copy(update={"relief": Flat(kind="flat"), "aperture": None})
     with pytest.raises(DataError, match="flat"):
-        expected_lines(opened(camera.model_copy(update={"mask": mask})), (1.06,))
+        expected_lines(LoadedCamera.of(camera.model_copy(update={"mask": mask})), (1.06,))

@@ -8,7 +8,7 @@ import pytest
 import tifffile
 import torch
 
-from nolens.camera import Camera, from_mapping, opened, preset, preset_text, to_toml
+from nolens.camera import Camera, LoadedCamera, from_mapping, preset, preset_text, to_toml
 from nolens.errors import DataError, FileError
 from nolens.files import read_camera, write_camera
 
@@ -46,13 +46,15 @@ def put(folder, camera, **files):
 
 
 def test_a_preset_by_name():
-    assert read_camera("paper") == opened(preset("paper"))
+    assert read_camera("paper") == LoadedCamera.of(preset("paper"))
 
 
 def test_a_folder_and_a_file(tmp_path):
     write_camera(tmp_path / "new", small())
     folder = tmp_path / "new"
-    assert read_camera(folder) == read_camera(str(folder / "camera.toml")) == opened(small())
+    assert (
+        read_camera(folder) == read_camera(str(folder / "camera.toml")) == LoadedCamera.of(small())
+    )
     assert (folder / "camera.toml").read_text() == preset_text("small")
     assert [path.name for path in folder.iterdir()] == ["camera.toml"]
 

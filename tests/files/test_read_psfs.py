@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from nolens.camera import PsfEntry, PsfSet, from_toml
+from nolens.camera import PsfEntry, PsfSet, from_mapping, from_toml, to_toml
 from nolens.errors import DataError, FileError
 from nolens.files import read_psf, read_psf_set, write_psfs
 from nolens.quantities import Length
@@ -71,6 +71,14 @@ def test_list_with_an_unknown_key(tmp_path: Path) -> None:
     (tmp_path / "psfs.toml").write_text('[[psf]]\nfile = "a.tif"\ndepth = "8 cm"\n')
     with pytest.raises(DataError, match="'depth' is unknown"):
         read_psf_set(tmp_path)
+
+
+def test_lists_with_the_former_name_of_the_pixels_are_read() -> None:
+    """A list of the first releases says `cell`; written anew, it says `pixel`."""
+    entry = {"file": "psf.tif", "channels": ["grey"], "distance": "infinity"}
+    former = from_mapping(PsfSet, {"psf": [entry | {"cell": "3.1 um"}]}, "psfs.toml")
+    assert former == from_mapping(PsfSet, {"psf": [entry | {"pixel": "3.1 um"}]}, "psfs.toml")
+    assert 'pixel = "3.1 um"' in to_toml(former) and "cell" not in to_toml(former)
 
 
 def test_the_documented_list_is_one() -> None:

@@ -145,7 +145,7 @@ def _psfs(folder: Path) -> None:
     entries = {
         PsfEntry(
             file=f"psf-{depth}mm-{angle}.tif",
-            cell=Length.parse("3.1 um"),
+            pixel=Length.parse("3.1 um"),
             channels=("R", "G", "B"),
             distance=Length.parse(f"{depth} mm"),
             frame="sensor" if angle else "chief-ray",

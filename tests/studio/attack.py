@@ -372,7 +372,7 @@ def links(studio: Running, found: Attacked) -> None:
     camera = studio.work / "cameras/psfs"
     camera.mkdir()
     (camera / "psfs.toml").write_text(
-        'schema_version = 1\n[[psf]]\nfile = "x.tif"\ncell = "3.1 um"\nchannels = ["grey"]\n'
+        'schema_version = 1\n[[psf]]\nfile = "x.tif"\npixel = "3.1 um"\nchannels = ["grey"]\n'
         'distance = "300 mm"\n'
     )
     (camera / "x.tif").symlink_to(studio.work.parent / "outside/secret.npy")

@@ -289,7 +289,7 @@ def test_links_beside_what_a_job_is_given_are_not_followed(studio: Running, tmp_
     (folder / "1.npy").symlink_to(tmp_path / "secret.npy")
     (folder / "x.tif").symlink_to(tmp_path / "secret.npy")
     (folder / "psfs.toml").write_text(
-        'schema_version = 1\n[[psf]]\nfile = "x.tif"\ncell = "3.1 um"\nchannels = ["grey"]\n'
+        'schema_version = 1\n[[psf]]\nfile = "x.tif"\npixel = "3.1 um"\nchannels = ["grey"]\n'
         'distance = "300 mm"\n'
     )
     asked = (

@@ -115,7 +115,7 @@ def test_cameras_are_found_where_they_are_kept(space: Workspace, place: Path) ->
     folder = place / "work/cameras/mine"
     folder.mkdir(parents=True)
     (folder / "psfs.toml").write_text(
-        'schema_version = 1\n[[psf]]\nfile = "psf-300mm.tif"\ncell = "3.1 um"\n'
+        'schema_version = 1\n[[psf]]\nfile = "psf-300mm.tif"\npixel = "3.1 um"\n'
         'channels = ["R", "G", "B"]\ndistance = "300 mm"\n'
     )
     [mine] = [each for each in space.cameras() if each.id not in PRESETS]

@@ -6,7 +6,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from nolens.camera import Camera, Flat, SpectralCurve, opened, preset
+from nolens.camera import Camera, Flat, LoadedCamera, SpectralCurve, preset
 from nolens.optics import PointSource
 from nolens.quantities import Length
 from nolens.twin import Light, Twin
@@ -51,7 +51,7 @@ def flattened(camera: Camera) -> Camera:
 
 
 def twin_of(camera: Camera, *, fresnel: bool = False) -> Twin:
-    return Twin.of(opened(camera), fresnel=fresnel)
+    return Twin.of(LoadedCamera.of(camera), fresnel=fresnel)
 
 
 def toward(

@@ -21,8 +21,7 @@ from cameras import (
 )
 from torch import Tensor
 
-from nolens.camera import Aperture, Camera, ReliefFile, opened, preset
-from nolens.camera.description import OpenCamera
+from nolens.camera import Aperture, Camera, LoadedCamera, ReliefFile, preset
 from nolens.errors import OptionError
 from nolens.optics import Grid, PointSource
 from nolens.quantities import Length
@@ -175,9 +174,9 @@ def test_a_relief_of_a_file_lies_over_the_middle():
     rows, columns = torch.arange(400.0)[:, None] - 199.5, torch.arange(440.0) - 219.5
     away = (rows + 40).square() + (columns - 30).square()  # 40 samples up, 30 to the right.
     heights = (35**2 - away).clamp_min(0) * 1.55**2 / (2 * 670.0)
-    bare = opened(flattened(camera))
+    bare = LoadedCamera.of(flattened(camera))
     twin = Twin.of(
-        OpenCamera(camera, bare.quantum_efficiency, bare.acceptance, heights.contiguous())
+        LoadedCamera(camera, bare.quantum_efficiency, bare.acceptance, heights.contiguous())
     )
     psf = point_spread(twin, PointSource(), (128, 128), light=GREEN)[1]
     row, column = divmod(int(psf.argmax()), 128)

@@ -10,7 +10,7 @@ from torch import Tensor
 from nolens.api.image import Image
 from nolens.api.inputs import Scene, angle_of, distance_um, radiance_of, source_of
 from nolens.api.progress import Progress, reported
-from nolens.camera import Frame, OpenCamera, ReliefFile, develop
+from nolens.camera import Frame, LoadedCamera, ReliefFile, develop
 from nolens.errors import DataError, OptionError
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import read_camera
@@ -39,7 +39,7 @@ class Camera:
     Parameters
     ----------
     description
-        ``"paper"``, ``"small"``, a folder with camera.toml, a .toml file, or an `OpenCamera`.
+        ``"paper"``, ``"small"``, a folder with camera.toml, a .toml file, or an `LoadedCamera`.
     pixels
         (rows, columns) in the middle of the sensor that are read out; None reads all.
     device
@@ -55,14 +55,14 @@ class Camera:
 
     def __init__(
         self,
-        description: str | Path | OpenCamera,
+        description: str | Path | LoadedCamera,
         *,
         pixels: tuple[int, int] | None = None,
         device: torch.device | str = "cpu",
     ) -> None:
-        if not isinstance(description, OpenCamera):
+        if not isinstance(description, LoadedCamera):
             description = read_camera(description)
-        self.opened: OpenCamera = description
+        self.opened: LoadedCamera = description
         self.pixels = pixels
         self.device = torch.device(device)
 

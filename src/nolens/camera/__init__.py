@@ -13,11 +13,10 @@ from nolens.camera.description import (
     Camera,
     Flat,
     Layer,
+    LoadedCamera,
     Mask,
-    OpenCamera,
     RandomLenslets,
     ReliefFile,
-    opened,
 )
 from nolens.camera.frame import MOSAICS, Frame
 from nolens.camera.materials import LINES_NM, MATERIALS, Material, material
@@ -53,10 +52,10 @@ __all__ = [
     "Flat",
     "Frame",
     "Layer",
+    "LoadedCamera",
     "Mask",
     "Material",
     "Measurement",
-    "OpenCamera",
     "Package",
     "PreparedPsf",
     "PsfEntry",
@@ -76,7 +75,6 @@ __all__ = [
     "from_toml",
     "linear_from_srgb",
     "material",
-    "opened",
     "prepare_psf",
     "preset",
     "preset_text",

@@ -42,22 +42,22 @@ class Layer(Part):
 
     @field_validator("thickness", mode="before")
     @classmethod
-    def _check_thickness(cls, given: Any) -> Any:
+    def _check_thickness(cls, value: Any) -> Any:
         # Without a unit, 0 or -1 is impossible too, and a unit would not mend it.
-        if isinstance(given, int | float) and given <= 0:
+        if isinstance(value, int | float) and value <= 0:
             raise refusal(_IMPOSSIBLE)
-        return given
+        return value
 
     @model_validator(mode="after")
     def _check_one(self) -> "Layer":
         if (self.material is None) == (self.index is None):
-            given = (
+            fault = (
                 "neither material nor index is"
                 if self.index is None
                 else "material and index are both"
             )
             raise refusal(
-                f'{given} given: give one of the two, such as material = "pdms" or index = 1.43'
+                f'{fault} given: give one of the two, such as material = "pdms" or index = 1.43'
             )
         return self
 
@@ -82,7 +82,7 @@ class RandomLenslets(Part):
     grid
         Distance of the points at which the relief is computed.
     overhang
-        How far the relief reaches beyond the sensor's edges, on every side.
+        How far the relief extends beyond the sensor's edges, on every side.
     """
 
     kind: Literal["random-lenslets"]
@@ -248,8 +248,8 @@ class Camera(Part):
 
 
 @dataclass(frozen=True)
-class OpenCamera:
-    """A camera with all that its description names.
+class LoadedCamera:
+    """A camera with the contents of all files that its description names.
 
     Attributes
     ----------
@@ -268,22 +268,21 @@ class OpenCamera:
     acceptance: AngularCurve
     relief_um: Tensor | None = None
 
+    @classmethod
+    def of(cls, camera: Camera) -> "LoadedCamera":
+        """A camera whose description names no files.
 
-def opened(camera: Camera) -> OpenCamera:
-    """Open a camera that names no files.
-
-    Raises
-    ------
-    DataError
-        If it does name one.
-    """
-    efficiency, acceptance = camera.sensor.quantum_efficiency, camera.sensor.acceptance
-    relief = camera.mask.relief
-    for part in (efficiency, acceptance, relief):
-        if isinstance(part, CurveFile | ReliefFile):
-            raise DataError(
-                f"the camera {camera.name!r} names the file {part.file}: read it from its folder "
-                "with nolens.files.read_camera"
-            )
-    assert isinstance(efficiency, SpectralCurve) and isinstance(acceptance, AngularCurve)
-    return OpenCamera(camera, efficiency, acceptance)
+        Raises
+        ------
+        DataError
+            If it does name one.
+        """
+        efficiency, acceptance = camera.sensor.quantum_efficiency, camera.sensor.acceptance
+        for part in (efficiency, acceptance, camera.mask.relief):
+            if isinstance(part, CurveFile | ReliefFile):
+                raise DataError(
+                    f"the camera {camera.name!r} names the file {part.file}: read it from its "
+                    "folder with nolens.files.read_camera"
+                )
+        assert isinstance(efficiency, SpectralCurve) and isinstance(acceptance, AngularCurve)
+        return cls(camera, efficiency, acceptance)

@@ -69,7 +69,7 @@ def develop(
     bin_by: int = 1,
     channels: str = "all",
 ) -> Measurement:
-    """Make linear values of a frame: ``bin(cells((counts - dark) / gain))``.
+    """Make linear values of a frame: ``bin(superpixels((counts - dark) / gain))``.
 
     In this order: the dark frame, which contains the black level, or else the black level is
     subtracted; the result is divided by the gain, ``(flat - dark or black) / its mean`` for
@@ -130,7 +130,7 @@ def develop(
         valid &= lit & _unsaturated(flat, white)
     names = frame.channels
     if frame.mosaic is not None:
-        values, valid = _merge_cells(frame, values, valid)
+        values, valid = _merge_superpixels(frame, values, valid)
         names = ("R", "G", "B")
     values, valid, names = _select(values, valid, names, channels, frame.source)
     values, valid = _bin(values, valid, bin_by, frame.source)
@@ -190,13 +190,13 @@ def darkest_corner(values: Tensor) -> float:
 def colour_planes(values: Tensor, mosaic: str) -> dict[str, list[Tensor]]:
     """Views (…, rows, columns) of a mosaic plane by colour: one for R, two for G, one for B."""
     planes: dict[str, list[Tensor]] = {"R": [], "G": [], "B": []}
-    for colour, cell in zip(mosaic, _cells(values), strict=True):
-        planes[colour].append(cell)
+    for colour, plane in zip(mosaic, _superpixel_planes(values), strict=True):
+        planes[colour].append(plane)
     return planes
 
 
-def _cells(values: Tensor) -> Iterator[Tensor]:
-    """The four views of a mosaic plane, one for each pixel of its 2×2 cell, row by row."""
+def _superpixel_planes(values: Tensor) -> Iterator[Tensor]:
+    """The four views of a mosaic plane, one for each pixel of its superpixel, row by row."""
     return (values[..., row::2, column::2] for row in (0, 1) for column in (0, 1))
 
 
@@ -215,9 +215,9 @@ def _check_data(frame: Frame) -> None:
 
 def _check_fit(other: Frame, role: str, frame: Frame) -> None:
     if other.counts.shape != frame.counts.shape:
-        given, need = tuple(other.counts.shape), tuple(frame.counts.shape)
+        shape, need = tuple(other.counts.shape), tuple(frame.counts.shape)
         raise DataError(
-            f"the {role} {other.source} has (channels, height, width) {given}, but "
+            f"the {role} {other.source} has (channels, height, width) {shape}, but "
             f"{frame.source} has {need}: take both with the same camera settings"
         )
     if other.mosaic is not None and frame.mosaic is not None and other.mosaic != frame.mosaic:
@@ -245,8 +245,8 @@ def _subtract(values: Tensor, frame: Frame, dark: Frame | None, black: float | N
     elif len(levels) == 1:
         values -= levels[0]
     elif frame.mosaic is not None:
-        for cell, level in zip(_cells(values), levels, strict=True):
-            cell -= level
+        for plane, level in zip(_superpixel_planes(values), levels, strict=True):
+            plane -= level
     else:
         values -= torch.tensor(levels)[:, None, None]
 
@@ -262,21 +262,21 @@ def _normalise(gain: Tensor, lit: Tensor, flat: Frame, mosaic: str | None) -> No
         groups = [([plane], [mask]) for plane, mask in zip(gain, lit, strict=True)]
     else:
         masks = colour_planes(lit, mosaic)
-        groups = [(cells, masks[name]) for name, cells in colour_planes(gain, mosaic).items()]
-    for cells, used in groups:
+        groups = [(planes, masks[name]) for name, planes in colour_planes(gain, mosaic).items()]
+    for planes, used in groups:
         count = sum(int(mask.sum()) for mask in used)
         if count == 0:
             raise DataError(
                 f"the flat field {flat.source} is nowhere brighter than black in one of its "
                 "colours: take an exposure of even light"
             )
-        total = sum(float(c[m].double().sum()) for c, m in zip(cells, used, strict=True))
-        for cell in cells:
-            cell /= total / count
+        total = sum(float(p[m].double().sum()) for p, m in zip(planes, used, strict=True))
+        for plane in planes:
+            plane /= total / count
 
 
-def _merge_cells(frame: Frame, values: Tensor, valid: Tensor) -> tuple[Tensor, Tensor]:
-    """One pixel (R, G, B) for each 2×2 cell of a mosaic."""
+def _merge_superpixels(frame: Frame, values: Tensor, valid: Tensor) -> tuple[Tensor, Tensor]:
+    """One pixel (R, G, B) for each 2×2 superpixel of a mosaic."""
     assert frame.mosaic is not None
     rows, columns = (n // 2 * 2 for n in values.shape[-2:])
     if rows == 0 or columns == 0:
@@ -285,20 +285,20 @@ def _merge_cells(frame: Frame, values: Tensor, valid: Tensor) -> tuple[Tensor, T
         )
     colours = colour_planes(values[0, :rows, :columns], frame.mosaic)
     masks = colour_planes(valid[0, :rows, :columns], frame.mosaic)
-    merged = [sum(cells[1:], cells[0]) / len(cells) for cells in colours.values()]
-    usable = [functools.reduce(torch.logical_and, cells) for cells in masks.values()]
+    merged = [sum(planes[1:], planes[0]) / len(planes) for planes in colours.values()]
+    usable = [functools.reduce(torch.logical_and, planes) for planes in masks.values()]
     return torch.stack(merged), torch.stack(usable)
 
 
 def _select(
     values: Tensor, valid: Tensor, names: tuple[str, ...], choice: str, source: str
 ) -> tuple[Tensor, Tensor, tuple[str, ...]]:
-    wanted = choice.lower()
-    if wanted == "all" or (wanted == "grey" and len(names) == 1):
+    option = choice.lower()
+    if option == "all" or (option == "grey" and len(names) == 1):
         return values, valid, names
-    if wanted == "grey":
+    if option == "grey":
         return values.mean(0, keepdim=True), valid.all(0, keepdim=True), ("grey",)
-    letters = tuple(wanted.upper())
+    letters = tuple(option.upper())
     if not letters or len(set(letters)) < len(letters) or not set(letters) <= set(names):
         held = ", ".join(names)
         letter = ", or letters such as g or rg" if len(names) > 1 else ""

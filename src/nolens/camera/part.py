@@ -24,11 +24,11 @@ class Part(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _check_keys(cls, given: Any) -> Any:
-        if not isinstance(given, dict):
-            return given
+    def _check_keys(cls, fields: Any) -> Any:
+        if not isinstance(fields, dict):
+            return fields
         known = cls.model_fields
-        for key in given:
+        for key in fields:
             if key not in known:
                 near = difflib.get_close_matches(str(key), known, n=1)
                 meant = f": did you mean {near[0]!r}?" if near else "."
@@ -36,11 +36,11 @@ class Part(BaseModel):
                     f"the key {quoted(key)} is unknown{meant} Known are {', '.join(known)}"
                 )
         needed = [name for name, field in known.items() if field.is_required()]
-        missing = [name for name in needed if name not in given]
+        missing = [name for name in needed if name not in fields]
         if missing:
             be = "is" if len(missing) == 1 else "are"
             raise refusal(f"{', '.join(missing)} {be} missing: give {', '.join(needed)}")
-        return given
+        return fields
 
 
 def _on_a_line(text: str) -> str:

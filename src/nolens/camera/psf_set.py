@@ -1,9 +1,9 @@
 """The point spread functions that were measured of a camera, as they are listed in its folder."""
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from nolens.camera.part import ChannelName, Part, PixelPitch, TiffFile, refusal
 from nolens.quantities import Angle, Length
@@ -28,7 +28,7 @@ class PsfEntry(Part):
     ----------
     file
         32-bit float TIFF in the set's folder, (channels, rows, columns), linear, not negative.
-    cell
+    pixel
         Pitch of its pixels.
     channels
         Name of every channel.
@@ -46,13 +46,21 @@ class PsfEntry(Part):
     """
 
     file: TiffFile
-    cell: PixelPitch
+    pixel: PixelPitch
     channels: tuple[ChannelName, ...] = Field(min_length=1, max_length=100)
     distance: Depth
     angle: tuple[FieldAngle, FieldAngle] = (Angle("0", "deg"), Angle("0", "deg"))
     kind: PsfKind = "captured"
     frame: Literal["chief-ray", "sensor"] = "chief-ray"
     usable_per_mm: Annotated[float, Between(1e-6, 1e6)] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _rename_former_key(cls, fields: Any) -> Any:
+        """Take `cell`, which lists of the first releases have for `pixel`."""
+        if isinstance(fields, dict) and "pixel" not in fields and "cell" in fields:
+            return {"pixel" if key == "cell" else key: each for key, each in fields.items()}
+        return fields
 
     @property
     def distance_um(self) -> float:
@@ -69,20 +77,20 @@ class PsfEntry(Part):
         return (self.kind, self.distance, self.angle) == (other.kind, other.distance, other.angle)
 
 
-def _one_camera(given: tuple[PsfEntry, ...]) -> tuple[PsfEntry, ...]:
-    first = given[0]
+def _one_camera(entries: tuple[PsfEntry, ...]) -> tuple[PsfEntry, ...]:
+    first = entries[0]
     names: set[str] = set()
-    for each in given:
-        if each.cell != first.cell or each.channels != first.channels:
+    for each in entries:
+        if each.pixel != first.pixel or each.channels != first.channels:
             raise refusal(
-                f"{each.file} has pixels of {each.cell} and channels {', '.join(each.channels)}, "
-                f"but {first.file} has {first.cell} and {', '.join(first.channels)}: a set holds "
+                f"{each.file} has pixels of {each.pixel} and channels {', '.join(each.channels)}, "
+                f"but {first.file} has {first.pixel} and {', '.join(first.channels)}: a set holds "
                 "the PSFs of one camera, read out in one way"
             )
         if each.file in names:
             raise refusal(f"{each.file} is named twice: give every PSF its own file")
         names.add(each.file)
-    return given
+    return entries
 
 
 class PsfSet(Part):

@@ -1,4 +1,4 @@
-"""Curves of a sensor: response over wavelength, and over the angle of incidence."""
+"""The sensor of a camera: its pixels, its electronics, and its curves over wavelength and angle."""
 
 from itertools import pairwise
 from typing import Annotated, Literal
@@ -58,15 +58,7 @@ class SpectralCurve(Part):
         return self
 
     def at(self, channel: str, wavelength_nm: Array) -> Array:
-        """Values of one channel, linear between the table's points and 0 outside.
-
-        Parameters
-        ----------
-        channel
-            One of the keys of `values`.
-        wavelength_nm
-            Wavelengths in nm, any shape.
-        """
+        """Values of one channel at wavelengths of any shape, linear between points, 0 outside."""
         table = self.values[channel]
         return np.interp(wavelength_nm, self.wavelength_nm, table, left=0.0, right=0.0)
 
@@ -111,13 +103,7 @@ class AngularCurve(Part):
         return self
 
     def at(self, angle_deg: Array) -> Array:
-        """Response, linear between the table's points; beyond its end the last value holds.
-
-        Parameters
-        ----------
-        angle_deg
-            Angles of incidence in degrees from 0 on, any shape.
-        """
+        """Response at angles of any shape, linear between points; beyond them the last holds."""
         return np.interp(angle_deg, self.angle_deg, self.response)
 
 
@@ -135,8 +121,8 @@ class CurveFile(Part):
     file: CsvFile
 
 
-def _kind(given: object) -> str:
-    if isinstance(given, CurveFile) or (isinstance(given, dict) and "file" in given):
+def _kind(value: object) -> str:
+    if isinstance(value, CurveFile) or (isinstance(value, dict) and "file" in value):
         return "file"
     return "curve"
 

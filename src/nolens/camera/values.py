@@ -1,4 +1,4 @@
-"""Whether numbers can be computed with."""
+"""Values of frames and pictures: whether they can be computed with, exposure, the sRGB curve."""
 
 import math
 
@@ -7,8 +7,9 @@ from torch import Tensor
 
 from nolens.errors import DataError
 
-LARGEST = 1e15
+_LARGEST = 1e15
 """Beyond this, and below its inverse, sums of squares leave the range of float32."""
+_EXPOSED = 0.995
 
 
 def unusable(values: Tensor) -> str | None:
@@ -27,10 +28,10 @@ def unusable(values: Tensor) -> str | None:
             f"{count} values that are NaN or infinite, of {values.numel()}: repair them before, "
             "for example by the mean of their neighbours"
         )
-    if largest > LARGEST or 0 < largest < 1 / LARGEST:
+    if largest > _LARGEST or 0 < largest < 1 / _LARGEST:
         return (
-            f"values up to {largest:.3g}, and {1 / LARGEST:g} to {LARGEST:g} can be computed with: "
-            "multiply them all by one number"
+            f"values up to {largest:.3g}, and {1 / _LARGEST:g} to {_LARGEST:g} can be computed "
+            "with: multiply them all by one number"
         )
     return None
 
@@ -42,9 +43,6 @@ def all_finite(values: Tensor) -> bool:
     is left for sums that overflow.
     """
     return bool(torch.isfinite(values.sum())) or bool(torch.isfinite(values).all())
-
-
-_EXPOSED = 0.995
 
 
 def exposure_white(radiance: Tensor) -> float:

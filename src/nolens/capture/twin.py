@@ -10,7 +10,7 @@ from typing import Self
 import torch
 from torch import Tensor
 
-from nolens.camera import Frame, OpenCamera, Sensor, opened, preset
+from nolens.camera import Frame, LoadedCamera, Sensor, preset
 from nolens.capture.source import Limits, Shot
 from nolens.errors import CameraError, DataError
 from nolens.evaluate import siemens_star
@@ -63,7 +63,7 @@ class TwinSource:
         time, as no camera gives the same noise twice.
     """
 
-    def __init__(self, camera: OpenCamera, *, seed: int | None = None) -> None:
+    def __init__(self, camera: LoadedCamera, *, seed: int | None = None) -> None:
         self._camera = camera
         self._sensor = camera.camera.sensor
         self._seed = secrets.randbits(32) if seed is None else seed
@@ -80,7 +80,7 @@ class TwinSource:
     @classmethod
     def of(cls, text: str, **_: object) -> Self:
         """The source of ``twin`` or ``twin:CAMERA``, for `open_source`."""
-        return cls(read_camera(text) if text else opened(preset(_PRESET)))
+        return cls(read_camera(text) if text else LoadedCamera.of(preset(_PRESET)))
 
     @property
     def name(self) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from torch import Tensor
 
-from nolens.camera import OpenCamera, RandomLenslets, SpectralCurve
+from nolens.camera import LoadedCamera, RandomLenslets, SpectralCurve
 from nolens.design.focus import LensletStack, depth_of_focus_um, lenslet_aperture
 from nolens.errors import DataError, OptionError
 from nolens.optics import PointSource
@@ -17,7 +17,7 @@ _PIXELS = 224
 """Sides of the PSF's window: ten pitches of the paper's lenslets."""
 
 
-def with_thickness(opened: OpenCamera, thickness: Mapping[str, Length]) -> OpenCamera:
+def with_thickness(opened: LoadedCamera, thickness: Mapping[str, Length]) -> LoadedCamera:
     """A camera with layers of other thickness.
 
     Parameters
@@ -45,7 +45,7 @@ def with_thickness(opened: OpenCamera, thickness: Mapping[str, Length]) -> OpenC
     return replace(opened, camera=camera)
 
 
-def lenslet_stack(opened: OpenCamera, source_um: float) -> LensletStack:
+def lenslet_stack(opened: LoadedCamera, source_um: float) -> LensletStack:
     """Layers and lenslets of a camera, as ray matrices take them; other masks bend no light."""
     camera, relief = opened.camera, opened.camera.mask.relief
     return LensletStack(
@@ -89,7 +89,7 @@ class BestThickness:
 
 
 def preview_psf(
-    opened: OpenCamera, source_um: float, progress: Callable[[float], None]
+    opened: LoadedCamera, source_um: float, progress: Callable[[float], None]
 ) -> tuple[Tensor, float]:
     """The twin's PSF at 550 nm in a window as large as some pitches, which stands for the rest.
 
@@ -130,7 +130,7 @@ def preview_psf(
     return psf, sensor.pitch.um * superpixel
 
 
-def _grey_patch(opened: OpenCamera, side: int) -> Twin:
+def _grey_patch(opened: LoadedCamera, side: int) -> Twin:
     """A grey camera of so many pixels: one wavelength is worked out, and a piece of the mask."""
     sensor, curve = opened.camera.sensor, opened.quantum_efficiency
     channel = "G" if "G" in sensor.channels else sensor.channels[0]

@@ -9,7 +9,7 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from nolens.camera import MATERIALS, Camera, Layer, Mask, Material, OpenCamera, RandomLenslets
+from nolens.camera import MATERIALS, Camera, Layer, LoadedCamera, Mask, Material, RandomLenslets
 from nolens.design.replica import (
     Cover,
     Film,
@@ -143,7 +143,7 @@ class ThicknessCase:
         If the master has the index of air, or lies on the sensor with its relief.
     """
 
-    opened: OpenCamera
+    opened: LoadedCamera
     cover: tuple[CoverLayer, ...]
     master: Master | Uncertain
     pitch: Uncertain
@@ -440,7 +440,7 @@ class ReplicaDesign:
 
 
 def cover_layers(
-    opened: OpenCamera,
+    opened: LoadedCamera,
     *,
     bare: bool,
     glass: Uncertain | None,
@@ -498,7 +498,7 @@ def cover_layers(
     return tuple(named)
 
 
-def _under_the_mask(opened: OpenCamera) -> list[tuple[Uncertain, Medium]]:
+def _under_the_mask(opened: LoadedCamera) -> list[tuple[Uncertain, Medium]]:
     """Layers of the camera behind that of its mask, but for air between that and a solid one."""
     camera = opened.camera
     layers = [

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from nolens.camera import OpenCamera
+from nolens.camera import LoadedCamera
 from nolens.errors import DataError, OptionError
 from nolens.evaluate import Angles, Dot, Spot, angles_of, brightest_places, grade, spots_at
 from nolens.experiments.virtual_experiment import Tick, VirtualExperiment, solved, within
@@ -468,7 +468,7 @@ def dot_grid(
     )
 
 
-def dot_grid_bytes(opened: OpenCamera, extent_deg: float, distance_um: float) -> float:
+def dot_grid_bytes(opened: LoadedCamera, extent_deg: float, distance_um: float) -> float:
     """Bytes that a grid of dots up to a half angle holds at once.
 
     The PSFs of its field points have one sample to the pixel, and are wider than the sensor by a

@@ -9,7 +9,7 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
-from nolens.camera import OpenCamera, develop
+from nolens.camera import LoadedCamera, develop
 from nolens.errors import DataError
 from nolens.experiments.virtual_experiment import Tick, VirtualExperiment, within
 from nolens.kernels import fast_length, irfft2, rfft2
@@ -137,7 +137,7 @@ def off_axis(
     ]
 
 
-def off_axis_bytes(opened: OpenCamera, farthest: PointSource, count: int) -> float:
+def off_axis_bytes(opened: LoadedCamera, farthest: PointSource, count: int) -> float:
     """Bytes that PSFs of some point sources, each with two samples to the pixel, hold at once."""
     twin, sensor = preview_model(opened), opened.camera.sensor
     psf = polychromatic_psf_bytes(

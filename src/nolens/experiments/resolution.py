@@ -8,7 +8,7 @@ import torch
 from scipy import ndimage
 from torch import Tensor
 
-from nolens.camera import Frame, OpenCamera, develop
+from nolens.camera import Frame, LoadedCamera, develop
 from nolens.errors import DataError
 from nolens.evaluate import RAYLEIGH_DIP, FlatPicture, ObservedPair, TwoPoints, point_pair
 from nolens.experiments.virtual_experiment import Tick, VirtualExperiment, solved
@@ -232,7 +232,7 @@ def points_support(twin: Twin) -> Region:
 
 
 def reconstruction_bytes(
-    opened: OpenCamera, support: Region, distance_um: float, light: Light, wavelengths: int
+    opened: LoadedCamera, support: Region, distance_um: float, light: Light, wavelengths: int
 ) -> float:
     """Bytes that a simulated camera and a reconstruction of its frame hold at once.
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from nolens.camera import Camera, Frame, Measurement, OpenCamera, Sensor, develop
+from nolens.camera import Camera, Frame, LoadedCamera, Measurement, Sensor, develop
 from nolens.operators import Region
 from nolens.optics import PointSource
 from nolens.solvers import Progress, Reconstructor
@@ -83,7 +83,7 @@ class VirtualExperiment:
     @classmethod
     def of(
         cls,
-        opened: OpenCamera,
+        opened: LoadedCamera,
         *,
         light: str = "white-led",
         wavelengths: int = 1,

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, replace
 
 from nolens.amounts import amount
-from nolens.camera import Camera, Flat, OpenCamera, RandomLenslets
+from nolens.camera import Camera, Flat, LoadedCamera, RandomLenslets
 from nolens.design.focus import depth_of_focus_um, lenslet_aperture
 from nolens.errors import DataError
 from nolens.evaluate import pattern_figures
@@ -169,7 +169,7 @@ def ray_budget(camera: Camera) -> ToleranceBudget:
     )
 
 
-def expected_lines(opened: OpenCamera, thicknesses_mm: tuple[float, ...]) -> tuple[Lines, ...]:
+def expected_lines(opened: LoadedCamera, thicknesses_mm: tuple[float, ...]) -> tuple[Lines, ...]:
     """Simulate the check with a pinhole: the width of the lines for thicknesses of the resin.
 
     White light of a pinhole of 50 µm at the camera's reference distance falls on a patch of the
@@ -231,7 +231,7 @@ def _slopes(camera: Camera, focus: Focus) -> list[tuple[int, str, float, float]]
     return slopes
 
 
-def _patch(opened: OpenCamera) -> Twin:
+def _patch(opened: LoadedCamera) -> Twin:
     """The camera with so little of its sensor that a PSF takes a moment."""
     sensor = opened.camera.sensor
     superpixel = 1 if sensor.mosaic == "none" else 2

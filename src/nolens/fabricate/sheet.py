@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from nolens.amounts import amount
-from nolens.camera import OpenCamera, SpectralCurve
+from nolens.camera import LoadedCamera, SpectralCurve
 from nolens.errors import NolensError
 from nolens.fabricate.focus import Lines, ToleranceBudget, expected_lines, ray_budget
 from nolens.fabricate.frame import FrameGeometry, poured_layer
@@ -24,7 +24,7 @@ _PLACEHOLDER = "placeholder"
 
 
 def process_sheet(
-    opened: OpenCamera,
+    opened: LoadedCamera,
     frame: FrameGeometry,
     resin: ResinAmount,
     mould: MouldAmount,
@@ -93,7 +93,7 @@ def process_sheet(
     )
 
 
-def _lines(opened: OpenCamera, budget: ToleranceBudget) -> tuple[tuple[Lines, ...], str]:
+def _lines(opened: LoadedCamera, budget: ToleranceBudget) -> tuple[tuple[Lines, ...], str]:
     """Expected widths at the camera's thickness and, where they are known, at its limits."""
     nominal = poured_layer(opened.camera).thickness.mm
     limits: tuple[float, ...] = (nominal,)

@@ -19,8 +19,8 @@ from nolens.camera import (
     AngularCurve,
     Camera,
     CurveFile,
+    LoadedCamera,
     Material,
-    OpenCamera,
     PsfEntry,
     PsfSet,
     ReliefFile,
@@ -49,7 +49,7 @@ _LONGEST_TABLE = 1_000_000
 _Curve = TypeVar("_Curve", SpectralCurve, AngularCurve)
 
 
-def read_camera(source: str | Path) -> OpenCamera:
+def read_camera(source: str | Path) -> LoadedCamera:
     """Read a camera and all files it names.
 
     Parameters
@@ -140,7 +140,7 @@ def write_description(path: Path, camera: Camera) -> None:
     _write_text(path, to_toml(camera))
 
 
-def curve_copies(name: str | Path, opened: OpenCamera) -> dict[str, Callable[[Path], None]]:
+def curve_copies(name: str | Path, opened: LoadedCamera) -> dict[str, Callable[[Path], None]]:
     """What copies the curves that a camera names: for each file, a writer for `write_camera`.
 
     Parameters
@@ -159,7 +159,7 @@ def curve_copies(name: str | Path, opened: OpenCamera) -> dict[str, Callable[[Pa
     }
 
 
-def camera_copies(name: str | Path, opened: OpenCamera) -> dict[str, Callable[[Path], None]]:
+def camera_copies(name: str | Path, opened: LoadedCamera) -> dict[str, Callable[[Path], None]]:
     """What copies a camera into a folder where something else is written; see `curve_copies`."""
     camera = opened.camera
     writers = {CAMERA_FILE: partial(write_description, camera=camera)}
@@ -202,7 +202,7 @@ def _accepted() -> str:
     )
 
 
-def _load(camera: Camera, folder: Path) -> OpenCamera:
+def _load(camera: Camera, folder: Path) -> LoadedCamera:
     """A camera with the files that its description names."""
     efficiency, acceptance = camera.sensor.quantum_efficiency, camera.sensor.acceptance
     if isinstance(efficiency, CurveFile):
@@ -213,7 +213,7 @@ def _load(camera: Camera, folder: Path) -> OpenCamera:
     if isinstance(camera.mask.relief, ReliefFile):
         path = folder / camera.mask.relief.file
         heights = _heights(read_frame(path).counts, str(path))
-    return OpenCamera(camera, efficiency, acceptance, heights)
+    return LoadedCamera(camera, efficiency, acceptance, heights)
 
 
 def _named_files(camera: Camera) -> list[str]:

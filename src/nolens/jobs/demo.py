@@ -9,7 +9,7 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
-from nolens.camera import develop, exposure_white, opened, preset
+from nolens.camera import LoadedCamera, develop, exposure_white, preset
 from nolens.evaluate import psnr, scale_fit
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import read_frame, readable, write_frame, write_into, write_png
@@ -137,7 +137,7 @@ def _capture(photograph: Tensor, options: DemoOptions, reporter: Reporter) -> tu
     reporter.note(
         f"the paper's camera: a point source at 300 mm, on the middle {_size(_PSF_PIXELS)} pixels"
     )
-    wide = Twin.of(opened(preset("paper"))).reading(*_PSF_PIXELS)
+    wide = Twin.of(LoadedCamera.of(preset("paper"))).reading(*_PSF_PIXELS)
     experiment = VirtualExperiment(wide, Light("white-led"), wavelengths=1, field_points=5)
     source = PointSource(distance_um=_DISTANCE_UM, diameter_um=_SOURCE_UM)
     point = experiment.point(source, seed=2, tick=partial(reporter.advance, "point source"))

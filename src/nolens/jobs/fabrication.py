@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar
 import torch
 from pydantic import AfterValidator, BeforeValidator
 
-from nolens.camera import Camera, Flat, OpenCamera, Package
+from nolens.camera import Camera, Flat, LoadedCamera, Package
 from nolens.camera.part import PositiveLength, refusal
 from nolens.design.masks import quarter_um
 from nolens.errors import OptionError
@@ -406,7 +406,7 @@ def _measures(
     return frame, resin, mould
 
 
-def _needed(opened: OpenCamera) -> float:
+def _needed(opened: LoadedCamera) -> float:
     """Bytes that the relief takes, where there is one that this machine can hold."""
     if isinstance(opened.camera.mask.relief, Flat):
         raise OptionError(

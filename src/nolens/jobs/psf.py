@@ -9,7 +9,7 @@ import torch
 from pydantic import BeforeValidator
 from torch import Tensor
 
-from nolens.camera import OpenCamera
+from nolens.camera import LoadedCamera
 from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
@@ -231,7 +231,7 @@ def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
     return Product(psf, figures, {options.output: write}, camera_parameters(opened))
 
 
-def _source(options: PsfOptions, opened: OpenCamera) -> PointSource:
+def _source(options: PsfOptions, opened: LoadedCamera) -> PointSource:
     depth = distance_um(options.distance, opened)
     diameter = 0.0 if math.isinf(depth) else _DIAMETER_UM
     if options.size is not None:
@@ -252,7 +252,7 @@ def _with_edge(twin: Twin, source: PointSource, shape: _Shape) -> tuple[int, int
     return shape.size[0] + 2 * edge, shape.size[1] + 2 * edge
 
 
-def _shape(options: PsfOptions, opened: OpenCamera, captured: bool) -> _Shape:
+def _shape(options: PsfOptions, opened: LoadedCamera, captured: bool) -> _Shape:
     sensor = opened.camera.sensor
     if captured:
         if options.bin not in (None, 1):

@@ -355,13 +355,13 @@ def _read_depth_psfs(options: RefocusOptions, measurement: Measurement) -> _Dept
 
 def _check_readout(measurement: Measurement, camera: Camera, entry: PsfEntry, bin_by: int) -> None:
     """Refuse a photograph that was read out in another way than the PSFs."""
-    pixels = round(entry.cell.um / camera.sensor.pitch.um)
+    pixels = round(entry.pixel.um / camera.sensor.pitch.um)
     sides = camera.sensor.rows, camera.sensor.columns
     rows, columns = (count // max(1, pixels) // bin_by for count in sides)
     if measurement.size != (rows, columns):
         raise DataError(
             f"{measurement.source} has {measurement.size_text} cells, but the sensor of the camera "
-            f"{camera.name!r} has {rows}×{columns} of the PSFs' {entry.cell}: give a photograph "
+            f"{camera.name!r} has {rows}×{columns} of the PSFs' {entry.pixel}: give a photograph "
             "that was read out like the PSFs, uncut"
         )
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
-from nolens.camera import Flat, OpenCamera
+from nolens.camera import Flat, LoadedCamera
 from nolens.camera.part import PositiveLength
 from nolens.errors import DataError
 from nolens.files import (
@@ -140,7 +140,7 @@ class ReliefOptions(OutputFolderOptions):
 
 
 @job
-def replace_relief(run: Run[ReliefOptions]) -> Product[OpenCamera]:
+def replace_relief(run: Run[ReliefOptions]) -> Product[LoadedCamera]:
     """Read a camera and a map, and write the camera with the map as its relief.
 
     Raises

@@ -11,7 +11,7 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from nolens.camera import OpenCamera, Sensor
+from nolens.camera import LoadedCamera, Sensor
 from nolens.errors import DataError, OptionError
 from nolens.experiments.virtual_experiment import raw_frame
 from nolens.files import camera_files, read_camera, read_picture, write_frame, write_tiff32
@@ -221,7 +221,7 @@ class SimulateOptions(SimulationOptions):
         return (Written("output", self.output, suffixes=RAW_SUFFIXES), *more, record)
 
 
-def read_simulated_camera(run: Run[Any]) -> tuple[OpenCamera, Light, Twin]:
+def read_simulated_camera(run: Run[Any]) -> tuple[LoadedCamera, Light, Twin]:
     """The camera and the light of a run with `SimulationOptions`, and the camera's preview model.
 
     Raises
@@ -236,7 +236,7 @@ def read_simulated_camera(run: Run[Any]) -> tuple[OpenCamera, Light, Twin]:
     return opened, Light(options.light), preview_model(opened, fresnel=options.fresnel)
 
 
-def camera_parameters(opened: OpenCamera) -> dict[str, Any]:
+def camera_parameters(opened: LoadedCamera) -> dict[str, Any]:
     """What the record of a simulation has of its camera."""
     return {"camera_description": opened.camera.model_dump(mode="json")}
 
@@ -257,7 +257,7 @@ def _check_raw(path: Path, sensor: Sensor) -> None:
         )
 
 
-def raw_writer(counts: Tensor, opened: OpenCamera, exposure_s: float) -> Writer:
+def raw_writer(counts: Tensor, opened: LoadedCamera, exposure_s: float) -> Writer:
     """What writes the counts of a simulated sensor, as DNG or 16-bit TIFF by the suffix."""
     return partial(
         write_frame,
@@ -351,7 +351,7 @@ def _psf_cells(region: Region, twin: Twin) -> str:
     return f"{rows}x{columns}"
 
 
-def _planes(options: SimulateOptions, opened: OpenCamera) -> tuple[Plane, ...]:
+def _planes(options: SimulateOptions, opened: LoadedCamera) -> tuple[Plane, ...]:
     """The pictures, in the sensor's channels, where they stand."""
     channels = len(opened.camera.sensor.channels)
     distances = [distance_um(each, opened) for each in options.distance or (None,)]

@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from nolens.camera import OpenCamera
+from nolens.camera import LoadedCamera
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.jobs.sample_pictures import sample_picture
 from nolens.operators import Region
@@ -116,7 +116,7 @@ class ExperimentSetup:
         Of the noise.
     """
 
-    opened: OpenCamera
+    opened: LoadedCamera
     size: Size
     seed: int
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from torch import Tensor
 
-from nolens.camera import Frame, OpenCamera, PsfEntry, arrange_rgb
+from nolens.camera import Frame, LoadedCamera, PsfEntry, arrange_rgb
 from nolens.capture import Shot
 from nolens.errors import DataError, NolensError, OptionError
 from nolens.files import (
@@ -101,7 +101,7 @@ def save_shown(folder: Path, shown: Shown, formats: list[str], psf: Path | None)
     return files
 
 
-def kept_psf(work: Path, given: str, opened: OpenCamera, psf: Tensor, shot: Shot) -> Path:
+def kept_psf(work: Path, given: str, opened: LoadedCamera, psf: Tensor, shot: Shot) -> Path:
     """File of a simulated camera's PSF in its folder, written where it is not there yet.
 
     Raises
@@ -121,7 +121,7 @@ def kept_psf(work: Path, given: str, opened: OpenCamera, psf: Tensor, shot: Shot
     distance = opened.camera.reference_distance
     entry = PsfEntry(
         file=f"psf-{distance.mm:g}mm.tif",
-        cell=pixel_of(shot.frame, opened, None, None),
+        pixel=pixel_of(shot.frame, opened, None, None),
         channels=opened.camera.sensor.channels,
         distance=distance,
     )

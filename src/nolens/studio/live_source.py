@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from nolens.camera import OpenCamera
+from nolens.camera import LoadedCamera
 from nolens.camera.measurement import bin_mean
 from nolens.capture import TwinSource, open_source
 from nolens.errors import NolensError
@@ -42,7 +42,7 @@ class LiveSource:
     solver: LiveSolver | None
     psf: Path | None
     twin: TwinSource | None = None
-    opened: OpenCamera | None = None
+    opened: LoadedCamera | None = None
 
     @property
     def camera_id(self) -> str | None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from nolens.camera import OpenCamera, RandomLenslets, ReliefFile
+from nolens.camera import LoadedCamera, RandomLenslets, ReliefFile
 from nolens.errors import OptionError
 from nolens.optics import Grid, MaskSurface, PointSource, Relief
 from nolens.optics.measured import Heights, extend_by_reflection, resample
@@ -20,7 +20,7 @@ _ANGLE_STEPS = 12
 _STEP_UM = 20.0
 
 
-def relief_grid(camera: OpenCamera) -> Length:
+def relief_grid(camera: LoadedCamera) -> Length:
     """Distance of the points of a camera's relief, or of its pixels where it has no such points."""
     relief = camera.camera.mask.relief
     if isinstance(relief, RandomLenslets | ReliefFile):
@@ -79,8 +79,8 @@ def extended(heights: Heights, preview: Twin, grid: Length) -> Heights:
 
 
 def with_relief(
-    camera: OpenCamera, heights: Heights, grid: Length, *, file: str, source: str
-) -> tuple[OpenCamera, Twin]:
+    camera: LoadedCamera, heights: Heights, grid: Length, *, file: str, source: str
+) -> tuple[LoadedCamera, Twin]:
     """The camera with measured heights as its relief, and ready to be simulated.
 
     Parameters

@@ -13,7 +13,7 @@ from nolens.camera import (
     AngularCurve,
     Camera,
     Flat,
-    OpenCamera,
+    LoadedCamera,
     RandomLenslets,
     ReliefFile,
     SpectralCurve,
@@ -75,7 +75,7 @@ class Twin:
 
     @classmethod
     def of(
-        cls, opened: OpenCamera, *, device: torch.device | str = "cpu", fresnel: bool = True
+        cls, opened: LoadedCamera, *, device: torch.device | str = "cpu", fresnel: bool = True
     ) -> "Twin":
         """Prepare a camera; random lenslets are computed here (seconds for the paper's).
 
@@ -283,7 +283,7 @@ def described_lenslets(camera: Camera, size_um: tuple[float, float]) -> Relief:
     return surface if above <= below else Relief(-surface.height_um, surface.grid_um)
 
 
-def preview_model(opened: OpenCamera, *, fresnel: bool = True) -> Twin:
+def preview_model(opened: LoadedCamera, *, fresnel: bool = True) -> Twin:
     """Prepare a camera for rays and for estimates, in a moment.
 
     Parameters
@@ -321,7 +321,7 @@ def preview_model(opened: OpenCamera, *, fresnel: bool = True) -> Twin:
     return replace(twin, camera=opened.camera)
 
 
-def relief_points(opened: OpenCamera) -> float:
+def relief_points(opened: LoadedCamera) -> float:
     """Points that the relief of random lenslets is computed on, and its lenslets are spread on."""
     camera = opened.camera
     relief, sensor = camera.mask.relief, camera.sensor
@@ -346,14 +346,14 @@ def simulation_bytes(points: float, working: float) -> float:
     return max(surface_bytes(points), working + _BYTES_PER_HEIGHT * points)
 
 
-def distance_um(distance: Length | str | None, opened: OpenCamera) -> float:
+def distance_um(distance: Length | str | None, opened: LoadedCamera) -> float:
     """A distance as the optics take it: the word is infinity, None the camera's own."""
     if distance is None:
         return opened.camera.reference_distance.um
     return distance.um if isinstance(distance, Length) else math.inf
 
 
-def camera_figures(opened: OpenCamera) -> dict[str, Any]:
+def camera_figures(opened: LoadedCamera) -> dict[str, Any]:
     """Derive figures of a camera, in values that JSON has.
 
     Parameters
@@ -404,7 +404,7 @@ def _stack(camera: Camera, first: int, last: int, wavelength_nm: float) -> Stack
     )
 
 
-def _relief(opened: OpenCamera) -> Relief:
+def _relief(opened: LoadedCamera) -> Relief:
     relief, sensor = opened.camera.mask.relief, opened.camera.sensor
     if isinstance(relief, RandomLenslets):
         beyond = 2 * relief.overhang.um

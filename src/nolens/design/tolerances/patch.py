@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import torch
 import torch.nn.functional as nnf
 
-from nolens.camera import OpenCamera, RandomLenslets, ReliefFile
+from nolens.camera import LoadedCamera, RandomLenslets, ReliefFile
 from nolens.errors import OptionError
 from nolens.optics import Margin, Relief
 from nolens.twin import REFERENCE_NM, Twin, described_lenslets
@@ -100,7 +100,7 @@ class Patch:
     lenslets: Lenslets
 
     @classmethod
-    def of(cls, opened: OpenCamera) -> "Patch":
+    def of(cls, opened: LoadedCamera) -> "Patch":
         """Take a patch of eight lenslets along a side, and 0.6 mm or more; or all of the sensor.
 
         Of random lenslets as many are drawn as the patch needs: others than those of the whole
@@ -150,7 +150,7 @@ class Patch:
         return cls(twin, (side[0], side[1]), lenslets)
 
 
-def _margin_um(opened: OpenCamera, side: list[float]) -> float:
+def _margin_um(opened: LoadedCamera, side: list[float]) -> float:
     """What a patch needs around it: light that the relief turns, and diffraction."""
     camera = opened.camera
     surface, indices = camera.mask.surface, (1.0, *camera.indices(REFERENCE_NM))

@@ -12,7 +12,7 @@ from scipy.special import ndtri
 from torch import Tensor
 
 from nolens.amounts import amount
-from nolens.camera import Camera, OpenCamera
+from nolens.camera import Camera, LoadedCamera
 from nolens.design.tolerances.models import (
     RayModel,
     WaveModel,
@@ -287,7 +287,7 @@ class StudyPlan:
     @classmethod
     def of(
         cls,
-        opened: OpenCamera,
+        opened: LoadedCamera,
         parameters: tuple[Parameter, ...],
         sharpness: Sharpness,
         light: Light,

@@ -159,7 +159,7 @@ def calibrate_distances(run: Run[CalibrateDistancesOptions]) -> Product[dict[Psf
         reporter.advance("distances", number / len(sources))
         scaled = scaled_psf(
             measured[source.file],
-            source.cell.um,
+            source.pixel.um,
             layers,
             measured_um=source.distance_um,
             target_um=_um(distance),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from torch import Tensor
 
 from nolens.calibrate.distances import Layers
-from nolens.camera import Frame, OpenCamera, PsfEntry, PsfKind, PsfSet
+from nolens.camera import Frame, LoadedCamera, PsfEntry, PsfKind, PsfSet
 from nolens.camera.part import PositiveLength
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, FileError, OptionError
@@ -123,7 +123,7 @@ class FolderOptions(NewPsfOptions):
         return {}
 
 
-def folder_camera(folder: Path) -> OpenCamera | None:
+def folder_camera(folder: Path) -> LoadedCamera | None:
     """The camera of a folder of PSFs, if it has one.
 
     Raises
@@ -193,7 +193,7 @@ def made_of(source: PsfEntry, file: str, kind: PsfKind, **changes: Any) -> PsfEn
     of_source = {"distance": source.distance, "usable_per_mm": source.usable_per_mm}
     return PsfEntry(
         file=file,
-        cell=source.cell,
+        pixel=source.pixel,
         channels=source.channels,
         kind=kind,
         **{**of_source, **changes},
@@ -246,7 +246,7 @@ def added(
     return Product(value, figures, writers, outputs=outputs, commit=commit)
 
 
-def chosen_camera(folder: Path, name: str | None) -> tuple[OpenCamera | None, str | None]:
+def chosen_camera(folder: Path, name: str | None) -> tuple[LoadedCamera | None, str | None]:
     """The camera that PSFs are measured of, and from where it is to be copied into the folder.
 
     Parameters
@@ -291,7 +291,7 @@ def check_free(folder: Path, names: list[str]) -> None:
 
 
 def pixel_of(
-    frame: Frame, opened: OpenCamera | None, psfs: PsfSet | None, pitch: Length | None
+    frame: Frame, opened: LoadedCamera | None, psfs: PsfSet | None, pitch: Length | None
 ) -> Length:
     """Pitch of the pixels of the reconstruction: of a frame's pixels, or its 2×2 superpixels.
 
@@ -318,7 +318,7 @@ def pixel_of(
     if opened is not None:
         known, named = _pixel_of_camera(frame, opened), f"the camera {opened.camera.name!r}"
     elif of_folder is not None:
-        known, named = of_folder.cell, f"the PSF {of_folder.file}"
+        known, named = of_folder.pixel, f"the PSF {of_folder.file}"
     pixel = known or stated
     if pixel is None:
         raise OptionError(
@@ -331,15 +331,15 @@ def pixel_of(
             f"--pixel {pitch}: a pixel of {named} is {known} wide, but {each} are {stated}; leave "
             "--pixel out, or give another folder (-o)"
         )
-    if of_folder is not None and of_folder.cell != pixel:
+    if of_folder is not None and of_folder.pixel != pixel:
         raise DataError(
-            f"the PSF {of_folder.file} of the folder has pixels of {of_folder.cell}, but these "
+            f"the PSF {of_folder.file} of the folder has pixels of {of_folder.pixel}, but these "
             f"frames {pixel}: they are of another camera. Give another folder (-o)"
         )
     return pixel
 
 
-def _pixel_of_camera(frame: Frame, opened: OpenCamera) -> Length:
+def _pixel_of_camera(frame: Frame, opened: LoadedCamera) -> Length:
     """Pitch of a camera's pixels or superpixels; a frame that is not of it is refused."""
     sensor = opened.camera.sensor
     bin_by = 1 if sensor.mosaic == "none" else 2

@@ -287,7 +287,7 @@ def calibrate_pairs(run: Run[CalibratePairsOptions]) -> Product[Tensor]:
     pairs, frame = _read_pairs(options, files)
     entry = PsfEntry(
         file=options.psf_file,
-        cell=pixel_of(frame, opened, psfs, options.pixel),
+        pixel=pixel_of(frame, opened, psfs, options.pixel),
         channels=pairs.channels if options.each_channel else ("grey",),
         distance=options.distance,
         kind="solved",

@@ -314,7 +314,7 @@ def calibrate_point(run: Run[CalibratePointOptions]) -> Product[Tensor]:
     usable = point.usable_per_mm
     entry = PsfEntry(
         file=options.psf_file,
-        cell=pixel,
+        pixel=pixel,
         channels=frames.channels,
         distance=options.distance,
         angle=options.angle,

@@ -209,7 +209,7 @@ def calibrate_stitch(run: Run[CalibrateStitchOptions]) -> Product[Tensor]:
     inexact = 0.0 if camera else _REDUCED_FRACTION
     captures = [
         Capture.at_angle(
-            read_psf(options.folder, each), each.angle, layers, each.cell.um, inexact=inexact
+            read_psf(options.folder, each), each.angle, layers, each.pixel.um, inexact=inexact
         )
         for each in entries
     ]
@@ -278,7 +278,7 @@ def _rows(
     for number, (capture, entry) in enumerate(zip(captures, entries, strict=True)):
         shift = stitched.placement.shifts[number]
         assert shift is not None
-        pixel = entry.cell.um
+        pixel = entry.pixel.um
         stated = capture.expected[1] * pixel, -capture.expected[0] * pixel
         measured = shift[1] * pixel, -shift[0] * pixel
         off = math.dist(stated, measured)

@@ -7,7 +7,7 @@ from pydantic import Field
 from torch import Tensor
 
 from nolens.amounts import rounded
-from nolens.camera import OpenCamera, RandomLenslets
+from nolens.camera import LoadedCamera, RandomLenslets
 from nolens.camera.part import PositiveLength
 from nolens.camera.psf_set import Depth
 from nolens.design.focus import LensletStack
@@ -101,7 +101,7 @@ def look_at_design(run: Run[LookOptions]) -> Product[Tensor]:
     return Product(psf[0], summary, {options.output: partial(write_png, radiance=psf)})
 
 
-def _layers(opened: OpenCamera) -> list[dict[str, Any]]:
+def _layers(opened: LoadedCamera) -> list[dict[str, Any]]:
     camera = opened.camera
     return [
         {
@@ -116,7 +116,7 @@ def _layers(opened: OpenCamera) -> list[dict[str, Any]]:
     ]
 
 
-def _focus(opened: OpenCamera, stack: LensletStack) -> dict[str, Any]:
+def _focus(opened: LoadedCamera, stack: LensletStack) -> dict[str, Any]:
     """Where lenslets are in focus, by ray matrices; nothing of masks that have none."""
     relief = opened.camera.mask.relief
     summary: dict[str, Any] = {

@@ -15,7 +15,7 @@ from typing import Annotated, Any, ClassVar
 
 import torch
 
-from nolens.camera import OpenCamera, RandomLenslets, ReliefFile
+from nolens.camera import LoadedCamera, RandomLenslets, ReliefFile
 from nolens.camera.part import PositiveLength
 from nolens.design.masks import (
     FREQUENCIES_PER_MM,
@@ -138,7 +138,7 @@ class MadeMask:
         Whether a person ended the descent early.
     """
 
-    opened: OpenCamera
+    opened: LoadedCamera
     layout: Layout | None = None
     target: torch.Tensor | None = None
     stopped: bool = False
@@ -229,7 +229,7 @@ class Blank:
         Is told how far the work is.
     """
 
-    opened: OpenCamera
+    opened: LoadedCamera
     model: Twin
     light: Light
     overhang: Length
@@ -237,7 +237,7 @@ class Blank:
     reporter: Reporter
 
     @classmethod
-    def of(cls, opened: OpenCamera, options: MaskOptions, reporter: Reporter) -> "Blank":
+    def of(cls, opened: LoadedCamera, options: MaskOptions, reporter: Reporter) -> "Blank":
         """The camera that a mask is made for, by the options of the mask.
 
         Raises
@@ -317,7 +317,7 @@ class Blank:
             If they are too steep, or more than the machine has memory for.
         """
 
-        def made(grid: Length) -> OpenCamera:
+        def made(grid: Length) -> LoadedCamera:
             size, beside = self.size(grid.um), 2 * margin(grid.um)
             points = math.prod(count + beside for count in size)
             check_memory(
@@ -327,12 +327,12 @@ class Blank:
 
         return self._on_a_grid(made, remedy)
 
-    def with_heights(self, heights_um: torch.Tensor, grid: Length) -> OpenCamera:
+    def with_heights(self, heights_um: torch.Tensor, grid: Length) -> LoadedCamera:
         """The camera with a relief of these heights."""
         relief = ReliefFile(kind="file", file=_RELIEF_FILE, grid=grid)
         return replace(with_relief(self.opened, relief), relief_um=heights_um)
 
-    def _on_a_grid(self, make: Callable[[Length], OpenCamera], remedy: str) -> MadeMask:
+    def _on_a_grid(self, make: Callable[[Length], LoadedCamera], remedy: str) -> MadeMask:
         pitch = self.opened.camera.sensor.pitch
         for per_pixel in _PER_PIXEL:
             grid = pitch if per_pixel == 1 else Length.of(pitch.um / per_pixel, "um")
@@ -348,7 +348,7 @@ class Blank:
         return MadeMask(opened)
 
 
-def with_relief(opened: OpenCamera, relief: RandomLenslets | ReliefFile) -> OpenCamera:
+def with_relief(opened: LoadedCamera, relief: RandomLenslets | ReliefFile) -> LoadedCamera:
     """The camera with another relief, not yet read."""
     mask = opened.camera.mask.model_copy(update={"relief": relief})
     camera = opened.camera.model_copy(update={"mask": mask})
@@ -356,7 +356,7 @@ def with_relief(opened: OpenCamera, relief: RandomLenslets | ReliefFile) -> Open
 
 
 @job
-def design_mask(run: Run[MaskOptions]) -> Product[OpenCamera]:
+def design_mask(run: Run[MaskOptions]) -> Product[LoadedCamera]:
     """Design a mask for a camera and write the camera that has it.
 
     Raises
@@ -417,7 +417,7 @@ def design_mask(run: Run[MaskOptions]) -> Product[OpenCamera]:
     )
 
 
-def _middle(opened: OpenCamera, device: torch.device) -> Twin:
+def _middle(opened: LoadedCamera, device: torch.device) -> Twin:
     """The camera with the middle of its sensor and no opening, ready to be simulated."""
     sensor = opened.camera.sensor
     rows, columns = (min(_MIDDLE_PIXELS, count) for count in (sensor.rows, sensor.columns))

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from nolens.camera import OpenCamera, RandomLenslets
+from nolens.camera import LoadedCamera, RandomLenslets
 from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth
 from nolens.design.replica import WIDER
@@ -312,7 +312,7 @@ def _medium(material: str, index: Uncertain | None) -> Medium:
     return Medium.of_index(index) if index else Medium.of_material(read_material(material))
 
 
-def _lenslets(opened: OpenCamera, options: ThicknessOptions) -> tuple[Uncertain, float]:
+def _lenslets(opened: LoadedCamera, options: ThicknessOptions) -> tuple[Uncertain, float]:
     """Pitch, and the fraction of it that rounds the valleys."""
     relief = opened.camera.mask.relief
     if isinstance(relief, RandomLenslets):

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import torch
 from pydantic import Field
 
-from nolens.camera import Camera, OpenCamera
+from nolens.camera import Camera, LoadedCamera
 from nolens.design.tolerances.parameters import Parameter, default_parameters, parameters_to_toml
 from nolens.design.tolerances.sharpness import Limit, Sharpness
 from nolens.design.tolerances.study import Study, StudyPlan, Yield
@@ -190,14 +190,14 @@ def study_tolerances(run: Run[ToleranceOptions]) -> Product[Study | None]:
     return Product(study, summary, _writers(options, study, summary), described)
 
 
-def _parameters(options: ToleranceOptions, opened: OpenCamera) -> tuple[Parameter, ...]:
+def _parameters(options: ToleranceOptions, opened: LoadedCamera) -> tuple[Parameter, ...]:
     """Tolerances from a file, or what is assumed."""
     if options.tolerances is None:
         return default_parameters(opened.camera)
     return read_tolerances(options.tolerances, opened.camera)
 
 
-def _plan(options: ToleranceOptions, opened: OpenCamera) -> StudyPlan:
+def _plan(options: ToleranceOptions, opened: LoadedCamera) -> StudyPlan:
     """Check all that can be checked before anything takes long."""
     sharpness, light = Sharpness.parse(options.criterion), Light(options.light)
     solve = None

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from nolens.amounts import rounded
-from nolens.camera import OpenCamera, PsfEntry, develop
+from nolens.camera import LoadedCamera, PsfEntry, develop
 from nolens.camera.part import PositiveLength, refusal
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
@@ -300,9 +300,9 @@ def captured_off_axis(
     central, others = _chosen(folder, read_psf_set(folder).psf)
     warnings = []
     first = read_psf(folder, central).mean(dim=0)
-    if twin is not None and not math.isclose(central.cell.um, twin.pixel_um, rel_tol=0.01):
+    if twin is not None and not math.isclose(central.pixel.um, twin.pixel_um, rel_tol=0.01):
         raise DataError(
-            f"{central.file} has pixels of {central.cell}, but a reconstruction with the camera "
+            f"{central.file} has pixels of {central.pixel}, but a reconstruction with the camera "
             f"{twin.camera.name!r} has pixels of {twin.pixel_um:g} µm: give the camera that the "
             "PSFs are from (--camera)"
         )
@@ -316,7 +316,7 @@ def captured_off_axis(
                 f"{clipped} pixels of {folder / entry.file}, many side by side, have its very "
                 "largest value: it seems to be clipped. Take a shorter exposure"
             )
-        psfs.append(compare(first, psf, source_of(entry), central.cell.um, twin))
+        psfs.append(compare(first, psf, source_of(entry), central.pixel.um, twin))
     return psfs, central.distance_um, warnings
 
 
@@ -388,7 +388,7 @@ def _camera(options: MeasureFieldOptions) -> str | Path | None:
     return options.camera
 
 
-def _of_picture(run: Run[MeasureFieldOptions], opened: OpenCamera) -> Product[FieldOfView]:
+def _of_picture(run: Run[MeasureFieldOptions], opened: LoadedCamera) -> Product[FieldOfView]:
     options = run.options
     assert options.dots is not None and options.dot_pitch is not None
     frame = read_frame(options.dots)
@@ -410,7 +410,7 @@ def _of_picture(run: Run[MeasureFieldOptions], opened: OpenCamera) -> Product[Fi
     return Product(grid, rounded(grid.figures), _grid_writers(options, grid))
 
 
-def _of_folder(run: Run[MeasureFieldOptions], opened: OpenCamera | None) -> Product[FieldOfView]:
+def _of_folder(run: Run[MeasureFieldOptions], opened: LoadedCamera | None) -> Product[FieldOfView]:
     options = run.options
     assert options.psfs is not None
     twin = None if opened is None else preview_model(opened)
@@ -420,7 +420,7 @@ def _of_folder(run: Run[MeasureFieldOptions], opened: OpenCamera | None) -> Prod
     return _off_axis_product(options, psfs, away_um, twin)
 
 
-def _of_twin(run: Run[MeasureFieldOptions], opened: OpenCamera) -> Product[FieldOfView]:
+def _of_twin(run: Run[MeasureFieldOptions], opened: LoadedCamera) -> Product[FieldOfView]:
     options, away_um = run.options, distance_um(run.options.distance, opened)
     grid = options.dot_pitch is not None
     largest = options.extent if grid else options.angles[-1]

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from torch import Tensor
 
 from nolens.amounts import rounded
-from nolens.camera import BlackLevel, Frame, OpenCamera, black_level, check_psf, develop
+from nolens.camera import BlackLevel, Frame, LoadedCamera, black_level, check_psf, develop
 from nolens.camera.part import PixelPitch
 from nolens.design.focus import depth_of_focus_um, lenslet_aperture
 from nolens.errors import OptionError
@@ -189,7 +189,7 @@ def measure_psf(run: Run[MeasurePsfOptions]) -> Product[PsfFigures]:
     )
 
 
-def _camera(run: Run[MeasurePsfOptions]) -> OpenCamera | None:
+def _camera(run: Run[MeasurePsfOptions]) -> LoadedCamera | None:
     """The camera that is named, or the one in the PSF's folder."""
     beside = run.options.psf.parent / CAMERA_FILE
     given = run.options.camera or (beside if beside.is_file() else None)
@@ -200,14 +200,14 @@ def _camera(run: Run[MeasurePsfOptions]) -> OpenCamera | None:
     return opened
 
 
-def _pixel_um(options: MeasurePsfOptions, frame: Frame, opened: OpenCamera | None) -> float:
+def _pixel_um(options: MeasurePsfOptions, frame: Frame, opened: LoadedCamera | None) -> float:
     """Distance of the file's pixels, where all that is known of it agrees."""
     folder, given = options.psf.parent, options.pixel
     listed = None
     if (folder / PSFS_FILE).is_file():
         entries = {each.file: each for each in read_psf_set(folder).psf}
         entry = entries.get(options.psf.name)
-        listed = None if entry is None else entry.cell
+        listed = None if entry is None else entry.pixel
     if given is None and listed is None:
         raise OptionError(
             f"no pitch of the pixels of {options.psf} is known: give --pixel with its unit, such "
@@ -225,7 +225,7 @@ def _pixel_um(options: MeasurePsfOptions, frame: Frame, opened: OpenCamera | Non
     return length.um
 
 
-def _check_pitch(pixel_um: float, frame: Frame, opened: OpenCamera) -> None:
+def _check_pitch(pixel_um: float, frame: Frame, opened: LoadedCamera) -> None:
     """Refuse a pitch that is not that of the camera's sensor, or of whole numbers of its pixels."""
     sensor = opened.camera.sensor
     ratio = pixel_um / sensor.pitch.um

@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar, TypeVar
 from torch import Tensor
 
 from nolens.amounts import rounded
-from nolens.camera import Measurement, OpenCamera, develop, prepare_psf
+from nolens.camera import LoadedCamera, Measurement, develop, prepare_psf
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
 from nolens.evaluate import FlatPicture
@@ -346,7 +346,7 @@ def target_pictures(run: Run[Options]) -> list[TargetPicture]:
     return pictures
 
 
-def _camera(run: Run[Options]) -> OpenCamera | None:
+def _camera(run: Run[Options]) -> LoadedCamera | None:
     """The camera that is named, or the one beside the PSF; None where a pixel's angle is given."""
     options = run.options
     name: str | Path | None = options.camera
@@ -365,7 +365,7 @@ def _camera(run: Run[Options]) -> OpenCamera | None:
     return camera
 
 
-def _read(path: Path, options: ResolutionOptions, camera: OpenCamera | None) -> TargetPicture:
+def _read(path: Path, options: ResolutionOptions, camera: LoadedCamera | None) -> TargetPicture:
     """A picture that was reconstructed already."""
     frame = read_frame(path)
     if frame.mosaic is not None:
@@ -420,7 +420,7 @@ def _developed(options: ResolutionOptions, warn: Callable[..., None]) -> list[_D
 
 
 def _scale(
-    path: Path, options: ResolutionOptions, camera: OpenCamera | None, support: Region
+    path: Path, options: ResolutionOptions, camera: LoadedCamera | None, support: Region
 ) -> AngularScale:
     """Angles of the pixels of a support."""
     if options.pixel_angle is not None:
