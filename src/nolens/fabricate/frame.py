@@ -263,13 +263,13 @@ def poured_layer(camera: Camera) -> Layer:
     """
     layers = camera.layers
     first = len(layers)
-    if _is_air(layers[-1]):
+    if is_air(layers[-1]):
         first -= 2
     elif layers[-1].material in _GLASSES:
         first -= 1
     between = layers[camera.mask.surface : max(first, 0)]
     advice = "give a camera whose masked layer lies on the cover glass, such as the preset paper"
-    if any(_is_air(layer) for layer in between):
+    if any(is_air(layer) for layer in between):
         raise OptionError(
             f"the mask of {camera.name!r} is a film with air between it and the glass: no resin is "
             f"poured there, and this frame is for pouring; {advice}"
@@ -415,5 +415,6 @@ def _check_printer(frame: FrameGeometry, printer: Printer) -> None:
         )
 
 
-def _is_air(layer: Layer) -> bool:
+def is_air(layer: Layer) -> bool:
+    """Whether a layer is a gap."""
     return layer.material == "air" or layer.index == 1

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from nolens.camera import Camera, Layer
 from nolens.errors import OptionError
-from nolens.fabricate.frame import FrameGeometry, poured_layer
+from nolens.fabricate.frame import FrameGeometry, is_air, poured_layer
 from nolens.fabricate.resin import MouldAmount
 from nolens.fabricate.sheet_parts import (
     WORD_MM,
@@ -239,7 +239,7 @@ def _parts(place: _Place) -> list[Shape]:
     shapes.append(_mould(place))
     levels = place.levels
     for layer, upper, lower in zip(place.below, levels, levels[1:], strict=False):
-        air = layer.material == "air" or layer.index == 1
+        air = is_air(layer)
         ends = place.package if not air else _between(place.package, place.pixels)
         tone: Tone = "air" if air else "glass"
         shapes.append(_box(*_corners(ends, upper, lower), tone, tone))

@@ -14,7 +14,7 @@ from nolens.fabricate.frame import FrameGeometry
 from nolens.fabricate.surface import MadeSurface
 
 _BEYOND_MM = 1.0
-"""How far what is cut away reaches beyond the faces that it opens."""
+"""How far what is cut away extends beyond the faces that it opens."""
 
 
 @dataclass(frozen=True)

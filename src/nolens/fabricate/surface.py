@@ -37,7 +37,7 @@ _MOST_BYTES = 500e6
 
 @dataclass(frozen=True)
 class MadeSurface:
-    """Heights of a surface that is to be made, as seen by who looks onto it.
+    """Heights of a surface that is to be made, as they appear to who looks onto it.
 
     Parameters
     ----------

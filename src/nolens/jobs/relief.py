@@ -127,7 +127,7 @@ class ReliefOptions(OutputFolderOptions):
         bool,
         Option(
             "Continues a map that is too small by reflection at its edges: then only the "
-            "statistics of the pattern are right.",
+            "statistics of the PSF are right.",
             _RESULT,
             default="off",
         ),
@@ -175,7 +175,7 @@ def replace_relief(run: Run[ReliefOptions]) -> Product[LoadedCamera]:
         if heights.size > points:
             warnings.append(
                 f"the map of {size_mm} mm is continued by reflection at its edges: the statistics "
-                "of the pattern are those of the part, but not its details"
+                "of the PSF are those of the part, but not its details"
             )
     changed, twin = with_relief(
         camera, heights, grid, file=RELIEF_FILE, source=readable(options.map.name)

@@ -43,8 +43,8 @@ class PointSource:
         """The same source, or the nearest one whose field angle is not larger."""
         if self.angle_deg <= angle_deg:
             return self
-        share = math.tan(math.radians(angle_deg)) / math.hypot(*self.tangent)
-        tangent = self.tangent[0] * share, self.tangent[1] * share
+        scale = math.tan(math.radians(angle_deg)) / math.hypot(*self.tangent)
+        tangent = self.tangent[0] * scale, self.tangent[1] * scale
         return PointSource(tangent, self.distance_um, self.diameter_um)
 
     def origin_um(self) -> tuple[float, float]:
@@ -96,13 +96,7 @@ class Illumination:
     after: Stack
 
     def chief_ray(self, sensor_um: tuple[float, float]) -> ChiefRay:
-        """The ray that reaches a place on the sensor.
-
-        Parameters
-        ----------
-        sensor_um
-            (row, column) direction, from the sensor's middle.
-        """
+        """The ray to a place on the sensor, (row, column) direction from its middle."""
         if math.isinf(self.source.distance_um):
             tangent = math.hypot(*self.source.tangent)
             unit = _unit(self.source.tangent)
@@ -113,21 +107,15 @@ class Illumination:
             start = self.source.origin_um()
             across = (sensor_um[0] - start[0], sensor_um[1] - start[1])
             unit = _unit(across)
-            reach = torch.tensor(math.hypot(*across), dtype=torch.float64)
-            ray = self._to_mask().then(self.after).ray(reach)
+            displacement = torch.tensor(math.hypot(*across), dtype=torch.float64)
+            ray = self._to_mask().then(self.after).ray(displacement)
             p = float(ray)
             back = float(self._to_mask().displacement_um(ray))
         mask = (start[0] + unit[0] * back, start[1] + unit[1] * back)
         return ChiefRay((unit[0] * p, unit[1] * p), mask)
 
     def direction(self, rows_um: Tensor, columns_um: Tensor) -> tuple[Tensor, Tensor]:
-        """The light's p at places on the mask: (row part, column part).
-
-        Parameters
-        ----------
-        rows_um, columns_um
-            float64, of shapes that broadcast.
-        """
+        """The light's p at places on the mask, float64: (row part, column part)."""
         if math.isinf(self.source.distance_um):
             squared = self.source.tangent[0] ** 2 + self.source.tangent[1] ** 2
             scale = 1 / math.sqrt(1 + squared)
@@ -135,9 +123,9 @@ class Illumination:
             return one * (self.source.tangent[0] * scale), one * (self.source.tangent[1] * scale)
         start = self.source.origin_um()
         across = rows_um - start[0], columns_um - start[1]
-        reach = torch.hypot(across[0] + 0 * across[1], across[1] + 0 * across[0])
-        share = self._to_mask().ray(reach) / reach.clamp_min(1e-12)
-        return across[0] * share, across[1] * share
+        distance = torch.hypot(across[0] + 0 * across[1], across[1] + 0 * across[0])
+        p_per_um = self._to_mask().ray(distance) / distance.clamp_min(1e-12)
+        return across[0] * p_per_um, across[1] * p_per_um
 
     def irradiance(self, rows_um: Tensor, columns_um: Tensor) -> Tensor:
         r"""Light on the mask's plane from a source of the same power in all directions; float64.
@@ -152,12 +140,12 @@ class Illumination:
             return (1 - squared).pow(1.5)
         stack = self._to_mask()
         start = self.source.origin_um()
-        reach = (rows_um - start[0]).square() + (columns_um - start[1]).square()
-        reach = reach.sqrt()
-        share = torch.where(
-            reach > 1e-9, squared.sqrt() / reach.clamp_min(1e-9), 1 / stack.reduced_um
+        radius = (rows_um - start[0]).square() + (columns_um - start[1]).square()
+        radius = radius.sqrt()
+        p_per_um = torch.where(
+            radius > 1e-9, squared.sqrt() / radius.clamp_min(1e-9), 1 / stack.reduced_um
         )
-        return distance**2 * share / ((1 - squared).sqrt() * stack.spread_um(squared.sqrt()))
+        return distance**2 * p_per_um / ((1 - squared).sqrt() * stack.spread_um(squared.sqrt()))
 
     def path_um(self, rows_um: Tensor, columns_um: Tensor, chief: ChiefRay) -> Tensor:
         r"""Optical path from the source, less the plane wave of the chief ray; float64.

@@ -72,12 +72,7 @@ class Stack:
         """Give p of the ray that moves sideways by so much ≥ 0: inverse of `displacement_um`.
 
         Newton's method on the tangent of the ray in the layer of the smallest index, in which
-        the displacement is close to linear.
-
-        Parameters
-        ----------
-        displacement_um
-            float64, any shape.
+        the displacement is close to linear. The displacement is float64, of any shape.
         """
         slowest = self.critical
         tangent = displacement_um / self.reduced_um / slowest
@@ -120,17 +115,9 @@ def transmittance(indices: tuple[float, ...], squared: Tensor) -> Tensor:
 
 
 def translation(thickness_um: Number) -> Tensor:
-    """Matrix of a layer: a ray (place, angle) goes on straight.
+    """Matrix of a layer, float64: a ray (place, angle) goes on straight.
 
-    Parameters
-    ----------
-    thickness_um
-        Of the layer.
-
-    Returns
-    -------
-    Tensor
-        float64, (..., 2, 2): [[1, t], [0, 1]] (`uvimprint`, eq. 1).
+    [[1, t], [0, 1]] (`uvimprint`, eq. 1).
     """
     return _matrix(1.0, thickness_um, 0.0, 1.0)
 
@@ -203,16 +190,8 @@ def mask_to_sensor(before: float, after: Stack, radius_um: float) -> Tensor:
     r"""Matrix N from in front of the mask's surface to the sensor (`uvimprint`, eq. 1, 2 and 4).
 
     Parallel rays meet on the sensor where :math:`N_{11} = 1 - (n - n_0) D / R = 0`, with n the
-    index of the first layer and :math:`D = Σ t_j / n_j` (`Stack.reduced_um`).
-
-    Parameters
-    ----------
-    before
-        Refractive index n₀ in front of the mask's surface.
-    after
-        The layers from that surface to the sensor.
-    radius_um
-        Radius of curvature of the mask's features, as in `refraction`.
+    index of the first layer, n₀ that in front of the mask's surface, R the radius of curvature of
+    its features, as in `refraction`, and :math:`D = Σ t_j / n_j` (`Stack.reduced_um`).
     """
     return through_layers(before, after.thicknesses_um, after.indices, 0, radius_um)
 

@@ -26,8 +26,8 @@ def random_lenslets(
 ) -> Relief:
     r"""Random smooth microlenses, the paper's model of its mask (`uvimprint`).
 
-    Places are those of `relaxed_points`; a lenslet is the cap :math:`h = -d^2/2R` over the cell
-    of its point.
+    Places are those of `relaxed_points`; a lenslet is the cap :math:`h = -d^2/2R` over the
+    Voronoi cell of its point.
 
     Parameters
     ----------
@@ -44,13 +44,12 @@ def random_lenslets(
     seed
         Of the places.
     """
-    cells = (
+    samples = (
         fast_length(math.ceil(size_um[0] / grid_um) + 1, of_rows=False),
         fast_length(math.ceil(size_um[1] / grid_um) + 1, of_rows=True),
     )
-    size = (cells[0] * grid_um, cells[1] * grid_um)
-    points = relaxed_points(size, pitch_um, seed)
-    squared = squared_distance(points, cells, grid_um)
+    points = relaxed_points((samples[0] * grid_um, samples[1] * grid_um), pitch_um, seed)
+    squared = squared_distance(points, samples, grid_um)
     return Relief(smoothed(squared.mul_(-1 / (2 * radius_um)), smoothing_um / grid_um), grid_um)
 
 
@@ -59,31 +58,16 @@ def surface_bytes(points: float) -> float:
     return points * _BYTES_PER_POINT
 
 
-def squared_distance(points: NDArray[np.float64], cells: tuple[int, int], grid_um: float) -> Tensor:
-    """Squared distance in um² to the nearest of some points, on a torus; float32, of shape `cells`.
+def squared_distance(points: NDArray[np.float64], size: tuple[int, int], grid_um: float) -> Tensor:
+    """Squared distance in um² to the nearest of some points, on a torus; float32, of shape `size`.
 
-    Parameters
-    ----------
-    points
-        (count, 2), row and column in um.
-    cells
-        (rows, columns) of the torus.
-    grid_um
-        Distance of its samples.
+    Points are (count, 2), row and column in um.
     """
-    return torch.from_numpy(nearest_points(points, cells, grid_um)[1])
+    return torch.from_numpy(nearest_points(points, size, grid_um)[1])
 
 
 def smoothed(heights: Tensor, deviation: float) -> Tensor:
-    """Heights on a torus after a Gaussian blur.
-
-    Parameters
-    ----------
-    heights
-        float32, (rows, columns).
-    deviation
-        Standard deviation of the Gaussian, in samples.
-    """
+    """Heights on a torus, float32, after a Gaussian blur of a standard deviation in samples."""
     spectrum = rfft2(heights)
     for axis, count in enumerate(heights.shape):
         frequency = torch.fft.fftfreq(count, dtype=torch.float64)
@@ -99,36 +83,28 @@ def relaxed_points(size_um: tuple[float, float], pitch_um: float, seed: int) -> 
     As dense as a hexagonal arrangement of spacing `pitch_um`: :math:`2/(\sqrt3\,\text{pitch}^2)` to
     the area.
 
-    Parameters
-    ----------
-    size_um
-        (height, width) of the torus.
-    pitch_um
-        Mean distance of neighbours.
-    seed
-        Of the places before relaxation.
-
     Returns
     -------
     NDArray
-        (count, 2), row and column in um.
+        (count, 2), row and column in um, on a torus of (height, width) `size_um`. The seed is
+        that of the places before relaxation.
     """
     size = np.array(size_um)
     generator = np.random.default_rng(seed)
     count = max(1, round(float(size.prod()) * 2 / (math.sqrt(3) * pitch_um**2)))
     points = generator.uniform(size=(count, 2)) * size
     step = pitch_um / _SAMPLES_PER_PITCH
-    cells = (max(1, round(size[0] / step)), max(1, round(size[1] / step)))
-    scale = size / cells  # Cells are square to within rounding; distances are taken in cells.
+    samples = (max(1, round(size[0] / step)), max(1, round(size[1] / step)))
+    scale = size / samples  # Samples are square to within rounding; they are the unit of length.
     points /= scale
-    rows, columns = np.indices(cells, dtype=np.float64).reshape(2, -1)
+    rows, columns = np.indices(samples, dtype=np.float64).reshape(2, -1)
     for _ in range(_RELAXATION_STEPS):
-        owner = nearest_points(points, cells, 1.0)[0].ravel()
-        share = np.maximum(np.bincount(owner, minlength=count), 1)
+        owner = nearest_points(points, samples, 1.0)[0].ravel()
+        owned = np.maximum(np.bincount(owner, minlength=count), 1)
         for axis, place in enumerate((rows, columns)):
             offset = place - points[owner, axis]
-            offset -= cells[axis] * np.round(offset / cells[axis])
-            moved = np.bincount(owner, offset, minlength=count) / share
-            points[:, axis] = (points[:, axis] + moved) % cells[axis]
+            offset -= samples[axis] * np.round(offset / samples[axis])
+            moved = np.bincount(owner, offset, minlength=count) / owned
+            points[:, axis] = (points[:, axis] + moved) % samples[axis]
     spread: NDArray[np.float64] = points * scale
     return spread

@@ -47,18 +47,8 @@ def oriented(
 ) -> tuple[Heights, tuple[float, float]]:
     """Heights and the distances of their rows and columns, as the part lies on the camera.
 
-    Parameters
-    ----------
-    heights_um
-        (rows, columns), NaN where nothing was measured.
-    pitch_um
-        Distance of the rows and of the columns.
-    mirror
-        Whether top and bottom are exchanged.
-    invert
-        Whether heights are depths.
-    turn_deg
-        0, 90, 180 or 270, anticlockwise, after the exchange.
+    `mirror` exchanges top and bottom, `invert` takes heights for depths, and the map is turned by
+    0, 90, 180 or 270 degrees anticlockwise, after the exchange.
     """
     if invert:
         heights_um = -heights_um
@@ -73,12 +63,7 @@ def fill_gaps(heights_um: Heights) -> Heights:
     r"""Heights with their gaps closed, each point there being the mean of its neighbours.
 
     That is Laplace's equation :math:`\sum_{j\sim i}(h_i-h_j)=0` on the points of the gaps, with
-    the measured points around them as they are.
-
-    Parameters
-    ----------
-    heights_um
-        (rows, columns), NaN where nothing was measured; at least one point is finite.
+    the measured points around them as they are. Gaps are NaN; at least one point is finite.
     """
     missing = np.isnan(heights_um)
     count = int(missing.sum())
@@ -113,12 +98,7 @@ def fill_gaps(heights_um: Heights) -> Heights:
 def remove_tilt(heights_um: Heights, pitch_um: tuple[float, float]) -> tuple[Heights, Tilt]:
     """Heights over their best-fit plane, and how that and the best-fit paraboloid lie.
 
-    Parameters
-    ----------
-    heights_um
-        (rows, columns), NaN where nothing was measured.
-    pitch_um
-        Distance of the rows and of the columns.
+    Points that were not measured are NaN. The pitch is that of the rows and of the columns.
     """
     places = [
         (np.arange(count) - (count - 1) / 2) * step
@@ -126,37 +106,29 @@ def remove_tilt(heights_um: Heights, pitch_um: tuple[float, float]) -> tuple[Hei
     ]
     known = ~np.isnan(heights_um)
     down, right = np.broadcast_arrays(places[0][:, None], places[1])
-    reach = math.hypot(*(float(np.abs(each).max()) for each in places)) or 1.0
-    plane = np.stack([np.ones(int(known.sum())), down[known] / reach, right[known] / reach])
+    radius = math.hypot(*(float(np.abs(each).max()) for each in places)) or 1.0
+    plane = np.stack([np.ones(int(known.sum())), down[known] / radius, right[known] / radius])
     factors = _fit(plane, heights_um[known])
-    flat = heights_um - factors[0] - (factors[1] * down + factors[2] * right) / reach
+    flat = heights_um - factors[0] - (factors[1] * down + factors[2] * right) / radius
     bowl = np.vstack([plane, plane[1] ** 2 + plane[2] ** 2])
     curved = _fit(bowl, heights_um[known])
-    slopes = (1e3 * float(factors[1]) / reach, 1e3 * float(factors[2]) / reach)
+    slopes = (1e3 * float(factors[1]) / radius, 1e3 * float(factors[2]) / radius)
     return flat, Tilt(slopes, -float(curved[3]))
 
 
 def resample(heights_um: Heights, pitch_um: tuple[float, float], grid_um: float) -> Heights:
     """Heights on a square grid with the same middle, within the area that was measured.
 
-    Cubic splines go through all points; before a coarser grid a Gaussian takes away what it
-    cannot hold.
-
-    Parameters
-    ----------
-    heights_um
-        (rows, columns), finite, at least 4 of each.
-    pitch_um
-        Distance of the rows and of the columns.
-    grid_um
-        Distance of the points of the result.
+    Cubic splines go through all points, finite and at least 4×4; before a coarser grid a Gaussian
+    takes away what it cannot hold. The pitch is that of the rows and of the columns, `grid_um`
+    the distance of the result's points.
     """
     for axis, step in enumerate(pitch_um):
         count = heights_um.shape[axis]
         places = (np.arange(count) - (count - 1) / 2) * step
         # A rounding error must not cost the last point.
-        wanted = math.floor((count - 1) * step / grid_um + 1e-9) + 1
-        at = (np.arange(wanted) - (wanted - 1) / 2) * grid_um
+        points = math.floor((count - 1) * step / grid_um + 1e-9) + 1
+        at = (np.arange(points) - (points - 1) / 2) * grid_um
         if np.array_equal(places, at):
             continue
         if grid_um > step:
@@ -171,14 +143,9 @@ def resample(heights_um: Heights, pitch_um: tuple[float, float], grid_um: float)
 def extend_by_reflection(heights_um: Heights, size: tuple[int, int]) -> Heights:
     """Heights continued to a larger size by reflection at the edges, again and again.
 
-    Parameters
-    ----------
-    heights_um
-        (rows, columns).
-    size
-        Rows and columns of the result; where there are as many already, they stay.
+    Where there are as many rows or columns as in `size` already, they stay.
     """
-    lacking = [max(0, wanted - count) for wanted, count in zip(size, heights_um.shape, strict=True)]
+    lacking = [max(0, target - count) for target, count in zip(size, heights_um.shape, strict=True)]
     return np.pad(heights_um, [(each // 2, each - each // 2) for each in lacking], mode="reflect")
 
 
@@ -259,8 +226,8 @@ def _correlation(heights: NDArray[np.float64]) -> float:
         if not curve[0] > 0 or len(below) == 0:
             return 0.0
         after = int(below[0])
-        share = (curve[after - 1] - curve[0] / 2) / (curve[after - 1] - curve[after])
-        lags.append(after - 1 + float(share))
+        fraction = (curve[after - 1] - curve[0] / 2) / (curve[after - 1] - curve[after])
+        lags.append(after - 1 + float(fraction))
     return sum(lags) / 2
 
 

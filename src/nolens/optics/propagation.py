@@ -44,12 +44,12 @@ def propagate(
     carrier
         p = n sin θ of the plane wave that is taken out, (row, column) direction.
     offset_um
-        Samples are wanted so far from where the chief rays of the given ones arrive.
+        Place of the result's samples, from where the chief rays of the field's samples arrive.
     band_per_um
-        Largest frequency that is kept.
+        Largest frequency that is retained.
     surfaces
         Refractive indices of the media that the light goes through, if Fresnel's losses at the
-        surfaces between them are wanted.
+        surfaces between them count.
     finer
         Number of samples to give for one, in either direction.
 
@@ -84,14 +84,9 @@ def pass_layers_(
     band_per_um: float = math.inf,
     surfaces: tuple[float, ...] = (),
 ) -> Tensor:
-    """Multiply a spectrum by the transfer function of layers, in place.
+    """Multiply a field's spectrum, complex64, by the transfer function of layers, in place.
 
-    Parameters
-    ----------
-    spectrum
-        Of the field, complex64, (rows, columns).
-    pitch_um, stack, wavelength_um, carrier, offset_um, band_per_um, surfaces
-        As for `propagate`.
+    All other parameters are those of `propagate`.
     """
     frequency = [torch.fft.fftfreq(n, pitch_um, dtype=torch.float64) for n in spectrum.shape]
     p = [c + wavelength_um * f for c, f in zip(carrier, frequency, strict=True)]
@@ -105,10 +100,10 @@ def pass_layers_(
     ]
     linear[0] = linear[0] - float(stack.axial_um(central)) / wavelength_um
     limit = min((stack.critical, *surfaces)) ** 2
-    kept = [q.where(f.abs() <= band_per_um, math.inf) for q, f in zip(p, frequency, strict=True)]
+    passed = [q.where(f.abs() <= band_per_um, math.inf) for q, f in zip(p, frequency, strict=True)]
     return apply_transfer_(
         spectrum,
-        (kept[0].to(spectrum.device), kept[1].to(spectrum.device)),
+        (passed[0].to(spectrum.device), passed[1].to(spectrum.device)),
         (linear[0].to(spectrum.device), linear[1].to(spectrum.device)),
         tuple(t / wavelength_um for t in stack.thicknesses_um),
         tuple(n * n for n in stack.indices),

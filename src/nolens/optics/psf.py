@@ -20,19 +20,13 @@ _FRESNEL_WIDTHS = 3.0
 _LARGEST_DIVERGENCE = 0.1
 _NODES = 9
 # For a sample of the largest window, and of the whole PSF with what is averaged of it.
-_BYTES_PER_SAMPLE, _BYTES_PER_KEPT = 14, 6
+_BYTES_PER_SAMPLE, _BYTES_PER_RESULT = 14, 6
 _MOST_SAMPLES = 10**7
 
 
 @dataclass(frozen=True)
 class Window:
-    """One part of the PSF.
-
-    Parameters
-    ----------
-    rows, columns
-        First and last-but-one sample of the PSF that this part gives.
-    """
+    """One part of the PSF: its first row and column, and those after its last."""
 
     rows: tuple[int, int]
     columns: tuple[int, int]
@@ -86,15 +80,6 @@ def windows(rows: int, columns: int, pitch_um: float, distance_um: float) -> Ite
 
     No window is larger than what the processor's caches and the memory like, nor than the fraction
     of the source's distance over which the light's direction changes little.
-
-    Parameters
-    ----------
-    rows, columns
-        Samples of the PSF.
-    pitch_um
-        Their distance.
-    distance_um
-        Of the source.
     """
     largest = _LARGEST
     if math.isfinite(distance_um):
@@ -126,7 +111,7 @@ class Media:
     above, below
         Refractive indices on the two sides of the mask's surface.
     surfaces
-        Indices of all media from air to the last layer, if Fresnel's losses are wanted.
+        Indices of all media from air to the last layer, if Fresnel's losses count.
     """
 
     wavelength_um: float
@@ -197,12 +182,8 @@ def monochromatic_psf_bytes(
 ) -> float:
     """Most memory that `monochromatic_psf` holds at once, its result included.
 
-    Parameters
-    ----------
-    light, mask, media, grid
-        As `monochromatic_psf` takes them; the mask may be a patch as steep as all of it.
-    step
-        Samples of the grid for one of the field behind the relief.
+    The mask may be a patch as steep as all of it; `step` samples of the grid are for one of the
+    field behind the relief.
     """
     pitch = step * grid.pitch_um
     turned, spread = _turns(light, mask, media, light.source.p**2)
@@ -212,7 +193,7 @@ def monochromatic_psf_bytes(
         around + _longest(count, grid.pitch_um, light.source.distance_um)
         for count in (grid.rows, grid.columns)
     )
-    return rows * columns * _BYTES_PER_SAMPLE + grid.rows * grid.columns * _BYTES_PER_KEPT
+    return rows * columns * _BYTES_PER_SAMPLE + grid.rows * grid.columns * _BYTES_PER_RESULT
 
 
 def _longest(count: int, pitch_um: float, distance_um: float) -> int:
@@ -286,13 +267,13 @@ def _window(
 
 def _block(heights: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
     """Part of a surface that goes on level beyond its edges; no copy where it lies within."""
-    for axis, wanted in enumerate((rows, columns)):
+    for axis, places in enumerate((rows, columns)):
         count = heights.shape[axis]
-        first, last = int(wanted[0]), int(wanted[-1])
+        first, last = int(places[0]), int(places[-1])
         if first >= 0 and last < count:
-            heights = heights.narrow(axis, first, len(wanted))
+            heights = heights.narrow(axis, first, len(places))
         else:
-            heights = heights.index_select(axis, wanted.clamp(0, count - 1).to(heights.device))
+            heights = heights.index_select(axis, places.clamp(0, count - 1).to(heights.device))
     return heights
 
 

@@ -18,16 +18,9 @@ def expose(electrons: Tensor, sensor: Sensor, *, seed: int) -> Tensor:
     Parameters
     ----------
     electrons
-        Mean electrons of every pixel, ≥ 0, any shape.
-    sensor
-        Its figures.
-    seed
-        Of the noise.
-
-    Returns
-    -------
-    Tensor
-        Counts, int32, of the same shape.
+        Mean electrons of every pixel, ≥ 0, any shape. The counts, int32, have the same.
+    sensor, seed
+        Figures of the sensor, and the seed of the noise.
     """
     generator = torch.Generator().manual_seed(seed)
     # Far beyond the full well more light changes nothing, and might not fit Poisson's numbers.
@@ -43,19 +36,8 @@ def expose(electrons: Tensor, sensor: Sensor, *, seed: int) -> Tensor:
 def photocurrents(twin: Twin, light: Light, luminance_cd_m2: float) -> Tensor:
     """Electrons that a pixel frees in a second, for each sr of a scene that it sees.
 
-    Parameters
-    ----------
-    twin
-        The camera.
-    light
-        Spectrum of the scene.
-    luminance_cd_m2
-        Of what has the radiance 1.
-
-    Returns
-    -------
-    Tensor
-        float32, (channels,): times `Irradiated.light` this is a current.
+    A radiance of 1 has the luminance. The result, float32, (channels,), is a current when it is
+    multiplied by `Irradiated.light`.
     """
     area_m2 = twin.camera.sensor.pitch.m**2
     rates = [
@@ -65,14 +47,14 @@ def photocurrents(twin: Twin, light: Light, luminance_cd_m2: float) -> Tensor:
     return torch.tensor(rates)
 
 
-def mosaic(planes: Tensor, pattern: str) -> Tensor:
+def mosaic(planes: Tensor, colours: str) -> Tensor:
     """Every pixel in its colour, from full-size planes of all colours.
 
     Parameters
     ----------
     planes
         (3, rows, columns) of R, G and B, or (1, rows, columns).
-    pattern
+    colours
         Colours of the 2×2 superpixel row by row, or ``"none"``.
 
     Returns
@@ -80,10 +62,10 @@ def mosaic(planes: Tensor, pattern: str) -> Tensor:
     Tensor
         (rows, columns).
     """
-    if pattern == "none":
+    if colours == "none":
         return planes[0]
     out = torch.empty_like(planes[0])
-    for number, colour in enumerate(pattern):
+    for number, colour in enumerate(colours):
         row, column = divmod(number, 2)
         out[row::2, column::2] = planes["RGB".index(colour), row::2, column::2]
     return out

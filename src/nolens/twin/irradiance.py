@@ -51,12 +51,8 @@ class Irradiated:
     def relative_error(self, electrons: Tensor, sensor: Sensor) -> dict[str, float] | None:
         """`field_error` beside the picture's contrast and beside the noise; None if unknown.
 
-        Parameters
-        ----------
-        electrons
-            Mean electrons of every pixel, (rows, columns), float64, that the light frees.
-        sensor
-            Its read noise is added to the shot noise.
+        The light frees the mean `electrons`, (rows, columns), float64; the noise is shot noise
+        and the sensor's read noise.
         """
         if self.field_error is None:
             return None

@@ -77,17 +77,10 @@ class Light:
 
         Parameters
         ----------
-        efficiency
-            Of the sensor, filters included.
-        channel
-            One of its channels.
+        efficiency, channel
+            Of the sensor, filters included, and one of its channels.
         count
-            How many wavelengths.
-
-        Returns
-        -------
-        tuple
-            Pairs of wavelength in nm and weight; the weights' sum is 1.
+            How many wavelengths. The sum of their weights is 1.
 
         Raises
         ------
@@ -122,10 +115,8 @@ class Light:
 
         Parameters
         ----------
-        efficiency
-            Of the sensor, filters included.
-        channel
-            One of its channels.
+        efficiency, channel
+            As for `wavelengths`.
         luminance_cd_m2
             Of the surface that shines.
         """

@@ -29,16 +29,7 @@ def relief_grid(camera: LoadedCamera) -> Length:
 
 
 def on_grid(heights: Heights, pitch_um: tuple[float, float], grid: Length) -> Heights:
-    """A map on the square grid of a relief (`resample`).
-
-    Parameters
-    ----------
-    heights
-        (rows, columns) in um, finite.
-    pitch_um
-        Distance of the rows and of the columns.
-    grid
-        Distance of the points of the relief.
+    """A map, of the pitch of its rows and columns, on the square grid of a relief (`resample`).
 
     Raises
     ------
@@ -52,14 +43,7 @@ def on_grid(heights: Heights, pitch_um: tuple[float, float], grid: Length) -> He
 def extended(heights: Heights, preview: Twin, grid: Length) -> Heights:
     """Reflect a map at its edges until light from all sides passes through it.
 
-    Parameters
-    ----------
-    heights
-        (rows, columns); they are returned as they are where they are large enough.
-    preview
-        The camera, as `preview_model` gives it.
-    grid
-        Distance of the points.
+    The camera is a preview as `preview_model` gives it. A map that is large enough stays.
 
     Raises
     ------
@@ -83,18 +67,8 @@ def with_relief(
 ) -> tuple[LoadedCamera, Twin]:
     """The camera with measured heights as its relief, and ready to be simulated.
 
-    Parameters
-    ----------
-    camera
-        All but its relief stays.
-    heights
-        (rows, columns) in um, on the grid.
-    grid
-        Distance of the points.
-    file
-        Name that the relief's file will have.
-    source
-        Name of the map; the camera's name and note mention it.
+    `file` is the name that the relief's file will have, and `source` that of the map, which the
+    camera's name and note mention.
 
     Raises
     ------
@@ -123,18 +97,9 @@ def with_relief(
 
 
 def extent_deg(twin: Twin) -> list[float] | None:
-    """Angles up to which far light falls on all pixels through the relief.
+    """Angles up to which far light falls on all pixels through the relief, along height and width.
 
-    Parameters
-    ----------
-    twin
-        The camera with the measured relief.
-
-    Returns
-    -------
-    list
-        Along the height and along the width, in degrees; None behind an aperture, which the
-        relief fills.
+    None behind an aperture, which the relief fills.
 
     Raises
     ------

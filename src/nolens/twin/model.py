@@ -132,12 +132,8 @@ class Twin:
     def coarsest_pitch_um(self, shortest_nm: float | None = None, divergence: float = 0.0) -> float:
         """Largest distance of samples that carries the light behind the relief, at any angle.
 
-        Parameters
-        ----------
-        shortest_nm
-            Its shortest wavelength; None: the shortest that the sensor sees.
-        divergence
-            See `MaskSurface.coarsest_pitch_um`.
+        `shortest_nm` is the shortest wavelength; None takes the shortest that the sensor sees. For
+        `divergence` see `MaskSurface.coarsest_pitch_um`.
         """
         if shortest_nm is None:
             shortest_nm = self.quantum_efficiency.wavelength_nm[0]
@@ -336,12 +332,7 @@ def relief_points(opened: LoadedCamera) -> float:
 def simulation_bytes(points: float, working: float) -> float:
     """Most memory that a simulation holds: its relief is computed first, and held from then on.
 
-    Parameters
-    ----------
-    points
-        Of the relief, as `relief_points` counts them.
-    working
-        Bytes that the PSFs and what is made of them hold.
+    `relief_points` counts the points; the PSFs and what is made of them hold the `working` bytes.
     """
     return max(surface_bytes(points), working + _BYTES_PER_HEIGHT * points)
 

@@ -113,22 +113,9 @@ def polychromatic_psf(
     *,
     average: int = 1,
 ) -> Tensor:
-    """Weighted sum of the PSFs at some wavelengths, over blocks of `average`² samples.
+    """Weighted sum of the PSFs at some wavelengths, over blocks of `average`² samples of a grid.
 
-    Parameters
-    ----------
-    twin
-        The camera, its relief on a multiple of the grid's pitch (`sampled`).
-    source
-        The point source.
-    grid
-        The samples.
-    wavelengths
-        Pairs of wavelength in nm and weight.
-    progress
-        Called with the fraction that is done.
-    average
-        Samples along one value of the result.
+    The camera has its relief on a multiple of the grid's pitch (`sampled`).
     """
     total: Tensor | None = None
     for number, (wavelength_nm, weight) in enumerate(wavelengths):
@@ -160,16 +147,12 @@ def polychromatic_psf_bytes(
 
     Parameters
     ----------
-    twin
-        The camera, as `preview_model` gives it.
-    source
-        The point source.
-    shape
-        (rows, columns) of the result.
-    superpixel
-        Sensor pixels along one of its pixels.
+    twin, source
+        The camera, as `preview_model` gives it, and the point source.
+    shape, superpixel
+        (rows, columns) of the result, and sensor pixels along one of its pixels.
     at_least
-        Samples along a pixel.
+        Samples along a sensor pixel.
     shortest
         Shortest wavelength, in nm.
     """

@@ -36,14 +36,7 @@ class FieldMap:
 
     @classmethod
     def covering(cls, twin: Twin, tangents: tuple[float, float]) -> "FieldMap":
-        """The map of a scene that extends to some tangents of the field angle.
-
-        Parameters
-        ----------
-        twin
-            The camera.
-        tangents
-            Of half the scene's height and half its width.
+        """The map of a scene; the tangents are of the field angles of half its height and width.
 
         Raises
         ------
@@ -236,14 +229,9 @@ def _check(twin: Twin, plane: Plane) -> None:
 
 
 def render_plane(plane: Plane, at: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
-    """Radiance and opacity on the pixels, the picture averaged over about a pixel.
+    """Radiance and opacity on pixels at some tangents of the field angle (`FieldMap.tangents`).
 
-    Parameters
-    ----------
-    plane
-        The picture.
-    at
-        Tangents of the field angle of every pixel (`FieldMap.tangents`).
+    The picture is averaged over about a pixel.
     """
     height, width = plane.radiance.shape[-2:]
     opacity = plane.opacity if plane.opacity is not None else torch.ones(height, width)
@@ -277,15 +265,7 @@ def _steps(at: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
 
 
 def in_channels(radiance: Tensor, channels: int) -> Tensor:
-    """A linear picture in colour, or its luminance for a sensor of one channel.
-
-    Parameters
-    ----------
-    radiance
-        (3, height, width).
-    channels
-        Of the sensor.
-    """
+    """A linear picture, (3, height, width), or its luminance for a sensor of one channel."""
     if channels != 1:
         return radiance
     return (radiance * torch.tensor(_LUMINANCE)[:, None, None]).sum(dim=0, keepdim=True)
