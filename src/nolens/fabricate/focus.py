@@ -169,7 +169,7 @@ def ray_budget(camera: Camera) -> ToleranceBudget:
     )
 
 
-def expected_lines(opened: LoadedCamera, thicknesses_mm: tuple[float, ...]) -> tuple[Lines, ...]:
+def expected_lines(loaded: LoadedCamera, thicknesses_mm: tuple[float, ...]) -> tuple[Lines, ...]:
     """Simulate the check with a pinhole: the width of the lines for thicknesses of the resin.
 
     White light of a pinhole of 50 µm at the camera's reference distance falls on a patch of the
@@ -180,9 +180,9 @@ def expected_lines(opened: LoadedCamera, thicknesses_mm: tuple[float, ...]) -> t
     NolensError
         If the camera cannot be simulated, or its PSF has no lines to measure.
     """
-    if isinstance(opened.camera.mask.relief, Flat):
+    if isinstance(loaded.camera.mask.relief, Flat):
         raise DataError("the mask is flat: it throws no lines on the sensor")
-    twin = _patch(opened)
+    twin = _patch(loaded)
     camera = twin.camera
     poured = camera.mask.surface
     source = PointSource(distance_um=camera.reference_distance.um, diameter_um=PINHOLE_UM)
@@ -231,12 +231,12 @@ def _slopes(camera: Camera, focus: Focus) -> list[tuple[int, str, float, float]]
     return slopes
 
 
-def _patch(opened: LoadedCamera) -> Twin:
+def _patch(loaded: LoadedCamera) -> Twin:
     """The camera with so little of its sensor that a PSF takes a moment."""
-    sensor = opened.camera.sensor
+    sensor = loaded.camera.sensor
     superpixel = 1 if sensor.mosaic == "none" else 2
     rows, columns = (min(count, _PATCH * superpixel) for count in (sensor.rows, sensor.columns))
-    if not isinstance(opened.camera.mask.relief, RandomLenslets):
-        return Twin.of(opened).reading(rows, columns)
+    if not isinstance(loaded.camera.mask.relief, RandomLenslets):
+        return Twin.of(loaded).reading(rows, columns)
     small = sensor.model_copy(update={"rows": rows, "columns": columns})
-    return Twin.of(replace(opened, camera=opened.camera.model_copy(update={"sensor": small})))
+    return Twin.of(replace(loaded, camera=loaded.camera.model_copy(update={"sensor": small})))

@@ -24,7 +24,7 @@ _PLACEHOLDER = "placeholder"
 
 
 def process_sheet(
-    opened: LoadedCamera,
+    loaded: LoadedCamera,
     frame: FrameGeometry,
     resin: ResinAmount,
     mould: MouldAmount,
@@ -39,7 +39,7 @@ def process_sheet(
 
     Parameters
     ----------
-    opened
+    loaded
         The camera.
     frame
         The frame around its sensor.
@@ -56,9 +56,9 @@ def process_sheet(
         If the camera's mask is not poured onto its glass, the frame is too large for the sheet,
         or an index is not known at 550 nm.
     """
-    camera = opened.camera
+    camera = loaded.camera
     budget = tolerances or ray_budget(camera)
-    lines, no_lines = _lines(opened, budget)
+    lines, no_lines = _lines(loaded, budget)
     poured = poured_layer(camera)
     work = Work(
         camera=camera,
@@ -93,15 +93,15 @@ def process_sheet(
     )
 
 
-def _lines(opened: LoadedCamera, budget: ToleranceBudget) -> tuple[tuple[Lines, ...], str]:
+def _lines(loaded: LoadedCamera, budget: ToleranceBudget) -> tuple[tuple[Lines, ...], str]:
     """Expected widths at the camera's thickness and, where they are known, at its limits."""
-    nominal = poured_layer(opened.camera).thickness.mm
+    nominal = poured_layer(loaded.camera).thickness.mm
     limits: tuple[float, ...] = (nominal,)
     if budget.layer_mm is not None:
         thinnest = max(nominal - budget.layer_mm, nominal / 2)
         limits = (round(thinnest, 2), nominal, round(nominal + budget.layer_mm, 2))
     try:
-        return expected_lines(opened, limits), ""
+        return expected_lines(loaded, limits), ""
     except NolensError as error:
         return (), str(error)
 

@@ -302,16 +302,16 @@ def fabricate(run: Run[FabricateOptions]) -> Product[Workpieces]:
         If the camera, an option or an output cannot be used.
     """
     options, reporter = run.options, run.reporter
-    opened = read_camera(options.camera)
-    camera, package = opened.camera, options.package_for(opened.camera)
+    loaded = read_camera(options.camera)
+    camera, package = loaded.camera, options.package_for(loaded.camera)
     run.reads(camera_files(options.camera, camera))
     if options.step:
         check_step()
     frame, resin, mould = _measures(options, camera)
     budget = None if options.tolerances is None else study_budget(options.tolerances, camera)
-    run.begin(_needed(opened))
+    run.begin(_needed(loaded))
     reporter.advance("mask", 0.0)
-    twin = Twin.of(opened)
+    twin = Twin.of(loaded)
     relief = twin.mask.relief
     surface = made_surface(
         relief,
@@ -335,7 +335,7 @@ def fabricate(run: Run[FabricateOptions]) -> Product[Workpieces]:
         printer_shrinkage=options.printer_shrinkage.value,
     )
     reporter.advance("process sheet", 0.0)
-    sheet = process_sheet(opened, frame, resin, mould, budget, relief_file=options.relief_file)
+    sheet = process_sheet(loaded, frame, resin, mould, budget, relief_file=options.relief_file)
     _note_sizes(pieces.levels, reporter)
     library = layout(pieces.levels, pieces.levels.polygons(partial(reporter.advance, "layout")))
     run.warn(*pieces.warnings(camera, package, relief, quarter_um(twin)))
@@ -406,14 +406,14 @@ def _measures(
     return frame, resin, mould
 
 
-def _needed(opened: LoadedCamera) -> float:
+def _needed(loaded: LoadedCamera) -> float:
     """Bytes that the relief takes, where there is one that this machine can hold."""
-    if isinstance(opened.camera.mask.relief, Flat):
+    if isinstance(loaded.camera.mask.relief, Flat):
         raise OptionError(
-            f"the mask of {opened.camera.name!r} is flat: there is nothing to write as a mask. "
+            f"the mask of {loaded.camera.name!r} is flat: there is nothing to write as a mask. "
             "Give a camera with a relief (nolens design mask makes one)"
         )
-    needed = BYTES_OF_PROGRAM + relief_points(opened) * _BYTES_PER_POINT
+    needed = BYTES_OF_PROGRAM + relief_points(loaded) * _BYTES_PER_POINT
     check_memory(needed, _CPU, "a coarser grid of the camera's relief, or a smaller overhang")
     return needed
 

@@ -75,7 +75,7 @@ class Twin:
 
     @classmethod
     def of(
-        cls, opened: LoadedCamera, *, device: torch.device | str = "cpu", fresnel: bool = True
+        cls, loaded: LoadedCamera, *, device: torch.device | str = "cpu", fresnel: bool = True
     ) -> "Twin":
         """Prepare a camera; random lenslets are computed here (seconds for the paper's).
 
@@ -84,14 +84,14 @@ class Twin:
         OptionError
             If the relief is coarser than the light needs.
         """
-        camera = opened.camera
+        camera = loaded.camera
         opening = None
         if camera.mask.aperture is not None:
             hole = camera.mask.aperture
             opening = Opening(hole.shape, hole.height.um, hole.width.um)
-        relief = _relief(opened)
+        relief = _relief(loaded)
         mask = MaskSurface(Relief(relief.height_um.to(device), relief.grid_um), opening)
-        twin = cls(camera, opened.quantum_efficiency, opened.acceptance, mask, fresnel)
+        twin = cls(camera, loaded.quantum_efficiency, loaded.acceptance, mask, fresnel)
         coarsest = twin.coarsest_pitch_um()
         if relief.grid_um > coarsest:
             # Finer points show steeper slopes.
@@ -279,12 +279,12 @@ def described_lenslets(camera: Camera, size_um: tuple[float, float]) -> Relief:
     return surface if above <= below else Relief(-surface.height_um, surface.grid_um)
 
 
-def preview_model(opened: LoadedCamera, *, fresnel: bool = True) -> Twin:
+def preview_model(loaded: LoadedCamera, *, fresnel: bool = True) -> Twin:
     """Prepare a camera for rays and for estimates, in a moment.
 
     Parameters
     ----------
-    opened
+    loaded
         The camera.
     fresnel
         Whether light is lost at surfaces.
@@ -299,27 +299,27 @@ def preview_model(opened: LoadedCamera, *, fresnel: bool = True) -> Twin:
     OptionError
         If the relief is coarser than its lenslets or the light need.
     """
-    relief = opened.camera.mask.relief
+    relief = loaded.camera.mask.relief
     if not isinstance(relief, RandomLenslets):
-        return Twin.of(opened, fresnel=fresnel)
+        return Twin.of(loaded, fresnel=fresnel)
     if relief.pitch.exact < 2 * relief.grid.exact:
         raise OptionError(
-            f"the relief of {opened.camera.name!r} has a lenslet every {relief.pitch}, but a point "
+            f"the relief of {loaded.camera.name!r} has a lenslet every {relief.pitch}, but a point "
             f"only every {relief.grid}: give it a grid of {relief.pitch.um / _STEPS:.2g} µm or "
             "finer, or a larger pitch"
         )
     side_um = min(_LENSLETS * relief.pitch.um, _POINTS * relief.grid.um)
-    patch = described_lenslets(opened.camera, (side_um, side_um))
+    patch = described_lenslets(loaded.camera, (side_um, side_um))
     file = ReliefFile(kind="file", file="patch.tif", grid=relief.grid)
-    mask = opened.camera.mask.model_copy(update={"relief": file})
-    camera = opened.camera.model_copy(update={"mask": mask})
-    twin = Twin.of(replace(opened, camera=camera, relief_um=patch.height_um), fresnel=fresnel)
-    return replace(twin, camera=opened.camera)
+    mask = loaded.camera.mask.model_copy(update={"relief": file})
+    camera = loaded.camera.model_copy(update={"mask": mask})
+    twin = Twin.of(replace(loaded, camera=camera, relief_um=patch.height_um), fresnel=fresnel)
+    return replace(twin, camera=loaded.camera)
 
 
-def relief_points(opened: LoadedCamera) -> float:
+def relief_points(loaded: LoadedCamera) -> float:
     """Points that the relief of random lenslets is computed on, and its lenslets are spread on."""
-    camera = opened.camera
+    camera = loaded.camera
     relief, sensor = camera.mask.relief, camera.sensor
     if not isinstance(relief, RandomLenslets):
         return 0.0
@@ -337,19 +337,19 @@ def simulation_bytes(points: float, working: float) -> float:
     return max(surface_bytes(points), working + _BYTES_PER_HEIGHT * points)
 
 
-def distance_um(distance: Length | str | None, opened: LoadedCamera) -> float:
+def distance_um(distance: Length | str | None, loaded: LoadedCamera) -> float:
     """A distance as the optics take it: the word is infinity, None the camera's own."""
     if distance is None:
-        return opened.camera.reference_distance.um
+        return loaded.camera.reference_distance.um
     return distance.um if isinstance(distance, Length) else math.inf
 
 
-def camera_figures(opened: LoadedCamera) -> dict[str, Any]:
+def camera_figures(loaded: LoadedCamera) -> dict[str, Any]:
     """Derive figures of a camera, in values that JSON has.
 
     Parameters
     ----------
-    opened
+    loaded
         The camera.
 
     Returns
@@ -360,12 +360,12 @@ def camera_figures(opened: LoadedCamera) -> dict[str, Any]:
         one; shift of the chief ray in um by the field angle in degrees; electrons at which a
         pixel clips; names of the curves that are placeholders.
     """
-    twin = preview_model(opened)
-    camera, sensor = opened.camera, opened.camera.sensor
+    twin = preview_model(loaded)
+    camera, sensor = loaded.camera, loaded.camera.sensor
     near = twin.illumination(PointSource(distance_um=_NEAR_MM * 1e3), REFERENCE_NM)
     curves = {
-        "quantum_efficiency": opened.quantum_efficiency.source,
-        "acceptance": opened.acceptance.source,
+        "quantum_efficiency": loaded.quantum_efficiency.source,
+        "acceptance": loaded.acceptance.source,
     }
     return {
         "sensor_mm": [round(sensor.height_mm, 4), round(sensor.width_mm, 4)],
@@ -395,17 +395,17 @@ def _stack(camera: Camera, first: int, last: int, wavelength_nm: float) -> Stack
     )
 
 
-def _relief(opened: LoadedCamera) -> Relief:
-    relief, sensor = opened.camera.mask.relief, opened.camera.sensor
+def _relief(loaded: LoadedCamera) -> Relief:
+    relief, sensor = loaded.camera.mask.relief, loaded.camera.sensor
     if isinstance(relief, RandomLenslets):
         beyond = 2 * relief.overhang.um
         height, width = (
             count * sensor.pitch.um + beyond for count in (sensor.rows, sensor.columns)
         )
-        return described_lenslets(opened.camera, (height, width))
+        return described_lenslets(loaded.camera, (height, width))
     if isinstance(relief, ReliefFile):
-        assert opened.relief_um is not None
-        return Relief(opened.relief_um, relief.grid.um)
+        assert loaded.relief_um is not None
+        return Relief(loaded.relief_um, relief.grid.um)
     return Relief(torch.zeros(2, 2), sensor.pitch.um)
 
 
