@@ -23,3 +23,13 @@ def part_of(progress: ProgressCallback | None, number: int, count: int) -> Progr
             progress((number + fraction) / count)
 
     return report
+
+
+def within(progress: ProgressCallback | None, start: float, length: float) -> ProgressCallback:
+    """Callback for a part of the work that begins at a fraction of it and is as long as another."""
+
+    def report(fraction: float) -> None:
+        if progress is not None:
+            progress(start + length * fraction)
+
+    return report

@@ -8,8 +8,8 @@ import torch
 from watching import Watcher
 
 from nolens.errors import DataError
-from nolens.progress import ProgressCallback
-from nolens.reproduction.steps import Step, StepResult, carry_out, within
+from nolens.progress import ProgressCallback, within
+from nolens.reproduction.steps import Step, StepResult, carry_out
 
 
 class Work:

@@ -12,9 +12,10 @@ from torch import Tensor
 from nolens.camera import LoadedCamera
 from nolens.errors import DataError, OptionError
 from nolens.evaluate import Angles, Dot, Spot, angles_of, brightest_places, grade, spots_at
-from nolens.experiments.virtual_experiment import Tick, VirtualExperiment, solved, within
+from nolens.experiments.virtual_experiment import VirtualExperiment, solved
 from nolens.operators import Region
 from nolens.optics import PointSource, Stack
+from nolens.progress import ProgressCallback, within
 from nolens.twin import (
     LARGEST_ANGLE_DEG,
     FieldMap,
@@ -415,7 +416,7 @@ def dot_grid(
     iterations: int = 300,
     fill: float = 0.9,
     seed: int = 0,
-    tick: Tick | None = None,
+    tick: ProgressCallback | None = None,
 ) -> DotGrid:
     """Show a camera a grid of dots, reconstruct what it measures, and find them in the picture.
 

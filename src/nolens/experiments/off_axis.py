@@ -11,9 +11,10 @@ from torch import Tensor
 
 from nolens.camera import LoadedCamera, develop
 from nolens.errors import DataError
-from nolens.experiments.virtual_experiment import Tick, VirtualExperiment, within
+from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.kernels import fast_length, irfft2, rfft2
 from nolens.optics import PointSource
+from nolens.progress import ProgressCallback, within
 from nolens.twin import (
     Light,
     Twin,
@@ -82,7 +83,7 @@ def off_axis(
     diameter_um: float = 0.0,
     fill: float = 0.9,
     seed: int = 0,
-    tick: Tick | None = None,
+    tick: ProgressCallback | None = None,
 ) -> list[OffAxis]:
     """Capture point sources beside the camera, and compare each with the one straight ahead.
 

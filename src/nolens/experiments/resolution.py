@@ -11,9 +11,10 @@ from torch import Tensor
 from nolens.camera import Frame, LoadedCamera, develop
 from nolens.errors import DataError
 from nolens.evaluate import RAYLEIGH_DIP, FlatPicture, ObservedPair, TwoPoints, point_pair
-from nolens.experiments.virtual_experiment import Tick, VirtualExperiment, solved
+from nolens.experiments.virtual_experiment import VirtualExperiment, solved
 from nolens.operators import Region
 from nolens.optics import PointSource
+from nolens.progress import ProgressCallback
 from nolens.solvers import admm_bytes
 from nolens.twin import (
     FieldMap,
@@ -146,7 +147,7 @@ class _SolvingCamera:
         distance_um: float,
         support: Region,
         settings: SolverSettings,
-        tick: Tick,
+        tick: ProgressCallback,
     ) -> "_SolvingCamera":
         """Compute the PSF of a distance, wide enough for the support."""
         rows, columns = experiment.twin.shape
@@ -154,7 +155,7 @@ class _SolvingCamera:
         psf = experiment.psf(PointSource((0.0, 0.0), distance_um), wide, tick)
         return cls(experiment, support, psf.mean(dim=0, keepdim=True), settings)
 
-    def picture(self, frame: Frame, tick: Tick) -> Tensor:
+    def picture(self, frame: Frame, tick: ProgressCallback) -> Tensor:
         """Mean of the channels of a frame, solved as one."""
         return solved(
             develop(frame, channels="grey"),
@@ -172,7 +173,7 @@ def screen_picture(
     angle_deg: float,
     distance_um: float,
     settings: SolverSettings,
-    tick: Tick | None = None,
+    tick: ProgressCallback | None = None,
 ) -> FlatPicture:
     """Reconstruct a square target on a flat screen, its fall-off of light divided out.
 
@@ -276,7 +277,7 @@ def two_point_resolution(
     draws: int = 3,
     threshold: float = RAYLEIGH_DIP,
     settings: SolverSettings | None = None,
-    tick: Tick | None = None,
+    tick: ProgressCallback | None = None,
 ) -> TwoPoints:
     """Find the smallest angle between two point sources that a simulated camera resolves.
 
@@ -355,7 +356,7 @@ def two_point_resolution(
 class _Pieces:
     """Passes on what fraction of some equal pieces of work is done."""
 
-    def __init__(self, pieces: int, tick: Tick | None) -> None:
+    def __init__(self, pieces: int, tick: ProgressCallback | None) -> None:
         self._pieces, self._done, self._tick = pieces, 0, tick
 
     def part(self, fraction: float) -> None:

@@ -1,6 +1,5 @@
 """A simulated camera with light in front of it: what other jobs take pictures with, in memory."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
@@ -9,6 +8,7 @@ from torch import Tensor
 from nolens.camera import Camera, Frame, LoadedCamera, Measurement, Sensor, develop
 from nolens.operators import Region
 from nolens.optics import PointSource
+from nolens.progress import ProgressCallback
 from nolens.solvers import Progress, Reconstructor
 from nolens.twin import (
     FieldMap,
@@ -24,14 +24,6 @@ from nolens.twin import (
     render_planes,
 )
 from nolens.twin import Frame as PsfFrame
-
-Tick = Callable[[float], None]
-"""Called with the fraction that is done."""
-
-
-def within(tick: Tick | None, start: float, length: float) -> Tick:
-    """Progress of a part of the work, which begins at a fraction and is as long as another."""
-    return (lambda done: None) if tick is None else lambda done: tick(start + length * done)
 
 
 @dataclass(frozen=True)
@@ -108,7 +100,7 @@ class VirtualExperiment:
         self,
         source: PointSource,
         size: tuple[int, int] | None = None,
-        tick: Tick | None = None,
+        tick: ProgressCallback | None = None,
         *,
         pixels: int | None = None,
         frame: PsfFrame = "chief-ray",
@@ -142,7 +134,12 @@ class VirtualExperiment:
         return pattern * (seen / seen.max())[:, None, None]
 
     def point(
-        self, source: PointSource, *, fill: float = 0.9, seed: int = 0, tick: Tick | None = None
+        self,
+        source: PointSource,
+        *,
+        fill: float = 0.9,
+        seed: int = 0,
+        tick: ProgressCallback | None = None,
     ) -> Frame:
         """The sensor's frame of one point source.
 
@@ -159,7 +156,7 @@ class VirtualExperiment:
         """
         return self.exposed(self.light_of(source, tick), fill, seed)
 
-    def light_of(self, source: PointSource, tick: Tick | None = None) -> Tensor:
+    def light_of(self, source: PointSource, tick: ProgressCallback | None = None) -> Tensor:
         """Light of one point on every pixel, in the pixel's colour; points add up."""
         size = self.sensor.rows, self.sensor.columns
         psf = self.psf(source, size, tick, pixels=1, frame="sensor")
@@ -171,7 +168,7 @@ class VirtualExperiment:
         *,
         fill: float = 0.9,
         seed: int = 0,
-        tick: Tick | None = None,
+        tick: ProgressCallback | None = None,
     ) -> SimulatedMeasurement:
         """The sensor's frame of a scene, with PSFs that vary over the field.
 
@@ -195,7 +192,7 @@ class VirtualExperiment:
         *,
         fill: float = 0.9,
         seed: int = 0,
-        tick: Tick | None = None,
+        tick: ProgressCallback | None = None,
     ) -> SimulatedMeasurement:
         """The sensor's frame of what is seen on the pixels of a map; the rest as `photograph`."""
         found = irradiate(
@@ -248,7 +245,7 @@ def solved(
     *,
     iterations: int = 300,
     tau: float = 1e-5,
-    tick: Tick | None = None,
+    tick: ProgressCallback | None = None,
 ) -> Tensor:
     """Scene on the pixels of the support, by ADMM (`nolens.solvers.admm`).
 

@@ -15,7 +15,7 @@ from nolens.experiments.virtual_experiment import solved
 from nolens.files.plot_reproduction import Panel, plot_overlay, plot_pictures
 from nolens.operators import Region
 from nolens.optics import PointSource
-from nolens.progress import ProgressCallback, part_of
+from nolens.progress import ProgressCallback, part_of, within
 from nolens.refocusing import (
     Autofocus,
     DepthReconstructor,
@@ -26,7 +26,7 @@ from nolens.refocusing import (
 )
 from nolens.reproduction.comparison import PAPER, Picture, Row, Section, section
 from nolens.reproduction.setup import PINHOLE_UM, TAU, ExperimentSetup
-from nolens.reproduction.steps import Step, StepResult, within
+from nolens.reproduction.steps import Step, StepResult
 from nolens.twin import FieldMap, Plane
 
 REFERENCE_MM, NEAR_MM = 200.0, (30.0, 80.0)

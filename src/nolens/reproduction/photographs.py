@@ -15,10 +15,10 @@ from nolens.evaluate import psnr, scale_fit, ssim
 from nolens.experiments.virtual_experiment import SimulatedMeasurement, solved
 from nolens.files.plot_reproduction import Panel, plot_pictures
 from nolens.operators import Region
-from nolens.progress import ProgressCallback
+from nolens.progress import ProgressCallback, within
 from nolens.reproduction.comparison import Picture, Row, Section, not_made, section
 from nolens.reproduction.setup import SCREEN_UM, TAU, ExperimentSetup
-from nolens.reproduction.steps import Step, StepResult, within
+from nolens.reproduction.steps import Step, StepResult
 from nolens.solvers import Problem, Progress, Reconstructor
 from nolens.twin import FieldMap, Plane
 

@@ -28,10 +28,10 @@ from nolens.files.plot_measurements import write_angles_plot, write_dots_plot
 from nolens.files.plot_resolution import draw_star, draw_two_points
 from nolens.operators import Region
 from nolens.optics import PointSource
-from nolens.progress import ProgressCallback
+from nolens.progress import ProgressCallback, within
 from nolens.reproduction.comparison import PAPER, Picture, Row, Section, section
 from nolens.reproduction.setup import PINHOLE_UM, SCREEN_UM, TAU, ExperimentSetup
-from nolens.reproduction.steps import Step, StepResult, within
+from nolens.reproduction.steps import Step, StepResult
 
 POINTS_UM = 180e3
 PERIODS = 36

@@ -142,11 +142,6 @@ def carry_out(steps: Sequence[Step], folder: Path, reporter: Reporter) -> dict[s
     return {step.name: results[step.name] for step in steps if step.name in results}
 
 
-def within(progress: ProgressCallback, start: float, length: float) -> ProgressCallback:
-    """Callback for a part of a step, which begins and is as long as said, in fractions of it."""
-    return lambda fraction: progress(start + length * fraction)
-
-
 class _Saved(BaseModel):
     """What found.json has; with a digest, as no schema knows the figures of every step.
 

@@ -32,7 +32,7 @@ from nolens.experiments.off_axis import (
     off_axis_bytes,
     ray_curves,
 )
-from nolens.experiments.virtual_experiment import Tick, VirtualExperiment
+from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import (
     CAMERA_FILE,
     PSFS_FILE,
@@ -49,6 +49,7 @@ from nolens.jobs.fields import CAMERAS, RESULT, FilePath, Name, Seed, record_bes
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Run, Writer, check_memory, job
 from nolens.optics import PointSource
+from nolens.progress import ProgressCallback
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
 from nolens.twin import Twin, distance_um, preview_model
@@ -271,7 +272,7 @@ def _option(name: str) -> str:
 
 
 def captured_off_axis(
-    folder: Path, twin: Twin | None, tick: Tick
+    folder: Path, twin: Twin | None, tick: ProgressCallback
 ) -> tuple[list[OffAxis], float, list[str]]:
     """Compare the PSFs of a camera's folder that were captured at angles with the central one.
 
