@@ -76,14 +76,14 @@ def test_contour_mask_shows_its_target(tile, twin):
     target = line_target(lines, 12.0, 2)
     radius = focusing_radius_um(twin)
     start = LIMITS.enforce(lines * (-tile.bulge / (2 * radius)), tile.grid_um)
-    before = float(correlation(tile.pattern(start, 0), target))
+    before = float(correlation(tile.psf(start, 0), target))
     heights = contour_relief(tile, lines, target, LIMITS, radius_um=radius, iterations=40)
-    after = float(correlation(tile.pattern(heights, 0), target))
+    after = float(correlation(tile.psf(heights, 0), target))
     assert after >= 0.9 and after > before
     assert float(heights.max() - heights.min()) <= LIMITS.height_um * (1 + 1e-5)
     wrong = random_contours(SIDE, tile.grid_um, 200.0, seed=1)
     other = line_target(wrong, 12.0, 2)
-    assert float(correlation(tile.pattern(heights, 0), other)) < 0.3
+    assert float(correlation(tile.psf(heights, 0), other)) < 0.3
 
 
 def test_line_target_has_the_width():
@@ -104,10 +104,10 @@ def designed(tile: Tile, twin: Twin) -> Tensor:
 
 
 def test_descent_comes_nearer_to_its_goals(designed, tile, twin):
-    short = Shortfall(GOALS, SIDE // 2, tile.cell_um)
+    short = Shortfall(GOALS, SIDE // 2, tile.pixel_um)
     start = lenslet_start(tile, focusing_radius_um(twin), 110.0, seed=0)
     start = LIMITS.enforce(LIMITS.smooth(start, tile.grid_um), tile.grid_um)
-    before, after = (float(short(tile.pattern(each, 0))) for each in (start, designed))
+    before, after = (float(short(tile.psf(each, 0))) for each in (start, designed))
     assert after < 0.8 * before
     torch.testing.assert_close(optimised(tile, twin), designed, rtol=0, atol=0)
 
@@ -116,8 +116,8 @@ def test_levels_are_kept_and_cost_little(designed, tile, twin):
     fine = Limits(12.0, LIMITS.slope, 8.0, levels=121)
     made = optimised(tile, twin, fine)
     torch.testing.assert_close(made * 10, (made * 10).round(), atol=1e-3, rtol=0)
-    short = Shortfall(GOALS, SIDE // 2, tile.cell_um)
-    plain, rounded = (float(short(tile.pattern(each, 0))) for each in (designed, made))
+    short = Shortfall(GOALS, SIDE // 2, tile.pixel_um)
+    plain, rounded = (float(short(tile.psf(each, 0))) for each in (designed, made))
     assert rounded < plain + 0.1
 
 
@@ -162,8 +162,8 @@ def test_designed_mask_gives_better_pictures(designed, tile):
     papers = squared_distance(points, (SIDE, SIDE), tile.grid_um) / -(2 * 670.0)
     papers = smoothed(papers, 11.0 / tile.grid_um)
     for seed, electrons in ((0, 3000.0), (1, 1000.0)):
-        own = _psnr(tile.pattern(designed, 0), electrons, seed)
-        random = _psnr(tile.pattern(papers, 0), electrons, seed)
+        own = _psnr(tile.psf(designed, 0), electrons, seed)
+        random = _psnr(tile.psf(papers, 0), electrons, seed)
         assert own >= random + 1.0
 
 
@@ -173,10 +173,10 @@ def test_even_spacing_loses_large_shapes(tile, twin):
     even = squared_distance(relaxed_points((side_um, side_um), 70.0, 0), (SIDE, SIDE), tile.grid_um)
     surfaces = (even / -(2 * radius), lenslet_start(tile, radius, 70.0, seed=0))
     patterns = [
-        tile.pattern(LIMITS.enforce(LIMITS.smooth(each, tile.grid_um), tile.grid_um), 0)
+        tile.psf(LIMITS.enforce(LIMITS.smooth(each, tile.grid_um), tile.grid_um), 0)
         for each in surfaces
     ]
-    evenly, randomly = (spectral_magnitude(each, tile.cell_um, 7.0) for each in patterns)
+    evenly, randomly = (spectral_magnitude(each, tile.pixel_um, 7.0) for each in patterns)
     assert randomly > 2 * evenly
     evenly, randomly = (_psnr(each, 3000.0, 0) for each in patterns)
     assert randomly > evenly + 2.0
@@ -184,13 +184,13 @@ def test_even_spacing_loses_large_shapes(tile, twin):
 
 def test_layout(twin):
     layout = Layout.fit(twin, LIMITS, 600.0)
-    assert layout.grid_um == pytest.approx(1.55) and layout.samples_per_cell == 2
+    assert layout.grid_um == pytest.approx(1.55) and layout.samples_per_pixel == 2
     for period in (200.0, 250.0, 310.0, 600.0, 777.0):
         side = Layout.fit(twin, LIMITS, period).side
         assert side % 4 == 0 and period <= side * 1.55 < 1.1 * period + 20
         assert fast_length(side, of_rows=False) == side
     steep = Layout.fit(twin, Limits(12.0, 0.19, 8.0), 600.0)
-    assert steep.grid_um == pytest.approx(0.775) and steep.samples_per_cell == 4
+    assert steep.grid_um == pytest.approx(0.775) and steep.samples_per_pixel == 4
     views = layout.tile(twin, Light("white-led")).views
     assert len(views) == 3 and math.fsum(view.weight for view in views) == pytest.approx(1)
     assert views[0].wavelength_nm > views[1].wavelength_nm > views[2].wavelength_nm

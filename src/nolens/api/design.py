@@ -8,7 +8,7 @@ from typing import Any
 from nolens.api.progress import Progress, reported
 from nolens.api.simulate import Camera
 from nolens.design.thickness import ReplicaDesign
-from nolens.jobs.designing.mask import Blank, mask_kind
+from nolens.jobs.designing.mask import mask_kind
 from nolens.jobs.designing.thickness import ThicknessOptions, read_case, thickness_summary
 from nolens.jobs.run import Reporter
 
@@ -45,7 +45,7 @@ def design_mask(
         {"device": camera.device.type, **options, "output": Path("unused")}
     )
     with reported(progress, "mask") as tick:
-        made = chosen.mask(Blank.of(camera.opened, chosen, _Ticking(tick)))
+        made = chosen.mask(chosen.blank(camera.opened, _Ticking(tick)))
     return Camera(made.opened, pixels=camera.pixels, device=camera.device)
 
 

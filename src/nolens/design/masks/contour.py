@@ -8,8 +8,8 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
-from nolens.design.masks.descent import descend
 from nolens.design.masks.limits import Limits
+from nolens.design.masks.optimised import descend
 from nolens.design.masks.tile import Tile
 from nolens.optics import squared_distance
 
@@ -20,7 +20,7 @@ _FWHM = 2 * math.sqrt(2 * math.log(2))
 def random_contours(side: int, grid_um: float, spacing_um: float, seed: int) -> Tensor:
     r"""Squared distance to random closed lines, on a torus.
 
-    The lines are where a smooth random field is zero: white noise whose spectrum is kept in a
+    The lines are where a smooth random field is zero: white noise whose spectrum is limited to a
     ring, :math:`e^{-(fL - 1)^2 / 2·0.35^2}`, so that lines lie about half of `spacing_um` L apart.
 
     Parameters
@@ -48,14 +48,14 @@ def random_contours(side: int, grid_um: float, spacing_um: float, seed: int) -> 
     for axis in (0, 1):
         after = np.roll(field, -1, axis)
         row, column = np.nonzero((field > 0) != (after > 0))
-        share = field[row, column] / (field[row, column] - after[row, column])
+        fraction = field[row, column] / (field[row, column] - after[row, column])
         place = np.stack([row, column], axis=1).astype(np.float64)
-        place[:, axis] += share
+        place[:, axis] += fraction
         points.append(place)
     return squared_distance(np.concatenate(points) % side * grid_um, (side, side), grid_um)
 
 
-def line_target(squared_um2: Tensor, line_um: float, samples_per_cell: int) -> Tensor:
+def line_target(squared_um2: Tensor, line_um: float, samples_per_pixel: int) -> Tensor:
     """Lines with a Gaussian profile of the given full width at half maximum, on pixels.
 
     Parameters
@@ -64,15 +64,15 @@ def line_target(squared_um2: Tensor, line_um: float, samples_per_cell: int) -> T
         Squared distance to the lines.
     line_um
         Their width.
-    samples_per_cell
+    samples_per_pixel
         Along one of the pixels that are averaged.
     """
     target = torch.exp(-squared_um2 / (2 * (line_um / _FWHM) ** 2))
-    return nnf.avg_pool2d(target[None, None], samples_per_cell)[0, 0]
+    return nnf.avg_pool2d(target[None, None], samples_per_pixel)[0, 0]
 
 
 def correlation(one: Tensor, other: Tensor) -> Tensor:
-    """Pearson's correlation of two patterns."""
+    """Pearson's correlation of two PSFs."""
     a, b = one - one.mean(), other - other.mean()
     product: Tensor = (a * b).sum() / (a.norm() * b.norm())
     return product
@@ -105,7 +105,7 @@ def contour_relief(
     squared_um2
         Squared distance to the lines, (side, side).
     target
-        (cells, cells), see `line_target`.
+        (pixels, pixels), see `line_target`.
     limits
         Of the process.
     radius_um
@@ -121,7 +121,7 @@ def contour_relief(
         tile,
         start,
         limits,
-        lambda pattern: 1 - correlation(pattern, target),
+        lambda psf: 1 - correlation(psf, target),
         iterations=iterations,
         stop=stop,
     )

@@ -1,19 +1,32 @@
-"""What a mask's PSF is like, measured in the twin."""
+"""What a mask's PSF is like, measured in the twin, and that of the paper's diffuser."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
+from nolens.camera import LoadedCamera, RandomLenslets
 from nolens.errors import DataError
 from nolens.evaluate import pattern_figures, sparsity, spectral_magnitude
 from nolens.optics import PointSource
+from nolens.quantities import Length
 from nolens.twin import Light, Twin, point_spread
 
 FREQUENCIES_PER_MM = (20.0, 40.0, 80.0)
 """Spatial frequencies on the sensor at which the spectral magnitude is given."""
-_MOST_CELLS = 576
+PAPERS_DIFFUSER = RandomLenslets(
+    kind="random-lenslets",
+    radius=Length("0.67", "mm"),
+    pitch=Length("70", "um"),
+    smoothing=Length("11", "um"),
+    seed=0,
+    grid=Length("1.55", "um"),
+    overhang=Length("0.5", "mm"),
+)
+"""The paper's diffuser, as the preset describes it, around a small part of the sensor."""
+_MOST_PIXELS = 576
+_MIDDLE_PIXELS = 1152
 
 
 @dataclass(frozen=True)
@@ -50,13 +63,22 @@ class MaskFigures:
         return self.width_um / math.sqrt(2)
 
 
+def sensor_middle(opened: LoadedCamera) -> LoadedCamera:
+    """The camera with the middle of its sensor, and no opening: all that `central_psf` needs."""
+    sensor = opened.camera.sensor
+    rows, columns = (min(_MIDDLE_PIXELS, count) for count in (sensor.rows, sensor.columns))
+    small = sensor.model_copy(update={"rows": rows, "columns": columns})
+    mask = opened.camera.mask.model_copy(update={"aperture": None})
+    return replace(opened, camera=opened.camera.model_copy(update={"sensor": small, "mask": mask}))
+
+
 def central_psf(twin: Twin, light: Light) -> Tensor:
     """PSF of a far point straight ahead on the middle of the sensor, (channels, rows, columns).
 
     On at most 576 × 576 pixels; every channel is 1 on average for an open mask.
     """
-    cells = (min(_MOST_CELLS, twin.shape[0]), min(_MOST_CELLS, twin.shape[1]))
-    return point_spread(twin, PointSource(), cells, superpixel=twin.superpixel, light=light).cpu()
+    pixels = (min(_MOST_PIXELS, twin.shape[0]), min(_MOST_PIXELS, twin.shape[1]))
+    return point_spread(twin, PointSource(), pixels, superpixel=twin.superpixel, light=light).cpu()
 
 
 def mask_figures(twin: Twin, psf: Tensor) -> MaskFigures:
@@ -69,9 +91,9 @@ def mask_figures(twin: Twin, psf: Tensor) -> MaskFigures:
     psf
         Its `central_psf`; the channel that is brightest on the sensor counts: green, or grey.
     """
-    pattern = psf[min(1, len(psf) - 1)]
+    plane = psf[min(1, len(psf) - 1)]
     try:
-        lines = pattern_figures(pattern, twin.pixel_um)
+        lines = pattern_figures(plane, twin.pixel_um)
         width, pitch = lines.width_um, lines.pitch_um
     except DataError:
         width = pitch = math.nan
@@ -79,16 +101,16 @@ def mask_figures(twin: Twin, psf: Tensor) -> MaskFigures:
     return MaskFigures(
         width_um=width,
         pitch_um=pitch,
-        sparsity=sparsity(pattern),
-        magnitude=tuple(_magnitude(pattern, twin.pixel_um, each) for each in FREQUENCIES_PER_MM),
+        sparsity=sparsity(plane),
+        magnitude=tuple(_magnitude(plane, twin.pixel_um, each) for each in FREQUENCIES_PER_MM),
         height_um=float(heights.max() - heights.min()),
         slope=twin.mask.relief.steepest,
     )
 
 
-def _magnitude(pattern: Tensor, cell_um: float, per_mm: float) -> float:
+def _magnitude(psf: Tensor, pixel_um: float, per_mm: float) -> float:
     try:
-        return spectral_magnitude(pattern, cell_um, per_mm)
+        return spectral_magnitude(psf, pixel_um, per_mm)
     except DataError:
         return math.nan
 

@@ -7,24 +7,31 @@ name in `MASK_KINDS`, or by an entry point of another package (``nolens.masks``)
 import importlib
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import torch
 
-from nolens.camera import LoadedCamera, RandomLenslets, ReliefFile
+from nolens.camera import LoadedCamera, RandomLenslets
 from nolens.camera.part import PositiveLength
 from nolens.design.masks import (
     FREQUENCIES_PER_MM,
-    Layout,
+    PAPERS_DIFFUSER,
+    RELIEF_FILE,
+    Blank,
+    Limits,
+    MadeMask,
     MaskFigures,
+    TileDescent,
     central_psf,
     correlation,
     mask_figures,
+    sensor_middle,
     spread_over,
+    with_relief,
 )
 from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE, camera_files, read_camera, write_camera
@@ -35,6 +42,7 @@ from nolens.jobs.fields import (
     LIGHTS,
     Device,
     FilePath,
+    Iterations,
     Name,
     OutputFolderOptions,
     Seed,
@@ -47,6 +55,7 @@ from nolens.jobs.run import (
     Reporter,
     Run,
     Writer,
+    announce_memory,
     check_memory,
     job,
     pick_device,
@@ -66,25 +75,15 @@ MASK_KINDS = {
     "optimised": "mask_optimised:OptimisedMask",
 }
 """Module, beside this one, and class of each kind; it is loaded where a mask of it is made."""
+TARGET, DESCENT = "Wanted PSF", "Descent"
+"""Headings of options of masks that repeat a tile."""
+Steps = Annotated[Iterations, Option("Steps, at most.", DESCENT)]
 SmallAngle = Annotated[Angle, Between("0.001 deg", "44.9 deg")]
 
-_RELIEF_FILE, _PICTURE_FILE = "relief.tif", "mask.png"
-"""What is written into the camera's folder beside its description."""
-_OPTICS, _RESULT = "Camera and light", "Result"
+_PICTURE_FILE = "mask.png"
+_OPTICS, _PROCESS, _RESULT = "Camera and light", "Process", "Result"
+_Levels = Annotated[int, Between(2, 65536)]
 _OVERHANG = Length("1.5", "mm")
-_PER_PIXEL = (1, 2, 4)
-_CPU = torch.device("cpu")
-_PAPERS = RandomLenslets(
-    kind="random-lenslets",
-    radius=Length("0.67", "mm"),
-    pitch=Length("70", "um"),
-    smoothing=Length("11", "um"),
-    seed=0,
-    grid=Length("1.55", "um"),
-    overhang=Length("0.5", "mm"),
-)
-"""The paper's diffuser, as the preset describes it, around a small part of the sensor."""
-_MIDDLE_PIXELS = 1152
 
 
 def mask_kinds() -> tuple[str, ...]:
@@ -122,28 +121,6 @@ def mask_kind(name: str) -> "type[MaskOptions]":
     return kind
 
 
-@dataclass(frozen=True)
-class MadeMask:
-    """A camera with a new mask.
-
-    Parameters
-    ----------
-    opened
-        The camera.
-    layout
-        Samples of the tile that a designed mask repeats.
-    target
-        On a mask that was designed for one, the PSF that was wanted, on the cells of the tile.
-    stopped
-        Whether a person ended the descent early.
-    """
-
-    opened: LoadedCamera
-    layout: Layout | None = None
-    target: torch.Tensor | None = None
-    stopped: bool = False
-
-
 class MaskOptions(OutputFolderOptions):
     """Options that every kind of mask has: a kind derives from it, with fields of its own.
 
@@ -177,14 +154,14 @@ class MaskOptions(OutputFolderOptions):
     overhang: Annotated[
         PositiveLength | None,
         Option(
-            "How far the mask reaches beyond the sensor.",
+            "How far the mask extends beyond the sensor.",
             _RESULT,
             default="as in the camera, or 1.5mm",
         ),
     ] = None
 
     @abstractmethod
-    def mask(self, blank: "Blank") -> MadeMask:
+    def mask(self, blank: Blank) -> MadeMask:
         """Make the mask.
 
         Parameters
@@ -198,161 +175,98 @@ class MaskOptions(OutputFolderOptions):
             If there is no such mask, or it is too steep for any grid.
         """
 
-    @property
-    def written(self) -> tuple[Written, ...]:
-        """Description, relief, picture and record."""
-        names = {
-            "camera": CAMERA_FILE,
-            "relief": _RELIEF_FILE,
-            "picture of the mask": _PICTURE_FILE,
-        }
-        return self.in_folder(names)
-
-
-@dataclass(frozen=True)
-class Blank:
-    """A camera that a mask is made for.
-
-    Attributes
-    ----------
-    opened
-        The camera, by its new name, with the mask that it had.
-    model
-        Its layers and sensor, ready for rays and for estimates.
-    light
-        That a designed mask is to be good in.
-    overhang
-        How far the mask reaches beyond the sensor.
-    device
-        Where to compute.
-    reporter
-        Is told how far the work is.
-    """
-
-    opened: LoadedCamera
-    model: Twin
-    light: Light
-    overhang: Length
-    device: torch.device
-    reporter: Reporter
-
-    @classmethod
-    def of(cls, opened: LoadedCamera, options: MaskOptions, reporter: Reporter) -> "Blank":
-        """The camera that a mask is made for, by the options of the mask.
+    def blank(self, opened: LoadedCamera, reporter: Reporter) -> Blank:
+        """The camera that the mask is made for, by the name that it will have.
 
         Raises
         ------
         OptionError
             If the light or the device cannot be used.
         """
-        named = opened.camera.model_copy(
-            update={"name": f"{opened.camera.name}, {options.kind} mask"}
-        )
+        name = f"{opened.camera.name}, {self.kind} mask"
         relief = opened.camera.mask.relief
         own = relief.overhang if isinstance(relief, RandomLenslets) else _OVERHANG
-        return cls(
-            replace(opened, camera=named),
+        return Blank(
+            replace(opened, camera=opened.camera.model_copy(update={"name": name})),
             preview_model(opened),
-            Light(options.light),
-            options.overhang or own,
-            pick_device(options.device),
-            reporter,
+            Light(self.light),
+            self.overhang or own,
+            pick_device(self.device),
+            lambda needed, *more: check_memory(BYTES_OF_PROGRAM + needed, *more),
+            lambda needed: announce_memory(BYTES_OF_PROGRAM + needed, reporter),
+            lambda done, limit: reporter.step("step", done, limit, "the mask"),
         )
 
-    def size(self, grid_um: float) -> tuple[int, int]:
-        """Samples of a relief over sensor and overhang, (rows, columns).
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """Description, relief, picture and record."""
+        names = {
+            "camera": CAMERA_FILE,
+            "relief": RELIEF_FILE,
+            "picture of the mask": _PICTURE_FILE,
+        }
+        return self.in_folder(names)
 
-        They are even, so that cells lie as on the sensor.
-        """
-        sensor, beyond = self.opened.camera.sensor, 2 * self.overhang.um
-        rows, columns = (
-            2 * math.ceil((count * sensor.pitch.um + beyond) / grid_um / 2)
-            for count in (sensor.rows, sensor.columns)
-        )
-        return rows, columns
 
-    def described(self, relief: Callable[[Length], RandomLenslets], remedy: str) -> MadeMask:
-        """The camera with a relief that stays a description.
+class TileOptions(MaskOptions):
+    """Options of masks that repeat a tile; a kind derives from it."""
 
-        Parameters
-        ----------
-        relief
-            Of the distance of its samples: the largest of the pixels' pitch, half and a quarter of
-            it that carries the light behind the relief.
-        remedy
-            What would make it less steep, such as "a smaller --height".
+    radius: Annotated[
+        PositiveLength | None,
+        Option(
+            "Radius of curvature of the lenslets or lines that it begins with.",
+            DESCENT,
+            default="what focuses on the sensor",
+        ),
+    ] = None
+    iterations: Steps
+    feature: Annotated[PositiveLength, Option("Smallest feature.", _PROCESS)] = Length("8", "um")
+    height: Annotated[PositiveLength, Option("Largest height of the relief.", _PROCESS)] = Length(
+        "12", "um"
+    )
+    slope: Annotated[SmallAngle, Option("Steepest slope.", _PROCESS)] = Angle("5.4", "deg")
+    levels: Annotated[
+        _Levels | None,
+        Option(
+            "Number of heights that the process makes, from the lowest to --height above it.",
+            _PROCESS,
+            default="any height",
+        ),
+    ] = None
+    period: Annotated[
+        PositiveLength | None,
+        Option(
+            "Side of the square that the mask repeats.",
+            _PROCESS,
+            default="the width of a 75deg scene on the sensor, or of the aperture",
+        ),
+    ] = None
+
+    @property
+    def limits(self) -> Limits:
+        """Limits of the process."""
+        return Limits(self.height.um, math.tan(self.slope.rad), self.feature.um, self.levels)
+
+    @abstractmethod
+    def heights(self, descent: TileDescent) -> tuple[torch.Tensor, torch.Tensor | None]:
+        """Heights of the tile in um, and the PSF that was the target where one was drawn."""
+
+    def mask(self, blank: Blank) -> MadeMask:
+        """Design the tile, and spread it over the sensor.
 
         Raises
         ------
         OptionError
-            If it is too steep for all of them.
+            If the limits of the process contradict themselves, or the machine has too little
+            memory.
         """
-        return self._on_a_grid(lambda grid: with_relief(self.opened, relief(grid)), remedy)
-
-    def sampled(
-        self,
-        heights: Callable[[tuple[int, int], float], torch.Tensor],
-        remedy: str,
-        *,
-        margin: Callable[[float], int] = lambda grid_um: 0,
-        smaller: str = "--overhang",
-    ) -> MadeMask:
-        """The camera with a relief of computed heights.
-
-        Parameters
-        ----------
-        heights
-            In um, float32, of so many (rows, columns) and their distance in um; the latter is
-            chosen as for `described`.
-        remedy
-            What would make them less steep, such as "a smaller --height".
-        margin
-            How many samples of such a distance are computed beside them, on every side.
-        smaller
-            The options that would have to be smaller to need less memory.
-
-        Raises
-        ------
-        OptionError
-            If they are too steep, or more than the machine has memory for.
-        """
-
-        def made(grid: Length) -> LoadedCamera:
-            size, beside = self.size(grid.um), 2 * margin(grid.um)
-            points = math.prod(count + beside for count in size)
-            check_memory(
-                BYTES_OF_PROGRAM + surface_bytes(points), _CPU, f"a smaller {smaller} needs less"
-            )
-            return self.with_heights(heights(size, grid.um), grid)
-
-        return self._on_a_grid(made, remedy)
-
-    def with_heights(self, heights_um: torch.Tensor, grid: Length) -> LoadedCamera:
-        """The camera with a relief of these heights."""
-        relief = ReliefFile(kind="file", file=_RELIEF_FILE, grid=grid)
-        return replace(with_relief(self.opened, relief), relief_um=heights_um)
-
-    def _on_a_grid(self, make: Callable[[Length], LoadedCamera], remedy: str) -> MadeMask:
-        pitch = self.opened.camera.sensor.pitch
-        for per_pixel in _PER_PIXEL:
-            grid = pitch if per_pixel == 1 else Length.of(pitch.um / per_pixel, "um")
-            opened = make(grid)
-            try:
-                preview_model(opened)
-                break
-            except OptionError as error:
-                if per_pixel == _PER_PIXEL[-1]:
-                    raise OptionError(
-                        f"{error}, and {grid} is the finest that is tried: give {remedy}"
-                    ) from None
-        return MadeMask(opened)
-
-
-def with_relief(opened: LoadedCamera, relief: RandomLenslets | ReliefFile) -> LoadedCamera:
-    """The camera with another relief, not yet read."""
-    mask = opened.camera.mask.model_copy(update={"relief": relief})
-    camera = opened.camera.model_copy(update={"mask": mask})
-    return replace(opened, camera=camera, relief_um=None)
+        return blank.tiled(
+            self.limits,
+            self.heights,
+            radius_um=None if self.radius is None else self.radius.um,
+            period_um=None if self.period is None else self.period.um,
+            iterations=self.iterations,
+        )
 
 
 @job
@@ -368,10 +282,12 @@ def design_mask(run: Run[MaskOptions]) -> Product[LoadedCamera]:
     opened, light = read_camera(options.camera), Light(options.light)
     run.reads(camera_files(options.camera, opened.camera))
     run.begin()
-    made = options.mask(Blank.of(opened, options, reporter))
+    made = options.mask(options.blank(opened, reporter))
 
     reporter.advance("figures", 0.0)
-    twin, paper = (_middle(each, device) for each in (made.opened, with_relief(opened, _PAPERS)))
+    twin, paper = (
+        _middle(each, device) for each in (made.opened, with_relief(opened, PAPERS_DIFFUSER))
+    )
     psf = central_psf(twin, light)
     reporter.advance("figures", 0.6)
     papers_psf = central_psf(paper, light)
@@ -398,10 +314,7 @@ def design_mask(run: Run[MaskOptions]) -> Product[LoadedCamera]:
         pixel_um=twin.pixel_um,
         title=made.opened.camera.name,
     )
-    more: dict[str, Writer] = {
-        **curve_copies(options.camera, opened),
-        _PICTURE_FILE: plot,
-    }
+    more: dict[str, Writer] = {**curve_copies(options.camera, opened), _PICTURE_FILE: plot}
 
     def commit(writers: Mapping[Path, Writer]) -> None:
         named = {path.name: write for path, write in writers.items()}
@@ -418,13 +331,8 @@ def design_mask(run: Run[MaskOptions]) -> Product[LoadedCamera]:
 
 
 def _middle(opened: LoadedCamera, device: torch.device) -> Twin:
-    """The camera with the middle of its sensor and no opening, ready to be simulated."""
-    sensor = opened.camera.sensor
-    rows, columns = (min(_MIDDLE_PIXELS, count) for count in (sensor.rows, sensor.columns))
-    small = sensor.model_copy(update={"rows": rows, "columns": columns})
-    mask = opened.camera.mask.model_copy(update={"aperture": None})
-    camera = opened.camera.model_copy(update={"sensor": small, "mask": mask})
-    middle = replace(opened, camera=camera)
+    """The middle of a camera, ready to be simulated."""
+    middle = sensor_middle(opened)
     needed = BYTES_OF_PROGRAM + surface_bytes(relief_points(middle))
     check_memory(needed, device, "a smaller --overhang or a larger --pitch needs less")
     return Twin.of(middle, device=device)

@@ -5,8 +5,8 @@ from typing import Annotated
 from torch import Tensor
 
 from nolens.camera.part import PositiveLength
-from nolens.design.masks import contour_relief, line_target, random_contours
-from nolens.jobs.designing.mask_tile import WANTED, Steps, TileDescent, TileOptions
+from nolens.design.masks import TileDescent, contour_relief, line_target, random_contours
+from nolens.jobs.designing.mask import TARGET, Steps, TileOptions
 from nolens.jobs.options import Option
 from nolens.quantities import Length
 
@@ -22,8 +22,8 @@ class ContourMask(TileOptions):
 
     kind = "contour"
 
-    line: Annotated[PositiveLength, Option("Width of a line.", WANTED)] = Length("12", "um")
-    spacing: Annotated[PositiveLength, Option("Lines lie about half of this apart.", WANTED)] = (
+    line: Annotated[PositiveLength, Option("Width of a line.", TARGET)] = Length("12", "um")
+    spacing: Annotated[PositiveLength, Option("Lines lie about half of this apart.", TARGET)] = (
         Length("250", "um")
     )
     iterations: Steps = 60
@@ -32,7 +32,7 @@ class ContourMask(TileOptions):
         """Heights whose light comes near to drawn lines, and these lines."""
         layout = descent.layout
         lines = random_contours(layout.side, layout.grid_um, self.spacing.um, self.seed)
-        target = line_target(lines, self.line.um, layout.samples_per_cell)
+        target = line_target(lines, self.line.um, layout.samples_per_pixel)
         heights = contour_relief(
             descent.tile,
             lines.to(descent.blank.device),

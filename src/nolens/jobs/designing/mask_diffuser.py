@@ -5,8 +5,8 @@ from typing import Annotated
 from torch import Tensor
 
 from nolens.camera.part import PositiveLength
-from nolens.design.masks import gaussian_diffuser
-from nolens.jobs.designing.mask import Blank, MadeMask, MaskOptions, SmallAngle
+from nolens.design.masks import Blank, MadeMask, gaussian_diffuser
+from nolens.jobs.designing.mask import MaskOptions, SmallAngle
 from nolens.jobs.options import Option
 from nolens.quantities import Angle, Length
 from nolens.twin import REFERENCE_NM

@@ -10,12 +10,14 @@ from nolens.camera import RandomLenslets
 from nolens.camera.part import PositiveLength
 from nolens.design.masks import (
     Arrangement,
+    Blank,
+    MadeMask,
     focusing_radius_um,
     lenslet_array,
     smoothing_margin,
 )
 from nolens.errors import OptionError
-from nolens.jobs.designing.mask import Blank, MadeMask, MaskOptions
+from nolens.jobs.designing.mask import MaskOptions
 from nolens.jobs.options import Option, Written
 from nolens.quantities import Length
 from nolens.twin import REFERENCE_NM

@@ -7,8 +7,8 @@ from pydantic import BeforeValidator
 from torch import Tensor
 
 from nolens.camera.part import PositiveLength, refusal
-from nolens.design.masks import PsfGoals, lenslet_start, optimised_relief
-from nolens.jobs.designing.mask_tile import DESCENT, WANTED, Steps, TileDescent, TileOptions
+from nolens.design.masks import PsfGoals, TileDescent, lenslet_start, optimised_relief
+from nolens.jobs.designing.mask import DESCENT, TARGET, Steps, TileOptions
 from nolens.jobs.options import Option
 from nolens.quantities import Length, Share
 from nolens.ranges import Between
@@ -16,10 +16,10 @@ from nolens.ranges import Between
 _MAGNITUDE = re.compile(r"(.*%)\s*@\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*/\s*mm")
 
 
-def _share_and_frequency(given: Any) -> Any:
-    if not isinstance(given, str):
-        return given
-    match = _MAGNITUDE.fullmatch(given.strip())
+def _fraction_and_frequency(value: Any) -> Any:
+    if not isinstance(value, str):
+        return value
+    match = _MAGNITUDE.fullmatch(value.strip())
     if match is None:
         raise refusal("give a fraction and a spatial frequency, such as 6%@80/mm")
     return match[1], float(match[2])
@@ -27,7 +27,7 @@ def _share_and_frequency(given: Any) -> Any:
 
 _Magnitude = Annotated[Share, Between("0.01 %", "100 %")]
 _PerMm = Annotated[float, Between(1e-3, 1e5)]
-_MagnitudeAt = Annotated[tuple[_Magnitude, _PerMm], BeforeValidator(_share_and_frequency)]
+_MagnitudeAt = Annotated[tuple[_Magnitude, _PerMm], BeforeValidator(_fraction_and_frequency)]
 _Sparsity = Annotated[Share, Between("0 %", "99.99 %")]
 
 
@@ -47,18 +47,18 @@ class OptimisedMask(TileOptions):
             default="as large as the slope allows",
         ),
     ] = None
-    width: Annotated[PositiveLength, Option("Of the PSF's autocorrelation, at most.", WANTED)] = (
+    width: Annotated[PositiveLength, Option("Of the PSF's autocorrelation, at most.", TARGET)] = (
         Length("8", "um")
     )
     sparsity: Annotated[
-        _Sparsity, Option("Fraction of the sensor without light, at least.", WANTED)
+        _Sparsity, Option("Fraction of the sensor without light, at least.", TARGET)
     ] = Share("98", "%")
     magnitude: Annotated[
         _MagnitudeAt,
         Option(
             "Spectral magnitude of 1 mm2 of the PSF, at least, up to a spatial frequency on the "
             "sensor.",
-            WANTED,
+            TARGET,
             default="6%@80/mm",
         ),
     ] = (Share("6", "%"), 80.0)
@@ -66,12 +66,12 @@ class OptimisedMask(TileOptions):
 
     @property
     def goals(self) -> PsfGoals:
-        """Wanted figures."""
-        share, per_mm = self.magnitude
-        return PsfGoals(self.width.um, self.sparsity.value, share.value, per_mm)
+        """Figures that the PSF is to have."""
+        magnitude, per_mm = self.magnitude
+        return PsfGoals(self.width.um, self.sparsity.value, magnitude.value, per_mm)
 
     def heights(self, descent: TileDescent) -> tuple[Tensor, None]:
-        """Heights that lead from random lenslets to the wanted figures."""
+        """Heights that lead from random lenslets to the target figures."""
         radius_um = descent.radius_um
         pitch_um = 2 * self.limits.slope * radius_um if self.pitch is None else self.pitch.um
         start = lenslet_start(descent.tile, radius_um, pitch_um, self.seed)

@@ -6,7 +6,8 @@ from typing import Annotated
 import torch
 
 from nolens.camera.part import PositiveLength
-from nolens.jobs.designing.mask import Blank, MadeMask, MaskOptions
+from nolens.design.masks import Blank, MadeMask
+from nolens.jobs.designing.mask import MaskOptions
 from nolens.jobs.options import Option
 from nolens.quantities import Length
 
