@@ -19,7 +19,14 @@ from nolens.design.masks.surfaces import (
     lenslet_array,
     smoothing_margin,
 )
-from nolens.design.masks.tile import Layout, Tile, View, focusing_radius_um, quarter_um
+from nolens.design.masks.tile import (
+    Layout,
+    Tile,
+    View,
+    default_period_um,
+    focusing_radius_um,
+    quarter_um,
+)
 
 __all__ = [
     "FREQUENCIES_PER_MM",
@@ -39,6 +46,7 @@ __all__ = [
     "central_psf",
     "contour_relief",
     "correlation",
+    "default_period_um",
     "focusing_radius_um",
     "gaussian_diffuser",
     "lenslet_array",
