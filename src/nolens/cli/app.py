@@ -1,7 +1,7 @@
 """The application that the commands are part of, and what their options have in common."""
 
 import inspect
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from cyclopts import (
     App,
@@ -11,6 +11,7 @@ from cyclopts import (
     Token,
     UnusedCliTokensError,
 )
+from rich.console import Console
 
 from nolens import __version__
 from nolens.errors import OptionError
@@ -18,9 +19,22 @@ from nolens.files.input import set_read_limit
 from nolens.printable import quoted
 
 
+class _Application(App):
+    """The command; a list of a group's commands shows what each says of itself."""
+
+    def help_print(
+        self, tokens: str | Iterable[str] | None = None, *, console: Console | None = None
+    ) -> None:
+        """Print the help page; commands that are registered by name are loaded for a list."""
+        *_, listed = self.parse_commands(tokens)[1]
+        if listed is not self:  # All commands have their sentence in `commands.py`.
+            listed.resolved_commands()
+        super().help_print(tokens, console=console)
+
+
 def application() -> App:
     """The command without its commands."""
-    return App(
+    return _Application(
         name="nolens",
         help="Lensless cameras: design, simulate and make them, and reconstruct what they measure.",
         help_epilogue="Every command takes --read-limit: how much one read of a file may decode, "
