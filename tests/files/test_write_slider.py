@@ -16,7 +16,7 @@ import pytest
 import torch
 from PIL import Image
 
-from nolens.files.html import write_slider
+from nolens.files.stacks import write_slider
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 DEPTHS = (50e3, 80e3, 200e3, math.inf)

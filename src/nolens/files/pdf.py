@@ -66,6 +66,9 @@ _TALLEST = 150 * mm
 _COLUMN_FRACTIONS = (0.21, 0.135, 0.135, 0.07, 0.45)
 _RULE = HexColor("#c9ced5")
 
+_ALL = (0, 0), (-1, -1)
+"""Cells of a grid, from the first to the last."""
+
 
 def _style(name: str, size: float, leading: float = 1.32, **more: Any) -> ParagraphStyle:
     """A style of paragraphs; `leading` is the distance of lines in units of the size."""
@@ -215,17 +218,8 @@ def _text(text: Text) -> Flowable:
     if text.kind == "note":
         return Paragraph(escape(text.text), _NOTE)
     framed = Grid([[Paragraph(escape(text.text), _CELL)]], colWidths=[_WIDTH])
-    framed.setStyle(
-        TableStyle(
-            [
-                ("BACKGROUND", (0, 0), (-1, -1), _WARNING),
-                ("BOX", (0, 0), (-1, -1), 0.8, HexColor(INK)),
-                ("TOPPADDING", (0, 0), (-1, -1), 3),
-                ("BOTTOMPADDING", (0, 0), (-1, -1), 5),
-            ]
-        )
-    )
-    return framed
+    frame = ("BACKGROUND", *_ALL, _WARNING), ("BOX", *_ALL, 0.8, HexColor(INK))
+    return _styled(framed, (6, 3, 5), "BOTTOM", *frame)
 
 
 def _step(number: int, step: Step) -> Flowable:
@@ -235,52 +229,26 @@ def _step(number: int, step: Step) -> Flowable:
         words.append(Paragraph(escape(step.amount), _AMOUNT))
     widths = [_BOX + 2 * mm, 9 * mm, 0.0, _LINES, _ORIGINS]
     widths[2] = _WIDTH - sum(widths)
-    lines = [_Rules((blank,), widths[3] - 10) for blank in step.blanks]
+    rules = [_Rules((blank,), widths[3] - 10) for blank in step.blanks]
     origin = Paragraph(escape(step.origin), _NOTE)
-    grid = Grid([[_Tick(), Paragraph(f"{number}", _NUMBER), words, lines, origin]], widths)
-    grid.setStyle(
-        TableStyle(
-            [
-                ("VALIGN", (0, 0), (-1, -1), "TOP"),
-                ("LINEBELOW", (0, 0), (-1, -1), 0.4, _GREY),
-                ("LEFTPADDING", (0, 0), (-1, -1), 2),
-                ("LEFTPADDING", (3, 0), (3, 0), 8),
-                ("RIGHTPADDING", (0, 0), (-1, -1), 2),
-                ("TOPPADDING", (0, 0), (-1, -1), 2),
-                ("BOTTOMPADDING", (0, 0), (-1, -1), 4),
-            ]
-        )
-    )
-    return grid
+    grid = Grid([[_Tick(), Paragraph(f"{number}", _NUMBER), words, rules, origin]], widths)
+    lines = ("LINEBELOW", *_ALL, 0.4, _GREY), ("LEFTPADDING", (3, 0), (3, 0), 8)
+    return _styled(grid, (2, 2, 4), "TOP", *lines)
 
 
 def _table(table: Table) -> Flowable:
     widths = [fraction * _WIDTH for fraction in table.fractions]
     rows = [[Paragraph(escape(head), _HEAD) for head in table.columns]]
     for row in table.rows:
-        rows.append(
-            [
-                Paragraph(escape(cell), _CELL)
-                if isinstance(cell, str)
-                else _Rules((cell,), width - 8)
-                for cell, width in zip(row, widths, strict=True)
-            ]
-        )
+        cells = zip(row, widths, strict=True)
+        rows.append([_table_cell(cell, width) for cell, width in cells])
     grid = Grid(rows, widths, repeatRows=1)
-    grid.setStyle(
-        TableStyle(
-            [
-                ("GRID", (0, 0), (-1, -1), 0.5, _GREY),
-                ("BACKGROUND", (0, 0), (-1, 0), _LIGHT),
-                ("VALIGN", (0, 0), (-1, -1), "MIDDLE"),
-                ("LEFTPADDING", (0, 0), (-1, -1), 4),
-                ("RIGHTPADDING", (0, 0), (-1, -1), 4),
-                ("TOPPADDING", (0, 0), (-1, -1), 3),
-                ("BOTTOMPADDING", (0, 0), (-1, -1), 4),
-            ]
-        )
-    )
-    return grid
+    lines = ("GRID", *_ALL, 0.5, _GREY), ("BACKGROUND", (0, 0), (-1, 0), _LIGHT)
+    return _styled(grid, (4, 3, 4), "MIDDLE", *lines)
+
+
+def _table_cell(cell: str | Blank, width: float) -> Flowable:
+    return Paragraph(escape(cell), _CELL) if isinstance(cell, str) else _Rules((cell,), width - 8)
 
 
 class _Tick(Flowable):  # type: ignore[misc]
@@ -427,24 +395,23 @@ def _report_table(rows: tuple[ReportRow, ...]) -> Grid:
     for row in rows:
         what = f'{escape(row.what)}<br/><font size="7" color="#5a5f66">{escape(row.where)}</font>'
         rest = (row.paper, row.ours, row.ratio, row.why)
-        cells.append(
-            [
-                Paragraph(what, _REPORT_CELL),
-                *(Paragraph(escape(each), _REPORT_CELL) for each in rest),
-            ]
-        )
+        cells.append([Paragraph(each, _REPORT_CELL) for each in (what, *map(escape, rest))])
     table = Grid(cells, [fraction * _WIDTH for fraction in _COLUMN_FRACTIONS], repeatRows=1)
-    table.setStyle(
-        TableStyle(
-            [
-                ("LINEBELOW", (0, 0), (-1, -1), 0.4, _RULE),
-                ("BACKGROUND", (0, 0), (-1, 0), _LIGHT),
-                ("VALIGN", (0, 0), (-1, -1), "TOP"),
-                ("LEFTPADDING", (0, 0), (-1, -1), 3),
-                ("RIGHTPADDING", (0, 0), (-1, -1), 3),
-                ("TOPPADDING", (0, 0), (-1, -1), 2),
-                ("BOTTOMPADDING", (0, 0), (-1, -1), 3),
-            ]
-        )
+    lines = ("LINEBELOW", *_ALL, 0.4, _RULE), ("BACKGROUND", (0, 0), (-1, 0), _LIGHT)
+    return _styled(table, (3, 2, 3), "TOP", *lines)
+
+
+def _styled(
+    grid: Grid, paddings: tuple[float, float, float], align: str, *styles: tuple[Any, ...]
+) -> Grid:
+    """The grid with styles, and with paddings beside, above and below what is in its cells."""
+    beside, above, below = paddings
+    common = (
+        ("VALIGN", *_ALL, align),
+        ("LEFTPADDING", *_ALL, beside),
+        ("RIGHTPADDING", *_ALL, beside),
+        ("TOPPADDING", *_ALL, above),
+        ("BOTTOMPADDING", *_ALL, below),
     )
-    return table
+    grid.setStyle(TableStyle([*common, *styles]))
+    return grid

@@ -1,12 +1,12 @@
-"""Reports of a reproduction: what is in them, as Markdown for the docs and HTML for the screen."""
+"""Reports of a reproduction, as Markdown for the docs and HTML; the frame of all HTML pages."""
 
 import base64
 from dataclasses import dataclass
 from html import escape
+from importlib.resources import files
 from pathlib import Path
 
 from nolens.files.atomic import atomic_write
-from nolens.files.html import html_page
 
 COLUMNS = ("quantity", "the paper", "here", "ratio", "where they differ, why")
 """Heads of every table; the section of the paper stands below the quantity."""
@@ -17,20 +17,9 @@ _WIDE_MM = 120.0
 class ReportRow:
     """One quantity, as the paper has it and as it came out here.
 
-    Parameters
-    ----------
-    what
-        The quantity.
-    where
-        Section or figure of the paper.
-    paper
-        Its value there, with its unit.
-    ours
-        The value here.
-    ratio
-        Ours over the paper's; empty where there is none to form.
-    why
-        Where the two differ, why; else how it was found.
+    `where` is the section or figure of the paper; the values have their units. `ratio` is ours
+    over the paper's, empty where there is none to form; `why` says why the two differ, or how the
+    quantity was computed.
     """
 
     what: str
@@ -43,18 +32,9 @@ class ReportRow:
 
 @dataclass(frozen=True)
 class ReportPicture:
-    """A picture of a report.
+    """A picture of a report: the name of its file without suffix, its bytes, what it shows.
 
-    Parameters
-    ----------
-    name
-        Of its file, without suffix.
-    png
-        Its bytes.
-    caption
-        What it shows.
-    width_mm
-        How wide it is printed, at most the width of the text.
+    `width_mm` is how wide it is printed, at most the width of the text.
     """
 
     name: str
@@ -65,20 +45,9 @@ class ReportPicture:
 
 @dataclass(frozen=True)
 class ReportSection:
-    """A figure of the paper, made again.
+    """A figure of the paper, made again: paragraphs above pictures beside a table.
 
-    Parameters
-    ----------
-    name
-        To be referred to.
-    title
-        Its heading.
-    texts
-        Paragraphs above the pictures.
-    pictures
-        Beside its table.
-    rows
-        The table.
+    `name` is what refers to it, `title` its heading.
     """
 
     name: str
@@ -90,22 +59,51 @@ class ReportSection:
 
 @dataclass(frozen=True)
 class Report:
-    """A whole report.
-
-    Parameters
-    ----------
-    title, subtitle
-        At its head.
-    texts
-        Paragraphs below them.
-    sections
-        In their order.
-    """
+    """A whole report: paragraphs below its title and subtitle, and sections in their order."""
 
     title: str
     subtitle: str
     texts: tuple[str, ...]
     sections: tuple[ReportSection, ...]
+
+
+def html_page(
+    title: str, body: str, *, style: str, scheme: str, head: str = "", end: str = ""
+) -> str:
+    """Put a document together.
+
+    Parameters
+    ----------
+    title
+        As plain text.
+    body
+        Markup of what it shows.
+    style
+        File of its style, beside this one.
+    scheme
+        Colour schemes that the style knows: light, dark or both.
+    head
+        More markup of the head.
+    end
+        Markup after what it shows.
+    """
+    css = (files("nolens.files") / style).read_text(encoding="utf-8")
+    return f"""<!DOCTYPE html>
+<html lang="en-GB">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="{scheme}">
+{head}<title>{escape(title)}</title>
+<style>
+{css}</style>
+</head>
+<body>
+<main>
+{body}</main>
+{end}</body>
+</html>
+"""
 
 
 def write_report_markdown(

@@ -22,7 +22,7 @@ from nolens.fabricate.sheet_parts import (
     Word,
 )
 from nolens.files.atomic import atomic_write
-from nolens.files.html import html_page
+from nolens.files.reports import html_page
 
 _FONTS = "'DejaVu Sans', Verdana, sans-serif"
 

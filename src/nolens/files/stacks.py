@@ -1,7 +1,11 @@
-"""Focal stacks and depth maps: TIFF, an animated PNG, and a depth map in colours."""
+"""Focal stacks and depth maps: TIFF, an animated PNG, a page with a slider, a map in colours."""
 
+import json
 import math
+from base64 import b64encode
 from collections.abc import Sequence
+from html import escape
+from importlib.resources import files
 from io import BytesIO
 from pathlib import Path
 
@@ -12,6 +16,7 @@ from torch import Tensor
 
 from nolens.files.atomic import atomic_write
 from nolens.files.pictures import screen_picture
+from nolens.files.reports import html_page
 from nolens.files.tiff import write_tiff
 
 _MM = "mm"
@@ -20,6 +25,11 @@ _NARROWEST = 150
 _INK, _PALE, _PAPER = (235, 235, 235), (110, 110, 110), (20, 20, 20)
 _LABEL = 76
 _PAUSE_MS, _STEP_MS = 700, 220
+
+_GRID = 64
+_POLICY = """<meta http-equiv="Content-Security-Policy"
+ content="default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'">
+"""
 
 _WIDE_INCHES = 7.5
 _UNKNOWN = 0.25
@@ -105,13 +115,6 @@ def _number(depth_um: float) -> str:
     return "infinity" if math.isinf(depth_um) else f"{depth_um * 1e-3:.6g}"
 
 
-def page_png(page: Tensor, white: float) -> bytes:
-    """Radiance (1 or 3, rows, columns) as the bytes of a PNG file, 8-bit sRGB."""
-    buffer = BytesIO()
-    screen_picture(page, white).save(buffer, "png", optimize=True)
-    return buffer.getvalue()
-
-
 def write_sweep(
     path: str | Path,
     pages: Tensor,
@@ -171,6 +174,106 @@ def _labelled(picture: Image.Image, text: str, place: float) -> Image.Image:
     at = left + place * (right - left)
     draw.ellipse((at - 4, middle - 4, at + 4, middle + 4), fill=_INK)
     return frame
+
+
+def write_slider(
+    path: str | Path,
+    *,
+    title: str,
+    pages: Tensor,
+    depths_um: Sequence[float],
+    places: Sequence[float],
+    everywhere: Tensor,
+    sharpest: Tensor,
+    white: float,
+) -> None:
+    """Write a focal stack as a page that needs no other file and no network.
+
+    A slider, the keyboard and a click on what is to be sharp choose the depth. The same stack gives
+    the same bytes.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    title
+        Over all.
+    pages
+        Radiance, (depths, 1 or 3, rows, columns).
+    depths_um
+        Of the pages, the nearest first.
+    places
+        Where the depths lie between the first (0) and the last (1), in 1/z.
+    everywhere
+        The picture that is sharp everywhere, (1 or 3, rows, columns).
+    sharpest
+        Number of the sharpest page for every pixel, (rows, columns).
+    white
+        Radiance that is white in all pictures.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    script = (files("nolens.files") / "slider.js").read_text(encoding="utf-8")
+    texts = [depth_text(each) for each in depths_um]
+    rows, columns = everywhere.shape[-2:]
+    step = max(1, -(-max(rows, columns) // _GRID))
+    stack = {
+        "depths": texts,
+        "pages": [_embedded(each, white) for each in pages],
+        "everywhere": _embedded(everywhere, white),
+        "sharpest": sharpest[step // 2 :: step, step // 2 :: step].tolist(),
+    }
+    # A script ends at the first "</", wherever it stands.
+    data = json.dumps(stack, ensure_ascii=True).replace("</", "<\\/")
+    ticks = "\n".join(
+        f'<span style="left:{100 * place:.2f}%" title="{escape(text)}"></span>'
+        for place, text in zip(places, texts, strict=True)
+    )
+    body = f"""<h1>{escape(title)}</h1>
+<div class="frame" style="max-width:calc(72vh * {columns} / {rows})">
+<img id="picture" src="{stack["everywhere"]}" width="{columns}" height="{rows}"
+ alt="The scene, sharp everywhere">
+<span id="mark" hidden></span>
+</div>
+<div class="controls">
+<label for="depth">Depth</label>
+<output id="shown" for="depth" aria-live="polite">everywhere</output>
+<div class="slide">
+<input id="depth" type="range" min="0" max="{len(texts) - 1}" step="1" value="0"
+ aria-describedby="help">
+<div class="ticks" aria-hidden="true">
+{ticks}
+</div>
+<div class="ends" aria-hidden="true">
+<span>{escape(texts[0])}</span><span>{escape(texts[-1])}</span></div>
+</div>
+<button id="play" type="button" aria-pressed="false">Sweep</button>
+<button id="all" type="button" aria-pressed="true">Sharp everywhere</button>
+</div>
+<p id="help">Drag the slider or use the arrow keys. Click on what is to be sharp.</p>
+<noscript><p>This page needs JavaScript to change the depth; the picture is sharp everywhere.</p>
+</noscript>
+"""
+    html = html_page(
+        title,
+        body,
+        style="slider.css",
+        scheme="dark",
+        head=_POLICY,
+        end=f"<script>\nconst stack = {data};\n{script}</script>\n",
+    )
+    with atomic_write(path) as temporary:
+        temporary.write_text(html, encoding="utf-8", newline="\n")
+
+
+def _embedded(page: Tensor, white: float) -> str:
+    """Radiance (1 or 3, rows, columns) as a PNG in the page."""
+    buffer = BytesIO()
+    screen_picture(page, white).save(buffer, "png", optimize=True)
+    return "data:image/png;base64," + b64encode(buffer.getvalue()).decode("ascii")
 
 
 def plot_depth(path: Path, per_m: Tensor, confidence: Tensor, depths_um: Sequence[float]) -> None:

@@ -37,8 +37,7 @@ from nolens.files import (
     write_png,
     write_tiff16,
 )
-from nolens.files.html import write_slider
-from nolens.files.stacks import plot_depth, write_depths, write_stack, write_sweep
+from nolens.files.stacks import plot_depth, write_depths, write_slider, write_stack, write_sweep
 from nolens.jobs.fields import (
     INPUT,
     MAIN,

@@ -24,8 +24,12 @@ from nolens.evaluate import (
 from nolens.experiments.dot_grid import dot_grid
 from nolens.experiments.off_axis import OffAxis, falls_to, off_axis, ray_curves
 from nolens.experiments.resolution import SolverSettings, screen_picture, two_point_resolution
-from nolens.files.plot_measurements import write_angles_plot, write_dots_plot
-from nolens.files.plot_resolution import draw_star, draw_two_points
+from nolens.files.plot_measurements import (
+    draw_star,
+    draw_two_points,
+    write_angles_plot,
+    write_dots_plot,
+)
 from nolens.operators import Region
 from nolens.optics import PointSource
 from nolens.progress import ProgressCallback, within

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from torch import Tensor
 
 from nolens.evaluate import EdgeResolution, slanted_edge
-from nolens.files.plot_resolution import draw_edge
+from nolens.files.plot_measurements import draw_edge
 from nolens.jobs.fields import Files
 from nolens.jobs.measuring.resolution import (
     SIMULATION,

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from nolens.errors import DataError
 from nolens.evaluate import StarResolution, siemens_star, star_square_deg
-from nolens.files.plot_resolution import draw_star
+from nolens.files.plot_measurements import draw_star
 from nolens.jobs.fields import Files
 from nolens.jobs.measuring.resolution import (
     TARGET,

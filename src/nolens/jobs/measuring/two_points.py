@@ -14,7 +14,7 @@ from nolens.experiments.resolution import (
     points_support,
     two_point_resolution,
 )
-from nolens.files.plot_resolution import draw_two_points
+from nolens.files.plot_measurements import draw_two_points
 from nolens.jobs.fields import Files
 from nolens.jobs.measuring.resolution import (
     SIMULATION,
