@@ -326,7 +326,7 @@ def test_bad_input(made: Path, tmp_path: Path) -> None:
     cut = write_raw(tmp_path / "cut.tif", two_objects()[:, 4:-4])
     before = listing(tmp_path)
     done = run("refocus", cut, "--psfs", other, "-o", tmp_path / "out")
-    check_refused(done, "52×80 cells", "60×80 of the PSFs'")
+    check_refused(done, "52×80 pixels", "60×80 of the PSFs'")
     (tmp_path / "file").write_text("x")
     check_refused(refocus(made, tmp_path / "file"), "is a file")
     (tmp_path / "file").unlink()

@@ -8,7 +8,7 @@ from pathlib import Path
 from threading import Event
 from typing import Self
 
-from nolens.capture.source import Shot
+from nolens.capture.source import CameraSource, Shot
 from nolens.errors import CameraError, NolensError, OptionError
 from nolens.files import frame_suffixes, read_frame
 
@@ -20,7 +20,7 @@ _State = tuple[int, int]
 """Time of the last change in ns, and size in bytes."""
 
 
-class FolderSource:
+class FolderSource(CameraSource):
     """New raw files of a folder, each one once it has stopped growing, in the order of their time.
 
     Parameters
@@ -78,13 +78,7 @@ class FolderSource:
         return None
 
     def open(self) -> None:
-        """Begin to watch.
-
-        Raises
-        ------
-        CameraError
-            If there is no such folder, or it cannot be read.
-        """
+        """Begin to watch."""
         if self._done is None:
             now = self._files()
             self._done = {} if self._existing else now
@@ -92,26 +86,14 @@ class FolderSource:
             self._closed.clear()
 
     def set(self, *, exposure_s: float, gain: float) -> None:
-        """Refuse: nothing can be set.
-
-        Raises
-        ------
-        OptionError
-            Always.
-        """
+        """Refuse: nothing can be set."""
         raise OptionError(
             f"exposure and gain of the camera behind {self._folder} cannot be set from here: set "
             "them at that camera"
         )
 
     def shot(self) -> Shot:
-        """Wait for the next file.
-
-        Raises
-        ------
-        CameraError
-            If it is not open, is closed meanwhile from another thread, or the folder is gone.
-        """
+        """Wait for the next file, until it is closed from another thread or the folder is gone."""
         while self._done is not None:
             for path, state in self._written(self._done):
                 self._done[path] = state
@@ -125,7 +107,7 @@ class FolderSource:
         raise CameraError(f"{self._folder} is not watched, or not any more: open it first")
 
     def close(self) -> None:
-        """Stop watching; nothing happens where that is so already."""
+        """Stop watching."""
         self._done = None
         self._closed.set()
 

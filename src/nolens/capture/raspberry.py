@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from nolens.camera import MOSAICS, Frame
 from nolens.capture.picamera import connected_models, load_picamera2, not_opened
-from nolens.capture.source import Limits, Shot
+from nolens.capture.source import CameraSource, Limits, Shot
 from nolens.errors import CameraError
 
 _FORMAT = re.compile(r"(?:S?([RGB]{4})|R|MONO)(\d+)?(?:_(\w+))?")
@@ -35,7 +35,7 @@ _MODULES = Path("/sys/module")
 _DETAILS = ("SensorTemperature", "DigitalGain", "ColourTemperature", "Lux", "FrameDuration")
 
 
-class RaspberrySource:
+class RaspberrySource(CameraSource):
     """The first camera of a Raspberry Pi: all pixels, undeveloped, exposure and gain fixed.
 
     Parameters
@@ -70,14 +70,7 @@ class RaspberrySource:
         return self._limits
 
     def open(self) -> None:
-        """Configure the camera for all its pixels as unpacked raw, and start it.
-
-        Raises
-        ------
-        CameraError
-            If Picamera2 or a camera is missing, the camera is in use, or it gives no raw that
-            can be read here.
-        """
+        """Configure the camera for all its pixels as unpacked raw, and start it."""
         if self._device is not None:
             return
         models = connected_models()
@@ -111,15 +104,7 @@ class RaspberrySource:
         )
 
     def set(self, *, exposure_s: float, gain: float) -> None:
-        """Set exposure time and gain of all shots from the next one on.
-
-        Raises
-        ------
-        OptionError
-            If they are beyond the limits.
-        CameraError
-            If the camera is not open.
-        """
+        """Set exposure time and gain of all shots from the next one on."""
         device = self._open_device()
         assert self._limits is not None
         self._limits.check(exposure_s, gain)
@@ -130,13 +115,7 @@ class RaspberrySource:
         device.set_controls({"ExposureTime": round(1e6 * exposure_s), "AnalogueGain": float(gain)})
 
     def shot(self) -> Shot:
-        """Wait for the next frame that was exposed as set.
-
-        Raises
-        ------
-        CameraError
-            If the camera is not open, gives no frame any more, or does not take the settings.
-        """
+        """Wait for the next frame that was exposed as set."""
         device = self._open_device()
         assert self._asked is not None
         exposure_s, gain = self._asked
@@ -161,7 +140,7 @@ class RaspberrySource:
         )
 
     def close(self) -> None:
-        """Give the camera back; nothing happens where it is closed already."""
+        """Give the camera back."""
         device, self._device = self._device, None
         if device is not None:
             _close(device)

@@ -100,7 +100,7 @@ class CameraSource(Protocol):
         Raises
         ------
         CameraError
-            If there is no camera, it is in use, or has no raw mode that can be read here.
+            If there is no camera or folder, it is in use, or has no raw mode that can be read here.
         """
 
     def set(self, *, exposure_s: float, gain: float) -> None:
@@ -120,7 +120,8 @@ class CameraSource(Protocol):
         Raises
         ------
         CameraError
-            If the camera is not open, or no frame comes any more, as where it was unplugged.
+            If the camera is not open, does not take the settings, or gives no frame any more, as
+            where it was unplugged, or closed from another thread.
         """
 
     def close(self) -> None:

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from nolens.camera import Frame, LoadedCamera, Sensor, preset
-from nolens.capture.source import Limits, Shot
+from nolens.capture.source import CameraSource, Limits, Shot
 from nolens.errors import CameraError, DataError
 from nolens.evaluate import siemens_star
 from nolens.files import read_camera
@@ -49,7 +49,7 @@ _COLOURS = (
 _GREYS = (1.0, 0.6, 0.35, 0.2, 0.1, 0.04)
 
 
-class TwinSource:
+class TwinSource(CameraSource):
     """A camera of plain convolution, with shot and read noise, that takes its time as one would.
 
     Until it is shown something it looks at a chart.
@@ -151,13 +151,7 @@ class TwinSource:
         return self._on_pixels(self._scene) * (response / response.max()).float()
 
     def open(self) -> None:
-        """Compute the camera's PSF, which takes some seconds the first time.
-
-        Raises
-        ------
-        NolensError
-            If the camera cannot be simulated.
-        """
+        """Compute the camera's PSF, which takes some seconds the first time."""
         self._prepare()
         self._closed.clear()
         self._is_open = True
@@ -167,24 +161,12 @@ class TwinSource:
             self._asked = min(max(fitting_s, _LIMITS.exposure_s[0]), 1.0), 1.0
 
     def set(self, *, exposure_s: float, gain: float) -> None:
-        """Set exposure time and gain of all shots from the next one on.
-
-        Raises
-        ------
-        OptionError
-            If they are beyond the limits.
-        """
+        """Set exposure time and gain of all shots from the next one on."""
         _LIMITS.check(exposure_s, gain)
         self._asked = exposure_s, gain
 
     def shot(self) -> Shot:
-        """Take a frame, not sooner after the one before than a camera could.
-
-        Raises
-        ------
-        CameraError
-            If it is not open.
-        """
+        """Take a frame, not sooner after the one before than a camera could."""
         if not self._is_open or self._asked is None:
             raise CameraError(f"the {self.name} is not open, or was closed: open it first")
         exposure_s, gain = self._asked
@@ -213,7 +195,7 @@ class TwinSource:
         )
 
     def close(self) -> None:
-        """Stop; nothing happens where that is so already."""
+        """Stop."""
         self._is_open = False
         self._closed.set()
 

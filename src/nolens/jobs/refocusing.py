@@ -359,9 +359,9 @@ def _check_readout(measurement: Measurement, camera: Camera, entry: PsfEntry, bi
     rows, columns = (count // max(1, pixels) // bin_by for count in sides)
     if measurement.size != (rows, columns):
         raise DataError(
-            f"{measurement.source} has {measurement.size_text} cells, but the sensor of the camera "
-            f"{camera.name!r} has {rows}×{columns} of the PSFs' {entry.pixel}: give a photograph "
-            "that was read out like the PSFs, uncut"
+            f"{measurement.source} has {measurement.size_text} pixels, but the sensor of the "
+            f"camera {camera.name!r} has {rows}×{columns} of the PSFs' {entry.pixel}: give a "
+            "photograph that was read out like the PSFs, uncut"
         )
 
 
@@ -375,7 +375,7 @@ def _read_psf(options: RefocusOptions, entry: PsfEntry, measurement: Measurement
     wider = own.size != measurement.size
     if wider and entry.kind in _OF_THE_SENSOR:
         raise DataError(
-            f"the PSF {path} was {entry.kind} with {own.size_text} cells, but the measurement "
+            f"the PSF {path} was {entry.kind} with {own.size_text} pixels, but the measurement "
             f"{measurement.source} has {measurement.size_text}: give a photograph that was read "
             "out like the PSFs"
         )
@@ -641,27 +641,18 @@ def _stack_writers(
     """What writes each file of a stack; all pictures have the white of the one sharp everywhere."""
     white = exposure_white(together.picture)
     depths = stack.depths_um
-    first, last = per_m(depths[0]), per_m(depths[-1])
-    span = first - last or 1.0
-    places = [(first - per_m(each)) / span for each in depths]
-    steps = max(1, len(depths) - 1)
-    numbers = ((first - together.per_m) / span * steps).round().long().clamp(0, len(depths) - 1)
-    slider = partial(
-        write_slider,
-        title=title,
-        pages=stack.pages,
-        depths_um=depths,
-        places=places,
-        everywhere=together.picture,
-        sharpest=numbers,
-        white=white,
-    )
+    pages: dict[str, Any] = {"pages": stack.pages, "depths_um": depths, "white": white}
     writers: dict[str, Writer] = {
-        "stack": partial(write_stack, pages=stack.pages, depths_um=depths, white=white),
-        "sweep": partial(
-            write_sweep, pages=stack.pages, depths_um=depths, places=places, white=white
+        "stack": partial(write_stack, **pages),
+        "sweep": partial(write_sweep, **pages, places=stack.places),
+        "page with a slider": partial(
+            write_slider,
+            **pages,
+            title=title,
+            places=stack.places,
+            everywhere=together.picture,
+            sharpest=stack.nearest_pages(together.per_m),
         ),
-        "page with a slider": slider,
         "picture that is sharp everywhere": partial(write_png, radiance=together.picture),
         "depth map": partial(
             plot_depth, per_m=together.per_m, confidence=together.confidence, depths_um=depths

@@ -137,6 +137,23 @@ class FocalStack:
     pages: Tensor
     objectives: tuple[float, ...]
 
+    @property
+    def places(self) -> list[float]:
+        """Where the depths lie between the first (0) and the last (1), in 1/z."""
+        first, span = self._range_per_m
+        return [(first - per_m(each)) / span for each in self.depths_um]
+
+    def nearest_pages(self, vergence_per_m: Tensor) -> Tensor:
+        """Numbers of the pages whose depths are next to some 1/z, in 1/m."""
+        first, span = self._range_per_m
+        last = len(self.depths_um) - 1
+        return ((first - vergence_per_m) / span * max(1, last)).round().long().clamp(0, last)
+
+    @property
+    def _range_per_m(self) -> tuple[float, float]:
+        first, last = per_m(self.depths_um[0]), per_m(self.depths_um[-1])
+        return first, first - last or 1.0
+
 
 def focal_stack(
     reconstructor: DepthReconstructor,

@@ -29,9 +29,9 @@ from nolens.reproduction.setup import PINHOLE_UM, TAU, ExperimentSetup
 from nolens.reproduction.steps import Step, StepResult
 from nolens.twin import FieldMap, Plane
 
-REFERENCE_MM, NEAR_MM = 200.0, (30.0, 80.0)
-FAR_MM = 300.0
-OBJECTS_MM = (80.0, 200.0)
+_REFERENCE_MM, _NEAR_MM = 200.0, (30.0, 80.0)
+_FAR_MM = 300.0
+_OBJECTS_MM = (80.0, 200.0)
 _KNOWN_MM = (50.0, 500.0)
 _ANGLE_DEG = 40.0
 _CORNER_PIXELS = 300
@@ -67,7 +67,7 @@ def steps(setup: ExperimentSetup) -> tuple[Step, ...]:
 
 def _magnified(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult:
     """How much larger the PSF is at each distance, by registering it on that of 20 cm."""
-    distances = (REFERENCE_MM, *NEAR_MM, FAR_MM, math.inf)
+    distances = (_REFERENCE_MM, *_NEAR_MM, _FAR_MM, math.inf)
     psfs = []
     for number, distance_mm in enumerate(distances):
         size = 0.0 if math.isinf(distance_mm) else PINHOLE_UM
@@ -75,7 +75,7 @@ def _magnified(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult
         part = part_of(progress, number, len(distances))
         psfs.append(setup.experiment.psf(source, tick=part))
     reduced_mm = setup.experiment.twin.stack().reduced_um * 1e-3
-    own = 1 + reduced_mm / REFERENCE_MM
+    own = 1 + reduced_mm / _REFERENCE_MM
     figures: dict[str, Any] = {"reduced_mm": reduced_mm}
     for distance_mm, psf in zip(distances[1:], psfs[1:], strict=True):
         expected = (1 + reduced_mm / distance_mm) / own
@@ -110,8 +110,8 @@ def _planes(setup: ExperimentSetup) -> tuple[Plane, ...]:
     wide = torch.zeros(len(far), far.shape[-2], 2 * far.shape[-1])
     wide[:, :, far.shape[-1] :] = far
     return (
-        Plane(picture, _ANGLE_DEG, 1e3 * OBJECTS_MM[0], opacity),
-        Plane(wide, _ANGLE_DEG, 1e3 * OBJECTS_MM[1]),
+        Plane(picture, _ANGLE_DEG, 1e3 * _OBJECTS_MM[0], opacity),
+        Plane(wide, _ANGLE_DEG, 1e3 * _OBJECTS_MM[1]),
     )
 
 
@@ -144,7 +144,7 @@ def _refocused(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult
     figures: dict[str, Any] = {"depth_of_focus_per_m": focus_per_m, "objects": []}
     arrays = {"truth": truth}
     rows, columns = truth.shape[-2:]
-    for number, distance_mm in enumerate(OBJECTS_MM):
+    for number, distance_mm in enumerate(_OBJECTS_MM):
         before = 0.45 + 0.275 * number
 
         def step(done: int, limit: int, before: float = before) -> bool:
@@ -181,7 +181,7 @@ def _refocused(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult
 def _halves(arrays: dict[str, Tensor]) -> dict[str, list[float]]:
     """Energy of the gradient of the near object's half and of the far one's, in both pictures."""
     halves = {}
-    for distance_mm in OBJECTS_MM:
+    for distance_mm in _OBJECTS_MM:
         picture = arrays[f"at-{distance_mm:g}mm"]
         middle = picture.shape[-1] // 2
         energy = sharpness(picture, _WINDOW_PIXELS)
@@ -198,12 +198,12 @@ def magnification(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> 
     reduced_mm = figures["reduced_mm"]
     cover_mm = 1e-3 * reduced_um(camera, camera.mask.surface + 1)
     rows = []
-    for distance_mm in reversed(NEAR_MM):
+    for distance_mm in reversed(_NEAR_MM):
         key = f"magnification {distance_mm / 10:g}"
         each = figures[f"{distance_mm:g}"]
         value = 100 * each["larger"]
         printed = (PAPER[key].value or 0.0) / 100
-        implied_mm = printed / (1 / distance_mm - 1 / REFERENCE_MM)
+        implied_mm = printed / (1 / distance_mm - 1 / _REFERENCE_MM)
         rows.append(
             Row(
                 key,
@@ -217,12 +217,12 @@ def magnification(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> 
                     ", as its other one would; but the cover glass and the air below it alone are "
                     f"{cover_mm:.2f} mm. Its two figures agree with each other, not with its "
                     "camera: the distances or the way it measured are not what they are said to be."
-                    if distance_mm == NEAR_MM[-1]
+                    if distance_mm == _NEAR_MM[-1]
                     else "."
                 ),
             )
         )
-    far = 100 * ((1 + figures[f"{FAR_MM:g}"]["larger"]) / (1 + figures["inf"]["larger"]) - 1)
+    far = 100 * ((1 + figures[f"{_FAR_MM:g}"]["larger"]) / (1 + figures["inf"]["larger"]) - 1)
     sensor = camera.sensor
     half_um = max(sensor.rows, sensor.columns) / 2 * sensor.pitch.um
     rows.append(
@@ -252,7 +252,7 @@ def refocus(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Sectio
     """Two objects, each in focus in its own picture."""
     arrays = results["refocus"].arrays
     white = exposure_white(arrays["truth"])
-    near, far = (f"at-{distance_mm:g}mm" for distance_mm in OBJECTS_MM)
+    near, far = (f"at-{distance_mm:g}mm" for distance_mm in _OBJECTS_MM)
     panels = (
         Panel("the scene: near | far", arrays["truth"], white),
         Panel("focused at 8 cm", arrays[near], white),
@@ -271,7 +271,7 @@ def refocus(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Sectio
 
 def _object_row(key: str, number: int, figures: Mapping[str, Any]) -> Row:
     """Where an object was found, and how much better it comes out with its own PSF."""
-    own, other = OBJECTS_MM[number], OBJECTS_MM[1 - number]
+    own, other = _OBJECTS_MM[number], _OBJECTS_MM[1 - number]
     found_mm = figures["objects"][number]["found_mm"]
     half = figures["depth_of_focus_per_m"] / 2
     ends = [1e2 / max(1e3 / own + side * half, 1e-9) for side in (1, -1)]

@@ -64,7 +64,7 @@ SCENES = (
     Scene("7f", "rocket", 40.0, 600e3),
 )
 """The paper gives angles for the screen only; its own pictures are not to be had."""
-SOLVED_AS_PAPER = "7a"
+_SOLVED_AS_PAPER = "7a"
 _SECONDS = Row(
     "seconds",
     None,
@@ -84,7 +84,7 @@ def _step(setup: ExperimentSetup, scene: Scene) -> Step:
     planes = _planes(setup, scene)
     region = FieldMap.covering(setup.preview, planes[0].tangents).region
     samples = setup.scene_work() + setup.solve_work(region, setup.size.iterations)
-    if scene.name == SOLVED_AS_PAPER:
+    if scene.name == _SOLVED_AS_PAPER:
         samples += setup.solve_work(None, setup.size.papers_iterations)
     distance = f"{scene.distance_um * 1e-4:g} cm"
     return Step(
@@ -102,7 +102,7 @@ def _planes(setup: ExperimentSetup, scene: Scene) -> tuple[Plane, ...]:
 
 def _photograph(setup: ExperimentSetup, scene: Scene, progress: ProgressCallback) -> StepResult:
     """Measure a scene, and solve for it with a PSF that was taken at its distance."""
-    solving_part = 0.3 if scene.name == SOLVED_AS_PAPER else 0.5
+    solving_part = 0.3 if scene.name == _SOLVED_AS_PAPER else 0.5
     shot = setup.experiment.photograph(
         _planes(setup, scene), seed=setup.seed, tick=within(progress, 0.0, 0.5)
     )
@@ -125,7 +125,7 @@ def _photograph(setup: ExperimentSetup, scene: Scene, progress: ProgressCallback
         **_quality(picture, truth),
     }
     arrays = {"picture": scale_fit(picture, truth), "truth": truth, "measurement": _small(shot)}
-    if scene.name == SOLVED_AS_PAPER:
+    if scene.name == _SOLVED_AS_PAPER:
         papers = _as_the_paper(setup, shot, within(progress, 0.8, 0.2))
         figures |= {f"papers_{name}": value for name, value in _quality(papers, truth).items()}
         arrays["papers"] = scale_fit(papers, truth)
@@ -221,7 +221,7 @@ def _quality_row(key: str, scene: Scene, result: StepResult) -> Row:
         f"sensor, on {columns}×{rows} pixels; the measurement's contrast is "
         f"{100 * figures['contrast']:.1f} %."
     )
-    if scene.name == SOLVED_AS_PAPER:
+    if scene.name == _SOLVED_AS_PAPER:
         why += (
             f" Solved as the paper does (captured PSF of the sensor's size, no limit of the "
             f"scene, fixed penalties, τ = 10⁻⁴): {figures['papers_psnr_db']:.1f} dB."

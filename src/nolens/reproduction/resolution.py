@@ -37,13 +37,13 @@ from nolens.reproduction.comparison import PAPER, Picture, Row, Section, section
 from nolens.reproduction.setup import PINHOLE_UM, SCREEN_UM, TAU, ExperimentSetup
 from nolens.reproduction.steps import Step, StepResult
 
-POINTS_UM = 180e3
-PERIODS = 36
-STAR_DEG = 20.0
+_POINTS_UM = 180e3
+_PERIODS = 36
+_STAR_DEG = 20.0
 _EXPECTED_PAIRS = 8
-PAPERS_PITCH_UM = 2300.0
+_PAPERS_PITCH_UM = 2300.0
 _PAPERS_EXTENT_DEG = 10.0
-PITCH_DEG = 3.0
+_PITCH_DEG = 3.0
 _STEP_DEG = 2.5
 _LARGEST_DEG = 50.0
 _LEVELS = {"correlation 0.6": 0.6, "correlation 0.3": 0.3}
@@ -67,14 +67,14 @@ def _target_steps(setup: ExperimentSetup) -> tuple[Step, ...]:
         Step(
             "two-points",
             "fig. 6a: two points",
-            setup.parameters(distance_um=POINTS_UM, tau=TAU),
+            setup.parameters(distance_um=_POINTS_UM, tau=TAU),
             points,
             lambda progress: _points(setup, progress),
         ),
         Step(
             "siemens",
             "fig. 6b: a Siemens star",
-            setup.parameters(periods=PERIODS, angle_deg=STAR_DEG, tau=TAU),
+            setup.parameters(periods=_PERIODS, angle_deg=_STAR_DEG, tau=TAU),
             star,
             lambda progress: _star(setup, progress),
         ),
@@ -85,7 +85,7 @@ def _points(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult:
     """Dips by separation, with a picture of each."""
     settings = SolverSettings(setup.size.point_iterations, TAU, seed=setup.seed)
     points = two_point_resolution(
-        setup.experiment, POINTS_UM, draws=setup.size.point_draws, settings=settings, tick=progress
+        setup.experiment, _POINTS_UM, draws=setup.size.point_draws, settings=settings, tick=progress
     )
     figures: dict[str, Any] = {
         "separations_deg": points.separations_deg,
@@ -140,10 +140,10 @@ def _star(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult:
     settings = SolverSettings(setup.size.iterations, TAU, seed=setup.seed)
     # A star this small needs no more PSFs than change over it.
     experiment = replace(setup.experiment, field_points=3)
-    target = partial(siemens_star, periods=PERIODS)
-    square_deg = star_square_deg(STAR_DEG)
+    target = partial(siemens_star, periods=_PERIODS)
+    square_deg = star_square_deg(_STAR_DEG)
     picture = screen_picture(experiment, target, square_deg, SCREEN_UM, settings, progress)
-    star = StarResolution.of(picture, periods=PERIODS)
+    star = StarResolution.of(picture, periods=_PERIODS)
     figures: dict[str, Any] = {
         "resolved_deg": star.resolved_everywhere_deg,
         "plus_minus_deg": star.plus_minus_deg[star.worst],
@@ -162,7 +162,7 @@ def _read_star(result: StepResult) -> StarResolution:
     picture = FlatPicture(
         result.arrays["picture"][0].double(), result.figures["tangent"], (row, column)
     )
-    return StarResolution.of(picture, periods=PERIODS)
+    return StarResolution.of(picture, periods=_PERIODS)
 
 
 @section("two-points", "Fig. 6a: two points", ("two points",), ("two-points",))
@@ -179,7 +179,7 @@ def two_points(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Sec
         value,
         text,
         f"Rayleigh's criterion, a dip of {100 * points.threshold:.1f} %, in pictures of two points "
-        f"at {POINTS_UM * 1e-3:g} mm, {setup.size.point_draws} of each separation with other "
+        f"at {_POINTS_UM * 1e-3:g} mm, {setup.size.point_draws} of each separation with other "
         f"noise, {setup.size.point_iterations} iterations. A scene of two points is what a sparse, "
         "non-negative solver does best, and its model is exact here: a pixel of "
         f"{twin.pixel_um:g} µm sees {pixel_deg:.2f}°. The paper's LEDs have a size, its PSF is a "
@@ -207,8 +207,8 @@ def siemens(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Sectio
         f"{value:.2f}° ± {figures['plus_minus_deg']:.2f}°",
         f"Angle of a bright spoke and the dark one beside it where the contrast falls to "
         f"{100 * star.threshold:.0f} % of that of wide spokes, in the worst of all directions "
-        f"(in the best, {best:.2f}°); one spoke alone is half of it. {PERIODS} pairs of spokes "
-        f"filling {STAR_DEG:g}° at 300 mm. The paper says neither which of the two angles it "
+        f"(in the best, {best:.2f}°); one spoke alone is half of it. {_PERIODS} pairs of spokes "
+        f"filling {_STAR_DEG:g}° at 300 mm. The paper says neither which of the two angles it "
         "means nor what contrast counts, so the ratio is no better than a factor of two. Flat "
         "bright and dark spokes are what total variation does best: a scene of fine texture is "
         "resolved less well.",
@@ -235,7 +235,7 @@ def _field_steps(setup: ExperimentSetup) -> tuple[Step, ...]:
         Step(
             "dots",
             "fig. 6d: a grid of dots",
-            setup.parameters(pitch_deg=PITCH_DEG),
+            setup.parameters(pitch_deg=_PITCH_DEG),
             1.3 * (scene + setup.solve_work(region, setup.size.iterations)),
             lambda progress: _dots(setup, progress),
         ),
@@ -271,7 +271,7 @@ def _correlated(setup: ExperimentSetup, progress: ProgressCallback) -> StepResul
 def _dots(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult:
     """A grid as far as the model goes; and the paper's own, fine one in the middle of the field."""
     experiment = replace(setup.experiment, field_points=setup.size.dot_field_points)
-    pitch_um = math.tan(math.radians(PITCH_DEG)) * SCREEN_UM
+    pitch_um = math.tan(math.radians(_PITCH_DEG)) * SCREEN_UM
     wide = dot_grid(
         experiment,
         pitch_um=pitch_um,
@@ -292,7 +292,7 @@ def _dots(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult:
     try:
         fine = dot_grid(
             replace(experiment, field_points=3),
-            pitch_um=PAPERS_PITCH_UM,
+            pitch_um=_PAPERS_PITCH_UM,
             distance_um=SCREEN_UM,
             extent_deg=min(_PAPERS_EXTENT_DEG, setup.size.dot_extent_deg),
             iterations=setup.size.iterations,
@@ -411,7 +411,7 @@ def dots(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
         ),
     )
     caption = (
-        f"Dots {figures['pitch_mm']:.1f} mm ({PITCH_DEG:g}°) apart at "
+        f"Dots {figures['pitch_mm']:.1f} mm ({_PITCH_DEG:g}°) apart at "
         f"{SCREEN_UM * 1e-3:g} mm, up to a half angle of {extent:g}°, "
         "reconstructed with the central PSF; each ring is where Snell's law puts a dot."
     )
@@ -440,7 +440,7 @@ def _left(dots: list[Dot], lost_deg: float | None) -> str:
 
 def _pitch_text(fine: Mapping[str, object]) -> str:
     """What becomes of the paper's own pitch."""
-    pitch_deg = math.degrees(math.atan(PAPERS_PITCH_UM / SCREEN_UM))
+    pitch_deg = math.degrees(math.atan(_PAPERS_PITCH_UM / SCREEN_UM))
     text = (
         f"The paper's dots are 2.3 mm apart at 300 mm: {pitch_deg:.2f}°, less than the "
         f"{PAPER['two points'].text} that it finds two points told apart at, and a grid of "
