@@ -7,8 +7,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from nolens.camera import Measurement, PsfEntry
-from nolens.files import write_counts, write_psfs
+from nolens.camera import Frame, Measurement, PsfEntry
+from nolens.files import write_frame, write_psfs
 from nolens.operators import CroppedConvolution, Region
 from nolens.quantities import Length
 
@@ -101,6 +101,6 @@ def write_set(
 
 def write_raw(path: Path, values: Tensor) -> Path:
     """Counts of 12 bits, black at 64."""
-    counts = (64 + 3600 * values[0] / values.max()).round()
-    write_counts(path, counts, mosaic=None, black=64, white=4095)
+    counts = (64 + 3600 * values[:1] / values.max()).round()
+    write_frame(path, Frame(counts, ("grey",), None, (64.0,), 4095.0, "uint16", str(path)))
     return path

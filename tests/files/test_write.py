@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
+from nolens.camera import Frame
 from nolens.errors import DataError, FileError
 from nolens.files import (
     InputFile,
@@ -25,8 +26,8 @@ from nolens.files import (
     hash_file,
     read_frame,
     versions,
-    write_counts,
     write_dng,
+    write_frame,
     write_png,
     write_record,
     write_tiff16,
@@ -94,15 +95,15 @@ def test_two_channels_are_no_picture(tmp_path, write):
 
 def test_counts_are_stored_as_they_are(tmp_path):
     counts = torch.randint(0, 65536, (20, 50), generator=torch.manual_seed(0), dtype=torch.int32)
-    about = {"mosaic": "GBRG", "black": 240.5, "white": 60000, "exposure_s": 0.25}
-    write_counts(tmp_path / "a.tif", counts, **about)
+    frame = Frame(
+        counts[None].float(), ("mosaic",), "GBRG", (240.5,), 60000.0, "uint16", "a", exposure_s=0.25
+    )
+    write_frame(tmp_path / "a.tif", frame)
     assert torch.equal(read_frame(tmp_path / "a.tif", mosaic="GBRG").counts[0].int(), counts)
     with tifffile.TiffFile(tmp_path / "a.tif") as tiff:
-        assert json.loads(tiff.pages[0].description) == about
-    for wrong in (counts.float() + 0.5, counts - 1_000_000, counts[None]):
-        with pytest.raises(DataError, match="whole counts of 0 to 65535"):
-            write_counts(tmp_path / "b.tif", wrong, **about)
-    assert not (tmp_path / "b.tif").exists()
+        note = {"mosaic": "GBRG", "black": 240.5, "white": 60000, "exposure_s": 0.25}
+        assert tiff.pages[0].dtype == "uint16"
+        assert json.loads(tiff.pages[0].description) == note
 
 
 def test_exposures_beyond_what_a_dng_holds(tmp_path):

@@ -8,9 +8,9 @@ import pytest
 import tifffile
 import torch
 
-from nolens.camera import PRESETS
+from nolens.camera import PRESETS, Frame
 from nolens.errors import FileError, OptionError
-from nolens.files import frame_suffixes, write_counts, write_tiff16, write_tiff32
+from nolens.files import frame_suffixes, write_frame, write_tiff16, write_tiff32
 from nolens.studio.workspace import PICTURE_SUFFIXES, RAW_SUFFIXES, Workspace, unused
 
 
@@ -73,9 +73,9 @@ def test_pictures_of_ours_are_no_raw_frames(space: Workspace, place: Path) -> No
     picture = torch.rand(3, 8, 8)
     write_tiff16(place / "other/picture.tif", picture)
     write_tiff32(place / "other/radiance.tif", picture)
-    write_counts(
-        place / "other/raw.tif", (100 * picture[0]).round(), mosaic=None, black=0, white=4095
-    )
+    counts = (100 * picture[:1]).round()
+    raw = Frame(counts, ("grey",), None, (0.0,), 4095.0, "uint16", "raw")
+    write_frame(place / "other/raw.tif", raw)
     tifffile.imwrite(place / "other/theirs.TIF", picture[0].numpy())
     kinds = {each.name: each.kind for each in space.listing("other")}
     assert {name for name, kind in kinds.items() if kind == "raw"} == {"raw.tif", "theirs.TIF"}

@@ -19,7 +19,6 @@ from .frames import (
     is_sequence,
     open_sequence,
     read_frame,
-    write_counts,
     write_frame,
 )
 from .height_maps import HeightMap, read_height_map
@@ -95,7 +94,6 @@ __all__ = [
     "versions",
     "write_3mf",
     "write_camera",
-    "write_counts",
     "write_dng",
     "write_frame",
     "write_gds",

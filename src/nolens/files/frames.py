@@ -316,8 +316,6 @@ def write_frame(path: str | Path, frame: Frame, *, model: str = "lensless camera
 
     Parameters
     ----------
-    path
-        The file to write.
     frame
         Its black level is written as one number, the mean of those of a superpixel's pixels.
     model
@@ -395,49 +393,3 @@ def check_holds(path: Path, frame: Frame) -> None:
 
 def _whole(counts: Tensor) -> bool:
     return bool(((counts == counts.round()) & (counts >= 0) & (counts <= _LARGEST_COUNT)).all())
-
-
-def write_counts(
-    path: str | Path,
-    counts: Tensor,
-    *,
-    mosaic: str | None,
-    black: float,
-    white: int,
-    exposure_s: float | None = None,
-) -> None:
-    """Write a sensor's counts as they are, as 16-bit TIFF.
-
-    What else is known stands in the file's description as JSON; `read_frame` heeds it.
-
-    Parameters
-    ----------
-    path
-        The file to write.
-    counts
-        Whole counts of 0 to 65535, (height, width).
-    mosaic
-        Colours of the 2×2 superpixel, row by row; None without one.
-    black
-        Count that stands for no light.
-    white
-        Count from which a pixel is saturated.
-    exposure_s
-        Exposure time in seconds.
-
-    Raises
-    ------
-    DataError
-        If `counts` are not whole numbers of 0 to 65535 of shape (height, width).
-    FileError
-        If the file cannot be written.
-    """
-    array = counts.detach().cpu().numpy()
-    stored = array.astype(np.uint16)
-    if array.ndim != 2 or not np.array_equal(stored, array):
-        raise DataError(
-            "a 16-bit TIFF holds whole counts of 0 to 65535 of shape (height, width); given are "
-            f"{array.dtype} of shape {array.shape}"
-        )
-    note = {"mosaic": mosaic, "black": black, "white": white, "exposure_s": exposure_s}
-    write_tiff(path, stored, note)

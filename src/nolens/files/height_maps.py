@@ -101,8 +101,6 @@ def read_height_map(
 
     Parameters
     ----------
-    path
-        The file.
     pitch
         Distance of the points, where the file does not say it or says it wrongly.
     unit

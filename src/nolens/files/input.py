@@ -56,8 +56,6 @@ def check_exists(path: Path, accepted: str) -> None:
 
     Parameters
     ----------
-    path
-        The file to be read.
     accepted
         What would be accepted, as a sentence without its full stop.
 
@@ -90,8 +88,6 @@ def check_content(path: Path, expected: tuple[str | None, ...], accepted: str) -
 
     Parameters
     ----------
-    path
-        The file to be read.
     expected
         Kinds that the suffix can stand for; None for any that has no known first bytes.
     accepted
@@ -220,8 +216,6 @@ def damage(path: Path, kind: str, error: Exception, advice: str = "") -> FileErr
 
     Parameters
     ----------
-    path
-        The file.
     kind
         What it was to be, with its article.
     error

@@ -172,8 +172,6 @@ def write_png(path: str | Path, radiance: Tensor, white: float | None = None) ->
 
     Parameters
     ----------
-    path
-        The file to write.
     radiance
         Linear radiance, (1 or 3, height, width).
     white
@@ -217,8 +215,6 @@ def write_tiff16(path: str | Path, radiance: Tensor) -> None:
 
     Parameters
     ----------
-    path
-        The file to write.
     radiance
         Linear radiance, (1 or 3, height, width).
 
@@ -239,8 +235,6 @@ def write_tiff32(path: str | Path, radiance: Tensor) -> None:
 
     Parameters
     ----------
-    path
-        The file to write.
     radiance
         Linear radiance, (1 or 3, height, width).
 

@@ -37,8 +37,6 @@ def plot_mask(
 
     Parameters
     ----------
-    path
-        PNG to be written.
     heights_um
         The relief around the middle of the sensor, (rows, columns).
     grid_um
@@ -118,8 +116,6 @@ def plot_thickness(path: Path, materials: list[ColourCurves]) -> None:
 
     Parameters
     ----------
-    path
-        PNG to be written.
     materials
         What to draw.
     """

@@ -48,8 +48,6 @@ def write_psf_plot(path: str | Path, figures: "PsfFigures", psf: Tensor, pixel_u
 
     Parameters
     ----------
-    path
-        PNG to be written.
     figures
         Of `nolens.evaluate.psf_figures`.
     psf
@@ -239,8 +237,6 @@ def write_angles_plot(
 
     Parameters
     ----------
-    path
-        PNG to be written.
     psfs
         What was measured, by angle; curves that hold None are left out.
     rays
@@ -307,8 +303,6 @@ def write_dots_plot(
 
     Parameters
     ----------
-    path
-        PNG to be written.
     dots
         All that should be there.
     picture

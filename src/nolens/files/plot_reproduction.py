@@ -44,8 +44,6 @@ def plot_pictures(path: Path, panels: tuple[Panel, ...]) -> None:
 
     Parameters
     ----------
-    path
-        PNG to be written.
     panels
         From the left to the right.
     """
@@ -87,8 +85,6 @@ def plot_films(
 
     Parameters
     ----------
-    path
-        PNG to be written.
     widths_um
         By thickness in mm.
     psfs
@@ -143,8 +139,6 @@ def plot_overlay(path: Path, psfs: Tensor, names: tuple[str, str, str], pixel_um
 
     Parameters
     ----------
-    path
-        PNG to be written.
     psfs
         (3, rows, columns).
     names

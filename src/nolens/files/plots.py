@@ -138,8 +138,6 @@ def plot_figure(
 
     Parameters
     ----------
-    path
-        PNG to be written.
     size
         Of the figure, (width, height) in inches.
     title_size

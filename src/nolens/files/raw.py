@@ -57,15 +57,9 @@ _LARGEST_PART = 2**32 - 1  # Of the two numbers of a fraction.
 _SMALLEST_SIDE = 22  # LibRaw takes a smaller picture for none.
 # Linear sRGB from CIE XYZ (IEC 61966-2-1): the camera's colours are taken as sRGB's primaries.
 _SRGB_FROM_XYZ = (
-    3.2406,
-    -1.5372,
-    -0.4986,
-    -0.9689,
-    1.8758,
-    0.0415,
-    0.0557,
-    -0.2040,
-    1.0570,
+    (3.2406, -1.5372, -0.4986),
+    (-0.9689, 1.8758, 0.0415),
+    (0.0557, -0.2040, 1.0570),
 )
 
 
@@ -164,8 +158,6 @@ def write_dng(
 
     Parameters
     ----------
-    path
-        The file to write.
     counts
         Whole counts of 0 to 65535, (height, width), at least 22×22.
     pattern
@@ -214,7 +206,8 @@ def write_dng(
 def _dng_tags(
     pattern: str, black: int, white: int, exposure_s: float | None, model: str
 ) -> list[tuple[int, int, int, Any, bool]]:
-    matrix = [part for value in _SRGB_FROM_XYZ for part in (round(value * 10_000), 10_000)]
+    numbers = (number for row in _SRGB_FROM_XYZ for number in row)
+    matrix = [part for number in numbers for part in (round(number * 10_000), 10_000)]
     tags: list[tuple[int, int, int, Any]] = [
         (271, _ASCII, 0, "nolens"),
         (272, _ASCII, 0, model),

@@ -113,8 +113,6 @@ def write_report_markdown(
 
     Parameters
     ----------
-    path
-        The file to write.
     report
         What is in it.
     folder

@@ -56,8 +56,6 @@ def write_stack(
 
     Parameters
     ----------
-    path
-        The file to write.
     pages
         Radiance, (depths, 1 or 3, rows, columns).
     depths_um
@@ -97,8 +95,6 @@ def write_depths(path: str | Path, per_m: Tensor) -> None:
 
     Parameters
     ----------
-    path
-        The file to write.
     per_m
         1/z of every pixel in 1/m, (rows, columns).
 
@@ -127,8 +123,6 @@ def write_sweep(
 
     Parameters
     ----------
-    path
-        The file to write.
     pages
         Radiance, (depths, 1 or 3, rows, columns).
     depths_um
@@ -194,8 +188,6 @@ def write_slider(
 
     Parameters
     ----------
-    path
-        The file to write.
     title
         Over all.
     pages
@@ -281,8 +273,6 @@ def plot_depth(path: Path, per_m: Tensor, confidence: Tensor, depths_um: Sequenc
 
     Parameters
     ----------
-    path
-        PNG to be written.
     per_m
         1/z of every pixel in 1/m, (rows, columns).
     confidence

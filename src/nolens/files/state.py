@@ -56,8 +56,6 @@ def read_state(
 
     Parameters
     ----------
-    path
-        The file.
     like
         Arrays of the run that goes on, by name: of their types, and no larger, are those that
         are read. What is missing is left out.

@@ -57,8 +57,6 @@ def read_tiff(path: Path, page: int | None = None) -> Frame:
 
     Parameters
     ----------
-    path
-        The file.
     page
         Which of several, from 0; None where there is to be one.
 
@@ -283,8 +281,6 @@ def write_tiff(
 
     Parameters
     ----------
-    path
-        The file to write.
     values
         Counts or floats.
     note

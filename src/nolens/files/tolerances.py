@@ -53,8 +53,6 @@ def write_trials(path: Path, study: Study) -> None:
 
     Parameters
     ----------
-    path
-        To be written.
     study
         Has the cameras.
     """
@@ -75,8 +73,6 @@ def plot_tolerance(path: Path, study: Study, title: str) -> None:
 
     Parameters
     ----------
-    path
-        PNG to be written.
     study
         What was found.
     title

@@ -118,8 +118,6 @@ def write_step(path: str | Path, frame: FrameGeometry, title: str, shrinkage: fl
 
     Parameters
     ----------
-    path
-        The file to write.
     frame
         Its measures; it stands on z = 0 with its middle at x = y = 0.
     title
