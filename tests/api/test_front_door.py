@@ -140,6 +140,11 @@ def test_what_no_memory_holds_is_refused() -> None:
     vast = nl.Camera(replace(paper.opened, camera=camera.model_copy(update={"sensor": sensor})))
     with pytest.raises(OptionError, match=r"of memory.*a smaller angle"):
         nl.simulate(scene(), vast, angle="70deg", field_points=101)
+    shot, point = torch.rand(1, 30, 40), torch.zeros(1, 30, 40)
+    point[0, 15, 20] = 1.0
+    for method in ("admm", "fista", "wiener"):
+        with pytest.raises(OptionError, match=r"of memory.*a smaller support"):
+            nl.reconstruct(shot, point, support=(10**6, 10**6), method=method)
 
 
 def test_arrays_of_all_kinds(shot: nl.SimulatedMeasurement, psf: nl.Psf) -> None:

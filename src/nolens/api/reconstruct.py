@@ -10,8 +10,9 @@ from nolens.api.image import Image
 from nolens.api.inputs import Raw, distance_um, frame_of
 from nolens.api.progress import Progress, reported
 from nolens.api.simulate import SimulatedMeasurement
-from nolens.camera import BlackLevel, Frame, black_level
+from nolens.camera import BlackLevel, Frame, Measurement, black_level
 from nolens.errors import OptionError
+from nolens.jobs.run import BYTES_OF_PROGRAM, check_memory
 from nolens.quantities import Length
 from nolens.refocusing import (
     Autofocus,
@@ -142,20 +143,21 @@ def reconstruct(
         psf_extended,
     )
     support = own if support is None else support
-    ready = development.fitted(frame, spare, coarsen=bin_by is None and support is None)
-    seen, prepared = ready.measurement, ready.prepared
-    solver = replace(solver, psf=prepared.values, support=region_of(support, seen.size))
+    developed = development.fitted(frame, spare, coarsen=bin_by is None and support is None)
+    data, prepared = developed.measurement, developed.prepared
+    solver = replace(solver, psf=prepared.values, support=region_of(support, data.size))
+    _check_memory(solver, data, "a smaller support or larger pixels (bin_by) need less")
     limit = solver.limits.iterations
-    with reported(progress, "photograph") as tick:
+    with reported(progress, "photograph") as advance:
 
         def watch(step: Iteration) -> None:
-            tick(step.iteration / limit)
+            advance(step.iteration / limit)
 
-        result = solver.solve(seen, callback=watch)
-        tick(1.0)
-    notes = (*(ready.notes if bin_by is None else ()), *prepared.notes)
+        result = solver.solve(data, callback=watch)
+        advance(1.0)
+    notes = (*(developed.notes if bin_by is None else ()), *prepared.notes)
     return Photograph(
-        result.photograph.cpu(), seen.channels, result, solver.weight, notes, prepared.warnings
+        result.photograph.cpu(), data.channels, result, solver.weight, notes, prepared.warnings
     )
 
 
@@ -199,13 +201,13 @@ def refocus(
     frame, own = _measured(measurement)
     dark_frame = None if dark is None else frame_of(dark, "dark frame")
     known: list[PsfAt] = []
-    seen = None
-    for each, given in psfs.items():
-        point = frame_of(given, f"PSF of {each}")
+    data = None
+    for each, psf in psfs.items():
+        point = frame_of(psf, f"PSF of {each}")
         development = Development(point, dark_frame, psf_extended=_larger(point, frame))
-        seen = development.measurement(frame) if seen is None else seen
-        known.append(PsfAt(development.prepared(seen).values, distance_um(each)))
-    assert seen is not None
+        data = development.measurement(frame) if data is None else data
+        known.append(PsfAt(development.prepared(data).values, distance_um(each)))
+    assert data is not None
     reduced_um = measured_reduced_um(known)
     if reduced_um is None:
         raise OptionError(
@@ -213,30 +215,32 @@ def refocus(
             "distance: give one of a much nearer point source"
         )
     between = PsfBetween.of(known, reduced_um)
-    region = region_of(own if support is None else support, seen.size)
+    region = region_of(own if support is None else support, data.size)
+    largest = Reconstructor(known[-1].psf, region, device=device)
+    _check_memory(largest, data, "a smaller support needs less")
     reconstructor = DepthReconstructor(
-        seen, region, tau, one_of(Prior, prior, "prior"), iterations, device=device
+        data, region, tau, one_of(Prior, prior, "prior"), iterations, device=device
     )
-    with reported(progress, "photograph") as tick:
+    with reported(progress, "photograph") as advance:
         if distance is None:
-            depth = _autofocus(reconstructor, between, at, lambda done: tick(0.8 * done))
+            depth = _autofocus(reconstructor, between, at, lambda done: advance(0.8 * done))
             begun = 0.8
         else:
             depth, begun = distance_um(distance), 0.0
 
         def watch(step: Iteration) -> None:
-            tick(begun + (1 - begun) * step.iteration / iterations)
+            advance(begun + (1 - begun) * step.iteration / iterations)
 
         result = reconstructor.solve(between.at(depth), watch)
-        tick(1.0)
-    return Photograph(result.photograph.cpu(), seen.channels, result, tau, distance_um=depth)
+        advance(1.0)
+    return Photograph(result.photograph.cpu(), data.channels, result, tau, distance_um=depth)
 
 
 def _autofocus(
     reconstructor: DepthReconstructor,
     between: PsfBetween,
     at: tuple[int, int] | None,
-    tick: Callable[[float], None],
+    advance: Callable[[float], None],
 ) -> float:
     """Distance in um at which the scene, or a place in it, is sharpest."""
     far, near = between.known[0], between.known[-1]
@@ -244,7 +248,7 @@ def _autofocus(
     search = Autofocus(reconstructor, between.at, near.distance_um, far.distance_um, focus)
 
     def step(done: int, limit: int) -> bool:
-        tick(done / limit)
+        advance(done / limit)
         return False
 
     place = None if at is None else (float(at[0]), float(at[1]))
@@ -256,6 +260,12 @@ def _measured(measurement: Raw) -> tuple[Frame, Support | None]:
     if isinstance(measurement, SimulatedMeasurement):
         return measurement.frame, measurement.support
     return frame_of(measurement, "measurement"), None
+
+
+def _check_memory(solver: Reconstructor, data: Measurement, remedy: str) -> None:
+    """Refuse what the machine has no memory for, before the PSF is transformed."""
+    needed = BYTES_OF_PROGRAM + solver.working_bytes(len(data.channels), data.size)
+    check_memory(needed, torch.device(solver.device), remedy)
 
 
 def _larger(psf: Frame, measurement: Frame) -> bool:
@@ -276,16 +286,16 @@ def _solver(
     tolerance: float | None,
     device: torch.device | str,
 ) -> tuple[Reconstructor, int]:
-    """What solves, still without a PSF; how much finer than the PSF pixels are worth to be."""
+    """The solver, still without a PSF, and how much finer than the PSF pixels are worth to be."""
     if method is not None and quality is not None:
         raise OptionError(
             f"method {method} and quality {quality} both choose how to solve: leave one out"
         )
-    wanted = None if quality is None else one_of(Quality, quality, "quality")
-    if wanted is not None:
-        chosen = Method.WIENER if wanted is Quality.DRAFT else Method.ADMM
+    preset = None if quality is None else one_of(Quality, quality, "quality")
+    if preset is not None:
+        solver = Method.WIENER if preset is Quality.DRAFT else Method.ADMM
     else:
-        chosen = Method.ADMM if method is None else one_of(Method, method, "method")
-    stop = stop_of(chosen, wanted, iterations=iterations, tolerance=tolerance)
+        solver = Method.ADMM if method is None else one_of(Method, method, "method")
+    stop = stop_of(solver, preset, iterations=iterations, tolerance=tolerance)
     empty = torch.empty(0)
-    return Reconstructor(empty, None, tau, prior, chosen, stop, device=device), SPARE[chosen]
+    return Reconstructor(empty, None, tau, prior, solver, stop, device=device), SPARE[solver]

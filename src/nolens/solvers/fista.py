@@ -12,6 +12,13 @@ from nolens.solvers.result import Callback, Progress, Result, StopReason
 
 _INNER = 10
 """Steps of the dual iteration in each proximal map; warm-started, a few are enough."""
+_BYTES_PER_PIXEL = 120
+"""Held in the proximal map of the total variation, per pixel of the padded shape."""
+
+
+def fista_bytes(pixels: float) -> float:
+    """Most memory that a run holds at once, for so many `Problem.padded_pixels`."""
+    return pixels * _BYTES_PER_PIXEL
 
 
 def fista(

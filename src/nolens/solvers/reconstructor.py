@@ -1,19 +1,21 @@
 """From the measurements of one camera to scenes: a PSF, what is assumed of the scene, a solver."""
 
+import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import torch
 
 from nolens.camera import Measurement
-from nolens.solvers.admm import RELAXATION, admm
+from nolens.operators import Geometry
+from nolens.solvers.admm import RELAXATION, admm, admm_bytes
 from nolens.solvers.admm_state import AdmmState, Balance, Penalties
-from nolens.solvers.fista import fista
-from nolens.solvers.inputs import Plane, Support, tensor_of
+from nolens.solvers.fista import fista, fista_bytes
+from nolens.solvers.inputs import Plane, Support, region_of, tensor_of
 from nolens.solvers.problem import Prior, Problem
 from nolens.solvers.result import STOPS, Callback, Quality, Result, Stop
 from nolens.solvers.stream import FOLLOWING, Stream
-from nolens.solvers.wiener import wiener
+from nolens.solvers.wiener import wiener, wiener_bytes
 
 
 class Method(StrEnum):
@@ -29,6 +31,7 @@ _TAU = {Method.ADMM: 1e-4, Method.FISTA: 1e-4, Method.WIENER: 0.1}
 SPARE = {Method.ADMM: 4, Method.FISTA: 4, Method.WIENER: 1}
 """How many times finer than what the PSF carries the pixels of the scene are worth to be: what is
 assumed of a scene finds edges between what the PSF carries; Wiener's filter does not."""
+_BYTES = {Method.ADMM: admm_bytes, Method.FISTA: fista_bytes, Method.WIENER: wiener_bytes}
 _STOP = {
     Method.ADMM: STOPS[Quality.PHOTO],
     Method.FISTA: Stop(300, tolerance=1e-4, scene_tolerance=0.0, low_frequency=False),
@@ -115,6 +118,23 @@ class Reconstructor:
     def limits(self) -> Stop:
         """When it stops, given or the method's own."""
         return stop_of(self.method) if self.stop is None else self.stop
+
+    def working_bytes(self, channels: int, sensor: tuple[int, int]) -> float:
+        """Most memory that a solve holds at once, before any of it is allocated.
+
+        Parameters
+        ----------
+        channels, sensor
+            Number of channels and (height, width) of a measurement.
+
+        Raises
+        ------
+        OptionError
+            If the support is none, or no light from it reaches the sensor.
+        """
+        height, width = tensor_of(self.psf, "PSF").shape[-2:]
+        geometry = Geometry.build(sensor, (height, width), region_of(self.support, sensor))
+        return _BYTES[self.method](channels * math.prod(geometry.padded))
 
     def problem(self, measured: Measurement | Plane, valid: Plane | None = None) -> Problem:
         """What is to be solved for a measurement, normalised (`Problem.build`).

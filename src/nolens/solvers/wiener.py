@@ -13,6 +13,13 @@ from nolens.solvers.result import Result
 
 _ROWS = 64
 """Rows of the spectrum that are processed while they are in the cache."""
+_BYTES_PER_PIXEL = 14
+"""Held per pixel of the padded shape: the spectra, and the scene."""
+
+
+def wiener_bytes(pixels: float) -> float:
+    """Most memory that the filter holds at once, for so many `Problem.padded_pixels`."""
+    return pixels * _BYTES_PER_PIXEL
 
 
 def wiener(problem: Problem) -> Result:
