@@ -56,7 +56,7 @@ def correlation(one: Tensor, other: Tensor) -> float:
 def test_where_the_light_really_was(made: tuple[Stitched, list[tuple[float, float]]]) -> None:
     found, truth = made
     for shift, wanted in zip(found.placement.shifts, truth, strict=True):
-        assert shift is not None and math.dist(shift, wanted) < 0.05
+        assert math.dist(shift, wanted) < 0.05
     assert found.placement.residual < 0.05
     assert all(each.correlation > 0.9 for each in found.placement.overlaps.values())
 

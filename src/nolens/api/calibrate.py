@@ -12,7 +12,7 @@ from nolens.calibrate.frames import PointFrames
 from nolens.calibrate.point_psf import PointPsf, StrayLight, point_psf
 from nolens.calibrate.stitch import Capture, Stitched, locate
 from nolens.calibrate.stitch import stitch as merged
-from nolens.errors import DataError, OptionError
+from nolens.errors import OptionError
 from nolens.operators import Region
 from nolens.quantities import Angle, Length
 
@@ -115,7 +115,7 @@ def stitch_psfs(
     ----------
     psfs
         By field angle, such as ``{("0deg", "0deg"): ahead, ("25deg", "0deg"): right}``; each as the
-        sensor saw it (``calibrate_psf(..., centre=False)``), one of them from straight ahead.
+        sensor captured it (``calibrate_psf(..., centre=False)``), one of them from straight ahead.
     camera
         Whose layers say where an angle moves the PSF.
     pixel
@@ -131,28 +131,23 @@ def stitch_psfs(
         If none is of a source straight ahead.
     """
     parsed = [
-        (angle_of(each[0]), angle_of(each[1]), psf.values.cpu()) for each, psf in psfs.items()
+        ((angle_of(each[0]), angle_of(each[1])), psf.values.cpu()) for each, psf in psfs.items()
     ]
-    ahead = [n for n, (right, up, _) in enumerate(parsed) if right.deg == 0 and up.deg == 0]
+    ahead = [n for n, (angle, _) in enumerate(parsed) if all(each.deg == 0 for each in angle)]
     if not ahead or len(parsed) < 2:
         raise OptionError(
             "give one PSF of a source straight ahead, ('0deg', '0deg'), and others at angles"
         )
-    if len({values.shape for _, _, values in parsed}) > 1:
-        raise DataError("the PSFs differ in size: give captures of one camera and setting")
     layers = Layers.of_camera(camera.opened.camera)
     pixel_um = camera.pixel_um if pixel is None else length_um(pixel)
     captures = [
-        Capture.at_angle(values, (right, up), layers, pixel_um) for right, up, values in parsed
+        Capture.at_angle(
+            values, angle, layers, pixel_um, name=f"the PSF at ({angle[0]}, {angle[1]})"
+        )
+        for angle, values in parsed
     ]
     with reported(progress, "overlaps") as tick:
         placement = locate(captures, ahead[0], tick)
-    for (right, up, _), shift in zip(parsed, placement.shifts, strict=True):
-        if shift is None:
-            raise DataError(
-                f"the PSF at ({right}, {up}) does not fit the others where it should overlap them: "
-                "check its angle and its sign"
-            )
     result = merged(captures, placement, ahead[0])
     sensor = captures[0].psf.shape[-2], captures[0].psf.shape[-1]
     channels = next(iter(psfs.values())).channels

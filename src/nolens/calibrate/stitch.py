@@ -4,19 +4,19 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.sparse.csgraph import connected_components
 from torch import Tensor
 
 from nolens.calibrate.distances import Layers, with_mean_light
-from nolens.calibrate.registration import Match, Shift, fine_structure, match_overlap
+from nolens.calibrate.registration import Match, Plane, Shift, fine_structure, match_overlap
 from nolens.camera import Camera
 from nolens.camera.measurement import bin_mean
-from nolens.errors import OptionError
+from nolens.errors import DataError, OptionError
 from nolens.quantities import Angle
 from nolens.twin import LARGEST_ANGLE_DEG
 
@@ -24,9 +24,12 @@ _MORE_DEG = 1.0
 """Beyond the scene's edge, as the angles will not be met exactly."""
 _NARROW_DEG = 20.0
 """Half a scene's width to which the corners and the middle are as good as all nine."""
-STATED_DEG = 3.0
+_STATED_DEG = 3.0
 """Error of an angle that is put up with; half a degree is what a ruler gives."""
 _STEEPEST_DEG = 85.0
+_OFF_DEG = 1.5
+_MOST_RESIDUAL = 1.0
+_MOST_UNKNOWN = 0.1
 _LONGEST = 1100
 """Pixels along the longer side for registration, which finds parts of a pixel."""
 _LEAST_ALIKE = 0.25
@@ -114,11 +117,23 @@ class Capture:
         (row, column) in pixels by which the light's angle moves the PSF, as far as is known.
     search
         Pixels by which that may be off.
+    name
+        For messages.
+    angle
+        Of the point source, to the right and up.
+    pixel_um
+        Pitch of the pixels.
+    um_per_deg
+        How far the PSF moves with the angle, in the mean over the next few degrees.
     """
 
     psf: Tensor
     expected: Shift
     search: float
+    name: str = "a PSF"
+    angle: tuple[Angle, Angle] = (Angle("0", "deg"), Angle("0", "deg"))
+    pixel_um: float = 1.0
+    um_per_deg: float = 1.0
 
     @classmethod
     def at_angle(
@@ -128,23 +143,22 @@ class Capture:
         layers: Layers,
         pixel_um: float,
         *,
+        name: str,
         inexact: float = 0.0,
     ) -> "Capture":
-        """A PSF with the place where its field angles, to the right and up, put it by Snell's law.
+        """A PSF with the place where its field angles put it by Snell's law.
 
-        `inexact` is the fraction by which the layers may put the PSF off.
+        `inexact` is the fraction by which the layers may put the PSF off. A few degrees, by which
+        a stated angle may be off, are searched.
         """
         right, up = layers.shift_um(angle)
-        search = 0.0
+        whole = math.degrees(math.atan(math.hypot(*(math.tan(each.rad) for each in angle))))
+        more = min(whole + _STATED_DEG, _STEEPEST_DEG)
+        search_um, search = _shift_um(layers, more) - _shift_um(layers, whole), 0.0
         if any(each.deg != 0 for each in angle):
-            search = (search_um(angle, layers) + inexact * math.hypot(right, up)) / pixel_um
-        return cls(psf, (-up / pixel_um, right / pixel_um), search)
-
-
-def search_um(angle: tuple[Angle, Angle], layers: Layers) -> float:
-    """How far the PSF moves with the few degrees by which a stated angle may be off."""
-    whole = math.degrees(math.atan(math.hypot(*(math.tan(each.rad) for each in angle))))
-    return _shift_um(layers, min(whole + STATED_DEG, _STEEPEST_DEG)) - _shift_um(layers, whole)
+            search = (search_um + inexact * math.hypot(right, up)) / pixel_um
+        expected = (-up / pixel_um, right / pixel_um)
+        return cls(psf, expected, search, name, angle, pixel_um, search_um / _STATED_DEG)
 
 
 def _shift_um(layers: Layers, angle_deg: float) -> float:
@@ -159,8 +173,7 @@ class Placement:
     Parameters
     ----------
     shifts
-        (row, column) in pixels of every PSF against the reference's; None for one that fits
-        none of the others.
+        (row, column) in pixels of every PSF against the reference's.
     correlations
         Of each with the others, at best.
     overlaps
@@ -170,7 +183,7 @@ class Placement:
         Root mean square, in pixels, by which the overlaps disagree with the shifts.
     """
 
-    shifts: tuple[Shift | None, ...]
+    shifts: tuple[Shift, ...]
     correlations: tuple[float, ...]
     overlaps: Mapping[tuple[int, int], Match]
     residual: float
@@ -193,7 +206,13 @@ def locate(
         Number of the one whose light came from straight ahead.
     progress
         Called with the fraction that is done, 0 to 1.
+
+    Raises
+    ------
+    DataError
+        If one is dark, has another size than the others, or fits none of them.
     """
+    _check(captures)
     bin_by = math.ceil(max(captures[0].psf.shape[-2:]) / _LONGEST)
     structures = [
         fine_structure(bin_mean(each.psf.mean(dim=0, keepdim=True), bin_by)[0].double().numpy())
@@ -202,8 +221,10 @@ def locate(
     rows, columns = structures[0].shape
     candidates: dict[tuple[int, int], Shift] = {}
     for first, second in combinations(range(len(captures)), 2):
-        both = zip(captures[first].expected, captures[second].expected, strict=True)
-        row, column = (b / bin_by - a / bin_by for a, b in both)
+        row, column = (
+            b / bin_by - a / bin_by
+            for a, b in zip(captures[first].expected, captures[second].expected, strict=True)
+        )
         overlap = max(0.0, rows - abs(row)) * max(0.0, columns - abs(column))
         if overlap >= _LEAST_OVERLAP * rows * columns:
             candidates[first, second] = row, column
@@ -220,46 +241,65 @@ def locate(
                 overlaps[first, second] = match
         if progress is not None:
             progress((number + 1) / len(candidates))
+    links = np.zeros((len(captures), len(captures)))
+    for both in overlaps:
+        links[both] = 1
+    part = connected_components(links, directed=False)[1]
+    for number, capture in enumerate(captures):
+        if part[number] != part[reference]:
+            raise DataError(
+                f"{capture.name} does not fit the others: where it should overlap them by its "
+                f"angle ({capture.angle[0]}, {capture.angle[1]}), the best correlation is "
+                f"{correlations[number]:.2f}. Its angle or its sign is wrong, or it is of another "
+                "camera: calibrate it again, or leave it out"
+            )
     shifts, residual = _solved(overlaps, len(captures), reference)
     return Placement(
-        tuple(each and (bin_by * each[0], bin_by * each[1]) for each in shifts),
+        tuple((bin_by * row, bin_by * column) for row, column in shifts.tolist()),
         tuple(correlations),
-        {both: match.scaled(bin_by) for both, match in overlaps.items() if shifts[both[0]]},
+        {both: match.scaled(bin_by) for both, match in overlaps.items()},
         bin_by * residual,
     )
 
 
+def _check(captures: list[Capture]) -> None:
+    """Refuse PSFs of several sizes, and dark ones."""
+    first = captures[0]
+    for each in captures:
+        if each.psf.shape != first.psf.shape:
+            raise DataError(
+                f"{each.name} has {each.psf.shape[-2]}×{each.psf.shape[-1]} pixels, but "
+                f"{first.name} {first.psf.shape[-2]}×{first.psf.shape[-1]}: stitch PSFs of one "
+                "camera and setting; calibrate the other one again"
+            )
+        if not float(each.psf.sum()) > 0:
+            raise DataError(f"{each.name} is dark: calibrate it again")
+
+
 def _solved(
     overlaps: Mapping[tuple[int, int], Match], count: int, reference: int
-) -> tuple[list[Shift | None], float]:
-    """Shift of each capture that a chain of overlaps leads to, and the weighted residual."""
-    links = np.zeros((count, count))
-    for both in overlaps:
-        links[both] = 1
-    part = connected_components(links, directed=False)[1]
-    free = [n for n in range(count) if part[n] == part[reference] and n != reference]
-    shifts: list[Shift | None] = [None] * count
-    shifts[reference] = (0.0, 0.0)
-    if not free:
-        return shifts, 0.0
-    used = {both: match for both, match in overlaps.items() if both[0] in (reference, *free)}
-    system = np.zeros((len(used), len(free)))
-    for row, both in enumerate(used):
-        for number, sign in zip(both, (-1.0, 1.0), strict=True):
-            if number != reference:
-                system[row, free.index(number)] = sign
-    measured = np.array([match.shift for match in used.values()])
-    trust = np.array([match.correlation**2 for match in used.values()])
+) -> tuple[Plane, float]:
+    """Shift of each capture, (captures, 2), and the weighted residual of the overlaps."""
+    shifts = np.zeros((count, 2))
+    free = np.arange(count) != reference
+    system = _differences(overlaps, count)[:, free]
+    measured = np.array([match.shift for match in overlaps.values()])
+    trust = np.array([match.correlation**2 for match in overlaps.values()])
     weights = trust
     for _ in range(_ROUNDS):
         root = np.sqrt(weights)[:, None]
-        solution: NDArray[np.float64]
-        solution = np.linalg.lstsq(system * root, measured * root, rcond=None)[0]
-        off = np.hypot(*(system @ solution - measured).T)
+        shifts[free] = np.linalg.lstsq(system * root, measured * root, rcond=None)[0]
+        off = np.hypot(*(system @ shifts[free] - measured).T)
         weights = trust * np.minimum(1.0, _ROBUST_PIXELS / np.maximum(off, 1e-9))
-    for number, (down, right) in zip(free, solution.tolist(), strict=True):
-        shifts[number] = down, right
     return shifts, float(np.sqrt((weights * off**2).sum() / weights.sum()))
+
+
+def _differences(overlaps: Mapping[tuple[int, int], Match], count: int) -> Plane:
+    """Matrix that takes values of the captures to their differences in the overlaps."""
+    system = np.zeros((len(overlaps), count))
+    for row, both in enumerate(overlaps):
+        system[row, both] = -1.0, 1.0
+    return system
 
 
 @dataclass(frozen=True)
@@ -270,8 +310,8 @@ class Stitched:
     ----------
     psf
         (channels, rows, columns), zero shift in the pixel (rows // 2, columns // 2).
-    placement
-        Where the captures lie.
+    captures, placement
+        What it was merged from, and where they lie.
     gains
         Brightness of each capture beside the reference's, by channel, in what both show.
     known_fraction
@@ -281,10 +321,66 @@ class Stitched:
     """
 
     psf: Tensor
+    captures: list[Capture]
     placement: Placement
     gains: tuple[tuple[float, ...], ...]
     known_fraction: float
     support: tuple[int, int]
+
+    def figures(self) -> dict[str, Any]:
+        """Figures in values that JSON has; lengths and angles to the right and up."""
+        return {
+            "sensor_pixels": list(self.captures[0].psf.shape[-2:]),
+            "pixels": list(self.psf.shape[-2:]),
+            "support": list(self.support),
+            "known_fraction": round(self.known_fraction, 6),
+            "residual_pixels": round(self.placement.residual, 4),
+            "captures": [self._capture_figures(number) for number in range(len(self.captures))],
+        }
+
+    def _capture_figures(self, number: int) -> dict[str, Any]:
+        capture, shift = self.captures[number], self.placement.shifts[number]
+        pixel = capture.pixel_um
+        stated = capture.expected[1] * pixel, -capture.expected[0] * pixel
+        measured = shift[1] * pixel, -shift[0] * pixel
+        off = math.dist(stated, measured)
+        return {
+            "file": capture.name,
+            "angle": [str(each) for each in capture.angle],
+            "stated_shift_um": [round(each, 2) + 0.0 for each in stated],
+            "shift_um": [round(each, 2) + 0.0 for each in measured],
+            "off_um": round(off, 2),
+            "off_deg": round(off / capture.um_per_deg, 3),
+            "gain": [round(each, 5) for each in self.gains[number]],
+            "correlation": round(self.placement.correlations[number], 5),
+        }
+
+    def warnings(self) -> list[str]:
+        """What may make the PSF worse than it could be."""
+        texts = [
+            f"{row['file']} lies {row['off_um']:.0f} µm beside where its angle of "
+            f"{', '.join(row['angle'])} puts it, about {row['off_deg']:.1f}°: check the angle, and "
+            "the layers of the camera if others are off alike"
+            for row in self.figures()["captures"]
+            if row["off_deg"] > _OFF_DEG
+        ]
+        if self.placement.residual > _MOST_RESIDUAL:
+            texts.append(
+                f"the overlaps disagree by {self.placement.residual:.1f} pixels about where the "
+                "PSFs lie: was the camera moved or turned between the captures?"
+            )
+        if 0 in self.support:
+            texts.append(
+                "no scene around the middle has its whole PSF captured: capture the opposite "
+                "angles too, and the corners"
+            )
+        if self.known_fraction < 1 - _MOST_UNKNOWN:
+            texts.append(
+                f"{100 * (1 - self.known_fraction):.0f} % of the stitched PSF is in none of the "
+                "captures, and has the mean light around it: capture more angles, also in the "
+                "corners"
+            )
+        return texts
 
 
 def stitch(
@@ -309,15 +405,14 @@ def stitch(
     captures
         Alike in size.
     placement
-        Where they lie (`locate`), a shift for each.
+        Where they lie (`locate`).
     reference
         Number of the one whose light came from straight ahead.
     progress
         Called with the fraction that is done, 0 to 1.
     """
     sensor = (captures[0].psf.shape[-2], captures[0].psf.shape[-1])
-    shifts = [each for each in placement.shifts if each is not None]
-    assert len(shifts) == len(captures)
+    shifts = placement.shifts
     extent = [max(abs(shift[axis]) for shift in shifts) for axis in (0, 1)]
     half = [math.ceil(count / 2) + round(far) for count, far in zip(sensor, extent, strict=True)]
     gains = _gains(captures, placement, reference)
@@ -347,7 +442,8 @@ def stitch(
         weights[rows, columns] += weight
     known = weights > 0
     psf = with_mean_light(total / weights.clamp_min(1e-30), known)
-    return Stitched(psf, placement, gains, float(known.double().mean()), _support(known, sensor))
+    fraction = float(known.double().mean())
+    return Stitched(psf, captures, placement, gains, fraction, _support(known, sensor))
 
 
 def _support(known: Tensor, sensor: tuple[int, int]) -> tuple[int, int]:
@@ -397,17 +493,17 @@ def _gains(
     captures: list[Capture], placement: Placement, reference: int
 ) -> tuple[tuple[float, ...], ...]:
     """Brightness of each capture beside the reference's, by channel, from all overlaps."""
-    channels = captures[0].psf.shape[0]
-    system: NDArray[np.float64] = np.zeros((len(placement.overlaps) + 1, len(captures)))
-    ratios = np.zeros((len(placement.overlaps) + 1, channels))
-    system[-1, reference] = 1.0
-    for row, (both, match) in enumerate(placement.overlaps.items()):
+    count, channels = len(captures), captures[0].psf.shape[0]
+    ratios = []
+    for (first, second), match in placement.overlaps.items():
         shift = round(match.shift[0]), round(match.shift[1])
-        one, other = _mean_light(captures[both[0]].psf, captures[both[1]].psf, shift)
-        system[row, both] = -1.0, 1.0
-        ratios[row] = (other / one).log().numpy()
-    solution = np.exp(np.linalg.lstsq(system, ratios, rcond=None)[0])
-    return tuple(tuple(float(value) for value in gain) for gain in solution)
+        one, other = _mean_light(captures[first].psf, captures[second].psf, shift)
+        ratios.append((other / one).log().numpy())
+    system = np.vstack([_differences(placement.overlaps, count), np.eye(count)[reference]])
+    solution = np.exp(
+        np.linalg.lstsq(system, np.stack([*ratios, np.zeros(channels)]), rcond=None)[0]
+    )
+    return tuple(tuple(gain) for gain in solution.tolist())
 
 
 def _mean_light(one: Tensor, other: Tensor, shift: tuple[int, int]) -> tuple[Tensor, Tensor]:

@@ -1,28 +1,17 @@
 """`nolens calibrate plan` and `stitch`: PSFs captured at angles become one beyond the sensor."""
 
-import math
 from functools import partial
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator
 from torch import Tensor
 
-from nolens.calibrate.distances import Layers
-from nolens.calibrate.stitch import (
-    STATED_DEG,
-    Capture,
-    CapturePlan,
-    Placement,
-    Stitched,
-    locate,
-    search_um,
-    stitch,
-)
+from nolens.calibrate.stitch import Capture, CapturePlan, locate, stitch
 from nolens.camera import PsfEntry
 from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
-from nolens.files import PSFS_FILE, read_camera, read_psf, read_psf_set, readable
+from nolens.files import read_camera, read_psf, read_psf_set, readable
 from nolens.jobs.calibration.folder import (
     FolderOptions,
     Reduced,
@@ -39,9 +28,6 @@ from nolens.quantities import Length
 _REDUCED_FRACTION = 0.15
 """How far a reduced thickness alone may put a PSF off its place; at 37° it is 11 %."""
 _PLAN = "nolens calibrate plan CAMERA --angle 56deg lists the angles for a scene of 56°"
-_OFF_DEG = 1.5
-_MOST_RESIDUAL = 1.0
-_MOST_UNKNOWN = 0.1
 
 
 def _one_or_two(value: Any) -> Any:
@@ -209,118 +195,27 @@ def calibrate_stitch(run: Run[CalibrateStitchOptions]) -> Product[Tensor]:
     inexact = 0.0 if camera else _REDUCED_FRACTION
     captures = [
         Capture.at_angle(
-            read_psf(options.folder, each), each.angle, layers, each.pixel.um, inexact=inexact
+            read_psf(options.folder, each),
+            each.angle,
+            layers,
+            each.pixel.um,
+            name=each.file,
+            inexact=inexact,
         )
         for each in entries
     ]
-    _check_sizes(captures, entries)
     run.begin()
     placement = locate(captures, ahead, partial(reporter.advance, "overlaps"))
-    _check_placement(placement, entries)
     stitched = stitch(captures, placement, ahead, partial(reporter.advance, "merging"))
-
     usable = [each.usable_per_mm for each in entries if each.usable_per_mm is not None]
     entry = made_of(
-        entries[0],
-        options.psf_file,
-        "stitched",
-        usable_per_mm=min(usable, default=None),
+        entries[0], options.psf_file, "stitched", usable_per_mm=min(usable, default=None)
     )
-    rows = _rows(captures, entries, stitched, layers)
-    run.warn(*_warnings(rows, stitched))
+    run.warn(*stitched.warnings())
     figures = {
         "folder": readable(options.folder),
         "distance": str(distance),
         "file": entry.file,
-        "sensor_pixels": list(captures[0].psf.shape[-2:]),
-        "pixels": list(stitched.psf.shape[-2:]),
-        "support": list(stitched.support),
-        "known_fraction": round(stitched.known_fraction, 6),
-        "residual_pixels": round(placement.residual, 4),
-        "captures": rows,
+        **stitched.figures(),
     }
     return added(stitched.psf, figures, options.folder, {entry: stitched.psf})
-
-
-def _check_sizes(captures: list[Capture], entries: list[PsfEntry]) -> None:
-    """Refuse PSFs of several sizes, and dark ones."""
-    first = captures[0].psf.shape
-    for capture, entry in zip(captures, entries, strict=True):
-        if capture.psf.shape != first:
-            raise DataError(
-                f"{entry.file} has {capture.psf.shape[-2]}×{capture.psf.shape[-1]} pixels, but "
-                f"{entries[0].file} {first[-2]}×{first[-1]}: stitch PSFs of one camera "
-                "and setting; calibrate the other one again"
-            )
-        if not float(capture.psf.sum()) > 0:
-            raise DataError(f"{entry.file} is dark: calibrate it again")
-
-
-def _check_placement(placement: Placement, entries: list[PsfEntry]) -> None:
-    """Refuse a PSF that fits none of the others."""
-    for shift, correlation, entry in zip(
-        placement.shifts, placement.correlations, entries, strict=True
-    ):
-        if shift is None:
-            raise DataError(
-                f"{entry.file} does not fit the others: where it should overlap them by its angle "
-                f"({entry.angle[0]}, {entry.angle[1]}), the best correlation is {correlation:.2f}. "
-                "Its angle or its sign is wrong, or it is of another camera: calibrate it again, "
-                f"or take it out of {PSFS_FILE}"
-            )
-
-
-def _rows(
-    captures: list[Capture], entries: list[PsfEntry], stitched: Stitched, layers: Layers
-) -> list[dict[str, Any]]:
-    """Figures of each capture; lengths and angles to the right and up."""
-    rows: list[dict[str, Any]] = []
-    for number, (capture, entry) in enumerate(zip(captures, entries, strict=True)):
-        shift = stitched.placement.shifts[number]
-        assert shift is not None
-        pixel = entry.pixel.um
-        stated = capture.expected[1] * pixel, -capture.expected[0] * pixel
-        measured = shift[1] * pixel, -shift[0] * pixel
-        off = math.dist(stated, measured)
-        slope = search_um(entry.angle, layers) / STATED_DEG
-        rows.append(
-            {
-                "file": entry.file,
-                "angle": [str(each) for each in entry.angle],
-                "stated_shift_um": [round(each, 2) + 0.0 for each in stated],
-                "shift_um": [round(each, 2) + 0.0 for each in measured],
-                "off_um": round(off, 2),
-                "off_deg": round(off / slope, 3),
-                "gain": [round(each, 5) for each in stitched.gains[number]],
-                "correlation": round(stitched.placement.correlations[number], 5),
-            }
-        )
-    return rows
-
-
-def _warnings(rows: list[dict[str, Any]], stitched: Stitched) -> list[str]:
-    """What may make the PSF worse than it could be."""
-    texts = [
-        f"{row['file']} lies {row['off_um']:.0f} µm beside where its angle of "
-        f"{', '.join(row['angle'])} puts it, about {row['off_deg']:.1f}°: check the angle, and "
-        "the layers of the camera if others are off alike"
-        for row in rows
-        if row["off_deg"] > _OFF_DEG
-    ]
-    if stitched.placement.residual > _MOST_RESIDUAL:
-        texts.append(
-            f"the overlaps disagree by {stitched.placement.residual:.1f} pixels about where the "
-            "PSFs lie: was the camera moved or turned between the captures?"
-        )
-    if 0 in stitched.support:
-        texts.append(
-            "no scene around the middle has its whole PSF captured: capture the opposite angles "
-            "too, and the corners"
-        )
-    if stitched.known_fraction < 1 - _MOST_UNKNOWN:
-        texts.append(
-            f"{100 * (1 - stitched.known_fraction):.0f} % of the stitched PSF is in none of "
-            "the captures, and has the mean light around it: capture more angles, also in the "
-            "corners"
-        )
-    return texts
