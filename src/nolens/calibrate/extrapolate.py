@@ -9,6 +9,7 @@ from torch import Tensor
 
 from nolens.calibrate.known_scenes import ManyScenes
 from nolens.camera.measurement import Measurement
+from nolens.errors import OptionError
 from nolens.operators import Region
 from nolens.solvers import Reconstructor
 
@@ -40,6 +41,17 @@ class ExtrapolatedPsf:
     from_pictures: bool
     residual: tuple[float, ...]
 
+    def warnings(self) -> list[str]:
+        """Whether there were pictures, and they show too little."""
+        if not self.residual or self.from_pictures:
+            return []
+        explained = 1 - self.residual[1] / self.residual[0]
+        return [
+            "the pictures show too little of what lies beyond the sensor "
+            f"({100 * explained:.1f} % of what their reconstruction leaves over): it has the PSF's "
+            "mean light. Captures at angles give more (nolens calibrate plan)"
+        ]
+
 
 def filled(captured: Tensor, region: Region) -> Tensor:
     """The captured PSF with its mean light around it, as far as a scene's light comes from.
@@ -50,8 +62,23 @@ def filled(captured: Tensor, region: Region) -> Tensor:
         (channels, rows, columns), as large as the sensor.
     region
         Pixels that light comes from.
+
+    Raises
+    ------
+    OptionError
+        If the support is larger than the sensor, or wholly beside it.
     """
     rows, columns = captured.shape[-2:]
+    for start, side, count in (
+        (region.top, region.height, rows),
+        (region.left, region.width, columns),
+    ):
+        if side > count or start + side <= 0 or start >= count:
+            raise OptionError(
+                f"--support {side} pixels from pixel {start} on: light must fall on the sensor's "
+                f"{count} pixels through the middle of the PSF, and cover no more of them than "
+                "there are; nolens calibrate plan CAMERA --angle 56deg tells the support"
+            )
     size = (
         2 * max(region.top + region.height, rows - region.top),
         2 * max(region.left + region.width, columns - region.left),

@@ -10,6 +10,7 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
+from nolens.camera.frame import size_text
 from nolens.errors import DataError
 from nolens.kernels import irfft2, rfft2
 from nolens.operators import CroppedConvolution, Region
@@ -48,6 +49,7 @@ class KnownScenes:
         measured: Sequence[Tensor],
         valid: Sequence[Tensor] | None = None,
         region: Region | None = None,
+        names: Sequence[tuple[str, str]] | None = None,
     ) -> Self:
         """Put pairs together, each of one or more channels.
 
@@ -57,6 +59,8 @@ class KnownScenes:
             (channels, rows, columns) of each pair; without `valid` every pixel is.
         region
             None for scenes in the middle of the sensor's frame.
+        names
+            Of the scene and the measurement of each pair, for messages.
 
         Raises
         ------
@@ -69,14 +73,21 @@ class KnownScenes:
             )
         if valid is None:
             valid = [torch.ones_like(each, dtype=torch.bool) for each in measured]
-        for name, values in (("scene", scenes), ("measurement", measured)):
-            sizes = {tuple(each.shape[-2:]) for each in values}
-            if len(sizes) > 1:
-                raise DataError(f"the sizes of the {name}s differ: {sorted(sizes)}")
-        for one, other in zip(scenes, measured, strict=True):
+        names = names or [("a scene", "a measurement")] * len(scenes)
+        for one, other, both in zip(scenes, measured, names, strict=True):
+            for name, first_name, each, first in (
+                (both[0], names[0][0], one, scenes[0]),
+                (both[1], names[0][1], other, measured[0]),
+            ):
+                if each.shape[-2:] != first.shape[-2:]:
+                    raise DataError(
+                        f"{name} has {size_text(each)} pixels, but {first_name} "
+                        f"{size_text(first)}: the sizes of all must be the same, pixel by pixel"
+                    )
+                _check_light(each, name)
             if one.shape[0] != other.shape[0]:
                 raise DataError(
-                    f"a scene has {one.shape[0]} channels and its measurement {other.shape[0]}"
+                    f"{both[0]} has {one.shape[0]} channels and {both[1]} {other.shape[0]}"
                 )
         rows, columns = scenes[0].shape[-2:]
         sensor = (measured[0].shape[-2], measured[0].shape[-1])
@@ -84,17 +95,21 @@ class KnownScenes:
             region = Region.centred(rows, columns, sensor)
         if (region.height, region.width) != (rows, columns):
             raise DataError(
-                f"the support has {region.height}×{region.width} pixels and the scenes "
-                f"{rows}×{columns}"
+                f"the support has {region.height}×{region.width} pixels and {names[0][0]} "
+                f"{rows}×{columns}: it says where the pictures lie, pixel by pixel"
             )
-        pairs = cls(
+        return cls(
             torch.cat([each.float() for each in scenes]),
             torch.cat([each.float() for each in measured]),
             torch.cat(list(valid)),
             region,
         )
-        pairs._check_light()
-        return pairs
+
+    def only(self, rows: list[int]) -> Self:
+        """Some of the measurements."""
+        return replace(
+            self, scenes=self.scenes[rows], measured=self.measured[rows], valid=self.valid[rows]
+        )
 
     @property
     def sensor(self) -> tuple[int, int]:
@@ -128,14 +143,21 @@ class KnownScenes:
             region=region,
         )
 
-    def _check_light(self) -> None:
-        for name, values in (("scene", self.scenes), ("measurement", self.measured)):
-            if not bool(torch.isfinite(values).all()):
-                raise DataError(f"a {name} holds NaN or infinity; give finite values")
-            if not bool((values.double().mean(dim=(-2, -1)) > 0).all()):
-                raise DataError(f"a {name} is dark: nothing can be learnt from it")
-            if not bool((values.double().std(dim=(-2, -1)) > 0).all()):
-                raise DataError(f"a {name} is the same everywhere: nothing can be learnt from it")
+
+def _check_light(values: Tensor, name: str) -> None:
+    """Refuse what is not finite, and what is dark or the same everywhere in a channel."""
+    if not bool(torch.isfinite(values).all()):
+        raise DataError(f"{name} holds NaN or infinity; give finite values")
+    if not bool((values.double().mean(dim=(-2, -1)) > 0).all()):
+        raise DataError(
+            f"{name} is dark in at least one channel, and nothing can be learnt from it: leave "
+            "the pair out, or check the exposure and the black level (--black)"
+        )
+    if bool((values.flatten(-2).amax(dim=-1) == values.flatten(-2).amin(dim=-1)).any()):
+        raise DataError(
+            f"{name} is the same everywhere in at least one channel, and nothing can be learnt "
+            "from it: leave the pair out, and take pictures with much detail"
+        )
 
 
 class ManyScenes(CroppedConvolution):

@@ -11,12 +11,9 @@ from scipy import ndimage
 from torch import Tensor
 
 from nolens.calibrate.known_scenes import KnownScenes, ManyScenes, Weights, over_the_field
-from nolens.camera import Measurement
 from nolens.errors import DataError
-from nolens.evaluate import affine_fit, psnr, ssim
 from nolens.kernels import irfft2, rfft2
-from nolens.operators import FiniteDifference, Region
-from nolens.solvers import Progress, Reconstructor
+from nolens.operators import FiniteDifference
 
 TAU = 8e-5
 """Weight of the total variation: of the largest gradient of the residual at p = 0, for each pixel
@@ -34,11 +31,6 @@ _BLUR = 16
 _FAINT = 0.2
 _SMALL = 0.05
 _HALF = 0.5
-_BYTES_PER_PIXEL = 150
-_CHECK_ITERATIONS, _CHECK_TAU = 100, 1e-4
-_PSF_FRACTION = 0.9
-"""Of the work on a pair that is left out; the rest is its reconstruction."""
-_SSIM_WINDOW = 11
 OnProgress = Callable[[float], None]
 
 
@@ -307,19 +299,6 @@ def psf_from_scenes(
     return SolvedPsf(psf, gains, residual, varying, support)
 
 
-def psf_from_scenes_bytes(extent: tuple[int, int], measurements: int) -> float:
-    """Most memory that `psf_from_scenes` holds at once.
-
-    Parameters
-    ----------
-    extent
-        (rows, columns) of sensor and scene together, as `KnownScenes.extent`.
-    measurements
-        Each channel of each pair.
-    """
-    return math.prod(extent) * measurements * _BYTES_PER_PIXEL
-
-
 def unexplained(known: KnownScenes, psf: Tensor) -> Tensor:
     """Residual of each measurement as `SolvedPsf` has it, for a PSF that was not solved from them.
 
@@ -389,112 +368,3 @@ def _blurred(plane: Tensor, sigma: float) -> Tensor:
     weights /= weights.sum()
     rows = nnf.conv2d(plane[None, None], weights[:, None][None, None], padding=(extent, 0))
     return nnf.conv2d(rows, weights[None, None, None], padding=(0, extent))[0, 0]
-
-
-@dataclass(frozen=True)
-class LeftOutPair:
-    """How well a pair is explained and reconstructed with the PSF of the others.
-
-    Attributes
-    ----------
-    residual
-        Of each channel, as `SolvedPsf` has it.
-    psnr_db, ssim
-        Of the reconstruction, fitted to the picture; no SSIM of pictures below 11 pixels.
-    """
-
-    residual: list[float]
-    psnr_db: float
-    ssim: float | None
-
-
-@dataclass(frozen=True)
-class KnownPairs:
-    """Measurements and the pictures that they are of, by name.
-
-    Attributes
-    ----------
-    measured
-        By name; all with the same channels and size.
-    pictures
-        Radiance, (channels, rows, columns), by name.
-    region
-        Where the pictures' pixels lie in the sensor's frame.
-    each_channel
-        Whether each channel has a PSF of its own.
-    """
-
-    measured: dict[str, Measurement]
-    pictures: dict[str, Tensor]
-    region: Region
-    each_channel: bool
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Of the measurements."""
-        return next(iter(self.measured.values())).channels
-
-    def solve(
-        self, *, without: str | None = None, progress: OnProgress | None = None
-    ) -> list[SolvedPsf]:
-        """A PSF for each group of channels that has one in common, of all pairs but one.
-
-        Raises
-        ------
-        DataError
-            If no PSF explains the measurements.
-        """
-        names = [name for name in self.measured if name != without]
-        groups, solutions = self._groups(), []
-        for number, group in enumerate(groups):
-
-            def advance(fraction: float, number: int = number) -> None:
-                if progress is not None:
-                    progress((number + fraction) / len(groups))
-
-            solutions.append(psf_from_scenes(self._known(names, group), progress=advance))
-        return solutions
-
-    def left_out(self, name: str, progress: OnProgress) -> LeftOutPair:
-        """How well a pair is explained and reconstructed with the PSF of the others."""
-        solutions = self.solve(
-            without=name, progress=lambda fraction: progress(_PSF_FRACTION * fraction)
-        )
-        psf = torch.stack([each.psf for each in solutions])
-        residual = torch.cat(
-            [
-                unexplained(self._known([name], group), plane)
-                for group, plane in zip(self._groups(), psf, strict=True)
-            ]
-        )
-
-        def advance(step: Progress) -> None:
-            fraction = step.iteration / _CHECK_ITERATIONS
-            progress(_PSF_FRACTION + (1 - _PSF_FRACTION) * fraction)
-
-        reconstructor = Reconstructor(psf, self.region, _CHECK_TAU).for_iterations(
-            _CHECK_ITERATIONS
-        )
-        scene = reconstructor.solve(self.measured[name], callback=advance).scene
-        truth = self.pictures[name]
-        peak = float(truth.max())
-        fitted = affine_fit(scene, truth).clamp(0, peak)
-        return LeftOutPair(
-            residual.tolist(),
-            psnr(fitted, truth, peak),
-            ssim(fitted, truth, peak) if min(truth.shape[-2:]) >= _SSIM_WINDOW else None,
-        )
-
-    def _groups(self) -> list[list[int]]:
-        """Channels that have a PSF in common."""
-        every = list(range(len(self.channels)))
-        return [[each] for each in every] if self.each_channel else [every]
-
-    def _known(self, names: list[str], channels: list[int]) -> KnownScenes:
-        """Some of the pairs, in some of the channels."""
-        return KnownScenes.of(
-            [self.pictures[name][channels] for name in names],
-            [self.measured[name].values[channels] for name in names],
-            [self.measured[name].valid[channels] for name in names],
-            self.region,
-        )

@@ -16,7 +16,6 @@ from nolens.jobs.fields import Files, Window
 from nolens.jobs.options import Option
 from nolens.jobs.reconstruction.options import parse_window
 from nolens.jobs.run import Product, Run, job
-from nolens.operators import Region
 from nolens.ranges import Between
 
 _TAU = 1e-5
@@ -97,9 +96,9 @@ def calibrate_extrapolate(run: Run[CalibrateExtrapolateOptions]) -> Product[Tens
         raise DataError(f"{source.file} is dark: calibrate it again")
     sensor = (psf.shape[-2], psf.shape[-1])
     region = parse_window(options.support, sensor, "--support")
-    _check_support(region, sensor)
+    mean_light = ExtrapolatedPsf(filled(psf, region), False, ())
     run.reads({f"PSF {source.file}": options.folder / source.file})
-    pictures = [_picture(options, number, psf, source) for number in range(len(options.pictures))]
+    pictures = [_picture(path, psf, source) for path in options.pictures]
     run.begin()
     stopped = False
 
@@ -109,12 +108,11 @@ def calibrate_extrapolate(run: Run[CalibrateExtrapolateOptions]) -> Product[Tens
         stopped = reporter.step("step", done, limit, "the PSF")
         return stopped
 
+    result = mean_light
     if pictures:
         step(0)
         result = extrapolate(psf, pictures, region, rounds=options.rounds, tau=_TAU, step=step)
-    else:
-        result = ExtrapolatedPsf(filled(psf, region), False, ())
-    run.warn(*_warnings(result))
+    run.warn(*result.warnings())
     entry = made_of(source, options.psf_file, "extended")
     figures = {
         "folder": readable(options.folder),
@@ -147,25 +145,11 @@ def _source(options: CalibrateExtrapolateOptions, psfs: PsfSet) -> PsfEntry:
     )
 
 
-def _check_support(region: Region, sensor: tuple[int, int]) -> None:
-    """Refuse a support that is larger than the sensor, or wholly beside it."""
-    starts, sizes = (region.top, region.left), (region.height, region.width)
-    for start, size, count in zip(starts, sizes, sensor, strict=True):
-        if size > count or start + size <= 0 or start >= count:
-            raise OptionError(
-                f"--support {size} pixels from pixel {start} on: light must fall on the sensor's "
-                f"{count} pixels through the middle of the PSF, and cover no more of them than "
-                "there are; nolens calibrate plan CAMERA --angle 56deg tells the support"
-            )
-
-
-def _picture(
-    options: CalibrateExtrapolateOptions, number: int, psf: Tensor, source: PsfEntry
-) -> Measurement:
+def _picture(path: Path, psf: Tensor, source: PsfEntry) -> Measurement:
     """What the sensor measured of a scene, on the PSF's pixels."""
     # A grey PSF serves the mean of a picture's colours.
     grey = source.channels == ("grey",)
-    picture = develop(read_frame(options.pictures[number]), channels="grey" if grey else "all")
+    picture = develop(read_frame(path), channels="grey" if grey else "all")
     if picture.channels != source.channels:
         raise DataError(
             f"{picture.source} has the channels {', '.join(picture.channels)}, but the PSF "
@@ -180,15 +164,3 @@ def _picture(
     if not bool((light > 0).all()):
         raise DataError(f"{picture.source} shows no light in at least one channel: leave it out")
     return picture
-
-
-def _warnings(result: ExtrapolatedPsf) -> list[str]:
-    """Whether the pictures show too little."""
-    if not result.residual or result.from_pictures:
-        return []
-    explained = 1 - result.residual[1] / result.residual[0]
-    return [
-        "the pictures show too little of what lies beyond the sensor "
-        f"({100 * explained:.1f} % of what their reconstruction leaves over): it has the PSF's "
-        "mean light. Captures at angles give more (nolens calibrate plan)"
-    ]

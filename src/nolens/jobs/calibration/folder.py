@@ -124,25 +124,13 @@ class FolderOptions(NewPsfOptions):
 
 
 def folder_camera(folder: Path) -> LoadedCamera | None:
-    """The camera of a folder of PSFs, if it has one.
-
-    Raises
-    ------
-    NolensError
-        If the folder's camera.toml is none.
-    """
+    """The camera of a folder of PSFs, if it has one."""
     path = folder / CAMERA_FILE
     return read_camera(path) if path.is_file() else None
 
 
 def folder_psfs(folder: Path) -> PsfSet | None:
-    """The list of a folder's PSFs, if it has one.
-
-    Raises
-    ------
-    NolensError
-        If the folder's psfs.toml is none.
-    """
+    """The list of a folder's PSFs, if it has one."""
     return read_psf_set(folder) if (folder / PSFS_FILE).is_file() else None
 
 
@@ -223,19 +211,7 @@ def added(
     psfs: Mapping[PsfEntry, Tensor],
     more: Mapping[str, Writer] | None = None,
 ) -> Product[Value]:
-    """What a job hands over that adds PSFs to a folder and to its list.
-
-    Parameters
-    ----------
-    value, figures
-        As of `Product`.
-    folder
-        Of the PSFs.
-    psfs
-        (channels, rows, columns) for each entry.
-    more
-        What writes further files, by name in the folder.
-    """
+    """What a job hands over that adds PSFs, and more files by name, to a folder and to its list."""
     writers = {folder / name: write for name, write in (more or {}).items()}
     outputs = (*(folder / entry.file for entry in psfs), folder / PSFS_FILE, *writers)
 
@@ -247,19 +223,12 @@ def added(
 
 
 def chosen_camera(folder: Path, name: str | None) -> tuple[LoadedCamera | None, str | None]:
-    """The camera that PSFs are measured of, and from where it is to be copied into the folder.
-
-    Parameters
-    ----------
-    folder
-        Of the PSFs.
-    name
-        Of a camera; None takes the folder's.
+    """The camera of a name, or else of the folder; and its name if it is new to the folder.
 
     Raises
     ------
-    NolensError
-        If it cannot be read, or the folder has the description of another one.
+    OptionError
+        If the folder has the description of another one.
     """
     own = folder_camera(folder)
     if name is None:

@@ -2,12 +2,12 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import torch
 from torch import Tensor
 
-from nolens.calibrate.psf_from_scenes import KnownPairs, SolvedPsf, psf_from_scenes_bytes
+from nolens.calibrate.pairs import KnownPairs, pair_warnings
 from nolens.camera import Frame, PsfEntry, develop
 from nolens.camera.part import PixelPitch
 from nolens.camera.psf_set import Depth
@@ -27,13 +27,7 @@ from nolens.jobs.fields import INPUT, Black, Dark, FilePath, Mosaic, White, Wind
 from nolens.jobs.options import Option
 from nolens.jobs.reconstruction.options import parse_window
 from nolens.jobs.run import Product, Run, check_memory, job
-from nolens.operators import Region
 
-_LARGEST = 3
-_ILL_POSED = 3
-_UNEXPLAINED = 0.95
-_UNLIKE_THE_OTHERS = 1.3
-_SMALLEST = 16
 _PAIRS = "Pairs"
 
 
@@ -173,7 +167,7 @@ def _by_name(folder: Path) -> dict[str, Path]:
 def _read_pairs(
     options: CalibratePairsOptions, files: dict[str, tuple[Path, Path]]
 ) -> tuple[KnownPairs, Frame]:
-    """All pairs, each with light and of one size; and the frame of the first one."""
+    """All pairs, and the frame of the first one."""
 
     def read(path: Path) -> Frame:
         return read_frame(path, mosaic=options.mosaic, bgr=options.bgr)
@@ -185,20 +179,14 @@ def _read_pairs(
         for name, frame in frames.items()
     }
     first = next(iter(measured.values()))
-    for each in measured.values():
-        if each.channels != first.channels or each.values.shape != first.values.shape:
-            raise DataError(
-                f"{each.source} has {each.size_text} pixels of {', '.join(each.channels)}, but "
-                f"{first.source} {first.size_text} of {', '.join(first.channels)}: give "
-                "measurements of one camera, read out in one way"
-            )
-        _check_light(each.values, each.source, "the measurement")
     pictures = {
-        name: _radiance(path, first.channels, options.bgr) for name, (_, path) in files.items()
+        name: (_radiance(path, first.channels, options.bgr), f"the picture {path}")
+        for name, (_, path) in files.items()
     }
-    sensor = (first.values.shape[-2], first.values.shape[-1])
-    region = _region(options, pictures, {name: path for name, (_, path) in files.items()}, sensor)
-    pairs = KnownPairs(measured, pictures, region, options.each_channel)
+    sensor, region = (first.values.shape[-2], first.values.shape[-1]), None
+    if options.support is not None:
+        region = parse_window(options.support, sensor, "--support")
+    pairs = KnownPairs(measured, pictures, region, each_channel=options.each_channel)
     return pairs, next(iter(frames.values()))
 
 
@@ -211,59 +199,8 @@ def _radiance(path: Path, channels: tuple[str, ...], bgr: bool) -> Tensor:
         )
     radiance = picture.radiance.flip(0) if bgr else picture.radiance
     if channels == ("grey",):
-        radiance = radiance.mean(dim=0, keepdim=True)
-    else:
-        radiance = torch.stack([radiance["RGB".index(each)] for each in channels])
-    _check_light(radiance, str(path), "the picture")
-    return radiance
-
-
-def _check_light(values: Tensor, source: str, what: str) -> None:
-    """Refuse what is dark or the same everywhere in a channel."""
-    if not bool((values.double().mean(dim=(-2, -1)) > 0).all()):
-        raise DataError(
-            f"{what} {source} is dark in at least one channel, and nothing can be learnt from it: "
-            "leave the pair out, or check the exposure and the black level (--black)"
-        )
-    flat = values.flatten(-2)
-    if not bool((flat.amax(dim=-1) > flat.amin(dim=-1)).all()):
-        raise DataError(
-            f"{what} {source} is the same everywhere in at least one channel, and nothing can be "
-            "learnt from it: leave the pair out, and take pictures with much detail"
-        )
-
-
-def _region(
-    options: CalibratePairsOptions,
-    pictures: dict[str, Tensor],
-    files: dict[str, Path],
-    sensor: tuple[int, int],
-) -> Region:
-    """Where the pictures lie in the sensor's frame; all must have one size that can be."""
-    first = next(iter(pictures))
-    rows, columns = pictures[first].shape[-2:]
-    for name, picture in pictures.items():
-        if picture.shape[-2:] != (rows, columns):
-            raise DataError(
-                f"{files[name]} has {picture.shape[-2]}×{picture.shape[-1]} pixels, but "
-                f"{files[first]} {rows}×{columns}: all pictures must lie on the same pixels"
-            )
-    if rows > _LARGEST * sensor[0] or columns > _LARGEST * sensor[1]:
-        raise DataError(
-            f"{files[first]} has {rows}×{columns} pixels, and the sensor {sensor[0]}×{sensor[1]}: "
-            "scale the pictures so that a pixel is what one pixel of the sensor sees, as a "
-            "reconstruction shows it"
-        )
-    if options.support is None:
-        return Region.centred(rows, columns, sensor)
-    region = parse_window(options.support, sensor, "--support")
-    if (region.height, region.width) != (rows, columns):
-        raise OptionError(
-            f"--support {options.support} has {region.height}×{region.width} pixels, but the "
-            f"picture {files[first]} {rows}×{columns}: it says where the pictures lie, pixel by "
-            "pixel"
-        )
-    return region
+        return radiance.mean(dim=0, keepdim=True)
+    return torch.stack([radiance["RGB".index(each)] for each in channels])
 
 
 @job
@@ -294,7 +231,7 @@ def calibrate_pairs(run: Run[CalibratePairsOptions]) -> Product[Tensor]:
     )
     remedy = "" if options.each_channel else ", or solve each channel (--each-channel)"
     check_channels(psfs, entry.channels, remedy)
-    needed = _needed(pairs)
+    needed = pairs.bytes_needed
     check_memory(needed, run.device, "fewer or smaller pictures need less")
     run.begin(needed)
     checked = list(files) if options.check else []
@@ -304,77 +241,15 @@ def calibrate_pairs(run: Run[CalibratePairsOptions]) -> Product[Tensor]:
 
     solutions = pairs.solve(progress=progress(0))
     psf = torch.stack([each.psf for each in solutions])
-    checks = {
-        name: pairs.left_out(name, progress(1 + number)) for number, name in enumerate(checked)
-    }
-    rows = _rows(pairs, solutions)
-    run.warn(*_warnings(rows))
+    checks = [pairs.left_out(name, progress(1 + number)) for number, name in enumerate(checked)]
+    rows = pairs.figures(solutions)
+    run.warn(*pair_warnings(rows))
     figures = {
         "camera": None if opened is None else opened.camera.name,
         **entry.model_dump(mode="json"),
         "pixels": list(psf.shape[-2:]),
         "support_fraction": round(float(solutions[0].support.double().mean()), 4),
         "pairs": rows,
-        "leave_one_out": [
-            {
-                "name": name,
-                "residual": [round(part, 4) for part in each.residual],
-                "psnr_db": round(each.psnr_db, 3),
-                "ssim": None if each.ssim is None else round(each.ssim, 4),
-            }
-            for name, each in checks.items()
-        ],
+        "leave_one_out": checks,
     }
     return added(psf, figures, options.output, {entry: psf})
-
-
-def _rows(pairs: KnownPairs, solutions: list[SolvedPsf]) -> list[dict[str, Any]]:
-    """What the solution says of each pair, channel by channel."""
-    many = len(pairs.channels) // len(solutions)
-
-    def of_pair(number: int, values: Callable[[SolvedPsf], Tensor]) -> list[float]:
-        part = slice(number * many, (number + 1) * many)
-        return [round(each, 4) for psf in solutions for each in values(psf)[part].tolist()]
-
-    return [
-        {
-            "name": name,
-            "gain": of_pair(number, lambda psf: psf.gains),
-            "residual": of_pair(number, lambda psf: psf.residual),
-            "residual_varying": of_pair(number, lambda psf: psf.residual_varying),
-        }
-        for number, name in enumerate(pairs.measured)
-    ]
-
-
-def _warnings(rows: list[dict[str, Any]]) -> list[str]:
-    """Too few pairs, and those that are explained badly."""
-    texts = []
-    if len(rows) < _ILL_POSED:
-        texts.append(
-            f"{len(rows)} pair{'' if len(rows) == 1 else 's'} can be explained by many PSFs: take "
-            "five or more, of pictures with much detail"
-        )
-    means = [sum(row["residual"]) / len(row["residual"]) for row in rows]
-    middle = sorted(means)[len(means) // 2]
-    for row, mean in zip(rows, means, strict=True):
-        if mean > _UNEXPLAINED or (len(rows) > 2 and mean > _UNLIKE_THE_OTHERS * middle):
-            texts.append(
-                f"the pair {row['name']} is explained badly ({100 * mean:.0f} % of its measurement "
-                f"is left, {100 * middle:.0f} % of the others): is that the picture that was "
-                "displayed, in its place and not turned?"
-            )
-    return texts
-
-
-def _needed(pairs: KnownPairs) -> float:
-    """Bytes that solving for the PSF holds at once, of pictures large enough for one."""
-    values, region = next(iter(pairs.measured.values())).values, pairs.region
-    rows, columns = values.shape[-2:]
-    if min(rows, columns, region.height, region.width) < _SMALLEST:
-        raise DataError(
-            f"the sensor has {rows}×{columns} pixels and the pictures "
-            f"{region.height}×{region.width}: give at least {_SMALLEST} in each direction"
-        )
-    extent = rows + region.height, columns + region.width
-    return psf_from_scenes_bytes(extent, len(pairs.measured) * len(values))
