@@ -58,7 +58,7 @@ def test_depths_and_angles(tmp_path: Path) -> None:
     assert [each["ms"] for each in told["exposures"]] == pytest.approx([10, 40])
     assert [each["dark_frames"] for each in told["exposures"]] == [2, 2]
     assert told["exposures"][0]["clipped_fraction"] == 0 < told["exposures"][1]["clipped_fraction"]
-    assert told["saturated_fraction"] == 0 and told["cell"] == "3.1 um"
+    assert told["saturated_fraction"] == 0 and told["pixel"] == "3.1 um"
     assert told["frame_noise"]["from"] == "frames" and min(told["snr_db"]) > 40
     assert max(told["energy"]) == 1 and 0.3 < told["dark_fraction"] < 0.8
     # The paper's light is 0.2° off: through the layers, 4.5 um to the right and 2.2 um down.

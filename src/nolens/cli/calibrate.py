@@ -55,7 +55,7 @@ def _extrapolate(summary: dict[str, Any]) -> list[str]:
 def _pairs(summary: dict[str, Any]) -> list[str]:
     rows, columns = summary["pixels"]
     lines = [
-        f"{rows}×{columns} pixels of {summary['cell']}, light in "
+        f"{rows}×{columns} pixels of {summary['pixel']}, light in "
         f"{100 * summary['support_fraction']:.1f} % of them",
         "of each measurement, not explained by the PSF: with one PSF for the whole picture, and "
         "with one that may change over it (a large difference: the PSF varies over the field)",
@@ -125,7 +125,7 @@ def _point(summary: dict[str, Any]) -> list[str]:
         f"{100 * summary['saturated_fraction']:.2g} % saturated in all of them",
         f"noise of a frame: {noise['read_counts']:.3g} counts in the dark, and "
         f"{noise['counts_per_electron']:.3g} counts to the electron (from {known[noise['from']]})",
-        f"{rows}×{columns} pixels of {summary['cell']}; peak over noise {signal} dB",
+        f"{rows}×{columns} pixels of {summary['pixel']}; peak over noise {signal} dB",
         f"energy: {energy}",
         _background(summary),
         _centre(summary),
