@@ -43,7 +43,7 @@ def taken() -> Iterator[Case]:
     setup = ExperimentSetup(read_camera("paper"), FULL, 0)
     for number, scene in enumerate(SCENES[:PICTURES]):
         plane = Plane(setup.picture(scene.picture), scene.angle_deg, scene.distance_um)
-        photograph = setup.experiment.photograph((plane,), seed=0)
+        photograph = setup.experiment.measure((plane,), seed=0)
         measured = develop(photograph.frame)
         psf = setup.wide_psf(scene.distance_um, photograph.region)[GREEN]
         problem = Problem.build(

@@ -117,7 +117,7 @@ def main() -> None:
     opened = read_camera(arguments.camera)
     bench = VirtualExperiment.of(opened)
     picture = sample_picture("astronaut", "the benchmark")
-    shot = bench.photograph((Plane(picture, SCENE_DEG, DISTANCE_UM),), seed=1)
+    shot = bench.measure((Plane(picture, SCENE_DEG, DISTANCE_UM),), seed=1)
     psfs = captures(bench)
     ahead = next(psf for entry, psf in psfs.items() if entry.on_axis)
     with tempfile.TemporaryDirectory() as name:

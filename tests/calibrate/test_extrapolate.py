@@ -28,7 +28,7 @@ def captured(bench: VirtualExperiment) -> Tensor:
 
 
 def photograph(bench: VirtualExperiment, picture: Tensor, seed: int) -> SimulatedMeasurement:
-    return bench.photograph((Plane(picture[None], SCENE_DEG, DISTANCE_UM),), seed=seed)
+    return bench.measure((Plane(picture[None], SCENE_DEG, DISTANCE_UM),), seed=seed)
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +81,7 @@ def test_noise_shows_nothing(bench: VirtualExperiment, captured: Tensor) -> None
     """What a dark picture does not tell is not made up."""
     picture = (torch.from_numpy(astronaut()[..., 1].copy()).float() / 255).square()
     plane = Plane(picture[None], SCENE_DEG, DISTANCE_UM)
-    shot = bench.photograph((plane,), seed=3, fill=0.01)
+    shot = bench.measure((plane,), seed=3, fill=0.01)
     found = extrapolate(captured, [develop(shot.frame)], shot.region, rounds=3, tau=1e-5)
     assert not found.from_pictures and len(found.residual) == 2
     assert torch.equal(found.psf, filled(captured, shot.region))

@@ -104,7 +104,7 @@ def test_a_dense_scene_needs_it(
     made: tuple[Stitched, list[tuple[float, float]]], bench: VirtualExperiment
 ) -> None:
     """As much of the sensor as 56 degrees are of the paper's: 10 dB, angles half a degree off."""
-    shot = bench.photograph((Plane(gamma_free(), SCENE_DEG, DISTANCE_UM),), seed=1)
+    shot = bench.measure((Plane(gamma_free(), SCENE_DEG, DISTANCE_UM),), seed=1)
     assert shot.region.height <= made[0].support[0] and shot.region.width <= made[0].support[1]
     as_captured = quality(shot, captured(bench, lights(SCENE_DEG / 2, 0.0)[4]))
     assert quality(shot, made[0].psf) > as_captured + 10

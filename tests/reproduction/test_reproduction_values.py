@@ -130,7 +130,7 @@ def test_the_exposure_is_that_of_a_scene_of_known_luminance(tmp_path: Path) -> N
     )  # fmt: skip
     done = simulate(options, Watcher())
     bench = VirtualExperiment.of(read_camera("small"), field_points=3)
-    shot = bench.photograph((Plane(torch.ones(3, 40, 40), 8.0, 300e3),), fill=0.9)
+    shot = bench.measure((Plane(torch.ones(3, 40, 40), 8.0, 300e3),), fill=0.9)
     wanted = done.summary["exposure_s"] * Luminance.parse("200cd/m2").cd_m2
     assert shot.exposure_cd_s_m2 == pytest.approx(wanted, rel=1e-4)
 

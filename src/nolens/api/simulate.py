@@ -261,7 +261,9 @@ def simulate_point(
     """
     bench = VirtualExperiment(camera.twin, Light(light), wavelengths)
     with reported(progress, "point source") as tick:
-        return bench.point(source_of(distance, angle, diameter), fill=fill, seed=seed, tick=tick)
+        return bench.point(
+            source_of(distance, angle, diameter), fill=fill, seed=seed, progress=tick
+        )
 
 
 def simulate(
@@ -321,7 +323,7 @@ def simulate(
     _check_memory(camera, working, "a smaller angle or a camera that reads fewer pixels")
     bench = VirtualExperiment(camera.twin, Light(light), wavelengths, field_points)
     with reported(progress, "measurement") as tick:
-        shot = bench.photograph((plane,), fill=fill, seed=seed, tick=tick)
+        shot = bench.measure((plane,), fill=fill, seed=seed, progress=tick)
     values = develop(shot.frame).values
     return SimulatedMeasurement(
         values, camera.channels, shot.frame, shot.truth, shot.response, shot.region

@@ -416,7 +416,7 @@ def dot_grid(
     iterations: int = 300,
     fill: float = 0.9,
     seed: int = 0,
-    tick: ProgressCallback | None = None,
+    progress: ProgressCallback | None = None,
 ) -> DotGrid:
     """Show a camera a grid of dots, reconstruct what it measures, and find them in the picture.
 
@@ -434,8 +434,8 @@ def dot_grid(
     iterations
         Of the reconstruction.
     fill, seed
-        See `VirtualExperiment.photograph`.
-    tick
+        See `VirtualExperiment.measure`.
+    progress
         Called with the fraction that is done.
 
     Raises
@@ -452,14 +452,13 @@ def dot_grid(
     scene = _radiance(field, at)
 
     channels = len(experiment.sensor.channels)
-    seen = PlaneView(scene.expand(channels, -1, -1).contiguous(), distance_um)
-    shot = experiment.seen(field, (seen,), fill=fill, seed=seed, tick=within(tick, 0.0, 0.6))
+    view = PlaneView(scene.expand(channels, -1, -1).contiguous(), distance_um)
+    first, rest = within(progress, 0.0, 0.6), within(progress, 0.6, 0.4)
+    shot = experiment.measure_views(field, (view,), fill=fill, seed=seed, progress=first)
     rows, columns = twin.shape
     wide = rows + field.region.height, columns + field.region.width
     psf = experiment.psf(PointSource((0.0, 0.0), distance_um), wide)
-    picture = solved(
-        shot.frame, psf, field.region, iterations=iterations, tick=within(tick, 0.6, 0.4)
-    )
+    picture = solved(shot.frame, psf, field.region, iterations=iterations, progress=rest)
     return locate_grid(
         picture.cpu().mean(dim=0),
         twin,

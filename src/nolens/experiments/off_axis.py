@@ -83,7 +83,7 @@ def off_axis(
     diameter_um: float = 0.0,
     fill: float = 0.9,
     seed: int = 0,
-    tick: ProgressCallback | None = None,
+    progress: ProgressCallback | None = None,
 ) -> list[OffAxis]:
     """Capture point sources beside the camera, and compare each with the one straight ahead.
 
@@ -101,7 +101,7 @@ def off_axis(
         Fraction of a full pixel that the brightest one is exposed to.
     seed
         Of the noise; every frame has its own.
-    tick
+    progress
         Called with the fraction that is done.
 
     Raises
@@ -119,7 +119,7 @@ def off_axis(
     total = len(sources) + 1
     shots: list[tuple[Tensor | None, float, float]] = []
     for number, source in enumerate([PointSource((0.0, 0.0), distance_um, diameter_um), *sources]):
-        image = experiment.light_of(source, within(tick, number / total, 1 / total))
+        image = experiment.light_of(source, within(progress, number / total, 1 / total))
         power = float(image.double().sum())
         if not power > 0:
             shots.append((None, 0.0, 0.0))

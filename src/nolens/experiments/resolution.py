@@ -147,15 +147,15 @@ class _SolvingCamera:
         distance_um: float,
         support: Region,
         settings: SolverSettings,
-        tick: ProgressCallback,
+        progress: ProgressCallback,
     ) -> "_SolvingCamera":
         """Compute the PSF of a distance, wide enough for the support."""
         rows, columns = experiment.twin.shape
         wide = (rows + support.height, columns + support.width)
-        psf = experiment.psf(PointSource((0.0, 0.0), distance_um), wide, tick)
+        psf = experiment.psf(PointSource((0.0, 0.0), distance_um), wide, progress)
         return cls(experiment, support, psf.mean(dim=0, keepdim=True), settings)
 
-    def picture(self, frame: Frame, tick: ProgressCallback) -> Tensor:
+    def picture(self, frame: Frame, progress: ProgressCallback) -> Tensor:
         """Mean of the channels of a frame, solved as one."""
         return solved(
             develop(frame, channels="grey"),
@@ -163,7 +163,7 @@ class _SolvingCamera:
             self.support,
             iterations=self.settings.iterations,
             tau=self.settings.tau,
-            tick=tick,
+            progress=progress,
         )[0]
 
 
@@ -173,7 +173,7 @@ def screen_picture(
     angle_deg: float,
     distance_um: float,
     settings: SolverSettings,
-    tick: ProgressCallback | None = None,
+    progress: ProgressCallback | None = None,
 ) -> FlatPicture:
     """Reconstruct a square target on a flat screen, its fall-off of light divided out.
 
@@ -189,7 +189,7 @@ def screen_picture(
         Of the screen.
     settings
         How its picture is taken and solved.
-    tick
+    progress
         Called with the fraction that is done.
 
     Raises
@@ -199,16 +199,16 @@ def screen_picture(
     """
     support = target_support(experiment.twin, angle_deg, distance_um)
     scale = AngularScale.of_camera(experiment.twin, support)
-    pieces = _Pieces(3, tick)
+    pieces = _Pieces(3, progress)
     camera = _SolvingCamera.of(experiment, distance_um, support, settings, pieces.part)
     pieces.next()
     side = min(_MOST_PIXELS, math.ceil(_TARGET_PIXELS * scale.pixels(angle_deg)))
     radiance = target(side).float().expand(len(experiment.sensor.channels), -1, -1)
-    shot = experiment.photograph(
+    shot = experiment.measure(
         (Plane(radiance, angle_deg, distance_um),),
         fill=settings.fill,
         seed=settings.seed,
-        tick=pieces.part,
+        progress=pieces.part,
     )
     pieces.next()
     return scale.flat(camera.picture(shot.frame, pieces.part) / shot.response)
@@ -277,7 +277,7 @@ def two_point_resolution(
     draws: int = 3,
     threshold: float = RAYLEIGH_DIP,
     settings: SolverSettings | None = None,
-    tick: ProgressCallback | None = None,
+    progress: ProgressCallback | None = None,
 ) -> TwoPoints:
     """Find the smallest angle between two point sources that a simulated camera resolves.
 
@@ -300,7 +300,7 @@ def two_point_resolution(
         Dip that counts as resolved.
     settings
         How pictures are taken and solved.
-    tick
+    progress
         Called with the fraction that is done.
 
     Raises
@@ -310,7 +310,7 @@ def two_point_resolution(
     """
     settings = settings or SolverSettings(POINT_ITERATIONS)
     support = points_support(experiment.twin)
-    pieces = _Pieces(1 + _EXPECTED_STEPS * draws, tick)
+    pieces = _Pieces(1 + _EXPECTED_STEPS * draws, progress)
     camera = _SolvingCamera.of(experiment, distance_um, support, settings, pieces.part)
     pieces.next()
     scale = AngularScale.of_camera(experiment.twin, support)
@@ -356,13 +356,13 @@ def two_point_resolution(
 class _Pieces:
     """Passes on what fraction of some equal pieces of work is done."""
 
-    def __init__(self, pieces: int, tick: ProgressCallback | None) -> None:
-        self._pieces, self._done, self._tick = pieces, 0, tick
+    def __init__(self, pieces: int, progress: ProgressCallback | None) -> None:
+        self._pieces, self._done, self._progress = pieces, 0, progress
 
     def part(self, fraction: float) -> None:
         """A fraction of the present piece is done."""
-        if self._tick is not None:
-            self._tick(min((self._done + fraction) / self._pieces, 0.99))
+        if self._progress is not None:
+            self._progress(min((self._done + fraction) / self._pieces, 0.99))
 
     def next(self) -> None:
         """The present piece is done."""

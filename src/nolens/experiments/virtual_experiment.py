@@ -100,7 +100,7 @@ class VirtualExperiment:
         self,
         source: PointSource,
         size: tuple[int, int] | None = None,
-        tick: ProgressCallback | None = None,
+        progress: ProgressCallback | None = None,
         *,
         pixels: int | None = None,
         frame: PsfFrame = "chief-ray",
@@ -113,7 +113,7 @@ class VirtualExperiment:
             The point source.
         size
             (rows, columns), which may be more than the sensor has; None takes the sensor's.
-        tick
+        progress
             Called with the fraction that is done.
         pixels
             Sensor pixels along one of the result; None takes those of the reconstruction.
@@ -128,10 +128,10 @@ class VirtualExperiment:
             light=self.light,
             wavelengths=self.wavelengths,
             frame=frame,
-            progress=tick,
+            progress=progress,
         ).cpu()
-        seen = photocurrents(self.twin, self.light, 1.0)
-        return pattern * (seen / seen.max())[:, None, None]
+        currents = photocurrents(self.twin, self.light, 1.0)
+        return pattern * (currents / currents.max())[:, None, None]
 
     def point(
         self,
@@ -139,7 +139,7 @@ class VirtualExperiment:
         *,
         fill: float = 0.9,
         seed: int = 0,
-        tick: ProgressCallback | None = None,
+        progress: ProgressCallback | None = None,
     ) -> Frame:
         """The sensor's frame of one point source.
 
@@ -151,24 +151,24 @@ class VirtualExperiment:
             Fraction of a full pixel that the brightest one is exposed to; above 1 it clips.
         seed
             Of the noise.
-        tick
+        progress
             Called with the fraction that is done.
         """
-        return self.exposed(self.light_of(source, tick), fill, seed)
+        return self.exposed(self.light_of(source, progress), fill, seed)
 
-    def light_of(self, source: PointSource, tick: ProgressCallback | None = None) -> Tensor:
+    def light_of(self, source: PointSource, progress: ProgressCallback | None = None) -> Tensor:
         """Light of one point on every pixel, in the pixel's colour; points add up."""
         size = self.sensor.rows, self.sensor.columns
-        psf = self.psf(source, size, tick, pixels=1, frame="sensor")
+        psf = self.psf(source, size, progress, pixels=1, frame="sensor")
         return mosaic(psf, self.sensor.mosaic)
 
-    def photograph(
+    def measure(
         self,
         planes: tuple[Plane, ...],
         *,
         fill: float = 0.9,
         seed: int = 0,
-        tick: ProgressCallback | None = None,
+        progress: ProgressCallback | None = None,
     ) -> SimulatedMeasurement:
         """The sensor's frame of a scene, with PSFs that vary over the field.
 
@@ -180,37 +180,39 @@ class VirtualExperiment:
             Fraction of a full pixel that the brightest one is exposed to.
         seed
             Of the noise.
-        tick
+        progress
             Called with the fraction that is done.
         """
-        return self.seen(*render_planes(self.twin, planes), fill=fill, seed=seed, tick=tick)
+        field, views = render_planes(self.twin, planes)
+        return self.measure_views(field, views, fill=fill, seed=seed, progress=progress)
 
-    def seen(
+    def measure_views(
         self,
         field: FieldMap,
-        seen: tuple[PlaneView, ...],
+        views: tuple[PlaneView, ...],
         *,
         fill: float = 0.9,
         seed: int = 0,
-        tick: ProgressCallback | None = None,
+        progress: ProgressCallback | None = None,
     ) -> SimulatedMeasurement:
-        """The sensor's frame of what is seen on the pixels of a map; the rest as `photograph`."""
-        found = irradiate(
+        """The sensor's frame of views on the pixels of a map; the rest as `measure`."""
+        irradiance = irradiate(
             self.twin,
             replace(field, twin=self.twin),
-            seen,
+            views,
             field_points=self.field_points,
             light=self.light,
             wavelengths=self.wavelengths,
-            progress=tick,
+            progress=progress,
         )
         currents = photocurrents(self.twin, self.light, 1.0)[:, None, None]
-        image = found.light * mosaic(currents.expand(-1, *found.light.shape), self.sensor.mosaic)
+        light = irradiance.light
+        image = light * mosaic(currents.expand(-1, *light.shape), self.sensor.mosaic)
         response = field.solid_angle() * field.vignetting()
         return SimulatedMeasurement(
             self.exposed(image, fill, seed),
             field.region,
-            torch.stack([plane.radiance for plane in seen]).sum(dim=0),
+            torch.stack([plane.radiance for plane in views]).sum(dim=0),
             (response / response.max()).float(),
             fill * self.sensor.clip_electrons / float(image.max()),
         )
@@ -245,7 +247,7 @@ def solved(
     *,
     iterations: int = 300,
     tau: float = 1e-5,
-    tick: ProgressCallback | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Tensor:
     """Scene on the pixels of the support, by ADMM (`nolens.solvers.admm`).
 
@@ -259,14 +261,14 @@ def solved(
         Pixels that light can come from; None for no limit.
     iterations, tau
         As `nolens reconstruct` takes them; all iterations are done.
-    tick
+    progress
         Called with the fraction that is done.
     """
-    seen = develop(frame) if isinstance(frame, Frame) else frame
+    measurement = develop(frame) if isinstance(frame, Frame) else frame
     reconstructor = Reconstructor(psf, region, tau).for_iterations(iterations)
 
-    def advance(progress: Progress) -> None:
-        if tick is not None:
-            tick(progress.iteration / iterations)
+    def advance(state: Progress) -> None:
+        if progress is not None:
+            progress(state.iteration / iterations)
 
-    return reconstructor.solve(seen, callback=advance).scene
+    return reconstructor.solve(measurement, callback=advance).scene

@@ -140,7 +140,7 @@ def _capture(photograph: Tensor, options: DemoOptions, reporter: Reporter) -> tu
     wide = Twin.of(LoadedCamera.of(preset("paper"))).reading(*_PSF_PIXELS)
     experiment = VirtualExperiment(wide, Light("white-led"), wavelengths=1, field_points=5)
     source = PointSource(distance_um=_DISTANCE_UM, diameter_um=_SOURCE_UM)
-    point = experiment.point(source, seed=2, tick=partial(reporter.advance, "point source"))
+    point = experiment.point(source, seed=2, progress=partial(reporter.advance, "point source"))
 
     points = experiment.field_points
     reporter.note(
@@ -148,10 +148,10 @@ def _capture(photograph: Tensor, options: DemoOptions, reporter: Reporter) -> tu
         f"{points}×{points} PSFs"
     )
     experiment = replace(experiment, twin=wide.reading(*_SCENE_PIXELS))
-    shot = experiment.photograph(
+    shot = experiment.measure(
         (Plane(photograph, _ANGLE_DEG, _DISTANCE_UM),),
         seed=1,
-        tick=partial(reporter.advance, "scene"),
+        progress=partial(reporter.advance, "scene"),
     )
     model = "nolens simulated camera"
     writers = {

@@ -73,7 +73,7 @@ def _magnified(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult
         size = 0.0 if math.isinf(distance_mm) else PINHOLE_UM
         source = PointSource(distance_um=1e3 * distance_mm, diameter_um=size)
         part = part_of(progress, number, len(distances))
-        psfs.append(setup.experiment.psf(source, tick=part))
+        psfs.append(setup.experiment.psf(source, progress=part))
     reduced_mm = setup.experiment.twin.stack().reduced_um * 1e-3
     own = 1 + reduced_mm / _REFERENCE_MM
     figures: dict[str, Any] = {"reduced_mm": reduced_mm}
@@ -125,8 +125,8 @@ def _refocused(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult
 
     The search knows PSFs of two other distances, nearer and farther than both objects.
     """
-    shot = setup.experiment.photograph(
-        _planes(setup), seed=setup.seed, tick=within(progress, 0.0, 0.4)
+    shot = setup.experiment.measure(
+        _planes(setup), seed=setup.seed, progress=within(progress, 0.0, 0.4)
     )
     truth = shot.truth * shot.response
     known = [PsfAt(setup.wide_psf(1e3 * each, shot.region), 1e3 * each) for each in _KNOWN_MM]
@@ -158,7 +158,7 @@ def _refocused(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult
             shot.region,
             iterations=setup.size.iterations,
             tau=TAU,
-            tick=within(progress, before + 0.1, 0.175),
+            progress=within(progress, before + 0.1, 0.175),
         )
         arrays[f"at-{distance_mm:g}mm"] = scale_fit(picture, truth)
         figures["objects"].append(

@@ -103,8 +103,8 @@ def _planes(setup: ExperimentSetup, scene: Scene) -> tuple[Plane, ...]:
 def _photograph(setup: ExperimentSetup, scene: Scene, progress: ProgressCallback) -> StepResult:
     """Measure a scene, and solve for it with a PSF that was taken at its distance."""
     solving_part = 0.3 if scene.name == _SOLVED_AS_PAPER else 0.5
-    shot = setup.experiment.photograph(
-        _planes(setup, scene), seed=setup.seed, tick=within(progress, 0.0, 0.5)
+    shot = setup.experiment.measure(
+        _planes(setup, scene), seed=setup.seed, progress=within(progress, 0.0, 0.5)
     )
     truth = shot.truth * shot.response
     psf = setup.wide_psf(scene.distance_um, shot.region)
@@ -115,7 +115,7 @@ def _photograph(setup: ExperimentSetup, scene: Scene, progress: ProgressCallback
         shot.region,
         iterations=setup.size.iterations,
         tau=TAU,
-        tick=within(progress, 0.5, solving_part),
+        progress=within(progress, 0.5, solving_part),
     )
     seconds = {"photograph": time.perf_counter() - begun}
     figures: dict[str, Any] = {

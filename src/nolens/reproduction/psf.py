@@ -34,7 +34,7 @@ def steps(setup: ExperimentSetup) -> tuple[Step, ...]:
 
 def _captured(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult:
     """Figures of the frame, noise and mosaic included, all colours together."""
-    frame = setup.experiment.point(setup.source, seed=setup.seed, tick=progress)
+    frame = setup.experiment.point(setup.source, seed=setup.seed, progress=progress)
     psf = develop(frame).values.sum(dim=0)
     twin = setup.experiment.twin
     figures = psf_figures(psf, twin.pixel_um, reduced_um=twin.stack().reduced_um)

@@ -85,7 +85,11 @@ def _points(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult:
     """Dips by separation, with a picture of each."""
     settings = SolverSettings(setup.size.point_iterations, TAU, seed=setup.seed)
     points = two_point_resolution(
-        setup.experiment, _POINTS_UM, draws=setup.size.point_draws, settings=settings, tick=progress
+        setup.experiment,
+        _POINTS_UM,
+        draws=setup.size.point_draws,
+        settings=settings,
+        progress=progress,
     )
     figures: dict[str, Any] = {
         "separations_deg": points.separations_deg,
@@ -263,7 +267,7 @@ def _correlated(setup: ExperimentSetup, progress: ProgressCallback) -> StepResul
         distance_um=SCREEN_UM,
         diameter_um=PINHOLE_UM,
         seed=setup.seed,
-        tick=progress,
+        progress=progress,
     )
     return StepResult({"off_axis": [asdict(each) for each in psfs]})
 
@@ -279,7 +283,7 @@ def _dots(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult:
         extent_deg=setup.size.dot_extent_deg,
         iterations=setup.size.iterations,
         seed=setup.seed,
-        tick=within(progress, 0.0, 0.8),
+        progress=within(progress, 0.0, 0.8),
     )
     figures: dict[str, Any] = {
         "good_deg": wide.angles.good_deg,
@@ -297,7 +301,7 @@ def _dots(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult:
             extent_deg=min(_PAPERS_EXTENT_DEG, setup.size.dot_extent_deg),
             iterations=setup.size.iterations,
             seed=setup.seed,
-            tick=within(progress, 0.8, 0.2),
+            progress=within(progress, 0.8, 0.2),
         )
         grades = [each.grade for each in fine.dots]
         figures["papers_pitch"] = {

@@ -447,7 +447,7 @@ def _of_twin(run: Run[MeasureFieldOptions], opened: LoadedCamera) -> Product[Fie
             distance_um=away_um,
             extent_deg=largest.deg,
             seed=options.seed,
-            tick=tick,
+            progress=tick,
         )
         figures = {"distance_mm": _millimetres(away_um), **rounded(dots.figures)}
         return Product(dots, figures, _grid_writers(options, dots))
@@ -458,7 +458,7 @@ def _of_twin(run: Run[MeasureFieldOptions], opened: LoadedCamera) -> Product[Fie
         distance_um=away_um,
         diameter_um=0.0 if math.isinf(away_um) else _DIAMETER_UM,
         seed=options.seed,
-        tick=tick,
+        progress=tick,
     )
     return _off_axis_product(options, psfs, away_um, experiment.twin)
 

@@ -340,7 +340,7 @@ def target_pictures(run: Run[Options]) -> list[TargetPicture]:
             each.support,
             iterations=options.settings.iterations,
             tau=options.settings.tau,
-            tick=tick,
+            progress=tick,
         )[0]
         pictures.append(TargetPicture(picture, scale))
     return pictures

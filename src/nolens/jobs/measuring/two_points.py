@@ -141,7 +141,7 @@ def measure_two_points(run: Run[TwoPointOptions]) -> Product[TwoPoints]:
             draws=options.draws,
             threshold=options.dip.value,
             settings=options.settings,
-            tick=partial(run.reporter.advance, "two points"),
+            progress=partial(run.reporter.advance, "two points"),
         )
     resolved = points.resolved
     if resolved.value is None:
