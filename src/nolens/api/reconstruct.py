@@ -31,7 +31,7 @@ from nolens.solvers import (
     stop_of,
 )
 from nolens.solvers import Progress as Iteration
-from nolens.solvers.inputs import Support, one_of, region_of
+from nolens.solvers.inputs import Support, one_of, support_of
 from nolens.solvers.reconstructor import SPARE
 
 
@@ -145,7 +145,7 @@ def reconstruct(
     support = own if support is None else support
     developed = development.fitted(frame, spare, coarsen=bin_by is None and support is None)
     data, prepared = developed.measurement, developed.prepared
-    solver = replace(solver, psf=prepared.values, support=region_of(support, data.size))
+    solver = replace(solver, psf=prepared.values, support=support_of(support, data.size))
     _check_memory(solver, data, "a smaller support or larger pixels (bin_by) need less")
     limit = solver.limits.iterations
     with reported(progress, "photograph") as advance:
@@ -215,11 +215,11 @@ def refocus(
             "distance: give one of a much nearer point source"
         )
     between = PsfBetween.of(known, reduced_um)
-    region = region_of(own if support is None else support, data.size)
-    largest = Reconstructor(known[-1].psf, region, device=device)
+    support = support_of(own if support is None else support, data.size)
+    largest = Reconstructor(known[-1].psf, support, device=device)
     _check_memory(largest, data, "a smaller support needs less")
     reconstructor = DepthReconstructor(
-        data, region, tau, one_of(Prior, prior, "prior"), iterations, device=device
+        data, support, tau, one_of(Prior, prior, "prior"), iterations, device=device
     )
     with reported(progress, "photograph") as advance:
         if distance is None:

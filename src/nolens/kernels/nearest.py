@@ -1,4 +1,4 @@
-"""The point nearest to every cell of a grid, on a torus: one compiled pass on the CPU."""
+"""The point nearest to every pixel of a grid, on a torus: one compiled pass on the CPU."""
 
 import math
 
@@ -14,44 +14,44 @@ _IMAGES = 16
 
 
 def nearest_points(
-    points: NDArray[np.float64], cells: tuple[int, int], pitch: float
+    points: NDArray[np.float64], shape: tuple[int, int], pitch: float
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """Nearest point of every cell, and its squared distance, on a torus.
+    """Nearest point of every pixel, and its squared distance, on a torus.
 
-    Points are sorted into square bins. A small square of cells looks at rings of bins around its
-    middle, keeps the few points that can be nearest to any of its cells, and compares only them.
+    Points are sorted into square bins. A small square of pixels searches rings of bins around
+    its middle for the few points that can be nearest to any of its pixels, and compares only them.
 
     Parameters
     ----------
     points
-        (count, 2), rows and columns, within the torus of cells · pitch.
-    cells
-        (rows, columns) of the grid; cell (i, j) lies at (i · pitch, j · pitch).
+        (count, 2), rows and columns, within the torus of shape · pitch.
+    shape
+        (rows, columns) of the grid; pixel (i, j) lies at (i · pitch, j · pitch).
     pitch
-        Distance of the cells, in the unit of the points.
+        Distance of the pixels, in the unit of the points.
 
     Returns
     -------
     tuple
-        Number of the point, int32, and the squared distance, float32, both of shape `cells`.
+        Number of the point, int32, and the squared distance, float32, both of this shape.
     """
-    size = np.array(cells, dtype=np.float64) * pitch
+    size = np.array(shape, dtype=np.float64) * pitch
     bin_side = math.sqrt(float(size.prod()) / len(points))
     bins = np.maximum(1, (size / bin_side).astype(np.int64))
     place = np.minimum((points / size * bins).astype(np.int64), bins - 1)
     key = place[:, 0] * bins[1] + place[:, 1]
     order = np.argsort(key, kind="stable").astype(np.int32)
     starts = np.searchsorted(key[order], np.arange(int(bins.prod()) + 1)).astype(np.int64)
-    owner = np.empty(cells, dtype=np.int32)
-    squared = np.empty(cells, dtype=np.float32)
+    owner = np.empty(shape, dtype=np.int32)
+    squared = np.empty(shape, dtype=np.float32)
     ordered = points[order]
 
     def work(block: int) -> None:
         first = block * _ROWS_PER_BLOCK
-        last = min(first + _ROWS_PER_BLOCK, cells[0])
+        last = min(first + _ROWS_PER_BLOCK, shape[0])
         _rows(ordered, order, starts, bins, size, pitch, first, last, owner, squared)
 
-    for_each_block(work, -(-cells[0] // _ROWS_PER_BLOCK), cells[0] * cells[1])
+    for_each_block(work, -(-shape[0] // _ROWS_PER_BLOCK), shape[0] * shape[1])
     return owner, squared
 
 
@@ -60,18 +60,18 @@ def _rows(  # type: ignore[no-untyped-def]
     points, order, starts, bins, size, pitch, first, last, owner, squared
 ):
     most = _IMAGES * len(points)
-    found = np.empty(most, dtype=np.int32)
+    candidates = np.empty(most, dtype=np.int32)
     at = np.empty((most, 2), dtype=np.float64)
     best = np.empty(_SQUARE, dtype=np.float64)
     who = np.empty(_SQUARE, dtype=np.int32)
-    reach = 0.5 * math.sqrt(2.0) * _SQUARE * pitch
+    extent = 0.5 * math.sqrt(2.0) * _SQUARE * pitch
     for top in range(first, last, _SQUARE):
         bottom = min(top + _SQUARE, last)
         for left in range(0, owner.shape[1], _SQUARE):
             right = min(left + _SQUARE, owner.shape[1])
             y = 0.5 * (top + bottom - 1) * pitch
             x = 0.5 * (left + right - 1) * pitch
-            count = _near(points, starts, bins, size, y, x, reach, found, at)
+            count = _near(points, starts, bins, size, y, x, extent, candidates, at)
             for i in range(top, bottom):
                 best[:] = np.inf
                 for k in range(count):
@@ -81,22 +81,22 @@ def _rows(  # type: ignore[no-untyped-def]
                         distance = dy * dy + dx * dx
                         if distance < best[j]:
                             best[j] = distance
-                            who[j] = found[k]
+                            who[j] = candidates[k]
                 for j in range(right - left):
                     owner[i, left + j] = order[who[j]]
                     squared[i, left + j] = best[j]
 
 
 @numba.njit(cache=True, nogil=True)
-def _near(points, starts, bins, size, y, x, reach, found, at):  # type: ignore[no-untyped-def]
-    """Points that can be nearest to a place within `reach` of (y, x), moved to its side."""
+def _near(points, starts, bins, size, y, x, extent, candidates, at):  # type: ignore[no-untyped-def]
+    """Points that can be nearest to a place within `extent` of (y, x), moved to its side."""
     side = min(size[0] / bins[0], size[1] / bins[1])
     row = min(int(y / size[0] * bins[0]), bins[0] - 1)
     column = min(int(x / size[1] * bins[1]), bins[1] - 1)
     nearest = np.inf
     count = 0
     ring = 0
-    while ring <= max(bins[0], bins[1]) and (ring - 1) * side <= nearest + 2 * reach:
+    while ring <= max(bins[0], bins[1]) and (ring - 1) * side <= nearest + 2 * extent:
         for a in range(-ring, ring + 1):
             if abs(2 * a) > bins[0] + 1 and ring > 0:
                 continue
@@ -104,30 +104,30 @@ def _near(points, starts, bins, size, y, x, reach, found, at):  # type: ignore[n
             for b in range(-ring, ring + 1, step):
                 if abs(2 * b) > bins[1] + 1 and ring > 0:
                     continue
-                cell = ((row + a) % bins[0]) * bins[1] + (column + b) % bins[1]
-                for k in range(starts[cell], starts[cell + 1]):
+                key = ((row + a) % bins[0]) * bins[1] + (column + b) % bins[1]
+                for k in range(starts[key], starts[key + 1]):
                     dy = points[k, 0] - y
                     dx = points[k, 1] - x
                     dy -= size[0] * np.round(dy / size[0])
                     dx -= size[1] * np.round(dx / size[1])
-                    # Half a torus away, some cells are nearer to the point's other image.
-                    for m in range(2 if abs(dy) > size[0] / 2 - reach else 1):
+                    # Half a torus away, some pixels are nearer to the point's other image.
+                    for m in range(2 if abs(dy) > size[0] / 2 - extent else 1):
                         ey = dy if m == 0 else dy - math.copysign(size[0], dy)
-                        for n in range(2 if abs(dx) > size[1] / 2 - reach else 1):
+                        for n in range(2 if abs(dx) > size[1] / 2 - extent else 1):
                             ex = dx if n == 0 else dx - math.copysign(size[1], dx)
                             distance = math.sqrt(ey * ey + ex * ex)
-                            if distance > nearest + 2 * reach or count == len(found):
+                            if distance > nearest + 2 * extent or count == len(candidates):
                                 continue
                             nearest = min(nearest, distance)
-                            found[count] = k
+                            candidates[count] = k
                             at[count, 0] = y + ey
                             at[count, 1] = x + ex
                             count += 1
         ring += 1
-    kept = 0
+    retained = 0
     for k in range(count):
-        if math.hypot(at[k, 0] - y, at[k, 1] - x) <= nearest + 2 * reach:
-            found[kept] = found[k]
-            at[kept] = at[k]
-            kept += 1
-    return kept
+        if math.hypot(at[k, 0] - y, at[k, 1] - x) <= nearest + 2 * extent:
+            candidates[retained] = candidates[k]
+            at[retained] = at[k]
+            retained += 1
+    return retained

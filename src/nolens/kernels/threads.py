@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import torch
 
-_CELLS_PER_THREAD = 32768
+_PIXELS_PER_THREAD = 32768
 
 BLOCKS = 32
 """Blocks of rows that a pass is cut into: fixed, so that no sum depends on the threads."""
@@ -20,16 +20,16 @@ BLOCKS = 32
 _turn = threading.local()
 
 
-def threads_for(cells: int) -> int:
-    """Threads that are worth their start for a field of so many cells, up to torch's number."""
+def threads_for(pixels: int) -> int:
+    """Threads that are worth their start for a field of so many pixels, up to torch's number."""
     if getattr(_turn, "taken", False):
         return 1
-    return min(torch.get_num_threads(), 1 + cells // _CELLS_PER_THREAD)
+    return min(torch.get_num_threads(), 1 + pixels // _PIXELS_PER_THREAD)
 
 
-def for_each_block(work: Callable[[int], None], blocks: int, cells: int) -> None:
-    """Call `work` with every number below `blocks`, on as many threads as `cells` deserve."""
-    threads = threads_for(cells)
+def for_each_block(work: Callable[[int], None], blocks: int, pixels: int) -> None:
+    """Call `work` with every number below `blocks`, on as many threads as `pixels` deserve."""
+    threads = threads_for(pixels)
     if threads == 1:
         for block in range(blocks):
             work(block)

@@ -47,7 +47,7 @@ def apply_transfer_(
     limit
         Not above the smallest n², that of the media included.
     media
-        n of the media in light's order, if losses at the surfaces between them are wanted.
+        n of the media in light's order, if losses at the surfaces between them count.
     """
     if spectrum.device.type != "cpu":
         return _on_device(
@@ -83,7 +83,7 @@ def _on_device(
 
 
 def _power(squared: Tensor, media: tuple[float, ...]) -> Tensor:
-    """Share of the power that passes all surfaces."""
+    """Fraction of the power that passes all surfaces."""
     power = torch.ones_like(squared)
     for before, after in pairwise(media):
         near, far = ((n * n - squared).clamp_min(_LEAST).sqrt() for n in (before, after))

@@ -240,7 +240,7 @@ def admm(
     OptionError
         If a parameter lies outside its range.
     DataError
-        If the problem is not posed in float32.
+        If the problem is not in float32.
     DivergenceError
         If an iterate is NaN or infinite.
     """

@@ -23,7 +23,7 @@ _FLAT = 0.1
 def gain_corrected(problem: Problem, scene: Tensor) -> tuple[Tensor, float]:
     """Every channel times the factor f that minimises the objective, and the objective.
 
-    The iterate's mean is held by all pixels that it is seen through, and comes to rest last: it can
+    The iterate's mean is held by all pixels that it lights, and comes to rest last: it can
     be some per cent off, each channel in its own way, when the picture has long been there. As all
     priors are homogeneous, R(fv) = f R(v), the best factor is f = (⟨b, CMv⟩ − τR(v)) / ‖CMv‖²
     where that is above zero.
@@ -139,12 +139,12 @@ class LowFrequencyCorrection:
         return (self._rows @ values @ self._columns.T).flatten()
 
     def _curvature(self, weight: Tensor) -> Tensor:
-        """Σ w (ΨB)(ΨB)ᵀ, with the weights of a few cells taken together."""
-        cells = max(1, self._bin // 2)
-        pooled = nnf.avg_pool2d(weight[None], cells)[0].double() * cells**2
-        rows, columns = (_pooled(each, cells) for each in (self._rows, self._columns))
+        """Σ w (ΨB)(ΨB)ᵀ, with the weights of a few pixels taken together."""
+        side = max(1, self._bin // 2)
+        pooled = nnf.avg_pool2d(weight[None], side)[0].double() * side**2
+        rows, columns = (_pooled(each, side) for each in (self._rows, self._columns))
         steep_rows, steep_columns = (
-            _pooled(nnf.pad(each.diff(), (0, 1)), cells) for each in (self._rows, self._columns)
+            _pooled(nnf.pad(each.diff(), (0, 1)), side) for each in (self._rows, self._columns)
         )
         total = torch.zeros(_MODES**2, _MODES**2, dtype=torch.float64, device=weight.device)
         for each, across, along in (
@@ -198,19 +198,19 @@ def _responses(problem: Problem, channel: int, bin_by: int) -> Tensor:
     forward = problem.forward
     rows, columns = forward.sensor[0] // bin_by, forward.sensor[1] // bin_by
     top, left, height, width = (*forward.geometry.origin, *problem.scene_shape[1:])
-    region = Region(
+    support = Region(
         top // bin_by,
         left // bin_by,
         -(-(top + height) // bin_by) - top // bin_by,
         -(-(left + width) // bin_by) - left // bin_by,
     )
-    extent = (rows + region.height + 1, columns + region.width + 1)
+    extent = (rows + support.height + 1, columns + support.width + 1)
     psf = _between_blocks(
         irfft2(forward.transfer[channel], forward.geometry.padded), bin_by, extent
     )
-    coarse = CroppedConvolution(psf[None] * bin_by**2, (rows, columns), region)
-    vertical = _on_blocks(_cosines(height), top - region.top * bin_by, region.height, bin_by)
-    horizontal = _on_blocks(_cosines(width), left - region.left * bin_by, region.width, bin_by)
+    coarse = CroppedConvolution(psf[None] * bin_by**2, (rows, columns), support)
+    vertical = _on_blocks(_cosines(height), top - support.top * bin_by, support.height, bin_by)
+    horizontal = _on_blocks(_cosines(width), left - support.left * bin_by, support.width, bin_by)
     modes = torch.einsum("ai,bj->abij", vertical, horizontal).flatten(0, 1).to(psf)
     responses: Tensor = coarse(modes).flatten(1).double() * bin_by
     return responses

@@ -1,4 +1,4 @@
-"""What a person may give a solver, as it computes with it: tensors, a support, one of a few words.
+"""Arguments of a solver, from the forms that a person gives them in to what it computes with.
 
 In a notebook data are NumPy arrays as often as tensors, and words as often as members of an enum.
 Everything is turned into what the solvers take, or refused with what would be accepted.
@@ -27,16 +27,7 @@ _MOST_CHANNELS = 8
 
 
 def one_of(choices: type[_Choice], value: Any, name: str) -> _Choice:
-    """Member of an enum, from itself or its text.
-
-    Parameters
-    ----------
-    choices
-        The enum.
-    value
-        What was given.
-    name
-        Of the parameter, for the message.
+    """Member of an enum, from itself or its text; `name` is the parameter's, for the message.
 
     Raises
     ------
@@ -53,12 +44,7 @@ def one_of(choices: type[_Choice], value: Any, name: str) -> _Choice:
 def tensor_of(values: Plane, what: str) -> Tensor:
     """A tensor as it is, or one of what NumPy makes an array of; floats become float32.
 
-    Parameters
-    ----------
-    values
-        What was given.
-    what
-        For the message, such as "PSF".
+    `what` is for the message, such as "PSF".
 
     Raises
     ------
@@ -83,14 +69,8 @@ def tensor_of(values: Plane, what: str) -> Tensor:
 def channels_of(values: Plane, what: str) -> Tensor:
     """Floating point values as (channels, height, width), without a gradient.
 
-    NumPy's become float32; tensors keep their precision, but for less than float32.
-
-    Parameters
-    ----------
-    values
-        What was given.
-    what
-        For the message, such as "PSF".
+    NumPy's become float32; tensors keep their precision, but for less than float32. `what` is for
+    the message, such as "PSF".
 
     Raises
     ------
@@ -130,13 +110,13 @@ def mask_of(valid: Plane | None, data: Tensor) -> Tensor:
     return mask
 
 
-def region_of(region: Support | None, sensor: tuple[int, int]) -> Region | None:
+def support_of(support: Support | None, sensor: tuple[int, int]) -> Region | None:
     """Support from itself or from whole numbers.
 
     Parameters
     ----------
-    region
-        What was given; None for no limit.
+    support
+        The support in any of the accepted forms; None for no limit.
     sensor
         (height, width) of the measurement.
 
@@ -145,16 +125,16 @@ def region_of(region: Support | None, sensor: tuple[int, int]) -> Region | None:
     OptionError
         If it is neither.
     """
-    if region is None or isinstance(region, Region):
-        return region
+    if support is None or isinstance(support, Region):
+        return support
     try:
-        sides = tuple(int(each) for each in region)
-        whole = all(side == each for side, each in zip(sides, region, strict=True))
+        sides = tuple(int(each) for each in support)
+        whole = all(side == each for side, each in zip(sides, support, strict=True))
     except (TypeError, ValueError):
         sides, whole = (), False
     if not whole or len(sides) not in (2, 4):
         raise OptionError(
-            f"support is {region!r}; give (height, width) in pixels around the sensor's middle, "
+            f"support is {support!r}; give (height, width) in pixels around the sensor's middle, "
             "(top, left, height, width), or None for no limit"
         )
     if len(sides) == 2:

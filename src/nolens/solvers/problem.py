@@ -16,7 +16,7 @@ from nolens.solvers.inputs import (
     channels_of,
     mask_of,
     one_of,
-    region_of,
+    support_of,
     weight_of,
 )
 
@@ -103,7 +103,7 @@ class Problem:
         precision = torch.promote_types(psf.dtype, data.dtype)
         psf, data = psf.to(precision), data.to(precision)
         sensor = (data.shape[-2], data.shape[-1])
-        forward = CroppedConvolution(psf, sensor, region_of(support, sensor))
+        forward = CroppedConvolution(psf, sensor, support_of(support, sensor))
         top, left, height, width = forward.geometry.psf
         psf_norm = _norm(psf[:, top : top + height, left : left + width], "the PSF")
         data = torch.where(valid, data, 0)

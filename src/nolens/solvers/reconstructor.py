@@ -11,7 +11,7 @@ from nolens.operators import Geometry
 from nolens.solvers.admm import RELAXATION, admm, admm_bytes
 from nolens.solvers.admm_state import AdmmState, Balance, Penalties
 from nolens.solvers.fista import fista, fista_bytes
-from nolens.solvers.inputs import Plane, Support, region_of, tensor_of
+from nolens.solvers.inputs import Plane, Support, support_of, tensor_of
 from nolens.solvers.problem import Prior, Problem
 from nolens.solvers.result import STOPS, Callback, Quality, Result, Stop
 from nolens.solvers.stream import FOLLOWING, Stream
@@ -27,7 +27,7 @@ class Method(StrEnum):
 
 
 _TAU = {Method.ADMM: 1e-4, Method.FISTA: 1e-4, Method.WIENER: 0.1}
-"""Weight of the prior where none is given."""
+"""Weight of the prior by default."""
 SPARE = {Method.ADMM: 4, Method.FISTA: 4, Method.WIENER: 1}
 """How many times finer than what the PSF carries the pixels of the scene are worth to be: what is
 assumed of a scene finds edges between what the PSF carries; Wiener's filter does not."""
@@ -47,7 +47,7 @@ def stop_of(
     tolerance: float | None = None,
     low_frequency: bool | None = None,
 ) -> Stop:
-    """When a solver stops: its own limits or those of a quality, with what is given in their place.
+    """When a solver stops: its own limits or those of a quality, unless others are given.
 
     Parameters
     ----------
@@ -111,12 +111,12 @@ class Reconstructor:
 
     @property
     def weight(self) -> float:
-        """τ, given or the method's own."""
+        """τ: the parameter's value or the method's own."""
         return _TAU[self.method] if self.tau is None else self.tau
 
     @property
     def limits(self) -> Stop:
-        """When it stops, given or the method's own."""
+        """When it stops: the parameter's value or the method's own."""
         return stop_of(self.method) if self.stop is None else self.stop
 
     def working_bytes(self, channels: int, sensor: tuple[int, int]) -> float:
@@ -133,7 +133,7 @@ class Reconstructor:
             If the support is none, or no light from it reaches the sensor.
         """
         height, width = tensor_of(self.psf, "PSF").shape[-2:]
-        geometry = Geometry.build(sensor, (height, width), region_of(self.support, sensor))
+        geometry = Geometry.build(sensor, (height, width), support_of(self.support, sensor))
         return _BYTES[self.method](channels * math.prod(geometry.padded))
 
     def problem(self, measured: Measurement | Plane, valid: Plane | None = None) -> Problem:

@@ -51,7 +51,7 @@ class Progress:
     iteration
         Counted from 1.
     objective
-        Of the iterate as it stands, mean over channels, in normalised units (see `Problem`). An
+        Of the current iterate, mean over channels, in normalised units (see `Problem`). An
         ADMM iterate is not exactly feasible before it has converged, so this can lie below
         the minimum; `Problem.objective(progress.scene())` is exact and costs two transforms.
     primal_residual, dual_residual

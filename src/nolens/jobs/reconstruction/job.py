@@ -15,7 +15,6 @@ from nolens.errors import DataError, FileError, NolensError, OptionError
 from nolens.files import (
     InputFile,
     open_sequence,
-    read_camera,
     read_frame,
     read_state,
     readable,
@@ -318,7 +317,7 @@ def _developed(
     if options.bin is not None:
         measurement = development.measurement(frame)
         return options, Developed(development, measurement, development.prepared(measurement), ())
-    # Parts of the scene are given in pixels, and would be others.
+    # Parts of the scene are in pixels, and would be others.
     coarsen = options.support is None and options.crop in (None, "all")
     result = development.fitted(frame, SPARE[_method(options)], coarsen=coarsen)
     for text in result.notes:
@@ -380,6 +379,7 @@ def _support(options: ReconstructOptions, sensor: tuple[int, int], psf: Tensor) 
     if options.field is None or options.camera is None:
         return None if options.support is None else parse_support(options.support, sensor, psf)
     # Most reconstructions need no camera.
+    from nolens.files import read_camera
     from nolens.twin import FieldMap, preview_model
 
     camera = preview_model(read_camera(options.camera))
