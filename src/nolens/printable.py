@@ -1,7 +1,9 @@
 """Text from files and people, made fit for a line of a message."""
 
+import difflib
 import os
 import unicodedata
+from collections.abc import Iterable
 
 _OBEYED = ("Cc", "Cf", "Cs", "Zl", "Zp")
 _LONGEST_VALUE = 60
@@ -34,6 +36,12 @@ def quoted(value: object) -> str:
         # Whole numbers of more than 4300 digits, or tables in tables without end.
         return "too long to be shown"
     return _without_middle(text, _LONGEST_VALUE, "…")
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """What follows an unknown name in a message: the nearest known one as a question, or ``;``."""
+    near = difflib.get_close_matches(name.lower(), list(known), n=1)
+    return f"; did you mean {near[0]!r}?" if near else ";"
 
 
 def message(text: str) -> str:

@@ -1,6 +1,5 @@
 """Transparent materials that layers of a camera are made of."""
 
-import difflib
 import math
 import tomllib
 from collections.abc import Mapping
@@ -13,6 +12,7 @@ from pydantic import Field, field_validator, model_validator
 
 from nolens.camera.part import Number, Part, Text, Wavelength, refusal
 from nolens.errors import OptionError
+from nolens.printable import suggestion
 from nolens.ranges import Between
 
 Array = NDArray[np.float64]
@@ -239,11 +239,9 @@ def material(name: str, own: Mapping[str, Material] | None = None) -> Material:
     """
     known = {**(own or {}), **MATERIALS}
     if name not in known:
-        near = difflib.get_close_matches(name.lower(), known, n=1)
         raise OptionError(
-            f"there is no material {name!r}"
-            + (f"; did you mean {near[0]!r}?" if near else ";")
-            + f" Known are {', '.join(known)}; for another one give its index as a number, or "
+            f"there is no material {name!r}{suggestion(name, known)} Known are "
+            f"{', '.join(known)}; for another one give its index as a number, or "
             "describe it in TOML (nolens material show pua311 shows how)"
         )
     return known[name]

@@ -1,6 +1,5 @@
 """Descriptions of cameras, materials and PSFs: TOML text, its errors, and the presets."""
 
-import difflib
 import re
 import textwrap
 from collections.abc import Mapping
@@ -15,7 +14,7 @@ from nolens.camera.materials import Material, check_own_name
 from nolens.camera.part import Part
 from nolens.documents import parse_toml
 from nolens.errors import DataError, OptionError
-from nolens.printable import quoted
+from nolens.printable import quoted, suggestion
 
 PRESETS = ("paper", "paper-film", "small", "live")
 """Names of the cameras that come with the package."""
@@ -98,11 +97,9 @@ def preset_text(name: str) -> str:
         If there is none of this name; with the nearest name and all of them.
     """
     if name not in PRESETS:
-        near = difflib.get_close_matches(name.lower(), PRESETS, n=1)
         raise OptionError(
-            f"there is no preset {name!r}"
-            + (f"; did you mean {near[0]!r}?" if near else ";")
-            + f" Presets are {', '.join(PRESETS)}"
+            f"there is no preset {name!r}{suggestion(name, PRESETS)} Presets are "
+            f"{', '.join(PRESETS)}"
         )
     return (files("nolens.camera") / "presets" / f"{name}.toml").read_text(encoding="utf-8")
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from nolens.camera import Frame
 from nolens.errors import FileError
-from nolens.files.input import check_bytes, check_size, damage, quiet_stderr
+from nolens.files.input import check_bytes, check_size, decoding, quiet_stderr
 
 _CHANNELS = {1: ("grey",), 3: ("R", "G", "B")}
 _WHITE = {"uint8": 255.0, "uint16": 65535.0, "float16": None, "float32": None, "float64": None}
@@ -135,7 +135,7 @@ def read_png_samples(path: Path) -> NDArray[np.generic]:
         If the file is damaged, too large, or has fewer than 8 bits.
     """
     check_bytes(path)
-    try:
+    with decoding(path, "a PNG"):
         data = path.read_bytes()
         header = _png_header(data)
         if header.bits < 8 and header.colour != _PNG_PALETTE:
@@ -145,11 +145,6 @@ def read_png_samples(path: Path) -> NDArray[np.generic]:
         # libpng remarks on interlaced pictures, which it reads.
         with quiet_stderr():
             array: NDArray[np.generic] = imagecodecs.png_decode(data)
-    except FileError:
-        raise
-    # Damage can raise nearly anything.
-    except Exception as error:
-        raise damage(path, "a PNG", error) from error
     return array[..., None] if array.ndim == 2 else array
 
 

@@ -17,6 +17,7 @@ from nolens.errors import DataError, FileError, OptionError
 from nolens.files.arrays import frame_of_npy, open_npy, read_npy, read_png
 from nolens.files.atomic import atomic_write
 from nolens.files.input import (
+    RAW_SUFFIXES,
     check_bytes,
     check_content,
     check_exists,
@@ -24,7 +25,7 @@ from nolens.files.input import (
     readable,
     system_errors,
 )
-from nolens.files.raw import RAW_SUFFIXES, read_raw, write_dng
+from nolens.files.raw import read_raw, write_dng
 from nolens.files.tiff import count_pages, read_tiff, write_tiff
 from nolens.plugins import load_plugin, plugin_names
 

@@ -11,7 +11,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from nolens.errors import DataError, FileError, OptionError
-from nolens.files.input import check_bytes, check_content, check_exists, damage, system_errors
+from nolens.files.input import check_bytes, check_content, check_exists, decoding, system_errors
 from nolens.files.tiff import (
     HEIGHTS_IN_UM,
     SOFTWARE,
@@ -156,14 +156,10 @@ def _from_tiff(
     if stored.kind not in "uif":
         raise FileError(f"{path} holds {stored.name}: give whole numbers or floats")
     _check_points(path, values.shape[1:])
-    try:
-        with open_tiff(path) as tiff:
-            page = tiff.pages.first
-            note = _noted_scale_um(page)
-            stated_um = _tagged_pitch_um(tiff, page)
-    # Damaged tags can raise nearly anything.
-    except Exception as error:
-        raise damage(path, "a TIFF", error) from error
+    with decoding(path, "a TIFF"), open_tiff(path) as tiff:
+        page = tiff.pages.first
+        note = _noted_scale_um(page)
+        stated_um = _tagged_pitch_um(tiff, page)
     if full_scale is not None and stored.kind == "f":
         raise OptionError(
             f"--full-scale {full_scale} is for whole numbers, and {path.name} holds {stored.name}: "

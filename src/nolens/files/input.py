@@ -19,6 +19,26 @@ from nolens.quantities import DataSize
 READ_LIMIT = 1_500_000_000
 """Bytes that one read may decode where nothing else is set: 125 megapixels of three colours."""
 
+RAW_SUFFIXES = (
+    ".dng",
+    ".cr2",
+    ".cr3",
+    ".crw",
+    ".nef",
+    ".nrw",
+    ".arw",
+    ".sr2",
+    ".raf",
+    ".rw2",
+    ".orf",
+    ".pef",
+    ".srw",
+    ".3fr",
+    ".iiq",
+    ".raw",
+)
+"""Suffixes of camera raw of all makers."""
+
 _SIGNATURES = (
     (b"\x89PNG\r\n\x1a\n", "PNG"),
     (b"\x93NUMPY", "npy"),
@@ -211,26 +231,39 @@ def _size_text(size: int) -> str:
     return f"{size / 1e9:.3g} GB" if size >= 10**9 else f"{size / 1e6:.3g} MB"
 
 
-def damage(path: Path, kind: str, error: Exception, advice: str = "") -> FileError:
-    """Error to raise for a damaged file, with the start of what the library says.
+@contextmanager
+def decoding(path: Path, kind: str, advice: str = "") -> Iterator[None]:
+    """Turn what a library raises for a damaged file, which can be nearly anything, into our error.
 
     Parameters
     ----------
+    path
+        The file.
     kind
         What it was to be, with its article.
-    error
-        Of the library.
     advice
         What to do, as a sentence without its full stop; to copy it again where it is left out.
+
+    Raises
+    ------
+    FileError
+        With the start of what the library says.
     """
-    reason = " ".join(str(error).split())
-    # Objects show themselves as <... at 0x7f...>, which says nothing to a person.
-    clear = reason and reason.isprintable() and "<" not in reason
-    why = f" ({reason[:_LONGEST_REASON]})" if clear else ""
-    return FileError(
-        f"{path} cannot be read as {kind}: it is damaged or incomplete{why}. "
-        + (advice or "Copy it again from where it was made")
-    )
+    try:
+        yield
+    except FileError:
+        raise
+    except Exception as error:
+        first = error.args[0] if error.args else None
+        text = first.decode(errors="replace") if isinstance(first, bytes) else str(error)
+        reason = " ".join(text.split())
+        # Objects show themselves as <... at 0x7f...>, which says nothing to a person.
+        clear = reason and reason.isprintable() and "<" not in reason
+        why = f" ({reason[:_LONGEST_REASON]})" if clear else ""
+        raise FileError(
+            f"{path} cannot be read as {kind}: it is damaged or incomplete{why}. "
+            + (advice or "Copy it again from where it was made")
+        ) from error
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from nolens.camera.values import all_finite, unusable
 from nolens.errors import DataError, FileError
 from nolens.files.arrays import read_npy, read_png_samples
 from nolens.files.atomic import atomic_write
-from nolens.files.input import check_bytes, check_content, check_exists, check_size, damage
+from nolens.files.input import check_bytes, check_content, check_exists, check_size, decoding
 from nolens.files.tiff import read_tiff_samples, write_tiff
 
 _KINDS = {
@@ -135,17 +135,11 @@ def _three(values: Tensor) -> Tensor:
 def _read_jpeg(path: Path) -> NDArray[np.generic]:
     """(height, width, 1 or 3), upright."""
     check_bytes(path)
-    try:
-        with Image.open(path, formats=["JPEG"]) as picture:
-            mode = picture.mode
-            check_size((picture.height, picture.width, len(picture.getbands())), 1, path)
-            check_scans(path.read_bytes(), path)
-            array = np.asarray(ImageOps.exif_transpose(picture))
-    except FileError:
-        raise
-    # Damage can raise nearly anything.
-    except Exception as error:
-        raise damage(path, "a JPEG", error) from error
+    with decoding(path, "a JPEG"), Image.open(path, formats=["JPEG"]) as picture:
+        mode = picture.mode
+        check_size((picture.height, picture.width, len(picture.getbands())), 1, path)
+        check_scans(path.read_bytes(), path)
+        array = np.asarray(ImageOps.exif_transpose(picture))
     if mode not in ("L", "RGB"):
         raise FileError(f"{path} is a JPEG of kind {mode}; accepted are grey and RGB. {_ACCEPTED}")
     return array[..., None] if array.ndim == 2 else array

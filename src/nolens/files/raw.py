@@ -1,6 +1,5 @@
 """Camera raw: files of all makers read by LibRaw, and mosaics written as DNG."""
 
-import struct
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -15,42 +14,10 @@ from torch import Tensor
 from nolens.camera import MOSAICS, Frame
 from nolens.errors import DataError, FileError, OptionError
 from nolens.files.atomic import atomic_write
-from nolens.files.input import check_bytes, check_size, damage, quiet_stderr
+from nolens.files.input import check_bytes, check_size, decoding, quiet_stderr
 from nolens.files.tiff import SOFTWARE, check_directories, open_tiff
 
-RAW_SUFFIXES = (
-    ".dng",
-    ".cr2",
-    ".cr3",
-    ".crw",
-    ".nef",
-    ".nrw",
-    ".arw",
-    ".sr2",
-    ".raf",
-    ".rw2",
-    ".orf",
-    ".pef",
-    ".srw",
-    ".3fr",
-    ".iiq",
-    ".raw",
-)
-
 _MAKE, _DNG_VERSION = 271, 50706
-# What LibRaw says, and what damaged tags make of the code of rawpy and tifffile.
-_DAMAGE = (
-    rawpy.LibRawError,
-    tifffile.TiffFileError,
-    OSError,
-    ValueError,
-    LookupError,
-    RuntimeError,
-    ArithmeticError,
-    TypeError,
-    struct.error,
-    MemoryError,
-)
 _BYTE, _ASCII, _SHORT, _LONG, _RATIONAL, _SRATIONAL = 1, 2, 3, 4, 5, 10
 _D65 = 21
 _LARGEST_PART = 2**32 - 1  # Of the two numbers of a fraction.
@@ -72,18 +39,11 @@ def read_raw(path: Path) -> Frame:
         If the file is damaged or incomplete, no raw file, or its mosaic has no 2×2 superpixel.
     """
     check_bytes(path)
-    try:
+    advice = "Copy it again from where it was made, or convert it to DNG"
+    with decoding(path, "camera raw of a known kind", advice):
         _check_camera(path)
         with quiet_stderr(), rawpy.imread(str(path)) as raw:
             return _frame(path, raw)
-    except _DAMAGE as error:
-        text = error.args[0].decode() if error.args and isinstance(error.args[0], bytes) else error
-        raise damage(
-            path,
-            "camera raw of a known kind",
-            ValueError(text),
-            "Copy it again from where it was made, or convert it to DNG",
-        ) from error
 
 
 def _check_camera(path: Path) -> None:

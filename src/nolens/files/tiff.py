@@ -20,7 +20,7 @@ from nolens.documents import parse_json
 from nolens.errors import DataError, FileError
 from nolens.files.arrays import frame_from_array
 from nolens.files.atomic import atomic_write
-from nolens.files.input import check_part, check_size, damage
+from nolens.files.input import check_part, check_size, decoding
 
 SOFTWARE = "nolens"
 """Name in the files whose description is a note of ours."""
@@ -98,27 +98,18 @@ def read_tiff_samples(path: Path, number: int | None = None) -> TiffSamples:
         As `read_tiff` does, but for the kind of the values.
     """
     check_directories(path)
-    try:
-        with open_tiff(path) as tiff:
-            page = _page(path, tiff, number)
-            _check_kind(path, page)
-            _check_complete(path, page)
-            # Every worker holds parts of its own beside the picture.
-            workers = 1 if page.nbytes > _LARGE else None
-            return TiffSamples(
-                _channels_first(page.asarray(squeeze=False, maxworkers=workers)),
-                tuple(
-                    extra == tifffile.EXTRASAMPLE.ASSOCALPHA
-                    for extra in page.extrasamples
-                    if extra in _ALPHA
-                ),
-                own_note(page),
-            )
-    except FileError:
-        raise
-    # Damaged tags can raise nearly anything, MemoryError and struct.error included.
-    except Exception as error:
-        raise damage(path, "a TIFF", error) from error
+    with decoding(path, "a TIFF"), open_tiff(path) as tiff:
+        page = _page(path, tiff, number)
+        _check_kind(path, page)
+        _check_complete(path, page)
+        # Every worker holds parts of its own beside the picture.
+        workers = 1 if page.nbytes > _LARGE else None
+        alphas = (extra for extra in page.extrasamples if extra in _ALPHA)
+        return TiffSamples(
+            _channels_first(page.asarray(squeeze=False, maxworkers=workers)),
+            tuple(extra == tifffile.EXTRASAMPLE.ASSOCALPHA for extra in alphas),
+            own_note(page),
+        )
 
 
 def count_pages(path: Path) -> int:

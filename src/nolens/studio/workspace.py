@@ -14,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 
 from nolens.documents import parse_toml
 from nolens.errors import DataError, FileError, NolensError, OptionError
+from nolens.files.input import RAW_SUFFIXES as CAMERA_RAW
 from nolens.files.input import read_text, readable
 from nolens.studio.confinement import leads_out
 from nolens.studio.schemas import CameraInfo, Entry, EntryKind, Folder, PsfInfo
@@ -23,25 +24,7 @@ WORK = "work"
 SHOTS, CAMERAS, PICTURES, UPLOADS, JOBS = "shots", "cameras", "pictures", "uploads", "jobs"
 CALIBRATION = "calibration"
 """Frames of a calibration: of the point source and dark ones. They are no photographs."""
-RAW_SUFFIXES = (
-    ".dng",
-    ".cr2",
-    ".cr3",
-    ".crw",
-    ".nef",
-    ".nrw",
-    ".arw",
-    ".sr2",
-    ".raf",
-    ".rw2",
-    ".orf",
-    ".pef",
-    ".srw",
-    ".3fr",
-    ".iiq",
-    ".raw",
-    ".npy",
-)
+RAW_SUFFIXES = (*CAMERA_RAW, ".npy")
 PICTURE_SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
 _CAMERA, _PSFS = "camera.toml", "psfs.toml"
 TIFF_SUFFIXES = (".tif", ".tiff")

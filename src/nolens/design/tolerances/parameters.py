@@ -1,6 +1,5 @@
 """What of a camera can come out differently, how it is distributed, and both as TOML text."""
 
-import difflib
 import math
 import re
 from dataclasses import dataclass, replace
@@ -21,7 +20,7 @@ from nolens.camera.part import Part, Text
 from nolens.camera.toml import explain
 from nolens.documents import parse_toml
 from nolens.errors import DataError, OptionError
-from nolens.printable import printable, quoted
+from nolens.printable import printable, quoted, suggestion
 from nolens.quantities import Angle, Length, Quantity, Share
 from nolens.ranges import Between
 from nolens.twin import REFERENCE_NM
@@ -310,11 +309,9 @@ def find(known: dict[str, Variable], camera: Camera, name: str) -> Variable:
         name = layer_names(camera)[int(numbered[1][:3])] + numbered[2]
     if name in known:
         return known[name]
-    near = difflib.get_close_matches(name.lower(), known, n=1)
     raise OptionError(
-        f"the camera {camera.name!r} has no parameter {name!r}"
-        + (f"; did you mean {near[0]!r}?" if near else ";")
-        + f" Known are {', '.join(known)}"
+        f"the camera {camera.name!r} has no parameter {name!r}{suggestion(name, known)} "
+        f"Known are {', '.join(known)}"
     )
 
 
@@ -459,11 +456,9 @@ def parameters_to_toml(parameters: tuple[Parameter, ...], camera: Camera) -> str
 def _parameter(row: _Row, known: dict[str, Variable], camera: Camera) -> Parameter:
     variable = find(known, camera, row.name)
     if row.distribution not in DISTRIBUTIONS:
-        near = difflib.get_close_matches(row.distribution.lower(), DISTRIBUTIONS, n=1)
         raise OptionError(
             f"{row.name}: there is no distribution {row.distribution!r}"
-            + (f"; did you mean {near[0]!r}?" if near else ";")
-            + f" Known are {', '.join(DISTRIBUTIONS)}"
+            f"{suggestion(row.distribution, DISTRIBUTIONS)} Known are {', '.join(DISTRIBUTIONS)}"
         )
     tolerance = _value(row.tolerance, f"{row.name}.tolerance", variable.unit)
     if tolerance < 0:
