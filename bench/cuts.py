@@ -16,7 +16,7 @@ from nolens.capture import Levels, TwinSource, exposure_for, open_source
 from nolens.operators import Region
 from nolens.solvers import Problem, Stream
 from nolens.solvers.admm_state import AdmmState
-from nolens.studio.scenes import show_scene
+from nolens.studio.pictures import show_scene
 
 CUTS = (("chart", "astronaut"), ("astronaut", "camera"), ("point", "chart"), ("dark", "chart"))
 SETTLED, BEFORE, SHOWN = 40, 10, (0, 1, 2, 4, 8, 14)

@@ -14,7 +14,7 @@ import torch
 from nolens.camera import Frame
 from nolens.capture import Limits, Shot
 from nolens.errors import CameraError
-from nolens.studio.camera_thread import CameraThread, Taken
+from nolens.studio.live_camera import CameraThread, LiveFrame
 from nolens.studio.schemas import Settings
 from patience import PATIENCE_S, until
 
@@ -76,13 +76,15 @@ class Stuck(Lamp):
 
 
 @contextmanager
-def running(source: Lamp, settings: Settings) -> Iterator[tuple[CameraThread, Callable[[], Taken]]]:
+def running(
+    source: Lamp, settings: Settings
+) -> Iterator[tuple[CameraThread, Callable[[], LiveFrame]]]:
     changed = threading.Condition()
     camera = CameraThread(source, settings, changed)
     camera.watch(True)
     camera.open(PATIENCE_S)
 
-    def take() -> Taken:
+    def take() -> LiveFrame:
         with changed:
             assert changed.wait_for(
                 lambda: camera.has_frame or camera.failure is not None, PATIENCE_S
@@ -168,7 +170,7 @@ def test_frame_that_cannot_be_used_is_shown_with_the_reason() -> None:
 
     with running(Glaring(1e3, pause_s=0.005), Settings(exposure_s=0.01)) as (_, take):
         taken = take()
-    assert taken.seen is None
+    assert taken.measurement is None
     assert taken.trouble is not None and "saturated" in taken.trouble
     assert taken.levels.clipped_fraction == pytest.approx(0.25, abs=0.02)
     assert taken.raw.startswith(b"\xff\xd8")

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from nolens.camera.frame import Frame, size_text
 from nolens.camera.part import Counts
+from nolens.camera.picture import arrange_rgb
 from nolens.camera.values import unusable
 from nolens.errors import DataError, OptionError
 
@@ -193,6 +194,22 @@ def colour_planes(values: Tensor, mosaic: str) -> dict[str, list[Tensor]]:
     for colour, plane in zip(mosaic, _superpixel_planes(values), strict=True):
         planes[colour].append(plane)
     return planes
+
+
+def rgb_counts(frame: Frame, step: int = 1) -> Tensor:
+    """Counts of a frame for showing: R, G, B of each 2×2 superpixel of a mosaic, every `step`-th.
+
+    Returns
+    -------
+    Tensor
+        (3 or 1, rows, columns), with the black level.
+    """
+    if frame.mosaic is None:
+        return arrange_rgb(frame.counts, frame.channels)[:, ::step, ::step]
+    rows, columns = (count // 2 * 2 for count in frame.counts.shape[-2:])
+    planes = colour_planes(frame.counts[0, :rows, :columns], frame.mosaic)
+    means = [torch.stack([part[::step, ::step] for part in parts]) for parts in planes.values()]
+    return torch.stack([parts.mean(dim=0) for parts in means])
 
 
 def _superpixel_planes(values: Tensor) -> Iterator[Tensor]:

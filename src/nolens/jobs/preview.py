@@ -4,12 +4,11 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
-from nolens.camera import Frame, arrange_rgb, exposure_white
-from nolens.camera.measurement import colour_planes
+from nolens.camera import Frame, exposure_white
+from nolens.camera.measurement import rgb_counts
 from nolens.capture import Levels
 from nolens.errors import NolensError
 from nolens.files import (
@@ -67,11 +66,11 @@ def write_preview(run: Run[PreviewOptions]) -> Product[Tensor]:
     run.reporter.advance("preview", 0.0)
     about: dict[str, Any] = {}
     if options.path.suffix.lower() in _JPEG:
-        shown = read_picture(options.path).radiance
-        size = shown.shape[-2:]
+        picture = read_picture(options.path).radiance
+        size = picture.shape[-2:]
     else:
         frame = _frame(options.path)
-        shown, size = _pixels(frame), frame.counts.shape[-2:]
+        picture, size = _pixels(frame), frame.counts.shape[-2:]
         levels = Levels.of(frame)
         about = {
             "histogram": {name: list(bins) for name, bins in levels.histogram.items()},
@@ -81,7 +80,7 @@ def write_preview(run: Run[PreviewOptions]) -> Product[Tensor]:
             "black": list(frame.black),
             "white": frame.white,
         }
-    small = _small(shown)
+    small = _small(picture)
     figures = {"picture": readable(options.output), "rows": size[0], "columns": size[1], **about}
     write = partial(write_png, radiance=small, white=_white(small))
     return Product(small, figures, {options.output: write})
@@ -92,14 +91,9 @@ def _frame(path: Path) -> Frame:
 
 
 def _pixels(frame: Frame) -> Tensor:
-    """Linear values above black: a pixel for each 2×2 cell of a mosaic."""
+    """Linear values above black: a pixel for each 2×2 superpixel of a mosaic."""
     black = sum(frame.black) / len(frame.black)
-    if frame.mosaic is None:
-        return (arrange_rgb(frame.counts, frame.channels) - black).clamp_min(0)
-    rows, columns = (count // 2 * 2 for count in frame.counts.shape[-2:])
-    planes = colour_planes(frame.counts[0, :rows, :columns], frame.mosaic)
-    means = [torch.stack(parts).mean(dim=0) for parts in planes.values()]
-    return (torch.stack(means) - black).clamp_min(0)
+    return (rgb_counts(frame) - black).clamp_min(0)
 
 
 def _small(values: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""The process of the live view: camera, reconstruction, and what the page is shown of it."""
+"""The process of the live view: camera, reconstruction, and the messages with both for the page."""
 
 import os
 import threading
@@ -13,12 +13,10 @@ import torch
 
 from nolens.capture import TwinSource
 from nolens.errors import NolensError, OptionError
-from nolens.studio.camera_thread import Taken, age_s
-from nolens.studio.encode import White, message, picture_jpeg
-from nolens.studio.live_save import Shown, kept_psf, save_shown
-from nolens.studio.live_solver import Solved
-from nolens.studio.live_source import LiveSource, open_live
-from nolens.studio.scenes import decoded_scene, show_scene
+from nolens.studio.live_camera import LiveFrame, LiveSource, age_s, open_live
+from nolens.studio.live_save import DisplayedFrame, save_frame, stored_psf
+from nolens.studio.live_solver import LivePicture
+from nolens.studio.pictures import White, decoded_scene, message, picture_jpeg, show_scene
 from nolens.studio.schemas import Method, Settings
 from nolens.studio.worker import Channel, Message
 
@@ -31,7 +29,7 @@ _OWN: dict[Method, tuple[float, int]] = {"admm": (1e-4, 2), "wiener": (0.5, 1)}
 
 
 def main(channel: Channel) -> None:
-    """Show what a camera sees, until the server tells to end."""
+    """Show frames of a camera and their reconstructions, until the server ends it."""
     view = LiveView(channel)
     threading.Thread(target=_listen, args=(channel, view), daemon=True).start()
     view.run()
@@ -39,13 +37,13 @@ def main(channel: Channel) -> None:
 
 
 def _listen(channel: Channel, view: "LiveView") -> None:
-    for told in channel.messages():
-        view.put(told)
+    for each in channel.messages():
+        view.put(each)
     view.put(("end",))
 
 
 class LiveView:
-    """Takes the newest frame, reconstructs it and tells the server; heeds what it is told between.
+    """Reconstructs the newest frame and sends it to the server; heeds its messages between.
 
     Parameters
     ----------
@@ -56,11 +54,11 @@ class LiveView:
     def __init__(self, channel: Channel) -> None:
         self._channel = channel
         self._changed = threading.Condition()
-        self._told: deque[Message] = deque()
+        self._messages: deque[Message] = deque()
         self._settings = Settings()
         self._used = dict(_OWN)
         self._source: LiveSource | None = None
-        self._shown: Shown | None = None
+        self._displayed: DisplayedFrame | None = None
         self._white = White()
         self._scene: str | None = None
         self._watched = False
@@ -70,45 +68,45 @@ class LiveView:
         self._left = 0
         self._cores = torch.get_num_threads()
 
-    def put(self, told: Message) -> None:
+    def put(self, message: Message) -> None:
         """Take a message of the server, from any thread."""
         with self._changed:
-            if told[0] == "webcam":  # The newest alone.
-                self._told = deque(each for each in self._told if each[0] != "webcam")
-            self._told.append(told)
+            if message[0] == "webcam":  # The newest alone.
+                self._messages = deque(each for each in self._messages if each[0] != "webcam")
+            self._messages.append(message)
             self._changed.notify_all()
 
     def run(self) -> None:
-        """Work until the end is told."""
+        """Work until the server ends it."""
         while True:
             with self._changed:
                 self._changed.wait_for(self._has_work)
-                told = self._told.popleft() if self._told else None
-            if told is None:
+                message = self._messages.popleft() if self._messages else None
+            if message is None:
                 self._look()
-            elif told[0] == "end":
+            elif message[0] == "end":
                 self._leave()
                 return
             else:
-                self._heed(told)
+                self._heed(message)
 
     def _has_work(self) -> bool:
         source = self._source
-        if self._told or source is None:
-            return bool(self._told)
+        if self._messages or source is None:
+            return bool(self._messages)
         frame = source.camera.has_frame and not self._settings.frozen
         return frame or source.camera.failure is not None
 
-    def _heed(self, told: Message) -> None:
-        if told[0] == "watched":
-            self._watched = bool(told[1])
+    def _heed(self, message: Message) -> None:
+        if message[0] == "watched":
+            self._watched = bool(message[1])
             if self._source is not None:
                 self._source.camera.watch(self._watched)
             return
-        if told[0] == "webcam":
-            self._webcam(told[1])
+        if message[0] == "webcam":
+            self._webcam(message[1])
             return
-        _, number, verb, *what = told
+        _, number, verb, *what = message
         verbs: dict[str, Callable[..., Any]] = {
             "start": self._start,
             "stop": self._stop,
@@ -125,7 +123,7 @@ class LiveView:
         except Exception as error:
             traceback.print_exc()
             refused = f"{type(error).__name__}: {error}"
-        self._tell_state()  # Before the answer, so that who asked finds it.
+        self._send_state()  # Before the answer, so that who asked finds it.
         self._channel.answer(number, result, refused=refused)
 
     def _start(
@@ -152,7 +150,7 @@ class LiveView:
         self._error = None
 
     def _leave(self) -> None:
-        source, self._source, self._shown = self._source, None, None
+        source, self._source, self._displayed = self._source, None, None
         self._left += 1
         self._sent.clear()
         if source is not None:
@@ -188,7 +186,7 @@ class LiveView:
         return "picture"
 
     def _webcam(self, data: bytes) -> None:
-        """A frame of a visitor's webcam; one that cannot be used is passed over, and told."""
+        """A frame of a visitor's webcam; one that cannot be used is passed over, with an error."""
         if self._source is None or self._source.twin is None:
             return
         before = self._scene, self._webcam_trouble
@@ -198,7 +196,7 @@ class LiveView:
         except NolensError as error:
             self._sees(self._scene, f"the webcam's picture is not shown: {error}")
         if before != (self._scene, self._webcam_trouble):
-            self._tell_state()
+            self._send_state()
 
     def _sees(self, scene: str | None, webcam_trouble: str | None = None) -> None:
         """Keep what the twin sees, and why not the webcam's picture."""
@@ -214,14 +212,14 @@ class LiveView:
         return self._source.twin
 
     def _save(self, formats: list[str], work: str, folder: str) -> dict[str, Any]:
-        source, shown = self._source, self._shown
-        if source is None or shown is None:
+        source, displayed = self._source, self._displayed
+        if source is None or displayed is None:
             raise OptionError("there is no frame to save yet: start a camera, and try again")
         if source.psf is None and source.twin is not None and source.opened is not None:
-            source.psf = kept_psf(
-                Path(work), source.camera_id or "", source.opened, source.twin.psf(), shown.shot
+            source.psf = stored_psf(
+                Path(work), source.camera_id or "", source.opened, source.twin.psf(), displayed.shot
             )
-        files = save_shown(Path(work) / folder, shown, formats, source.psf)
+        files = save_frame(Path(work) / folder, displayed, formats, source.psf)
         return {
             "files": [str(path) for path in files],
             "psf_path": None if source.psf is None else str(source.psf),
@@ -231,41 +229,41 @@ class LiveView:
         """The newest frame, to the page; or the end of a camera that failed."""
         source = self._source
         assert source is not None
-        taken = source.camera.take()
-        if taken is None:
+        frame = source.camera.take()
+        if frame is None:
             self._error = source.camera.failure
             self._leave()
-            self._tell_state()
+            self._send_state()
             return
-        solved, trouble = self._solve(source, taken)
+        picture, trouble = self._solve(source, frame)
         # A camera is computed too, or developed: it has half of the cores while it is the slower.
         behind = source.camera.has_frame
         torch.set_num_threads(self._cores if behind else max(1, self._cores // 2))
-        parts = {"raw": taken.raw}
+        parts = {"raw": frame.raw}
         white = 1.0
-        if solved is not None:
-            white = self._white.follow(solved.radiance)
-            parts["picture"] = picture_jpeg(solved.radiance, solved.channels, white)
-        self._shown = Shown(taken.shot, solved, white, self._settings, source.text)
-        self._send(source, taken, solved, trouble, parts)
+        if picture is not None:
+            white = self._white.follow(picture.radiance)
+            parts["picture"] = picture_jpeg(picture.radiance, picture.channels, white)
+        self._displayed = DisplayedFrame(frame.shot, picture, white, self._settings, source.text)
+        self._send(source, frame, picture, trouble, parts)
 
-    def _solve(self, source: LiveSource, taken: Taken) -> tuple[Solved | None, str | None]:
+    def _solve(self, source: LiveSource, frame: LiveFrame) -> tuple[LivePicture | None, str | None]:
         if source.solver is None:
             return None, _NO_PSF
-        if taken.seen is None:
-            return None, taken.trouble
-        shot = taken.shot
+        if frame.measurement is None:
+            return None, frame.trouble
+        shot = frame.shot
         brightness = max(shot.exposure_s, 1e-9) * max(shot.gain, 1e-9)
         try:
-            return source.solver.solve(taken.seen, self._settings, brightness), None
+            return source.solver.solve(frame.measurement, self._settings, brightness), None
         except (NolensError, ArithmeticError) as error:
             return None, str(error)
 
     def _send(
         self,
         source: LiveSource,
-        taken: Taken,
-        solved: Solved | None,
+        frame: LiveFrame,
+        picture: LivePicture | None,
         trouble: str | None,
         parts: dict[str, bytes],
     ) -> None:
@@ -275,16 +273,16 @@ class LiveView:
             self._sent.popleft()
         over = now - self._sent[0]
         fps = (len(self._sent) - 1) / over if over > 0 else 0.0
-        shot = taken.shot
+        shot = frame.shot
         header = {
-            "number": taken.number,
+            "number": frame.number,
             "fps": round(fps, 2),
             "latency_ms": round(1e3 * age_s(shot), 1),
             "exposure_s": shot.exposure_s,
             "gain": shot.gain,
-            "iterations": None if solved is None else solved.iterations,
-            "histogram": taken.levels.histogram,
-            "clipped_share": taken.levels.clipped_fraction,
+            "iterations": None if picture is None else picture.iterations,
+            "histogram": frame.levels.histogram,
+            "clipped_share": frame.levels.clipped_fraction,
             "dropped": source.camera.dropped,
             "frozen": self._settings.frozen,
             "trouble": trouble,
@@ -293,9 +291,9 @@ class LiveView:
 
     def _warn(self, text: str) -> None:
         self._error = text
-        self._tell_state()
+        self._send_state()
 
-    def _tell_state(self) -> None:
+    def _send_state(self) -> None:
         source = self._source
         limits = None if source is None else source.camera.limits
         state = {

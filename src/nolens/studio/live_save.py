@@ -1,4 +1,4 @@
-"""Keeping the frame that is shown: its raw counts, its picture, and the record."""
+"""Writing of the displayed frame: its raw counts, its picture, and the record."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,20 +25,20 @@ from nolens.files import (
 )
 from nolens.files.cameras import camera_copies
 from nolens.jobs.calibration.folder import folder_camera, folder_psfs, pixel_of
-from nolens.studio.live_solver import Solved
+from nolens.studio.live_solver import LivePicture
 from nolens.studio.schemas import Settings
 from nolens.studio.workspace import CAMERAS, unused
 
 
 @dataclass(frozen=True)
-class Shown:
-    """The frame that is shown.
+class DisplayedFrame:
+    """The frame that is displayed.
 
     Parameters
     ----------
     shot
         What the camera gave.
-    solved
+    picture
         Its reconstruction, if there is one.
     white
         Radiance that is white in it.
@@ -49,20 +49,22 @@ class Shown:
     """
 
     shot: Shot
-    solved: Solved | None
+    picture: LivePicture | None
     white: float
     settings: Settings
     source: str
 
 
-def save_shown(folder: Path, shown: Shown, formats: list[str], psf: Path | None) -> list[Path]:
+def save_frame(
+    folder: Path, displayed: DisplayedFrame, formats: list[str], psf: Path | None
+) -> list[Path]:
     """Write a frame into a folder; no file is written over.
 
     Parameters
     ----------
     folder
         Of the workspace.
-    shown
+    displayed
         The frame.
     formats
         png, tiff and raw, or some of them.
@@ -79,29 +81,31 @@ def save_shown(folder: Path, shown: Shown, formats: list[str], psf: Path | None)
     NolensError
         If there is no picture, or a file cannot be written.
     """
-    shot, solved = shown.shot, shown.solved
+    shot, picture = displayed.shot, displayed.picture
     stem = unused(folder, f"{shot.taken.astimezone():%Y-%m-%d-%H%M%S}")
     writers: dict[Path, Callable[[Path], None]] = {}
     if "raw" in formats:
         writers[folder / f"{stem}{_raw_suffix(shot.frame)}"] = partial(_raw, shot)
     if {"png", "tiff"} & set(formats):
-        if solved is None:
+        if picture is None:
             raise DataError("there is no reconstruction to save: choose a PSF, or save the raw")
-        picture = arrange_rgb(solved.radiance, solved.channels)
+        rgb = arrange_rgb(picture.radiance, picture.channels)
         if "png" in formats:
-            writers[folder / f"{stem}.png"] = partial(_png, picture, shown.white)
+            writers[folder / f"{stem}.png"] = partial(
+                write_png, radiance=rgb, white=displayed.white
+            )
         if "tiff" in formats:
             # A TIFF of counts would have the same name where the raw frame is no DNG.
             name = f"{stem}-picture.tif" if folder / f"{stem}.tif" in writers else f"{stem}.tif"
-            writers[folder / name] = partial(_tiff, picture)
+            writers[folder / name] = partial(write_tiff16, radiance=rgb)
     record = folder / f"{stem}.json"
     files = [*writers, record]
-    writers[record] = partial(write_record, record=_record(shown, files, psf))
+    writers[record] = partial(write_record, record=_record(displayed, files, psf))
     write_into(folder, writers)
     return files
 
 
-def kept_psf(work: Path, given: str, opened: LoadedCamera, psf: Tensor, shot: Shot) -> Path:
+def stored_psf(work: Path, camera: str, opened: LoadedCamera, psf: Tensor, shot: Shot) -> Path:
     """File of a simulated camera's PSF in its folder, written where it is not there yet.
 
     Raises
@@ -125,7 +129,7 @@ def kept_psf(work: Path, given: str, opened: LoadedCamera, psf: Tensor, shot: Sh
         channels=opened.camera.sensor.channels,
         distance=distance,
     )
-    write_psfs(folder, {entry: psf}, more=camera_copies(given, opened))
+    write_psfs(folder, {entry: psf}, more=camera_copies(camera, opened))
     return folder / entry.file
 
 
@@ -144,32 +148,24 @@ def _raw(shot: Shot, path: Path) -> None:
     write_frame(path, shot.frame, model=shot.camera.encode("ascii", "replace").decode())
 
 
-def _png(picture: Tensor, white: float, path: Path) -> None:
-    write_png(path, picture, white)
-
-
-def _tiff(picture: Tensor, path: Path) -> None:
-    write_tiff16(path, picture)
-
-
-def _record(shown: Shown, files: list[Path], psf: Path | None) -> RunRecord:
-    shot, solved = shown.shot, shown.solved
+def _record(displayed: DisplayedFrame, files: list[Path], psf: Path | None) -> RunRecord:
+    shot, picture = displayed.shot, displayed.picture
     parameters: dict[str, Any] = {
-        "source": shown.source,
+        "source": displayed.source,
         "camera": shot.camera,
         "taken": shot.taken.isoformat(),
         "exposure_s": shot.exposure_s,
         "gain": shot.gain,
         "details": shot.details,
-        "white_radiance": shown.white,
-        **shown.settings.model_dump(include={"method", "tau"}),
+        "white_radiance": displayed.white,
+        **displayed.settings.model_dump(include={"method", "tau"}),
     }
     return RunRecord(
         started=shot.taken.isoformat(timespec="seconds"),
         inputs={} if psf is None else {"psf": InputFile.of(psf)},
         parameters=parameters,
         result={
-            "iterations": None if solved is None else solved.iterations,
+            "iterations": None if picture is None else picture.iterations,
             "outputs": [str(path) for path in files],
         },
         history=[],

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from torch import Tensor
 
 from nolens.camera import Frame, Measurement, develop, prepare_psf
-from nolens.errors import DataError
 from nolens.operators import Region
 from nolens.solvers import Problem, Reconstructor, Stream, wiener
 from nolens.studio.schemas import Settings
@@ -15,7 +14,7 @@ _LATENCY_S = 0.25
 
 
 @dataclass(frozen=True)
-class Solved:
+class LivePicture:
     """A picture of the live view.
 
     Parameters
@@ -33,50 +32,34 @@ class Solved:
     iterations: int
 
 
-@dataclass(frozen=True)
-class Psf:
-    """What frames are reconstructed with.
-
-    Parameters
-    ----------
-    cells
-        A PSF on the pixels of the reconstruction, (channels, rows, columns); or else
-    frame
-        the sensor's own frame of a point source.
-    region
-        Pixels that light comes from; None for no limit.
-    """
-
-    cells: Tensor | None = None
-    frame: Frame | None = None
-    region: Region | None = None
-
-
 class LiveSolver:
-    """Solves what is given it, warm-started where the settings stay.
+    """Reconstructs measurements one after the other, warm-started where the settings stay.
 
     Parameters
     ----------
     psf
-        What to solve with.
+        On the pixels of the live view, (channels, rows, columns); or the sensor's own frame of a
+        point source.
+    support
+        Pixels that light comes from; None for no limit.
     """
 
-    def __init__(self, psf: Psf) -> None:
-        self._psf = psf
+    def __init__(self, psf: Tensor | Frame, support: Region | None = None) -> None:
+        self._psf, self._support = psf, support
         self._problem: Problem | None = None
         self._channels: tuple[str, ...] = ()
         self._stream: Stream | None = None
-        self._posed: tuple[object, ...] = ()
+        self._stream_settings: tuple[float, int] | None = None
 
-    def solve(self, seen: Measurement, settings: Settings, brightness: float) -> Solved:
+    def solve(self, measurement: Measurement, settings: Settings, brightness: float) -> LivePicture:
         """Reconstruct the next frame.
 
         Parameters
         ----------
-        seen
-            It, developed to the pixels of the live view.
+        measurement
+            The frame, developed to the pixels of the live view.
         settings
-            How.
+            Method, τ and iterations.
         brightness
             Exposure time times gain, which the picture is divided by.
 
@@ -85,48 +68,46 @@ class LiveSolver:
         NolensError
             If the frame or the PSF cannot be used; the next frame may be better.
         """
-        problem = self._posed_for(seen)
+        problem = self._problem_for(measurement)
+        values, valid = measurement.values, measurement.valid
         if settings.method == "wiener":
-            self._stream, self._posed = None, ()
-            found = wiener(replace(problem.measuring(seen.values, seen.valid), tau=settings.tau))
-            picture, iterations = found.photograph, found.iterations
+            self._stream = None
+            result = wiener(replace(problem.measuring(values, valid), tau=settings.tau))
+            picture, iterations = result.photograph, result.iterations
         else:
-            posed = (settings.tau, settings.iterations)
-            if self._stream is None or self._posed != posed:
-                self._posed = posed
+            stream_settings = settings.tau, settings.iterations
+            if self._stream is None or self._stream_settings != stream_settings:
+                self._stream_settings = stream_settings
                 self._stream = Stream(
                     replace(problem, tau=settings.tau),
                     iterations=settings.iterations,
                     latency_s=_LATENCY_S,
                 )
-            solved = self._stream.solve(seen.values, seen.valid)
+            solved = self._stream.solve(values, valid)
             picture, iterations = solved.photograph, solved.iterations
-        return Solved(picture / brightness, seen.channels, iterations)
+        return LivePicture(picture / brightness, measurement.channels, iterations)
 
-    def _posed_for(self, seen: Measurement) -> Problem:
-        """The problem of this PSF, laid out anew where the frames have become others."""
+    def _problem_for(self, measurement: Measurement) -> Problem:
+        """The problem of this PSF, built again where size or channels of the frames change."""
         problem = self._problem
         if (
             problem is None
-            or problem.data.shape != seen.values.shape
-            or self._channels != seen.channels
+            or problem.data.shape != measurement.values.shape
+            or self._channels != measurement.channels
         ):
-            problem = Reconstructor(self._prepared(seen), self._psf.region).problem(seen)
-            self._problem, self._channels, self._stream = problem, seen.channels, None
+            psf = self._prepared_psf(measurement)
+            problem = Reconstructor(psf, self._support).problem(measurement)
+            self._problem, self._channels, self._stream = problem, measurement.channels, None
         return problem
 
-    def _prepared(self, seen: Measurement) -> Tensor:
-        if self._psf.cells is not None:
-            return self._psf.cells
-        frame = self._psf.frame
-        if frame is None:
-            raise DataError("no PSF is chosen")
-        rows = seen.values.shape[-2]
-        own = frame.counts.shape[-2] // (1 if frame.mosaic is None else 2)
-        psf = develop(frame, bin_by=max(1, own // rows))
-        return prepare_psf(psf, seen).values
+    def _prepared_psf(self, measurement: Measurement) -> Tensor:
+        if isinstance(self._psf, Tensor):
+            return self._psf
+        rows = self._psf.counts.shape[-2] // (1 if self._psf.mosaic is None else 2)
+        psf = develop(self._psf, bin_by=max(1, rows // measurement.values.shape[-2]))
+        return prepare_psf(psf, measurement).values
 
 
-def cells_in_one(rows: int) -> int:
+def live_bin(rows: int) -> int:
     """Sensor pixels along one of the live view, which has at most 400 rows of them."""
     return max(1, -(-rows // _MOST_ROWS))

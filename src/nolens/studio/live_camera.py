@@ -1,28 +1,43 @@
-"""A camera beside the live view: the newest of its frames, exposed as it should be."""
+"""The camera of the live view: its source, its frames and exposure, the PSF that it comes with."""
 
 import threading
 import time
 import traceback
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import torch
 
-from nolens.camera import Frame, Measurement, develop
-from nolens.capture import CameraSource, Levels, Limits, Shot, TwinSource, exposure_for
+from nolens.camera import Frame, LoadedCamera, Measurement, develop
+from nolens.camera.measurement import bin_mean
+from nolens.capture import (
+    CameraSource,
+    Levels,
+    Limits,
+    Shot,
+    TwinSource,
+    exposure_for,
+    open_source,
+)
 from nolens.errors import CameraError, NolensError
-from nolens.studio.encode import raw_jpeg
-from nolens.studio.live_solver import cells_in_one
+from nolens.files import read_camera, read_frame
+from nolens.operators import Region
+from nolens.studio.live_solver import LiveSolver, live_bin
+from nolens.studio.pictures import raw_jpeg
 from nolens.studio.schemas import Settings
 
+_OPEN_S = 60.0
+_TWIN = "live"
 _LONGEST_S = 0.25
 """Automatic exposure is no longer than this: a live view would stand still."""
-_FASTER = 2.0
+_LARGEST_FACTOR = 2.0
 _UNWATCHED_S = 1.0
 _SAME = 0.05
 
 
 @dataclass(frozen=True)
-class Taken:
+class LiveFrame:
     """A frame, and how it fills the range of its counts.
 
     Parameters
@@ -34,8 +49,8 @@ class Taken:
     levels
         Its histogram.
     raw
-        What the page shows of it, as JPEG.
-    seen
+        Its counts as JPEG.
+    measurement
         Its linear values, in the pixels of the live view; None where they cannot be used.
     trouble
         Why not.
@@ -45,14 +60,14 @@ class Taken:
     shot: Shot
     levels: Levels
     raw: bytes
-    seen: Measurement | None
+    measurement: Measurement | None
     trouble: str | None
 
 
 class CameraThread:
-    """Takes frames in a thread of its own; a frame that nobody took is replaced by the next.
+    """Takes frames in a thread of its own; a frame that was not used is replaced by the next.
 
-    A simulated camera works out a frame only when the one before was taken.
+    A simulated camera computes a frame only when the one before was used.
 
     Parameters
     ----------
@@ -71,10 +86,10 @@ class CameraThread:
         self.failure: str | None = None
         self.watched = False
         self._source, self._settings, self._changed = source, settings, changed
-        self._newest: Taken | None = None
+        self._newest: LiveFrame | None = None
         self._number = 0
-        self._asked: tuple[float, float] | None = None
-        self._opened = threading.Event()
+        self._target: tuple[float, float] | None = None
+        self._open = threading.Event()
         self._ending = threading.Event()
         self._wake = threading.Event()
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
@@ -98,17 +113,17 @@ class CameraThread:
             If it cannot be, or not in this time.
         """
         self._thread.start()
-        if not self._opened.wait(seconds):
+        if not self._open.wait(seconds):
             raise CameraError(f"{self.name} has not opened within {seconds:g} s")
         if self.failure is not None:
             raise CameraError(self.failure)
 
-    def take(self) -> Taken | None:
+    def take(self) -> LiveFrame | None:
         """The newest frame, once."""
         with self._changed:
-            taken, self._newest = self._newest, None
+            frame, self._newest = self._newest, None
             self._changed.notify_all()
-        return taken
+        return frame
 
     @property
     def has_frame(self) -> bool:
@@ -143,7 +158,7 @@ class CameraThread:
         torch.set_num_threads(1)
         try:
             self._source.open()
-            self._opened.set()
+            self._open.set()
             while not self._ending.is_set():
                 self._set()
                 self._offer(self._source.shot())
@@ -154,7 +169,7 @@ class CameraThread:
             traceback.print_exc()
             self._fail(f"{self.name} failed: {type(error).__name__}: {error}")
         finally:
-            self._opened.set()
+            self._open.set()
             self._source.close()
 
     def _fail(self, text: str) -> None:
@@ -165,11 +180,11 @@ class CameraThread:
 
     def _offer(self, shot: Shot) -> None:
         levels = Levels.of(shot.frame)
-        raw, (seen, trouble) = raw_jpeg(shot.frame), _developed(shot.frame)
+        raw, (measurement, trouble) = raw_jpeg(shot.frame), _developed(shot.frame)
         self._number += 1
         with self._changed:
             self.dropped += self._newest is not None
-            self._newest = Taken(self._number, shot, levels, raw, seen, trouble)
+            self._newest = LiveFrame(self._number, shot, levels, raw, measurement, trouble)
             self._changed.notify_all()
         self._expose_next(shot, levels)
 
@@ -186,12 +201,13 @@ class CameraThread:
         limits, settings = self._source.limits, self._settings
         if limits is None or settings.exposure_s is not None:
             return
-        if self._asked is not None and abs(shot.exposure_s / self._asked[0] - 1) > _SAME:
+        if self._target is not None and abs(shot.exposure_s / self._target[0] - 1) > _SAME:
             return  # A frame that was exposed before the last change: it says nothing new.
-        wanted = exposure_for(levels, shot.exposure_s, limits)
-        wanted = min(max(wanted, shot.exposure_s / _FASTER), shot.exposure_s * _FASTER)
+        exposure_s = exposure_for(levels, shot.exposure_s, limits)
+        shortest_s = shot.exposure_s / _LARGEST_FACTOR
+        exposure_s = min(max(exposure_s, shortest_s), shot.exposure_s * _LARGEST_FACTOR)
         longest = max(limits.exposure_s[0], min(_LONGEST_S, limits.exposure_s[1]))
-        self._asked = min(wanted, longest), self._gain(limits)
+        self._target = min(exposure_s, longest), self._gain(limits)
 
     def _set(self) -> None:
         limits, settings = self._source.limits, self._settings
@@ -199,13 +215,13 @@ class CameraThread:
             return
         if settings.exposure_s is not None:
             shortest, longest = limits.exposure_s
-            asked = min(max(settings.exposure_s, shortest), longest), self._gain(limits)
-        elif self._asked is not None:
-            asked = self._asked[0], self._gain(limits)
+            exposure_s = min(max(settings.exposure_s, shortest), longest)
+        elif self._target is not None:
+            exposure_s = self._target[0]
         else:
             return
-        self._source.set(exposure_s=asked[0], gain=asked[1])
-        self._asked = asked
+        self._target = exposure_s, self._gain(limits)
+        self._source.set(exposure_s=exposure_s, gain=self._target[1])
 
     def _gain(self, limits: Limits) -> float:
         return min(max(self._settings.gain, limits.gain[0]), limits.gain[1])
@@ -215,7 +231,7 @@ def _developed(frame: Frame) -> tuple[Measurement | None, str | None]:
     """Linear values of a frame, or why there are none. It is as much work as the camera's own."""
     rows = frame.counts.shape[-2] // (1 if frame.mosaic is None else 2)
     try:
-        return develop(frame, bin_by=cells_in_one(rows)), None
+        return develop(frame, bin_by=live_bin(rows)), None
     except NolensError as error:
         return None, str(error)
 
@@ -223,3 +239,89 @@ def _developed(frame: Frame) -> tuple[Measurement | None, str | None]:
 def age_s(shot: Shot) -> float:
     """How long ago a shot was taken."""
     return max(0.0, time.time() - shot.taken.timestamp())
+
+
+@dataclass
+class LiveSource:
+    """A camera that is open.
+
+    Parameters
+    ----------
+    text
+        As `nolens.capture.open_source` takes it.
+    camera
+        What takes its frames.
+    solver
+        What reconstructs them; None without a PSF.
+    psf
+        File of the PSF; None where there is none, or the twin's own has not been written yet.
+    twin, opened
+        The simulated camera, if it is one, and its description.
+    """
+
+    text: str
+    camera: CameraThread
+    solver: LiveSolver | None
+    psf: Path | None
+    twin: TwinSource | None = None
+    opened: LoadedCamera | None = None
+
+    @property
+    def camera_id(self) -> str | None:
+        """Preset or folder of a simulated camera."""
+        return None if self.twin is None else self.text.removeprefix("twin:")
+
+
+def open_live(
+    text: str,
+    psf: str | None,
+    settings: Settings,
+    changed: threading.Condition,
+    warn: Callable[[str], None],
+) -> LiveSource:
+    """Open a source of frames.
+
+    Parameters
+    ----------
+    text
+        As `nolens.capture.open_source` takes it.
+    psf
+        File of a PSF; None for none, or the simulated camera's own.
+    settings
+        How to expose at first.
+    changed
+        Notified with every frame.
+    warn
+        Called with a sentence about a file that cannot be read.
+
+    Raises
+    ------
+    NolensError
+        If the source or the PSF cannot be used.
+    """
+    frame = None if psf is None else read_frame(psf)
+    file = None if psf is None else Path(psf)
+    source = open_source(text, warn=warn)
+    camera = CameraThread(source, settings, changed)
+    try:
+        camera.open(_OPEN_S)
+    except NolensError:
+        camera.close()
+        raise
+    if not isinstance(source, TwinSource):
+        solver = None if frame is None else LiveSolver(frame)
+        return LiveSource("raspberry" if text == "auto" else text, camera, solver, file)
+    name = text.partition(":")[2] or _TWIN
+    solver = _twin_solver(source) if frame is None else LiveSolver(frame)
+    return LiveSource(f"twin:{name}", camera, solver, file, source, read_camera(name))
+
+
+def _twin_solver(source: TwinSource) -> LiveSolver:
+    """Solver with the PSF and the support of a simulated camera, in pixels of the live view."""
+    psf, support = source.psf(), source.region
+    by = live_bin(psf.shape[-2])
+    if by == 1:
+        return LiveSolver(psf, support)
+    size = -(-support.height // by), -(-support.width // by)
+    coarse = Region(support.top // by, support.left // by, *size)
+    return LiveSolver(bin_mean(psf, by), coarse)
