@@ -11,8 +11,7 @@ from torch import Tensor
 
 from nolens.camera.frame import Frame, size_text
 from nolens.camera.part import Counts
-from nolens.camera.picture import arrange_rgb
-from nolens.camera.values import unusable
+from nolens.camera.values import arrange_rgb, unusable
 from nolens.errors import DataError, OptionError
 
 BlackLevel = Counts | Literal["auto"] | None
