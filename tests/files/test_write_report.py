@@ -40,12 +40,22 @@ def png(width: int, height: int) -> bytes:
 
 
 PICTURE = ReportPicture("fig", png(40, 20), "a & b < c", 90.0)
-ROW = ReportRow("width <of> it", "fig. 5b", "20.15 µm", "20.14 µm", "1.00", 'a | b <c> & "d"')
+ROW = ReportRow(
+    key="width",
+    what="width <of> it",
+    where="fig. 5b",
+    paper="20.15 µm",
+    paper_value=20.15,
+    value=20.14,
+    text="20.14 µm",
+    ratio=20.14 / 20.15,
+    why='a | b <c> & "d"',
+)
 REPORT = Report(
     "Figures & numbers", "camera 'x'", ("First.", "Second."),
     (
         ReportSection("one", "Fig. 1: <one>", ("Above.",), (PICTURE,), (ROW,)),
-        ReportSection("two", "Fig. 2", (), (), (ROW, replace(ROW, ratio="", what="other"))),
+        ReportSection("two", "Fig. 2", (), (), (ROW, replace(ROW, ratio=None, what="other"))),
     ),
 )  # fmt: skip
 

@@ -15,7 +15,7 @@ from nolens.jobs import SimulateOptions, simulate
 from nolens.operators import Region
 from nolens.quantities import Luminance
 from nolens.reproduction import depths, photographs, resolution, thickness
-from nolens.reproduction.comparison import PAPER, Row
+from nolens.reproduction.comparison import PAPER, Content, Results, paper_row, section
 from nolens.reproduction.setup import FULL, QUICK, ExperimentSetup
 from nolens.reproduction.steps import StepResult
 from nolens.solvers import Problem
@@ -50,15 +50,18 @@ def test_the_papers_focal_length_is_the_master_films() -> None:
 
 
 def test_a_row_says_the_ratio_and_its_size() -> None:
-    row = Row("width", 40.3, "40.30 µm", "twice as wide", sized=True)
-    assert row.ratio == pytest.approx(2.0)
-    assert row.report_row(reduced=True).ours == "40.30 µm (reduced size)"
-    assert row.report_row(reduced=False).ours == "40.30 µm"
-    assert row.report_row(reduced=False).ratio == "2.00"
-    assert row.values(reduced=True)["reduced"] is True
-    assert Row("mtf", None, "equal", "").report_row(reduced=True) == Row(
-        "mtf", None, "equal", "", sized=False
-    ).report_row(reduced=False)
+    whole, part = (ExperimentSetup(read_camera("paper"), size, 0) for size in (FULL, QUICK))
+
+    @section("fig", "Fig.")
+    def made(setup: ExperimentSetup, results: Results) -> Content:
+        width = paper_row("width", 40.3, "40.30 µm", "twice as wide", sized=True)
+        return Content((width, paper_row("mtf", None, "equal", "")))
+
+    rows = made(part, {}).rows
+    assert rows[0].ratio == pytest.approx(2.0) and rows[0].reduced
+    assert rows[0].columns == ("20.15 µm", "40.30 µm (reduced size)", "2.00", "twice as wide")
+    assert made(whole, {}).rows[0].columns[1] == "40.30 µm"
+    assert rows[1] == made(whole, {}).rows[1] and rows[1].columns[1:3] == ("equal", "")
 
 
 def test_the_overlap_is_that_of_rays_by_snells_law() -> None:

@@ -394,8 +394,7 @@ def _report_table(rows: tuple[ReportRow, ...]) -> Grid:
     cells = [[Paragraph(escape(head), _REPORT_HEAD) for head in COLUMNS]]
     for row in rows:
         what = f'{escape(row.what)}<br/><font size="7" color="#5a5f66">{escape(row.where)}</font>'
-        rest = (row.paper, row.ours, row.ratio, row.why)
-        cells.append([Paragraph(each, _REPORT_CELL) for each in (what, *map(escape, rest))])
+        cells.append([Paragraph(each, _REPORT_CELL) for each in (what, *map(escape, row.columns))])
     table = Grid(cells, [fraction * _WIDTH for fraction in _COLUMN_FRACTIONS], repeatRows=1)
     lines = ("LINEBELOW", *_ALL, 0.4, _RULE), ("BACKGROUND", (0, 0), (-1, 0), _LIGHT)
     return _styled(table, (3, 2, 3), "TOP", *lines)

@@ -17,17 +17,28 @@ _WIDE_MM = 120.0
 class ReportRow:
     """One quantity, as the paper has it and as it came out here.
 
-    `where` is the section or figure of the paper; the values have their units. `ratio` is ours
-    over the paper's, empty where there is none to form; `why` says why the two differ, or how the
-    quantity was computed.
+    `where` is the section or figure of the paper, `paper` and `text` are both values with their
+    units, and `paper_value` and `value` the numbers alone. `ratio` is ours over the paper's; `why`
+    says why the two differ, or how the quantity was computed. `reduced` is whether it would come
+    out otherwise at full size.
     """
 
+    key: str
     what: str
     where: str
     paper: str
-    ours: str
-    ratio: str
+    paper_value: float | None
+    value: float | None
+    text: str
+    ratio: float | None
     why: str
+    reduced: bool = False
+
+    @property
+    def columns(self) -> tuple[str, str, str, str]:
+        """Texts below all of `COLUMNS` but the first."""
+        ours = f"{self.text} (reduced size)" if self.reduced else self.text
+        return self.paper, ours, "" if self.ratio is None else f"{self.ratio:.2f}", self.why
 
 
 @dataclass(frozen=True)
@@ -142,8 +153,7 @@ def _markdown_section(section: ReportSection, folder: str) -> list[str]:
     if section.rows:
         head = f"| {' | '.join(COLUMNS)} |\n|{'---|' * len(COLUMNS)}"
         rows = "\n".join(
-            _markdown_line(f"{row.what} ({row.where})", row.paper, row.ours, row.ratio, row.why)
-            for row in section.rows
+            _markdown_line(f"{row.what} ({row.where})", *row.columns) for row in section.rows
         )
         parts.append(f"{head}\n{rows}")
     return parts
@@ -218,12 +228,7 @@ def _table(section: ReportSection) -> str:
 
 
 def _row(row: ReportRow) -> str:
-    cells = zip(
-        ("paper", "ours", "ratio", "why"),
-        COLUMNS[1:],
-        (row.paper, row.ours, row.ratio, row.why),
-        strict=True,
-    )
+    cells = zip(("paper", "ours", "ratio", "why"), COLUMNS[1:], row.columns, strict=True)
     values = "".join(
         f'<td class="{kind}" data-head="{escape(head)}">{escape(text)}</td>'
         for kind, head, text in cells

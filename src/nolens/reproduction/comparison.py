@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 from nolens.files.reports import ReportPicture, ReportRow, ReportSection
 from nolens.interrupt import Unfinished
@@ -96,9 +95,10 @@ PAPER: dict[str, Printed] = {
 """By the key that rows of the report have."""
 
 
-@dataclass(frozen=True)
-class Row:
-    """A value that came out here, to stand beside what the paper says.
+def paper_row(
+    key: str, value: float | None, text: str, why: str, *, sized: bool = False
+) -> ReportRow:
+    """A value that came out here, beside what the paper says.
 
     Parameters
     ----------
@@ -113,51 +113,24 @@ class Row:
     sized
         Whether it depends on how much of the sensor is read.
     """
-
-    key: str
-    value: float | None
-    text: str
-    why: str
-    sized: bool = False
-
-    @property
-    def ratio(self) -> float | None:
-        """Value over the paper's."""
-        printed = PAPER[self.key].value
-        return None if self.value is None or printed is None else self.value / printed
-
-    def report_row(self, *, reduced: bool) -> ReportRow:
-        """The row in words; `reduced` is whether less than the whole sensor was read."""
-        printed, ratio = PAPER[self.key], self.ratio
-        return ReportRow(
-            printed.what,
-            printed.where,
-            printed.text,
-            f"{self.text} (reduced size)" if reduced and self.sized else self.text,
-            "" if ratio is None else f"{ratio:.2f}",
-            self.why,
-        )
-
-    def values(self, *, reduced: bool) -> dict[str, Any]:
-        """The row in values that JSON has."""
-        printed = PAPER[self.key]
-        return {
-            "key": self.key,
-            "what": printed.what,
-            "where": printed.where,
-            "paper": printed.text,
-            "paper_value": printed.value,
-            "value": self.value,
-            "text": self.text,
-            "ratio": self.ratio,
-            "why": self.why,
-            "reduced": reduced and self.sized,
-        }
+    printed = PAPER[key]
+    return ReportRow(
+        key=key,
+        what=printed.what,
+        where=printed.where,
+        paper=printed.text,
+        paper_value=printed.value,
+        value=value,
+        text=text,
+        ratio=None if value is None or printed.value is None else value / printed.value,
+        why=why,
+        reduced=sized,
+    )
 
 
-def not_made(keys: tuple[str, ...], reason: str) -> tuple[Row, ...]:
+def not_made(keys: tuple[str, ...], reason: str) -> tuple[ReportRow, ...]:
     """Rows of a figure that this camera cannot give."""
-    return tuple(Row(key, None, "–", f"Not made with this camera: {reason}") for key in keys)
+    return tuple(paper_row(key, None, "–", f"Not made with this camera: {reason}") for key in keys)
 
 
 @dataclass(frozen=True)
@@ -179,33 +152,25 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Section:
+class Content:
     """A figure of the paper, made again: table, pictures that are still to be drawn, and texts."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[ReportRow, ...]
     pictures: tuple[Picture, ...] = ()
     texts: tuple[str, ...] = ()
-    name: str = ""
-    title: str = ""
-
-    def report_section(self, *, reduced: bool) -> ReportSection:
-        """The section with its pictures drawn; `reduced` as for `Row.report_row`."""
-        return ReportSection(
-            self.name,
-            self.title,
-            self.texts,
-            tuple(picture.drawn() for picture in self.pictures),
-            tuple(row.report_row(reduced=reduced) for row in self.rows),
-        )
 
 
-SectionMaker = Callable[[ExperimentSetup, Mapping[str, StepResult]], Section]
+Results = Mapping[str, StepResult]
+"""Of the steps, by name."""
 
 
 def section(
     name: str, title: str, keys: tuple[str, ...] = (), needs: tuple[str, ...] = ()
-) -> Callable[[SectionMaker], SectionMaker]:
-    """Name a section: ``@section(...)`` before the function that makes it of the steps' results.
+) -> Callable[
+    [Callable[[ExperimentSetup, Results], Content]],
+    Callable[[ExperimentSetup, Results], ReportSection],
+]:
+    """Make a section of its content: ``@section(...)`` before the function that gives that.
 
     Parameters
     ----------
@@ -217,14 +182,18 @@ def section(
         Names of these steps.
     """
 
-    def decorate(make: SectionMaker) -> SectionMaker:
+    def decorate(
+        make: Callable[[ExperimentSetup, Results], Content],
+    ) -> Callable[[ExperimentSetup, Results], ReportSection]:
         @wraps(make)
-        def named(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
+        def drawn(setup: ExperimentSetup, results: Results) -> ReportSection:
             refused = [results[step].refused for step in needs]
             reason = next((each for each in refused if each is not None), None)
-            made = make(setup, results) if reason is None else Section(not_made(keys, reason))
-            return replace(made, name=name, title=title)
+            content = make(setup, results) if reason is None else Content(not_made(keys, reason))
+            rows = (replace(row, reduced=row.reduced and setup.reduced) for row in content.rows)
+            pictures = tuple(picture.drawn() for picture in content.pictures)
+            return ReportSection(name, title, content.texts, pictures, tuple(rows))
 
-        return named
+        return drawn
 
     return decorate

@@ -13,6 +13,7 @@ from nolens.camera import develop, exposure_white
 from nolens.evaluate import scale_fit
 from nolens.experiments.virtual_experiment import solved
 from nolens.files.plot_reproduction import Panel, plot_overlay, plot_pictures
+from nolens.files.reports import ReportRow
 from nolens.operators import Region
 from nolens.optics import PointSource
 from nolens.progress import ProgressCallback, part_of, within
@@ -24,7 +25,14 @@ from nolens.refocusing import (
     reduced_um,
     sharpness,
 )
-from nolens.reproduction.comparison import PAPER, Picture, Row, Section, section
+from nolens.reproduction.comparison import (
+    PAPER,
+    Content,
+    Picture,
+    Results,
+    paper_row,
+    section,
+)
 from nolens.reproduction.setup import PINHOLE_UM, TAU, ExperimentSetup
 from nolens.reproduction.steps import Step, StepResult
 from nolens.twin import FieldMap, Plane
@@ -192,7 +200,7 @@ def _halves(arrays: dict[str, Tensor]) -> dict[str, list[float]]:
 
 
 @section("magnification", "Fig. 8a: the PSF at other distances", _MAGNIFIED, ("magnification",))
-def magnification(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
+def magnification(setup: ExperimentSetup, results: Results) -> Content:
     """PSFs at 3, 8 and 20 cm, and beyond 30 cm."""
     figures, camera = results["magnification"].figures, setup.opened.camera
     reduced_mm = figures["reduced_mm"]
@@ -205,7 +213,7 @@ def magnification(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> 
         printed = (PAPER[key].value or 0.0) / 100
         implied_mm = printed / (1 / distance_mm - 1 / _REFERENCE_MM)
         rows.append(
-            Row(
+            paper_row(
                 key,
                 value,
                 f"{value:.2f} %",
@@ -226,7 +234,7 @@ def magnification(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> 
     sensor = camera.sensor
     half_um = max(sensor.rows, sensor.columns) / 2 * sensor.pitch.um
     rows.append(
-        Row(
+        paper_row(
             "magnification 30",
             far,
             f"{far:.2f} %",
@@ -244,11 +252,11 @@ def magnification(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> 
         "The PSF at the middle of the sensor's right edge for a point source at three "
         "distances, binarised and laid over each other as in fig. 8a. Where all agree it is black."
     )
-    return Section(tuple(rows), (Picture("magnification", caption, draw, 100.0),))
+    return Content(tuple(rows), (Picture("magnification", caption, draw, 100.0),))
 
 
 @section("refocus", "Fig. 8b–e: two objects, refocused", _OBJECTS, ("refocus",))
-def refocus(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
+def refocus(setup: ExperimentSetup, results: Results) -> Content:
     """Two objects, each in focus in its own picture."""
     arrays = results["refocus"].arrays
     white = exposure_white(arrays["truth"])
@@ -266,10 +274,10 @@ def refocus(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Sectio
     rows = tuple(
         _object_row(key, number, results["refocus"].figures) for number, key in enumerate(_OBJECTS)
     )
-    return Section(rows, (Picture("refocus", caption, draw),))
+    return Content(rows, (Picture("refocus", caption, draw),))
 
 
-def _object_row(key: str, number: int, figures: Mapping[str, Any]) -> Row:
+def _object_row(key: str, number: int, figures: Mapping[str, Any]) -> ReportRow:
     """Where an object was found, and how much better it comes out with its own PSF."""
     own, other = _OBJECTS_MM[number], _OBJECTS_MM[1 - number]
     found_mm = figures["objects"][number]["found_mm"]
@@ -277,7 +285,7 @@ def _object_row(key: str, number: int, figures: Mapping[str, Any]) -> Row:
     ends = [1e2 / max(1e3 / own + side * half, 1e-9) for side in (1, -1)]
     far = f"{ends[1]:.1f} cm" if ends[1] < 1e4 else "infinity"
     sharp, blurred = (figures["halves"][f"{at:g}"][number] for at in (own, other))
-    return Row(
+    return paper_row(
         key,
         found_mm / 10,
         f"{found_mm / 10:.1f} cm",

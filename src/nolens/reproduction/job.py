@@ -4,7 +4,7 @@ import os
 import platform
 import shutil
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,14 +17,14 @@ from nolens.camera import preset
 from nolens.errors import FileError
 from nolens.files import camera_files, read_camera, readable
 from nolens.files.pdf import write_report_pdf
-from nolens.files.reports import Report, ReportRow, write_report_html, write_report_markdown
+from nolens.files.reports import Report, write_report_html, write_report_markdown
 from nolens.jobs.fields import FilePath, Name, OutputFolderOptions
 from nolens.jobs.options import Option, Written
 from nolens.jobs.run import Clock, Product, Run, Writer, check_memory, job
 from nolens.jobs.sample_pictures import check_sample_pictures
 from nolens.ranges import Between
 from nolens.reproduction import depths, photographs, psf, resolution, thickness
-from nolens.reproduction.comparison import PAPER, Row, SectionMaker
+from nolens.reproduction.comparison import paper_row
 from nolens.reproduction.photographs import SCENES
 from nolens.reproduction.setup import FULL, NEEDED_BY, QUICK, ExperimentSetup
 from nolens.reproduction.steps import Step, StepResult, carry_out
@@ -35,7 +35,7 @@ _STEPS, _PICTURES = "steps", "pictures"
 _RECORD_FILE = "report.json"
 _REPORT_FILES = ("report.html", "report.pdf", _RECORD_FILE, "reproduction.md", "timing.json")
 _TITLE = "The paper's figures, made again"
-_SECTIONS: tuple[SectionMaker, ...] = (
+_SECTIONS = (
     thickness.rays,
     thickness.films,
     psf.psf,
@@ -131,20 +131,18 @@ def reproduce(run: Run[ReproduceOptions]) -> Product[Report]:
     # The reporter was told when the parts could not be made.
     refused = {name: each.refused for name, each in results.items() if each.refused}
     run.warn(*(f"{name}: {reason}" for name, reason in refused.items()), aloud=False)
-    sections = [make(setup, results) for make in _SECTIONS]
-    reduced = setup.reduced
     report = Report(
         _TITLE,
         _subtitle(setup),
         _intro(setup),
-        tuple(each.report_section(reduced=reduced) for each in sections),
+        tuple(make(setup, results) for make in _SECTIONS),
     )
     figures = {
         "camera": opened.camera.name,
         "pixels": list(setup.pixels),
-        "reduced": reduced,
+        "reduced": setup.reduced,
         "seed": options.seed,
-        "rows": [row.values(reduced=reduced) for each in sections for row in each.rows],
+        "rows": [asdict(row) for section in report.sections for row in section.rows],
     }
     return Product(
         report,
@@ -268,19 +266,17 @@ def _timed(report: Report, seconds: Mapping[str, float], machine: str) -> Report
     if not seconds:
         return report
     longest = max(seconds.values())
-    row = Row(
+    row = paper_row(
         "seconds",
         longest,
         f"up to {longest:.0f} s",
         f"The reconstruction alone, three colours, on {machine}: another machine than the "
         "paper's, so the ratio says what a person waits and no more.",
-    ).report_row(reduced=False)
-
-    def exchanged(each: ReportRow) -> ReportRow:
-        return row if each.what == PAPER["seconds"].what else each
+    )
 
     sections = tuple(
-        replace(section, rows=tuple(map(exchanged, section.rows))) for section in report.sections
+        replace(section, rows=tuple(row if each.key == row.key else each for each in section.rows))
+        for section in report.sections
     )
     return replace(report, sections=sections)
 

@@ -1,7 +1,6 @@
 """Fig. 7: photographs of scenes on a screen."""
 
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -14,9 +13,17 @@ from nolens.camera import develop, exposure_white
 from nolens.evaluate import psnr, scale_fit, ssim
 from nolens.experiments.virtual_experiment import SimulatedMeasurement, solved
 from nolens.files.plot_reproduction import Panel, plot_pictures
+from nolens.files.reports import ReportRow
 from nolens.operators import Region
 from nolens.progress import ProgressCallback, within
-from nolens.reproduction.comparison import Picture, Row, Section, not_made, section
+from nolens.reproduction.comparison import (
+    Content,
+    Picture,
+    Results,
+    not_made,
+    paper_row,
+    section,
+)
 from nolens.reproduction.setup import SCREEN_UM, TAU, ExperimentSetup
 from nolens.reproduction.steps import Step, StepResult
 from nolens.solvers import Problem, Progress, Reconstructor
@@ -65,7 +72,7 @@ SCENES = (
 )
 """The paper gives angles for the screen only; its own pictures are not to be had."""
 _SOLVED_AS_PAPER = "7a"
-_SECONDS = Row(
+_SECONDS = paper_row(
     "seconds",
     None,
     "see timing.json",
@@ -183,7 +190,7 @@ def _small(shot: SimulatedMeasurement) -> Tensor:
 
 
 @section("photographs", "Fig. 7: photographs")
-def photographs(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
+def photographs(setup: ExperimentSetup, results: Results) -> Content:
     """All scenes, each with what the paper's way makes of it where that was tried."""
     texts = (
         "The paper's pictures are not to be had: photographs that come with scikit-image stand "
@@ -198,7 +205,7 @@ def photographs(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Se
         "come from. Without an aperture, light from the side comes through mask that the sensor's "
         "own PSF never shows, and a model without it explains the measurement wrongly.",
     )
-    rows: list[Row] = []
+    rows: list[ReportRow] = []
     pictures = []
     for scene in SCENES:
         result = results[f"scene-{scene.name}"]
@@ -209,10 +216,10 @@ def photographs(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Se
         rows.append(_quality_row(key, scene, result))
         pictures.append(_picture(scene, result))
     rows += [_exposure(results), _SECONDS]
-    return Section(tuple(rows), tuple(pictures), texts)
+    return Content(tuple(rows), tuple(pictures), texts)
 
 
-def _quality_row(key: str, scene: Scene, result: StepResult) -> Row:
+def _quality_row(key: str, scene: Scene, result: StepResult) -> ReportRow:
     figures = result.figures
     rows, columns = figures["region"]
     text = f"PSNR {figures['psnr_db']:.1f} dB, SSIM {figures['ssim']:.2f}"
@@ -226,7 +233,7 @@ def _quality_row(key: str, scene: Scene, result: StepResult) -> Row:
             f" Solved as the paper does (captured PSF of the sensor's size, no limit of the "
             f"scene, fixed penalties, τ = 10⁻⁴): {figures['papers_psnr_db']:.1f} dB."
         )
-    return Row(key, None, text, why, sized=True)
+    return paper_row(key, None, text, why, sized=True)
 
 
 def _picture(scene: Scene, result: StepResult) -> Picture:
@@ -260,7 +267,7 @@ def _stretched(measurement: Tensor, truth: Tensor) -> Tensor:
     return (_GREY * (1 + _STRETCH * (part / mean - 1))).clamp(0, 1)
 
 
-def _exposure(results: Mapping[str, StepResult]) -> Row:
+def _exposure(results: Results) -> ReportRow:
     """What exposure a screen of usual brightness needs."""
     exposures = [
         results[f"scene-{scene.name}"].figures["exposure_cd_s_m2"]
@@ -268,10 +275,10 @@ def _exposure(results: Mapping[str, StepResult]) -> Row:
         if scene.name in _ON_SCREEN and results[f"scene-{scene.name}"].refused is None
     ]
     if not exposures:
-        return Row("exposure", None, "–", "No screen could be photographed with this camera.")
+        return paper_row("exposure", None, "–", "No screen could be photographed with this camera.")
     low, high = (1e3 * each / _SCREEN_CD_M2 for each in (min(exposures), max(exposures)))
     dim, bright = (1e3 * min(exposures) / each for each in (_PAPERS_MS[1], _PAPERS_MS[0]))
-    return Row(
+    return paper_row(
         "exposure",
         None,
         f"{low:.0f} ms (60°) to {high:.0f} ms (30°) at {_SCREEN_CD_M2:g} cd/m²",

@@ -1,7 +1,6 @@
 """Fig. 5: the PSF, its autocorrelation and its spectrum."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import asdict
 from functools import partial
 
@@ -11,7 +10,13 @@ from nolens.camera import RandomLenslets, develop
 from nolens.evaluate import PsfFigures, psf_figures
 from nolens.files.plot_measurements import write_psf_plot
 from nolens.progress import ProgressCallback
-from nolens.reproduction.comparison import Picture, Row, Section, section
+from nolens.reproduction.comparison import (
+    Content,
+    Picture,
+    Results,
+    paper_row,
+    section,
+)
 from nolens.reproduction.setup import ExperimentSetup
 from nolens.reproduction.steps import Step, StepResult
 
@@ -42,14 +47,14 @@ def _captured(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult:
 
 
 @section("psf", "Fig. 5: the PSF", ("width", "line", "pitch", "mtf"), ("psf",))
-def psf(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
+def psf(setup: ExperimentSetup, results: Results) -> Content:
     """Figures of one frame of the point source."""
     figures = TypeAdapter(PsfFigures).validate_python(results["psf"].figures)
     width, pitch = figures.fwhm_over_mean_um, figures.pitch_um
     line = width / math.sqrt(2)
     spread = _directions_differ(figures)
     rows = (
-        Row(
+        paper_row(
             "width",
             width,
             f"{width:.2f} µm",
@@ -57,8 +62,8 @@ def psf(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
             f"averaged; counted from the valley beside the peak it is {figures.fwhm_um:.1f} µm. "
             "The paper does not say which it takes.",
         ),
-        Row("line", line, f"{line:.2f} µm", "The row above over √2."),
-        Row(
+        paper_row("line", line, f"{line:.2f} µm", "The row above over √2."),
+        paper_row(
             "pitch",
             pitch,
             "no second peak" if pitch is None else f"{pitch:.1f} µm",
@@ -70,7 +75,7 @@ def psf(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
                 else f", which the paper draws and which gives {figures.row_pitch_um:.1f} µm here."
             ),
         ),
-        Row(
+        paper_row(
             "mtf",
             None,
             f"equal within {100 * spread:.0f} %",
@@ -92,7 +97,7 @@ def psf(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
         "pixels to a superpixel, all colours together: the PSF, its autocorrelation and its "
         "spectrum."
     )
-    return Section(rows, (Picture("psf", caption, draw),))
+    return Content(rows, (Picture("psf", caption, draw),))
 
 
 def _described(setup: ExperimentSetup) -> str:

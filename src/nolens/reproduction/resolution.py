@@ -30,10 +30,18 @@ from nolens.files.plot_measurements import (
     write_angles_plot,
     write_dots_plot,
 )
+from nolens.files.reports import ReportRow
 from nolens.operators import Region
 from nolens.optics import PointSource
 from nolens.progress import ProgressCallback, within
-from nolens.reproduction.comparison import PAPER, Picture, Row, Section, section
+from nolens.reproduction.comparison import (
+    PAPER,
+    Content,
+    Picture,
+    Results,
+    paper_row,
+    section,
+)
 from nolens.reproduction.setup import PINHOLE_UM, SCREEN_UM, TAU, ExperimentSetup
 from nolens.reproduction.steps import Step, StepResult
 
@@ -170,7 +178,7 @@ def _read_star(result: StepResult) -> StarResolution:
 
 
 @section("two-points", "Fig. 6a: two points", ("two points",), ("two-points",))
-def two_points(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
+def two_points(setup: ExperimentSetup, results: Results) -> Content:
     """The smallest angle between two points with a dip between them."""
     points = _read_points(results["two-points"])
     value = points.resolved.value
@@ -178,7 +186,7 @@ def two_points(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Sec
     text = "–" if value is None else f"{value:.2f}°" + ("" if off is None else f" ± {off:.2f}°")
     twin = setup.preview
     pixel_deg = math.degrees(math.atan(twin.pixel_um / twin.stack().reduced_um))
-    row = Row(
+    row = paper_row(
         "two points",
         value,
         text,
@@ -195,17 +203,17 @@ def two_points(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Sec
         "separation."
     )
     picture = Picture("two-points", caption, partial(draw_two_points, points), 150.0)
-    return Section((row,), (picture,))
+    return Content((row,), (picture,))
 
 
 @section("siemens", "Fig. 6b: a Siemens star", ("siemens",), ("siemens",))
-def siemens(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
+def siemens(setup: ExperimentSetup, results: Results) -> Content:
     """The smallest pair of spokes that is resolved in all directions."""
     figures = results["siemens"].figures
     star = _read_star(results["siemens"])
     value = figures["resolved_deg"]
     best = min(figures["by_direction_deg"].values())
-    row = Row(
+    row = paper_row(
         "siemens",
         value,
         f"{value:.2f}° ± {figures['plus_minus_deg']:.2f}°",
@@ -220,7 +228,7 @@ def siemens(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Sectio
     )
     caption = "The star as it is reconstructed, its contrast by frequency and direction."
     picture = Picture("siemens", caption, partial(draw_star, star), 165.0)
-    return Section((row,), (picture,))
+    return Content((row,), (picture,))
 
 
 def _field_steps(setup: ExperimentSetup) -> tuple[Step, ...]:
@@ -313,7 +321,7 @@ def _dots(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult:
 
 
 @section("off-axis", "Fig. 6c: PSFs from the side", (*_LEVELS, "overlap"), ("off-axis",))
-def off_axis_psfs(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
+def off_axis_psfs(setup: ExperimentSetup, results: Results) -> Content:
     """How alike PSFs from the side are to the central one."""
     measured = results["off-axis"].figures["off_axis"]
     curves = {name: [each[name] for each in measured] for name in measured[0]}
@@ -327,7 +335,7 @@ def off_axis_psfs(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> 
             f"{_where(level, at, exposed, papers_deg)} at one exposure; "
             f"{_where(level, at, frames, papers_deg)} by each frame's own norm"
         )
-        rows.append(Row(key, falls_to(level, at, exposed), text, why, sized=True))
+        rows.append(paper_row(key, falls_to(level, at, exposed), text, why, sized=True))
     rows.append(_overlap(setup))
     caption = (
         "Peak of the cross-correlation with the central PSF by angle: of the frames, each by its "
@@ -340,7 +348,7 @@ def off_axis_psfs(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> 
         rays=ray_curves(setup.preview, at[-1], SCREEN_UM),
         levels=tuple(_LEVELS.values()),
     )
-    return Section(tuple(rows), (Picture("off-axis", caption, draw, 165.0),))
+    return Content(tuple(rows), (Picture("off-axis", caption, draw, 165.0),))
 
 
 def _where(level: float, at: list[float], values: list[float], papers_deg: float) -> str:
@@ -364,7 +372,7 @@ def _reasons(at: list[float], overlap: list[float]) -> tuple[str, str]:
     )
 
 
-def _overlap(setup: ExperimentSetup) -> Row:
+def _overlap(setup: ExperimentSetup) -> ReportRow:
     """By the chief ray over the whole sensor, whatever part of it is read."""
     sensor = setup.opened.camera.sensor
     tangent = math.tan(math.radians(_OVERLAP_DEG))
@@ -372,7 +380,7 @@ def _overlap(setup: ExperimentSetup) -> Row:
     width_mm, height_mm = (count * sensor.pitch.mm for count in (sensor.columns, sensor.rows))
     wide, high = 100 * moved_mm / width_mm, 100 * moved_mm / height_mm
     printed = (PAPER["overlap"].value or 0.0) / 100
-    return Row(
+    return paper_row(
         "overlap",
         wide,
         f"{wide:.1f} % of the width, {high:.1f} % of the height",
@@ -385,14 +393,14 @@ def _overlap(setup: ExperimentSetup) -> Row:
 
 
 @section("dots", "Fig. 6d: a grid of dots", ("dots clear", "dots lost"), ("dots",))
-def dots(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
+def dots(setup: ExperimentSetup, results: Results) -> Content:
     """Up to which angle dots are clear, and from which they are lost."""
     figures = results["dots"].figures
     listed = [Dot(**each) for each in figures["dots"]]
     extent = setup.size.dot_extent_deg
     good, lost = figures["good_deg"], figures["lost_deg"]
     rows = (
-        Row(
+        paper_row(
             "dots clear",
             None if good is None else 2 * good,
             "none" if good is None else f"{2 * good:.0f}°",
@@ -401,7 +409,7 @@ def dots(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
             "the light expected there. The paper judges by eye.",
             sized=True,
         ),
-        Row(
+        paper_row(
             "dots lost",
             None if lost is None else 2 * lost,
             f"beyond {2 * extent:.0f}°" if lost is None else f"{2 * lost:.0f}°",
@@ -427,7 +435,7 @@ def dots(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
         lost_deg=lost,
     )
     texts = (_pitch_text(figures["papers_pitch"]),)
-    return Section(rows, (Picture("dots", caption, draw),), texts)
+    return Content(rows, (Picture("dots", caption, draw),), texts)
 
 
 def _left(dots: list[Dot], lost_deg: float | None) -> str:

@@ -1,6 +1,5 @@
 """Fig. 2c: the thickness of the film, and the sharpest of some."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -12,11 +11,19 @@ from nolens.camera import Camera
 from nolens.design.focus import depth_of_focus_um, lenslet_aperture
 from nolens.evaluate import pattern_figures
 from nolens.files.plot_reproduction import plot_films
+from nolens.files.reports import ReportRow
 from nolens.jobs.designing.thickness import ThicknessOptions, design_thickness
 from nolens.jobs.run import Reporter
 from nolens.progress import ProgressCallback, part_of
 from nolens.quantities import Length
-from nolens.reproduction.comparison import PAPER, Picture, Row, Section, section
+from nolens.reproduction.comparison import (
+    PAPER,
+    Content,
+    Picture,
+    Results,
+    paper_row,
+    section,
+)
 from nolens.reproduction.setup import ExperimentSetup
 from nolens.reproduction.steps import Step, StepResult
 from nolens.twin import relief_points
@@ -155,13 +162,13 @@ def _middle(psf: Tensor) -> Tensor:
 
 
 @section("thickness", "Fig. 2a, b: how thick the replica must be", _BY_RAYS, ("thickness",))
-def rays(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
+def rays(setup: ExperimentSetup, results: Results) -> Content:
     """Radius and thickness by ray matrices."""
     figures = results["thickness"].figures
     radius, printed = figures["radius_mm"]["value"], figures["printed_radius_mm"]
     replicas: dict[str, Any] = figures["replicas"]
     rows = [
-        Row(
+        paper_row(
             "radius",
             radius,
             f"{radius:.3f} mm",
@@ -170,7 +177,7 @@ def rays(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
         ),
     ]
     rows.append(
-        Row(
+        paper_row(
             "radius printed",
             printed,
             "–" if printed is None else f"{printed:.3f} mm",
@@ -183,13 +190,13 @@ def rays(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
         by_print = replicas[name]["printed_thickness_mm"]
         also = "" if by_print is None else f" With the R of eq. 3 as printed: {by_print:.2f} mm."
         rows += [
-            Row(
+            paper_row(
                 f"thickness {name}",
                 exact["value"],
                 f"{exact['value']:.2f} mm",
                 f"Eq. 5 from the R above.{also}",
             ),
-            Row(
+            paper_row(
                 f"± {name}",
                 exact["plus_minus"],
                 f"{exact['plus_minus']:.2f} mm",
@@ -198,16 +205,16 @@ def rays(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
             ),
         ]
     rows += _lenslet(figures["master"], replicas["pua311"])
-    return Section(tuple(rows))
+    return Content(tuple(rows))
 
 
-def _lenslet(master: dict[str, float], replica: dict[str, Any]) -> list[Row]:
+def _lenslet(master: dict[str, float], replica: dict[str, Any]) -> list[ReportRow]:
     """Focal length, NA and depth of focus of one lenslet of the master film."""
     focal, aperture = master["focal_length_mm"], master["aperture"]
     depth = master["depth_of_focus_mm"]
     others = {name: replica[name]["value"] for name in ("index", "focal_length_mm", "aperture")}
     return [
-        Row(
+        paper_row(
             "focal length",
             focal,
             f"{focal:.2f} mm",
@@ -215,14 +222,14 @@ def _lenslet(master: dict[str, float], replica: dict[str, Any]) -> list[Row]:
             "what the sentence is about, and the paper rounds it. The replica in PUA 311 "
             f"(n′ = {others['index']:.2f}) has {others['focal_length_mm']:.2f} mm.",
         ),
-        Row(
+        paper_row(
             "aperture",
             aperture,
             f"{aperture:.3f}",
             "Half the pitch over the focal length above. With the 1 mm and half of 69.75 µm it is "
             f"0.035. A lenslet of the replica has {others['aperture']:.3f}.",
         ),
-        Row(
+        paper_row(
             "depth of focus",
             depth,
             f"{depth:.2f} mm",
@@ -238,7 +245,7 @@ def _lenslet(master: dict[str, float], replica: dict[str, Any]) -> list[Row]:
     ("film", "film width"),
     ("films", "thickness"),
 )
-def films(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
+def films(setup: ExperimentSetup, results: Results) -> Content:
     """Films of PDMS: how sharp their PSFs are."""
     figures, arrays = results["films"].figures, results["films"].arrays
     widths = dict(zip(figures["thicknesses_mm"], figures["widths_um"], strict=True))
@@ -248,7 +255,7 @@ def films(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
     sharp = [each for each, width in widths.items() if width <= 1.05 * widths[sharpest]]
     beside = "" if at_paper is None else f" At 1.25 mm it is {at_paper:.2f} µm."
     rows = (
-        Row(
+        paper_row(
             "film",
             sharpest,
             f"{sharpest:g} mm",
@@ -257,7 +264,7 @@ def films(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
             f"sharpest says little. The paper's own t′ is 1.44 mm, and 1.25 mm was the best of "
             "the films that it made, whose other thicknesses it does not give.",
         ),
-        Row(
+        paper_row(
             "film width",
             widths[sharpest],
             f"{widths[sharpest]:.2f} µm",
@@ -280,4 +287,4 @@ def films(setup: ExperimentSetup, results: Mapping[str, StepResult]) -> Section:
         "brightest spot; below, the FWHM of the PSF's autocorrelation. The line and the band are "
         "t′ by ray matrices and its ±."
     )
-    return Section(rows, (Picture("films", caption, draw, 165.0),))
+    return Content(rows, (Picture("films", caption, draw, 165.0),))
