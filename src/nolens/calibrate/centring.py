@@ -1,7 +1,6 @@
 """The place of a PSF: centred, laid over the PSF of another distance, or as it was captured."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -13,6 +12,7 @@ from nolens.calibrate.point_psf import PointPsf
 from nolens.calibrate.registration import NEARBY, Shift, register
 from nolens.camera import PsfEntry
 from nolens.errors import DataError
+from nolens.progress import ProgressCallback
 from nolens.quantities import Angle
 
 _LEAST_ALIKE = 0.4
@@ -71,7 +71,7 @@ def place_psf(
     angle: tuple[Angle, Angle] = _AHEAD,
     layers: Layers | None = None,
     reference: ReferencePsf | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: ProgressCallback | None = None,
 ) -> PlacedPsf:
     """Bring a PSF into its place.
 
@@ -131,7 +131,7 @@ def _on_reference(
     layers: Layers | None,
     pixel_um: float,
     reference: ReferencePsf,
-    progress: Callable[[float], None] | None,
+    progress: ProgressCallback | None,
 ) -> PlacedPsf:
     """The PSF where it lies on that of another distance; checked against what the layers say."""
     entry, expected = reference.entry, None

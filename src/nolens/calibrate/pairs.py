@@ -7,12 +7,13 @@ from typing import Any
 import torch
 
 from nolens.calibrate.known_scenes import KnownScenes
-from nolens.calibrate.psf_from_scenes import OnProgress, SolvedPsf, psf_from_scenes, unexplained
+from nolens.calibrate.psf_from_scenes import SolvedPsf, psf_from_scenes, unexplained
 from nolens.camera import Measurement
 from nolens.errors import DataError
 from nolens.evaluate import affine_fit, psnr, ssim
 from nolens.operators import Region
-from nolens.solvers import Progress, Reconstructor
+from nolens.progress import ProgressCallback, part_of, within
+from nolens.solvers import Reconstructor
 
 _LARGEST = 3
 _SMALLEST = 16
@@ -85,7 +86,7 @@ class KnownPairs:
         return math.prod(self._scenes.extent) * len(self._scenes.measured) * _BYTES_PER_PIXEL
 
     def solve(
-        self, *, without: str | None = None, progress: OnProgress | None = None
+        self, *, without: str | None = None, progress: ProgressCallback | None = None
     ) -> list[SolvedPsf]:
         """A PSF for each group of channels that has one in common, of all pairs but one.
 
@@ -94,15 +95,13 @@ class KnownPairs:
         DataError
             If no PSF explains the measurements.
         """
-        names, solutions = [name for name in self.names if name != without], []
-        for number, group in enumerate(self._groups):
-
-            def advance(fraction: float, number: int = number) -> None:
-                if progress is not None:
-                    progress((number + fraction) / len(self._groups))
-
-            solutions.append(psf_from_scenes(self._known(names, group), progress=advance))
-        return solutions
+        names = [name for name in self.names if name != without]
+        return [
+            psf_from_scenes(
+                self._known(names, group), progress=part_of(progress, number, len(self._groups))
+            )
+            for number, group in enumerate(self._groups)
+        ]
 
     def figures(self, solutions: list[SolvedPsf]) -> list[dict[str, Any]]:
         """What the solution says of each pair, channel by channel, in values that JSON has."""
@@ -122,14 +121,12 @@ class KnownPairs:
             for number, name in enumerate(self.names)
         ]
 
-    def left_out(self, name: str, progress: OnProgress) -> dict[str, Any]:
+    def left_out(self, name: str, progress: ProgressCallback) -> dict[str, Any]:
         """How well a pair is explained and reconstructed with the PSF of the others.
 
         The reconstruction is fitted to the picture; pictures below 11 pixels have no SSIM.
         """
-        solutions = self.solve(
-            without=name, progress=lambda fraction: progress(_PSF_FRACTION * fraction)
-        )
+        solutions = self.solve(without=name, progress=within(progress, 0.0, _PSF_FRACTION))
         psf = torch.stack([each.psf for each in solutions])
         residual = torch.cat(
             [
@@ -137,12 +134,11 @@ class KnownPairs:
                 for group, plane in zip(self._groups, psf, strict=True)
             ]
         )
-
-        def advance(step: Progress) -> None:
-            progress(_PSF_FRACTION + (1 - _PSF_FRACTION) * step.iteration / _ITERATIONS)
-
+        advance = within(progress, _PSF_FRACTION, 1 - _PSF_FRACTION)
         reconstructor = Reconstructor(psf, self._scenes.region, _TAU).for_iterations(_ITERATIONS)
-        scene = reconstructor.solve(self._measured[name], callback=advance).scene
+        scene = reconstructor.solve(
+            self._measured[name], callback=lambda step: advance(step.iteration / _ITERATIONS)
+        ).scene
         truth = self._known([name], list(range(len(self.channels)))).scenes
         peak = float(truth.max())
         fitted = affine_fit(scene, truth).clamp(0, peak)

@@ -1,7 +1,7 @@
 """The PSF of a point source's frames: without stray light, with its noise and usable band."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -22,6 +22,7 @@ from nolens.calibrate.frames import FrameMean
 from nolens.camera import Sensor
 from nolens.errors import DataError
 from nolens.kernels import rfft2
+from nolens.progress import ProgressCallback, within
 
 StrayLight = Literal["auto", "none", "floor"]
 """Fitted where an aperture leaves a dark area, left in, or taken to be the darkest light."""
@@ -379,7 +380,7 @@ def point_psf(
     sensor: Sensor | None = None,
     stray: StrayLight = "auto",
     as_is: bool = False,
-    progress: Callable[[float], None] | None = None,
+    progress: ProgressCallback | None = None,
 ) -> PointPsf:
     """Make a PSF of the frames of one point source.
 
@@ -413,7 +414,7 @@ def point_psf(
             f"{first.source} is {first.size_text} pixels, too small for a PSF: give frames of at "
             f"least {_SMALLEST}×{_SMALLEST}"
         )
-    advance = progress or (lambda fraction: None)
+    advance = within(progress, 0.0, 1.0)
     advance(0.0)
     means = {time: Exposure.of(mean, time, darks.get(time)) for time, mean in exposures.items()}
     noise = noise_of_frames(exposures, means, sensor)

@@ -1,7 +1,6 @@
 """The PSF that explains measurements of known scenes best."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +13,7 @@ from nolens.calibrate.known_scenes import KnownScenes, ManyScenes, Weights, over
 from nolens.errors import DataError
 from nolens.kernels import irfft2, rfft2
 from nolens.operators import FiniteDifference
+from nolens.progress import ProgressCallback, part_of, within
 
 TAU = 8e-5
 """Weight of the total variation: of the largest gradient of the residual at p = 0, for each pixel
@@ -31,7 +31,6 @@ _BLUR = 16
 _FAINT = 0.2
 _SMALL = 0.05
 _HALF = 0.5
-OnProgress = Callable[[float], None]
 
 
 class PsfSolver:
@@ -80,7 +79,7 @@ class PsfSolver:
         steps: int,
         *,
         start: Tensor | None = None,
-        progress: OnProgress | None = None,
+        progress: ProgressCallback | None = None,
     ) -> Tensor:
         """Do so many steps of ADMM.
 
@@ -247,7 +246,7 @@ def psf_from_scenes(
     support: Tensor | None = None,
     tau: float = TAU,
     steps: int = STEPS,
-    progress: OnProgress | None = None,
+    progress: ProgressCallback | None = None,
 ) -> SolvedPsf:
     """Solve one PSF from all measurements together: crop-aware and non-negative.
 
@@ -277,20 +276,20 @@ def psf_from_scenes(
     DataError
         If no PSF explains the measurements.
     """
-    advance, start = progress or (lambda fraction: None), None
+    start = None
     if support is None:
-        support, start = _coarse_solution(known, tau, advance)
+        support, start = _coarse_solution(known, tau, progress)
     rows, columns = _around(support)
     inner = slice(*rows), slice(*columns)
-    within = support[inner].float()
-    solver = PsfSolver(known, over_the_field(known), within, tau)
+    cropped = support[inner].float()
+    solver = PsfSolver(known, over_the_field(known), cropped, tau)
     psfs = solver.solve(
         steps,
         start=None if start is None else start[inner],
-        progress=lambda fraction: advance(_COARSE_FRACTION + 0.8 * fraction),
+        progress=within(progress, _COARSE_FRACTION, 0.8),
     )
     varying = solver.residual(psfs)
-    alone = PsfSolver(known, None, within)
+    alone = PsfSolver(known, None, cropped)
     mean = psfs[:1] * alone.fit_gains(psfs[:1])
     residual = alone.residual(mean)
     mean, gains = alone.unscaled(mean)
@@ -313,7 +312,9 @@ def unexplained(known: KnownScenes, psf: Tensor) -> Tensor:
     return solver.residual(psf[None] * solver.fit_gains(psf[None]))
 
 
-def _coarse_solution(known: KnownScenes, tau: float, progress: OnProgress) -> tuple[Tensor, Tensor]:
+def _coarse_solution(
+    known: KnownScenes, tau: float, progress: ProgressCallback | None
+) -> tuple[Tensor, Tensor]:
     """Where the PSF has light, and roughly how much, on the pixels of the scenes."""
     by = max(1, min(known.sensor) // _COARSE)
     coarse = known.binned(by)
@@ -323,7 +324,7 @@ def _coarse_solution(known: KnownScenes, tau: float, progress: OnProgress) -> tu
         psf = solver.solve(_COARSE_STEPS, start=psf)[0]
         support = _lit(psf, min(coarse.sensor) / _BLUR)
         psf = psf * support
-        progress(_COARSE_FRACTION * (number + 1) / _ROUNDS)
+        part_of(within(progress, 0.0, _COARSE_FRACTION), number, _ROUNDS)(1.0)
     assert psf is not None
     fine = [_refined(each, by, known.extent) for each in (support, psf)]
     if not bool((fine[0] >= _HALF).any()):

@@ -1,7 +1,6 @@
 """Where one PSF lies on another: the shift of overlapping parts, and shift with magnification."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +12,7 @@ from scipy import fft, ndimage
 from torch import Tensor
 
 from nolens.kernels import irfft2, rfft2
+from nolens.progress import ProgressCallback
 
 Plane = NDArray[np.float64]
 Shift = tuple[float, float]
@@ -204,7 +204,7 @@ def register(
     reference: Tensor,
     *,
     magnification: float | tuple[float, float] = NEARBY,
-    progress: Callable[[float], None] | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Registration:
     r"""Find shift and magnification of a PSF against another one.
 

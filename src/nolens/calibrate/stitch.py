@@ -1,7 +1,7 @@
 """One extended PSF of several that were captured at angles: where, how bright, and merged."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
@@ -17,6 +17,7 @@ from nolens.calibrate.registration import Match, Plane, Shift, fine_structure, m
 from nolens.camera import Camera
 from nolens.camera.measurement import bin_mean
 from nolens.errors import DataError, OptionError
+from nolens.progress import ProgressCallback
 from nolens.quantities import Angle
 from nolens.twin import LARGEST_ANGLE_DEG
 
@@ -190,7 +191,7 @@ class Placement:
 
 
 def locate(
-    captures: list[Capture], reference: int, progress: Callable[[float], None] | None = None
+    captures: list[Capture], reference: int, progress: ProgressCallback | None = None
 ) -> Placement:
     r"""Find where captures lie against one of them; the first half of `stitch`.
 
@@ -387,7 +388,7 @@ def stitch(
     captures: list[Capture],
     placement: Placement,
     reference: int,
-    progress: Callable[[float], None] | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Stitched:
     r"""Merge captures in the frame of the chief ray.
 

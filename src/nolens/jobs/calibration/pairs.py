@@ -1,6 +1,6 @@
 """`nolens calibrate pairs`: a PSF from measurements of known pictures."""
 
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -27,6 +27,7 @@ from nolens.jobs.fields import INPUT, Black, Dark, FilePath, Mosaic, White, Wind
 from nolens.jobs.options import Option
 from nolens.jobs.reconstruction.options import parse_window
 from nolens.jobs.run import Product, Run, check_memory, job
+from nolens.progress import part_of
 
 _PAIRS = "Pairs"
 
@@ -235,13 +236,13 @@ def calibrate_pairs(run: Run[CalibratePairsOptions]) -> Product[Tensor]:
     check_memory(needed, run.device, "fewer or smaller pictures need less")
     run.begin(needed)
     checked = list(files) if options.check else []
-
-    def progress(number: int) -> Callable[[float], None]:
-        return lambda part: run.reporter.advance("PSF", (number + part) / (1 + len(checked)))
-
-    solutions = pairs.solve(progress=progress(0))
+    advance, parts = partial(run.reporter.advance, "PSF"), 1 + len(checked)
+    solutions = pairs.solve(progress=part_of(advance, 0, parts))
     psf = torch.stack([each.psf for each in solutions])
-    checks = [pairs.left_out(name, progress(1 + number)) for number, name in enumerate(checked)]
+    checks = [
+        pairs.left_out(name, part_of(advance, number, parts))
+        for number, name in enumerate(checked, start=1)
+    ]
     rows = pairs.figures(solutions)
     run.warn(*pair_warnings(rows))
     figures = {

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -32,6 +33,7 @@ from nolens.jobs.calibration.folder import (
 from nolens.jobs.fields import CAMERAS, Exposure, FieldAngles, FilePath, Files, Mosaic, Name
 from nolens.jobs.options import Option
 from nolens.jobs.run import Product, Reporter, Run, Writer, check_memory, job
+from nolens.progress import ProgressCallback, within
 from nolens.quantities import Angle, Length
 
 _SOURCE, _FRAMES = "Point source", "Frames"
@@ -241,7 +243,7 @@ def _placed(
     layers: Layers | None,
     psfs: PsfSet | None,
     pixel_um: float,
-    reporter: Reporter,
+    progress: ProgressCallback,
 ) -> PlacedPsf:
     """The PSF in its place, beside those of the folder; one that is finished stays as it is."""
     entry, reference = _reference(options, psfs), None
@@ -266,9 +268,7 @@ def _placed(
         angle=options.angle,
         layers=layers,
         reference=reference,
-        progress=lambda fraction: reporter.advance(
-            "PSF", _MERGED_FRACTION + (1 - _MERGED_FRACTION) * fraction
-        ),
+        progress=progress,
     )
 
 
@@ -299,6 +299,7 @@ def calibrate_point(run: Run[CalibratePointOptions]) -> Product[Tensor]:
     needed = point_psf_bytes(frames.first.counts.numel(), len(frames.means))
     check_memory(needed, run.device, "frames of fewer exposure times need less")
     run.begin(needed)
+    advance = partial(reporter.advance, "PSF")
     point = point_psf(
         frames.means,
         darks,
@@ -306,10 +307,11 @@ def calibrate_point(run: Run[CalibratePointOptions]) -> Product[Tensor]:
         stray=options.stray_light,
         sensor=sensor,
         as_is=options.as_is,
-        progress=lambda fraction: reporter.advance("PSF", _MERGED_FRACTION * fraction),
+        progress=within(advance, 0.0, _MERGED_FRACTION),
     )
-    placed = _placed(point, options, layers, psfs, pixel.um, reporter)
-    reporter.advance("PSF", 1.0)
+    rest = within(advance, _MERGED_FRACTION, 1 - _MERGED_FRACTION)
+    placed = _placed(point, options, layers, psfs, pixel.um, rest)
+    advance(1.0)
 
     usable = point.usable_per_mm
     entry = PsfEntry(
