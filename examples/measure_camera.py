@@ -5,6 +5,7 @@
 
 # %%
 import nolens as nl
+from nolens.experiments.off_axis import peak_correlation
 
 camera = nl.Camera("small")
 frames = [nl.simulate_point(camera, "300mm", seed=seed) for seed in range(4)]
@@ -19,5 +20,5 @@ correlation = {}
 ahead = nl.psf(camera, "300mm", wavelengths=1).values[1]
 for degrees in (2, 4, 6):
     side = nl.psf(camera, "300mm", angle=(f"{degrees}deg", "0deg"), wavelengths=1).values[1]
-    correlation[degrees] = nl.evaluate.peak_correlation(ahead, side).frame
+    correlation[degrees] = peak_correlation(ahead, side).frame
 print(correlation)

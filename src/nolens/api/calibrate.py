@@ -146,8 +146,8 @@ def stitch_psfs(
         )
         for angle, values in parsed
     ]
-    with reported(progress, "overlaps") as tick:
-        placement = locate(captures, ahead[0], tick)
+    with reported(progress, "overlaps") as report:
+        placement = locate(captures, ahead[0], report)
     result = merged(captures, placement, ahead[0])
     sensor = captures[0].psf.shape[-2], captures[0].psf.shape[-1]
     channels = next(iter(psfs.values())).channels

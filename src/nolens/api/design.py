@@ -44,8 +44,8 @@ def design_mask(
     chosen = mask_kind(kind).gather(
         {"device": camera.device.type, **options, "output": Path("unused")}
     )
-    with reported(progress, "mask") as tick:
-        made = chosen.mask(chosen.blank(camera.opened, _Ticking(tick)))
+    with reported(progress, "mask") as report:
+        made = chosen.mask(chosen.blank(camera.opened, _CallbackReporter(report)))
     return Camera(made.opened, pixels=camera.pixels, device=camera.device)
 
 
@@ -102,15 +102,15 @@ def design_thickness(camera: str | Path = "paper", **options: Any) -> ThicknessD
     return ThicknessDesign(thickness_summary(chosen, designs), Camera(replica))
 
 
-class _Ticking(Reporter):
+class _CallbackReporter(Reporter):
     """Passes on what fraction of the work is done."""
 
-    def __init__(self, tick: Callable[[float], None]) -> None:
-        self._tick = tick
+    def __init__(self, report: Callable[[float], None]) -> None:
+        self._report = report
 
     def advance(self, what: str, share: float) -> None:
-        self._tick(share)
+        self._report(share)
 
     def step(self, what: str, done: int, limit: int, kept: str) -> bool:
-        self._tick(done / limit)
+        self._report(done / limit)
         return False

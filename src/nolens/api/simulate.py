@@ -221,8 +221,8 @@ def psf(
     )
     _check_memory(camera, pattern, "a smaller size or a camera that reads fewer pixels")
     bench = VirtualExperiment(camera.twin, Light(light), wavelengths)
-    with reported(progress, "PSF") as tick:
-        values = bench.psf(source, size, tick)
+    with reported(progress, "PSF") as report:
+        values = bench.psf(source, size, report)
     if not float(values.max()) > 0:
         raise DataError(
             f"no light from {source.angle_deg:.4g} deg off the axis reaches these pixels: choose a "
@@ -260,9 +260,9 @@ def simulate_point(
         If a quantity or the light cannot be used.
     """
     bench = VirtualExperiment(camera.twin, Light(light), wavelengths)
-    with reported(progress, "point source") as tick:
+    with reported(progress, "point source") as report:
         return bench.point(
-            source_of(distance, angle, diameter), fill=fill, seed=seed, progress=tick
+            source_of(distance, angle, diameter), fill=fill, seed=seed, progress=report
         )
 
 
@@ -322,8 +322,8 @@ def simulate(
     working = irradiate_bytes(bare, (plane,), field_points, colours)
     _check_memory(camera, working, "a smaller angle or a camera that reads fewer pixels")
     bench = VirtualExperiment(camera.twin, Light(light), wavelengths, field_points)
-    with reported(progress, "measurement") as tick:
-        shot = bench.measure((plane,), fill=fill, seed=seed, progress=tick)
+    with reported(progress, "measurement") as report:
+        shot = bench.measure((plane,), fill=fill, seed=seed, progress=report)
     values = develop(shot.frame).values
     return SimulatedMeasurement(
         values, camera.channels, shot.frame, shot.truth, shot.response, shot.region
