@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from torch import Tensor
 
-from nolens.kernels import apply_transfer_, transfer
+from nolens.kernels import LayerTransfer, apply_transfer_, transfer
 from nolens.optics import transmittance
 
 Pair = tuple[int, int]
@@ -70,12 +70,14 @@ class Case:
         )
         return turned
 
-    def arguments(self, device: str = "cpu") -> tuple[object, ...]:
+    def arguments(self, device: str = "cpu") -> tuple[Tensor, LayerTransfer]:
         transverse, linear = (
             tuple(each.to(device) for each in pair) for pair in (self.transverse, self.linear)
         )
         spectrum = self.spectrum.clone().to(device)
-        return spectrum, transverse, linear, self.lengths, self.squared, self.limit, self.media
+        return spectrum, LayerTransfer(
+            transverse, linear, self.lengths, self.squared, self.limit, self.media
+        )
 
 
 def _same(got: Tensor, expected: NDArray[np.complex128]) -> None:
@@ -94,8 +96,8 @@ def _same(got: Tensor, expected: NDArray[np.complex128]) -> None:
 def test_against_complex128(shape, layers, seed):
     case = Case.random(shape, layers, seed)
     expected = case.expected()
-    spectrum, *rest = case.arguments()
-    got = apply_transfer_(spectrum, *rest)
+    spectrum, layers_transfer = case.arguments()
+    got = apply_transfer_(spectrum, layers_transfer)
     assert got.data_ptr() == spectrum.data_ptr()
     _same(got, expected)
     _same(transfer._on_device(*case.arguments()), expected)
@@ -118,15 +120,13 @@ def test_nothing_passes_from_the_limit_on(apply):
     p = torch.tensor([0.0, below, 1.0, 2.0, np.inf, -np.inf], dtype=torch.float64)
     zero = torch.zeros(1, dtype=torch.float64)
     spectrum = torch.ones(1, 6, dtype=torch.complex64)
-    got = apply(spectrum, (zero, p), (zero, torch.zeros_like(p)), (3000.0,), (1.0,), 1.0)
+    got = apply(
+        spectrum, LayerTransfer((zero, p), (zero, torch.zeros_like(p)), (3000.0,), (1.0,), 1.0)
+    )
     assert got.abs()[0].tolist() == pytest.approx([1, 1, 0, 0, 0, 0], abs=1e-6)
     got = apply(
         torch.ones(6, 1, dtype=torch.complex64),
-        (p, zero),
-        (torch.zeros_like(p), zero),
-        (3000.0,),
-        (1.0,),
-        1.0,
+        LayerTransfer((p, zero), (torch.zeros_like(p), zero), (3000.0,), (1.0,), 1.0),
     )
     assert got.abs()[:, 0].tolist() == pytest.approx([1, 1, 0, 0, 0, 0], abs=1e-6)
 
@@ -138,7 +138,7 @@ def test_every_fraction_of_a_turn():
     zero = torch.zeros(1, dtype=torch.float64)
     none = torch.zeros_like(turns)
     spectrum = torch.ones(1, len(turns), dtype=torch.complex64)
-    got = apply_transfer_(spectrum, (zero, none), (zero, turns), (), (), 1.0)[0]
+    got = apply_transfer_(spectrum, LayerTransfer((zero, none), (zero, turns), (), (), 1.0))[0]
     expected = torch.exp(2j * np.pi * turns)
     assert float((got - expected).abs().max()) < 2.5e-7
 

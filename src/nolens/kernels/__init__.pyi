@@ -10,9 +10,10 @@ from .fft import (
     rfft2_window,
 )
 from .nearest import nearest_points
-from .transfer import apply_transfer_
+from .transfer import LayerTransfer, apply_transfer_
 
 __all__ = [
+    "LayerTransfer",
     "PassSums",
     "Repeater",
     "SplitState",

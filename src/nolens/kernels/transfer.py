@@ -6,6 +6,7 @@ is computed in float64. On the CPU that is one compiled pass over the rows; on C
 
 import importlib
 import math
+from dataclasses import dataclass
 from itertools import pairwise
 
 import torch
@@ -15,26 +16,17 @@ _LEAST = 1e-12
 """Of n² − p², so that grazing light, of which nothing passes, divides by no zero."""
 
 
-def apply_transfer_(
-    spectrum: Tensor,
-    transverse: tuple[Tensor, Tensor],
-    linear_turns: tuple[Tensor, Tensor],
-    lengths: tuple[float, ...],
-    squared_indices: tuple[float, ...],
-    limit: float,
-    media: tuple[float, ...] = (),
-) -> Tensor:
-    r"""Multiply by :math:`e^{2πi(Σ_j l_j\sqrt{n_j^2 - p^2} + a_r + a_c)}`; by 0 from p² = limit on.
+@dataclass(frozen=True)
+class LayerTransfer:
+    r"""The transfer function :math:`e^{2πi(Σ_j l_j\sqrt{n_j^2 - p^2} + a_r + a_c)}` of layers.
 
-    And by the root of the power that passes the surfaces between media: for unpolarised light
-    :math:`2ab\,[(a + b)^{-2} + (fa + b/f)^{-2}]` at each, with :math:`a, b = \sqrt{n^2 - p^2}` of
-    the medium before and after it, and :math:`f` the index after over that before
-    (`goodman2005`).
+    It is 0 from p² = limit on, and times the root of the power that passes the surfaces between
+    media: for unpolarised light :math:`2ab\,[(a + b)^{-2} + (fa + b/f)^{-2}]` at each, with
+    :math:`a, b = \sqrt{n^2 - p^2}` of the medium before and after it, and :math:`f` the index after
+    over that before (`goodman2005`).
 
     Parameters
     ----------
-    spectrum
-        complex64, (rows, columns), contiguous.
     transverse
         p of the rows and of the columns, float64, on the spectrum's device; infinite where
         nothing is to pass.
@@ -49,35 +41,37 @@ def apply_transfer_(
     media
         n of the media in light's order, if losses at the surfaces between them count.
     """
+
+    transverse: tuple[Tensor, Tensor]
+    linear_turns: tuple[Tensor, Tensor]
+    lengths: tuple[float, ...]
+    squared_indices: tuple[float, ...]
+    limit: float
+    media: tuple[float, ...] = ()
+
+
+def apply_transfer_(spectrum: Tensor, transfer: LayerTransfer) -> Tensor:
+    """Multiply a spectrum, (rows, columns) of contiguous complex64, in place."""
     if spectrum.device.type != "cpu":
-        return _on_device(
-            spectrum, transverse, linear_turns, lengths, squared_indices, limit, media
-        )
+        return _on_device(spectrum, transfer)
     on_cpu = importlib.import_module("nolens.kernels.transfer_numba")
-    result: Tensor = on_cpu.apply_transfer_(
-        spectrum, transverse, linear_turns, lengths, squared_indices, limit, media
-    )
+    result: Tensor = on_cpu.apply_transfer_(spectrum, transfer)
     return result
 
 
-def _on_device(
-    spectrum: Tensor,
-    transverse: tuple[Tensor, Tensor],
-    linear_turns: tuple[Tensor, Tensor],
-    lengths: tuple[float, ...],
-    squared_indices: tuple[float, ...],
-    limit: float,
-    media: tuple[float, ...] = (),
-) -> Tensor:
+def _on_device(spectrum: Tensor, transfer: LayerTransfer) -> Tensor:
+    """The same by torch, some rows at a time."""
+    rows, columns = transfer.transverse
+    row_turns, column_turns = transfer.linear_turns
     for first in range(0, len(spectrum), 512):
         part = slice(first, first + 512)
-        squared = transverse[0][part, None].square() + transverse[1].square()
-        turns = linear_turns[0][part, None] + linear_turns[1]
-        for length, index in zip(lengths, squared_indices, strict=True):
+        squared = rows[part, None].square() + columns.square()
+        turns = row_turns[part, None] + column_turns
+        for length, index in zip(transfer.lengths, transfer.squared_indices, strict=True):
             turns += length * (index - squared).clamp_min(0).sqrt()
-        passed = (squared < limit).float()
-        if len(media) > 1:
-            passed *= _power(squared.float(), media).sqrt()
+        passed = (squared < transfer.limit).float()
+        if len(transfer.media) > 1:
+            passed *= _power(squared.float(), transfer.media).sqrt()
         spectrum[part] *= torch.polar(passed, turns.frac().float() * (2 * math.pi))
     return spectrum
 

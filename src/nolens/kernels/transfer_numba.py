@@ -6,25 +6,18 @@ import torch
 from torch import Tensor
 
 from nolens.kernels.threads import for_each_block
+from nolens.kernels.transfer import LayerTransfer
 
 _ROWS_PER_BLOCK = 32
 
 
-def apply_transfer_(
-    spectrum: Tensor,
-    transverse: tuple[Tensor, Tensor],
-    linear_turns: tuple[Tensor, Tensor],
-    lengths: tuple[float, ...],
-    squared_indices: tuple[float, ...],
-    limit: float,
-    media: tuple[float, ...] = (),
-) -> Tensor:
+def apply_transfer_(spectrum: Tensor, transfer: LayerTransfer) -> Tensor:
     """See `nolens.kernels.transfer.apply_transfer_`."""
-    rows = [each.numpy() for each in (transverse[0], linear_turns[0])]
-    columns = [each.numpy() for each in (transverse[1], linear_turns[1])]
-    layers = np.array([lengths, squared_indices])
-    indices = np.array(media, dtype=np.float32)
-    pairs = torch.view_as_real(spectrum).numpy()
+    rows = [each[0].numpy() for each in (transfer.transverse, transfer.linear_turns)]
+    columns = [each[1].numpy() for each in (transfer.transverse, transfer.linear_turns)]
+    layers = np.array([transfer.lengths, transfer.squared_indices])
+    indices = np.array(transfer.media, dtype=np.float32)
+    pairs, limit = torch.view_as_real(spectrum).numpy(), transfer.limit
 
     def work(block: int) -> None:
         first = block * _ROWS_PER_BLOCK

@@ -5,7 +5,7 @@ import math
 import torch
 from torch import Tensor
 
-from nolens.kernels import apply_transfer_, fft2_, ifft2_
+from nolens.kernels import LayerTransfer, apply_transfer_, fft2_, ifft2_
 from nolens.optics.layers import Stack
 
 
@@ -101,8 +101,7 @@ def pass_layers_(
     linear[0] = linear[0] - float(stack.axial_um(central)) / wavelength_um
     limit = min((stack.critical, *surfaces)) ** 2
     passed = [q.where(f.abs() <= band_per_um, math.inf) for q, f in zip(p, frequency, strict=True)]
-    return apply_transfer_(
-        spectrum,
+    transfer = LayerTransfer(
         (passed[0].to(spectrum.device), passed[1].to(spectrum.device)),
         (linear[0].to(spectrum.device), linear[1].to(spectrum.device)),
         tuple(t / wavelength_um for t in stack.thicknesses_um),
@@ -110,6 +109,7 @@ def pass_layers_(
         limit,
         surfaces,
     )
+    return apply_transfer_(spectrum, transfer)
 
 
 def _padded(spectrum: Tensor, finer: int) -> Tensor:
