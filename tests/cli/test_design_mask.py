@@ -118,6 +118,15 @@ def test_simple_kinds_can_be_simulated(kind: str, options: tuple[str, ...], tmp_
         assert told["figures"]["pitch_um"] == pytest.approx(70, rel=0.05)
 
 
+def test_the_kind_may_follow_options(tmp_path: Path) -> None:
+    told = designed("diffuser", tmp_path / "first")
+    done = run("design", "mask", *SMALL, "-o", tmp_path / "last", "--json", "diffuser")
+    assert done.code == 0 and done.err == "", done
+    assert json.loads(done.out)["figures"] == told["figures"]
+    refused = run("design", "mask", *SMALL, "-o", "diffuser")
+    assert refused.code == 2 and "no kind is given" in refused.err
+
+
 def test_the_table_a_person_sees(tmp_path: Path) -> None:
     done = command("design", "mask", "lenslet-array", *SMALL, "-o", tmp_path / "m")
     assert done.code == 0 and done.err == ""
