@@ -23,7 +23,6 @@ from nolens.files import (
     atomic_write,
     check_output,
     describe,
-    hash_file,
     read_frame,
     versions,
     write_dng,
@@ -208,9 +207,9 @@ def test_record_is_json_and_comes_back(tmp_path):
     assert data["warnings"] == ["é"]
 
 
-def test_hash_of_nothing(tmp_path):
+def test_nothing_is_no_input(tmp_path):
     with pytest.raises(FileError, match="cannot read"):
-        hash_file(tmp_path / "none")
+        InputFile.of(tmp_path / "none")
 
 
 def test_describe_mosaic(tmp_path):

@@ -18,7 +18,6 @@ from nolens.files.reports import (
     ReportPicture,
     ReportRow,
     ReportSection,
-    report_html,
     write_report_html,
     write_report_markdown,
 )
@@ -87,7 +86,6 @@ class Tags(HTMLParser):
 def test_the_html_is_whole_and_says_every_cell(tmp_path: Path) -> None:
     write_report_html(tmp_path / "a.html", REPORT)
     text = (tmp_path / "a.html").read_text(encoding="utf-8")
-    assert text == report_html(REPORT)
     tags = Tags()
     tags.feed(text)
     assert tags.open == []

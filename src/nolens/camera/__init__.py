@@ -19,7 +19,7 @@ from nolens.camera.description import (
     ReliefFile,
 )
 from nolens.camera.frame import MOSAICS, Frame
-from nolens.camera.materials import LINES_NM, MATERIALS, Material, material
+from nolens.camera.materials import MATERIALS, Material, material
 from nolens.camera.measurement import BlackLevel, Measurement, black_level, dark_corner, develop
 from nolens.camera.psf import PreparedPsf, check_psf, prepare_psf
 from nolens.camera.psf_set import PsfEntry, PsfKind, PsfSet
@@ -40,7 +40,6 @@ from nolens.camera.values import (
 )
 
 __all__ = [
-    "LINES_NM",
     "MATERIALS",
     "MOSAICS",
     "PRESETS",

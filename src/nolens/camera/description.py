@@ -240,9 +240,9 @@ class Camera(Part):
         return tuple(self._index_of(layer, wavelength_nm) for layer in self.layers)
 
     def _index_of(self, layer: Layer, wavelength_nm: float) -> float:
-        made_of = self.material_of(layer)
-        if made_of is not None:
-            return made_of.index(wavelength_nm)
+        substance = self.material_of(layer)
+        if substance is not None:
+            return substance.index(wavelength_nm)
         assert layer.index is not None
         return layer.index
 

@@ -17,7 +17,7 @@ from nolens.ranges import Between
 
 Array = NDArray[np.float64]
 
-LINES_NM = {"F": 486.13, "d": 587.56, "C": 656.27}
+_LINES_NM = {"F": 486.13, "d": 587.56, "C": 656.27}
 """Fraunhofer lines that glass is known by."""
 
 _BUILT_IN = (
@@ -120,7 +120,7 @@ class Material(Part):
 
     def _check_count(self) -> None:
         count = len(self.coefficients)
-        wanted, right = {
+        expected, right = {
             "constant": ("one, the index", count == 1),
             "abbe": ("two, the index at line d and the Abbe number", count == 2),
             "cauchy": ("one or more, A, B, C, …", count >= 1),
@@ -130,7 +130,7 @@ class Material(Part):
         if not right:
             raise refusal(
                 f"the formula {self.formula} takes other coefficients than these {count}: give "
-                f"{wanted}"
+                f"{expected}"
             )
         if self.formula == "abbe" and self.coefficients[1] <= 0:
             raise refusal(
@@ -166,7 +166,7 @@ class Material(Part):
         pairs = list(zip(c[::2], c[1::2], strict=False))
         with np.errstate(all="ignore"):
             if self.formula == "abbe":
-                f, d, line_c = (LINES_NM[line] ** -2 * 1e6 for line in "FdC")
+                f, d, line_c = (_LINES_NM[line] ** -2 * 1e6 for line in "FdC")
                 return c[0] + (c[0] - 1) / c[1] / (f - line_c) * (1 / squared - d)
             if self.formula == "sellmeier":
                 return np.sqrt(1 + sum(b * squared / (squared - at) for b, at in pairs))
@@ -199,12 +199,12 @@ class Material(Part):
     @property
     def index_d(self) -> float:
         """Refractive index at 587.56 nm (line d)."""
-        return self.index(LINES_NM["d"])
+        return self.index(_LINES_NM["d"])
 
     @property
     def abbe(self) -> float | None:
         """Abbe number V_d = (n_d − 1) / (n_F − n_C); None without dispersion."""
-        spread = self.index(LINES_NM["F"]) - self.index(LINES_NM["C"])
+        spread = self.index(_LINES_NM["F"]) - self.index(_LINES_NM["C"])
         return (self.index_d - 1) / spread if spread != 0 else None
 
     @property
@@ -278,13 +278,13 @@ def material_figures(material: Material) -> dict[str, Any]:
         line is outside; what of its figures is a placeholder.
     """
     low, high = material.range_nm
-    lines = {name: at for name, at in LINES_NM.items() if low <= at <= high}
+    lines = {name: at for name, at in _LINES_NM.items() if low <= at <= high}
     sources = {
         "index": material.source,
         "density": material.density_source,
         "cure shrinkage": material.cure_shrinkage_source,
     }
-    abbe = material.abbe if len(lines) == len(LINES_NM) else None
+    abbe = material.abbe if len(lines) == len(_LINES_NM) else None
     return {
         "index_at_lines": {name: round(material.index(at), _DIGITS) for name, at in lines.items()},
         "index_at_nm": {

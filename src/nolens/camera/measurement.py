@@ -316,10 +316,10 @@ def _select(
         return values.mean(0, keepdim=True), valid.all(0, keepdim=True), ("grey",)
     letters = tuple(option.upper())
     if not letters or len(set(letters)) < len(letters) or not set(letters) <= set(names):
-        held = ", ".join(names)
+        available = ", ".join(names)
         letter = ", or letters such as g or rg" if len(names) > 1 else ""
         raise OptionError(
-            f"channels {choice!r} cannot be taken from {source}, which has {held}: "
+            f"channels {choice!r} cannot be taken from {source}, which has {available}: "
             f"give all, grey{letter}"
         )
     rows = [names.index(letter) for letter in letters]

@@ -35,11 +35,11 @@ class Part(BaseModel):
                 raise refusal(
                     f"the key {quoted(key)} is unknown{meant} Known are {', '.join(known)}"
                 )
-        needed = [name for name, field in known.items() if field.is_required()]
-        missing = [name for name in needed if name not in fields]
+        required = [name for name, field in known.items() if field.is_required()]
+        missing = [name for name in required if name not in fields]
         if missing:
             be = "is" if len(missing) == 1 else "are"
-            raise refusal(f"{', '.join(missing)} {be} missing: give {', '.join(needed)}")
+            raise refusal(f"{', '.join(missing)} {be} missing: give {', '.join(required)}")
         return fields
 
 
@@ -49,7 +49,7 @@ def _on_a_line(text: str) -> str:
     return text
 
 
-def file_in_folder(*suffixes: str) -> AfterValidator:
+def _file_in_folder(*suffixes: str) -> AfterValidator:
     """Check that text is the name of a file in the camera's folder, with one of the suffixes."""
 
     def check(file: str) -> str:
@@ -77,5 +77,5 @@ PositiveLength = Annotated[Length, Between("1 nm", "10 m")]
 """Of what can be made or measured of a camera."""
 PixelPitch = Annotated[Length, Between("50 nm", "10 mm")]
 """From one pixel to the next, or of pixels that are added up."""
-CsvFile = Annotated[str, Field(max_length=255), file_in_folder(".csv")]
-TiffFile = Annotated[str, Field(max_length=255), file_in_folder(".tif", ".tiff")]
+CsvFile = Annotated[str, Field(max_length=255), _file_in_folder(".csv")]
+TiffFile = Annotated[str, Field(max_length=255), _file_in_folder(".tif", ".tiff")]

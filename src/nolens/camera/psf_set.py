@@ -117,9 +117,9 @@ class PsfSet(Part):
         kinds
             Those to take, the best first.
         """
-        found: dict[float, PsfEntry] = {}
+        by_distance: dict[float, PsfEntry] = {}
         for kind in kinds:
             for each in self.psf:
                 if each.kind == kind and each.on_axis:
-                    found.setdefault(each.distance_um, each)
-        return tuple(found[distance] for distance in sorted(found))
+                    by_distance.setdefault(each.distance_um, each)
+        return tuple(by_distance[distance] for distance in sorted(by_distance))

@@ -21,7 +21,7 @@ from nolens.camera.part import (
 )
 from nolens.ranges import Between
 
-Array = NDArray[np.float64]
+_Array = NDArray[np.float64]
 _MOST_POINTS = 10_000
 _MOST_CHANNELS = 16
 
@@ -57,7 +57,7 @@ class SpectralCurve(Part):
             _check_length(f"values.{channel}", values, "wavelength_nm", self.wavelength_nm)
         return self
 
-    def at(self, channel: str, wavelength_nm: Array) -> Array:
+    def at(self, channel: str, wavelength_nm: _Array) -> _Array:
         """Values of one channel at wavelengths of any shape, linear between points, 0 outside."""
         table = self.values[channel]
         return np.interp(wavelength_nm, self.wavelength_nm, table, left=0.0, right=0.0)
@@ -102,7 +102,7 @@ class AngularCurve(Part):
         _check_length("response", self.response, "angle_deg", self.angle_deg)
         return self
 
-    def at(self, angle_deg: Array) -> Array:
+    def at(self, angle_deg: _Array) -> _Array:
         """Response at angles of any shape, linear between points; beyond them the last holds."""
         return np.interp(angle_deg, self.angle_deg, self.response)
 
@@ -127,11 +127,11 @@ def _kind(value: object) -> str:
     return "curve"
 
 
-QuantumEfficiency = Annotated[
+_QuantumEfficiency = Annotated[
     Annotated[SpectralCurve, Tag("curve")] | Annotated[CurveFile, Tag("file")],
     Discriminator(_kind),
 ]
-Acceptance = Annotated[
+_Acceptance = Annotated[
     Annotated[AngularCurve, Tag("curve")] | Annotated[CurveFile, Tag("file")],
     Discriminator(_kind),
 ]
@@ -221,8 +221,8 @@ class Sensor(Part):
     read_noise_electrons: Annotated[Number, Between(0, 1e6)]
     counts_per_electron: Annotated[Number, Between(1e-6, 1e6)]
     gain: Annotated[Number, Between(1e-3, 1e4)] = 1.0
-    quantum_efficiency: QuantumEfficiency
-    acceptance: Acceptance
+    quantum_efficiency: _QuantumEfficiency
+    acceptance: _Acceptance
     package: Package | None = None
 
     @model_validator(mode="after")

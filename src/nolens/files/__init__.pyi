@@ -36,7 +36,6 @@ from .raw import write_dng
 from .record import (
     InputFile,
     RunRecord,
-    hash_file,
     read_record,
     versions,
     write_record,
@@ -75,7 +74,6 @@ __all__ = [
     "check_step",
     "describe",
     "frame_suffixes",
-    "hash_file",
     "is_sequence",
     "layout",
     "open_sequence",

@@ -140,18 +140,18 @@ def write_description(path: Path, camera: Camera) -> None:
     _write_text(path, to_toml(camera))
 
 
-def curve_copies(name: str | Path, opened: LoadedCamera) -> dict[str, Callable[[Path], None]]:
+def curve_copies(name: str | Path, loaded: LoadedCamera) -> dict[str, Callable[[Path], None]]:
     """What copies the curves that a camera names: for each file, a writer for `write_camera`.
 
     Parameters
     ----------
     name
         What the camera was read from.
-    opened
+    loaded
         The camera.
     """
-    sensor = opened.camera.sensor
-    files = camera_files(name, opened.camera)
+    sensor = loaded.camera.sensor
+    files = camera_files(name, loaded.camera)
     return {
         curve.file: partial(_copy, files[f"camera's {curve.file}"])
         for curve in (sensor.quantum_efficiency, sensor.acceptance)
@@ -159,14 +159,14 @@ def curve_copies(name: str | Path, opened: LoadedCamera) -> dict[str, Callable[[
     }
 
 
-def camera_copies(name: str | Path, opened: LoadedCamera) -> dict[str, Callable[[Path], None]]:
+def camera_copies(name: str | Path, loaded: LoadedCamera) -> dict[str, Callable[[Path], None]]:
     """What copies a camera into a folder where something else is written; see `curve_copies`."""
-    camera = opened.camera
+    camera = loaded.camera
     writers = {CAMERA_FILE: partial(write_description, camera=camera)}
     if isinstance(camera.mask.relief, ReliefFile):
         file = camera.mask.relief.file
         writers[file] = partial(_copy, camera_files(name, camera)[f"camera's {file}"])
-    return {**writers, **curve_copies(name, opened)}
+    return {**writers, **curve_copies(name, loaded)}
 
 
 def _copy(source: Path, path: Path) -> None:

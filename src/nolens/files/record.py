@@ -1,6 +1,7 @@
 """The record of a run: what went in, what it was asked to do, and what came of it."""
 
 import hashlib
+import os
 import platform
 from importlib.metadata import version
 from pathlib import Path
@@ -12,7 +13,7 @@ from pydantic_core import to_json
 from nolens.documents import parse_json
 from nolens.errors import DataError, FileError
 from nolens.files.atomic import atomic_write
-from nolens.files.input import read_text, readable
+from nolens.files.input import read_text, readable, system_errors
 
 _PACKAGES = ("nolens", "torch", "numpy", "scipy", "numba")
 
@@ -45,8 +46,10 @@ class InputFile(BaseModel):
         FileError
             If it cannot be read.
         """
-        digest = hash_file(path)
-        return cls(path=str(path), sha256=digest, size=Path(path).stat().st_size)
+        with system_errors(Path(path)), Path(path).open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+            size = os.fstat(file.fileno()).st_size
+        return cls(path=str(path), sha256=digest, size=size)
 
 
 class RunRecord(BaseModel):
@@ -69,7 +72,7 @@ class RunRecord(BaseModel):
     history
         One entry for each iteration: objective, residuals, penalties.
     warnings
-        What a person was told.
+        Texts of the warnings that were displayed.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -86,23 +89,8 @@ class RunRecord(BaseModel):
 
 def versions() -> dict[str, str]:
     """Versions of nolens, Python and the numeric libraries, and the platform."""
-    found = {package: version(package) for package in _PACKAGES}
-    return {**found, "python": platform.python_version(), "platform": platform.platform()}
-
-
-def hash_file(path: str | Path) -> str:
-    """SHA-256 of a file's bytes, hexadecimal.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read.
-    """
-    try:
-        with Path(path).open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise FileError(f"cannot read {path}: {error.strerror or error}") from error
+    packages = {package: version(package) for package in _PACKAGES}
+    return {**packages, "python": platform.python_version(), "platform": platform.platform()}
 
 
 def write_record(path: str | Path, record: RunRecord) -> None:

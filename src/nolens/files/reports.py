@@ -173,12 +173,6 @@ def write_report_html(path: str | Path, report: Report) -> None:
     FileError
         If the file cannot be written.
     """
-    with atomic_write(path) as temporary:
-        temporary.write_text(report_html(report), encoding="utf-8")
-
-
-def report_html(report: Report) -> str:
-    """Write a report as an HTML document with everything in it."""
     links = "\n".join(
         f'<a href="#{escape(section.name)}">{escape(section.title)}</a>'
         for section in report.sections
@@ -192,7 +186,9 @@ def report_html(report: Report) -> str:
 </nav>
 </header>
 {"".join(map(_section, report.sections))}"""
-    return html_page(report.title, body, style="report.css", scheme="light")
+    page = html_page(report.title, body, style="report.css", scheme="light")
+    with atomic_write(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
 
 
 def _paragraphs(texts: tuple[str, ...]) -> str:

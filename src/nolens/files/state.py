@@ -44,9 +44,9 @@ def write_state(path: str | Path, arrays: Mapping[str, Tensor], about: Mapping[s
     FileError
         If the file cannot be written.
     """
-    held = {name: tensor.detach().cpu().numpy() for name, tensor in arrays.items()}
+    values = {name: tensor.detach().cpu().numpy() for name, tensor in arrays.items()}
     with atomic_write(path) as temporary:
-        np.savez(temporary, allow_pickle=False, **{_ABOUT: np.array(json.dumps(about)), **held})
+        np.savez(temporary, allow_pickle=False, **{_ABOUT: np.array(json.dumps(about)), **values})
 
 
 def read_state(

@@ -71,17 +71,11 @@ def read_tiff(path: Path, page: int | None = None) -> Frame:
     return _apply_note(frame_from_array(values, str(path)), samples.note)
 
 
-class TiffSamples(NamedTuple):
-    """A page of TIFF.
+class _Samples(NamedTuple):
+    """A page of TIFF: values (channels, height, width), whose last channels are alpha.
 
-    Parameters
-    ----------
-    values
-        (channels, height, width), whose last ones are alpha.
-    alphas
-        For each channel of alpha, whether the colours are multiplied by it.
-    note
-        As `own_note` gives it.
+    `alphas` says for each of those whether the colours are multiplied by it; `note` is that of
+    `own_note`.
     """
 
     values: NDArray[np.generic]
@@ -89,7 +83,7 @@ class TiffSamples(NamedTuple):
     note: dict[str, Any]
 
 
-def read_tiff_samples(path: Path, number: int | None = None) -> TiffSamples:
+def read_tiff_samples(path: Path, number: int | None = None) -> _Samples:
     """Read all channels of a page, alpha included.
 
     Raises
@@ -105,7 +99,7 @@ def read_tiff_samples(path: Path, number: int | None = None) -> TiffSamples:
         # Every worker holds parts of its own beside the picture.
         workers = 1 if page.nbytes > _LARGE else None
         alphas = (extra for extra in page.extrasamples if extra in _ALPHA)
-        return TiffSamples(
+        return _Samples(
             _channels_first(page.asarray(squeeze=False, maxworkers=workers)),
             tuple(extra == tifffile.EXTRASAMPLE.ASSOCALPHA for extra in alphas),
             own_note(page),
@@ -320,10 +314,10 @@ def _walk(path: Path, file: BinaryIO) -> None:
     count, entry, offset = ("Q", 20, "Q") if big else ("H", 12, "I")
     file.seek(8 if big else 4)
     length = os.fstat(file.fileno()).st_size
-    seen = set[int]()
-    while 0 < (place := _one(file, order + offset)) < length and place not in seen:
-        seen.add(place)
-        if len(seen) > _MOST_PAGES:
+    visited = set[int]()
+    while 0 < (place := _one(file, order + offset)) < length and place not in visited:
+        visited.add(place)
+        if len(visited) > _MOST_PAGES:
             raise FileError(
                 f"{path} has more than {_MOST_PAGES} pages: give a folder of files, or an .npy"
             )
@@ -344,9 +338,9 @@ def _walk(path: Path, file: BinaryIO) -> None:
             ],
         )
         sizes = _SIZES[np.minimum(fields["type"], len(_SIZES) - 1)].astype(np.float64)
-        held = sizes * fields["count"]
-        if held.size and held.max() > _MOST_BYTES:
-            tag = fields[int(held.argmax())]
+        lengths = sizes * fields["count"]
+        if lengths.size and lengths.max() > _MOST_BYTES:
+            tag = fields[int(lengths.argmax())]
             raise _damaged(path, f"{int(tag['count'])} values of its tag {int(tag['code'])}")
 
 

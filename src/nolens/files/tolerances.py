@@ -74,7 +74,7 @@ def plot_tolerance(path: Path, study: Study, title: str) -> None:
     Parameters
     ----------
     study
-        What was found.
+        Its results.
     title
         Over all plots.
     """

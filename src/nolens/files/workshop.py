@@ -20,7 +20,7 @@ from nolens.fabricate.surface import Levels, MadeSurface
 from nolens.files.atomic import atomic_write
 from nolens.files.tiff import write_tiff
 
-LEGEND_LAYER = 255
+_LEGEND_LAYER = 255
 """Layer of a layout's texts."""
 _HEADER = 80
 _LONG_AGO = (1980, 1, 1, 0, 0, 0)
@@ -184,10 +184,10 @@ def layout(levels: Levels, polygons: Sequence[Sequence[gdstk.Polygon]]) -> gdstk
     width, height = (side * 1e3 for side in surface.size_mm)
     name = re.sub(r"[^A-Za-z0-9_]", "_", f"{surface.name}_{surface.camera}")[:_LONGEST_NAME]
     library = gdstk.Library(name, unit=1e-6, precision=1e-9)
-    cell = library.new_cell(name)
-    cell.add(gdstk.rectangle((-width / 2, -height / 2), (width / 2, height / 2), layer=0))
+    top = library.new_cell(name)
+    top.add(gdstk.rectangle((-width / 2, -height / 2), (width / 2, height / 2), layer=0))
     for level in polygons:
-        cell.add(*level)
+        top.add(*level)
     lines = [
         f"{surface.words}; camera {surface.camera}; {levels.count} levels of "
         f"{levels.step_um:.6g} um; layer k is all that is k steps high or higher",
@@ -200,7 +200,7 @@ def layout(levels: Levels, polygons: Sequence[Sequence[gdstk.Polygon]]) -> gdstk
     for line, text in enumerate(lines):
         place = width / 2 + spacing, height / 2 - line * spacing
         ascii_text = text.encode("ascii", "replace").decode("ascii")
-        cell.add(gdstk.Label(ascii_text, place, layer=LEGEND_LAYER, anchor="w"))
+        top.add(gdstk.Label(ascii_text, place, layer=_LEGEND_LAYER, anchor="w"))
     return library
 
 
