@@ -18,8 +18,7 @@ import uvicorn
 from fastapi import FastAPI
 
 from nolens.studio.app import Studio, create_app
-from nolens.studio.connections import configuration
-from nolens.studio.serve import listen
+from nolens.studio.serve import configuration, listen
 from nolens.studio.workspace import Workspace
 from patience import PATIENCE_S
 

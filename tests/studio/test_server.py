@@ -25,7 +25,7 @@ from schemathesis.specs.openapi.checks import (
 )
 from serving import NOLENS, Running, command, serving, stop
 
-from nolens.studio import connections, routes_files, serve
+from nolens.studio import files, serve
 from nolens.studio.schemas import ENDED
 from patience import PATIENCE_S, until
 
@@ -104,7 +104,7 @@ def test_full_disk_is_told(studio: Running, monkeypatch: pytest.MonkeyPatch) -> 
     async def full(*_: Any) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(routes_files, "run_in_threadpool", full)
+    monkeypatch.setattr(files, "run_in_threadpool", full)
     # Told after a part of it, to a client that sends all before it reads, and closes.
     answer = studio.post(
         "uploads", None, 507, params={"name": "x.dng"}, content=bytes(UPLOAD_BYTES),
@@ -245,7 +245,7 @@ def test_only_errors_of_its_own_are_logged(
     message: str, error: BaseException | None, shown: bool
 ) -> None:
     said = {"msg": message, "exc_info": None if error is None else (type(error), error, None)}
-    assert connections.is_ours(logging.makeLogRecord(said)) is shown
+    assert serve.is_ours(logging.makeLogRecord(said)) is shown
 
 
 def test_killed_server_leaves_no_process_behind(tmp_path: Path) -> None:
@@ -331,7 +331,7 @@ def test_connections_of_a_burst_are_read_in_turns() -> None:
     burst = [Connection() for _ in range(10)]
 
     async def come() -> list[list[bool]]:
-        turns, seen = connections._Turns(), []
+        turns, seen = serve._Turns(), []
         for each in burst:
             turns.add(each)  # type: ignore[arg-type]
         for _ in range(3):

@@ -174,7 +174,7 @@ def test_a_process_opens_nothing_through_a_link_out(place: Path) -> None:
         "import sys, os, shutil\n"
         "from pathlib import Path\n"
         "from nolens.errors import FileError\n"
-        "from nolens.studio.confinement import confine\n"
+        "from nolens.studio.workspace import confine\n"
         "place = Path(sys.argv[1])\n"
         "confine([str(place / 'work'), str(place / 'other')])\n"
         "calls = (lambda path: path.read_bytes(), lambda path: os.open(path, os.O_RDONLY),\n"

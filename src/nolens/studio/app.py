@@ -16,11 +16,11 @@ from nolens import __version__
 from nolens.capture import available_sources
 from nolens.errors import FileError, NolensError
 from nolens.files.input import readable
+from nolens.studio.files import files_router
 from nolens.studio.job_kinds import KINDS
 from nolens.studio.jobs import JobQueue, NoSuchJobError, TooManyJobsError, jobs_router
 from nolens.studio.live import SCENE_BYTES, SCENE_PATH, LiveHub, live_router
 from nolens.studio.requests import answered
-from nolens.studio.routes_files import files_router
 from nolens.studio.schemas import SCENES, About, LiveStart, SceneInfo, SourceInfo, Trouble
 from nolens.studio.security import Guard, Rules
 from nolens.studio.worker import WorkerDiedError

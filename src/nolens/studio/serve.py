@@ -1,28 +1,38 @@
-"""Serving a studio: a port for it, its address for a person, the browser, and its end."""
+"""Serving a studio: its port, how connections are read, its address, the browser, and its end."""
 
 import asyncio
 import errno
+import logging
 import os
 import secrets
 import socket
 import sys
 import threading
 import webbrowser
+from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import quote
 
 import uvicorn
+from fastapi import FastAPI
+from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from nolens.errors import OptionError
 from nolens.studio.app import Studio, create_app
-from nolens.studio.connections import configuration
 from nolens.studio.security import is_loopback
 from nolens.studio.workspace import Workspace
 
 PORT = 8350
 _TRIED = 50
+FRAME_BYTES = 2_000_000
+"""The most that one message of a page may have."""
+_REQUEST_PIECE, _MESSAGE_PIECE = 16_384, 4096
+_AT_ONCE, _PAUSE_S = 4, 0.01
+"""New connections that are first read at once, and the pause before the next ones."""
 _SOURCES = ("auto", "raspberry", "twin", "folder")
 
 
@@ -79,9 +89,9 @@ def listen(host: str, port: int | None, say: Callable[[str], None]) -> socket.so
     host
         Address to listen on.
     port
-        Port that was asked for, 0 for any; None where none was.
+        A port, 0 for any; None for the studio's own, or the next.
     say
-        Tells a person at the terminal.
+        Shows a message to the person at the terminal.
 
     Raises
     ------
@@ -98,13 +108,13 @@ def listen(host: str, port: int | None, say: Callable[[str], None]) -> socket.so
             raise OptionError(_refusal(host, first, error)) from None
     for other in range(first + 1, min(first + _TRIED, 65536)):
         try:
-            found = _bound(host, other)
+            listening = _bound(host, other)
         except OSError:
             continue
         if port is None:
             say(f"port {first} is in use, perhaps by another studio: this one takes {other}")
-            return found
-        found.close()
+            return listening
+        listening.close()
         raise OptionError(f"port {port} is in use; {other} is free: give --port {other}")
     raise OptionError(f"port {first} and those after it are in use: give another --port, or 0")
 
@@ -127,7 +137,7 @@ def serve(
     browser
         Whether to open the page in the person's browser.
     started
-        Told the address, once it answers.
+        Called with the address, once it answers.
 
     Raises
     ------
@@ -142,7 +152,7 @@ def serve(
 
 
 class _Server(uvicorn.Server):
-    """Tells when it answers."""
+    """Calls a function once it answers."""
 
     def __init__(self, config: uvicorn.Config, ready: Callable[[], None]) -> None:
         super().__init__(config)
@@ -185,16 +195,16 @@ def _own_address() -> str:
 
 def _bound(host: str, port: int) -> socket.socket:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    found = socket.socket(family, socket.SOCK_STREAM)
+    listening = socket.socket(family, socket.SOCK_STREAM)
     try:
         if os.name == "posix":  # Elsewhere it would let two programs have one port.
-            found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        found.bind((host, port))
-        found.listen(128)
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind((host, port))
+        listening.listen(128)
     except (OSError, OverflowError):
-        found.close()
+        listening.close()
         raise
-    return found
+    return listening
 
 
 def _refusal(host: str, port: int, error: OSError) -> str:
@@ -204,3 +214,88 @@ def _refusal(host: str, port: int, error: OSError) -> str:
         f"cannot serve on {host}: {error.strerror or error}. Give an address of this computer: "
         "127.0.0.1 (this computer alone) or 0.0.0.0 (all networks, with a token)"
     )
+
+
+def configuration(app: FastAPI) -> uvicorn.Config:
+    """How an application is served: fairly, and without a traceback for what is malformed."""
+    turns = _Turns()
+
+    class Requests(H11Protocol):
+        def connection_made(  # type: ignore[override]  # as uvicorn's own
+            self, transport: asyncio.Transport
+        ) -> None:
+            _read_by(transport, _REQUEST_PIECE)
+            super().connection_made(transport)
+            turns.add(transport)
+
+    config = uvicorn.Config(
+        app,
+        http=Requests,
+        ws=_Messages,
+        log_level="error",
+        access_log=False,
+        server_header=False,
+        ws_max_size=FRAME_BYTES,
+        ws_per_message_deflate=False,
+        timeout_graceful_shutdown=1,
+        proxy_headers=False,
+        lifespan="on",
+    )
+    logging.getLogger("uvicorn.error").addFilter(is_ours)
+    return config
+
+
+class _Turns:
+    """New connections, of which some are read at once, and the next ones after a pause.
+
+    Two hundred requests at once take a tenth of a second, in which no one else would be answered.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: deque[asyncio.Transport] = deque()
+        self._begun = 0
+
+    def add(self, transport: asyncio.Transport) -> None:
+        """Read a connection when it is its turn."""
+        if self._begun == 0:
+            asyncio.get_running_loop().call_later(_PAUSE_S, self._next)
+        if self._begun < _AT_ONCE:
+            self._begun += 1
+        else:
+            transport.pause_reading()
+            self._waiting.append(transport)
+
+    def _next(self) -> None:
+        self._begun = min(_AT_ONCE, len(self._waiting))
+        for _ in range(self._begun):
+            transport = self._waiting.popleft()
+            if not transport.is_closing():
+                transport.resume_reading()
+        if self._begun > 0:
+            asyncio.get_running_loop().call_later(_PAUSE_S, self._next)
+
+
+class _Messages(WebSocketsSansIOProtocol):
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        _read_by(transport, _MESSAGE_PIECE)
+        super().connection_made(transport)
+
+
+def _read_by(transport: asyncio.BaseTransport, size: int) -> None:
+    """Read pieces of this size, between which others have their turn.
+
+    All that was read is parsed at once: 256 kB of messages of two bytes take a second.
+    """
+    with suppress(AttributeError):  # A loop that is not asyncio's own.
+        transport.max_size = size  # type: ignore[attr-defined]
+
+
+def is_ours(record: logging.LogRecord) -> bool:
+    """Whether an error is one of the studio.
+
+    Text that is no UTF-8 is the sender's; what is still being answered at the end is cut off.
+    """
+    error = record.exc_info[1] if record.exc_info else None
+    if isinstance(error, asyncio.CancelledError | UnicodeDecodeError):
+        return False
+    return not record.getMessage().startswith("Cancel ")

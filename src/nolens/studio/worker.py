@@ -17,7 +17,7 @@ from typing import Any
 from nolens.errors import NolensError
 from nolens.files.input import read_limit, set_read_limit
 from nolens.process import prepare
-from nolens.studio.confinement import confine
+from nolens.studio.workspace import confine
 
 Message = tuple[Any, ...]
 """A message: plain values, the first of which says what it is about."""

@@ -1,8 +1,11 @@
-"""The folders that a person named, and the paths below them that the page may use."""
+"""The folders that a person named, the paths below them that the page may use, and the links that
+may be followed there.
+"""
 
 import os
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+import sys
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -16,7 +19,6 @@ from nolens.documents import parse_toml
 from nolens.errors import DataError, FileError, NolensError, OptionError
 from nolens.files.input import RAW_SUFFIXES as CAMERA_RAW
 from nolens.files.input import read_text, readable
-from nolens.studio.confinement import leads_out
 from nolens.studio.schemas import CameraInfo, Entry, EntryKind, Folder, PsfInfo
 
 WORK = "work"
@@ -126,7 +128,7 @@ class Workspace:
             real = path.resolve()
         except (OSError, RuntimeError, ValueError) as error:
             raise FileError(f"{text} cannot be followed: {error}") from None
-        reason = leads_out(path, real, (root.path,))
+        reason = _leads_out(path, real, (root.path,))
         if reason is not None:
             raise OptionError(f"{text!r} {reason}")
         return real
@@ -341,19 +343,11 @@ def _is_picture(path: Path) -> bool:
     return False
 
 
-def _text(path: Path) -> str:
-    return os.fsencode(path).decode("utf-8", "replace")
-
-
-def _preset_files() -> Iterator[Path]:
-    # Not through nolens.camera, which loads the numerics.
-    folder = Path(str(files("nolens"))) / "camera" / "presets"
-    return iter(sorted(folder.glob("*.toml")))
-
-
 @cache
 def _presets() -> tuple[CameraInfo, ...]:
     """The cameras that come with the package."""
+    # Not through nolens.camera, which loads the numerics.
+    folder = Path(str(files("nolens"))) / "camera" / "presets"
     return tuple(
         CameraInfo(
             id=path.stem,
@@ -361,7 +355,7 @@ def _presets() -> tuple[CameraInfo, ...]:
             psfs=[],
             note=str(parse_toml(path.read_text(encoding="utf-8"), path.name).get("note", "")),
         )
-        for path in _preset_files()
+        for path in sorted(folder.glob("*.toml"))
     )
 
 
@@ -385,3 +379,54 @@ def _psfs(identity: str, listed: dict[str, Any]) -> list[PsfInfo]:
         PsfInfo(path=f"{identity}/{each.file}", distance=each.distance, angle=each.angle)
         for each in found
     ]
+
+
+def confine(folders: Sequence[str]) -> None:
+    """Refuse to open files through links that lead out of folders, in this process, from now on.
+
+    The server checks every path that a job is given. What a job reads beside it, such as the
+    frames of a folder and the files that camera.toml and psfs.toml name, is checked here, where it
+    is opened: by every reader, and also by those of libraries.
+
+    Parameters
+    ----------
+    folders
+        Absolute paths without links.
+    """
+    inside = tuple(f"{folder.rstrip(os.sep)}{os.sep}" for folder in folders)
+    # An environment of Python in such a folder has links, to files that are no one's data.
+    ours = f"{sys.prefix}{os.sep}"
+
+    def check(event: str, arguments: tuple[object, ...]) -> None:
+        if event != "open" or not isinstance(arguments[0], str | bytes | os.PathLike):
+            return
+        path = os.fsdecode(arguments[0])
+        if not path.startswith(inside) or path.startswith(ours):
+            return
+        reason = _leads_out(Path(path), Path(os.path.realpath(path)), folders)
+        if reason is not None:
+            raise FileError(f"{path} {reason}")
+
+    sys.addaudithook(check)
+
+
+def _leads_out(path: Path, real: Path, folders: Iterable[str | Path]) -> str | None:
+    """Why what a path leads to is not to be read; None where it is.
+
+    Parameters
+    ----------
+    path
+        Absolute path of a file.
+    real
+        It without links.
+    folders
+        Absolute paths without links, out of all of which it must not lead.
+    """
+    if real == path:
+        return None
+    within = next((folder for folder in folders if real.is_relative_to(folder)), None)
+    if within is None:
+        return "is a link out of its folder, which is not followed"
+    if any(part.startswith(".") for part in real.relative_to(within).parts):
+        return "is a link to a hidden file, which is not followed"
+    return None
