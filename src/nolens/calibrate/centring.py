@@ -110,15 +110,7 @@ def place_psf(
 
 
 def centroid(psf: Tensor, dark: Tensor) -> Shift:
-    """Centre of the light outside the dark area, (row, column) in pixels from the middle.
-
-    Parameters
-    ----------
-    psf
-        (channels, rows, columns), without stray light.
-    dark
-        Bool, (rows, columns): pixels that have no light of the point source.
-    """
+    """Centre of the light outside the dark area, (row, column) in pixels from the middle."""
     light = psf.double().clamp_min(0).sum(dim=0) * ~dark
     light = light / light.sum()
     places = [torch.arange(n, dtype=torch.float64) - (n - 1) / 2 for n in light.shape]

@@ -68,13 +68,7 @@ class Layers:
         return 1 + self.after.reduced_um / (distance_um + self.before.reduced_um)
 
     def shift_um(self, angle: tuple[Angle, Angle]) -> tuple[float, float]:
-        """Where the ray through the camera's middle falls, to the right and up, by Snell's law.
-
-        Parameters
-        ----------
-        angle
-            Field angles of the point source, to the right and up.
-        """
+        """Place of the ray through the middle, to the right and up, by Snell's law."""
         tangents = [math.tan(each.rad) for each in angle]
         size = math.hypot(*tangents)
         if size == 0:
@@ -180,15 +174,7 @@ def scaled_psf(
 
 
 def with_mean_light(psf: Tensor, known: Tensor) -> Tensor:
-    """Give pixels that are not known the mean light of the known ones around them.
-
-    Parameters
-    ----------
-    psf
-        (channels, rows, columns).
-    known
-        Bool, (rows, columns); at least one of them.
-    """
+    """Give pixels of (channels, rows, columns) that are not known the mean light around them."""
     if bool(known.all()):
         return psf
     mask = known.double().numpy()
@@ -254,15 +240,7 @@ def magnified(psf: Tensor, factor: float, *, moved: tuple[float, float] = (0.0, 
 def covered(
     size: tuple[int, int], factor: float, *, moved: tuple[float, float] = (0.0, 0.0)
 ) -> Tensor:
-    """Pixels of a `magnified` PSF that lie within what was there; bool, (rows, columns).
-
-    Parameters
-    ----------
-    size
-        (rows, columns) of the PSF.
-    factor, moved
-        As for `magnified`.
-    """
+    """Pixels of a `magnified` PSF that lie within what was there; bool, (rows, columns)."""
     inside = []
     for count, shift in zip(size, moved, strict=True):
         place = _places(count, factor, shift)

@@ -106,17 +106,8 @@ def noise_squares(plane: Tensor) -> Tensor:
     r"""Squares with the mean σ², from the fine structure of one picture (`immerkaer1996`).
 
     The difference of two Laplace operators, :math:`[1, -2, 1]^T [1, -2, 1]`, lets nothing smooth
-    pass, and multiplies the variance of noise by 36.
-
-    Parameters
-    ----------
-    plane
-        (rows, columns) of one colour.
-
-    Returns
-    -------
-    Tensor
-        (rows − 2, columns − 2).
+    pass, and multiplies the variance of noise by 36. A plane of one colour, (rows, columns), has
+    (rows − 2, columns − 2) of them.
     """
     kernel = torch.tensor(_LAPLACES, dtype=plane.dtype)[None, None]
     return nnf.conv2d(plane[None, None], kernel)[0, 0].square() / _LAPLACES_POWER
@@ -225,13 +216,6 @@ def merge(exposures: list[Exposure], noise: Noise) -> Merged:
     does to the times shows on pixels that are bright in two exposures and clip in neither
     (`ratios`), and the times are corrected by it.
 
-    Parameters
-    ----------
-    exposures
-        One for each exposure time.
-    noise
-        Of one frame.
-
     Raises
     ------
     DataError
@@ -319,14 +303,10 @@ def _planes(values: Tensor, frame: Frame) -> list[Tensor]:
 def noise_of_frames(
     means: Mapping[float, FrameMean], exposures: Mapping[float, Exposure], sensor: Sensor | None
 ) -> Noise:
-    """Noise from the difference of frames; else from the sensor, or from fine structure.
+    """Noise from the difference of frames of one exposure time.
 
-    Parameters
-    ----------
-    means, exposures
-        Frames by exposure time, and the same less their dark frames.
-    sensor
-        Its description serves where each exposure has one frame only.
+    Where each exposure has one frame only, from the description of the sensor, or else from the
+    fine structure. The exposures are the means less their dark frames.
     """
     signals, squares = [], []
     for time, mean in means.items():
@@ -357,15 +337,7 @@ def noise_of_frames(
 def merged_half_difference(
     exposures: Mapping[float, FrameMean], darks: Mapping[float, FrameMean], noise: Noise
 ) -> Tensor | None:
-    """Half the frames less the other half, as noisy as `merge` of all; None if any is single.
-
-    Parameters
-    ----------
-    exposures, darks
-        Frames and dark frames by exposure time.
-    noise
-        Of one frame.
-    """
+    """Half the frames less the other half, as noisy as `merge` of all; None if any is single."""
     if any(mean.counts[1] == 0 for mean in exposures.values()):
         return None
     halves = [

@@ -56,12 +56,8 @@ class ExtrapolatedPsf:
 def filled(captured: Tensor, region: Region) -> Tensor:
     """The captured PSF with its mean light around it, as far as a scene's light comes from.
 
-    Parameters
-    ----------
-    captured
-        (channels, rows, columns), as large as the sensor.
-    region
-        Pixels that light comes from.
+    The PSF, (channels, rows, columns), is as large as the sensor; the region has the pixels that
+    light comes from.
 
     Raises
     ------

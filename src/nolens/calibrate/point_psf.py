@@ -90,11 +90,6 @@ def dark_area(psf: Tensor) -> DarkArea | None:
     hardly more than the darkest one, by 3 % of what there is near bright lines; they are a dark
     area if they have less than a quarter of the others' light, and half of the picture's edge.
     Stray light of up to that quarter does not matter, if it is even to 3 %.
-
-    Parameters
-    ----------
-    psf
-        (channels, rows, columns).
     """
     shorter = min(psf.shape[-2:])
     side = max(2, shorter // _BLOCKS)
@@ -121,18 +116,6 @@ def stray_light(psf: Tensor, area: DarkArea) -> Tensor:
     on that side alone), so that one through the darkest of them remains. A curved surface would
     follow the wings and take light of the PSF away. Where few blocks are dark, or on one side
     only, it is even.
-
-    Parameters
-    ----------
-    psf
-        (channels, rows, columns).
-    area
-        Its dark area.
-
-    Returns
-    -------
-    Tensor
-        Of the same shape.
     """
     rows, columns = psf.shape[-2:]
     used = area.dark
@@ -465,15 +448,7 @@ def point_psf(
 
 
 def point_psf_bytes(pixels: int, exposures: int) -> float:
-    """Most memory that `point_psf` holds at once, frames included.
-
-    Parameters
-    ----------
-    pixels
-        Of a frame.
-    exposures
-        Exposure times.
-    """
+    """Most memory that `point_psf` holds at once, frames of so many pixels included."""
     return pixels * (_BYTES_PER_PIXEL + _BYTES_PER_EXPOSURE * exposures)
 
 

@@ -301,12 +301,7 @@ def psf_from_scenes(
 def unexplained(known: KnownScenes, psf: Tensor) -> Tensor:
     """Residual of each measurement as `SolvedPsf` has it, for a PSF that was not solved from them.
 
-    Parameters
-    ----------
-    known
-        Scenes and measurements.
-    psf
-        (rows, columns); each measurement has its own gain.
+    Each measurement has its own gain.
     """
     solver = PsfSolver(known, None, torch.ones_like(psf))
     return solver.residual(psf[None] * solver.fit_gains(psf[None]))

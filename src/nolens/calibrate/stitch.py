@@ -198,15 +198,7 @@ def locate(
     Every two that overlap are matched (`match_overlap`). Then all shifts s are solved together:
     the least :math:`\sum_{ij} w_{ij} |s_j - s_i - d_{ij}|^2` (`preibisch2009`), with weights of
     the squared correlation, and less for overlaps that contradict the others (`huber1964`).
-
-    Parameters
-    ----------
-    captures
-        Alike in size.
-    reference
-        Number of the one whose light came from straight ahead.
-    progress
-        Called with the fraction that is done, 0 to 1.
+    `reference` is the number of the capture from straight ahead.
 
     Raises
     ------
@@ -399,18 +391,8 @@ def stitch(
     :math:`s^*(x)` of these shifts, since the PSF and its vignetting change with the angle;
     :math:`s^* = 0` for most of the sensor. They fade out towards their own edges, without
     seams. Brightness is brought to the reference's by the least squares of the logarithms of
-    the ratios of mean light in all overlaps.
-
-    Parameters
-    ----------
-    captures
-        Alike in size.
-    placement
-        Where they lie (`locate`).
-    reference
-        Number of the one whose light came from straight ahead.
-    progress
-        Called with the fraction that is done, 0 to 1.
+    the ratios of mean light in all overlaps. `reference` is the number of the capture from
+    straight ahead.
     """
     sensor = (captures[0].psf.shape[-2], captures[0].psf.shape[-1])
     shifts = placement.shifts

@@ -264,16 +264,7 @@ def pixel_of(
 ) -> Length:
     """Pitch of the pixels of the reconstruction: of a frame's pixels, or its 2×2 superpixels.
 
-    Parameters
-    ----------
-    frame
-        A frame of the camera.
-    opened
-        The camera, if it is known.
-    psfs
-        PSFs of the same camera, if there are any.
-    pitch
-        Of the frame's pixels, if it is stated.
+    The camera, or PSFs of it, say it, or the stated pitch of the frame's pixels.
 
     Raises
     ------
