@@ -40,7 +40,7 @@ from nolens.files import (
 )
 from nolens.files.pdf import write_sheet_pdf
 from nolens.files.sheet import write_sheet_html
-from nolens.jobs.designing.tolerance import study_budget
+from nolens.jobs.designing.tolerance import RECORD_FILE, study_budget
 from nolens.jobs.fields import FilePath, Name, OutputFolderOptions
 from nolens.jobs.options import Option, Written
 from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Reporter, Run, Writer, check_memory, job
@@ -48,8 +48,6 @@ from nolens.quantities import Angle, Length, Share
 from nolens.ranges import Between
 from nolens.twin import Twin, relief_points
 
-_STUDY_FILE = "tolerance.json"
-"""Name of the record that `nolens design tolerance` writes."""
 _FRAME, _PRINTER, _AMOUNTS = "Frame", "Printer", "Resin and mould"
 _MASK, _SHEET = "Mask", "Process sheet"
 _TWO = re.compile(r"([^x×]+)[x×]([^x×]+)")
@@ -73,7 +71,8 @@ def _two_lengths(value: Any) -> Any:
 
 
 def _study(path: Path) -> Path:
-    return path / _STUDY_FILE if path.is_dir() else path
+    """The record that `nolens design tolerance` wrote into a folder, or the file that is named."""
+    return path / RECORD_FILE if path.is_dir() else path
 
 
 _TwoLengths = Annotated[tuple[PositiveLength, PositiveLength], BeforeValidator(_two_lengths)]
