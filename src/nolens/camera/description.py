@@ -225,12 +225,7 @@ class Camera(Part):
         return material(layer.material, {own.name: own for own in self.materials})
 
     def indices(self, wavelength_nm: float) -> tuple[float, ...]:
-        """Refractive indices of all layers, from the scene to the sensor.
-
-        Parameters
-        ----------
-        wavelength_nm
-            Wavelength in vacuum, in nm.
+        """Refractive indices of all layers, scene first, at a wavelength in vacuum.
 
         Raises
         ------

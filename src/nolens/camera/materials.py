@@ -176,12 +176,7 @@ class Material(Part):
             return sum((each / squared**power for power, each in enumerate(c)), np.zeros(()))
 
     def index(self, wavelength_nm: float) -> float:
-        """Refractive index.
-
-        Parameters
-        ----------
-        wavelength_nm
-            Wavelength in vacuum, in nm.
+        """Refractive index at a wavelength in vacuum.
 
         Raises
         ------
@@ -264,11 +259,6 @@ def check_own_name(own: Material) -> None:
 
 def material_figures(material: Material) -> dict[str, Any]:
     """Derive figures of a material, in values that JSON has.
-
-    Parameters
-    ----------
-    material
-        The material.
 
     Returns
     -------

@@ -86,12 +86,7 @@ def prepare_psf(
 def check_psf(psf: Measurement, values: Tensor) -> list[str]:
     """Refuse what cannot be a PSF; sentences to show of what could be better.
 
-    Parameters
-    ----------
-    psf
-        The developed PSF.
-    values
-        Its values as they are used, (channels, height, width).
+    `values` are those of the developed PSF as they are used, (channels, height, width).
 
     Raises
     ------
@@ -271,14 +266,8 @@ def _is_dark_somewhere(psf: Measurement, values: Tensor) -> bool:
 def edge_warning(source: str, values: Tensor, sensor: tuple[int, int]) -> str | None:
     """Warn of a PSF that goes on beyond the sensor; None where it does not, or is known there.
 
-    Parameters
-    ----------
-    source
-        Where it comes from.
-    values
-        (channels, height, width).
-    sensor
-        (height, width) of the measurement; where the PSF is larger, it is known beyond.
+    Its values are (channels, height, width); where they are larger than the measurement's
+    (height, width), `sensor`, the PSF is known beyond.
     """
     plane = values.mean(dim=0)
     deep = max(1, min(plane.shape) // 32)

@@ -94,15 +94,7 @@ def _one_camera(entries: tuple[PsfEntry, ...]) -> tuple[PsfEntry, ...]:
 
 
 class PsfSet(Part):
-    """All PSFs of one camera.
-
-    Attributes
-    ----------
-    schema_version
-        Of this description.
-    psf
-        They, in no particular order; all have the same pixels and channels.
-    """
+    """All PSFs of one camera, in no particular order; all have the same pixels and channels."""
 
     schema_version: Literal[1] = 1
     psf: Annotated[
@@ -112,10 +104,7 @@ class PsfSet(Part):
     def by_distance(self, kinds: tuple[PsfKind, ...]) -> tuple[PsfEntry, ...]:
         """PSFs of points straight ahead, nearest first; at each distance the first kind there is.
 
-        Parameters
-        ----------
-        kinds
-            Those to take, the best first.
+        The kinds are those to take, the best first.
         """
         by_distance: dict[float, PsfEntry] = {}
         for kind in kinds:

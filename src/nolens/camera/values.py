@@ -13,12 +13,9 @@ _EXPOSED = 0.995
 
 
 def unusable(values: Tensor) -> str | None:
-    """Why values cannot be computed with, as the end of a sentence; None where they can.
+    """Why values of a file cannot be computed with, as the end of a sentence; None where they can.
 
-    Parameters
-    ----------
-    values
-        Of a file, any shape. Zeros are no reason.
+    Zeros are no reason.
     """
     low, high = (float(each) for each in values.aminmax())
     largest = max(abs(low), abs(high))
@@ -79,14 +76,9 @@ def exposure_white(radiance: Tensor) -> float:
 
 
 def srgb_from_linear(linear: Tensor) -> Tensor:
-    """The sRGB curve of IEC 61966-2-1.
+    """The sRGB curve of IEC 61966-2-1, of linear values of any shape, clipped to 0…1.
 
     ``12.92 x`` for x up to 0.0031308, then ``1.055 x^(1/2.4) - 0.055``.
-
-    Parameters
-    ----------
-    linear
-        Linear values of any shape; clipped to 0…1.
     """
     x = linear.clamp(0, 1)
     curved = x.pow(1 / 2.4).mul_(1.055).sub_(0.055)

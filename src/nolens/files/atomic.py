@@ -24,12 +24,7 @@ _swept: set[Path] = set()
 
 
 def write_together(writers: Mapping[Path, Callable[[Path], None]]) -> None:
-    """Write several files, all of them or none.
-
-    Parameters
-    ----------
-    writers
-        For each file, what writes it when it is given a path.
+    """Write several files, all of them or none; for each, what writes it when it is given a path.
 
     Raises
     ------
@@ -129,14 +124,9 @@ def _reason(error: OSError, folder: Path) -> str:
 
 
 def check_output(path: str | Path, suffixes: Collection[str]) -> None:
-    """Raise an error for a path that cannot become a file, before any work is done for it.
+    """Refuse a path that cannot become a file, before any work is done for it.
 
-    Parameters
-    ----------
-    path
-        The file to be written.
-    suffixes
-        The suffixes that can be written, such as ``(".png", ".tif")``.
+    The suffixes are those that can be written, such as ``(".png", ".tif")``.
 
     Raises
     ------

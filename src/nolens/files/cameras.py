@@ -143,12 +143,7 @@ def write_description(path: Path, camera: Camera) -> None:
 def curve_copies(name: str | Path, loaded: LoadedCamera) -> dict[str, Callable[[Path], None]]:
     """What copies the curves that a camera names: for each file, a writer for `write_camera`.
 
-    Parameters
-    ----------
-    name
-        What the camera was read from.
-    loaded
-        The camera.
+    `name` is what the camera was read from.
     """
     sensor = loaded.camera.sensor
     files = camera_files(name, loaded.camera)

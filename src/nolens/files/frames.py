@@ -248,11 +248,6 @@ def _of_folder(folder: Path, mosaic: str | None, bgr: bool) -> FrameSequence:
 def describe(frame: Frame) -> dict[str, Any]:
     """Describe a frame for a person or a program, in values that JSON has.
 
-    Parameters
-    ----------
-    frame
-        The frame, as `read_frame` gives it.
-
     Returns
     -------
     dict

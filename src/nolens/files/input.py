@@ -72,12 +72,7 @@ def system_errors(path: Path) -> Iterator[None]:
 
 
 def check_exists(path: Path, accepted: str) -> None:
-    """Refuse a path that is no file.
-
-    Parameters
-    ----------
-    accepted
-        What would be accepted, as a sentence without its full stop.
+    """Refuse a path that is no file; messages end with what would be accepted, without a full stop.
 
     Raises
     ------
@@ -104,14 +99,9 @@ def check_exists(path: Path, accepted: str) -> None:
 
 
 def check_content(path: Path, expected: tuple[str | None, ...], accepted: str) -> None:
-    """Refuse a file whose first bytes are not of the kind that its suffix says.
+    """Refuse a file whose first bytes are of no kind that its suffix can stand for.
 
-    Parameters
-    ----------
-    expected
-        Kinds that the suffix can stand for; None for any that has no known first bytes.
-    accepted
-        What would be accepted, as a sentence without its full stop.
+    The kind None is any without known first bytes; `accepted` is as in `check_exists`.
 
     Raises
     ------
@@ -144,14 +134,9 @@ def read_limit() -> int:
 
 
 def set_read_limit(size: str | int) -> None:
-    """Set how much one read may decode in this process.
+    """Set how much one read may decode in this process: text such as ``"4GB"``, or bytes.
 
     Processes that are started later do not take it over: tell each of them.
-
-    Parameters
-    ----------
-    size
-        Such as ``"4GB"``, or bytes.
 
     Raises
     ------

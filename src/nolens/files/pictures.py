@@ -204,13 +204,8 @@ def screen_picture(radiance: Tensor, white: float) -> Image.Image:
 def write_tiff16(path: str | Path, radiance: Tensor) -> None:
     """Write linear radiance as 16-bit TIFF: ``round(65535 radiance / white)``, clipped.
 
-    White is `exposure_white` of the radiance; it stands in the file's description as JSON, with
-    the radiance of one count.
-
-    Parameters
-    ----------
-    radiance
-        Linear radiance, (1 or 3, height, width).
+    Radiance is (1 or 3, height, width). White is its `exposure_white`; it stands in the file's
+    description as JSON, with the radiance of one count.
 
     Raises
     ------
@@ -225,12 +220,7 @@ def write_tiff16(path: str | Path, radiance: Tensor) -> None:
 
 
 def write_tiff32(path: str | Path, radiance: Tensor) -> None:
-    """Write linear radiance as it is, as 32-bit float TIFF.
-
-    Parameters
-    ----------
-    radiance
-        Linear radiance, (1 or 3, height, width).
+    """Write linear radiance, (1 or 3, height, width), as it is, as 32-bit float TIFF.
 
     Raises
     ------

@@ -112,13 +112,7 @@ def _draw_magnitude(axes: "Axes", planes: tuple[Tensor, Tensor], pixel_um: float
 
 
 def plot_thickness(path: Path, materials: list[ColourCurves]) -> None:
-    """Draw the focus of all materials by wavelength, and of each the width of its lines.
-
-    Parameters
-    ----------
-    materials
-        What to draw.
-    """
+    """Draw the focus of all materials by wavelength, and of each the width of its lines."""
     panels = 1 + len(materials)
     columns = min(_COLUMNS, panels)
     rows = -(-panels // columns)

@@ -40,13 +40,7 @@ class Panel:
 
 
 def plot_pictures(path: Path, panels: tuple[Panel, ...]) -> None:
-    """Draw photographs of one height in a row, with the sRGB curve.
-
-    Parameters
-    ----------
-    panels
-        From the left to the right.
-    """
+    """Draw photographs of one height in a row from left to right, with the sRGB curve."""
     ratios = [panel.radiance.shape[-1] / panel.radiance.shape[-2] for panel in panels]
     gaps = _GAP_IN * (len(panels) - 1)
     height = min(_HEIGHT_IN, (_WIDEST_IN - gaps) / sum(ratios))

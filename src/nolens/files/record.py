@@ -19,17 +19,7 @@ _PACKAGES = ("nolens", "torch", "numpy", "scipy", "numba")
 
 
 class InputFile(BaseModel):
-    """A file that went into a run.
-
-    Attributes
-    ----------
-    path
-        Where it was.
-    sha256
-        Its SHA-256, hexadecimal.
-    size
-        Its length in bytes.
-    """
+    """A file that went into a run: its path, its SHA-256 (hexadecimal) and its size in bytes."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

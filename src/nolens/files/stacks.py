@@ -91,12 +91,9 @@ def write_stack(
 
 
 def write_depths(path: str | Path, per_m: Tensor) -> None:
-    """Write a depth map as 32-bit float TIFF in mm; infinity stays infinite.
+    """Write a depth map, 1/z in 1/m (rows, columns), as 32-bit float TIFF in mm.
 
-    Parameters
-    ----------
-    per_m
-        1/z of every pixel in 1/m, (rows, columns).
+    Infinity stays infinite.
 
     Raises
     ------

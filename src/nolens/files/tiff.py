@@ -55,10 +55,7 @@ _SIZES = np.array([0, 1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8, 4, 0, 0, 8, 8, 8], np.
 def read_tiff(path: Path, page: int | None = None) -> Frame:
     """Read one page of grey or colour, in strips or tiles, interleaved or planar.
 
-    Parameters
-    ----------
-    page
-        Which of several, from 0; None where there is to be one.
+    Pages are counted from 0; None is for a file that is to have one.
 
     Raises
     ------

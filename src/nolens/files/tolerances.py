@@ -24,14 +24,7 @@ _LEVELS = (0.50, 0.90, 0.98)
 
 
 def read_tolerances(path: str | Path, camera: Camera) -> tuple[Parameter, ...]:
-    """Read the tolerances of a camera.
-
-    Parameters
-    ----------
-    path
-        A .toml file as ``nolens design tolerance CAMERA --show`` prints it.
-    camera
-        The camera that they are for.
+    """Read the tolerances of a camera, as ``nolens design tolerance CAMERA --show`` prints them.
 
     Raises
     ------
@@ -49,13 +42,7 @@ def read_tolerances(path: str | Path, camera: Camera) -> tuple[Parameter, ...]:
 
 
 def write_trials(path: Path, study: Study) -> None:
-    """Write all cameras that were drawn, as CSV: number, parameters, criterion.
-
-    Parameters
-    ----------
-    study
-        Has the cameras.
-    """
+    """Write all cameras that were drawn, as CSV: number, parameters, criterion."""
     parameters = study.response.parameters
     sharpness = study.sharpness
     heads = [*((each.name, each.unit) for each in parameters), (sharpness.name, sharpness.unit)]
@@ -69,15 +56,7 @@ def write_trials(path: Path, study: Study) -> None:
 
 
 def plot_tolerance(path: Path, study: Study, title: str) -> None:
-    """Draw how the figures of all cameras lie, what each parameter does, and the worst ones.
-
-    Parameters
-    ----------
-    study
-        Its results.
-    title
-        Over all plots.
-    """
+    """Draw how the figures of all cameras lie, what each parameter does, and the worst ones."""
     with plot_figure(path, (11, 8), title_size="large") as figure:
         figure.suptitle(title)
         above, below = figure.subfigures(2, 1, squeeze=False)[:, 0]

@@ -168,17 +168,10 @@ def _build123d() -> Any:
 
 
 def layout(levels: Levels, polygons: Sequence[Sequence[gdstk.Polygon]]) -> gdstk.Library:
-    """Lay levels out in one cell, in um and steps of 1 nm.
+    """Lay the polygons of levels (`Levels.polygons`) out in one cell, in um and steps of 1 nm.
 
     Layer 0 is the whole rectangle, layer k level k. Beside the mask, on layer 255, texts say
     which surface it is and how high each layer is.
-
-    Parameters
-    ----------
-    levels
-        The levels.
-    polygons
-        As `Levels.polygons` gives them.
     """
     surface = levels.surface
     width, height = (side * 1e3 for side in surface.size_mm)
