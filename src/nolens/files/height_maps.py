@@ -51,18 +51,10 @@ _SPACING = 1e-3
 
 @dataclass(frozen=True)
 class HeightMap:
-    """Heights that were measured, as they lie in the file.
+    """Measured heights, (rows, columns) in um, NaN where the file marks points as bad.
 
-    Parameters
-    ----------
-    heights_um
-        float64, (rows, columns) in um, NaN where the file marks points as bad.
-    pitch_um
-        Distance of the rows and of the columns.
-    format
-        What the file was taken for.
-    pitch_from
-        Where the pitch comes from.
+    The pitch is the distance of the rows and of the columns, with where it comes from; `format` is
+    what the file was taken for.
     """
 
     heights_um: NDArray[np.float64]

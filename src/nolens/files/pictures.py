@@ -42,14 +42,9 @@ Image.MAX_IMAGE_PIXELS = None
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture of a scene.
+    """A picture of a scene: linear radiance (3, height, width), float32; 1 is white.
 
-    Parameters
-    ----------
-    radiance
-        Linear, (3, height, width), float32; 1 is white.
-    opacity
-        (height, width), 1 where it hides what is behind it; None: everywhere.
+    Its opacity (height, width) is 1 where it hides what is behind it; None: everywhere.
     """
 
     radiance: Tensor

@@ -46,14 +46,7 @@ _ARC_RADII = (1.0, 1.2, 1.5)
 def write_psf_plot(path: str | Path, figures: "PsfFigures", psf: Tensor, pixel_um: float) -> None:
     """Draw a PSF with a part of it enlarged, its autocorrelation, and its spectral magnitude.
 
-    Parameters
-    ----------
-    figures
-        Of `nolens.evaluate.psf_figures`.
-    psf
-        (rows, columns).
-    pixel_um
-        Pitch of its pixels.
+    The PSF is (rows, columns); the figures are those of `nolens.evaluate.psf_figures`.
 
     Raises
     ------

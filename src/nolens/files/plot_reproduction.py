@@ -22,16 +22,9 @@ _OURS, _PAPER, _PREDICTED = "#2a5f7f", "#c0562f", "#2a7f62"
 
 @dataclass(frozen=True)
 class Panel:
-    """A picture and its name.
+    """A picture, linear radiance (1 or 3, height, width), with the title above it.
 
-    Parameters
-    ----------
-    title
-        Above it.
-    radiance
-        Linear, (1 or 3, height, width).
-    white
-        Radiance that is white; None: its own (`exposure_white`).
+    `white` is the radiance that is white; None takes `exposure_white`.
     """
 
     title: str
@@ -129,16 +122,9 @@ def plot_films(
 
 
 def plot_overlay(path: Path, psfs: Tensor, names: tuple[str, str, str], pixel_um: float) -> None:
-    """Draw three PSFs in red, blue and green over each other, binarised as in fig. 8a.
+    """Draw three PSFs (3, rows, columns) in red, blue and green over each other.
 
-    Parameters
-    ----------
-    psfs
-        (3, rows, columns).
-    names
-        Of the three.
-    pixel_um
-        Pitch of the pixels.
+    They are binarised as in fig. 8a; `pixel_um` is the pitch of their pixels.
 
     Raises
     ------

@@ -28,16 +28,7 @@ _TAIL = 2**16 + 64
 
 
 def write_state(path: str | Path, arrays: Mapping[str, Tensor], about: Mapping[str, Any]) -> None:
-    """Write tensors, and as JSON what run they belong to.
-
-    Parameters
-    ----------
-    path
-        The file to write, .npz.
-    arrays
-        By name.
-    about
-        What a run must have in common with this one to go on from here.
+    """Write tensors by name as .npz, and as JSON what a run must share to go on from here.
 
     Raises
     ------
