@@ -14,7 +14,15 @@ from .api.calibrate import CalibratedPsf, StitchedPsf, calibrate_psf, stitch_psf
 from .api.design import ThicknessDesign, design_mask, design_thickness
 from .api.image import Image
 from .api.inputs import load, save_frame
-from .api.measure import measure_psf, psnr, ssim
+from .api.measure import (
+    FieldOfView,
+    Resolution,
+    measure_field,
+    measure_psf,
+    measure_resolution,
+    psnr,
+    ssim,
+)
 from .api.reconstruct import Photograph, reconstruct, refocus
 from .api.simulate import Camera, Psf, SimulatedMeasurement, psf, simulate, simulate_point
 from .camera import Frame, Measurement, develop
@@ -24,6 +32,7 @@ from .solvers import Prior, Problem, Reconstructor
 __all__ = [
     "CalibratedPsf",
     "Camera",
+    "FieldOfView",
     "Frame",
     "Image",
     "Measurement",
@@ -33,6 +42,7 @@ __all__ = [
     "Psf",
     "Reconstructor",
     "Region",
+    "Resolution",
     "SimulatedMeasurement",
     "StitchedPsf",
     "ThicknessDesign",
@@ -46,7 +56,9 @@ __all__ = [
     "evaluate",
     "fabricate",
     "load",
+    "measure_field",
     "measure_psf",
+    "measure_resolution",
     "operators",
     "optics",
     "psf",

@@ -1,6 +1,7 @@
 """`import nolens as nl`: from a scene to a measurement to a photograph, without files."""
 
 import io
+import math
 import re
 import subprocess
 import sys
@@ -11,21 +12,28 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image as Pillow
+from scipy.ndimage import gaussian_filter
 
 import nolens as nl
 from nolens.errors import DataError, OptionError
+from nolens.evaluate import slanted_edge
 from nolens.files import write_png
 from nolens.jobs import (
+    MeasureFieldOptions,
     PsfOptions,
     ReconstructOptions,
     Reporter,
+    SiemensOptions,
     ThicknessOptions,
     design_mask,
     design_thickness,
+    measure_field,
+    measure_siemens,
     reconstruct,
     simulate_psf,
 )
 from nolens.jobs.designing.mask import mask_kind
+from nolens.quantities import Angle, Length
 
 ROOT = Path(nl.__file__).parents[2]
 SIDE = 96
@@ -210,7 +218,71 @@ def test_psf_is_measured(psf: nl.Psf) -> None:
         nl.measure_psf(psf, "3.1um", channel=3)
 
 
+def test_resolution_is_that_of_the_command(camera: nl.Camera, tmp_path: Path) -> None:
+    """Of a simulated camera, and of the picture that the simulation gave."""
+    options = SiemensOptions.gather(
+        {"simulate": "small", "angle": "11deg", "spokes": 18, "iterations": 40, "light": "535nm"}
+    )
+    theirs = measure_siemens(options, Reporter())
+    resolution = nl.measure_resolution(
+        camera, "siemens", angle="11deg", spokes=18, iterations=40, light="535nm"
+    )
+    assert resolution.resolved_deg == theirs.value.resolved_everywhere_deg
+    assert resolution.figures.keys() <= theirs.summary.keys()
+    star = resolution.measured.picture
+    again = nl.measure_resolution(
+        star.values, pixel_angle=Angle(str(math.degrees(math.atan(star.tangent))), "deg")
+    )
+    assert again.resolved_deg == pytest.approx(resolution.resolved_deg, rel=1e-3)
+    assert Pillow.open(io.BytesIO(again._repr_png_())).size[0] > 500
+    assert repr(again) == f"Resolution(siemens, {again.resolved_deg:.3f}°)"
+
+
+def test_edge_and_points_in_pictures(camera: nl.Camera) -> None:
+    edge = nl.measure_resolution(slanted_edge(72, 5.0), "edge", pixel_angle="0.1deg")
+    # The mean over square pixels: sinc(f), a tenth at 0.906 cycles, beyond half a cycle.
+    assert edge.resolved_deg is None and edge.figures["tilt_deg"] == pytest.approx(5, abs=0.02)
+    assert edge.figures["half_contrast_per_deg"] is None
+    pictures = {}
+    for pixels in (2, 4, 6):
+        points = np.zeros((40, 40))
+        points[20, [17, 17 + pixels]] = 1
+        pictures[f"{pixels / 10}deg"] = gaussian_filter(points, 1.0)
+    found = nl.measure_resolution(pictures, "two-points", pixel_angle="0.1deg")
+    assert 0.2 < found.resolved_deg < 0.4
+    for each in (edge, found):
+        assert Pillow.open(io.BytesIO(each._repr_png_())).size[0] > 500
+
+
+def test_field_of_view_is_that_of_the_command(camera: nl.Camera, psf: nl.Psf) -> None:
+    options = MeasureFieldOptions.gather({"simulate": "small", "angles": "0deg,8deg"})
+    theirs = measure_field(options, Reporter())
+    field = nl.measure_field(camera, angles=("0deg", "8deg"))
+    assert list(field.psfs) == theirs.value and repr(field) == "FieldOfView(2 PSFs up to 8.0°)"
+    assert Pillow.open(io.BytesIO(field._repr_png_())).size[0] > 500
+    side = np.roll(np.asarray(nl.psf(camera, "300mm")), 12, axis=2)
+    captured = nl.measure_field(
+        {"0deg": nl.psf(camera, "300mm"), "2deg": side}, pixel=Length("3.1", "um")
+    )
+    assert captured.psfs[0].correlation == pytest.approx(1, abs=1e-5)
+    assert captured.psfs[1].shift_um == pytest.approx(12 * 3.1, rel=0.01)
+    with pytest.raises(OptionError, match="give the central PSF"):
+        nl.measure_field({"2deg": side}, pixel="3.1um")
+    with pytest.raises(OptionError, match="give rising angles"):
+        nl.measure_field(camera, angles=("8deg", "0deg"))
+
+
+def test_dots_of_a_simulated_camera(camera: nl.Camera) -> None:
+    field = nl.measure_field(camera, dot_pitch="20mm", extent="10deg")
+    assert field.grid is not None and len(field.figures["dots"]) == len(field.grid.dots) > 5
+    assert Pillow.open(io.BytesIO(field._repr_png_())).size[0] > 500
+
+
 REFUSED = {
+    "target": (lambda shot, psf: nl.measure_resolution(shot, "bars"), "give one of siemens, edge"),
+    "no scale": (lambda shot, psf: nl.measure_resolution(shot), "pixel_angle"),
+    "no star": (lambda shot, psf: nl.measure_resolution(shot, pixel_angle="0.1deg"), "no Siemens"),
+    "no angles": (lambda shot, psf: nl.measure_resolution(shot, "two-points"), "for each angle"),
     "both sizes": (lambda shot, psf: nl.reconstruct(shot, psf, quality="draft", method="admm"),
                    "both choose"),
     "quality": (lambda shot, psf: nl.reconstruct(shot, psf, quality="best"), "give one of draft"),

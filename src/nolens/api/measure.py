@@ -1,16 +1,83 @@
-"""How good a photograph is, and what a PSF is like."""
+"""How good a photograph is, what a PSF is like, how fine a camera resolves and how far it sees."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Literal, get_args
 
 from torch import Tensor
 
 from nolens.api.image import Image
-from nolens.api.inputs import length_um
+from nolens.api.inputs import angle_of, distance_um, length_um, source_of
+from nolens.api.progress import Progress, reported
+from nolens.api.simulate import Camera, check_camera_memory
 from nolens.camera import Frame, develop
-from nolens.errors import DataError
-from nolens.evaluate import PsfFigures, psf_figures, scale_fit
+from nolens.errors import DataError, OptionError
+from nolens.evaluate import (
+    EdgeResolution,
+    FlatPicture,
+    ObservedPair,
+    PsfFigures,
+    StarResolution,
+    TwoPoints,
+    point_pair,
+    psf_figures,
+    scale_fit,
+    siemens_star,
+    slanted_edge,
+    star_square_deg,
+)
 from nolens.evaluate import psnr as _psnr
 from nolens.evaluate import ssim as _ssim
-from nolens.quantities import Length
+from nolens.experiments.dot_grid import (
+    DotGrid,
+    dot_grid,
+    dot_grid_bytes,
+    field_points,
+    grid_tangents,
+)
+from nolens.experiments.off_axis import (
+    CORRELATIONS,
+    OffAxis,
+    angle_figures,
+    compare,
+    off_axis,
+    off_axis_bytes,
+    ray_curves,
+)
+from nolens.experiments.resolution import (
+    POINT_ITERATIONS,
+    TARGET_ITERATIONS,
+    TAU,
+    AngularScale,
+    SolverSettings,
+    points_support,
+    reconstruction_bytes,
+    screen_picture,
+    target_support,
+    two_point_resolution,
+)
+from nolens.experiments.virtual_experiment import VirtualExperiment
+from nolens.files.plot_measurements import (
+    draw_edge,
+    draw_star,
+    draw_two_points,
+    write_angles_plot,
+    write_dots_plot,
+)
+from nolens.operators import Region
+from nolens.optics import PointSource
+from nolens.quantities import Angle, Length
 from nolens.solvers.inputs import Plane, channels_of
+from nolens.twin import Light
+
+Target = Literal["siemens", "edge", "two-points"]
+_SPOKES, _TILT_DEG = 36, 5.0
+_ANGLES = tuple(f"{5 * number}deg" for number in range(11))
+_REMEDY = "a smaller angle or a camera that reads fewer pixels"
 
 
 def psnr(picture: Image | Plane, truth: Image | Plane) -> float:
@@ -63,6 +130,376 @@ def measure_psf(psf: Image | Frame | Plane, pixel: str | Length, *, channel: int
     if not 0 <= channel < values.shape[0]:
         raise DataError(f"channel is {channel}; the PSF has {values.shape[0]}, counted from 0")
     return psf_figures(values[channel], length_um(pixel))
+
+
+@dataclass(frozen=True, repr=False)
+class Resolution:
+    """How fine a camera resolves, by one target. A notebook shows it as a plot.
+
+    Parameters
+    ----------
+    target
+        Which target.
+    measured
+        What was measured of it, with the picture.
+    """
+
+    target: Target
+    measured: StarResolution | EdgeResolution | TwoPoints
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """All figures by name, as ``nolens measure resolution --json`` prints them."""
+        return self.measured.figures
+
+    @property
+    def resolved_deg(self) -> float | None:
+        """Angle of the finest line pair, or of two points, that is resolved; None: not known."""
+        resolved: float | None = self.figures["resolved_deg"]
+        return resolved
+
+    def _repr_png_(self) -> bytes:
+        if isinstance(self.measured, StarResolution):
+            return _png(partial(draw_star, self.measured))
+        if isinstance(self.measured, EdgeResolution):
+            return _png(partial(draw_edge, self.measured))
+        return _png(partial(draw_two_points, self.measured))
+
+    def __repr__(self) -> str:
+        resolved = self.resolved_deg
+        text = "not resolved" if resolved is None else f"{resolved:.3f}°"
+        return f"Resolution({self.target}, {text})"
+
+
+def measure_resolution(
+    source: Camera | Image | Plane | Mapping[str | Angle, Image | Plane],
+    target: Target = "siemens",
+    *,
+    camera: Camera | None = None,
+    support: Region | None = None,
+    pixel_angle: str | Angle | None = None,
+    spokes: int | None = None,
+    angle: str | Angle | None = None,
+    distance: str | Length = "300mm",
+    iterations: int | None = None,
+    tau: float = TAU,
+    seed: int = 0,
+    light: str = "white-led",
+    wavelengths: int = 1,
+    progress: Progress = False,
+) -> Resolution:
+    """How fine a camera resolves, by a target in a picture or before a simulated camera.
+
+    Parameters
+    ----------
+    source
+        A described camera, which is simulated; or a linear picture of the target. For two points,
+        pictures by the angle between the points: ``{"0.5deg": one, "0.7deg": other}``.
+    target
+        ``"siemens"``, a star of bright spokes; ``"edge"``, a slanted edge; ``"two-points"``.
+    camera, support
+        Of a picture: the camera that took it, and the pixels that it shows; None: as many around
+        the sensor's middle.
+    pixel_angle
+        Of a picture, in place of its camera: the angle of a pixel in the middle.
+    spokes
+        Bright spokes of the star; None takes what a picture shows, and 36 to simulate.
+    angle, distance
+        Of the simulated target: field angle that it fills (20° for a star, 10° for an edge), and
+        from the target to the camera.
+    iterations, tau
+        Of the simulated picture's reconstruction; 300 iterations, 100 for two points.
+    seed, light, wavelengths
+        Of the simulation, as `simulate` takes them.
+    progress
+        Whether to show a bar, or a function for the fraction that is done.
+
+    Raises
+    ------
+    OptionError
+        If an option cannot be used, or the angle of a picture's pixels is not known.
+    DataError
+        If a picture shows no such target.
+    """
+    if target not in get_args(Target):
+        raise OptionError(f"target is {target!r}; give one of {', '.join(get_args(Target))}")
+    if isinstance(source, Camera):
+        default = POINT_ITERATIONS if target == "two-points" else TARGET_ITERATIONS
+        settings = SolverSettings(iterations or default, tau, seed=seed)
+        scene = _Scene(source, distance_um(distance), Light(light), wavelengths, settings)
+        if target == "two-points":
+            return Resolution(target, scene.points(progress))
+        if target == "edge":
+            drawing = partial(slanted_edge, tilt_deg=_TILT_DEG)
+            angle_deg = angle_of(angle or "10deg").deg
+        else:
+            spokes = spokes or _SPOKES
+            drawing = partial(siemens_star, periods=spokes)
+            angle_deg = star_square_deg(angle_of(angle or "20deg").deg)
+        return _of_picture(scene.picture(drawing, angle_deg, progress), target, spokes)
+    scaled = partial(_scaled, camera=camera, support=support, pixel_angle=pixel_angle)
+    if target == "two-points":
+        return _of_pairs(source, scaled)
+    if isinstance(source, Mapping):
+        raise OptionError(f"the target {target} is measured in one picture: give that alone")
+    picture, scale = scaled(source)
+    return _of_picture(scale.flat(picture), target, spokes)
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """What a simulated camera is shown, but for the target itself."""
+
+    camera: Camera
+    distance_um: float
+    light: Light
+    wavelengths: int
+    settings: SolverSettings
+
+    def _experiment(self, support: Region) -> VirtualExperiment:
+        """The camera, once it is known that there is memory to solve for a support."""
+        preview = self.camera.preview
+        preview.check_source(PointSource((0.0, 0.0), self.distance_um))
+        working = reconstruction_bytes(
+            preview, support, self.distance_um, self.light, self.wavelengths
+        )
+        check_camera_memory(self.camera, working, _REMEDY)
+        return VirtualExperiment(self.camera.twin, self.light, self.wavelengths)
+
+    def points(self, progress: Progress) -> TwoPoints:
+        """Two points at several separations."""
+        experiment = self._experiment(points_support(self.camera.preview))
+        with reported(progress, "two points") as advance:
+            return two_point_resolution(
+                experiment, self.distance_um, settings=self.settings, progress=advance
+            )
+
+    def picture(
+        self, target: Callable[[int], Tensor], angle_deg: float, progress: Progress
+    ) -> FlatPicture:
+        """A square target whose side fills an angle."""
+        support = target_support(self.camera.preview, angle_deg, self.distance_um)
+        experiment = self._experiment(support)
+        with reported(progress, "target") as advance:
+            return screen_picture(
+                experiment, target, angle_deg, self.distance_um, self.settings, advance
+            )
+
+
+def _of_picture(picture: FlatPicture, target: Target, spokes: int | None) -> Resolution:
+    if target == "edge":
+        return Resolution(target, EdgeResolution.of(picture))
+    return Resolution(target, StarResolution.of(picture, periods=spokes))
+
+
+def _of_pairs(pictures: object, scaled: Callable[[Any], tuple[Tensor, AngularScale]]) -> Resolution:
+    if not isinstance(pictures, Mapping) or not pictures:
+        raise OptionError(
+            "two points need a picture for each angle between them, such as "
+            '{"0.5deg": one, "0.7deg": other}'
+        )
+    pairs = []
+    for between, each in pictures.items():
+        angle_deg = angle_of(between).deg
+        picture, scale = scaled(each)
+        pairs.append(ObservedPair(angle_deg, point_pair(picture, scale.pixels(angle_deg)), picture))
+    return Resolution("two-points", TwoPoints.of(pairs))
+
+
+def _scaled(
+    picture: Image | Plane,
+    *,
+    camera: Camera | None,
+    support: Region | None,
+    pixel_angle: str | Angle | None,
+) -> tuple[Tensor, AngularScale]:
+    """Mean of a picture's channels, and the angles of its pixels."""
+    values = _values(picture, "picture").mean(dim=0)
+    if (camera is None) == (pixel_angle is None):
+        raise OptionError(
+            "give either the camera that took the picture (camera=...) or the angle of one of its "
+            'pixels (pixel_angle="0.138deg")'
+        )
+    if camera is None:
+        return values, AngularScale(math.tan(angle_of(pixel_angle or "").rad))
+    height, width = values.shape
+    support = Region.centred(height, width, camera.size) if support is None else support
+    if (support.height, support.width) != (height, width):
+        raise DataError(
+            f"the support is {support.height}×{support.width} pixels, but the picture "
+            f"{height}×{width}: give the support that it was reconstructed with"
+        )
+    return values, AngularScale.of_camera(camera.preview, support)
+
+
+@dataclass(frozen=True, repr=False)
+class FieldOfView:
+    """How far to the side a camera sees. A notebook shows it as a plot.
+
+    Parameters
+    ----------
+    psfs
+        PSFs from the side beside the central one, by angle; empty where dots were measured.
+    grid
+        A grid of dots in the camera's picture; None where PSFs were compared.
+    rays
+        Curves by ray optics, by name; None where the camera is not known.
+    """
+
+    psfs: tuple[OffAxis, ...]
+    grid: DotGrid | None = None
+    rays: Mapping[str, Sequence[float]] | None = None
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """All figures by name, as ``nolens measure field --json`` prints them."""
+        return angle_figures(self.psfs) if self.grid is None else self.grid.figures
+
+    def _repr_png_(self) -> bytes:
+        if self.grid is None:
+            return _png(
+                partial(write_angles_plot, psfs=self.psfs, rays=self.rays, levels=CORRELATIONS)
+            )
+        angles = self.grid.angles
+        return _png(
+            partial(
+                write_dots_plot,
+                dots=self.grid.dots,
+                picture=self.grid.picture,
+                good_deg=angles.good_deg,
+                lost_deg=angles.lost_deg,
+            )
+        )
+
+    def __repr__(self) -> str:
+        if self.grid is None:
+            return f"FieldOfView({len(self.psfs)} PSFs up to {self.psfs[-1].angle_deg:.1f}°)"
+        good = self.grid.angles.good_deg
+        text = "none good" if good is None else f"good up to {good:.1f}°"
+        return f"FieldOfView({len(self.grid.dots)} dots, {text})"
+
+
+def measure_field(
+    source: Camera | Mapping[str | Angle, Image | Plane],
+    *,
+    angles: Sequence[str | Angle] = _ANGLES,
+    dot_pitch: str | Length | None = None,
+    extent: str | Angle = "50deg",
+    distance: str | Length = "300mm",
+    camera: Camera | None = None,
+    pixel: str | Length | None = None,
+    seed: int = 0,
+    progress: Progress = False,
+) -> FieldOfView:
+    """How far to the side a camera sees, by PSFs at angles or by a grid of dots.
+
+    Parameters
+    ----------
+    source
+        A described camera, which is simulated; or captured PSFs on the pixels of the sensor, by
+        the half angle to the right: ``{"0deg": central, "20deg": other}``.
+    angles
+        Half angles of the simulated point sources, rising.
+    dot_pitch
+        Distance of neighbouring dots: the simulated camera is shown a grid, whose picture is
+        reconstructed. None compares PSFs.
+    extent
+        Half angle up to which there are dots.
+    distance
+        Of the point sources or of the grid.
+    camera, pixel
+        Of captured PSFs: the camera that took them, or the distance of their pixels.
+    seed
+        Of the simulated noise.
+    progress
+        Whether to show a bar, or a function for the fraction that is done.
+
+    Raises
+    ------
+    OptionError
+        If an option cannot be used, or an angle is beyond the model.
+    DataError
+        If the PSFs cannot be compared, or the picture shows no grid.
+    """
+    if not isinstance(source, Camera):
+        return _of_captured(source, distance, camera, pixel)
+    away_um, preview = distance_um(distance), source.preview
+    if dot_pitch is None:
+        at = [angle_of(each).deg for each in angles]
+        if not at or at != sorted(set(at)):
+            raise OptionError('give rising angles, such as ("0deg", "10deg", "20deg")')
+        farthest = source_of(distance, (f"{at[-1]}deg", "0deg"), "50um")
+        preview.check_source(farthest)
+        check_camera_memory(source, off_axis_bytes(preview, farthest, len(at)), _REMEDY)
+        experiment = VirtualExperiment(source.twin, Light("white-led"), field_points=1)
+        with reported(progress, "PSFs") as advance:
+            psfs = off_axis(
+                experiment,
+                at,
+                distance_um=away_um,
+                diameter_um=farthest.diameter_um,
+                seed=seed,
+                progress=advance,
+            )
+        return FieldOfView(tuple(psfs), None, ray_curves(preview, at[-1], away_um))
+    extent_deg, pitch_um = angle_of(extent).deg, length_um(dot_pitch)
+    grid_tangents(pitch_um, away_um, extent_deg)
+    preview.check_source(PointSource((0.0, math.tan(math.radians(extent_deg))), away_um))
+    check_camera_memory(source, dot_grid_bytes(preview, extent_deg, away_um), _REMEDY)
+    experiment = VirtualExperiment(
+        source.twin, Light("white-led"), field_points=field_points(extent_deg)
+    )
+    with reported(progress, "dots") as advance:
+        grid = dot_grid(
+            experiment,
+            pitch_um=pitch_um,
+            distance_um=away_um,
+            extent_deg=extent_deg,
+            seed=seed,
+            progress=advance,
+        )
+    return FieldOfView((), grid)
+
+
+def _of_captured(
+    psfs: Mapping[str | Angle, Image | Plane],
+    distance: str | Length,
+    camera: Camera | None,
+    pixel: str | Length | None,
+) -> FieldOfView:
+    """Captured PSFs beside the one from straight ahead."""
+    planes = {
+        angle_of(each).deg: _values(psf, f"PSF of {each}").mean(dim=0) for each, psf in psfs.items()
+    }
+    if 0.0 not in planes or len(planes) < 2:
+        raise OptionError('give the central PSF, as "0deg", and others by their half angle')
+    if (camera is None) == (pixel is None):
+        raise OptionError(
+            "give either the camera that took the PSFs (camera=...) or the distance of their "
+            'pixels (pixel="3.1um")'
+        )
+    pixel_um = length_um(pixel or "") if camera is None else camera.pixel_um
+    twin = None if camera is None else camera.preview
+    measured = [
+        compare(
+            planes[0.0],
+            planes[angle_deg],
+            source_of(distance, (f"{angle_deg}deg", "0deg"), "0um"),
+            pixel_um,
+            twin,
+        )
+        for angle_deg in sorted(planes)
+    ]
+    rays = None if twin is None else ray_curves(twin, max(planes), distance_um(distance))
+    return FieldOfView(tuple(measured), None, rays)
+
+
+def _png(write: Callable[[Path], None]) -> bytes:
+    """A plot as PNG, of what writes it as a file."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "plot.png"
+        write(path)
+        return path.read_bytes()
 
 
 def _fitted(picture: Image | Plane, truth: Image | Plane) -> tuple[Tensor, Tensor]:

@@ -219,7 +219,7 @@ def psf(
         at_least=2,
         shortest=shortest_nm(colours),
     )
-    _check_memory(camera, pattern, "a smaller size or a camera that reads fewer pixels")
+    check_camera_memory(camera, pattern, "a smaller size or a camera that reads fewer pixels")
     bench = VirtualExperiment(camera.twin, Light(light), wavelengths)
     with reported(progress, "PSF") as report:
         values = bench.psf(source, size, report)
@@ -320,7 +320,7 @@ def simulate(
     )
     bare, colours = camera.preview, colours_of(camera.preview, Light(light), wavelengths)
     working = irradiate_bytes(bare, (plane,), field_points, colours)
-    _check_memory(camera, working, "a smaller angle or a camera that reads fewer pixels")
+    check_camera_memory(camera, working, "a smaller angle or a camera that reads fewer pixels")
     bench = VirtualExperiment(camera.twin, Light(light), wavelengths, field_points)
     with reported(progress, "measurement") as report:
         shot = bench.measure((plane,), fill=fill, seed=seed, progress=report)
@@ -330,7 +330,22 @@ def simulate(
     )
 
 
-def _check_memory(camera: Camera, working: float, remedy: str) -> None:
-    """Refuse what the machine has no memory for, before the relief is computed."""
+def check_camera_memory(camera: Camera, working: float, remedy: str) -> None:
+    """Refuse what the machine has no memory for, before the relief is computed.
+
+    Parameters
+    ----------
+    camera
+        To be simulated.
+    working
+        Bytes that are held at once beside its relief.
+    remedy
+        What needs less.
+
+    Raises
+    ------
+    OptionError
+        If the machine has less memory than that.
+    """
     needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(camera.opened), working)
     check_memory(needed, camera.device, f"{remedy} needs less")

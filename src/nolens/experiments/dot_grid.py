@@ -9,7 +9,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from nolens.camera import LoadedCamera
 from nolens.errors import DataError, OptionError
 from nolens.evaluate import Angles, Dot, Spot, angles_of, brightest_places, grade, spots_at
 from nolens.experiments.virtual_experiment import VirtualExperiment, solved
@@ -24,10 +23,7 @@ from nolens.twin import (
     Twin,
     colours_of,
     polychromatic_psf_bytes,
-    preview_model,
-    relief_points,
     shortest_nm,
-    simulation_bytes,
 )
 
 _FEWEST = 5
@@ -468,13 +464,13 @@ def dot_grid(
     )
 
 
-def dot_grid_bytes(opened: LoadedCamera, extent_deg: float, distance_um: float) -> float:
-    """Bytes that a grid of dots up to a half angle holds at once.
+def dot_grid_bytes(twin: Twin, extent_deg: float, distance_um: float) -> float:
+    """Bytes that a grid of dots up to a half angle holds at once, beside the relief.
 
     The PSFs of its field points have one sample to the pixel, and are wider than the sensor by a
     part of the support.
     """
-    twin, sensor = preview_model(opened), opened.camera.sensor
+    sensor = twin.camera.sensor
     farthest = PointSource((0.0, math.tan(math.radians(extent_deg))), distance_um)
     shift = twin.shift_um(PointSource(farthest.tangent))[1] / twin.pixel_um
     more = math.ceil(4 * shift / (field_points(extent_deg) - 1))
@@ -486,9 +482,7 @@ def dot_grid_bytes(opened: LoadedCamera, extent_deg: float, distance_um: float) 
         at_least=1,
         shortest=shortest_nm(colours_of(twin, Light("white-led"), 1)),
     )
-    return simulation_bytes(
-        relief_points(opened), psf + _BYTES_PER_PIXEL * sensor.rows * sensor.columns
-    )
+    return psf + _BYTES_PER_PIXEL * sensor.rows * sensor.columns
 
 
 def field_points(extent_deg: float) -> int:

@@ -9,7 +9,7 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
-from nolens.camera import LoadedCamera, develop
+from nolens.camera import develop
 from nolens.errors import DataError
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.kernels import fast_length, irfft2, rfft2
@@ -20,10 +20,7 @@ from nolens.twin import (
     Twin,
     colours_of,
     polychromatic_psf_bytes,
-    preview_model,
-    relief_points,
     shortest_nm,
-    simulation_bytes,
 )
 
 CORRELATIONS = (0.6, 0.3)
@@ -138,9 +135,9 @@ def off_axis(
     ]
 
 
-def off_axis_bytes(opened: LoadedCamera, farthest: PointSource, count: int) -> float:
-    """Bytes that PSFs of some point sources, each with two samples to the pixel, hold at once."""
-    twin, sensor = preview_model(opened), opened.camera.sensor
+def off_axis_bytes(twin: Twin, farthest: PointSource, count: int) -> float:
+    """Bytes that PSFs of some point sources, with two samples to the pixel, hold at once."""
+    sensor = twin.camera.sensor
     psf = polychromatic_psf_bytes(
         twin,
         farthest,
@@ -149,8 +146,7 @@ def off_axis_bytes(opened: LoadedCamera, farthest: PointSource, count: int) -> f
         at_least=2,
         shortest=shortest_nm(colours_of(twin, Light("white-led"), 1)),
     )
-    frames = 8 * sensor.rows * sensor.columns * (count + 1)
-    return simulation_bytes(relief_points(opened), psf + frames)
+    return psf + 8 * sensor.rows * sensor.columns * (count + 1)
 
 
 def angle_figures(psfs: Sequence[OffAxis]) -> dict[str, Any]:

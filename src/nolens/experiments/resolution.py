@@ -8,7 +8,7 @@ import torch
 from scipy import ndimage
 from torch import Tensor
 
-from nolens.camera import Frame, LoadedCamera, develop
+from nolens.camera import Frame, develop
 from nolens.errors import DataError
 from nolens.evaluate import RAYLEIGH_DIP, FlatPicture, ObservedPair, TwoPoints, point_pair
 from nolens.experiments.virtual_experiment import VirtualExperiment, solved
@@ -23,10 +23,7 @@ from nolens.twin import (
     Twin,
     colours_of,
     polychromatic_psf_bytes,
-    preview_model,
-    relief_points,
     shortest_nm,
-    simulation_bytes,
 )
 
 TARGET_ITERATIONS = 300
@@ -233,14 +230,14 @@ def points_support(twin: Twin) -> Region:
 
 
 def reconstruction_bytes(
-    opened: LoadedCamera, support: Region, distance_um: float, light: Light, wavelengths: int
+    twin: Twin, support: Region, distance_um: float, light: Light, wavelengths: int
 ) -> float:
-    """Bytes that a simulated camera and a reconstruction of its frame hold at once.
+    """Bytes that a simulated frame and its reconstruction hold at once, beside the relief.
 
     Parameters
     ----------
-    opened
-        The camera.
+    twin
+        The camera; its preview model will do.
     support
         Scene pixels that are solved for.
     distance_um
@@ -253,7 +250,7 @@ def reconstruction_bytes(
     OptionError
         If the light cannot be used.
     """
-    twin, sensor = preview_model(opened), opened.camera.sensor
+    sensor = twin.camera.sensor
     psf = polychromatic_psf_bytes(
         twin,
         PointSource((0.0, 0.0), distance_um),
@@ -265,8 +262,7 @@ def reconstruction_bytes(
     rows, columns = twin.shape
     pixels = (rows + support.height) * (columns + support.width)
     # Channels are solved for one by one.
-    solver = admm_bytes(pixels) + _BYTES_PER_PIXEL * pixels
-    return simulation_bytes(relief_points(opened), psf + solver)
+    return psf + admm_bytes(pixels) + _BYTES_PER_PIXEL * pixels
 
 
 def two_point_resolution(

@@ -52,7 +52,7 @@ from nolens.optics import PointSource
 from nolens.progress import ProgressCallback
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
-from nolens.twin import Twin, distance_um, preview_model
+from nolens.twin import Twin, distance_um, preview_model, relief_points, simulation_bytes
 
 FieldOfView = list[OffAxis] | DotGrid
 """PSFs from the side, or the dots of a grid."""
@@ -430,12 +430,14 @@ def _of_twin(run: Run[MeasureFieldOptions], opened: LoadedCamera) -> Product[Fie
         what = "dots"
         count = len(grid_tangents(options.dot_pitch.um, away_um, options.extent.deg))
     farthest = PointSource((0.0, math.tan(largest.rad)), away_um)
-    preview_model(opened).check_source(farthest)
-    needed = BYTES_OF_PROGRAM + (
-        dot_grid_bytes(opened, largest.deg, away_um)
+    preview = preview_model(opened)
+    preview.check_source(farthest)
+    working = (
+        dot_grid_bytes(preview, largest.deg, away_um)
         if grid
-        else off_axis_bytes(opened, farthest, count)
+        else off_axis_bytes(preview, farthest, count)
     )
+    needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(opened), working)
     check_memory(needed, run.device, _REMEDY)
     run.begin(needed)
     run.reporter.advance("mask", 0.0)

@@ -52,7 +52,14 @@ from nolens.optics import PointSource
 from nolens.plugins import load_plugin, plugin_names
 from nolens.quantities import Angle, Share
 from nolens.ranges import Between
-from nolens.twin import Light, Twin, distance_um, preview_model
+from nolens.twin import (
+    Light,
+    Twin,
+    distance_um,
+    preview_model,
+    relief_points,
+    simulation_bytes,
+)
 
 Threshold = Annotated[Share, Between("0.01 %", "99.99 %")]
 _PixelAngle = Annotated[Angle, Between("0.000001 deg", "10 deg")]
@@ -461,9 +468,8 @@ def simulated_camera(
     preview.check_source(PointSource((0.0, 0.0), distance))
     light, support = Light(options.light), support_of(preview, distance)
     run.reads(camera_files(options.simulate, opened.camera))
-    needed = BYTES_OF_PROGRAM + reconstruction_bytes(
-        opened, support, distance, light, options.wavelengths
-    )
+    working = reconstruction_bytes(preview, support, distance, light, options.wavelengths)
+    needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(opened), working)
     check_memory(needed, run.device, _REMEDY)
     run.begin(needed)
     run.reporter.advance("mask", 0.0)
