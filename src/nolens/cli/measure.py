@@ -107,7 +107,7 @@ def _dots_lines(summary: dict[str, Any]) -> list[str]:
     good, lost = summary["good_deg"], summary["lost_deg"]
     return [
         f"{len(summary['dots'])} dots: " + ", ".join(f"{n} {name}" for name, n in counts.items()),
-        f"{summary['pitch_summary_mm']:.3f} mm apart, turned by {summary['turned_deg']:.2f}°",
+        f"{summary['pitch_found_mm']:.3f} mm apart, turned by {summary['turned_deg']:.2f}°",
         "good: " + ("nowhere" if good is None else f"up to {good:.1f}°"),
         "lost: " + ("nowhere" if lost is None else f"from {lost:.1f}° on"),
     ]
