@@ -233,10 +233,10 @@ def usable_band(
     finest = 5e2 / pixel_um
     rings = min(_RINGS, min(rows, columns) // 4)
     ring = (radius / finest * rings).long().flatten()
-    kept = ring < rings
-    number = torch.bincount(ring[kept], minlength=rings).double()
+    inside = ring < rings
+    number = torch.bincount(ring[inside], minlength=rings).double()
     means = [
-        torch.bincount(ring[kept], each.flatten()[kept], minlength=rings) / number.clamp_min(1)
+        torch.bincount(ring[inside], each.flatten()[inside], minlength=rings) / number.clamp_min(1)
         for each in (total, floor)
     ]
     enough = number >= _LEAST_FREQUENCIES
@@ -408,7 +408,7 @@ def point_psf(
     if saturated > _MOST_SATURATED and not as_is:
         raise DataError(
             f"{100 * saturated:.2g} % of the pixels are saturated in every exposure of "
-            f"{first.source}, and what they would have shown is lost: add frames of a shorter "
+            f"{first.source}, and what they would have held is lost: add frames of a shorter "
             f"exposure time, {_AS_IS}"
         )
     picture = superpixels(merged.rate, first)

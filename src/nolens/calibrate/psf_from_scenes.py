@@ -146,8 +146,8 @@ class PsfSolver:
         mean = float(gains.clamp_min(0).mean())
         if not mean > 0:
             raise DataError(
-                "no PSF explains these measurements: their pictures are not what the camera saw, "
-                "or lie elsewhere in its frame"
+                "no PSF explains these measurements: their pictures are not what the camera "
+                "measured, or lie elsewhere in its frame"
             )
         self.gains = (gains / mean).clamp_min(0)
         return mean

@@ -142,14 +142,14 @@ def folder_layers(folder: Path, reduced: Length | None) -> tuple[Layers, dict[st
     OptionError
         If there is neither, or both.
     """
-    opened = folder_camera(folder)
-    if opened is not None and reduced is not None:
+    loaded = folder_camera(folder)
+    if loaded is not None and reduced is not None:
         raise OptionError(
             f"--reduced {reduced}: the folder has a {CAMERA_FILE}, whose layers say the same. "
             "Leave --reduced out, or mend the layers"
         )
-    if opened is not None:
-        return Layers.of_camera(opened.camera), {"camera": folder / CAMERA_FILE}
+    if loaded is not None:
+        return Layers.of_camera(loaded.camera), {"camera": folder / CAMERA_FILE}
     if reduced is None:
         raise OptionError(
             f"the folder has no {CAMERA_FILE}: give the reduced thickness between mask and sensor, "
@@ -233,10 +233,10 @@ def chosen_camera(folder: Path, name: str | None) -> tuple[LoadedCamera | None, 
     own = folder_camera(folder)
     if name is None:
         return own, None
-    opened = read_camera(name)
+    loaded = read_camera(name)
     if own is None:
-        return opened, name
-    if own.camera != opened.camera:
+        return loaded, name
+    if own.camera != loaded.camera:
         raise OptionError(
             f"--camera {name} is not the camera that {folder / CAMERA_FILE} describes: leave "
             "--camera out, or give another folder (-o)"
@@ -260,7 +260,7 @@ def check_free(folder: Path, names: list[str]) -> None:
 
 
 def pixel_of(
-    frame: Frame, opened: LoadedCamera | None, psfs: PsfSet | None, pitch: Length | None
+    frame: Frame, loaded: LoadedCamera | None, psfs: PsfSet | None, pitch: Length | None
 ) -> Length:
     """Pitch of the pixels of the reconstruction: of a frame's pixels, or its 2×2 superpixels.
 
@@ -275,8 +275,8 @@ def pixel_of(
     bin_by = 1 if frame.mosaic is None else 2
     stated = None if pitch is None else _times(pitch, bin_by)
     known: Length | None = None
-    if opened is not None:
-        known, named = _pixel_of_camera(frame, opened), f"the camera {opened.camera.name!r}"
+    if loaded is not None:
+        known, named = _pixel_of_camera(frame, loaded), f"the camera {loaded.camera.name!r}"
     elif of_folder is not None:
         known, named = of_folder.pixel, f"the PSF {of_folder.file}"
     pixel = known or stated
@@ -299,9 +299,9 @@ def pixel_of(
     return pixel
 
 
-def _pixel_of_camera(frame: Frame, opened: LoadedCamera) -> Length:
+def _pixel_of_camera(frame: Frame, loaded: LoadedCamera) -> Length:
     """Pitch of a camera's pixels or superpixels; a frame that is not of it is refused."""
-    sensor = opened.camera.sensor
+    sensor = loaded.camera.sensor
     bin_by = 1 if sensor.mosaic == "none" else 2
     if frame.mosaic is None and frame.channels == ("R", "G", "B") and bin_by == 2:
         size, what = (sensor.rows // 2, sensor.columns // 2), "superpixels"
@@ -310,13 +310,13 @@ def _pixel_of_camera(frame: Frame, opened: LoadedCamera) -> Length:
     if tuple(frame.counts.shape[-2:]) != size:
         raise DataError(
             f"{frame.source} has {frame.size_text} pixels, but the camera "
-            f"{opened.camera.name!r} has {size[0]}×{size[1]} {what}: give frames of this "
+            f"{loaded.camera.name!r} has {size[0]}×{size[1]} {what}: give frames of this "
             "camera, whole and not binned"
         )
     if frame.mosaic is not None and frame.mosaic != sensor.mosaic:
         raise DataError(
             f"{frame.source} has the colour mosaic {frame.mosaic}, but the camera "
-            f"{opened.camera.name!r} has {sensor.mosaic}: give frames of this camera, not turned"
+            f"{loaded.camera.name!r} has {sensor.mosaic}: give frames of this camera, not turned"
         )
     return _times(sensor.pitch, bin_by)
 

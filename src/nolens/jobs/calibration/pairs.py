@@ -58,7 +58,7 @@ class CalibratePairsOptions(NewPsfOptions):
     pictures: Annotated[
         FilePath,
         Option(
-            "Folder of what was shown, with the same names: .png, .jpg or .tif of 8 or 16 bits "
+            "Folder of what was displayed, with the same names: .png, .jpg or .tif of 8 or 16 bits "
             "(sRGB), or float .tif and .npy (linear). Their pixels are those of a reconstruction: "
             "pixel (i, j) is the one whose light falls through the middle of the PSF onto pixel "
             "(i, j) of the sensor; with a colour mosaic, onto superpixel (i, j) of 2×2 pixels.",
@@ -125,7 +125,7 @@ class CalibratePairsOptions(NewPsfOptions):
 
     @property
     def inputs(self) -> dict[str, Path]:
-        """Dark frame, by role; the pairs are found in their folders."""
+        """Dark frame, by role; the pairs are listed by their folders."""
         return {} if self.dark is None else {"dark frame": self.dark}
 
 
@@ -219,13 +219,13 @@ def calibrate_pairs(run: Run[CalibratePairsOptions]) -> Product[Tensor]:
         raise OptionError("--check solves without each pair in turn, and there is only one")
     for name, (measured, picture) in files.items():
         run.reads({f"measurement {name}": measured, f"picture {name}": picture})
-    opened, psfs = folder_camera(options.output), folder_psfs(options.output)
-    if opened is not None:
-        run.reads(camera_files(options.output / CAMERA_FILE, opened.camera))
+    loaded, psfs = folder_camera(options.output), folder_psfs(options.output)
+    if loaded is not None:
+        run.reads(camera_files(options.output / CAMERA_FILE, loaded.camera))
     pairs, frame = _read_pairs(options, files)
     entry = PsfEntry(
         file=options.psf_file,
-        pixel=pixel_of(frame, opened, psfs, options.pixel),
+        pixel=pixel_of(frame, loaded, psfs, options.pixel),
         channels=pairs.channels if options.each_channel else ("grey",),
         distance=options.distance,
         kind="solved",
@@ -246,7 +246,7 @@ def calibrate_pairs(run: Run[CalibratePairsOptions]) -> Product[Tensor]:
     rows = pairs.figures(solutions)
     run.warn(*pair_warnings(rows))
     figures = {
-        "camera": None if opened is None else opened.camera.name,
+        "camera": None if loaded is None else loaded.camera.name,
         **entry.model_dump(mode="json"),
         "pixels": list(psf.shape[-2:]),
         "support_fraction": round(float(solutions[0].support.double().mean()), 4),

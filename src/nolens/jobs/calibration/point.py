@@ -282,20 +282,20 @@ def calibrate_point(run: Run[CalibratePointOptions]) -> Product[Tensor]:
         If a frame, an option or the folder cannot be used; then nothing is written.
     """
     options, reporter = run.options, run.reporter
-    opened, copied = chosen_camera(options.output, options.camera)
+    loaded, copied = chosen_camera(options.output, options.camera)
     camera: dict[str, Writer] = {}
-    if opened is not None:
-        run.reads(camera_files(copied or options.output / CAMERA_FILE, opened.camera))
-    if opened is not None and copied is not None:
-        camera = camera_copies(copied, opened)
+    if loaded is not None:
+        run.reads(camera_files(copied or options.output / CAMERA_FILE, loaded.camera))
+    if loaded is not None and copied is not None:
+        camera = camera_copies(copied, loaded)
         check_free(options.output, list(camera))
     psfs = folder_psfs(options.output)
 
-    sensor = None if opened is None else opened.camera.sensor
+    sensor = None if loaded is None else loaded.camera.sensor
     frames = _read_frames(options, sensor, reporter)
     warnings, darks = frames.warnings(), frames.darks()
-    pixel = pixel_of(frames.first, opened, psfs, options.pixel)
-    layers = None if opened is None else Layers.of_camera(opened.camera)
+    pixel = pixel_of(frames.first, loaded, psfs, options.pixel)
+    layers = None if loaded is None else Layers.of_camera(loaded.camera)
     needed = point_psf_bytes(frames.first.counts.numel(), len(frames.means))
     check_memory(needed, run.device, "frames of fewer exposure times need less")
     run.begin(needed)
@@ -327,7 +327,7 @@ def calibrate_point(run: Run[CalibratePointOptions]) -> Product[Tensor]:
     check_channels(psfs, entry.channels)
     run.warn(*warnings, *point.warnings(known_floor=bool(darks) or options.as_is), *placed.warnings)
     figures = {
-        "camera": None if opened is None else opened.camera.name,
+        "camera": None if loaded is None else loaded.camera.name,
         **entry.model_dump(mode="json"),
         "pixels": list(placed.psf.shape[-2:]),
         "frames": sum(mean.count for mean in frames.means.values()),

@@ -79,10 +79,10 @@ def calibrate_plan(run: Run[CalibratePlanOptions]) -> Product[list[tuple[float, 
     NolensError
         If the camera or an option cannot be used.
     """
-    opened = read_camera(run.options.camera)
-    plan = CapturePlan.of_scene(opened.camera, run.options.angle)
+    loaded = read_camera(run.options.camera)
+    plan = CapturePlan.of_scene(loaded.camera, run.options.angle)
     figures = {
-        "camera": opened.camera.name,
+        "camera": loaded.camera.name,
         "angles_deg": [[right, up] for right, up in plan.angles_deg],
         "corner_deg": round(plan.corner_deg, 2),
         "sensor_pixels": list(plan.sensor),
