@@ -15,6 +15,9 @@ import psutil
 from nolens.errors import FileError
 from nolens.interrupt import Unfinished, Uninterrupted
 
+Writer = Callable[[Path], None]
+"""What writes a file when it is given a path."""
+
 _LITTLE_BYTES = 1_000_000
 _OURS = re.compile(r"\.nolens-(\d{1,10})-[0-9a-f]{8}(\.\w+)?")
 _staged: set[Path] = set()
@@ -23,7 +26,7 @@ _swept: set[Path] = set()
 """Folders that were freed of what killed processes left."""
 
 
-def write_together(writers: Mapping[Path, Callable[[Path], None]]) -> None:
+def write_together(writers: Mapping[Path, Writer]) -> None:
     """Write several files, all of them or none; for each, what writes it when it is given a path.
 
     Raises
@@ -171,7 +174,7 @@ def check_folder(folder: Path) -> None:
         )
 
 
-def write_into(folder: Path, writers: Mapping[Path, Callable[[Path], None]]) -> None:
+def write_into(folder: Path, writers: Mapping[Path, Writer]) -> None:
     """Write several files, all of them or none, and make their folder for them.
 
     Parameters

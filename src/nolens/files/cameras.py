@@ -4,7 +4,7 @@ import csv
 import difflib
 import io
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -34,7 +34,7 @@ from nolens.camera import (
 )
 from nolens.camera.toml import explain
 from nolens.errors import DataError, FileError
-from nolens.files.atomic import write_into
+from nolens.files.atomic import Writer, write_into
 from nolens.files.frames import read_frame
 from nolens.files.input import read_text, system_errors
 from nolens.files.pictures import write_tiff32
@@ -85,7 +85,7 @@ def write_camera(
     camera: Camera,
     relief_um: Tensor | None = None,
     *,
-    more: Mapping[str, Callable[[Path], None]] | None = None,
+    more: Mapping[str, Writer] | None = None,
 ) -> None:
     """Write camera.toml, and the relief into the file that the camera names for it.
 
@@ -112,9 +112,7 @@ def write_camera(
         be written.
     """
     folder, relief = Path(folder), camera.mask.relief
-    writers: dict[Path, Callable[[Path], None]] = {
-        folder / CAMERA_FILE: partial(write_description, camera=camera)
-    }
+    writers: dict[Path, Writer] = {folder / CAMERA_FILE: partial(write_description, camera=camera)}
     if relief_um is not None:
         if not isinstance(relief, ReliefFile):
             raise DataError(
@@ -140,7 +138,7 @@ def write_description(path: Path, camera: Camera) -> None:
     _write_text(path, to_toml(camera))
 
 
-def curve_copies(name: str | Path, loaded: LoadedCamera) -> dict[str, Callable[[Path], None]]:
+def curve_copies(name: str | Path, loaded: LoadedCamera) -> dict[str, Writer]:
     """What copies the curves that a camera names: for each file, a writer for `write_camera`.
 
     `name` is what the camera was read from.
@@ -154,7 +152,7 @@ def curve_copies(name: str | Path, loaded: LoadedCamera) -> dict[str, Callable[[
     }
 
 
-def camera_copies(name: str | Path, loaded: LoadedCamera) -> dict[str, Callable[[Path], None]]:
+def camera_copies(name: str | Path, loaded: LoadedCamera) -> dict[str, Writer]:
     """What copies a camera into a folder where something else is written; see `curve_copies`."""
     camera = loaded.camera
     writers = {CAMERA_FILE: partial(write_description, camera=camera)}
@@ -358,7 +356,7 @@ def write_psfs(
     folder: str | Path,
     psfs: Mapping[PsfEntry, Tensor],
     *,
-    more: Mapping[str, Callable[[Path], None]] | None = None,
+    more: Mapping[str, Writer] | None = None,
 ) -> None:
     """Add PSFs to a folder and to its list; all are written, or none.
 
@@ -385,7 +383,7 @@ def write_psfs(
     others = [each for each in before if not any(new.replaces(each) for new in entries)]
     together = from_mapping(PsfSet, {"psf": [*others, *entries]}, str(listed))
     text = to_toml(together)
-    writers: dict[Path, Callable[[Path], None]] = {listed: lambda path: _write_text(path, text)}
+    writers: dict[Path, Writer] = {listed: lambda path: _write_text(path, text)}
     writers |= {folder / each.file: partial(write_tiff32, radiance=psfs[each]) for each in entries}
     writers |= {folder / name: write for name, write in (more or {}).items()}
     write_into(folder, writers)
