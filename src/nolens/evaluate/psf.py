@@ -459,17 +459,20 @@ def psf_figures(
             f"{spectrum.noise:.4g}: it has no lines to measure"
         )
     variance -= spectrum.noise**2
-    found = _Autocorrelation.of(psf, spectrum.background, spectrum.noise)
-    level = found.level()
-    width, over_mean = found.width(found.radial, level), found.width(found.radial, 0.0)
+    correlation = _Autocorrelation.of(psf, spectrum.background, spectrum.noise)
+    level = correlation.level()
+    width, over_mean = (
+        correlation.width(correlation.radial, level),
+        correlation.width(correlation.radial, 0.0),
+    )
     if width is None or over_mean is None:
         raise DataError("the PSF is too small to measure: its lines are wider than half of it")
     line_um = width * pixel_um / math.sqrt(2)
     pitches = [
-        found.pitch(profile, level, spread=spread)
-        for profile, spread in ((found.radial, True), (found.row, False))
+        correlation.pitch(profile, level, spread=spread)
+        for profile, spread in ((correlation.radial, True), (correlation.row, False))
     ]
-    row = found.width(found.row, level)
+    row = correlation.width(correlation.row, level)
     to_mm = 1e3 / pixel_um
     at, magnitude = spectrum.magnitude()
     line_per_mm = 500 / line_um
@@ -497,9 +500,9 @@ def psf_figures(
         lowest_magnitude=float(below.min()) if len(below) else float(magnitude[0]),
         line_deg=_angle_deg(line_um, reduced_um),
         usable_deg=_angle_deg(500 / usable, reduced_um) if usable else None,
-        lag_um=_floats(found.lag * pixel_um),
-        autocorrelation=_floats(found.radial),
-        row_autocorrelation=_floats(found.row),
+        lag_um=_floats(correlation.lag * pixel_um),
+        autocorrelation=_floats(correlation.radial),
+        row_autocorrelation=_floats(correlation.row),
         level=level,
         per_mm=_floats(at * to_mm),
         magnitude=_floats(magnitude),

@@ -75,7 +75,7 @@ class VirtualExperiment:
     @classmethod
     def of(
         cls,
-        opened: LoadedCamera,
+        loaded: LoadedCamera,
         *,
         light: str = "white-led",
         wavelengths: int = 1,
@@ -89,7 +89,7 @@ class VirtualExperiment:
         OptionError
             If the light is unknown, or the relief coarser than it needs.
         """
-        return cls(Twin.of(opened, device=device), Light(light), wavelengths, field_points)
+        return cls(Twin.of(loaded, device=device), Light(light), wavelengths, field_points)
 
     @property
     def sensor(self) -> Sensor:

@@ -80,8 +80,8 @@ _SOURCE, _LIGHT = "What to measure", "Light and grid of dots"
 _OffAxis = Annotated[Angle, Between("0 deg", "89.9 deg")]
 
 
-def _angles(given: Any) -> Any:
-    return given.split(",") if isinstance(given, str) else given
+def _angles(value: Any) -> Any:
+    return value.split(",") if isinstance(value, str) else value
 
 
 def _rising(angles: tuple[Angle, ...]) -> tuple[Angle, ...]:
@@ -212,21 +212,21 @@ class MeasureFieldOptions(JobOptions):
         named = {"PSFS": self.psfs, "--simulate": self.simulate, "--dots": self.dots}
         sources = [name for name, value in named.items() if value is not None]
         if len(sources) != 1:
-            found = "nothing is" if not sources else f"{' and '.join(sources)} are"
+            what = "nothing is" if not sources else f"{' and '.join(sources)} are"
             raise OptionError(
-                f"{found} given to measure: give one of a folder of PSFs, --simulate CAMERA, or "
+                f"{what} given to measure: give one of a folder of PSFs, --simulate CAMERA, or "
                 "--dots PICTURE"
             )
         source = sources[0]
-        given = [name for name in type(self).model_fields if name in self.model_fields_set]
-        for name in given:
+        names = [name for name in type(self).model_fields if name in self.model_fields_set]
+        for name in names:
             if name not in _OPTIONS[source]:
                 raise OptionError(f"{_option(name)} means nothing with {source}: leave it out")
         grid = self.dots is not None or self.dot_pitch is not None
         for name in _OF_DOTS:
-            if not grid and name in given:
+            if not grid and name in names:
                 raise OptionError(f"{_option(name)} is about a grid of dots: give --dot-pitch too")
-        if grid and "angles" in given:
+        if grid and "angles" in names:
             raise OptionError(
                 "--angles and --dot-pitch are two things to measure: give one of them at a time"
             )
@@ -271,32 +271,13 @@ def _option(name: str) -> str:
     return "-o" if name == "output" else f"--{name.replace('_', '-')}"
 
 
-def captured_off_axis(
-    folder: Path, twin: Twin | None, tick: ProgressCallback
+def _captured_off_axis(
+    folder: Path, twin: Twin | None, progress: ProgressCallback
 ) -> tuple[list[OffAxis], float, list[str]]:
-    """Compare the PSFs of a camera's folder that were captured at angles with the central one.
+    """Compare the PSFs of a folder that were captured at angles with the central one.
 
-    Parameters
-    ----------
-    folder
-        With its list of PSFs.
-    twin
-        The camera; None leaves out what follows from it.
-    tick
-        Called with the fraction that is done.
-
-    Returns
-    -------
-    tuple
-        One for each PSF, by angle, the central one first; the distance of the light in um; and
-        warnings.
-
-    Raises
-    ------
-    DataError
-        If there is no central PSF or none from the side, or they do not fit the camera.
-    FileError
-        If a file cannot be read.
+    Gives one for each PSF, by angle, the central one first; the distance of the light in um; and
+    warnings. Without a twin, what follows from the camera is left out.
     """
     central, others = _chosen(folder, read_psf_set(folder).psf)
     warnings = []
@@ -309,7 +290,7 @@ def captured_off_axis(
         )
     psfs = []
     for number, entry in enumerate(others):
-        tick(number / len(others))
+        progress(number / len(others))
         psf = first if entry is central else read_psf(folder, entry).mean(dim=0)
         clipped = clipped_pixels(psf)
         if clipped:
@@ -317,11 +298,11 @@ def captured_off_axis(
                 f"{clipped} pixels of {folder / entry.file}, many side by side, have its very "
                 "largest value: it seems to be clipped. Take a shorter exposure"
             )
-        psfs.append(compare(first, psf, source_of(entry), central.pixel.um, twin))
+        psfs.append(compare(first, psf, _source_of(entry), central.pixel.um, twin))
     return psfs, central.distance_um, warnings
 
 
-def source_of(entry: PsfEntry) -> PointSource:
+def _source_of(entry: PsfEntry) -> PointSource:
     """Light of a PSF: to the right of the axis, and above it, where rows count downwards."""
     right, up = (math.tan(angle.rad) for angle in entry.angle)
     return PointSource((-up, right), entry.distance_um)
@@ -350,7 +331,7 @@ def _chosen(folder: Path, entries: Sequence[PsfEntry]) -> tuple[PsfEntry, list[P
             f"{group[0].file}: calibrate some at known angles (nolens calibrate)"
         )
     central = next(each for each in group if each.on_axis)
-    return central, sorted(group, key=lambda each: source_of(each).angle_deg)
+    return central, sorted(group, key=lambda each: _source_of(each).angle_deg)
 
 
 @job
@@ -364,17 +345,17 @@ def measure_field(run: Run[MeasureFieldOptions]) -> Product[FieldOfView]:
         be; then nothing is written.
     """
     options, name = run.options, _camera(run.options)
-    opened = None
+    loaded = None
     if name is not None:
-        opened = read_camera(name)
-        run.reads(camera_files(name, opened.camera))
-    if options.psfs is not None or opened is None:
-        product = _of_folder(run, opened)
+        loaded = read_camera(name)
+        run.reads(camera_files(name, loaded.camera))
+    if options.psfs is not None or loaded is None:
+        product = _of_folder(run, loaded)
     elif options.dots is not None:
-        product = _of_picture(run, opened)
+        product = _of_picture(run, loaded)
     else:
-        product = _of_twin(run, opened)
-    camera = None if opened is None else opened.camera.name
+        product = _of_twin(run, loaded)
+    camera = None if loaded is None else loaded.camera.name
     return replace(product, figures={**product.figures, "camera": camera})
 
 
@@ -389,7 +370,7 @@ def _camera(options: MeasureFieldOptions) -> str | Path | None:
     return options.camera
 
 
-def _of_picture(run: Run[MeasureFieldOptions], opened: LoadedCamera) -> Product[FieldOfView]:
+def _of_picture(run: Run[MeasureFieldOptions], loaded: LoadedCamera) -> Product[FieldOfView]:
     options = run.options
     assert options.dots is not None and options.dot_pitch is not None
     frame = read_frame(options.dots)
@@ -403,7 +384,7 @@ def _of_picture(run: Run[MeasureFieldOptions], opened: LoadedCamera) -> Product[
     assert isinstance(options.distance, Length)
     grid = locate_grid(
         picture,
-        preview_model(opened),
+        preview_model(loaded),
         pitch_um=options.dot_pitch.um,
         distance_um=options.distance.um,
         extent_deg=options.extent.deg,
@@ -411,71 +392,71 @@ def _of_picture(run: Run[MeasureFieldOptions], opened: LoadedCamera) -> Product[
     return Product(grid, rounded(grid.figures), _grid_writers(options, grid))
 
 
-def _of_folder(run: Run[MeasureFieldOptions], opened: LoadedCamera | None) -> Product[FieldOfView]:
+def _of_folder(run: Run[MeasureFieldOptions], loaded: LoadedCamera | None) -> Product[FieldOfView]:
     options = run.options
     assert options.psfs is not None
-    twin = None if opened is None else preview_model(opened)
-    tick = partial(run.reporter.advance, "PSFs")
-    psfs, away_um, warnings = captured_off_axis(options.psfs, twin, tick)
+    twin = None if loaded is None else preview_model(loaded)
+    progress = partial(run.reporter.advance, "PSFs")
+    psfs, distance, warnings = _captured_off_axis(options.psfs, twin, progress)
     run.warn(*warnings)
-    return _off_axis_product(options, psfs, away_um, twin)
+    return _off_axis_product(options, psfs, distance, twin)
 
 
-def _of_twin(run: Run[MeasureFieldOptions], opened: LoadedCamera) -> Product[FieldOfView]:
-    options, away_um = run.options, distance_um(run.options.distance, opened)
+def _of_twin(run: Run[MeasureFieldOptions], loaded: LoadedCamera) -> Product[FieldOfView]:
+    options, distance = run.options, distance_um(run.options.distance, loaded)
     grid = options.dot_pitch is not None
     largest = options.extent if grid else options.angles[-1]
     what, count = "point sources", len(options.angles)
     if options.dot_pitch is not None:
         what = "dots"
-        count = len(grid_tangents(options.dot_pitch.um, away_um, options.extent.deg))
-    farthest = PointSource((0.0, math.tan(largest.rad)), away_um)
-    preview = preview_model(opened)
+        count = len(grid_tangents(options.dot_pitch.um, distance, options.extent.deg))
+    farthest = PointSource((0.0, math.tan(largest.rad)), distance)
+    preview = preview_model(loaded)
     preview.check_source(farthest)
     working = (
-        dot_grid_bytes(preview, largest.deg, away_um)
+        dot_grid_bytes(preview, largest.deg, distance)
         if grid
         else off_axis_bytes(preview, farthest, count)
     )
-    needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(opened), working)
+    needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(loaded), working)
     check_memory(needed, run.device, _REMEDY)
     run.begin(needed)
     run.reporter.advance("mask", 0.0)
-    tick = partial(run.reporter.advance, f"{count} {what}")
+    progress = partial(run.reporter.advance, f"{count} {what}")
     if options.dot_pitch is not None:
         dots = dot_grid(
-            VirtualExperiment.of(opened, field_points=field_points(largest.deg)),
+            VirtualExperiment.of(loaded, field_points=field_points(largest.deg)),
             pitch_um=options.dot_pitch.um,
-            distance_um=away_um,
+            distance_um=distance,
             extent_deg=largest.deg,
             seed=options.seed,
-            progress=tick,
+            progress=progress,
         )
-        figures = {"distance_mm": _millimetres(away_um), **rounded(dots.figures)}
+        figures = {"distance_mm": _millimetres(distance), **rounded(dots.figures)}
         return Product(dots, figures, _grid_writers(options, dots))
-    experiment = VirtualExperiment.of(opened, field_points=1)
+    experiment = VirtualExperiment.of(loaded, field_points=1)
     psfs = off_axis(
         experiment,
         [angle.deg for angle in options.angles],
-        distance_um=away_um,
-        diameter_um=0.0 if math.isinf(away_um) else _DIAMETER_UM,
+        distance_um=distance,
+        diameter_um=0.0 if math.isinf(distance) else _DIAMETER_UM,
         seed=options.seed,
-        progress=tick,
+        progress=progress,
     )
-    return _off_axis_product(options, psfs, away_um, experiment.twin)
+    return _off_axis_product(options, psfs, distance, experiment.twin)
 
 
 def _off_axis_product(
-    options: MeasureFieldOptions, psfs: list[OffAxis], away_um: float, twin: Twin | None
+    options: MeasureFieldOptions, psfs: list[OffAxis], distance: float, twin: Twin | None
 ) -> Product[FieldOfView]:
     """PSFs from the side, with what rays say of them where the camera is known."""
-    figures = {"distance_mm": _millimetres(away_um), **rounded(angle_figures(psfs))}
+    figures = {"distance_mm": _millimetres(distance), **rounded(angle_figures(psfs))}
     writers: dict[Path, Writer] = {}
     if options.plot is not None:
         writers[options.plot] = partial(
             write_angles_plot,
             psfs=psfs,
-            rays=None if twin is None else ray_curves(twin, psfs[-1].angle_deg, away_um),
+            rays=None if twin is None else ray_curves(twin, psfs[-1].angle_deg, distance),
             levels=CORRELATIONS,
         )
     return Product(psfs, figures, writers)
@@ -497,5 +478,5 @@ def _grid_writers(options: MeasureFieldOptions, grid: DotGrid) -> dict[Path, Wri
     return writers
 
 
-def _millimetres(away_um: float) -> float | None:
-    return None if math.isinf(away_um) else away_um * 1e-3
+def _millimetres(distance: float) -> float | None:
+    return None if math.isinf(distance) else distance * 1e-3

@@ -152,8 +152,8 @@ def measure_psf(run: Run[MeasurePsfOptions]) -> Product[PsfFigures]:
             f"{options.psf} is a folder: give one of its PSFs, {_listed(options.psf)}"
         )
     frame = read_frame(options.psf)
-    opened = _camera(run)
-    pixel_um = _pixel_um(options, frame, opened)
+    loaded = _camera(run)
+    pixel_um = _pixel_um(options, frame, loaded)
     one = len(frame.channels) == 1 and frame.mosaic is None
     measured = develop(
         frame,
@@ -164,8 +164,8 @@ def measure_psf(run: Run[MeasurePsfOptions]) -> Product[PsfFigures]:
     run.begin()
     cell_um = pixel_um * (1 if frame.mosaic is None else 2)
     reduced_um = None
-    if opened is not None:
-        twin = preview_model(opened)
+    if loaded is not None:
+        twin = preview_model(loaded)
         reduced_um = twin.illumination(PointSource(), REFERENCE_NM).after.reduced_um
     plane = measured.values[0]
     figures = psf_figures(plane, cell_um, reduced_um=reduced_um, noise=options.noise)
@@ -179,7 +179,7 @@ def measure_psf(run: Run[MeasurePsfOptions]) -> Product[PsfFigures]:
         figures,
         {
             "psf": readable(options.psf),
-            "camera": None if opened is None else opened.camera.name,
+            "camera": None if loaded is None else loaded.camera.name,
             "pixels": list(plane.shape),
             "channel": measured.channels[0],
             **_by_name(figures),
@@ -192,42 +192,42 @@ def measure_psf(run: Run[MeasurePsfOptions]) -> Product[PsfFigures]:
 def _camera(run: Run[MeasurePsfOptions]) -> LoadedCamera | None:
     """The camera that is named, or the one in the PSF's folder."""
     beside = run.options.psf.parent / CAMERA_FILE
-    given = run.options.camera or (beside if beside.is_file() else None)
-    if given is None:
+    name = run.options.camera or (beside if beside.is_file() else None)
+    if name is None:
         return None
-    opened = read_camera(given)
-    run.reads(camera_files(given, opened.camera))
-    return opened
+    loaded = read_camera(name)
+    run.reads(camera_files(name, loaded.camera))
+    return loaded
 
 
-def _pixel_um(options: MeasurePsfOptions, frame: Frame, opened: LoadedCamera | None) -> float:
+def _pixel_um(options: MeasurePsfOptions, frame: Frame, loaded: LoadedCamera | None) -> float:
     """Distance of the file's pixels, where all that is known of it agrees."""
-    folder, given = options.psf.parent, options.pixel
+    folder, pixel = options.psf.parent, options.pixel
     listed = None
     if (folder / PSFS_FILE).is_file():
         entries = {each.file: each for each in read_psf_set(folder).psf}
         entry = entries.get(options.psf.name)
         listed = None if entry is None else entry.pixel
-    if given is None and listed is None:
+    if pixel is None and listed is None:
         raise OptionError(
             f"no pitch of the pixels of {options.psf} is known: give --pixel with its unit, such "
             "as --pixel 3.1um"
         )
-    if given is not None and listed is not None and not _alike(given.um, listed.um):
+    if pixel is not None and listed is not None and not _alike(pixel.um, listed.um):
         raise OptionError(
-            f"--pixel {given}, but {folder / PSFS_FILE} says that the pixels of "
+            f"--pixel {pixel}, but {folder / PSFS_FILE} says that the pixels of "
             f"{options.psf.name} are {listed} apart: leave --pixel out, or calibrate again"
         )
-    length = given if given is not None else listed
+    length = listed if pixel is None else pixel
     assert length is not None
-    if opened is not None:
-        _check_pitch(length.um, frame, opened)
+    if loaded is not None:
+        _check_pitch(length.um, frame, loaded)
     return length.um
 
 
-def _check_pitch(pixel_um: float, frame: Frame, opened: LoadedCamera) -> None:
+def _check_pitch(pixel_um: float, frame: Frame, loaded: LoadedCamera) -> None:
     """Refuse a pitch that is not that of the camera's sensor, or of whole numbers of its pixels."""
-    sensor = opened.camera.sensor
+    sensor = loaded.camera.sensor
     ratio = pixel_um / sensor.pitch.um
     rows, columns = frame.counts.shape[-2:]
     binned = max(1, round(ratio))
@@ -236,7 +236,7 @@ def _check_pitch(pixel_um: float, frame: Frame, opened: LoadedCamera) -> None:
     expected = fitting if whole else 1 if frame.mosaic is not None else binned
     if not _alike(ratio, expected):
         raise OptionError(
-            f"--pixel {pixel_um:g} µm does not fit the camera {opened.camera.name!r}, whose "
+            f"--pixel {pixel_um:g} µm does not fit the camera {loaded.camera.name!r}, whose "
             f"{sensor.rows}×{sensor.columns} pixels are {sensor.pitch} apart: those of a file of "
             f"{rows}×{columns} would be {expected * sensor.pitch.um:g} µm. Give that, or another "
             "--camera"
@@ -266,7 +266,7 @@ def _warnings(figures: PsfFigures, frame: Frame, plane: Tensor) -> list[str]:
     if figures.pitch_um is None:
         texts.append(
             f"the autocorrelation of the PSF {frame.source} has no second peak within a quarter "
-            "of the frame: no pitch is told"
+            "of the frame: its pitch is not known"
         )
     if figures.line_width_um < 2 * figures.pixel_um:
         texts.append(
@@ -287,7 +287,7 @@ def _lenslets(figures: PsfFigures, reduced_um: float | None) -> dict[str, Any]:
     """Aperture and depth of focus of a lenslet as wide as the pitch (`uvimprint`)."""
     if reduced_um is None:
         return {}
-    found: dict[str, Any] = {
+    lenslets: dict[str, Any] = {
         "reduced_thickness_mm": round(reduced_um * 1e-3, 5),
         "one_per_mm_in_per_degree": rounded(reduced_um * 1e-3 * math.pi / 180),
         "lenslet_aperture": None,
@@ -296,6 +296,6 @@ def _lenslets(figures: PsfFigures, reduced_um: float | None) -> dict[str, Any]:
     if figures.pitch_um is not None:
         aperture = lenslet_aperture(figures.pitch_um, reduced_um)
         depth_um = depth_of_focus_um(REFERENCE_NM * 1e-3, aperture)
-        found["lenslet_aperture"] = rounded(float(aperture))
-        found["depth_of_focus_mm"] = rounded(float(depth_um) * 1e-3)
-    return found
+        lenslets["lenslet_aperture"] = rounded(float(aperture))
+        lenslets["depth_of_focus_mm"] = rounded(float(depth_um) * 1e-3)
+    return lenslets

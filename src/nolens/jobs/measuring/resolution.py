@@ -463,17 +463,17 @@ def simulated_camera(
     """
     options = run.options
     assert options.simulate is not None
-    opened = read_camera(options.simulate)
-    preview, distance = preview_model(opened), distance_um(options.distance, opened)
+    loaded = read_camera(options.simulate)
+    preview, distance = preview_model(loaded), distance_um(options.distance, loaded)
     preview.check_source(PointSource((0.0, 0.0), distance))
     light, support = Light(options.light), support_of(preview, distance)
-    run.reads(camera_files(options.simulate, opened.camera))
+    run.reads(camera_files(options.simulate, loaded.camera))
     working = reconstruction_bytes(preview, support, distance, light, options.wavelengths)
-    needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(opened), working)
+    needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(loaded), working)
     check_memory(needed, run.device, _REMEDY)
     run.begin(needed)
     run.reporter.advance("mask", 0.0)
-    experiment = VirtualExperiment.of(opened, light=light.name, wavelengths=options.wavelengths)
+    experiment = VirtualExperiment.of(loaded, light=light.name, wavelengths=options.wavelengths)
     return experiment, distance
 
 
