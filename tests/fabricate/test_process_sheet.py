@@ -6,8 +6,9 @@ from hypothesis import strategies as st
 from sheets import LINES, camera_of, changed, sheet_of, words_of
 
 from nolens.camera import LoadedCamera, preset
+from nolens.design.tolerances.study import BudgetLine
 from nolens.errors import DataError, OptionError
-from nolens.fabricate import FrameGeometry, ToleranceBudget, ToleranceLine
+from nolens.fabricate import FrameGeometry, ToleranceBudget
 from nolens.fabricate.focus import ray_budget
 from nolens.fabricate.sheet_parts import Steps, Table, millimetres
 from nolens.fabricate.sheet_steps import Printing, Process
@@ -128,7 +129,7 @@ def test_a_resin_of_bare_index_has_no_mass(quick):
 
 
 def test_a_given_budget_takes_the_place_of_the_first_one(quick):
-    line = ToleranceLine("wedge", 0.0, 0.25, "deg", "the corners differ")
+    line = BudgetLine("wedge", 0.0, 0.25, "deg", "the corners differ")
     budget = ToleranceBudget((line,), "From 1000 trials.", 0.07)
     sheet = sheet_of(preset("paper"), budget)
     assert table(sheet, "How far off").rows == (

@@ -46,7 +46,7 @@ def design_mask(
     )
     with reported(progress, "mask") as report:
         made = chosen.mask(chosen.blank(camera.opened, _CallbackReporter(report)))
-    return Camera(made.opened, pixels=camera.pixels, device=camera.device)
+    return Camera(made.loaded, pixels=camera.pixels, device=camera.device)
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def design_thickness(camera: str | Path = "paper", **options: Any) -> ThicknessD
     chosen = ThicknessOptions.gather({**options, "camera": str(camera)})
     case, media = read_case(chosen)
     designs = tuple(ReplicaDesign.of(case, medium) for medium in media)
-    replica = replace(case.opened, camera=designs[0].camera(), relief_um=None)
+    replica = replace(case.loaded, camera=designs[0].camera(), relief_um=None)
     return ThicknessDesign(thickness_summary(chosen, designs), Camera(replica))
 
 

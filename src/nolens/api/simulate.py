@@ -1,6 +1,6 @@
 """Cameras that are described, their PSFs, and what they measure of a scene."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -115,9 +115,7 @@ class Camera:
         heights = channels_of(heights_um, "relief")[0].float().cpu()
         spacing = grid if isinstance(grid, Length) else Length.parse(grid)
         relief = ReliefFile(kind="file", file="relief.tif", grid=spacing)
-        mask = self.opened.camera.mask.model_copy(update={"relief": relief})
-        camera = self.opened.camera.model_copy(update={"mask": mask})
-        opened = replace(self.opened, camera=camera, relief_um=heights)
+        opened = self.opened.with_relief(relief, heights)
         return Camera(opened, pixels=self.pixels, device=self.device)
 
     def _read(self, whole: Twin) -> Twin:

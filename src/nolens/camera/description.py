@@ -1,6 +1,6 @@
 """A whole camera as one unchangeable description: sensor, layers above it, and mask."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
@@ -281,3 +281,11 @@ class LoadedCamera:
                 )
         assert isinstance(efficiency, SpectralCurve) and isinstance(acceptance, AngularCurve)
         return cls(camera, efficiency, acceptance)
+
+    def with_relief(
+        self, relief: RandomLenslets | ReliefFile, relief_um: Tensor | None = None
+    ) -> "LoadedCamera":
+        """The same camera with another relief, and its heights where that is a file."""
+        mask = self.camera.mask.model_copy(update={"relief": relief})
+        camera = self.camera.model_copy(update={"mask": mask})
+        return replace(self, camera=camera, relief_um=relief_um)

@@ -17,12 +17,12 @@ _PIXELS = 224
 """Sides of the PSF's window: ten pitches of the paper's lenslets."""
 
 
-def with_thickness(opened: LoadedCamera, thickness: Mapping[str, Length]) -> LoadedCamera:
+def with_thickness(loaded: LoadedCamera, thickness: Mapping[str, Length]) -> LoadedCamera:
     """A camera with layers of other thickness.
 
     Parameters
     ----------
-    opened
+    loaded
         The camera.
     thickness
         By the layer's name, or its number from 0 where it has none.
@@ -32,22 +32,22 @@ def with_thickness(opened: LoadedCamera, thickness: Mapping[str, Length]) -> Loa
     OptionError
         If it has no such layer.
     """
-    layers = list(opened.camera.layers)
+    layers = list(loaded.camera.layers)
     names = [each.name or str(number) for number, each in enumerate(layers)]
     for name, length in thickness.items():
         if name not in names:
             raise OptionError(
-                f"{opened.camera.name!r} has no layer {name!r}: its layers are {', '.join(names)}"
+                f"{loaded.camera.name!r} has no layer {name!r}: its layers are {', '.join(names)}"
             )
         place = names.index(name)
         layers[place] = layers[place].model_copy(update={"thickness": length})
-    camera = opened.camera.model_copy(update={"layers": tuple(layers)})
-    return replace(opened, camera=camera)
+    camera = loaded.camera.model_copy(update={"layers": tuple(layers)})
+    return replace(loaded, camera=camera)
 
 
-def lenslet_stack(opened: LoadedCamera, source_um: float) -> LensletStack:
+def lenslet_stack(loaded: LoadedCamera, source_um: float) -> LensletStack:
     """Layers and lenslets of a camera, as ray matrices take them; other masks bend no light."""
-    camera, relief = opened.camera, opened.camera.mask.relief
+    camera, relief = loaded.camera, loaded.camera.mask.relief
     return LensletStack(
         tuple(layer.thickness.um for layer in camera.layers),
         camera.indices(REFERENCE_NM),
@@ -89,13 +89,13 @@ class BestThickness:
 
 
 def preview_psf(
-    opened: LoadedCamera, source_um: float, progress: Callable[[float], None]
+    loaded: LoadedCamera, source_um: float, progress: Callable[[float], None]
 ) -> tuple[Tensor, float]:
     """The twin's PSF at 550 nm in a window as large as some pitches, which stands for the rest.
 
     Parameters
     ----------
-    opened
+    loaded
         The camera.
     source_um
         Distance of the point source, straight ahead.
@@ -112,10 +112,10 @@ def preview_psf(
     DataError
         If no light reaches the sensor.
     """
-    sensor = opened.camera.sensor
+    sensor = loaded.camera.sensor
     superpixel = 1 if sensor.mosaic == "none" else 2
     psf = point_spread(
-        _grey_patch(opened, _PIXELS * superpixel),
+        _grey_patch(loaded, _PIXELS * superpixel),
         PointSource(distance_um=source_um),
         (_PIXELS, _PIXELS),
         superpixel=superpixel,
@@ -130,9 +130,9 @@ def preview_psf(
     return psf, sensor.pitch.um * superpixel
 
 
-def _grey_patch(opened: LoadedCamera, side: int) -> Twin:
+def _grey_patch(loaded: LoadedCamera, side: int) -> Twin:
     """A grey camera of so many pixels: one wavelength is worked out, and a piece of the mask."""
-    sensor, curve = opened.camera.sensor, opened.quantum_efficiency
+    sensor, curve = loaded.camera.sensor, loaded.quantum_efficiency
     channel = "G" if "G" in sensor.channels else sensor.channels[0]
     grey = SpectralCurve(
         source=curve.source,
@@ -140,5 +140,5 @@ def _grey_patch(opened: LoadedCamera, side: int) -> Twin:
         values={"grey": curve.values[channel]},
     )
     small = sensor.model_copy(update={"rows": side, "columns": side, "mosaic": "none"})
-    camera = opened.camera.model_copy(update={"sensor": small})
-    return Twin.of(replace(opened, camera=camera, quantum_efficiency=grey))
+    camera = loaded.camera.model_copy(update={"sensor": small})
+    return Twin.of(replace(loaded, camera=camera, quantum_efficiency=grey))

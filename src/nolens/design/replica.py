@@ -142,8 +142,8 @@ class Replica:
             )
         if float(self.thickness_um) > 0:
             return
-        wanted = 1 / cover + 1 / self.source_um
-        highest = 1 + radius * wanted
+        vergence = 1 / cover + 1 / self.source_um
+        highest = 1 + radius * vergence
         others = [
             each.name
             for each in MATERIALS.values()
@@ -154,7 +154,7 @@ class Replica:
             f"{name} (n {index:.4g}) cannot focus on this sensor: with a radius of {_mm(radius)} "
             f"the focus lies {_mm(float(self._focus_um))} behind the lenslets, as in air, and the "
             f"layers over the sensor alone are as long as {_mm(cover)}. What would: a radius of "
-            f"more than {_mm((index - 1) / wanted)} with {name}; a material with n below "
+            f"more than {_mm((index - 1) / vergence)} with {name}; a material with n below "
             f"{highest:.3f} ({', '.join(others) or 'none that nolens knows'}); or a thinner glass "
             "and gap"
         )

@@ -122,7 +122,7 @@ class ThicknessCase:
 
     Parameters
     ----------
-    opened
+    loaded
         The camera.
     cover
         What lies over its sensor, from the scene.
@@ -143,7 +143,7 @@ class ThicknessCase:
         If the master has the index of air, or lies on the sensor with its relief.
     """
 
-    opened: LoadedCamera
+    loaded: LoadedCamera
     cover: tuple[CoverLayer, ...]
     master: Master | Uncertain
     pitch: Uncertain
@@ -323,7 +323,7 @@ class ReplicaDesign:
     def colours(self) -> tuple[ColourFocus, ...]:
         """Focus by wavelength: of some, and of the mean one of each channel of the sensor."""
         lights = {f"{each:g} nm": each for each in _COLOURS_NM}
-        efficiency = self.case.opened.quantum_efficiency
+        efficiency = self.case.loaded.quantum_efficiency
         for channel, values in efficiency.values.items():
             total = sum(values)
             if total > 0:
@@ -371,7 +371,7 @@ class ReplicaDesign:
         OptionError
             If the camera's relief is not one of lenslets of one radius.
         """
-        case, camera = self.case, self.case.opened.camera
+        case, camera = self.case, self.case.loaded.camera
         relief = camera.mask.relief
         if not isinstance(relief, RandomLenslets):
             raise OptionError(
@@ -397,8 +397,8 @@ class ReplicaDesign:
         }
         sensor = camera.sensor.model_copy(
             update={
-                "quantum_efficiency": case.opened.quantum_efficiency,
-                "acceptance": case.opened.acceptance,
+                "quantum_efficiency": case.loaded.quantum_efficiency,
+                "acceptance": case.loaded.acceptance,
             }
         )
         return camera.model_copy(
@@ -440,7 +440,7 @@ class ReplicaDesign:
 
 
 def cover_layers(
-    opened: LoadedCamera,
+    loaded: LoadedCamera,
     *,
     bare: bool,
     glass: Uncertain | None,
@@ -451,7 +451,7 @@ def cover_layers(
 
     Parameters
     ----------
-    opened
+    loaded
         The camera.
     bare
         Nothing stays.
@@ -465,12 +465,12 @@ def cover_layers(
     OptionError
         If there is no glass, or more than one, that could be changed.
     """
-    layers = [] if bare else _under_the_mask(opened)
+    layers = [] if bare else _under_the_mask(loaded)
     solid = [place for place, (_, medium) in enumerate(layers) if not medium.is_air]
     if glass or glass_medium:
         if len(solid) > 1:
             raise OptionError(
-                f"{opened.camera.name!r} has {len(solid)} layers over its sensor that are no air, "
+                f"{loaded.camera.name!r} has {len(solid)} layers over its sensor that are no air, "
                 "so there is no one glass to change: describe it in a camera.toml instead"
             )
         if solid:
@@ -480,7 +480,7 @@ def cover_layers(
             layers, solid = [(glass, glass_medium), *layers], [0]
         else:
             raise OptionError(
-                f"{opened.camera.name!r} has no cover glass: give both --glass, its thickness, "
+                f"{loaded.camera.name!r} has no cover glass: give both --glass, its thickness, "
                 "and --glass-material"
             )
     if gap is not None:
@@ -498,9 +498,9 @@ def cover_layers(
     return tuple(named)
 
 
-def _under_the_mask(opened: LoadedCamera) -> list[tuple[Uncertain, Medium]]:
+def _under_the_mask(loaded: LoadedCamera) -> list[tuple[Uncertain, Medium]]:
     """Layers of the camera behind that of its mask, but for air between that and a solid one."""
-    camera = opened.camera
+    camera = loaded.camera
     layers = [
         (Uncertain(layer.thickness.um), _medium_of(camera, layer))
         for layer in camera.layers[camera.mask.surface + 1 :]

@@ -1,6 +1,6 @@
 """Files for the workshop, in memory: solids, layouts, height maps and the process sheet."""
 
-from nolens.fabricate.focus import ToleranceBudget, ToleranceLine
+from nolens.fabricate.focus import ToleranceBudget
 from nolens.fabricate.frame import FrameGeometry, Printer, poured_layer, shading_angle_deg
 from nolens.fabricate.resin import MouldAmount, ResinAmount, Wetting
 from nolens.fabricate.sheet import process_sheet
@@ -21,7 +21,6 @@ __all__ = [
     "Solid",
     "SurfaceName",
     "ToleranceBudget",
-    "ToleranceLine",
     "Wetting",
     "Workpieces",
     "decimated",

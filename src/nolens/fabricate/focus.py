@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from nolens.amounts import amount
 from nolens.camera import Camera, Flat, LoadedCamera, RandomLenslets
 from nolens.design.focus import depth_of_focus_um, lenslet_aperture
+from nolens.design.tolerances.study import BudgetLine
 from nolens.errors import DataError
 from nolens.evaluate import pattern_figures
 from nolens.optics import PointSource, Stack, mask_to_sensor
@@ -16,20 +17,6 @@ PINHOLE_UM = 50.0
 """Diameter of the paper's point source."""
 _PATCH = 384
 """Pixels along the side of the patch of sensor that stands for all of it."""
-
-
-@dataclass(frozen=True)
-class ToleranceLine:
-    """How far off its nominal value one parameter may be: ± `allowed`, in the same unit.
-
-    The unit is empty for plain numbers; `effect` says what being off does.
-    """
-
-    parameter: str
-    nominal: float
-    allowed: float
-    unit: str
-    effect: str
 
 
 @dataclass(frozen=True)
@@ -46,7 +33,7 @@ class ToleranceBudget:
         What is allowed of the thickness that the frame sets; None where that is not known.
     """
 
-    lines: tuple[ToleranceLine, ...]
+    lines: tuple[BudgetLine, ...]
     method: str
     layer_mm: float | None
 
@@ -157,7 +144,7 @@ def ray_budget(camera: Camera) -> ToleranceBudget:
         effect = f"alone, ± {amount(alone, unit, digits=2)} would do"
         if what == "index" and allowed > (nominal - 1) / 2:
             effect = "hardly matters"
-        lines.append(ToleranceLine(f"{name}, {what}", nominal, allowed, unit, effect))
+        lines.append(BudgetLine(f"{name}, {what}", nominal, allowed, unit, effect))
     return ToleranceBudget(
         tuple(lines),
         f"From rays at {REFERENCE_NM:g} nm: lenslets of focal length f = R/(n′ − 1) = "

@@ -311,9 +311,7 @@ def preview_model(loaded: LoadedCamera, *, fresnel: bool = True) -> Twin:
     side_um = min(_LENSLETS * relief.pitch.um, _POINTS * relief.grid.um)
     patch = described_lenslets(loaded.camera, (side_um, side_um))
     file = ReliefFile(kind="file", file="patch.tif", grid=relief.grid)
-    mask = loaded.camera.mask.model_copy(update={"relief": file})
-    camera = loaded.camera.model_copy(update={"mask": mask})
-    twin = Twin.of(replace(loaded, camera=camera, relief_um=patch.height_um), fresnel=fresnel)
+    twin = Twin.of(loaded.with_relief(file, patch.height_um), fresnel=fresnel)
     return replace(twin, camera=loaded.camera)
 
 

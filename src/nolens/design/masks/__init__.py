@@ -1,6 +1,6 @@
 """Surfaces of masks: regular and random lenslets, diffusers, and masks designed for their PSF."""
 
-from nolens.design.masks.blank import RELIEF_FILE, Blank, MadeMask, TileDescent, with_relief
+from nolens.design.masks.blank import RELIEF_FILE, Blank, MadeMask, TileDescent
 from nolens.design.masks.contour import contour_relief, correlation, line_target, random_contours
 from nolens.design.masks.figures import (
     FREQUENCIES_PER_MM,
@@ -59,5 +59,4 @@ __all__ = [
     "sensor_middle",
     "smoothing_margin",
     "spread_over",
-    "with_relief",
 ]

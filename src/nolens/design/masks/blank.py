@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 
@@ -30,7 +30,7 @@ class MadeMask:
 
     Parameters
     ----------
-    opened
+    loaded
         The camera.
     layout
         Samples of the tile that a designed mask repeats.
@@ -40,7 +40,7 @@ class MadeMask:
         Whether a person ended the descent early.
     """
 
-    opened: LoadedCamera
+    loaded: LoadedCamera
     layout: Layout | None = None
     target: torch.Tensor | None = None
     stopped: bool = False
@@ -52,7 +52,7 @@ class Blank:
 
     Attributes
     ----------
-    opened
+    loaded
         The camera, by its new name, with the mask that it had.
     model
         Its layers and sensor, ready for rays and for estimates.
@@ -71,7 +71,7 @@ class Blank:
         Called with the number of steps that are done, and of all; True ends the work.
     """
 
-    opened: LoadedCamera
+    loaded: LoadedCamera
     model: Twin
     light: Light
     overhang: Length
@@ -85,7 +85,7 @@ class Blank:
 
         They are even, so that pixels lie as on the sensor.
         """
-        sensor, beyond = self.opened.camera.sensor, 2 * self.overhang.um
+        sensor, beyond = self.loaded.camera.sensor, 2 * self.overhang.um
         rows, columns = (
             2 * math.ceil((count * sensor.pitch.um + beyond) / grid_um / 2)
             for count in (sensor.rows, sensor.columns)
@@ -108,7 +108,7 @@ class Blank:
         OptionError
             If it is too steep for all of them.
         """
-        return self._on_a_grid(lambda grid: with_relief(self.opened, relief(grid)), remedy)
+        return self._on_a_grid(lambda grid: self.loaded.with_relief(relief(grid)), remedy)
 
     def sampled(
         self,
@@ -149,7 +149,7 @@ class Blank:
     def with_heights(self, heights_um: torch.Tensor, grid: Length) -> LoadedCamera:
         """The camera with a relief of these heights."""
         relief = ReliefFile(kind="file", file=RELIEF_FILE, grid=grid)
-        return replace(with_relief(self.opened, relief), relief_um=heights_um)
+        return self.loaded.with_relief(relief, heights_um)
 
     def tiled(
         self,
@@ -191,23 +191,23 @@ class Blank:
         descent = TileDescent(self, layout, tile, radius_um, iterations)
         values, target = heights(descent)
         relief = spread_over(values.cpu(), size)
-        opened = self.with_heights(relief, Length.of(layout.grid_um, "um"))
-        return MadeMask(opened, layout, target, descent.stopped)
+        loaded = self.with_heights(relief, Length.of(layout.grid_um, "um"))
+        return MadeMask(loaded, layout, target, descent.stopped)
 
     def _on_a_grid(self, make: Callable[[Length], LoadedCamera], remedy: str) -> MadeMask:
-        pitch = self.opened.camera.sensor.pitch
+        pitch = self.loaded.camera.sensor.pitch
         for per_pixel in _PER_PIXEL:
             grid = pitch if per_pixel == 1 else Length.of(pitch.um / per_pixel, "um")
-            opened = make(grid)
+            loaded = make(grid)
             try:
-                preview_model(opened)
+                preview_model(loaded)
                 break
             except OptionError as error:
                 if per_pixel == _PER_PIXEL[-1]:
                     raise OptionError(
                         f"{error}, and {grid} is the finest that is tried: give {remedy}"
                     ) from None
-        return MadeMask(opened)
+        return MadeMask(loaded)
 
 
 @dataclass
@@ -241,10 +241,3 @@ class TileDescent:
         """See how many steps are done; True ends it."""
         self.stopped = self.blank.step(done, self.iterations)
         return self.stopped
-
-
-def with_relief(opened: LoadedCamera, relief: RandomLenslets | ReliefFile) -> LoadedCamera:
-    """The camera with another relief, not yet read."""
-    mask = opened.camera.mask.model_copy(update={"relief": relief})
-    camera = opened.camera.model_copy(update={"mask": mask})
-    return replace(opened, camera=camera, relief_um=None)

@@ -63,13 +63,13 @@ class MaskFigures:
         return self.width_um / math.sqrt(2)
 
 
-def sensor_middle(opened: LoadedCamera) -> LoadedCamera:
+def sensor_middle(loaded: LoadedCamera) -> LoadedCamera:
     """The camera with the middle of its sensor, and no opening: all that `central_psf` needs."""
-    sensor = opened.camera.sensor
+    sensor = loaded.camera.sensor
     rows, columns = (min(_MIDDLE_PIXELS, count) for count in (sensor.rows, sensor.columns))
     small = sensor.model_copy(update={"rows": rows, "columns": columns})
-    mask = opened.camera.mask.model_copy(update={"aperture": None})
-    return replace(opened, camera=opened.camera.model_copy(update={"sensor": small, "mask": mask}))
+    mask = loaded.camera.mask.model_copy(update={"aperture": None})
+    return replace(loaded, camera=loaded.camera.model_copy(update={"sensor": small, "mask": mask}))
 
 
 def central_psf(twin: Twin, light: Light) -> Tensor:

@@ -1,7 +1,7 @@
 """A patch of a camera's mask that stands for all of it."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 import torch.nn.functional as nnf
@@ -100,7 +100,7 @@ class Patch:
     lenslets: Lenslets
 
     @classmethod
-    def of(cls, opened: LoadedCamera) -> "Patch":
+    def of(cls, loaded: LoadedCamera) -> "Patch":
         """Take a patch of eight lenslets along a side, and 0.6 mm or more; or all of the sensor.
 
         Of random lenslets as many are drawn as the patch needs: others than those of the whole
@@ -111,14 +111,14 @@ class Patch:
         OptionError
             If the relief is too coarse for the light or too small, or has too few lenslets.
         """
-        camera, relief = opened.camera, opened.camera.mask.relief
+        camera, relief = loaded.camera, loaded.camera.mask.relief
         assert isinstance(relief, RandomLenslets | ReliefFile)
         whole = camera.sensor.rows, camera.sensor.columns
-        wanted = _SIDE_UM
+        length_um = _SIDE_UM
         if isinstance(relief, RandomLenslets):
-            wanted = max(wanted, _PITCHES * relief.pitch.um)
-        side = [min(wanted, count * camera.sensor.pitch.um) for count in whole]
-        beyond = 2 * _margin_um(opened, side)
+            length_um = max(length_um, _PITCHES * relief.pitch.um)
+        side = [min(length_um, count * camera.sensor.pitch.um) for count in whole]
+        beyond = 2 * _margin_um(loaded, side)
         points = math.prod((each + beyond) / relief.grid.um for each in side)
         if points > _MOST_POINTS:
             finest = relief.grid.um * math.sqrt(points / _MOST_POINTS)
@@ -130,12 +130,10 @@ class Patch:
         if isinstance(relief, RandomLenslets):
             surface = described_lenslets(camera, (side[0] + beyond, side[1] + beyond))
         else:
-            assert opened.relief_um is not None
-            surface = _middle(Relief(opened.relief_um, relief.grid.um), side, beyond)
+            assert loaded.relief_um is not None
+            surface = _middle(Relief(loaded.relief_um, relief.grid.um), side, beyond)
         file = ReliefFile(kind="file", file="patch.tif", grid=relief.grid)
-        mask = camera.mask.model_copy(update={"relief": file})
-        described = camera.model_copy(update={"mask": mask})
-        twin = Twin.of(replace(opened, camera=described, relief_um=surface.height_um))
+        twin = Twin.of(loaded.with_relief(file, surface.height_um))
         if camera.mask.aperture is None:
             lit = [length - beyond for length in surface.extent_um]
             side = [min(one, other) for one, other in zip(side, lit, strict=True)]
@@ -150,9 +148,9 @@ class Patch:
         return cls(twin, (side[0], side[1]), lenslets)
 
 
-def _margin_um(opened: LoadedCamera, side: list[float]) -> float:
+def _margin_um(loaded: LoadedCamera, side: list[float]) -> float:
     """What a patch needs around it: light that the relief turns, and diffraction."""
-    camera = opened.camera
+    camera = loaded.camera
     surface, indices = camera.mask.surface, (1.0, *camera.indices(REFERENCE_NM))
     layers = zip(camera.layers[surface:], indices[surface + 1 :], strict=True)
     spread = sum(layer.thickness.um / index for layer, index in layers)
@@ -161,8 +159,8 @@ def _margin_um(opened: LoadedCamera, side: list[float]) -> float:
         # A lenslet's rim is the steepest there is.
         slope = relief.pitch.um / relief.radius.um
     else:
-        assert isinstance(relief, ReliefFile) and opened.relief_um is not None
-        slope = Relief(opened.relief_um, relief.grid.um).steepest
+        assert isinstance(relief, ReliefFile) and loaded.relief_um is not None
+        slope = Relief(loaded.relief_um, relief.grid.um).steepest
     turned = abs(indices[surface + 1] - indices[surface]) * slope
     lost = _SLACK * Margin.needed(turned, spread, REFERENCE_NM * 1e-3).total_um
     return float(lost + 0.1 * max(side))
@@ -173,6 +171,6 @@ def _middle(relief: Relief, side: list[float], beyond: float) -> Relief:
     values = relief.height_um
     for axis, length in enumerate(side):
         count = values.shape[axis]
-        wanted = min(count, math.ceil((length + beyond) / relief.grid_um) + 1)
-        values = values.narrow(axis, (count - wanted) // 2, wanted)
+        needed = min(count, math.ceil((length + beyond) / relief.grid_um) + 1)
+        values = values.narrow(axis, (count - needed) // 2, needed)
     return Relief(values.to(torch.float32), relief.grid_um)

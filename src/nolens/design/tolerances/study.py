@@ -287,7 +287,7 @@ class StudyPlan:
     @classmethod
     def of(
         cls,
-        opened: LoadedCamera,
+        loaded: LoadedCamera,
         parameters: tuple[Parameter, ...],
         sharpness: Sharpness,
         light: Light,
@@ -302,7 +302,7 @@ class StudyPlan:
 
         Parameters
         ----------
-        opened
+        loaded
             The camera.
         parameters, sharpness, seed, limit
             As in the plan.
@@ -320,7 +320,7 @@ class StudyPlan:
         OptionError
             If the limit, the parameter, the tolerances or the camera cannot be used.
         """
-        camera = opened.camera
+        camera = loaded.camera
         if limit is not None:
             limit.value(sharpness, 1.0)
         target = None
@@ -328,8 +328,8 @@ class StudyPlan:
             target = _number_of(solve[0], parameters, camera), solve[1]
         cameras = draw(parameters, trials, seed)
         check_possible(camera, parameters, cameras)
-        preview_model(opened)  # Refuses a relief that is coarser than it must be.
-        patch = Patch.of(opened)
+        preview_model(loaded)  # Refuses a relief that is coarser than it must be.
+        patch = Patch.of(loaded)
         sharpness.check(patch.twin.sensor_pitch_um, patch.lenslets.pitch_um)
         channels = colours_of(patch.twin, light, _WAVELENGTHS)
         colours = channels[len(channels) // 2]

@@ -77,10 +77,10 @@ def look_at_design(run: Run[LookOptions]) -> Product[Tensor]:
     options = run.options
     described = read_camera(options.camera)
     run.reads(camera_files(options.camera, described.camera))
-    opened = with_thickness(described, options.thickness)
-    source_um = distance_um(options.distance, opened)
-    psf, pixel_um = preview_psf(opened, source_um, partial(run.reporter.advance, "PSF"))
-    stack = lenslet_stack(opened, source_um)
+    loaded = with_thickness(described, options.thickness)
+    source_um = distance_um(options.distance, loaded)
+    psf, pixel_um = preview_psf(loaded, source_um, partial(run.reporter.advance, "PSF"))
+    stack = lenslet_stack(loaded, source_um)
     reduced_um = float(stack.behind_um)
     try:
         figures = psf_figures(psf[0], pixel_um, reduced_um=reduced_um, noise=0.0)
@@ -89,10 +89,10 @@ def look_at_design(run: Run[LookOptions]) -> Product[Tensor]:
         run.warn(str(error))
         figures = None
     summary = {
-        "camera": opened.camera.name,
-        "layers": _layers(opened),
-        "mask_surface": opened.camera.mask.surface,
-        **_focus(opened, stack),
+        "camera": loaded.camera.name,
+        "layers": _layers(loaded),
+        "mask_surface": loaded.camera.mask.surface,
+        **_focus(loaded, stack),
         "reduced_mm": rounded(reduced_um * 1e-3),
         "cell_um": pixel_um,
         **_of_psf(figures),
@@ -101,8 +101,8 @@ def look_at_design(run: Run[LookOptions]) -> Product[Tensor]:
     return Product(psf[0], summary, {options.output: partial(write_png, radiance=psf)})
 
 
-def _layers(opened: LoadedCamera) -> list[dict[str, Any]]:
-    camera = opened.camera
+def _layers(loaded: LoadedCamera) -> list[dict[str, Any]]:
+    camera = loaded.camera
     return [
         {
             "name": layer.name or str(number),
@@ -116,9 +116,9 @@ def _layers(opened: LoadedCamera) -> list[dict[str, Any]]:
     ]
 
 
-def _focus(opened: LoadedCamera, stack: LensletStack) -> dict[str, Any]:
+def _focus(loaded: LoadedCamera, stack: LensletStack) -> dict[str, Any]:
     """Where lenslets are in focus, by ray matrices; nothing of masks that have none."""
-    relief = opened.camera.mask.relief
+    relief = loaded.camera.mask.relief
     summary: dict[str, Any] = {
         "radius_mm": None,
         "pitch_um": None,

@@ -31,7 +31,6 @@ from nolens.design.masks import (
     mask_figures,
     sensor_middle,
     spread_over,
-    with_relief,
 )
 from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE, camera_files, read_camera, write_camera
@@ -172,10 +171,11 @@ class MaskOptions(OutputFolderOptions):
         Raises
         ------
         OptionError
-            If there is no such mask, or it is too steep for any grid.
+            If there is no such mask, it is too steep for any grid, limits contradict each other,
+            or the machine has too little memory.
         """
 
-    def blank(self, opened: LoadedCamera, reporter: Reporter) -> Blank:
+    def blank(self, loaded: LoadedCamera, reporter: Reporter) -> Blank:
         """The camera that the mask is made for, by the name that it will have.
 
         Raises
@@ -183,12 +183,12 @@ class MaskOptions(OutputFolderOptions):
         OptionError
             If the light or the device cannot be used.
         """
-        name = f"{opened.camera.name}, {self.kind} mask"
-        relief = opened.camera.mask.relief
+        name = f"{loaded.camera.name}, {self.kind} mask"
+        relief = loaded.camera.mask.relief
         own = relief.overhang if isinstance(relief, RandomLenslets) else _OVERHANG
         return Blank(
-            replace(opened, camera=opened.camera.model_copy(update={"name": name})),
-            preview_model(opened),
+            replace(loaded, camera=loaded.camera.model_copy(update={"name": name})),
+            preview_model(loaded),
             Light(self.light),
             self.overhang or own,
             pick_device(self.device),
@@ -252,14 +252,7 @@ class TileOptions(MaskOptions):
         """Heights of the tile in um, and the PSF that was the target where one was drawn."""
 
     def mask(self, blank: Blank) -> MadeMask:
-        """Design the tile, and spread it over the sensor.
-
-        Raises
-        ------
-        OptionError
-            If the limits of the process contradict themselves, or the machine has too little
-            memory.
-        """
+        """Design the tile, and spread it over the sensor."""
         return blank.tiled(
             self.limits,
             self.heights,
@@ -279,21 +272,21 @@ def design_mask(run: Run[MaskOptions]) -> Product[LoadedCamera]:
         If an option or an output cannot be used; then nothing is written.
     """
     options, reporter, device = run.options, run.reporter, run.device
-    opened, light = read_camera(options.camera), Light(options.light)
-    run.reads(camera_files(options.camera, opened.camera))
+    loaded, light = read_camera(options.camera), Light(options.light)
+    run.reads(camera_files(options.camera, loaded.camera))
     run.begin()
-    made = options.mask(options.blank(opened, reporter))
+    made = options.mask(options.blank(loaded, reporter))
 
     reporter.advance("figures", 0.0)
     twin, paper = (
-        _middle(each, device) for each in (made.opened, with_relief(opened, PAPERS_DIFFUSER))
+        _middle(each, device) for each in (made.loaded, loaded.with_relief(PAPERS_DIFFUSER))
     )
     psf = central_psf(twin, light)
     reporter.advance("figures", 0.6)
     papers_psf = central_psf(paper, light)
     figures, papers = mask_figures(twin, psf), mask_figures(paper, papers_psf)
     summary: dict[str, Any] = {
-        "camera": made.opened.camera.name,
+        "camera": made.loaded.camera.name,
         "kind": options.kind,
         "figures": _plain(figures),
         "paper_diffuser": _plain(papers),
@@ -312,16 +305,16 @@ def design_mask(run: Run[MaskOptions]) -> Product[LoadedCamera]:
         psf=psf,
         papers_psf=papers_psf,
         pixel_um=twin.pixel_um,
-        title=made.opened.camera.name,
+        title=made.loaded.camera.name,
     )
-    more: dict[str, Writer] = {**curve_copies(options.camera, opened), _PICTURE_FILE: plot}
+    more: dict[str, Writer] = {**curve_copies(options.camera, loaded), _PICTURE_FILE: plot}
 
     def commit(writers: Mapping[Path, Writer]) -> None:
         named = {path.name: write for path, write in writers.items()}
-        write_camera(options.output, made.opened.camera, made.opened.relief_um, more=named)
+        write_camera(options.output, made.loaded.camera, made.loaded.relief_um, more=named)
 
     return Product(
-        made.opened,
+        made.loaded,
         summary,
         {options.output / name: write for name, write in more.items()},
         parameters={"kind": options.kind},
@@ -330,9 +323,9 @@ def design_mask(run: Run[MaskOptions]) -> Product[LoadedCamera]:
     )
 
 
-def _middle(opened: LoadedCamera, device: torch.device) -> Twin:
+def _middle(loaded: LoadedCamera, device: torch.device) -> Twin:
     """The middle of a camera, ready to be simulated."""
-    middle = sensor_middle(opened)
+    middle = sensor_middle(loaded)
     needed = BYTES_OF_PROGRAM + surface_bytes(relief_points(middle))
     check_memory(needed, device, "a smaller --overhang or a larger --pitch needs less")
     return Twin.of(middle, device=device)

@@ -31,13 +31,7 @@ class DiffuserMask(MaskOptions):
     ] = Length("30", "um")
 
     def mask(self, blank: Blank) -> MadeMask:
-        """Compute the surface.
-
-        Raises
-        ------
-        OptionError
-            If it is too steep for any grid, or has too many samples.
-        """
+        """Compute the surface."""
         media = blank.model.media(REFERENCE_NM)
 
         def heights(size: tuple[int, int], grid_um: float) -> Tensor:

@@ -68,13 +68,7 @@ class RandomLensletsMask(_LensletsMask):
         return tuple(each for each in super().written if each.what != "relief")
 
     def mask(self, blank: Blank) -> MadeMask:
-        """Describe the lenslets.
-
-        Raises
-        ------
-        OptionError
-            If they are too steep for any grid.
-        """
+        """Describe the lenslets."""
         radius = self.radius or Length.of(round(focusing_radius_um(blank.model), 2), "um")
 
         def relief(grid: Length) -> RandomLenslets:
@@ -103,13 +97,7 @@ class LensletArrayMask(_LensletsMask):
     arrangement: Annotated[Arrangement, Option("Of their middles.", _LENSLETS)] = "hexagonal"
 
     def mask(self, blank: Blank) -> MadeMask:
-        """Compute the lenslets.
-
-        Raises
-        ------
-        OptionError
-            If they are too steep for any grid, or too many.
-        """
+        """Compute the lenslets."""
         media = blank.model.media(REFERENCE_NM)
         radius_um = focusing_radius_um(blank.model) if self.radius is None else self.radius.um
 

@@ -275,7 +275,7 @@ def read_case(options: ThicknessOptions) -> tuple[ThicknessCase, tuple[Medium, .
     NolensError
         If one cannot be read, or the options do not fit the camera.
     """
-    opened = read_camera(options.camera)
+    loaded = read_camera(options.camera)
     master: Master | Uncertain
     if options.radius is not None:
         master = options.radius
@@ -291,19 +291,19 @@ def read_case(options: ThicknessOptions) -> tuple[ThicknessCase, tuple[Medium, .
         *(Medium.of_index(index) for index in options.index),
         *(Medium.of_material(read_material(name)) for name in names),
     )
-    pitch, rounding = _lenslets(opened, options)
+    pitch, rounding = _lenslets(loaded, options)
     glass_medium = None
     if options.glass_material or options.glass_index:
         glass_medium = _medium(options.glass_material or "", options.glass_index)
     cover = cover_layers(
-        opened,
+        loaded,
         bare=options.no_glass,
         glass=options.glass,
         glass_medium=glass_medium,
         gap=options.gap,
     )
     source_um = options.distance.um if isinstance(options.distance, Length) else math.inf
-    case = ThicknessCase(opened, cover, master, pitch, rounding, options.wavelength, source_um)
+    case = ThicknessCase(loaded, cover, master, pitch, rounding, options.wavelength, source_um)
     return case, replicas
 
 
@@ -312,15 +312,15 @@ def _medium(material: str, index: Uncertain | None) -> Medium:
     return Medium.of_index(index) if index else Medium.of_material(read_material(material))
 
 
-def _lenslets(opened: LoadedCamera, options: ThicknessOptions) -> tuple[Uncertain, float]:
+def _lenslets(loaded: LoadedCamera, options: ThicknessOptions) -> tuple[Uncertain, float]:
     """Pitch, and the fraction of it that rounds the valleys."""
-    relief = opened.camera.mask.relief
+    relief = loaded.camera.mask.relief
     if isinstance(relief, RandomLenslets):
         pitch = options.pitch or Uncertain(relief.pitch.um)
         return pitch, relief.smoothing.um / relief.pitch.um
     if options.pitch is None:
         raise OptionError(
-            f"the relief of {opened.camera.name!r} is not described by a pitch: give the distance "
+            f"the relief of {loaded.camera.name!r} is not described by a pitch: give the distance "
             "of its lenslets, such as --pitch 70um"
         )
     return options.pitch, 0.0
@@ -338,7 +338,7 @@ def design_thickness(run: Run[ThicknessOptions]) -> Product[tuple[ReplicaDesign,
     """
     options = run.options
     case, media = read_case(options)
-    run.reads(camera_files(options.camera, case.opened.camera))
+    run.reads(camera_files(options.camera, case.loaded.camera))
     run.begin()
     designs = tuple(ReplicaDesign.of(case, medium) for medium in media)
     writers: dict[Path, Writer] = {}
@@ -377,7 +377,7 @@ def thickness_summary(
         for layer in case.cover
     ]
     return {
-        "camera": case.opened.camera.name,
+        "camera": case.loaded.camera.name,
         "wavelength_nm": wavelength_nm,
         "distance_mm": None if math.isinf(case.source_um) else case.source_um * _UM_TO_MM,
         "film": film,

@@ -12,9 +12,9 @@ from pydantic import Field
 from nolens.camera import Camera, LoadedCamera
 from nolens.design.tolerances.parameters import Parameter, default_parameters, parameters_to_toml
 from nolens.design.tolerances.sharpness import Limit, Sharpness
-from nolens.design.tolerances.study import Study, StudyPlan, Yield
+from nolens.design.tolerances.study import BudgetLine, Study, StudyPlan, Yield
 from nolens.errors import DataError, OptionError
-from nolens.fabricate import ToleranceBudget, ToleranceLine, poured_layer
+from nolens.fabricate import ToleranceBudget, poured_layer
 from nolens.files import camera_files, read_camera, read_record, read_tolerances, write_trials
 from nolens.files.tolerances import plot_tolerance
 from nolens.jobs.fields import CAMERAS, FilePath, Name, Seed, Word
@@ -169,12 +169,12 @@ def study_tolerances(run: Run[ToleranceOptions]) -> Product[Study | None]:
         If an input, an option or an output cannot be used; then nothing is written.
     """
     options, reporter = run.options, run.reporter
-    opened = read_camera(options.camera)
-    run.reads(camera_files(options.camera, opened.camera))
+    loaded = read_camera(options.camera)
+    run.reads(camera_files(options.camera, loaded.camera))
     if options.show:
-        parameters = _parameters(options, opened)
-        return Product(None, {"tolerances": parameters_to_toml(parameters, opened.camera)})
-    plan = _plan(options, opened)
+        parameters = _parameters(options, loaded)
+        return Product(None, {"tolerances": parameters_to_toml(parameters, loaded.camera)})
+    plan = _plan(options, loaded)
     run.begin()
     study, stopped = plan.run(
         reporter.advance, lambda done, total: reporter.step("camera", done, total, "the trials")
@@ -190,22 +190,22 @@ def study_tolerances(run: Run[ToleranceOptions]) -> Product[Study | None]:
     return Product(study, summary, _writers(options, study, summary), described)
 
 
-def _parameters(options: ToleranceOptions, opened: LoadedCamera) -> tuple[Parameter, ...]:
+def _parameters(options: ToleranceOptions, loaded: LoadedCamera) -> tuple[Parameter, ...]:
     """Tolerances from a file, or what is assumed."""
     if options.tolerances is None:
-        return default_parameters(opened.camera)
-    return read_tolerances(options.tolerances, opened.camera)
+        return default_parameters(loaded.camera)
+    return read_tolerances(options.tolerances, loaded.camera)
 
 
-def _plan(options: ToleranceOptions, opened: LoadedCamera) -> StudyPlan:
+def _plan(options: ToleranceOptions, loaded: LoadedCamera) -> StudyPlan:
     """Check all that can be checked before anything takes long."""
     sharpness, light = Sharpness.parse(options.criterion), Light(options.light)
     solve = None
     if options.solve is not None and options.target_yield is not None:
         solve = options.solve, options.target_yield.value
     plan = StudyPlan.of(
-        opened,
-        _parameters(options, opened),
+        loaded,
+        _parameters(options, loaded),
         sharpness,
         light,
         rays=options.model == "rays",
@@ -332,7 +332,7 @@ def study_budget(path: Path, camera: Camera) -> ToleranceBudget:
             f"{path} is a study of {result['camera']!r}, not of {camera.name!r}: run nolens design "
             "tolerance for this camera"
         )
-    lines = tuple(ToleranceLine(**line) for line in result["budget"])
+    lines = tuple(BudgetLine(**line) for line in result["budget"])
     passed = f"; {100 * result['yield']['share']:.3g} % meet the limit" if "yield" in result else ""
     method = (
         f"From nolens design tolerance: {result['criterion']} by {result['model']}, "
