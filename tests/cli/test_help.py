@@ -6,7 +6,7 @@ import inspect
 from cyclopts import App
 from running import command, run
 
-from nolens.cli.commands import COMMANDS
+from nolens.cli.app import COMMANDS
 
 
 def test_list_says_what_each_command_says_of_itself() -> None:

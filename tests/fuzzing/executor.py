@@ -57,7 +57,7 @@ class Executor:
     """A process forked from this one, which has loaded all of the program and computed nothing."""
 
     def __init__(self) -> None:
-        import nolens.cli.commands
+        import nolens.cli.app
         import nolens.jobs  # noqa: F401
 
         self._folder = Path(tempfile.mkdtemp(prefix="nolens-fuzz-"))

@@ -9,8 +9,7 @@ from cyclopts import App
 from damage import Draw, numbers, quantities, texts, values, windows
 from hypothesis import strategies as st
 
-from nolens.cli.app import application
-from nolens.cli.commands import COMMANDS
+from nolens.cli.app import COMMANDS, application
 
 BAD = "{bad}"
 """Stands for the damaged file in a command's arguments."""

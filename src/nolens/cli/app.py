@@ -1,7 +1,7 @@
-"""The application that the commands are part of, and what their options have in common."""
+"""The command `nolens`: its list of commands, and what their options have in common."""
 
 import inspect
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from cyclopts import (
     App,
@@ -11,30 +11,44 @@ from cyclopts import (
     Token,
     UnusedCliTokensError,
 )
-from rich.console import Console
 
 from nolens import __version__
 from nolens.errors import OptionError
 from nolens.files.input import set_read_limit
 from nolens.printable import quoted
 
+COMMANDS = {
+    "reconstruct:reconstruct": "Reconstruct a photograph "
+    "from a measurement and a PSF, or a sequence of them.",
+    "refocus:refocus": "Focus a photograph at any depth, after it was taken.",
+    "capture:capture": "Take raw frames with a camera: "
+    "one, many, averaged, bracketed, or over a long time.",
+    "reconstruct:info": "Say what a file holds: size, channels, mosaic, levels, range.",
+    "calibrate:calibrate": "Make a PSF of "
+    "pictures of one point source, and add it to a camera's folder.",
+    "measure:measure": "Measure how good a camera is: PSF, resolution, field of view.",
+    "simulate:simulate": "Simulate what a lensless camera measures of a scene.",
+    "simulate:psf": "Simulate what a lensless camera shows of a point source.",
+    "camera:camera": "Descriptions of cameras.",
+    "material:material": "Materials that layers of a camera are made of.",
+    "design:design": "Design a camera: thickness, tolerances and masks.",
+    "fabricate:fabricate": "Write the files that a camera is made from: "
+    "frame, mask, process sheet.",
+    "reproduce:reproduce": "Make every figure of the paper again that simulation can give, "
+    "beside the paper's values.",
+    "studio:studio": "Open a page on which to see through a camera, design it, calibrate it and "
+    "take pictures.",
+    "demo:demo": "Simulate a small lensless camera, and reconstruct a photograph from its files.",
+}
+"""Every command by file and name, and the first sentence of its help.
 
-class _Application(App):
-    """The command; a list of a group's commands shows what each says of itself."""
-
-    def help_print(
-        self, tokens: str | Iterable[str] | None = None, *, console: Console | None = None
-    ) -> None:
-        """Print the help page; commands that are registered by name are loaded for a list."""
-        *_, listed = self.parse_commands(tokens)[1]
-        if listed is not self:  # All commands have their sentence in `commands.py`.
-            listed.resolved_commands()
-        super().help_print(tokens, console=console)
+A command loads only what it uses, which is why they are known by name here.
+"""
 
 
 def application() -> App:
     """The command without its commands."""
-    return _Application(
+    return App(
         name="nolens",
         help="Lensless cameras: design, simulate and make them, and reconstruct what they measure.",
         help_epilogue="Every command takes --read-limit: how much one read of a file may decode, "
@@ -81,7 +95,24 @@ def without_read_limit(arguments: Sequence[str]) -> list[str]:
     return rest
 
 
-def run(app: App, arguments: Sequence[str]) -> int:
+def run(arguments: Sequence[str]) -> int:
+    """Run one command and return its exit code.
+
+    Raises
+    ------
+    OptionError
+        If the arguments name no command, or an option or value that it does not have.
+    """
+    arguments = without_read_limit(arguments)
+    app = application()
+    listed = not arguments or arguments[0].startswith("-")
+    for path, sentence in COMMANDS.items():
+        # A help that is given here replaces the command's own, so only the list of all has it.
+        app.command(f"nolens.cli.{path}", help=sentence if listed else None)
+    return run_app(app, arguments)
+
+
+def run_app(app: App, arguments: Sequence[str]) -> int:
     """Run one command of an application and return its exit code.
 
     Raises
@@ -93,6 +124,10 @@ def run(app: App, arguments: Sequence[str]) -> int:
     if nested is not None:  # Lists may be written as JSON, whose parser recurses into brackets.
         raise OptionError(f"{quoted(nested)} has more than {_MOST_BRACKETS} brackets: give fewer")
     try:
+        words = [each for each in arguments if each not in ("--help", "-h")]
+        *_, group = app.parse_commands(words)[1]
+        if group is not app:  # A list of its commands has what each says of itself.
+            group.resolved_commands()
         code = app(
             list(arguments), exit_on_error=False, print_error=False, result_action="return_value"
         )

@@ -8,12 +8,6 @@ from cyclopts import App
 from nolens.cli.command import command
 from nolens.cli.messages import say
 from nolens.jobs import (
-    CalibrateDistancesOptions,
-    CalibrateExtrapolateOptions,
-    CalibratePairsOptions,
-    CalibratePlanOptions,
-    CalibratePointOptions,
-    CalibrateStitchOptions,
     calibrate_distances,
     calibrate_extrapolate,
     calibrate_pairs,
@@ -181,10 +175,8 @@ def _place(what: str, shift_um: list[float]) -> str:
 
 
 calibrate = App(name="calibrate")
-calibrate.default(command(CalibratePointOptions, calibrate_point, _point, name="point"))
-extrapolate = command(
-    CalibrateExtrapolateOptions, calibrate_extrapolate, _extrapolate, name="extrapolate"
-)
+calibrate.default(command(calibrate_point, _point, name="point"))
+extrapolate = command(calibrate_extrapolate, _extrapolate, name="extrapolate")
 
 
 @wraps(extrapolate)
@@ -195,11 +187,11 @@ def surround(*places: Any, **names: Any) -> int:
 
 
 for each in (
-    command(CalibrateDistancesOptions, calibrate_distances, _distances, name="distances"),
+    command(calibrate_distances, _distances, name="distances"),
     extrapolate,
-    command(CalibratePairsOptions, calibrate_pairs, _pairs, name="pairs"),
-    command(CalibratePlanOptions, calibrate_plan, _plan, name="plan"),
-    command(CalibrateStitchOptions, calibrate_stitch, _stitch, name="stitch"),
+    command(calibrate_pairs, _pairs, name="pairs"),
+    command(calibrate_plan, _plan, name="plan"),
+    command(calibrate_stitch, _stitch, name="stitch"),
 ):
     calibrate.command(each)
 calibrate.command(surround, name="surround", show=False)

@@ -10,7 +10,7 @@ from nolens.camera import PRESETS, preset_text, to_toml
 from nolens.cli.command import Json, command
 from nolens.cli.messages import say, show
 from nolens.files import read_camera
-from nolens.jobs import ReliefOptions, replace_relief
+from nolens.jobs import replace_relief
 from nolens.twin import camera_figures
 
 camera = App(name="camera", help="Descriptions of cameras.")
@@ -103,4 +103,4 @@ def _lines(facts: dict[str, Any]) -> list[str]:
     return lines
 
 
-camera.command(command(ReliefOptions, replace_relief, _relief_lines, name="relief"), name="relief")
+camera.command(command(replace_relief, _relief_lines, name="relief"), name="relief")

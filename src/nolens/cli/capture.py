@@ -6,7 +6,7 @@ from typing import Any
 from nolens.capture import Levels
 from nolens.cli.command import command
 from nolens.cli.terminal import TerminalReporter
-from nolens.jobs import CaptureOptions, CaptureReporter, capture_frames
+from nolens.jobs import CaptureReporter, capture_frames
 
 _BARS = " ▁▂▃▄▅▆▇█"
 _WIDTH = 32
@@ -77,4 +77,4 @@ def _next(summary: dict[str, Any]) -> list[str]:
     return [*lines, "then: nolens calibrate POINT... --dark DARK... --distance 300mm -o mycamera"]
 
 
-capture = command(CaptureOptions, capture_frames, _lines, name="capture", reporter=CaptureTerminal)
+capture = command(capture_frames, _lines, name="capture", reporter=CaptureTerminal)

@@ -5,8 +5,8 @@ import json
 from collections.abc import Callable, Iterable
 from enum import Enum
 from pathlib import Path
-from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+from types import GenericAlias, NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from cyclopts import Group, Parameter
 from pydantic import BeforeValidator
@@ -15,10 +15,8 @@ from nolens.cli.app import Whole
 from nolens.cli.messages import show
 from nolens.cli.terminal import TerminalReporter
 from nolens.jobs.options import JobOptions, Option
-from nolens.jobs.run import Reporter, Result
+from nolens.jobs.run import Job
 from nolens.quantities import Quantity
-
-Options = TypeVar("Options", bound=JobOptions)
 
 Json = Annotated[
     bool,
@@ -43,54 +41,54 @@ _BY_NAME = inspect.Parameter.KEYWORD_ONLY
 
 
 def command(
-    model: type[Options],
-    job: Callable[[Options, Reporter], Result[Any]],
+    job: Job[Any, Any],
     lines: Callable[[dict[str, Any]], Iterable[str]],
     *,
     name: str,
+    options: type[JobOptions] | None = None,
     reporter: Callable[[], TerminalReporter] = TerminalReporter,
 ) -> Callable[..., int]:
     """Make the command of a job.
 
-    Its options and its help are those that the model declares; ``--config`` and ``--json`` are
+    Its options and its help are those that the job declares; ``--config`` and ``--json`` are
     every command's.
 
     Parameters
     ----------
-    model
-        Options of the job.
     job
-        What does it.
+        The job.
     lines
-        What a person at a terminal is told of the summary; the files that were written follow.
+        Text of the summary for a person at a terminal; the files that were written follow.
     name
         Of the command.
+    options
+        Model of the options where the job takes several; the job's own otherwise.
     reporter
         Makes what shows how far it is.
     """
+    model: type[JobOptions] = options or job.options
 
     def run(*places: Any, **names: Any) -> int:
         values = dict(signature.bind_partial(*places, **names).arguments)
         as_json, config = values.pop("json_", False), values.pop("config", None)
-        options = {
+        given = {
             key.removesuffix(_FORMER): each
             for key, each in values.items()
             if each is not None and each != ()
         }
         watching = reporter()
         with watching:
-            summary = job(model.gather(options, config, watching.note), watching).summary
-        told = [json.dumps(summary)] if as_json else [*lines(summary), *_listed(summary["outputs"])]
-        for line in told:
+            summary = job(model.gather(given, config, watching.note), watching).summary
+        text = [json.dumps(summary)] if as_json else [*lines(summary), *_listed(summary["outputs"])]
+        for line in text:
             show(line)
         return 130 if watching.interrupted else 0
 
     signature = inspect.Signature(_parameters(model), return_annotation=int)
-    run.__signature__ = signature  # type: ignore[attr-defined]
     run.__annotations__ = {each.name: each.annotation for each in signature.parameters.values()}
     run.__annotations__["return"] = int
     run.__doc__, run.__name__ = model.__doc__, name
-    run.usage = model.usage  # type: ignore[attr-defined]
+    vars(run).update(__signature__=signature, usage=model.usage)
     return run
 
 
@@ -146,8 +144,11 @@ def _parameter(model: type[JobOptions], name: str, group: Group | None) -> inspe
     if int in (kind, *get_args(kind)):
         about.append(Whole)
     if option.positional and get_origin(kind) is tuple:
-        each = Annotated[get_args(kind)[0], *about]  # type: ignore[valid-type]
-        return inspect.Parameter(name, inspect.Parameter.VAR_POSITIONAL, annotation=each)
+        return inspect.Parameter(
+            name,
+            inspect.Parameter.VAR_POSITIONAL,
+            annotation=Annotated[get_args(kind)[0], *about],
+        )
     place = inspect.Parameter.POSITIONAL_ONLY if option.positional else _BY_NAME
     return inspect.Parameter(name, place, default=None, annotation=Annotated[kind | None, *about])
 
@@ -158,8 +159,11 @@ def _former(parameter: inspect.Parameter, option: Option) -> inspect.Parameter:
     if option.former_switch:
         kind, settings = bool | None, []
     hidden = Parameter(name=f"--{option.former.replace('_', '-')}", show=False)
-    annotation = Annotated[kind, *settings, hidden]  # type: ignore[valid-type]
-    return parameter.replace(name=f"{option.former}{_FORMER}", kind=_BY_NAME, annotation=annotation)
+    return parameter.replace(
+        name=f"{option.former}{_FORMER}",
+        kind=_BY_NAME,
+        annotation=Annotated[kind, *settings, hidden],
+    )
 
 
 def _kind(annotation: Any, metadata: Iterable[Any] = ()) -> Any:
@@ -174,8 +178,8 @@ def _kind(annotation: Any, metadata: Iterable[Any] = ()) -> Any:
         return _kind(arguments[0]) if len(arguments) == 1 else str
     if get_origin(annotation) is tuple:
         if arguments[-1] is Ellipsis:
-            return tuple[_kind(arguments[0]), ...]  # type: ignore[misc]
-        return tuple[tuple(_kind(each) for each in arguments)]  # type: ignore[misc]
+            return GenericAlias(tuple, (_kind(arguments[0]), ...))
+        return GenericAlias(tuple, tuple(_kind(each) for each in arguments))
     plain = annotation in (bool, int, float, Path) or get_origin(annotation) is Literal
     return annotation if plain or issubclass(annotation, Enum) else str
 

@@ -4,7 +4,7 @@ import shlex
 from typing import Any
 
 from nolens.cli.command import command
-from nolens.jobs import DemoOptions, run_demo
+from nolens.jobs import run_demo
 
 
 def _lines(summary: dict[str, Any]) -> list[str]:
@@ -16,4 +16,4 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     ]
 
 
-demo = command(DemoOptions, run_demo, _lines, name="demo")
+demo = command(run_demo, _lines, name="demo")

@@ -6,13 +6,11 @@ from typing import Annotated, Any
 from cyclopts import App, Parameter
 
 from nolens.amounts import amount
-from nolens.cli.app import run
+from nolens.cli.app import run_app
 from nolens.cli.command import command
 from nolens.errors import OptionError
 from nolens.jobs import (
     MaskOptions,
-    ThicknessOptions,
-    ToleranceOptions,
     design_mask,
     design_thickness,
     mask_kind,
@@ -244,11 +242,11 @@ design = App(name="design", help="Design a camera: thickness, tolerances and mas
 mask = App(name="mask", help="Design a mask for a camera, and write the camera that has it.")
 design.command(mask)
 design.command(
-    command(ThicknessOptions, design_thickness, _thickness_lines, name="thickness"),
+    command(design_thickness, _thickness_lines, name="thickness"),
     name="thickness",
 )
 design.command(
-    command(ToleranceOptions, study_tolerances, _tolerance_lines, name="tolerance"),
+    command(study_tolerances, _tolerance_lines, name="tolerance"),
     name="tolerance",
 )
 _Words = Annotated[str, Parameter(show=False, allow_leading_hyphen=True)]
@@ -263,7 +261,7 @@ def _kind_after_options(*words: _Words) -> int:
     for place, (before, word) in enumerate(pairwise(words), start=1):
         is_value = before.startswith("-") and "=" not in before and before != "--json"
         if word in kinds and not is_value:
-            return run(mask, [word, *words[:place], *words[place + 1 :]])
+            return run_app(mask, [word, *words[:place], *words[place + 1 :]])
     raise OptionError(
         f"no kind is given; name one of {', '.join(kinds)}: nolens {MaskOptions.usage}"
     )
@@ -282,7 +280,7 @@ def _add(name: str) -> None:
 
         mask.command(refuse, name=name, help=f"{reason}.", help_flags=())
     else:
-        mask.command(command(kind, design_mask, _mask_lines, name=name), name=name)
+        mask.command(command(design_mask, _mask_lines, name=name, options=kind), name=name)
 
 
 for _kind in mask_kinds():

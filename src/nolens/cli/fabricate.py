@@ -4,7 +4,6 @@ from typing import Any
 
 from nolens.amounts import amount
 from nolens.cli.command import command
-from nolens.jobs import FabricateOptions
 from nolens.jobs import fabricate as fabricate_job
 
 
@@ -36,4 +35,4 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     ]
 
 
-fabricate = command(FabricateOptions, fabricate_job, _lines, name="fabricate")
+fabricate = command(fabricate_job, _lines, name="fabricate")

@@ -21,7 +21,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _guard(arguments: list[str]) -> int:
     try:
         # The commands bring torch with them, for which the process is prepared by now.
-        from nolens.cli.commands import run
+        from nolens.cli.app import run
 
         return run(arguments)
     except NolensError as error:

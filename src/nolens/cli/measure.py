@@ -20,17 +20,17 @@ for _name in ("field", "psf", "resolution", "target"):
 def __getattr__(name: str) -> App | Callable[..., int]:
     """Make the command of a name."""
     if name == "field":
-        from nolens.jobs import MeasureFieldOptions, measure_field
+        from nolens.jobs import measure_field
 
-        return command(MeasureFieldOptions, measure_field, _field_lines, name=name)
+        return command(measure_field, _field_lines, name=name)
     if name == "psf":
-        from nolens.jobs import MeasurePsfOptions, measure_psf
+        from nolens.jobs import measure_psf
 
-        return command(MeasurePsfOptions, measure_psf, _psf_lines, name=name)
+        return command(measure_psf, _psf_lines, name=name)
     if name == "target":
-        from nolens.jobs import TargetOptions, make_target
+        from nolens.jobs import make_target
 
-        return command(TargetOptions, make_target, lambda _: (), name=name)
+        return command(make_target, lambda _: (), name=name)
     if name == "resolution":
         return _resolution()
     if name.startswith(_TARGET):
@@ -64,7 +64,7 @@ def _by_target(name: str) -> Callable[..., int]:
 
         refuse.__doc__ = str(error)
         return refuse
-    return command(target.job.options, target.job, target.lines, name=name)
+    return command(target.job, target.lines, name=name)
 
 
 def _field_lines(summary: dict[str, Any]) -> list[str]:

@@ -7,7 +7,7 @@ from typing import Any
 from nolens.cli.command import Json, command
 from nolens.cli.messages import show
 from nolens.files import describe, read_frame
-from nolens.jobs import ReconstructOptions, expand_home
+from nolens.jobs import expand_home
 from nolens.jobs import reconstruct as reconstruct_job
 
 
@@ -28,7 +28,7 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     ]
 
 
-reconstruct = command(ReconstructOptions, reconstruct_job, _lines, name="reconstruct")
+reconstruct = command(reconstruct_job, _lines, name="reconstruct")
 
 
 def info(

@@ -4,7 +4,6 @@ from typing import Any
 
 from nolens.cli.command import command
 from nolens.files.stacks import depth_text
-from nolens.jobs import RefocusOptions
 from nolens.jobs import refocus as refocus_job
 
 
@@ -28,4 +27,4 @@ def _text(millimetres: float | str) -> str:
     return millimetres if isinstance(millimetres, str) else depth_text(millimetres * 1e3)
 
 
-refocus = command(RefocusOptions, refocus_job, _lines, name="refocus")
+refocus = command(refocus_job, _lines, name="refocus")

@@ -3,7 +3,6 @@
 from typing import Any
 
 from nolens.cli.command import command
-from nolens.reproduction import ReproduceOptions
 from nolens.reproduction import reproduce as reproduce_job
 
 
@@ -16,4 +15,4 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     return [*lines, ""]
 
 
-reproduce = command(ReproduceOptions, reproduce_job, _lines, name="reproduce")
+reproduce = command(reproduce_job, _lines, name="reproduce")

@@ -3,8 +3,8 @@
 from typing import Any
 
 from nolens.cli.command import command
-from nolens.jobs import PsfOptions, SimulateOptions, simulate_psf
 from nolens.jobs import simulate as simulate_job
+from nolens.jobs import simulate_psf
 
 
 def _scene_lines(summary: dict[str, Any]) -> list[str]:
@@ -47,5 +47,5 @@ def _field_text(summary: dict[str, Any]) -> str:
     )
 
 
-simulate = command(SimulateOptions, simulate_job, _scene_lines, name="simulate")
-psf = command(PsfOptions, simulate_psf, _psf_lines, name="psf")
+simulate = command(simulate_job, _scene_lines, name="simulate")
+psf = command(simulate_psf, _psf_lines, name="psf")
