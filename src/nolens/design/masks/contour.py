@@ -100,20 +100,14 @@ def contour_relief(
 
     Parameters
     ----------
-    tile
-        Piece of the mask, with the light that counts.
+    tile, limits, iterations, stop
+        See `descend`.
     squared_um2
         Squared distance to the lines, (side, side).
     target
         (pixels, pixels), see `line_target`.
-    limits
-        Of the process.
     radius_um
         Radius of curvature R that focuses on the sensor.
-    iterations
-        Of the descent.
-    stop
-        See `descend`.
     """
     start = squared_um2 * (-tile.bulge / (2 * radius_um))
     target = target.to(start.device)

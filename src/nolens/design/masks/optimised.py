@@ -217,18 +217,12 @@ def optimised_relief(
 
     Parameters
     ----------
-    tile
-        Piece of the mask, with the light that counts.
+    tile, limits, iterations, stop
+        See `descend`.
     goals
         Target figures.
-    limits
-        Of the process.
     start_um
         Surface to begin with, such as `lenslet_start`.
-    iterations
-        Of the descent.
-    stop
-        See `descend`.
 
     Returns
     -------

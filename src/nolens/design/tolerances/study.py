@@ -302,14 +302,6 @@ class StudyPlan:
 
         Parameters
         ----------
-        loaded
-            The camera.
-        parameters, sharpness, seed, limit
-            As in the plan.
-        light
-            Spectrum of the light.
-        trials
-            How many cameras are drawn.
         rays
             Whether lenslets are modelled by rays, in place of the twin's waves.
         solve
