@@ -5,7 +5,6 @@
 
 # %%
 import nolens as nl
-from nolens.experiments.off_axis import peak_correlation
 
 camera = nl.Camera("small")
 frames = [nl.simulate_point(camera, "300mm", seed=seed) for seed in range(4)]
@@ -16,9 +15,6 @@ print(f"above the noise up to {figures.usable_per_mm:.0f} line pairs per mm")
 psf.save("measure_camera.png")
 
 # %%
-correlation = {}
-ahead = nl.psf(camera, "300mm", wavelengths=1).values[1]
-for degrees in (2, 4, 6):
-    side = nl.psf(camera, "300mm", angle=(f"{degrees}deg", "0deg"), wavelengths=1).values[1]
-    correlation[degrees] = peak_correlation(ahead, side).frame
-print(correlation)
+field = nl.measure_field(camera, angles=("0deg", "2deg", "4deg", "6deg"))
+for each in field.psfs:
+    print(f"{each.angle_deg:.0f}°: correlation {each.correlation:.2f}, light {each.light:.2f}")
