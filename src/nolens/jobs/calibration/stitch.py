@@ -21,7 +21,7 @@ from nolens.jobs.calibration.folder import (
     psf_folder,
 )
 from nolens.jobs.fields import CAMERAS, FilePath, FullAngle, Name
-from nolens.jobs.options import JobOptions, Option, Written
+from nolens.jobs.options import JobOptions, Option
 from nolens.jobs.run import Product, Run, job
 from nolens.quantities import Length
 
@@ -63,11 +63,6 @@ class CalibratePlanOptions(JobOptions):
             "56deg,42deg)",
         ),
     ]
-
-    @property
-    def written(self) -> tuple[Written, ...]:
-        """Nothing."""
-        return ()
 
 
 @job
