@@ -3,8 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from nolens.api.inputs import Raw, angle_of, frame_of, length_um
-from nolens.api.progress import Progress, reported
+from nolens.api.inputs import Progress, Raw, angle_of, frame_of, length_um, reported
 from nolens.api.simulate import Camera, Psf
 from nolens.calibrate.centring import place_psf
 from nolens.calibrate.distances import Layers

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from nolens.api.progress import Progress, reported
+from nolens.api.inputs import Progress, reported
 from nolens.api.simulate import Camera
 from nolens.design.thickness import ReplicaDesign
 from nolens.jobs.designing.mask import mask_kind

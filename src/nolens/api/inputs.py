@@ -1,6 +1,8 @@
-"""What a person may give the functions of the front door, as the packages below take it."""
+"""Arguments of the front door's functions, as the packages below take them; their progress."""
 
 import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,9 @@ Raw = str | Path | Frame | Image | Plane
 """A file, a frame, a picture of ours, or linear values (channels, height, width)."""
 Scene = str | Path | Image | Plane
 """A picture's file, 8 or 16-bit sRGB (height, width, 3), or linear values, channels first."""
+
+Progress = bool | Callable[[float], object]
+"""False is silent, True draws a bar; a function is called with the fraction that is done."""
 
 _NAMES = {1: ("grey",), 3: ("R", "G", "B")}
 _WHITE = {"uint8": 255.0, "uint16": 65535.0}
@@ -194,3 +199,30 @@ def _in_colour(values: Tensor) -> Tensor:
     if values.shape[0] not in _CHANNELS:
         raise DataError(f"the scene has {values.shape[0]} channels; give 1 (grey) or 3 (R, G, B)")
     return values.expand(3, -1, -1)
+
+
+@contextmanager
+def reported(progress: Progress, what: str) -> Iterator[Callable[[float], None]]:
+    """A function for the fraction that is done, which shows it as was asked for.
+
+    Parameters
+    ----------
+    progress
+        What was asked for.
+    what
+        Beside the bar.
+    """
+    if progress is True:
+        from rich.progress import Progress as Bar
+
+        with Bar(transient=True) as bar:
+            task = bar.add_task(what, total=1.0)
+            yield lambda done: bar.update(task, completed=done)
+        return
+    call = progress
+
+    def tell(done: float) -> None:
+        if callable(call):
+            call(done)
+
+    yield tell

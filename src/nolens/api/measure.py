@@ -11,8 +11,7 @@ from typing import Any, Literal, get_args
 from torch import Tensor
 
 from nolens.api.image import Image
-from nolens.api.inputs import angle_of, distance_um, length_um, source_of
-from nolens.api.progress import Progress, reported
+from nolens.api.inputs import Progress, angle_of, distance_um, length_um, reported, source_of
 from nolens.api.simulate import Camera, check_camera_memory
 from nolens.camera import Frame, develop
 from nolens.errors import DataError, OptionError

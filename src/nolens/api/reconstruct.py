@@ -7,8 +7,7 @@ from pathlib import Path
 import torch
 
 from nolens.api.image import Image
-from nolens.api.inputs import Raw, distance_um, frame_of
-from nolens.api.progress import Progress, reported
+from nolens.api.inputs import Progress, Raw, distance_um, frame_of, reported
 from nolens.api.simulate import SimulatedMeasurement
 from nolens.camera import BlackLevel, Frame, Measurement, black_level
 from nolens.errors import OptionError

@@ -8,8 +8,15 @@ import torch
 from torch import Tensor
 
 from nolens.api.image import Image
-from nolens.api.inputs import Scene, angle_of, distance_um, radiance_of, source_of
-from nolens.api.progress import Progress, reported
+from nolens.api.inputs import (
+    Progress,
+    Scene,
+    angle_of,
+    distance_um,
+    radiance_of,
+    reported,
+    source_of,
+)
 from nolens.camera import Frame, LoadedCamera, ReliefFile, develop
 from nolens.errors import DataError, OptionError
 from nolens.experiments.virtual_experiment import VirtualExperiment
