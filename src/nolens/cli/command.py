@@ -15,7 +15,7 @@ from nolens.cli.app import Whole
 from nolens.cli.messages import show
 from nolens.cli.terminal import TerminalReporter
 from nolens.jobs.options import JobOptions, Option
-from nolens.jobs.run import Job
+from nolens.jobs.run import Job, with_former_keys
 from nolens.quantities import Quantity
 
 Json = Annotated[
@@ -79,7 +79,11 @@ def command(
         watching = reporter()
         with watching:
             summary = job(model.gather(given, config, watching.note), watching).summary
-        text = [json.dumps(summary)] if as_json else [*lines(summary), *_listed(summary["outputs"])]
+        text = (
+            [json.dumps(with_former_keys(summary))]
+            if as_json
+            else [*lines(summary), *_listed(summary["outputs"])]
+        )
         for line in text:
             show(line)
         return 130 if watching.interrupted else 0

@@ -176,6 +176,52 @@ def pick_device(name: DeviceName) -> torch.device:
     return torch.device(name)
 
 
+_FORMER_KEYS = {
+    "clipped_fraction": "clipped_share",
+    "dark_fraction": "dark_share",
+    "error_pixels": "error_cells",
+    "extent_deg": "reach_deg",
+    "extrapolated_by": "surround",
+    "finest_of_the_pixels": "finest_of_the_cells",
+    "known_fraction": "known_share",
+    "leave_one_out": "left_out",
+    "pixel": "cell",
+    "pixel_deg": "cell_deg",
+    "pixel_um": "cell_um",
+    "pixels": "cells",
+    "residual": "misfit",
+    "residual_pixels": "misfit_cells",
+    "residual_varying": "misfit_varying",
+    "saturated_fraction": "saturated_share",
+    "sensor_pixels": "sensor_cells",
+    "support": "region",
+    "support_fraction": "support_share",
+    "unknown_fraction": "unknown_share",
+    "width_pixels": "width_cells",
+}
+"""Keys of summaries by what the version before called them."""
+
+
+def with_former_keys(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """A summary with its figures under the keys of the version before, too.
+
+    Scripts that read `--json` or a record go on for one version. ``former_keys`` says which keys
+    are going, and what each is called now.
+    """
+    former: dict[str, str] = {}
+
+    def widened(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            items = {key: widened(each) for key, each in value.items()}
+            renamed = {_FORMER_KEYS[key]: key for key in items if key in _FORMER_KEYS}
+            former.update(renamed)
+            return items | {old: items[new] for old, new in renamed.items()}
+        return [widened(each) for each in value] if isinstance(value, list | tuple) else value
+
+    result: dict[str, Any] = widened(summary)
+    return result | ({"former_keys": dict(sorted(former.items()))} if former else {})
+
+
 @dataclass(frozen=True)
 class Result(Generic[Value]):
     """What a job came to.
@@ -361,7 +407,7 @@ class Run(Generic[Options]):
                 **self.options.model_dump(mode="json", by_alias=True),
                 **product.parameters,
             },
-            result=summary,
+            result=with_former_keys(summary),
             history=product.history,
             warnings=self.warnings,
         )
