@@ -28,9 +28,9 @@ def __getattr__(name: str) -> App | Callable[..., int]:
 
         return command(measure_psf, _psf_lines, name=name)
     if name == "target":
-        from nolens.jobs import make_target
+        from nolens.jobs import TargetOptions, make_target
 
-        return command(make_target, lambda _: (), name=name)
+        return command(make_target, lambda _: (), name=name, options=TargetOptions)
     if name == "resolution":
         return _resolution()
     if name.startswith(_TARGET):
