@@ -1,6 +1,6 @@
 """Photographs from measurements: at the distance of a PSF, or refocused."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -13,13 +13,7 @@ from nolens.camera import BlackLevel, Frame, Measurement, black_level
 from nolens.errors import OptionError
 from nolens.jobs.run import BYTES_OF_PROGRAM, check_memory
 from nolens.quantities import Length
-from nolens.refocusing import (
-    Autofocus,
-    DepthReconstructor,
-    PsfAt,
-    PsfBetween,
-    measured_reduced_um,
-)
+from nolens.refocusing import DepthPsfs, DepthReconstructor, PsfAt, focus, measured_reduced_um
 from nolens.solvers import (
     Development,
     Method,
@@ -213,45 +207,38 @@ def refocus(
             "the PSFs are as large as each other, so they do not show how the PSF changes with the "
             "distance: give one of a much nearer point source"
         )
-    between = PsfBetween.of(known, reduced_um)
+    depth_psfs = DepthPsfs.of(sorted(known, key=lambda each: -each.distance_um), reduced_um, data)
     support = support_of(own if support is None else support, data.size)
     largest = Reconstructor(known[-1].psf, support, device=device)
     _check_memory(largest, data, "a smaller support needs less")
     reconstructor = DepthReconstructor(
         data, support, tau, one_of(Prior, prior, "prior"), iterations, device=device
     )
+    distances = depth_psfs.distances_um
+    searching = 0.8 if distance is None else 0.0
     with reported(progress, "photograph") as advance:
-        if distance is None:
-            depth = _autofocus(reconstructor, between, at, lambda done: advance(0.8 * done))
-            begun = 0.8
-        else:
-            depth, begun = distance_um(distance), 0.0
 
-        def watch(step: Iteration) -> None:
-            advance(begun + (1 - begun) * step.iteration / iterations)
+        def watch_search(done: int, limit: int) -> bool:
+            advance(searching * done / limit)
+            return False
 
-        result = reconstructor.solve(between.at(depth), watch)
+        def watch(done: int, limit: int) -> bool:
+            advance(searching + (1 - searching) * done / limit)
+            return False
+
+        focused = focus(
+            reconstructor,
+            depth_psfs,
+            (distances[0], distances[-1]) if distance is None else distance_um(distance),
+            None if at is None else (float(at[0]), float(at[1])),
+            search_step=watch_search,
+            step=watch,
+        )
         advance(1.0)
-    return Photograph(result.photograph.cpu(), data.channels, result, tau, distance_um=depth)
-
-
-def _autofocus(
-    reconstructor: DepthReconstructor,
-    between: PsfBetween,
-    at: tuple[int, int] | None,
-    advance: Callable[[float], None],
-) -> float:
-    """Distance in um at which the scene, or a place in it, is sharpest."""
-    far, near = between.known[0], between.known[-1]
-    focus = far.depth_of_focus_per_m(between.reduced_um, reconstructor.sensor)
-    search = Autofocus(reconstructor, between.at, near.distance_um, far.distance_um, focus)
-
-    def step(done: int, limit: int) -> bool:
-        advance(done / limit)
-        return False
-
-    place = None if at is None else (float(at[0]), float(at[1]))
-    return search.run(place, step).depth_um
+    result = focused.result
+    return Photograph(
+        result.photograph.cpu(), data.channels, result, tau, distance_um=focused.depth_um
+    )
 
 
 def _measured(measurement: Raw) -> tuple[Frame, Support | None]:

@@ -3,21 +3,25 @@
 import json
 import math
 from base64 import b64encode
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from html import escape
 from importlib.resources import files
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tifffile
 from PIL import Image, ImageDraw, ImageFont
 from torch import Tensor
 
+from nolens.camera import exposure_white
 from nolens.files.atomic import atomic_write
-from nolens.files.pictures import screen_picture
+from nolens.files.pictures import screen_picture, write_png
 from nolens.files.reports import html_page
 from nolens.files.tiff import write_tiff
+from nolens.refocusing import AllInFocus, FocalStack
 
 _MM = "mm"
 _STRIP = 26
@@ -34,6 +38,44 @@ _POLICY = """<meta http-equiv="Content-Security-Policy"
 _WIDE_INCHES = 7.5
 _UNKNOWN = 0.25
 _MOST_TICKS = 12
+
+
+STACK_FILES = {
+    "stack": "stack.tif",
+    "sweep": "sweep.png",
+    "page with a slider": "sweep.html",
+    "picture that is sharp everywhere": "all-in-focus.png",
+    "depth map": "depth.png",
+    "depths": "depth.tif",
+}
+"""Files of a focal stack, by what they hold."""
+
+
+def stack_writers(
+    folder: Path, stack: FocalStack, together: AllInFocus, title: str
+) -> dict[Path, Callable[[Path], None]]:
+    """What writes each file of a stack; all pictures have the white of the one sharp everywhere."""
+    white = exposure_white(together.picture)
+    depths = stack.depths_um
+    pages: dict[str, Any] = {"pages": stack.pages, "depths_um": depths, "white": white}
+    writers: dict[str, Callable[[Path], None]] = {
+        "stack": partial(write_stack, **pages),
+        "sweep": partial(write_sweep, **pages, places=stack.places),
+        "page with a slider": partial(
+            write_slider,
+            **pages,
+            title=title,
+            places=stack.places,
+            everywhere=together.picture,
+            sharpest=stack.nearest_pages(together.per_m),
+        ),
+        "picture that is sharp everywhere": partial(write_png, radiance=together.picture),
+        "depth map": partial(
+            plot_depth, per_m=together.per_m, confidence=together.confidence, depths_um=depths
+        ),
+        "depths": partial(write_depths, per_m=together.per_m),
+    }
+    return {folder / STACK_FILES[what]: write for what, write in writers.items()}
 
 
 def depth_text(depth_um: float) -> str:

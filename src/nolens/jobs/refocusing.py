@@ -11,33 +11,21 @@ import torch
 from pydantic import AfterValidator, BeforeValidator
 from torch import Tensor
 
-from nolens.camera import (
-    Camera,
-    Frame,
-    Measurement,
-    PsfEntry,
-    PsfKind,
-    arrange_rgb,
-    develop,
-    exposure_white,
-    prepare_psf,
-)
-from nolens.camera.measurement import bin_mean
+from nolens.camera import Frame, Measurement, PsfKind, arrange_rgb, develop, exposure_white
 from nolens.camera.part import refusal
-from nolens.camera.psf import edge_warning
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
 from nolens.files import (
     CAMERA_FILE,
     PSFS_FILE,
-    read_camera,
     read_frame,
     read_psf,
     read_psf_set,
     write_png,
     write_tiff16,
 )
-from nolens.files.stacks import plot_depth, write_depths, write_slider, write_stack, write_sweep
+from nolens.files.stacks import STACK_FILES, stack_writers
+from nolens.jobs.calibration.folder import folder_camera
 from nolens.jobs.fields import (
     INPUT,
     MAIN,
@@ -61,45 +49,27 @@ from nolens.jobs.fields import (
 )
 from nolens.jobs.options import Option, Written
 from nolens.jobs.reconstruction.options import oriented, parse_support
-from nolens.jobs.run import Product, Reporter, Run, Writer, job
+from nolens.jobs.run import Product, Run, Writer, job
 from nolens.quantities import Length
 from nolens.ranges import Between
 from nolens.refocusing import (
     AllInFocus,
-    Autofocus,
-    AutofocusResult,
+    DepthPsfs,
     DepthReconstructor,
     FocalStack,
-    PsfAt,
-    PsfBetween,
     all_in_focus,
-    cut_alike,
-    depth_um,
+    depth_mm,
     even_depths,
-    explained_by,
     focal_stack,
-    line_pixels,
-    measured_reduced_um,
-    per_m,
-    reduced_um,
+    focus,
 )
 from nolens.solvers import Prior, admm_bytes
 
 _FOCUSED_FILES = ("focused.png", "focused.tif")
-_STACK_FILES = {
-    "stack": "stack.tif",
-    "sweep": "sweep.png",
-    "page with a slider": "sweep.html",
-    "picture that is sharp everywhere": "all-in-focus.png",
-    "depth map": "depth.png",
-    "depths": "depth.tif",
-}
-"""What is written into the folder."""
 _PLACE = re.compile(r"([0-9]{1,6})\s*,\s*([0-9]{1,6})")
 _MOST_STEPS = 200
 _KINDS: tuple[PsfKind, ...] = ("stitched", "extended", "captured", "solved", "scaled")
 """Those that extend beyond the sensor first, and measured ones before computed ones."""
-_OF_THE_SENSOR = ("captured", "solved")
 _WINDOW_LINES = 1.5
 """Width of the smallest window that tells depths, in lines of the PSF."""
 _DEPTH = "Depth"
@@ -108,6 +78,10 @@ _DEPTH = "Depth"
 def _in_um(depth: Depth) -> float:
     """A depth as the optics take it: the word is infinity."""
     return depth.um if isinstance(depth, Length) else math.inf
+
+
+def _range_um(depths: tuple[Depth, Depth]) -> tuple[float, float]:
+    return _in_um(depths[0]), _in_um(depths[1])
 
 
 def _two_depths(value: Any) -> Any:
@@ -283,129 +257,8 @@ class RefocusOptions(OutputFolderOptions):
         if self.focused:
             names |= dict(zip(("picture", "linear picture"), _FOCUSED_FILES, strict=True))
         if self.stack is not None:
-            names |= _STACK_FILES
+            names |= STACK_FILES
         return self.in_folder(names)
-
-
-@dataclass(frozen=True)
-class _DepthPsfs:
-    """The PSFs of a camera's folder, for the depths of one measurement.
-
-    `between` has them on the pixels of their files, of which `bin_by` are one of the measurement's;
-    `files` are theirs, by role, and `warnings` are sentences to show.
-    """
-
-    between: PsfBetween
-    bin_by: int
-    depth_of_focus_per_m: float
-    files: dict[str, Path]
-    warnings: tuple[str, ...]
-
-    @property
-    def distances_um(self) -> tuple[float, ...]:
-        """The nearest first."""
-        return tuple(each.distance_um for each in reversed(self.between.known))
-
-    def at(self, depth_um: float) -> Tensor:
-        """PSF of a depth on the measurement's pixels."""
-        return bin_mean(self.between.at(depth_um), self.bin_by)
-
-
-def _read_depth_psfs(options: RefocusOptions, measurement: Measurement) -> _DepthPsfs:
-    """Read the PSFs of points straight ahead that fit a measurement."""
-    folder = options.psfs
-    entries = read_psf_set(folder).by_distance(_KINDS)
-    if not entries:
-        raise DataError(
-            f"the PSFs in {folder} are all of point sources beside the axis: refocusing "
-            "needs those straight ahead, at several distances (nolens calibrate)"
-        )
-    camera = read_camera(folder).camera if (folder / CAMERA_FILE).is_file() else None
-    if camera is not None:
-        _check_readout(measurement, camera, entries[0], options.bin)
-    psfs = [PsfAt(_read_psf(options, entry, measurement), entry.distance_um) for entry in entries]
-    # PSFs beyond the sensor where there are any, all of one size.
-    wide = [
-        each
-        for each in psfs
-        if tuple(side // options.bin for side in each.psf.shape[-2:]) != measurement.size
-    ]
-    known = cut_alike(wide or psfs)
-    reduced, warnings = _reduced_distance(known, entries[0], camera, folder)
-    between = PsfBetween.of(known, reduced)
-    sensor = measurement.size[0] * options.bin, measurement.size[1] * options.bin
-    edge = None if wide else edge_warning(entries[0].file, known[0].psf, sensor)
-    if edge is not None:
-        warnings.append(edge)
-    for near_um, far_um, alike in between.gaps:
-        warnings.append(
-            f"the depth set has a gap: brought to one size, the PSFs of {near_um * 1e-3:.4g} mm "
-            f"and {far_um * 1e-3:.4g} mm are alike to {100 * alike:.0f} % only, so depths between "
-            "them come out worse: calibrate one between"
-        )
-    return _DepthPsfs(
-        between,
-        options.bin,
-        known[0].depth_of_focus_per_m(reduced, sensor),
-        {f"PSF {each.file}": folder / each.file for each in entries},
-        tuple(warnings),
-    )
-
-
-def _check_readout(measurement: Measurement, camera: Camera, entry: PsfEntry, bin_by: int) -> None:
-    """Refuse a photograph that was read out in another way than the PSFs."""
-    pixels = round(entry.pixel.um / camera.sensor.pitch.um)
-    sides = camera.sensor.rows, camera.sensor.columns
-    rows, columns = (count // max(1, pixels) // bin_by for count in sides)
-    if measurement.size != (rows, columns):
-        raise DataError(
-            f"{measurement.source} has {measurement.size_text} pixels, but the sensor of the "
-            f"camera {camera.name!r} has {rows}×{columns} of the PSFs' {entry.pixel}: give a "
-            "photograph that was read out like the PSFs, uncut"
-        )
-
-
-def _read_psf(options: RefocusOptions, entry: PsfEntry, measurement: Measurement) -> Tensor:
-    """A PSF on the pixels of its file, in the measurement's channels; checked against it."""
-    counts = read_psf(options.psfs, entry)
-    path = str(options.psfs / entry.file)
-    frame = Frame(counts, entry.channels, None, (0.0,), None, "float32", path, black_stated=True)
-    channels = "all" if len(entry.channels) == 1 else options.channels
-    own = develop(frame, bin_by=options.bin, channels=channels)
-    wider = own.size != measurement.size
-    if wider and entry.kind in _OF_THE_SENSOR:
-        raise DataError(
-            f"the PSF {path} was {entry.kind} with {own.size_text} pixels, but the measurement "
-            f"{measurement.source} has {measurement.size_text}: give a photograph that was read "
-            "out like the PSFs"
-        )
-    prepare_psf(own, measurement, wider=wider)
-    return develop(frame, channels=channels).values.clamp_min(0)
-
-
-def _reduced_distance(
-    known: list[PsfAt], entry: PsfEntry, camera: Camera | None, folder: Path
-) -> tuple[float, list[str]]:
-    """Reduced distance of mask and sensor, and a warning where camera and PSFs disagree."""
-    measured = measured_reduced_um(known)
-    described = None if camera is None else reduced_um(camera, camera.mask.surface)
-    if measured is None and described is None:
-        one = len({each.distance_um for each in known}) == 1
-        have = f"is one PSF only, of {entry.distance}" if one else "are PSFs as large as each other"
-        raise OptionError(
-            f"in {folder} there {have}, and nothing says how it changes with the distance: "
-            f"calibrate a second, much nearer one, or put the camera's {CAMERA_FILE} there"
-        )
-    if measured is None or (described is not None and explained_by(described, known, measured)):
-        assert described is not None
-        return described, []
-    if described is None:
-        return measured, []
-    return measured, [
-        f"the PSFs change with the distance as if mask and sensor were {measured * 1e-3:.3g} mm "
-        f"apart (in air), but by {CAMERA_FILE} it is {described * 1e-3:.3g} mm: the PSFs' is "
-        "taken; check the distances they were taken at"
-    ]
 
 
 @dataclass(frozen=True)
@@ -445,8 +298,7 @@ def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
         bin_by=options.bin,
         channels=options.channels,
     )
-    psfs = _read_depth_psfs(options, measurement)
-    run.reads(psfs.files)
+    psfs = _read_psfs(run, measurement)
     farthest = psfs.at(psfs.distances_um[-1])
     region = None
     if options.support is not None:
@@ -454,214 +306,127 @@ def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
     reconstructor = DepthReconstructor(
         measurement, region, options.tau, options.prior, options.iterations, device=run.device
     )
-    refocusing = _Refocusing(options, psfs, reconstructor, run.reporter)
-    run.warn(*refocusing.warnings())
+    size = measurement.size if region is None else (region.height, region.width)
+    place = None if options.at is None else _upright_place(options.at, size, options.flip)
+    depth = _depth_or_search(options, psfs)
+    stated = [] if options.stack is None else [*_range_um(options.stack)]
+    if isinstance(depth, float):
+        stated.append(depth)
+    run.warn(
+        *psfs.warnings, *psfs.depth_warnings(stated, depth if isinstance(depth, tuple) else None)
+    )
     run.begin(admm_bytes(reconstructor.problem(farthest).padded_pixels))
 
-    figures: dict[str, Any] = {
-        "depth_of_focus_per_m": psfs.depth_of_focus_per_m,
-        "mask_to_sensor_um": psfs.between.reduced_um,
-        "psf_distances_mm": [_in_mm(each) for each in psfs.distances_um],
-    }
+    def picture_of(scene: Tensor) -> Tensor:
+        return oriented(arrange_rgb(scene, measurement.channels), options.flip)
+
+    step = partial(run.reporter.step, "iteration")
+    figures = psfs.figures()
     result, stopped = Refocused(), False
     writers: dict[Path, Writer] = {}
-    if options.focused:
-        picture, search = refocusing.focused()
-        result, stopped = Refocused(picture), search is not None and not search.finished
-        figures |= refocusing.figures(search)
-        if search is not None and search.finished and search.at_end:
-            end = _in_mm(search.depth_um)
-            if end != "infinity":
-                run.warn(
-                    f"the sharpest depth is the end of those that were looked at, {end} mm: the "
-                    "true one may lie beyond (--search)"
-                )
+    if depth is not None:
+        focused = focus(
+            reconstructor,
+            psfs,
+            depth,
+            place,
+            search_step=partial(step, kept="the sharpest depth"),
+            step=partial(step, kept="the picture"),
+        )
+        picture = picture_of(focused.result.photograph.cpu())
+        exposure_white(picture)  # An empty picture is an error before anything is written.
+        result, stopped = Refocused(picture), not focused.finished
+        figures |= focused.figures()
+        if focused.search is not None:
+            run.warn(*focused.search.warnings)
         for name, write in zip(_FOCUSED_FILES, (write_png, write_tiff16), strict=True):
             writers[options.output / name] = partial(write, radiance=picture)
     if options.stack is not None and not stopped:
-        stack, together, stopped = refocusing.stack()
+        depths = even_depths(*_range_um(options.stack), options.steps)
+        stack = focal_stack(reconstructor, psfs.at, depths, partial(step, kept="the depths"))
+        stack = replace(stack, pages=torch.stack([picture_of(page) for page in stack.pages]))
+        together = all_in_focus(stack, _WINDOW_LINES * psfs.line)
+        exposure_white(together.picture)  # As above.
+        stopped = len(stack.pages) < len(depths)
         result = replace(result, stack=stack, together=together)
-        figures["stack_mm"] = [_in_mm(each) for each in stack.depths_um]
+        figures["stack_mm"] = [depth_mm(each) for each in stack.depths_um]
         title = f"{options.measurement.name} refocused"
-        writers |= _stack_writers(options.output, stack, together, title)
+        writers |= stack_writers(options.output, stack, together, title)
     figures["stop_reason"] = "interrupted" if stopped else "finished"
     return Product(result, figures, writers)
 
 
-class _Refocusing:
-    """A measurement to be focused, all checked before the first depth is reconstructed.
-
-    Raises an OptionError if a place lies beside the picture, or nothing says where to look for the
-    sharpest depth.
-    """
-
-    def __init__(
-        self,
-        options: RefocusOptions,
-        psfs: _DepthPsfs,
-        reconstructor: DepthReconstructor,
-        reporter: Reporter,
-    ) -> None:
-        self._options, self._psfs = options, psfs
-        self._reconstructor, self._reporter = reconstructor, reporter
-        self._at = self._upright_place()
-        self._depth = None if options.depth is None else _in_um(options.depth)
-        self._range = self._search_range() if options.focused and self._depth is None else None
-
-    def focused(self) -> tuple[Tensor, AutofocusResult | None]:
-        """Picture at the depth that is asked for, or at the sharpest one."""
-        search = None
-        if self._range is not None:
-            autofocus = Autofocus(
-                self._reconstructor, self._psfs.at, *self._range, self._psfs.depth_of_focus_per_m
-            )
-            search = autofocus.run(self._at, partial(self._step, kept="the sharpest depth"))
-        limit = self._reconstructor.iterations
-
-        def advance(iteration: int) -> bool:
-            # After a search that was ended, the picture at its depth is still to be made.
-            stop = self._step(iteration, limit, kept="the picture")
-            return stop and (search is None or search.finished)
-
-        psf = self._psfs.at(self._depth_um(search))
-        result = self._reconstructor.solve(psf, lambda progress: advance(progress.iteration))
-        picture = self._picture(result.photograph.cpu())
-        exposure_white(picture)  # An empty picture is an error before anything is written.
-        return picture, search
-
-    def stack(self) -> tuple[FocalStack, AllInFocus, bool]:
-        """All depths of the stack, and whether it was ended before the last one."""
-        assert self._options.stack is not None
-        near, far = self._options.stack
-        depths = even_depths(_in_um(near), _in_um(far), self._options.steps)
-        stack = focal_stack(
-            self._reconstructor, self._psfs.at, depths, partial(self._step, kept="the depths")
+def _read_psfs(run: Run[RefocusOptions], measurement: Measurement) -> DepthPsfs:
+    """Read the PSFs of points straight ahead that fit a measurement."""
+    options = run.options
+    folder = options.psfs
+    entries = read_psf_set(folder).by_distance(_KINDS)
+    if not entries:
+        raise DataError(
+            f"the PSFs in {folder} are all of point sources beside the axis: refocusing "
+            "needs those straight ahead, at several distances (nolens calibrate)"
         )
-        stack = replace(stack, pages=torch.stack([self._picture(page) for page in stack.pages]))
-        line = line_pixels(self._psfs.between.known[0].psf) / self._psfs.bin_by
-        together = all_in_focus(stack, _WINDOW_LINES * line)
-        exposure_white(together.picture)  # As above.
-        return stack, together, len(stack.pages) < len(depths)
-
-    def figures(self, search: AutofocusResult | None) -> dict[str, Any]:
-        """Figures of the picture at one depth."""
-        depth = self._depth_um(search)
-        half = self._psfs.depth_of_focus_per_m / 2
-        figures: dict[str, Any] = {
-            "depth_mm": _in_mm(depth),
-            "sharp_from_mm": _in_mm(depth_um(per_m(depth) + half)),
-            "sharp_to_mm": _in_mm(depth_um(max(0, per_m(depth) - half))),
-        }
-        if search is not None:
-            figures["tried"] = [
-                {
-                    "depth_mm": _in_mm(each.depth_um),
-                    "objective": each.objective,
-                    "sharpness": each.sharpness,
-                }
-                for each in search.tried
-            ]
-        return figures
-
-    def warnings(self) -> list[str]:
-        """What can be said before the work begins."""
-        texts = list(self._psfs.warnings)
-        room, distances = self._psfs.depth_of_focus_per_m, self._psfs.distances_um
-        depths = list(self._range or ())
-        if self._depth is not None:
-            depths.append(self._depth)
-        if self._range is not None and per_m(self._range[0]) - per_m(self._range[1]) < room:
-            texts.append(
-                f"all depths that are looked at lie within one depth of focus ({room:.3g}/m in "
-                "1/z): they look alike, and which one is found means little"
-            )
-        if self._options.stack is not None:
-            depths += [_in_um(each) for each in self._options.stack]
-        least, most = per_m(distances[-1]), per_m(distances[0])
-        if not all(least - room <= per_m(each) <= most + room for each in depths):
-            have = " to ".join(
-                f"{_in_mm(each)} mm" if math.isfinite(each) else "infinity"
-                for each in dict.fromkeys((distances[0], distances[-1]))
-            )
-            texts.append(
-                f"the PSFs are of {have}; beyond, they are magnified as rays are, which leaves out "
-                "what the distance does to the mask's focus: calibrate at such a distance for more"
-            )
-        return texts
-
-    def _upright_place(self) -> tuple[float, float] | None:
-        """The place that is to be sharp, in a picture that is not turned over."""
-        if self._options.at is None:
-            return None
-        region, flip = self._reconstructor.region, self._options.flip
-        row, column = self._options.at
-        size = self._reconstructor.measurement.size
-        rows, columns = size if region is None else (region.height, region.width)
-        if row >= rows or column >= columns:
-            raise OptionError(
-                f"--at {row},{column} lies beside the picture, which has {rows}×{columns} pixels: "
-                f"give a row up to {rows - 1} and a column up to {columns - 1}"
-            )
-        return (
-            rows - 1.0 - row if flip in ("vertical", "both") else float(row),
-            columns - 1.0 - column if flip in ("horizontal", "both") else float(column),
+    files = {entry: folder / entry.file for entry in entries}
+    run.reads({f"PSF {entry.file}": path for entry, path in files.items()})
+    loaded = folder_camera(folder)
+    frames = {
+        entry: Frame(
+            counts=read_psf(folder, entry),
+            channels=entry.channels,
+            mosaic=None,
+            black=(0.0,),
+            white=None,
+            stored_as="float32",
+            source=str(path),
+            black_stated=True,
         )
-
-    def _search_range(self) -> tuple[float, float]:
-        """Depths between which the sharpest one is sought."""
-        if self._options.search is not None:
-            near, far = self._options.search
-            return _in_um(near), _in_um(far)
-        near_um, far_um = self._psfs.distances_um[0], self._psfs.distances_um[-1]
-        if near_um == far_um:
-            raise OptionError(
-                f"the folder {self._options.psfs} has PSFs of one distance only: say between which "
-                "depths the sharpest is to be found (--search 8cm,infinity), or the depth (--depth "
-                "8cm)"
-            )
-        return near_um, far_um
-
-    def _depth_um(self, search: AutofocusResult | None) -> float:
-        if search is not None:
-            return search.depth_um
-        assert self._depth is not None
-        return self._depth
-
-    def _picture(self, scene: Tensor) -> Tensor:
-        rgb = arrange_rgb(scene, self._reconstructor.measurement.channels)
-        return oriented(rgb, self._options.flip)
-
-    def _step(self, done: int, limit: int, *, kept: str) -> bool:
-        return self._reporter.step("iteration", done, limit, kept)
-
-
-def _stack_writers(
-    folder: Path, stack: FocalStack, together: AllInFocus, title: str
-) -> dict[Path, Writer]:
-    """What writes each file of a stack; all pictures have the white of the one sharp everywhere."""
-    white = exposure_white(together.picture)
-    depths = stack.depths_um
-    pages: dict[str, Any] = {"pages": stack.pages, "depths_um": depths, "white": white}
-    writers: dict[str, Writer] = {
-        "stack": partial(write_stack, **pages),
-        "sweep": partial(write_sweep, **pages, places=stack.places),
-        "page with a slider": partial(
-            write_slider,
-            **pages,
-            title=title,
-            places=stack.places,
-            everywhere=together.picture,
-            sharpest=stack.nearest_pages(together.per_m),
-        ),
-        "picture that is sharp everywhere": partial(write_png, radiance=together.picture),
-        "depth map": partial(
-            plot_depth, per_m=together.per_m, confidence=together.confidence, depths_um=depths
-        ),
-        "depths": partial(write_depths, per_m=together.per_m),
+        for entry, path in files.items()
     }
-    return {folder / _STACK_FILES[what]: write for what, write in writers.items()}
+    return DepthPsfs.of_set(
+        frames,
+        measurement,
+        None if loaded is None else loaded.camera,
+        where=str(folder),
+        bin_by=options.bin,
+        channels=options.channels,
+    )
 
 
-def _in_mm(depth: float) -> float | str:
-    """A depth in um as JSON has it: mm, or the word infinity."""
-    return "infinity" if math.isinf(depth) else round(depth * 1e-3, 3)
+def _depth_or_search(
+    options: RefocusOptions, psfs: DepthPsfs
+) -> float | tuple[float, float] | None:
+    """The depth of the picture, or two between which the sharpest is sought; None without one."""
+    if not options.focused:
+        return None
+    if options.depth is not None:
+        return _in_um(options.depth)
+    if options.search is not None:
+        return _range_um(options.search)
+    near_um, far_um = psfs.distances_um[0], psfs.distances_um[-1]
+    if near_um == far_um:
+        raise OptionError(
+            f"the folder {options.psfs} has PSFs of one distance only: say between which "
+            "depths the sharpest is to be found (--search 8cm,infinity), or the depth (--depth "
+            "8cm)"
+        )
+    return near_um, far_um
+
+
+def _upright_place(place: tuple[int, int], size: tuple[int, int], flip: str) -> tuple[float, float]:
+    """The place that is to be sharp, in the picture before it is turned over.
+
+    Raises
+    ------
+    OptionError
+        If it lies beside the picture.
+    """
+    (row, column), (rows, columns) = place, size
+    if row >= rows or column >= columns:
+        raise OptionError(
+            f"--at {row},{column} lies beside the picture, which has {rows}×{columns} pixels: "
+            f"give a row up to {rows - 1} and a column up to {columns - 1}"
+        )
+    return (
+        rows - 1.0 - row if flip in ("vertical", "both") else float(row),
+        columns - 1.0 - column if flip in ("horizontal", "both") else float(column),
+    )

@@ -1,11 +1,13 @@
 """Pictures at any depth from one measurement, and how far away things are.
 
-`PsfBetween` gives the PSF of any depth from those of a few, `Autofocus` finds the sharpest depth,
-`focal_stack` reconstructs many and `all_in_focus` makes one picture and a depth map of them.
+`PsfBetween` gives the PSF of any depth from those of a few, `DepthPsfs` those of a measurement,
+`Autofocus` finds the sharpest depth, `focus` reconstructs one and `focal_stack` many, and
+`all_in_focus` makes one picture and a depth map of them.
 """
 
-from nolens.refocusing.autofocus import Autofocus, AutofocusResult
+from nolens.refocusing.autofocus import Autofocus, AutofocusResult, Focused, focus
 from nolens.refocusing.depth import (
+    depth_mm,
     depth_of_focus_per_m,
     depth_um,
     even_depths,
@@ -22,10 +24,9 @@ from nolens.refocusing.focal_stack import (
     sharpness,
 )
 from nolens.refocusing.psf_between import (
+    DepthPsfs,
     PsfAt,
     PsfBetween,
-    cut_alike,
-    explained_by,
     measured_reduced_um,
     reduced_um,
 )
@@ -34,17 +35,19 @@ __all__ = [
     "AllInFocus",
     "Autofocus",
     "AutofocusResult",
+    "DepthPsfs",
     "DepthReconstructor",
     "FocalStack",
+    "Focused",
     "PsfAt",
     "PsfBetween",
     "all_in_focus",
-    "cut_alike",
+    "depth_mm",
     "depth_of_focus_per_m",
     "depth_um",
     "even_depths",
-    "explained_by",
     "focal_stack",
+    "focus",
     "line_pixels",
     "lit_pixels",
     "measured_reduced_um",

@@ -1,15 +1,17 @@
-"""The depth at which a scene, or a place in it, is sharpest."""
+"""The depth at which a scene, or a place in it, is sharpest, and the picture of a depth."""
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from torch import Tensor
 
 from nolens.camera.measurement import bin_mean
-from nolens.refocusing.depth import depth_um, line_pixels, per_m
+from nolens.refocusing.depth import depth_mm, depth_um, line_pixels, per_m
 from nolens.refocusing.focal_stack import DepthReconstructor, gradient_energy, sharpness
-from nolens.solvers import Progress
+from nolens.refocusing.psf_between import DepthPsfs
+from nolens.solvers import Progress, Result
 
 Step = Callable[[int, int], bool]
 """Sees how many iterations are done, of how many; True ends the search."""
@@ -63,6 +65,16 @@ class AutofocusResult:
     tried: tuple[AutofocusTrial, ...]
     at_end: bool
     finished: bool
+
+    @property
+    def warnings(self) -> list[str]:
+        """About a depth at the end of those that were allowed."""
+        if not (self.finished and self.at_end and math.isfinite(self.depth_um)):
+            return []
+        return [
+            f"the sharpest depth is the end of those that were looked at, "
+            f"{depth_mm(self.depth_um)} mm: the true one may lie beyond (--search)"
+        ]
 
 
 @dataclass(frozen=True)
@@ -165,6 +177,96 @@ class Autofocus:
         # Where it only rises towards a neighbour that is worse, it is noise that rises.
         inside = [abs(peak - end) > edge or end in ends for end in bounds]
         return (peak if all(inside) else best), finished
+
+
+@dataclass(frozen=True)
+class Focused:
+    """A measurement focused at one depth.
+
+    Parameters
+    ----------
+    result
+        The reconstruction.
+    depth_um
+        Depth that is in focus; may be infinite.
+    sharp_um
+        Nearest and farthest depth within the depth of focus.
+    search
+        How the depth was found; None where it was given.
+    """
+
+    result: Result
+    depth_um: float
+    sharp_um: tuple[float, float]
+    search: AutofocusResult | None
+
+    @property
+    def finished(self) -> bool:
+        """Whether a search, if there was one, came to its end."""
+        return self.search is None or self.search.finished
+
+    def figures(self) -> dict[str, Any]:
+        """Depth, what is sharp around it, and the depths that were tried."""
+        near, far = self.sharp_um
+        figures: dict[str, Any] = {
+            "depth_mm": depth_mm(self.depth_um),
+            "sharp_from_mm": depth_mm(near),
+            "sharp_to_mm": depth_mm(far),
+        }
+        if self.search is not None:
+            figures["tried"] = [
+                {
+                    "depth_mm": depth_mm(each.depth_um),
+                    "objective": each.objective,
+                    "sharpness": each.sharpness,
+                }
+                for each in self.search.tried
+            ]
+        return figures
+
+
+def focus(
+    reconstructor: DepthReconstructor,
+    psfs: DepthPsfs,
+    depth: float | tuple[float, float],
+    place: tuple[float, float] | None = None,
+    *,
+    search_step: Step | None = None,
+    step: Step | None = None,
+) -> Focused:
+    """Reconstruct a measurement at a depth, or at the sharpest one.
+
+    Parameters
+    ----------
+    reconstructor
+        Of the measurement.
+    psfs
+        For the depths of the measurement.
+    depth
+        In um, may be infinite; or two between which the sharpest is sought (`Autofocus`).
+    place
+        Row and column of the picture that is to be sharp; None for all of it.
+    search_step
+        Called after every convergence check of the search; True ends it, and the picture at the
+        best depth so far follows.
+    step
+        Called after every convergence check of the picture; True ends it.
+    """
+    search = None
+    if isinstance(depth, tuple):
+        autofocus = Autofocus(reconstructor, psfs.at, *depth, psfs.depth_of_focus_per_m)
+        search = autofocus.run(place, search_step)
+        depth = search.depth_um
+
+    def advance(progress: Progress) -> bool:
+        ended = step is not None and step(progress.iteration, reconstructor.iterations)
+        # After a search that was ended, the picture at its depth is still to be made.
+        return ended and (search is None or search.finished)
+
+    result = reconstructor.solve(psfs.at(depth), advance)
+    half = psfs.depth_of_focus_per_m / 2
+    sharp = depth_um(per_m(depth) + half), depth_um(max(0, per_m(depth) - half))
+    return Focused(result, depth, sharp, search)
 
 
 class _Trials:

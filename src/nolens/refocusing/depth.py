@@ -19,6 +19,11 @@ def depth_um(vergence_per_m: float) -> float:
     return 1e6 / vergence_per_m if vergence_per_m > 0 else math.inf
 
 
+def depth_mm(depth_um: float) -> float | str:
+    """A depth as JSON has it: mm, or the word infinity."""
+    return "infinity" if math.isinf(depth_um) else round(depth_um * 1e-3, 3)
+
+
 def even_depths(near_um: float, far_um: float, steps: int) -> tuple[float, ...]:
     """Depths from near to far, in equal steps of 1/z.
 

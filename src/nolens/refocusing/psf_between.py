@@ -1,19 +1,28 @@
 """The PSF of any depth from those of a few, and the distance of mask and sensor behind it."""
 
+import math
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Self
+from typing import Any, Self
 
 import torch
 from torch import Tensor
 
 from nolens.calibrate.distances import covered, magnified
 from nolens.calibrate.registration import register
-from nolens.camera import Camera
-from nolens.errors import DataError
-from nolens.refocusing.depth import depth_of_focus_per_m, line_pixels, lit_pixels, per_m
+from nolens.camera import Camera, Frame, Measurement, PsfEntry, develop, prepare_psf
+from nolens.camera.measurement import bin_mean
+from nolens.camera.psf import edge_warning
+from nolens.errors import DataError, OptionError
+from nolens.refocusing.depth import (
+    depth_mm,
+    depth_of_focus_per_m,
+    line_pixels,
+    lit_pixels,
+    per_m,
+)
 
 _LARGEST_UM = 20e3
 """Reduced distance of mask and sensor beyond which none is sought."""
@@ -21,6 +30,8 @@ _LEAST_LINES = 0.25
 """Lines by which the edge must move between two PSFs for them to tell the magnification."""
 _LEAST_ALIKE = 0.7
 """Correlation of neighbours below which they are too unlike to be blended."""
+_OF_THE_SENSOR = ("captured", "solved")
+"""Kinds of PSFs that are as large as the sensor's frame."""
 
 
 @dataclass(frozen=True)
@@ -115,10 +126,13 @@ class PsfBetween:
         return (weights[0] * one + weights[1] * two) / (weights[0] + weights[1]).clamp_min(1e-9)
 
     @property
-    def gaps(self) -> list[tuple[float, float, float]]:
-        """Neighbours too unlike to be blended: near and far distance in um, and `alike`."""
+    def warnings(self) -> list[str]:
+        """About neighbours too unlike to be blended."""
         return [
-            (near.distance_um, far.distance_um, alike)
+            f"the depth set has a gap: brought to one size, the PSFs of "
+            f"{near.distance_um * 1e-3:.4g} mm and {far.distance_um * 1e-3:.4g} mm are alike to "
+            f"{100 * alike:.0f} % only, so depths between them come out worse: calibrate one "
+            "between"
             for (far, near), alike in zip(pairwise(self.known), self.alike, strict=True)
             if alike < _LEAST_ALIKE
         ]
@@ -133,7 +147,182 @@ class PsfBetween:
         return psf, covered(size, factor, moved=moved).float()
 
 
-def cut_alike(psfs: Sequence[PsfAt]) -> list[PsfAt]:
+@dataclass(frozen=True)
+class DepthPsfs:
+    """The PSFs of a camera, for the depths of one measurement.
+
+    Parameters
+    ----------
+    between
+        PSFs on pixels of their own.
+    bin_by
+        So many of these, along a side, are one pixel of the measurement.
+    depth_of_focus_per_m
+        See `nolens.refocusing.depth_of_focus_per_m`.
+    warnings
+        What may make pictures worse than they could be.
+    """
+
+    between: PsfBetween
+    bin_by: int
+    depth_of_focus_per_m: float
+    warnings: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        known: Sequence[PsfAt],
+        reduced_um: float,
+        measurement: Measurement,
+        bin_by: int = 1,
+        warnings: Sequence[str] = (),
+    ) -> Self:
+        """PSFs, as `PsfBetween.of` takes them, for a measurement that was binned by `bin_by`.
+
+        The lines of the first one tell the depth of focus.
+        """
+        between = PsfBetween.of(known, reduced_um)
+        focus = known[0].depth_of_focus_per_m(reduced_um, _unbinned(measurement, bin_by))
+        return cls(between, bin_by, focus, (*warnings, *between.warnings))
+
+    @classmethod
+    def of_set(
+        cls,
+        frames: Mapping[PsfEntry, Frame],
+        measurement: Measurement,
+        camera: Camera | None,
+        *,
+        where: str,
+        bin_by: int,
+        channels: str,
+    ) -> Self:
+        """PSFs of sources straight ahead, checked against a measurement and their camera.
+
+        Where some extend beyond the sensor, only those are used, cut to one size.
+
+        Parameters
+        ----------
+        frames
+            PSFs, the nearest source first.
+        measurement
+            Developed with the same `bin_by` and `channels`.
+        camera
+            Description of the camera, where there is one: its layers say how the PSF changes with
+            the distance where the PSFs themselves do not.
+        where
+            The folder of the PSFs, for messages.
+
+        Raises
+        ------
+        DataError
+            If a PSF or the camera does not fit the measurement.
+        OptionError
+            If nothing says how the PSF changes with the distance.
+        """
+        nearest = next(iter(frames))
+        if camera is not None:
+            _check_readout(measurement, camera, nearest, bin_by)
+        psfs = [
+            PsfAt(_fitting_psf(entry, frame, measurement, bin_by, channels), entry.distance_um)
+            for entry, frame in frames.items()
+        ]
+        wide = [
+            each
+            for each in psfs
+            if tuple(side // bin_by for side in each.psf.shape[-2:]) != measurement.size
+        ]
+        known = _cut_alike(wide or psfs)
+        reduced, warnings = _reduced_distance(known, nearest, camera, where)
+        sensor = _unbinned(measurement, bin_by)
+        edge = None if wide else edge_warning(nearest.file, known[0].psf, sensor)
+        if edge is not None:
+            warnings.append(edge)
+        return cls.of(known, reduced, measurement, bin_by, warnings)
+
+    @property
+    def distances_um(self) -> tuple[float, ...]:
+        """The nearest first."""
+        return tuple(each.distance_um for each in reversed(self.between.known))
+
+    @property
+    def line(self) -> float:
+        """Width of the farthest PSF's lines, in pixels of the measurement."""
+        return line_pixels(self.between.known[0].psf) / self.bin_by
+
+    def at(self, depth_um: float) -> Tensor:
+        """PSF of a depth on the measurement's pixels."""
+        return bin_mean(self.between.at(depth_um), self.bin_by)
+
+    def figures(self) -> dict[str, Any]:
+        """Depth of focus, reduced distance of mask and sensor, and distances of the PSFs."""
+        return {
+            "depth_of_focus_per_m": self.depth_of_focus_per_m,
+            "mask_to_sensor_um": self.between.reduced_um,
+            "psf_distances_mm": [depth_mm(each) for each in self.distances_um],
+        }
+
+    def depth_warnings(
+        self, depths_um: Sequence[float], search_um: tuple[float, float] | None
+    ) -> list[str]:
+        """About depths that are asked for, and about those between which one is sought."""
+        texts = []
+        focus, distances = self.depth_of_focus_per_m, self.distances_um
+        if search_um is not None:
+            depths_um = (*search_um, *depths_um)
+            if per_m(search_um[0]) - per_m(search_um[1]) < focus:
+                texts.append(
+                    f"all depths that are looked at lie within one depth of focus ({focus:.3g}/m "
+                    "in 1/z): they look alike, and which one is found means little"
+                )
+        least, most = per_m(distances[-1]), per_m(distances[0])
+        if not all(least - focus <= per_m(each) <= most + focus for each in depths_um):
+            have = " to ".join(
+                f"{depth_mm(each)} mm" if math.isfinite(each) else "infinity"
+                for each in dict.fromkeys((distances[0], distances[-1]))
+            )
+            texts.append(
+                f"the PSFs are of {have}; beyond, they are magnified as rays are, which leaves out "
+                "what the distance does to the mask's focus: calibrate at such a distance for more"
+            )
+        return texts
+
+
+def _unbinned(measurement: Measurement, bin_by: int) -> tuple[int, int]:
+    return measurement.size[0] * bin_by, measurement.size[1] * bin_by
+
+
+def _check_readout(measurement: Measurement, camera: Camera, entry: PsfEntry, bin_by: int) -> None:
+    """Refuse a photograph that was read out in another way than the PSFs."""
+    pixels = round(entry.pixel.um / camera.sensor.pitch.um)
+    sides = camera.sensor.rows, camera.sensor.columns
+    rows, columns = (count // max(1, pixels) // bin_by for count in sides)
+    if measurement.size != (rows, columns):
+        raise DataError(
+            f"{measurement.source} has {measurement.size_text} pixels, but the sensor of the "
+            f"camera {camera.name!r} has {rows}×{columns} of the PSFs' {entry.pixel}: give a "
+            "photograph that was read out like the PSFs, uncut"
+        )
+
+
+def _fitting_psf(
+    entry: PsfEntry, frame: Frame, measurement: Measurement, bin_by: int, channels: str
+) -> Tensor:
+    """A PSF on the pixels of its file, in the measurement's channels; checked against it."""
+    if len(entry.channels) == 1:
+        channels = "all"
+    psf = develop(frame, bin_by=bin_by, channels=channels)
+    wider = psf.size != measurement.size
+    if wider and entry.kind in _OF_THE_SENSOR:
+        raise DataError(
+            f"the PSF {frame.source} was {entry.kind} with {psf.size_text} pixels, but the "
+            f"measurement {measurement.source} has {measurement.size_text}: give a photograph that "
+            "was read out like the PSFs"
+        )
+    prepare_psf(psf, measurement, wider=wider)
+    return develop(frame, channels=channels).values.clamp_min(0)
+
+
+def _cut_alike(psfs: Sequence[PsfAt]) -> list[PsfAt]:
     """PSFs cut to the size that all of them have; the zero shift stays in the middle."""
     rows, columns = (min(each.psf.shape[axis] for each in psfs) for axis in (-2, -1))
 
@@ -142,6 +331,31 @@ def cut_alike(psfs: Sequence[PsfAt]) -> list[PsfAt]:
         return psf[..., top : top + rows, left : left + columns]
 
     return [replace(each, psf=middle(each.psf)) for each in psfs]
+
+
+def _reduced_distance(
+    known: Sequence[PsfAt], entry: PsfEntry, camera: Camera | None, where: str
+) -> tuple[float, list[str]]:
+    """Reduced distance of mask and sensor, and a warning where camera and PSFs disagree."""
+    measured = measured_reduced_um(known)
+    described = None if camera is None else reduced_um(camera, camera.mask.surface)
+    if measured is None and described is None:
+        one = len({each.distance_um for each in known}) == 1
+        have = f"is one PSF only, of {entry.distance}" if one else "are PSFs as large as each other"
+        raise OptionError(
+            f"in {where} there {have}, and nothing says how it changes with the distance: "
+            "calibrate a second, much nearer one, or put the camera's camera.toml there"
+        )
+    if measured is None or (described is not None and _explained_by(described, known, measured)):
+        assert described is not None
+        return described, []
+    if described is None:
+        return measured, []
+    return measured, [
+        f"the PSFs change with the distance as if mask and sensor were {measured * 1e-3:.3g} mm "
+        f"apart (in air), but by camera.toml it is {described * 1e-3:.3g} mm: the PSFs' is "
+        "taken; check the distances they were taken at"
+    ]
 
 
 def measured_reduced_um(known: Sequence[PsfAt]) -> float | None:
@@ -182,7 +396,7 @@ def measured_reduced_um(known: Sequence[PsfAt]) -> float | None:
     return 1e6 * (factor - 1) / difference
 
 
-def explained_by(reduced_um: float, known: Sequence[PsfAt], measured_um: float) -> bool:
+def _explained_by(reduced_um: float, known: Sequence[PsfAt], measured_um: float) -> bool:
     """Whether the sizes of PSFs follow from a reduced distance beside the one measured on them.
 
     They do where the edge of the nearest PSF differs by less than a quarter of a line.
