@@ -282,7 +282,7 @@ def test_nothing_is_half_written(
     def fail(path: Path, library: object) -> None:
         raise error
 
-    monkeypatch.setattr("nolens.jobs.fabrication.write_oasis", fail)
+    monkeypatch.setattr("nolens.files.workshop.write_oasis", fail)
     done = run("fabricate", "small", "-o", out, "--levels", 3, *QUICK)
     assert done.code != 0 and done.out == ""
     assert listing(tmp_path) == before

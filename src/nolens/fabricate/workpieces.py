@@ -12,6 +12,8 @@ from nolens.fabricate.solid import Solid, decimated, frame_solid, relief_solid
 from nolens.fabricate.surface import MOST_LEVELS, Levels, MadeSurface
 from nolens.optics import Relief
 
+_LARGE_BYTES = 20e6
+
 
 @dataclass(frozen=True)
 class Workpieces:
@@ -31,6 +33,10 @@ class Workpieces:
         The same with fewer points, for the STL.
     relief
         The STL's solid.
+    base_mm
+        Thickness under the relief's lowest point.
+    printer_shrinkage
+        Fraction of its lengths that a print of the frame loses.
     shading_angle_deg
         See `nolens.fabricate.shading_angle_deg`.
     """
@@ -43,6 +49,8 @@ class Workpieces:
     levels: Levels
     thinned: MadeSurface
     relief: Solid
+    base_mm: float
+    printer_shrinkage: float
     shading_angle_deg: float | None
 
     @classmethod
@@ -70,10 +78,8 @@ class Workpieces:
             What is made of the camera's relief, at the relief's own pitch and at that of the files.
         levels, triangles
             Steps of the layout; the most triangles that the relief's solid has.
-        base_mm
-            Thickness under the relief's lowest point.
-        printer_shrinkage
-            Fraction of its lengths that a print of the frame loses.
+        base_mm, printer_shrinkage
+            As the fields are.
 
         Raises
         ------
@@ -95,6 +101,8 @@ class Workpieces:
             levels=steps,
             thinned=thinned,
             relief=relief_solid(thinned, base_mm),
+            base_mm=base_mm,
+            printer_shrinkage=printer_shrinkage,
             shading_angle_deg=shading_angle_deg(camera, frame),
         )
         for each in (pieces.solid, pieces.relief):
@@ -113,6 +121,7 @@ class Workpieces:
                 "volume_mm3": round(frame.volume_mm3, 4),
                 "solid_mm3": round(self.solid.volume_mm3, 4),
                 "shading_angle_deg": _rounded(self.shading_angle_deg, 2),
+                "printed_larger": round(1 / (1 - self.printer_shrinkage), 6),
             },
             "resin": {
                 "material": None if material is None else material.name,
@@ -153,8 +162,25 @@ class Workpieces:
                 "rms_error_um": self.thinned.rms_error_um,
                 "largest_error_um": self.thinned.largest_error_um,
                 "solid_mm3": round(self.relief.volume_mm3, 4),
+                "base_mm": self.base_mm,
             },
         }
+
+    @property
+    def size_note(self) -> str | None:
+        """How large the mask's files will be, where that is much."""
+        sizes = {
+            "mask.tif": 2.0 * self.mask.height_um.numel(),
+            "mask.gds": self.levels.expected_bytes("GDS"),
+            "mask.oas": self.levels.expected_bytes("OASIS"),
+        }
+        if sum(sizes.values()) <= _LARGE_BYTES:
+            return None
+        large = ", ".join(f"{name} {size / 1e6:.0f} MB" for name, size in sizes.items())
+        return (
+            f"files will have about: {large}. A coarser --pitch, a --crop or fewer --levels make "
+            "them smaller"
+        )
 
     def warnings(
         self, camera: Camera, package: Package | None, relief: Relief, coarsest_um: float

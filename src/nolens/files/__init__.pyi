@@ -42,17 +42,7 @@ from .record import (
 )
 from .state import read_state, write_state
 from .tolerances import read_tolerances, write_trials
-from .workshop import (
-    check_height_map,
-    check_step,
-    layout,
-    write_3mf,
-    write_gds,
-    write_height_map,
-    write_oasis,
-    write_step,
-    write_stl,
-)
+from .workshop import check_height_map, check_step, workpiece_writers
 
 __all__ = [
     "CAMERA_FILE",
@@ -75,7 +65,6 @@ __all__ = [
     "describe",
     "frame_suffixes",
     "is_sequence",
-    "layout",
     "open_sequence",
     "read_camera",
     "read_frame",
@@ -90,20 +79,15 @@ __all__ = [
     "read_tolerances",
     "readable",
     "versions",
-    "write_3mf",
+    "workpiece_writers",
     "write_camera",
     "write_dng",
     "write_frame",
-    "write_gds",
-    "write_height_map",
     "write_into",
-    "write_oasis",
     "write_png",
     "write_psfs",
     "write_record",
     "write_state",
-    "write_step",
-    "write_stl",
     "write_tiff16",
     "write_tiff32",
     "write_together",

@@ -6,6 +6,7 @@ import zipfile
 from collections.abc import Sequence
 from datetime import datetime
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
@@ -17,8 +18,10 @@ from nolens.errors import FileError, OptionError
 from nolens.fabricate.frame import FrameGeometry
 from nolens.fabricate.solid import Solid, outline, vent_boxes
 from nolens.fabricate.surface import Levels, MadeSurface
-from nolens.files.atomic import atomic_write
+from nolens.fabricate.workpieces import Workpieces
+from nolens.files.atomic import Writer, atomic_write
 from nolens.files.tiff import write_tiff
+from nolens.progress import ProgressCallback
 
 _LEGEND_LAYER = 255
 """Layer of a layout's texts."""
@@ -48,6 +51,32 @@ _LARGEST_PART = 2**32 - 1
 _MOST_BYTES = 4e9
 _FLAT_UM = 1e-3
 """Height of a count of a surface without heights."""
+
+
+def workpiece_writers(
+    pieces: Workpieces, relief_file: str, *, step: bool, progress: ProgressCallback
+) -> dict[str, Writer]:
+    """What writes each file of the workshop but the process sheets, by its name.
+
+    The layout is computed here, and its progress reported. `step` writes ``frame.step`` too.
+    """
+    library = layout(pieces.levels, pieces.levels.polygons(progress))
+    writers: dict[str, Writer] = {
+        "frame.stl": partial(write_stl, solid=pieces.solid),
+        "frame.3mf": partial(write_3mf, solid=pieces.solid),
+        "mask.tif": partial(write_height_map, surface=pieces.mask),
+        "mask.gds": partial(write_gds, library=library),
+        "mask.oas": partial(write_oasis, library=library),
+        relief_file: partial(write_stl, solid=pieces.relief),
+    }
+    if step:
+        writers["frame.step"] = partial(
+            write_step,
+            frame=pieces.frame,
+            title=pieces.solid.title,
+            shrinkage=pieces.printer_shrinkage,
+        )
+    return writers
 
 
 def write_stl(path: str | Path, solid: Solid) -> None:

@@ -15,7 +15,6 @@ from nolens.errors import OptionError
 from nolens.fabricate import (
     MOST_LEVELS,
     FrameGeometry,
-    Levels,
     MouldAmount,
     Printer,
     ResinAmount,
@@ -29,14 +28,8 @@ from nolens.files import (
     camera_files,
     check_height_map,
     check_step,
-    layout,
     read_camera,
-    write_3mf,
-    write_gds,
-    write_height_map,
-    write_oasis,
-    write_step,
-    write_stl,
+    workpiece_writers,
 )
 from nolens.files.pdf import write_sheet_pdf
 from nolens.files.sheet import write_sheet_html
@@ -53,7 +46,6 @@ _MASK, _SHEET = "Mask", "Process sheet"
 _TWO = re.compile(r"([^x×]+)[x×]([^x×]+)")
 _BARE = re.compile(r"[0-9.]+")
 _BYTES_PER_POINT = 30.0
-_LARGE_BYTES = 20e6
 _CPU = torch.device("cpu")
 
 
@@ -335,32 +327,18 @@ def fabricate(run: Run[FabricateOptions]) -> Product[Workpieces]:
     )
     reporter.advance("process sheet", 0.0)
     sheet = process_sheet(loaded, frame, resin, mould, budget, relief_file=options.relief_file)
-    _note_sizes(pieces.levels, reporter)
-    library = layout(pieces.levels, pieces.levels.polygons(partial(reporter.advance, "layout")))
-    run.warn(*pieces.warnings(camera, package, relief, quarter_um(twin)))
+    if pieces.size_note is not None:
+        reporter.note(pieces.size_note)
+    progress = partial(reporter.advance, "layout")
     writers: dict[str, Writer] = {
-        "frame.stl": partial(write_stl, solid=pieces.solid),
-        "frame.3mf": partial(write_3mf, solid=pieces.solid),
-        "mask.tif": partial(write_height_map, surface=mask),
-        "mask.gds": partial(write_gds, library=library),
-        "mask.oas": partial(write_oasis, library=library),
-        options.relief_file: partial(write_stl, solid=pieces.relief),
+        **workpiece_writers(pieces, options.relief_file, step=options.step, progress=progress),
         "sheet.html": partial(write_sheet_html, sheet=sheet),
         "sheet.pdf": partial(write_sheet_pdf, sheet=sheet),
     }
-    if options.step:
-        writers["frame.step"] = partial(
-            write_step,
-            frame=frame,
-            title=pieces.solid.title,
-            shrinkage=options.printer_shrinkage.value,
-        )
-    figures = pieces.figures(camera, relief)
-    figures["frame"]["printed_larger"] = round(1 / (1 - options.printer_shrinkage.value), 6)
-    figures["relief"]["base_mm"] = options.base.mm
+    run.warn(*pieces.warnings(camera, package, relief, quarter_um(twin)))
     return Product(
         pieces,
-        {"camera": camera.name, **figures},
+        {"camera": camera.name, **pieces.figures(camera, relief)},
         {
             options.output / name: partial(_announced, write, number / len(writers), reporter)
             for number, (name, write) in enumerate(writers.items())
@@ -415,18 +393,3 @@ def _needed(loaded: LoadedCamera) -> float:
     needed = BYTES_OF_PROGRAM + relief_points(loaded) * _BYTES_PER_POINT
     check_memory(needed, _CPU, "a coarser grid of the camera's relief, or a smaller overhang")
     return needed
-
-
-def _note_sizes(levels: Levels, reporter: Reporter) -> None:
-    """Say how large the mask's files will be, where that is much."""
-    sizes = {
-        "mask.tif": 2.0 * levels.surface.height_um.numel(),
-        "mask.gds": levels.expected_bytes("GDS"),
-        "mask.oas": levels.expected_bytes("OASIS"),
-    }
-    if sum(sizes.values()) > _LARGE_BYTES:
-        large = ", ".join(f"{name} {size / 1e6:.0f} MB" for name, size in sizes.items())
-        reporter.note(
-            f"files will have about: {large}. A coarser --pitch, a --crop or fewer --levels make "
-            "them smaller"
-        )

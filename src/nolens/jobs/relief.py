@@ -1,18 +1,13 @@
 """A relief that was measured takes the place of the one that a camera describes."""
 
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
-import numpy as np
-
-from nolens.camera import Flat, LoadedCamera
+from nolens.camera import LoadedCamera
 from nolens.camera.part import PositiveLength
-from nolens.errors import DataError
 from nolens.files import (
     CAMERA_FILE,
-    HeightMap,
     camera_files,
     read_camera,
     read_height_map,
@@ -23,15 +18,11 @@ from nolens.files.cameras import curve_copies
 from nolens.jobs.fields import CAMERAS, FilePath, Name, OutputFolderOptions
 from nolens.jobs.options import Option, Written
 from nolens.jobs.run import Product, Run, Writer, job
-from nolens.optics import Relief
-from nolens.optics.measured import Heights, Tilt, fill_gaps, oriented, relief_figures, remove_tilt
-from nolens.twin import preview_model
-from nolens.twin.measured_relief import extended, extent_deg, on_grid, relief_grid, with_relief
+from nolens.twin.measured_relief import measured_relief
 
 RELIEF_FILE = "relief.tif"
 """Heights, in the folder of the camera."""
 _FILE, _PART, _RESULT = "What the file holds", "What was measured", "Result"
-_MOST_BAD = 0.05
 
 
 class ReliefOptions(OutputFolderOptions):
@@ -156,30 +147,23 @@ def replace_relief(run: Run[ReliefOptions]) -> Product[LoadedCamera]:
         options.map, pitch=options.pitch, unit=options.unit, full_scale=options.full_scale
     )
     run.begin()
-    warnings: list[str] = []
     reporter.advance("map", 0.4)
-    heights, pitch_um, tilt = _prepared(measured, options, warnings)
-    grid = options.grid or relief_grid(camera)
-    if max(pitch_um) > 1.5 * grid.um:
-        warnings.append(
-            f"the map has a point every {max(pitch_um):.3g} µm: what is finer on the part is not "
-            "in it"
-        )
-    heights = on_grid(heights, pitch_um, grid)
-    reporter.advance("map", 0.7)
-    preview = preview_model(camera)
-    if options.tile:
-        size_mm = " × ".join(f"{(count - 1) * grid.mm:.3g}" for count in heights.shape)
-        points = heights.size
-        heights = extended(heights, preview, grid)
-        if heights.size > points:
-            warnings.append(
-                f"the map of {size_mm} mm is continued by reflection at its edges: the statistics "
-                "of the PSF are those of the part, but not its details"
-            )
-    changed, twin = with_relief(
-        camera, heights, grid, file=RELIEF_FILE, source=readable(options.map.name)
+    result = measured_relief(
+        camera,
+        measured.heights_um,
+        measured.pitch_um,
+        file=RELIEF_FILE,
+        source=readable(options.map.name),
+        grid=options.grid,
+        mirror=options.mirror,
+        invert=options.invert,
+        turn_deg=options.turn,
+        keep_tilt=options.keep_tilt,
+        tile=options.tile,
+        progress=lambda fraction: reporter.advance("map", 0.4 + 0.6 * fraction),
     )
+    run.warn(*result.warnings)
+    changed = result.camera
     figures = {
         "camera": changed.camera.name,
         "map": {
@@ -187,19 +171,13 @@ def replace_relief(run: Run[ReliefOptions]) -> Product[LoadedCamera]:
             "points": list(measured.heights_um.shape),
             "pitch_um": [round(each, 6) for each in measured.pitch_um],
             "pitch_from": measured.pitch_from,
-            "bad_points": int(np.isnan(measured.heights_um).sum()),
-            "tilt_mrad": [round(each, 5) for each in tilt.rise_mrad],
+            "bad_points": result.bad_points,
+            "tilt_mrad": [round(each, 5) for each in result.tilt.rise_mrad],
             "tilt_removed": not options.keep_tilt,
-            "bow_um": round(tilt.bow_um, 5),
+            "bow_um": round(result.tilt.bow_um, 5),
         },
-        "grid_um": grid.um,
-        "extent_deg": extent_deg(twin),
-        "measured": _figures(twin.mask.relief),
-        "described": None
-        if isinstance(camera.camera.mask.relief, Flat)
-        else _figures(preview.mask.relief),
+        **result.figures,
     }
-    run.warn(*warnings)
 
     def commit(writers: Mapping[Path, Writer]) -> None:
         more = {str(path.relative_to(options.output)): write for path, write in writers.items()}
@@ -213,38 +191,3 @@ def replace_relief(run: Run[ReliefOptions]) -> Product[LoadedCamera]:
         outputs=(options.output / CAMERA_FILE, options.output / RELIEF_FILE),
         commit=commit,
     )
-
-
-def _prepared(
-    measured: HeightMap, options: ReliefOptions, warnings: list[str]
-) -> tuple[Heights, tuple[float, float], Tilt]:
-    """Heights without gaps and tilt, lying as the camera's picture does."""
-    bad = int(np.isnan(measured.heights_um).sum())
-    fraction = bad / measured.heights_um.size
-    if fraction > _MOST_BAD:
-        raise DataError(
-            f"{100 * fraction:.2g} % of the points of {options.map} are marked as bad, more than "
-            f"the {100 * _MOST_BAD:g} % that can be filled from their neighbours: measure again, "
-            "or cut out a better part"
-        )
-    if bad:
-        warnings.append(
-            f"{bad} points of the map ({100 * fraction:.2g} %) are marked as bad: they are filled "
-            "from their neighbours"
-        )
-    heights, pitch_um = oriented(
-        measured.heights_um,
-        measured.pitch_um,
-        mirror=options.mirror,
-        invert=options.invert,
-        turn_deg=options.turn,
-    )
-    flat, tilt = remove_tilt(heights, pitch_um)
-    return fill_gaps(heights if options.keep_tilt else flat), pitch_um, tilt
-
-
-def _figures(relief: Relief) -> dict[str, Any]:
-    return {
-        key: [round(each, 5) for each in value] if isinstance(value, tuple) else value
-        for key, value in asdict(relief_figures(relief)).items()
-    }

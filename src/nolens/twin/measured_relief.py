@@ -1,18 +1,30 @@
 """A measured map of heights as the relief of a camera: its points, its size, its extent."""
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
 
-from nolens.camera import LoadedCamera, RandomLenslets, ReliefFile
-from nolens.errors import OptionError
+from nolens.camera import Flat, LoadedCamera, RandomLenslets, ReliefFile
+from nolens.errors import DataError, OptionError
 from nolens.optics import Grid, MaskSurface, PointSource, Relief
-from nolens.optics.measured import Heights, extend_by_reflection, resample
+from nolens.optics.measured import (
+    Heights,
+    Tilt,
+    extend_by_reflection,
+    fill_gaps,
+    oriented,
+    relief_figures,
+    remove_tilt,
+    resample,
+)
+from nolens.progress import ProgressCallback
 from nolens.quantities import Length
-from nolens.twin.model import LARGEST_ANGLE_DEG, Twin
+from nolens.twin.model import LARGEST_ANGLE_DEG, Twin, preview_model
 
+_MOST_BAD = 0.05
 _MOST_POINTS = 100_000_000
 _OVERHANG = 1.25
 """Times the way that the layers move light at the largest angle: what a map is extended beyond."""
@@ -20,7 +32,151 @@ _ANGLE_STEPS = 12
 _STEP_UM = 20.0
 
 
-def relief_grid(camera: LoadedCamera) -> Length:
+@dataclass(frozen=True)
+class MeasuredRelief:
+    """A camera with measured heights as its relief.
+
+    Parameters
+    ----------
+    camera
+        The camera.
+    tilt
+        Of the map before it was taken away.
+    bad_points
+        Of the map, filled from their neighbours.
+    grid
+        Distance of the points of the relief.
+    extent_deg
+        Angles up to which far light falls on all pixels through the relief, along height and
+        width; None behind an aperture, which the relief fills.
+    relief, before
+        Of the camera, and of the one that was described; None where that was flat.
+    warnings
+        What makes the relief another one than that of the part.
+    """
+
+    camera: LoadedCamera
+    tilt: Tilt
+    bad_points: int
+    grid: Length
+    extent_deg: list[float] | None
+    relief: Relief
+    before: Relief | None
+    warnings: tuple[str, ...]
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Grid, extent, and the surface beside the described one, in values that JSON has."""
+        return {
+            "grid_um": self.grid.um,
+            "extent_deg": self.extent_deg,
+            "measured": _figures(self.relief),
+            "described": None if self.before is None else _figures(self.before),
+        }
+
+
+def measured_relief(
+    camera: LoadedCamera,
+    heights_um: Heights,
+    pitch_um: tuple[float, float],
+    *,
+    file: str,
+    source: str,
+    grid: Length | None = None,
+    mirror: bool = False,
+    invert: bool = False,
+    turn_deg: int = 0,
+    keep_tilt: bool = False,
+    tile: bool = False,
+    progress: ProgressCallback,
+) -> MeasuredRelief:
+    """Put a measured map in the place of a camera's relief.
+
+    Parameters
+    ----------
+    camera
+        All but its relief stays.
+    heights_um, pitch_um
+        The map, NaN where it is not known, and the distances of its rows and columns.
+    file, source
+        Name of the relief's file, and that of the map, for the camera's name and note.
+    grid
+        Distance of the points of the relief; None: of the relief so far, or of the pixels.
+    mirror, invert, turn_deg
+        How the map lies (`oriented`).
+    keep_tilt
+        Leaves the best-fit plane in.
+    tile
+        Continues a map that is too small by reflection at its edges.
+    progress
+        Called with the fraction that is done.
+
+    Raises
+    ------
+    DataError
+        If more than a twentieth of the points is not known.
+    OptionError
+        If the grid is too fine, or coarser than the light needs, or the map too small.
+    """
+    warnings = []
+    bad = int(np.isnan(heights_um).sum())
+    fraction = bad / heights_um.size
+    if fraction > _MOST_BAD:
+        raise DataError(
+            f"{100 * fraction:.2g} % of the points of {source} are marked as bad, more than "
+            f"the {100 * _MOST_BAD:g} % that can be filled from their neighbours: measure again, "
+            "or cut out a better part"
+        )
+    if bad:
+        warnings.append(
+            f"{bad} points of the map ({100 * fraction:.2g} %) are marked as bad: they are filled "
+            "from their neighbours"
+        )
+    heights, pitch_um = oriented(
+        heights_um, pitch_um, mirror=mirror, invert=invert, turn_deg=turn_deg
+    )
+    flat, tilt = remove_tilt(heights, pitch_um)
+    heights = fill_gaps(heights if keep_tilt else flat)
+    grid = grid or _relief_grid(camera)
+    if max(pitch_um) > 1.5 * grid.um:
+        warnings.append(
+            f"the map has a point every {max(pitch_um):.3g} µm: what is finer on the part is not "
+            "in it"
+        )
+    _check_points(heights.shape, pitch_um, grid)
+    heights = resample(heights, pitch_um, grid.um)
+    progress(0.5)
+    preview = preview_model(camera)
+    if tile:
+        size_mm = " × ".join(f"{(count - 1) * grid.mm:.3g}" for count in heights.shape)
+        points = heights.size
+        heights = _extended(heights, preview, grid)
+        if heights.size > points:
+            warnings.append(
+                f"the map of {size_mm} mm is continued by reflection at its edges: the statistics "
+                "of the PSF are those of the part, but not its details"
+            )
+    changed, twin = _with_relief(camera, heights, grid, file=file, source=source)
+    return MeasuredRelief(
+        changed,
+        tilt,
+        bad,
+        grid,
+        _extent_deg(twin),
+        twin.mask.relief,
+        None if isinstance(camera.camera.mask.relief, Flat) else preview.mask.relief,
+        tuple(warnings),
+    )
+
+
+def _figures(relief: Relief) -> dict[str, Any]:
+    return {
+        key: [round(each, 5) for each in value] if isinstance(value, tuple) else value
+        for key, value in asdict(relief_figures(relief)).items()
+    }
+
+
+def _relief_grid(camera: LoadedCamera) -> Length:
     """Distance of the points of a camera's relief, or of its pixels where it has no such points."""
     relief = camera.camera.mask.relief
     if isinstance(relief, RandomLenslets | ReliefFile):
@@ -28,27 +184,10 @@ def relief_grid(camera: LoadedCamera) -> Length:
     return camera.camera.sensor.pitch
 
 
-def on_grid(heights: Heights, pitch_um: tuple[float, float], grid: Length) -> Heights:
-    """A map, of the pitch of its rows and columns, on the square grid of a relief (`resample`).
-
-    Raises
-    ------
-    OptionError
-        If there would be more than 100 million points, or fewer than 2 along a side.
-    """
-    _check_points(heights.shape, pitch_um, grid)
-    return resample(heights, pitch_um, grid.um)
-
-
-def extended(heights: Heights, preview: Twin, grid: Length) -> Heights:
+def _extended(heights: Heights, preview: Twin, grid: Length) -> Heights:
     """Reflect a map at its edges until light from all sides passes through it.
 
     The camera is a preview as `preview_model` gives it. A map that is large enough stays.
-
-    Raises
-    ------
-    OptionError
-        If that is more points than can be worked with.
     """
     sensor, opening = preview.camera.sensor, preview.mask.opening
     if opening is None:
@@ -62,19 +201,10 @@ def extended(heights: Heights, preview: Twin, grid: Length) -> Heights:
     return extend_by_reflection(heights, size)
 
 
-def with_relief(
+def _with_relief(
     camera: LoadedCamera, heights: Heights, grid: Length, *, file: str, source: str
 ) -> tuple[LoadedCamera, Twin]:
-    """The camera with measured heights as its relief, and ready to be simulated.
-
-    `file` is the name that the relief's file will have, and `source` that of the map, which the
-    camera's name and note mention.
-
-    Raises
-    ------
-    OptionError
-        If the grid is coarser than the light needs.
-    """
+    """The camera with measured heights as its relief, and ready to be simulated."""
     before = camera.camera
     after = before.model_copy(
         update={
@@ -96,15 +226,10 @@ def with_relief(
         ) from None
 
 
-def extent_deg(twin: Twin) -> list[float] | None:
+def _extent_deg(twin: Twin) -> list[float] | None:
     """Angles up to which far light falls on all pixels through the relief, along height and width.
 
-    None behind an aperture, which the relief fills.
-
-    Raises
-    ------
-    OptionError
-        If the relief is smaller than the aperture, or than light from straight ahead needs.
+    A relief smaller than the aperture, or than light from straight ahead needs, is refused.
     """
     size = twin.mask.relief.extent_um
     size_mm = " × ".join(f"{each * 1e-3:.3g}" for each in size)
