@@ -184,19 +184,11 @@ class Exposure:
 
 
 @dataclass(frozen=True)
-class Merged:
-    """A linear picture.
+class _Merged:
+    """A linear picture, counts above black in a second, with its variance.
 
-    Parameters
-    ----------
-    rate
-        Counts above black in a second, of the shape of the frames.
-    variance
-        Its variance.
-    saturated
-        Where every exposure clips: there the rate is that of the shortest one, too low.
-    ratios
-        For each exposure, shortest first, how much brighter it is than its time says.
+    Where every exposure clips (`saturated`), the rate is that of the shortest one, too low.
+    `ratios` say of each exposure, shortest first, how much brighter it is than its time says.
     """
 
     rate: Tensor
@@ -205,7 +197,7 @@ class Merged:
     ratios: tuple[float, ...]
 
 
-def merge(exposures: list[Exposure], noise: Noise) -> Merged:
+def merge(exposures: list[Exposure], noise: Noise) -> _Merged:
     r"""Merge exposures, each pixel weighted by how little noise it has.
 
     For counts :math:`s_j` of time :math:`t_j` the rate is :math:`x = Σ w_j s_j/t_j \,/\, Σ w_j`,
@@ -241,7 +233,7 @@ def merge(exposures: list[Exposure], noise: Noise) -> Merged:
             for each, time, mask in zip(ordered, times, usable, strict=True)
         ]
         rate = _weighted(ordered, times, weights)
-    return Merged(rate, torch.stack(weights).sum(dim=0).reciprocal(), saturated, ratios)
+    return _Merged(rate, torch.stack(weights).sum(dim=0).reciprocal(), saturated, ratios)
 
 
 def _weighted(ordered: list[Exposure], times: list[float], weights: list[Tensor]) -> Tensor:

@@ -57,16 +57,8 @@ _LEAST_FREQUENCIES = 12
 
 
 @dataclass(frozen=True)
-class DarkArea:
-    """Where an aperture keeps the PSF's light away.
-
-    Parameters
-    ----------
-    side
-        Pixels along a block.
-    dark
-        Bool, (block rows, block columns).
-    """
+class _DarkArea:
+    """Where an aperture keeps the PSF's light away: bool, by blocks of `side` by `side` pixels."""
 
     side: int
     dark: Tensor
@@ -82,7 +74,7 @@ class DarkArea:
         return nnf.pad(spread, (0, columns - spread.shape[1], 0, rows - spread.shape[0]))
 
 
-def dark_area(psf: Tensor) -> DarkArea | None:
+def dark_area(psf: Tensor) -> _DarkArea | None:
     """Find the part without light; None where the PSF fills the picture.
 
     Every place is judged by the brightest one near it, nearer than a tenth of the picture and 48
@@ -104,10 +96,10 @@ def dark_area(psf: Tensor) -> DarkArea | None:
         return None
     if float(near[dark].mean()) > _DARK_FRACTION * float(near[~dark].mean()):
         return None
-    return DarkArea(side, dark)
+    return _DarkArea(side, dark)
 
 
-def stray_light(psf: Tensor, area: DarkArea) -> Tensor:
+def stray_light(psf: Tensor, area: _DarkArea) -> Tensor:
     r"""Smooth light of other sources, from where an aperture leaves no light of the point.
 
     In every channel a plane :math:`a + b r + c s` is laid through the
@@ -172,17 +164,11 @@ def _fit(basis: Tensor, values: Tensor) -> Tensor:
 
 
 @dataclass(frozen=True)
-class Band:
-    """Spectrum of a PSF beside that of its noise.
+class _Band:
+    """Spectrum of a PSF beside that of its noise: the mean power in rings of spatial frequency.
 
-    Parameters
-    ----------
-    per_mm
-        Spatial frequency of each ring.
-    signal, noise
-        Mean power in it; the signal's is what the picture has more than its noise.
-    usable_per_mm
-        Frequency up to which the signal's is the larger one; zero if nowhere.
+    The signal's is what the picture has more than its noise. Up to `usable_per_mm` it is the larger
+    one; zero if nowhere.
     """
 
     per_mm: tuple[float, ...]
@@ -193,7 +179,7 @@ class Band:
 
 def usable_band(
     picture: Tensor, pixel_um: float, *, variance: Tensor, noise: Tensor | None = None
-) -> Band:
+) -> _Band:
     r"""Compare the radial power spectra of a PSF and of its noise.
 
     Both are tapered by Hann's window, without which the edges of a PSF that fills the sensor
@@ -213,7 +199,7 @@ def usable_band(
 
     Returns
     -------
-    Band
+    _Band
         In rings from the mean up to the finest frequency of the pixels.
     """
     rows, columns = picture.shape
@@ -244,7 +230,7 @@ def usable_band(
     signal = (means[0] - means[1]).clamp_min(0)
     drowned = ((signal < means[1]) & enough).nonzero()
     last = rings if len(drowned) == 0 else int(drowned[0])
-    return Band(
+    return _Band(
         tuple(centres.tolist()),
         tuple(signal.tolist()),
         tuple(means[1].tolist()),
@@ -292,8 +278,8 @@ class PointPsf:
     ratios: tuple[float, ...]
     stray: tuple[float, ...]
     floor: tuple[float, ...]
-    area: DarkArea | None
-    bands: tuple[Band, ...]
+    area: _DarkArea | None
+    bands: tuple[_Band, ...]
     contrast: float
 
     @property

@@ -244,7 +244,6 @@ def psf_from_scenes(
     known: KnownScenes,
     *,
     support: Tensor | None = None,
-    tau: float = TAU,
     steps: int = STEPS,
     progress: ProgressCallback | None = None,
 ) -> SolvedPsf:
@@ -264,8 +263,6 @@ def psf_from_scenes(
     support
         bool, (rows, columns) of the PSF: where it may have light. None finds it, with the PSF as
         large as `known.extent`.
-    tau
-        Weight of the total variation, as `nolens.calibrate.psf_from_scenes.TAU`.
     steps
         Of ADMM, on all pixels.
     progress
@@ -278,11 +275,11 @@ def psf_from_scenes(
     """
     start = None
     if support is None:
-        support, start = _coarse_solution(known, tau, progress)
+        support, start = _coarse_solution(known, progress)
     rows, columns = _around(support)
     inner = slice(*rows), slice(*columns)
     cropped = support[inner].float()
-    solver = PsfSolver(known, over_the_field(known), cropped, tau)
+    solver = PsfSolver(known, over_the_field(known), cropped)
     psfs = solver.solve(
         steps,
         start=None if start is None else start[inner],
@@ -308,14 +305,14 @@ def unexplained(known: KnownScenes, psf: Tensor) -> Tensor:
 
 
 def _coarse_solution(
-    known: KnownScenes, tau: float, progress: ProgressCallback | None
+    known: KnownScenes, progress: ProgressCallback | None
 ) -> tuple[Tensor, Tensor]:
     """Where the PSF has light, and roughly how much, on the pixels of the scenes."""
     by = max(1, min(known.sensor) // _COARSE)
     coarse = known.binned(by)
     support, psf = torch.ones(coarse.extent), None
     for number in range(_ROUNDS):
-        solver = PsfSolver(coarse, None, support, tau)
+        solver = PsfSolver(coarse, None, support)
         psf = solver.solve(_COARSE_STEPS, start=psf)[0]
         support = _lit(psf, min(coarse.sensor) / _BLUR)
         psf = psf * support

@@ -24,20 +24,8 @@ from nolens.camera.measurement import BlackLevel, Measurement, black_level, dark
 from nolens.camera.psf import PreparedPsf, check_psf, prepare_psf
 from nolens.camera.psf_set import PsfEntry, PsfKind, PsfSet
 from nolens.camera.sensor import AngularCurve, CurveFile, Package, Sensor, SpectralCurve
-from nolens.camera.toml import (
-    PRESETS,
-    from_mapping,
-    from_toml,
-    preset,
-    preset_text,
-    to_toml,
-)
-from nolens.camera.values import (
-    arrange_rgb,
-    exposure_white,
-    linear_from_srgb,
-    srgb_from_linear,
-)
+from nolens.camera.toml import PRESETS, from_mapping, from_toml, preset, preset_text, to_toml
+from nolens.camera.values import arrange_rgb, exposure_white, linear_from_srgb, srgb_from_linear
 
 __all__ = [
     "MATERIALS",

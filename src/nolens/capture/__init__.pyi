@@ -1,7 +1,7 @@
 from .exposure import Burst, Levels, exposure_for, fitting_exposure
 from .folder import FolderSource
 from .raspberry import RaspberrySource
-from .source import CameraSource, Limits, Shot, SourceFact, available_sources, open_source
+from .source import CameraSource, Limits, Shot, available_sources, open_source
 from .twin import TwinSource, chart
 
 __all__ = [
@@ -12,7 +12,6 @@ __all__ = [
     "Limits",
     "RaspberrySource",
     "Shot",
-    "SourceFact",
     "TwinSource",
     "available_sources",
     "chart",

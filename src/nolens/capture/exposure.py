@@ -19,6 +19,8 @@ _FINE = 16
 _BRIGHT = 0.999
 _FASTEST = 8.0
 """Factor on the exposure time in one step."""
+_FILL = 0.8
+"""Fraction of the range that the light is to fill."""
 _FITS = 0.1
 _FIRST_S = 0.01
 _TRIES = 12
@@ -82,7 +84,6 @@ def exposure_for(
     exposure_s: float,
     limits: Limits,
     *,
-    fill: float = 0.8,
     every_pixel: bool = False,
 ) -> float:
     """Exposure time that fills the range better than that of a frame did.
@@ -95,8 +96,6 @@ def exposure_for(
         Of the frame.
     limits
         What the camera can be set to.
-    fill
-        Fraction of the range to fill.
     every_pixel
         Whether no pixel may be brighter, as suits a PSF, whose bright points count; otherwise one
         in a thousand may.
@@ -108,7 +107,7 @@ def exposure_for(
     """
     level = levels.brightest if every_pixel else levels.bright
     saturated = level >= 1
-    factor = 1 / _FASTEST if saturated else min(fill / max(level, 1e-9), _FASTEST)
+    factor = 1 / _FASTEST if saturated else min(_FILL / max(level, 1e-9), _FASTEST)
     if abs(factor - 1) <= _FITS:
         factor = 1.0
     shortest, longest = limits.exposure_s

@@ -10,13 +10,7 @@ import torch
 from torch import Tensor
 
 from nolens.camera import MATERIALS, Camera, Layer, LoadedCamera, Mask, Material, RandomLenslets
-from nolens.design.replica import (
-    Cover,
-    Film,
-    Replica,
-    printed_radius_um,
-    replica_thickness_um,
-)
+from nolens.design.replica import Cover, Film, Replica, printed_radius_um, replica_thickness_um
 from nolens.design.uncertain import Propagated, Uncertain, propagate
 from nolens.errors import OptionError
 from nolens.optics import Number
@@ -88,7 +82,7 @@ class Medium:
 
 
 @dataclass(frozen=True)
-class CoverLayer:
+class _CoverLayer:
     """One of the layers over the sensor."""
 
     name: str
@@ -144,7 +138,7 @@ class ThicknessCase:
     """
 
     loaded: LoadedCamera
-    cover: tuple[CoverLayer, ...]
+    cover: tuple[_CoverLayer, ...]
     master: Master | Uncertain
     pitch: Uncertain
     rounding: float
@@ -214,7 +208,7 @@ class ThicknessCase:
 
 
 @dataclass(frozen=True)
-class ColourFocus:
+class _ColourFocus:
     """Thickness in focus in some light, and how wide lines in it are at the one that is poured."""
 
     light: str
@@ -320,7 +314,7 @@ class ReplicaDesign:
         return float(thickness_um)
 
     @cached_property
-    def colours(self) -> tuple[ColourFocus, ...]:
+    def colours(self) -> tuple[_ColourFocus, ...]:
         """Focus by wavelength: of some, and of the mean one of each channel of the sensor."""
         lights = {f"{each:g} nm": each for each in _COLOURS_NM}
         efficiency = self.case.loaded.quantum_efficiency
@@ -333,7 +327,7 @@ class ReplicaDesign:
         for name, nm in lights.items():
             if self._covers(nm):
                 thickness, width = self._at(nm, self.figures["thickness"].value)
-                rows.append(ColourFocus(name, nm, thickness * _UM_TO_MM, float(width)))
+                rows.append(_ColourFocus(name, nm, thickness * _UM_TO_MM, float(width)))
         return tuple(rows)
 
     def curves(self) -> ColourCurves:
@@ -446,7 +440,7 @@ def cover_layers(
     glass: Uncertain | None,
     glass_medium: Medium | None,
     gap: Uncertain | None,
-) -> tuple[CoverLayer, ...]:
+) -> tuple[_CoverLayer, ...]:
     """What stays on a sensor when the mask is taken away, with changes.
 
     Parameters
@@ -494,7 +488,7 @@ def cover_layers(
             name = "glass"
         elif place == len(layers) - 1 and medium.is_air:
             name = "gap"
-        named.append(CoverLayer(name, thickness, medium))
+        named.append(_CoverLayer(name, thickness, medium))
     return tuple(named)
 
 

@@ -1,5 +1,5 @@
 from .dots import Angles, Dot, Spot, angles_of, brightest_places, grade, spots_at
-from .edge import EdgeResolution, EdgeResponse, edge_response, slanted_edge
+from .edge import EdgeResolution, edge_response, slanted_edge
 from .picture import affine_fit, psnr, scale_fit, ssim
 from .psf import (
     PatternFigures,
@@ -12,10 +12,6 @@ from .psf import (
 )
 from .screen import FlatPicture
 from .siemens import (
-    STAR_THRESHOLD,
-    ResolvedRadius,
-    StarContrast,
-    StarPlace,
     StarResolution,
     find_star,
     resolved_radii,
@@ -35,21 +31,16 @@ from .two_points import (
 
 __all__ = [
     "RAYLEIGH_DIP",
-    "STAR_THRESHOLD",
     "Angles",
     "Dot",
     "EdgeResolution",
-    "EdgeResponse",
     "FlatPicture",
     "ObservedPair",
     "PatternFigures",
     "PointPair",
     "PsfFigures",
-    "ResolvedRadius",
     "ResolvedSeparation",
     "Spot",
-    "StarContrast",
-    "StarPlace",
     "StarResolution",
     "TwoPoints",
     "affine_fit",

@@ -19,6 +19,7 @@ _AROUND = 1.6
 _LEAST_CLEAR = 12
 _ROSE = 5.0
 _FAINTEST = 1e-6
+_FAINT = 0.25
 """Fraction of the brightest value from which on it is more than rounding."""
 Grade = Literal["good", "distorted", "lost"]
 
@@ -82,15 +83,15 @@ def spots_at(
     ]
 
 
-def brightest_places(picture: Tensor, fraction: float = 0.25) -> list[tuple[float, float]]:
+def brightest_places(picture: Tensor) -> list[tuple[float, float]]:
     """Places of pixels, not at the edge, that are the highest of their 3×3 and not faint.
+
+    Those count that stand at least a quarter as high over the median as the very highest one.
 
     Parameters
     ----------
     picture
         (rows, columns).
-    fraction
-        Of the very highest one's height over the median, down to which they count.
 
     Returns
     -------
@@ -99,7 +100,7 @@ def brightest_places(picture: Tensor, fraction: float = 0.25) -> list[tuple[floa
     """
     values = picture.double().numpy()
     above = np.clip(values - np.median(values), 0, None)
-    top = (scipy.ndimage.maximum_filter(above, 3) == above) & (above >= fraction * above.max())
+    top = (scipy.ndimage.maximum_filter(above, 3) == above) & (above >= _FAINT * above.max())
     top &= above > 0
     places = []
     # At the very edge, what is highest may be the side of a dot beyond it.

@@ -278,9 +278,7 @@ class ResolvedRadius:
     at_limit: bool
 
 
-def star_contrast(
-    picture: Tensor, *, periods: int | None = None, sectors: int = _SECTORS
-) -> StarContrast:
+def star_contrast(picture: Tensor, *, periods: int | None = None) -> StarContrast:
     r"""Measure the contrast of a Siemens star by radius and direction.
 
     The star is found by itself (`find_star`). In every sector of every ring the pixels are fit
@@ -294,8 +292,6 @@ def star_contrast(
         (height, width), linear, in any unit, geometrically flat: spokes are straight in it.
     periods
         Bright spokes that the star should have; None takes what is found.
-    sectors
-        Into how many equal ones the circle is divided.
 
     Raises
     ------
@@ -315,14 +311,14 @@ def star_contrast(
     rows, columns = np.indices(values.shape)
     row, column = rows - place.centre[0], columns - place.centre[1]
     pixels = _Pixels(np.hypot(row, column), np.arctan2(-row, column), values, place.periods)
-    middles = np.arange(sectors) * (2 * math.pi / sectors)
+    middles = np.arange(_SECTORS) * (2 * math.pi / _SECTORS)
     radii = np.arange(inner, outer + 1, dtype=np.float64)
-    contrast, noise = np.empty((2, sectors, len(radii)))
+    contrast, noise = np.empty((2, _SECTORS, len(radii)))
     for number, radius in enumerate(radii):
         ring = pixels.where(np.abs(pixels.radius - radius) < _HALF_RING)
         for sector, middle in enumerate(middles):
             beside = (ring.turn - middle + math.pi) % (2 * math.pi) - math.pi
-            part = np.abs(beside) <= math.pi / sectors
+            part = np.abs(beside) <= math.pi / _SECTORS
             fit = _fundamental(ring.where(part), beside[part], radius)
             contrast[sector, number], noise[sector, number] = fit
     return StarContrast(

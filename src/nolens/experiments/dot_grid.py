@@ -410,7 +410,6 @@ def dot_grid(
     distance_um: float,
     extent_deg: float = LARGEST_ANGLE_DEG,
     iterations: int = 300,
-    fill: float = 0.9,
     seed: int = 0,
     progress: ProgressCallback | None = None,
 ) -> DotGrid:
@@ -429,8 +428,8 @@ def dot_grid(
         Half angle up to which there are dots.
     iterations
         Of the reconstruction.
-    fill, seed
-        See `VirtualExperiment.measure`.
+    seed
+        Of the noise.
     progress
         Called with the fraction that is done.
 
@@ -450,7 +449,7 @@ def dot_grid(
     channels = len(experiment.sensor.channels)
     view = PlaneView(scene.expand(channels, -1, -1).contiguous(), distance_um)
     first, rest = within(progress, 0.0, 0.6), within(progress, 0.6, 0.4)
-    shot = experiment.measure_views(field, (view,), fill=fill, seed=seed, progress=first)
+    shot = experiment.measure_views(field, (view,), seed=seed, progress=first)
     rows, columns = twin.shape
     wide = rows + field.region.height, columns + field.region.width
     psf = experiment.psf(PointSource((0.0, 0.0), distance_um), wide)

@@ -15,17 +15,13 @@ from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.kernels import fast_length, irfft2, rfft2
 from nolens.optics import PointSource
 from nolens.progress import ProgressCallback, within
-from nolens.twin import (
-    Light,
-    Twin,
-    colours_of,
-    polychromatic_psf_bytes,
-    shortest_nm,
-)
+from nolens.twin import Light, Twin, colours_of, polychromatic_psf_bytes, shortest_nm
 
 CORRELATIONS = (0.6, 0.3)
 """Down to the first a picture is good, below the second it is lost (`uvimprint`); the paper does
 not say whether frames count by their own norms or, at one exposure, by the central one's."""
+_FILL = 0.9
+"""Fraction of a full pixel that the brightest one is exposed to."""
 _CURVE_STEPS = 60
 _SEARCH_PIXELS = 12
 """Around the place that a PSF is known to have moved to."""
@@ -78,7 +74,6 @@ def off_axis(
     *,
     distance_um: float = math.inf,
     diameter_um: float = 0.0,
-    fill: float = 0.9,
     seed: int = 0,
     progress: ProgressCallback | None = None,
 ) -> list[OffAxis]:
@@ -94,8 +89,6 @@ def off_axis(
         To the right; the central light need not be among them.
     distance_um, diameter_um
         Of the light; the distance from the sensor's plane.
-    fill
-        Fraction of a full pixel that the brightest one is exposed to.
     seed
         Of the noise; every frame has its own.
     progress
@@ -121,7 +114,7 @@ def off_axis(
         if not power > 0:
             shots.append((None, 0.0, 0.0))
             continue
-        measured = develop(experiment.exposed(image, fill, seed + number), channels="grey")
+        measured = develop(experiment.exposed(image, _FILL, seed + number), channels="grey")
         shots.append((measured.values[0], power, float(image.max())))
     central, power, brightest = shots[0]
     if central is None:
@@ -207,7 +200,7 @@ def compare(
         moved = twin.shift_um(source)
         near = moved[0] / pixel_um, moved[1] / pixel_um
         rays = _by_rays(twin, source, central.shape[0] * pixel_um, central.shape[1] * pixel_um)
-    peak = PeakCorrelation(0.0, 0.0, 0.0, (0.0, 0.0))
+    peak = _PeakCorrelation(0.0, 0.0, 0.0, (0.0, 0.0))
     if psf is not None:
         peak = peak_correlation(central, psf, near)
     return OffAxis(
@@ -274,25 +267,17 @@ def _by_rays(twin: Twin, source: PointSource, height_um: float, width_um: float)
 
 
 @dataclass(frozen=True)
-class PeakCorrelation:
+class _PeakCorrelation:
     """Where two PSFs are most alike, and how much.
 
-    Parameters
-    ----------
-    frame
-        Peak of the normalised cross-correlation of the whole frames, outside of which there is
-        nothing: what leaves the frame is missed. Each frame counts by its own norm, so it does not
-        matter how bright it is.
-    projection
-        The same peak over the first frame's own, ⟨a, b⟩/⟨a, a⟩: by how much of the first PSF the
-        second one holds, in the units of the frames. Of frames of one exposure time it counts
-        vignetting too.
-    overlap
-        Correlation over those pixels alone that lie over each other there, or near to where the
-        PSF is known to have moved.
-    shift
-        By how many pixels the second one lies further down and to the right where the whole frames
-        are most alike.
+    `frame` is the peak of the normalised cross-correlation of the whole frames, outside of which
+    there is nothing: what leaves the frame is missed. Each frame counts by its own norm, so it does
+    not matter how bright it is. `projection` is the same peak over the first frame's own,
+    ⟨a, b⟩/⟨a, a⟩: by how much of the first PSF the second one holds, in the units of the frames. Of
+    frames of one exposure time it counts vignetting too. `overlap` is the correlation over those
+    pixels alone that lie over each other there, or near to where the PSF is known to have moved.
+    Where the whole frames are most alike, the second one lies by `shift` pixels further down and to
+    the right.
     """
 
     frame: float
@@ -303,7 +288,7 @@ class PeakCorrelation:
 
 def peak_correlation(
     one: Tensor, other: Tensor, near: tuple[float, float] | None = None
-) -> PeakCorrelation:
+) -> _PeakCorrelation:
     r"""Compare two PSFs as they were captured (`uvimprint`, fig. 6c).
 
     .. math:: c(s) = \frac{\sum_x (a_x - \bar a)(b_{x+s} - \bar b)}{|a - \bar a|\,|b - \bar b|}
@@ -351,7 +336,7 @@ def peak_correlation(
     over = [
         [_pearson(one, other, (known[0] + i, known[1] + j)) for j in (-1, 0, 1)] for i in (-1, 0, 1)
     ]
-    return PeakCorrelation(
+    return _PeakCorrelation(
         frame=min(1.0, top / (norms[0] * norms[1])),
         projection=top / norms[0] ** 2,
         overlap=min(1.0, _vertex(over)[0]),

@@ -12,7 +12,6 @@ from .cameras import (
 )
 from .frames import (
     FRAME_SUFFIXES,
-    FrameSequence,
     check_holds,
     describe,
     frame_suffixes,
@@ -25,7 +24,6 @@ from .height_maps import HeightMap, read_height_map
 from .input import read_text, readable
 from .pictures import (
     PICTURE_SUFFIXES,
-    Picture,
     check_scans,
     read_picture,
     write_png,
@@ -33,13 +31,7 @@ from .pictures import (
     write_tiff32,
 )
 from .raw import write_dng
-from .record import (
-    InputFile,
-    RunRecord,
-    read_record,
-    versions,
-    write_record,
-)
+from .record import InputFile, RunRecord, read_record, versions, write_record
 from .state import read_state, write_state
 from .tolerances import read_tolerances, write_trials
 from .workshop import check_height_map, check_step, workpiece_writers
@@ -49,10 +41,8 @@ __all__ = [
     "FRAME_SUFFIXES",
     "PICTURE_SUFFIXES",
     "PSFS_FILE",
-    "FrameSequence",
     "HeightMap",
     "InputFile",
-    "Picture",
     "RunRecord",
     "atomic_write",
     "camera_files",

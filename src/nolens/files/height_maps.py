@@ -12,13 +12,7 @@ from numpy.typing import NDArray
 
 from nolens.errors import DataError, FileError, OptionError
 from nolens.files.input import check_bytes, check_content, check_exists, decoding, system_errors
-from nolens.files.tiff import (
-    HEIGHTS_IN_UM,
-    SOFTWARE,
-    open_tiff,
-    own_note,
-    read_tiff_samples,
-)
+from nolens.files.tiff import HEIGHTS_IN_UM, SOFTWARE, open_tiff, own_note, read_tiff_samples
 from nolens.quantities import Length
 
 _TIFF_SUFFIXES = (".tif", ".tiff")

@@ -11,14 +11,7 @@ from nolens.camera import Frame, exposure_white
 from nolens.camera.measurement import rgb_counts
 from nolens.capture import Levels
 from nolens.errors import NolensError
-from nolens.files import (
-    is_sequence,
-    open_sequence,
-    read_frame,
-    read_picture,
-    readable,
-    write_png,
-)
+from nolens.files import is_sequence, open_sequence, read_frame, read_picture, readable, write_png
 from nolens.jobs.fields import FilePath
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Run, job

@@ -1,4 +1,4 @@
-from .illumination import ChiefRay, Illumination, PointSource
+from .illumination import Illumination, PointSource
 from .layers import (
     Number,
     Stack,
@@ -9,19 +9,12 @@ from .layers import (
     translation,
     transmittance,
 )
-from .lenslets import (
-    random_lenslets,
-    relaxed_points,
-    smoothed,
-    squared_distance,
-    surface_bytes,
-)
+from .lenslets import random_lenslets, relaxed_points, smoothed, squared_distance, surface_bytes
 from .mask import Grid, MaskSurface, Opening, Relief
 from .propagation import pass_layers_, propagate
 from .psf import Margin, Media, divergence, monochromatic_psf, monochromatic_psf_bytes
 
 __all__ = [
-    "ChiefRay",
     "Grid",
     "Illumination",
     "Margin",

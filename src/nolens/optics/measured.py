@@ -155,26 +155,12 @@ def _fit(basis: Heights, values: Heights) -> Heights:
 
 
 @dataclass(frozen=True)
-class ReliefFigures:
-    """What a surface is like.
+class _ReliefFigures:
+    """What a surface is like: standard deviation of its heights, largest slope, number of tops.
 
-    Parameters
-    ----------
-    size_um
-        Height and width.
-    rms_um
-        Standard deviation of the heights.
-    peak_to_valley_um
-        From the lowest point to the highest.
-    steepest
-        Largest slope between neighbouring points.
-    correlation_um
-        Distance at which the autocorrelation of the heights has fallen to a half; 0 for a flat
-        surface.
-    tops
-        Local maxima within the middle part, at most 2048 points wide.
-    radius_um
-        Radius of curvature of the tops, the median of them; None without tops.
+    Tops are local maxima within the middle part, at most 2048 points wide; their radius of
+    curvature is the median, None without tops. At `correlation_um` the autocorrelation of the
+    heights has fallen to a half; 0 for a flat surface.
     """
 
     size_um: tuple[float, float]
@@ -186,7 +172,7 @@ class ReliefFigures:
     radius_um: float | None
 
 
-def relief_figures(relief: Relief) -> ReliefFigures:
+def relief_figures(relief: Relief) -> _ReliefFigures:
     r"""Measure a surface.
 
     A top is a point above all others within the correlation length. A paraboloid
@@ -197,7 +183,7 @@ def relief_figures(relief: Relief) -> ReliefFigures:
     middle = heights[tuple(_middle(count) for count in heights.shape)]
     lag = _correlation(middle)
     curvatures = _top_curvatures(middle, lag) / relief.grid_um**2 if lag > 0 else np.zeros(0)
-    return ReliefFigures(
+    return _ReliefFigures(
         size_um=relief.extent_um,
         rms_um=float(heights.std()),
         peak_to_valley_um=float(np.ptp(heights)),

@@ -26,18 +26,12 @@ _LINES, _FRACTION = 3.0, 1 / 16
 
 
 @dataclass(frozen=True)
-class AutofocusTrial:
-    """A depth that was tried.
+class _AutofocusTrial:
+    """A depth that was tried; it may be infinite.
 
-    Parameters
-    ----------
-    depth_um
-        May be infinite.
-    objective
-        ½‖b − CMv‖² + τ R(v) of the reconstruction at that depth, in normalised units: how badly it
-        explains the measurement.
-    sharpness
-        Energy of the gradient around the place, or of the whole picture.
+    The objective ½‖b − CMv‖² + τ R(v) of the reconstruction, in normalised units, says how badly it
+    explains the measurement; the sharpness is the energy of the gradient around the place, or of
+    the whole picture.
     """
 
     depth_um: float
@@ -62,7 +56,7 @@ class AutofocusResult:
     """
 
     depth_um: float
-    tried: tuple[AutofocusTrial, ...]
+    tried: tuple[_AutofocusTrial, ...]
     at_end: bool
     finished: bool
 
@@ -280,7 +274,7 @@ class _Trials:
         self.search = search
         self.reconstructor = search.reconstructor.coarser(self.bin_by, _ITERATIONS)
         self.place, self.step = place, step
-        self.tried: dict[float, AutofocusTrial] = {}
+        self.tried: dict[float, _AutofocusTrial] = {}
         self.done = 0
 
     def add(self, vergence_per_m: float) -> bool:
@@ -310,7 +304,7 @@ class _Trials:
                 for at, count in zip(self.place, (rows, columns), strict=True)
             )
             sharp = float(sharpness(picture, width)[row, column])
-        self.tried[vergence_per_m] = AutofocusTrial(depth, result.objective, sharp)
+        self.tried[vergence_per_m] = _AutofocusTrial(depth, result.objective, sharp)
         return not ended
 
     def best_coarse(self) -> float:

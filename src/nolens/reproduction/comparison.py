@@ -13,20 +13,8 @@ from nolens.reproduction.steps import StepResult
 
 
 @dataclass(frozen=True)
-class Printed:
-    """A value of the paper.
-
-    Parameters
-    ----------
-    what
-        The quantity.
-    where
-        Section or figure.
-    text
-        The value, with its unit.
-    value
-        The number alone, where there is one to compare with.
-    """
+class _Printed:
+    """A value of the paper with its unit, and the number alone if there is one to compare with."""
 
     what: str
     where: str
@@ -34,63 +22,63 @@ class Printed:
     value: float | None = None
 
 
-PAPER: dict[str, Printed] = {
-    "radius": Printed("radius of curvature R of the mask's features", "sec. II", "0.67 mm", 0.67),
-    "radius printed": Printed(
+PAPER: dict[str, _Printed] = {
+    "radius": _Printed("radius of curvature R of the mask's features", "sec. II", "0.67 mm", 0.67),
+    "radius printed": _Printed(
         "the same, by eq. 3 as it is printed", "sec. II, eq. 3", "0.67 mm", 0.67
     ),
-    "thickness pdms": Printed(
+    "thickness pdms": _Printed(
         "thickness t′ of a replica in PDMS", "sec. II, eq. 5", "1.44 mm", 1.44
     ),
-    "± pdms": Printed("± of that t′", "sec. II", "0.41 mm", 0.41),
-    "thickness pua311": Printed(
+    "± pdms": _Printed("± of that t′", "sec. II", "0.41 mm", 0.41),
+    "thickness pua311": _Printed(
         "thickness t′ of a replica in PUA 311", "sec. II, eq. 5", "1.28 mm", 1.28
     ),
-    "± pua311": Printed("± of that t′", "sec. II", "0.37 mm", 0.37),
-    "focal length": Printed("mean focal length of the mask", "sec. II", "about 1 mm", 1.0),
-    "aperture": Printed("mean NA of a lenslet", "sec. II and III", "about 0.035", 0.035),
-    "depth of focus": Printed("depth of focus", "sec. II", "about 0.41 mm", 0.41),
-    "film": Printed("thickness of the sharpest PDMS film", "fig. 2c", "1.25 mm", 1.25),
-    "film width": Printed("FWHM of the autocorrelation behind it", "fig. 2c", "20.15 µm", 20.15),
-    "width": Printed("FWHM of the PSF's autocorrelation", "fig. 5b", "20.15 µm", 20.15),
-    "line": Printed("width of a line of the PSF, FWHM/√2", "sec. III", "14.25 µm", 14.25),
-    "pitch": Printed("mean pitch of the PSF's pattern", "fig. 5b", "69.75 µm", 69.75),
-    "mtf": Printed("MTF at 0°, 90°, 180°, 270°", "fig. 5c", "consistent in all directions"),
-    "two points": Printed("two points told apart, at 180 mm", "fig. 6a", "0.6°", 0.6),
-    "siemens": Printed("Siemens star resolved in all directions", "fig. 6b", "0.73°", 0.73),
-    "correlation 0.6": Printed(
+    "± pua311": _Printed("± of that t′", "sec. II", "0.37 mm", 0.37),
+    "focal length": _Printed("mean focal length of the mask", "sec. II", "about 1 mm", 1.0),
+    "aperture": _Printed("mean NA of a lenslet", "sec. II and III", "about 0.035", 0.035),
+    "depth of focus": _Printed("depth of focus", "sec. II", "about 0.41 mm", 0.41),
+    "film": _Printed("thickness of the sharpest PDMS film", "fig. 2c", "1.25 mm", 1.25),
+    "film width": _Printed("FWHM of the autocorrelation behind it", "fig. 2c", "20.15 µm", 20.15),
+    "width": _Printed("FWHM of the PSF's autocorrelation", "fig. 5b", "20.15 µm", 20.15),
+    "line": _Printed("width of a line of the PSF, FWHM/√2", "sec. III", "14.25 µm", 14.25),
+    "pitch": _Printed("mean pitch of the PSF's pattern", "fig. 5b", "69.75 µm", 69.75),
+    "mtf": _Printed("MTF at 0°, 90°, 180°, 270°", "fig. 5c", "consistent in all directions"),
+    "two points": _Printed("two points told apart, at 180 mm", "fig. 6a", "0.6°", 0.6),
+    "siemens": _Printed("Siemens star resolved in all directions", "fig. 6b", "0.73°", 0.73),
+    "correlation 0.6": _Printed(
         "half angle at which the correlation with the central PSF falls to 0.6",
         "fig. 6c and sec. III",
         "22.5°",
         22.5,
     ),
-    "correlation 0.3": Printed(
+    "correlation 0.3": _Printed(
         "half angle at which it falls to 0.3", "fig. 6c and sec. III", "38°", 38.0
     ),
-    "overlap": Printed(
+    "overlap": _Printed(
         "overlap of the PSFs that is lost for every 10°", "fig. 6c and sec. III", "9.7 %", 9.7
     ),
-    "dots clear": Printed("dots are clear within a field of", "fig. 6d", "45°", 45.0),
-    "dots lost": Printed("dots are not reconstructed beyond a field of", "fig. 6d", "76°", 76.0),
-    "exposure": Printed("exposure for a screen", "sec. III", "40–70 ms"),
-    "scene 7a": Printed("a screen that fills 60°, at 300 mm", "fig. 7a", "a picture"),
-    "scene 7b": Printed("a screen that fills 50°, at 300 mm", "fig. 7b", "a picture"),
-    "scene 7c": Printed("a screen that fills 30°, at 300 mm", "fig. 7c", "a picture"),
-    "scene 7d": Printed("a scene at 10 cm", "fig. 7d", "a picture"),
-    "scene 7e": Printed("a scene at 50 cm", "fig. 7e", "a picture"),
-    "scene 7f": Printed("a scene at 60 cm", "fig. 7f", "a picture"),
-    "seconds": Printed("time for a photograph", "sec. III", "up to 250 s on an RTX 3090", 250.0),
-    "magnification 8": Printed(
+    "dots clear": _Printed("dots are clear within a field of", "fig. 6d", "45°", 45.0),
+    "dots lost": _Printed("dots are not reconstructed beyond a field of", "fig. 6d", "76°", 76.0),
+    "exposure": _Printed("exposure for a screen", "sec. III", "40–70 ms"),
+    "scene 7a": _Printed("a screen that fills 60°, at 300 mm", "fig. 7a", "a picture"),
+    "scene 7b": _Printed("a screen that fills 50°, at 300 mm", "fig. 7b", "a picture"),
+    "scene 7c": _Printed("a screen that fills 30°, at 300 mm", "fig. 7c", "a picture"),
+    "scene 7d": _Printed("a scene at 10 cm", "fig. 7d", "a picture"),
+    "scene 7e": _Printed("a scene at 50 cm", "fig. 7e", "a picture"),
+    "scene 7f": _Printed("a scene at 60 cm", "fig. 7f", "a picture"),
+    "seconds": _Printed("time for a photograph", "sec. III", "up to 250 s on an RTX 3090", 250.0),
+    "magnification 8": _Printed(
         "PSF for 8 cm, larger than for 20 cm by", "fig. 8a and sec. III", "0.36 %", 0.36
     ),
-    "magnification 3": Printed(
+    "magnification 3": _Printed(
         "PSF for 3 cm, larger than for 20 cm by", "fig. 8a and sec. III", "1.32 %", 1.32
     ),
-    "magnification 30": Printed(
+    "magnification 30": _Printed(
         "PSF for a far scene against that for 30 cm", "sec. III", "no noticeable change"
     ),
-    "near object": Printed("the near object's distance", "fig. 8d", "8 cm", 8.0),
-    "far object": Printed("the far object's distance", "fig. 8e", "20 cm", 20.0),
+    "near object": _Printed("the near object's distance", "fig. 8d", "8 cm", 8.0),
+    "far object": _Printed("the far object's distance", "fig. 8e", "20 cm", 20.0),
 }
 """By the key that rows of the report have."""
 

@@ -25,14 +25,7 @@ from nolens.refocusing import (
     reduced_um,
     sharpness,
 )
-from nolens.reproduction.comparison import (
-    PAPER,
-    Content,
-    Picture,
-    Results,
-    paper_row,
-    section,
-)
+from nolens.reproduction.comparison import PAPER, Content, Picture, Results, paper_row, section
 from nolens.reproduction.setup import PINHOLE_UM, TAU, ExperimentSetup
 from nolens.reproduction.steps import Step, StepResult
 from nolens.twin import FieldMap, Plane

@@ -16,14 +16,7 @@ from nolens.files.plot_reproduction import Panel, plot_pictures
 from nolens.files.reports import ReportRow
 from nolens.operators import Region
 from nolens.progress import ProgressCallback, within
-from nolens.reproduction.comparison import (
-    Content,
-    Picture,
-    Results,
-    not_made,
-    paper_row,
-    section,
-)
+from nolens.reproduction.comparison import Content, Picture, Results, not_made, paper_row, section
 from nolens.reproduction.setup import SCREEN_UM, TAU, ExperimentSetup
 from nolens.reproduction.steps import Step, StepResult
 from nolens.solvers import Problem, Progress, Reconstructor

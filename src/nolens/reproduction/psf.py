@@ -10,13 +10,7 @@ from nolens.camera import RandomLenslets, develop
 from nolens.evaluate import PsfFigures, psf_figures
 from nolens.files.plot_measurements import write_psf_plot
 from nolens.progress import ProgressCallback
-from nolens.reproduction.comparison import (
-    Content,
-    Picture,
-    Results,
-    paper_row,
-    section,
-)
+from nolens.reproduction.comparison import Content, Picture, Results, paper_row, section
 from nolens.reproduction.setup import ExperimentSetup
 from nolens.reproduction.steps import Step, StepResult
 

@@ -34,14 +34,7 @@ from nolens.files.reports import ReportRow
 from nolens.operators import Region
 from nolens.optics import PointSource
 from nolens.progress import ProgressCallback, within
-from nolens.reproduction.comparison import (
-    PAPER,
-    Content,
-    Picture,
-    Results,
-    paper_row,
-    section,
-)
+from nolens.reproduction.comparison import PAPER, Content, Picture, Results, paper_row, section
 from nolens.reproduction.setup import PINHOLE_UM, SCREEN_UM, TAU, ExperimentSetup
 from nolens.reproduction.steps import Step, StepResult
 

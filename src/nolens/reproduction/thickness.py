@@ -16,14 +16,7 @@ from nolens.jobs.designing.thickness import ThicknessOptions, design_thickness
 from nolens.jobs.run import Reporter
 from nolens.progress import ProgressCallback, part_of
 from nolens.quantities import Length
-from nolens.reproduction.comparison import (
-    PAPER,
-    Content,
-    Picture,
-    Results,
-    paper_row,
-    section,
-)
+from nolens.reproduction.comparison import PAPER, Content, Picture, Results, paper_row, section
 from nolens.reproduction.setup import ExperimentSetup
 from nolens.reproduction.steps import Step, StepResult
 from nolens.twin import relief_points

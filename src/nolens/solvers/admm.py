@@ -6,13 +6,7 @@ import torch
 from torch import Tensor
 
 from nolens.errors import DataError, DivergenceError, OptionError
-from nolens.kernels import (
-    PassSums,
-    Repeater,
-    SplitState,
-    in_large_pages,
-    update_splits_,
-)
+from nolens.kernels import PassSums, Repeater, SplitState, in_large_pages, update_splits_
 from nolens.solvers.admm_state import CHECK_EVERY, AdmmState, Balance, Penalties
 from nolens.solvers.corrections import LowFrequencyCorrection, gain_corrected
 from nolens.solvers.problem import Prior, Problem

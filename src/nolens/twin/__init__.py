@@ -2,17 +2,15 @@
 
 from nolens.twin.expose import expose, mosaic, photocurrents
 from nolens.twin.irradiance import (
-    Irradiated,
     ShiftInvariantModel,
     aperture_room_um,
     check_field_points,
     irradiate,
     irradiate_bytes,
 )
-from nolens.twin.light import LIGHTS, Colour, Light
+from nolens.twin.light import LIGHTS, Light
 from nolens.twin.model import (
     LARGEST_ANGLE_DEG,
-    NEAREST_MM,
     REFERENCE_NM,
     Twin,
     camera_figures,
@@ -35,12 +33,9 @@ from nolens.twin.scene import FieldMap, Plane, PlaneView, in_channels, render_pl
 __all__ = [
     "LARGEST_ANGLE_DEG",
     "LIGHTS",
-    "NEAREST_MM",
     "REFERENCE_NM",
-    "Colour",
     "FieldMap",
     "Frame",
-    "Irradiated",
     "Light",
     "Plane",
     "PlaneView",

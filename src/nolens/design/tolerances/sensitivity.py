@@ -47,16 +47,8 @@ def evaluate(
 
 
 @dataclass(frozen=True)
-class Sensitivity:
-    """What one parameter does.
-
-    Parameters
-    ----------
-    parameter
-        The parameter.
-    minus, plus
-        Change of the criterion at − and + its tolerance.
-    """
+class _Sensitivity:
+    """What one parameter does: change of the criterion at − and + its tolerance."""
 
     parameter: Parameter
     minus: float
@@ -79,17 +71,10 @@ class Sensitivity:
 
 
 @dataclass(frozen=True)
-class Prediction:
-    """What a Taylor polynomial says of all cameras.
+class _Prediction:
+    """What a Taylor polynomial says of all cameras: mean of the criterion, standard deviation.
 
-    Parameters
-    ----------
-    mean
-        Of the criterion.
-    linear_sigma
-        Its standard deviation by the linear terms alone: the root of the sum of squares.
-    sigma
-        The same with the quadratic terms.
+    `linear_sigma` is that by the linear terms alone, the root of the sum of squares.
     """
 
     mean: float
@@ -124,15 +109,15 @@ class Response:
     best: float
 
     @property
-    def sensitivities(self) -> tuple[Sensitivity, ...]:
+    def sensitivities(self) -> tuple[_Sensitivity, ...]:
         """Parameters with what they do, the worst offender first."""
         rows = [
-            Sensitivity(each, float(minus) - self.nominal, float(plus) - self.nominal)
+            _Sensitivity(each, float(minus) - self.nominal, float(plus) - self.nominal)
             for each, minus, plus in zip(self.parameters, self.minus, self.plus, strict=True)
         ]
         return tuple(sorted(rows, key=lambda row: -row.worst))
 
-    def predict(self) -> Prediction:
+    def predict(self) -> _Prediction:
         r"""Mean and standard deviation of a second-order Taylor polynomial.
 
         With the derivatives :math:`f_i`, :math:`f_{ij}` and independent, symmetric parameters of
@@ -161,7 +146,7 @@ class Response:
         linear = float((first.square() * variance).sum())
         pairs = self.mixed.square() * variance[:, None] * variance
         curved = (second.square() * (fourth - variance.square())).sum() / 4
-        return Prediction(
+        return _Prediction(
             mean=self.nominal + float((second * variance).sum()) / 2,
             linear_sigma=math.sqrt(linear),
             sigma=math.sqrt(linear + float(curved + pairs.triu(1).sum())),

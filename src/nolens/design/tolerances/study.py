@@ -106,18 +106,11 @@ class Yield:
 
 
 @dataclass(frozen=True)
-class Allowed:
-    """The largest tolerance for a yield.
+class _Allowed:
+    """The largest tolerance for a yield, ± in the parameter's unit, and the yield with it.
 
-    Parameters
-    ----------
-    verdict
-        ``"found"``; ``"impossible"`` where not even a tolerance of zero gives the yield, and
-        ``"any"`` where the largest one that was tried still does.
-    tolerance
-        ±, in the parameter's unit.
-    reached
-        Yield with it.
+    The verdict is ``"found"``; ``"impossible"`` where not even a tolerance of zero gives the yield,
+    and ``"any"`` where the largest one that was tried still does.
     """
 
     verdict: Literal["found", "impossible", "any"]
@@ -125,7 +118,9 @@ class Allowed:
     reached: Yield
 
 
-def largest_tolerance(yield_with: Callable[[float], Yield], target: float, bound: float) -> Allowed:
+def largest_tolerance(
+    yield_with: Callable[[float], Yield], target: float, bound: float
+) -> _Allowed:
     """Find the largest tolerance that gives a yield, by bisection to one hundredth of it.
 
     The same random numbers must serve every tolerance, so that the yield falls as the tolerance
@@ -142,10 +137,10 @@ def largest_tolerance(yield_with: Callable[[float], Yield], target: float, bound
     """
     reached = yield_with(0.0)
     if reached.fraction < target:
-        return Allowed("impossible", 0.0, reached)
+        return _Allowed("impossible", 0.0, reached)
     at_bound = yield_with(bound)
     if at_bound.fraction >= target:
-        return Allowed("any", bound, at_bound)
+        return _Allowed("any", bound, at_bound)
     low, high = 0.0, bound
     while high - low > _PRECISION * high and high > 1e-9 * bound:
         middle = (low + high) / 2
@@ -154,7 +149,7 @@ def largest_tolerance(yield_with: Callable[[float], Yield], target: float, bound
             low, reached = middle, at_middle
         else:
             high = middle
-    return Allowed("found", low, reached)
+    return _Allowed("found", low, reached)
 
 
 @dataclass(frozen=True)
@@ -210,7 +205,7 @@ class Study:
     figures: Tensor
     curves: dict[str, tuple[Tensor, Tensor]]
     limit: float | None = None
-    solved: tuple[Parameter, float, Allowed] | None = None
+    solved: tuple[Parameter, float, _Allowed] | None = None
 
     @property
     def levels(self) -> dict[float, float]:
@@ -429,7 +424,7 @@ class StudyPlan:
             curves[each.name] = sweep(self.criterion, self.parameters, number, _POINTS)
         return curves
 
-    def _allowed(self, number: int, target: float, limit: float, stop: Stop) -> Allowed | None:
+    def _allowed(self, number: int, target: float, limit: float, stop: Stop) -> _Allowed | None:
         """Largest tolerance of one parameter for a yield; None where a person stopped it."""
         varied = self.parameters[number]
         if varied.tolerance == 0:

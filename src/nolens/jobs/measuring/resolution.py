@@ -52,14 +52,7 @@ from nolens.optics import PointSource
 from nolens.plugins import load_plugin, plugin_names
 from nolens.quantities import Angle, Share
 from nolens.ranges import Between
-from nolens.twin import (
-    Light,
-    Twin,
-    distance_um,
-    preview_model,
-    relief_points,
-    simulation_bytes,
-)
+from nolens.twin import Light, Twin, distance_um, preview_model, relief_points, simulation_bytes
 
 Threshold = Annotated[Share, Between("0.01 %", "99.99 %")]
 _PixelAngle = Annotated[Angle, Between("0.000001 deg", "10 deg")]

@@ -9,11 +9,7 @@ from pydantic import Field
 from nolens.camera.part import PositiveLength
 from nolens.errors import OptionError
 from nolens.evaluate import ObservedPair, TwoPoints, point_pair
-from nolens.experiments.resolution import (
-    POINT_ITERATIONS,
-    points_support,
-    two_point_resolution,
-)
+from nolens.experiments.resolution import POINT_ITERATIONS, points_support, two_point_resolution
 from nolens.files.plot_measurements import draw_two_points
 from nolens.jobs.fields import Files
 from nolens.jobs.measuring.resolution import (
