@@ -79,12 +79,12 @@ def pictures(folder: Path, mask: Path, camera: Path) -> dict[str, float]:
             "--exposure", EXPOSURE, "-o", f"{stem}.dng",
             "--truth", f"{stem}-truth.tif", "--response", f"{stem}-response.tif",
         )  # fmt: skip
-        psf = mask / f"psf-{seen['psf_cells']}.tif"
+        psf = mask / f"psf-{seen['psf_pixels']}.tif"
         if not psf.exists():
-            told("psf", "--camera", camera, "--cells", seen["psf_cells"], "-o", psf)
+            told("psf", "--camera", camera, "--pixels", seen["psf_pixels"], "-o", psf)
         told(
             "reconstruct", f"{stem}.dng", "--psf", psf, "--psf-extent", "wide",
-            "--support", seen["region"],
+            "--support", seen["support"],
             "--tau", "1e-5", "--iterations", 300, "--tolerance", 0,
             "-o", f"{stem}-out.tif", "--tiff-bits", 32,
         )  # fmt: skip

@@ -53,16 +53,16 @@ def main() -> None:
     rows: dict[float, list[str]] = {tau: [] for tau in TAUS}
     for name in PHOTOGRAPHS:
         summary = shot(folder, name)
-        psf = folder / f"psf-{summary['psf_cells']}.tif"
+        psf = folder / f"psf-{summary['psf_pixels']}.tif"
         if not psf.exists():
-            given = {"camera": "paper", "depth": "300mm", "cells": summary["psf_cells"]}
+            given = {"camera": "paper", "depth": "300mm", "pixels": summary["psf_pixels"]}
             simulate_psf(PsfOptions.gather({**given, "output": psf}), Reporter())
         truth = read_frame(folder / f"{name}-truth.tif").counts
         truth = truth * read_frame(folder / f"{name}-response.tif").counts
         for tau in TAUS:
             options = ReconstructOptions(
                 measurement=folder / f"{name}-raw.tif", psf=psf, psf_extent="wide", tau=tau,
-                support=summary["region"], output=(folder / f"{name}-{tau:g}.png",),
+                support=summary["support"], output=(folder / f"{name}-{tau:g}.png",),
             )  # fmt: skip
             picture = reconstruct(options, Reporter()).value
             peak = float(truth.max())

@@ -77,7 +77,7 @@ def test_stitched_from_noisy_frames(tmp_path: Path) -> None:
         picture = tmp_path / f"{name}.tif"
         nolens(
             "reconstruct", tmp_path / "raw.dng", "--psf", mine / f"{name}-300mm.tif", *wider,
-            "--support", taken["region"], "--tau", 1e-5, "--tiff-bits", 32, "-o", picture,
+            "--support", taken["support"], "--tau", 1e-5, "--tiff-bits", 32, "-o", picture,
         )  # fmt: skip
         seen = read_frame(picture).counts
         quality[name] = psnr(affine_fit(seen, truth), truth, float(torch.quantile(truth, 0.999)))

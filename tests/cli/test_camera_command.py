@@ -23,7 +23,7 @@ def test_facts_are_beside_it() -> None:
     done = command("camera", "show", "paper")
     assert done.code == 0
     assert from_toml(Camera, done.out, "output") == preset("paper")
-    for words in ("4.712 × 6.287 mm", "1520×2028 cells", "1.277 mm of air", "1.0160 times",
+    for words in ("4.712 × 6.287 mm", "1520×2028 pixels", "1.277 mm of air", "1.0160 times",
                   "10° 224 µm, 30° 689 µm, 50° 1211 µm", "saturate at 8168 electrons",
                   "placeholders, not measured: acceptance"):  # fmt: skip
         assert words in done.err, words
@@ -36,7 +36,7 @@ def test_json() -> None:
     assert found["camera"]["layers"][0] == {
         "name": "resin", "thickness": "1.06 mm", "material": "pua311", "index": None,
     }  # fmt: skip
-    assert found["sensor_mm"] == [4.712, 6.2868] and found["cells"] == [1520, 2028]
+    assert found["sensor_mm"] == [4.712, 6.2868] and found["pixels"] == [1520, 2028]
     assert found["chief_ray_um"]["50"] == pytest.approx(1211, abs=1)
     # The paper's own figure is a magnification of 1.016 at 80 mm.
     assert found["magnification_at_80mm"] == pytest.approx(1.016, abs=5e-4)

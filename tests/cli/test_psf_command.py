@@ -34,7 +34,7 @@ def centre(plane: torch.Tensor) -> tuple[float, float]:
 def test_defaults(tmp_path: Path) -> None:
     told = pattern("-o", tmp_path / "psf.tif")
     assert told["outputs"] == [str(tmp_path / "psf.tif"), str(tmp_path / "psf.json")]
-    assert told["cells"] == [128, 160] and told["pixels_per_cell"] == 2
+    assert told["pixels"] == [128, 160] and told["sensor_pixels_per_pixel"] == 2
     assert told["frame"] == "chief-ray" and told["shift_um"] == [0, 0] and told["angle_deg"] == 0
     found = values(tmp_path / "psf.tif")
     assert found.shape == (3, 128, 160) and float(found.min()) >= 0
@@ -50,7 +50,7 @@ def test_defaults(tmp_path: Path) -> None:
 def test_angles_are_the_photographers(at: str, signs: tuple[int, int], tmp_path: Path) -> None:
     """To the right and up: the pattern moves to the right and up in the picture."""
     out, middle = tmp_path / "psf.tif", tmp_path / "middle.tif"
-    asked = ("--cells", "700x700", "--bin", 1)
+    asked = ("--pixels", "700x700", "--bin", 1)
     pattern(*asked, "--frame", "sensor", "-o", middle)
     told = pattern(*asked, "--frame", "sensor", "--angle", at, "-o", out)
     moved = [
@@ -88,7 +88,7 @@ def test_size_of_the_light_blurs(tmp_path: Path) -> None:
 def test_more_cells_show_what_falls_beside(tmp_path: Path) -> None:
     away = ("--angle", "10deg,0deg", "--frame", "sensor")
     pattern(*away, "-o", tmp_path / "psf.tif")
-    pattern(*away, "--cells", "256x320", "-o", tmp_path / "wide.tif")
+    pattern(*away, "--pixels", "256x320", "-o", tmp_path / "wide.tif")
     wide, narrow = values(tmp_path / "wide.tif"), values(tmp_path / "psf.tif")
     assert torch.allclose(wide[:, 64:192, 80:240], narrow, rtol=1e-3, atol=1e-3 * narrow.max())
     assert float(wide.sum()) > 1.01 * float(narrow.sum())
@@ -107,7 +107,7 @@ def test_captured(tmp_path: Path) -> None:
     told = pattern("--fill", "50%", "-o", tmp_path / "psf.dng")
     frame, sensor = read_frame(tmp_path / "psf.dng"), preset("small").sensor
     assert frame.mosaic == "RGGB" and frame.counts.shape == (1, 256, 320)
-    assert told["saturated_share"] == 0 and told["frame"] == "sensor"
+    assert told["saturated_fraction"] == 0 and told["frame"] == "sensor"
     brightest = 0.5 * sensor.clip_electrons * sensor.counts_per_electron
     assert float(frame.counts.max()) - 256 == pytest.approx(brightest, rel=0.1)
     pattern("--fill", "50%", "--seed", 1, "-o", tmp_path / "other.dng")
@@ -121,11 +121,11 @@ def test_captures_state_exposures_that_compare(tmp_path: Path) -> None:
     light = []
     for angle, fill in (("0deg,0deg", "90%"), ("10deg,0deg", "60%")):
         asked = ("--angle", angle, "--fill", fill, "-o", tmp_path / "psf.dng")
-        told = pattern(*asked, "--cells", "700x900")
+        told = pattern(*asked, "--pixels", "700x900")
         frame = read_frame(tmp_path / "psf.dng")
         assert frame.exposure_s == pytest.approx(told["exposure_s"], rel=1e-4)
         light.append(float((frame.counts - 256).mean()) / told["exposure_s"])
-        bare = pattern(*asked[:2], "-o", tmp_path / "psf.tif", "--cells", "350x450")["mean"]
+        bare = pattern(*asked[:2], "-o", tmp_path / "psf.tif", "--pixels", "350x450")["mean"]
         light[-1] /= bare
     assert light[1] == pytest.approx(light[0], rel=0.05)
 

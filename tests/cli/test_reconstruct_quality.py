@@ -5,6 +5,7 @@ import math
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,17 @@ def solved(camera: Camera, out: Path, *asked: object) -> dict[str, object]:
     assert done.code == 0, done.err
     record: dict[str, object] = json.loads(out.with_suffix(".json").read_text())
     return record
+
+
+def test_too_little_memory_is_refused_before_the_work(
+    camera: Camera, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("psutil.virtual_memory", lambda: SimpleNamespace(total=5e8))
+    for preset_name in ("draft", "photo"):
+        out = ("-o", tmp_path / "o.png", "--quality", preset_name)
+        done = run("reconstruct", camera.raw, "--psf", camera.psf, "--support", REGION, *out)
+        check_refused(done, "GB of memory, and the machine has 0.5 GB", "--support", "--bin")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_presets_cost_more_and_give_more(camera: Camera, tmp_path: Path) -> None:

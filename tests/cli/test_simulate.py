@@ -31,9 +31,9 @@ def test_picture_comes_back(picture: Path, tmp_path: Path) -> None:
     raw, point, out = (tmp_path / name for name in ("raw.dng", "psf.dng", "out.tif"))
     truth, response = tmp_path / "truth.tif", tmp_path / "response.tif"
     told = simulated(picture, *QUICK, "-o", raw, "--truth", truth, "--response", response)
-    done = run("psf", "--camera", "small", "--cells", "512x640", "--wavelengths", 1, "-o", point)
+    done = run("psf", "--camera", "small", "--pixels", "512x640", "--wavelengths", 1, "-o", point)
     assert done.code == 0, done.err
-    asked = ("--psf", point, "--psf-extent", "wide", "--support", told["region"], "--tau", 3e-5)
+    asked = ("--psf", point, "--psf-extent", "wide", "--support", told["support"], "--tau", 3e-5)
     done = run("reconstruct", raw, *asked, "-o", out, "--tiff-bits", 32)
     assert done.code == 0, done.err
     expected = values(truth) * values(response)
@@ -49,12 +49,12 @@ def test_what_is_written_and_told(picture: Path, tmp_path: Path) -> None:
     raw, truth, response = (tmp_path / name for name in ("r.dng", "t.tif", "s.tif"))
     told = simulated(picture, *QUICK, "-o", raw, "--truth", truth, "--response", response)
     assert told["outputs"] == [str(path) for path in (raw, truth, response, tmp_path / "r.json")]
-    size = tuple(int(side) for side in told["region"].split("x"))
+    size = tuple(int(side) for side in told["support"].split("x"))
     assert values(truth).shape == (3, *size) and values(response).shape == (1, *size)
     # A picture of 4:3 whose width fills 15°: its diagonal is 5/4 of that.
     corner = math.degrees(math.atan(1.25 * math.tan(math.radians(7.5))))
     assert told["largest_angle_deg"] == pytest.approx(corner, abs=1e-3)
-    assert told["cells"] == [128, 160] and told["field_error"] is None
+    assert told["pixels"] == [128, 160] and told["field_error"] is None
     assert 0.99 < float(values(response).max()) <= 1 and float(values(response).min()) > 0.8
     # The patches are there, in linear light: this is what is white.
     brightest = float(linear_from_srgb(torch.tensor(230 / 255)))
@@ -107,7 +107,7 @@ def test_counts_follow_the_exposure_until_they_clip(picture: Path, tmp_path: Pat
         assert told["exposure_s"] == milliseconds / 1000
         means.append(float(values(out).mean()) - 256)
     assert means[1] == pytest.approx(2 * means[0], rel=0.02)
-    assert told["saturated_share"] > 0.5 and int(values(out).max()) == 4095
+    assert told["saturated_fraction"] > 0.5 and int(values(out).max()) == 4095
     bright = ("--exposure", "50ms", "--luminance", "400 cd/m2")
     simulated(picture, *QUICK, *bright, "-o", tmp_path / "bright.tif")
     assert float(values(tmp_path / "bright.tif").mean()) - 256 == pytest.approx(means[1], rel=0.02)
@@ -117,7 +117,7 @@ def test_absurd_exposure_is_only_saturated(picture: Path, tmp_path: Path) -> Non
     told = simulated(
         picture, *QUICK, "--exposure", "1e6s", "--luminance", "1e12 nit", "-o", tmp_path / "r.dng"
     )
-    assert told["saturated_share"] > 0.9
+    assert told["saturated_fraction"] > 0.9
 
 
 def test_near_picture_hides_the_far_one(tmp_path: Path) -> None:
@@ -174,7 +174,7 @@ def test_grey_sensor(picture: Path, tmp_path: Path) -> None:
     (tmp_path / "camera.toml").write_text(text)
     given = (picture, "--camera", tmp_path, *QUICK[2:], "--truth", tmp_path / "truth.tif")
     told = simulated(*given, "-o", tmp_path / "raw.tif")
-    assert values(tmp_path / "raw.tif").shape == (1, 101, 121) and told["cells"] == [101, 121]
+    assert values(tmp_path / "raw.tif").shape == (1, 101, 121) and told["pixels"] == [101, 121]
     truth = values(tmp_path / "truth.tif")
     dark = linear_from_srgb(torch.tensor(20 / 255))
     assert truth.shape[0] == 1 and float(truth[0, 2, 2]) == pytest.approx(float(dark), rel=1e-3)

@@ -285,7 +285,7 @@ def edge_warning(source: str, values: Tensor, sensor: tuple[int, int]) -> str | 
     return (
         f"the PSF {source} has light up to the sensor's edges: what falls beyond them is missing "
         "from it, and pictures come out poor, depths wrong. Give an extended PSF "
-        "(nolens calibrate stitch or extrapolate; of a simulated camera nolens psf --cells) with "
+        "(nolens calibrate stitch or extrapolate; of a simulated camera nolens psf --pixels) with "
         "--psf-extent wide and --support"
     )
 

@@ -86,12 +86,12 @@ def _relief_lines(summary: dict[str, Any]) -> list[str]:
 
 def _lines(facts: dict[str, Any]) -> list[str]:
     height, width = facts["sensor_mm"]
-    rows, columns = facts["cells"]
+    rows, columns = facts["pixels"]
     shifts = ", ".join(
         f"{angle}° {shift:z.0f} µm" for angle, shift in facts["chief_ray_um"].items()
     )
     lines = [
-        f"sensor of {height:.3f} × {width:.3f} mm, {rows}×{columns} cells of the reconstruction",
+        f"sensor of {height:.3f} × {width:.3f} mm, {rows}×{columns} pixels of the reconstruction",
         f"the layers are as thick to rays as {facts['reduced_thickness_mm']:.3f} mm of air",
         f"the pattern of a light at 80 mm is {facts['magnification_at_80mm']:.4f} times as large "
         "as that of a far one",

@@ -11,7 +11,7 @@ def _scene_lines(summary: dict[str, Any]) -> list[str]:
     return [
         f"exposed {1e3 * summary['exposure_s']:.4g} ms: the brightest pixel has "
         f"{summary['brightest_electrons']:.0f} electrons, "
-        f"{100 * summary['saturated_share']:.2g} % of the pixels are saturated",
+        f"{100 * summary['saturated_fraction']:.2g} % of the pixels are saturated",
         _field_text(summary),
         f"the scene's corners are {summary['largest_angle_deg']:.1f}° off the axis",
         _next_text(summary),
@@ -30,11 +30,11 @@ def _psf_lines(summary: dict[str, Any]) -> list[str]:
 
 
 def _next_text(summary: dict[str, Any]) -> str:
-    rows, columns = summary["cells"]
+    rows, columns = summary["pixels"]
     psf, wider = "nolens psf", ""
-    if summary["psf_cells"] != f"{rows}x{columns}":
-        psf, wider = f"nolens psf --cells {summary['psf_cells']}", " --psf-extent wide"
-    return f"reconstruct with{wider} --support {summary['region']} and the PSF of {psf}"
+    if summary["psf_pixels"] != f"{rows}x{columns}":
+        psf, wider = f"nolens psf --pixels {summary['psf_pixels']}", " --psf-extent wide"
+    return f"reconstruct with{wider} --support {summary['support']} and the PSF of {psf}"
 
 
 def _field_text(summary: dict[str, Any]) -> str:

@@ -49,7 +49,7 @@ from nolens.twin import (
 _POINT = "Point source"
 _SIZE = re.compile(r"([0-9]{1,6})x([0-9]{1,6})")
 _Side = Annotated[int, Between(1, 65535)]
-_REMEDY = "fewer --cells, a camera with fewer pixels or a coarser grid of its relief needs less"
+_REMEDY = "fewer --pixels, a camera with fewer pixels or a coarser grid of its relief needs less"
 _DIAMETER_UM = 50.0
 """Of the paper's point source, a pinhole."""
 _LUX = 1.0
@@ -103,7 +103,7 @@ class PsfOptions(SimulationOptions):
         Annotated[Length, Between("0 µm", "10 m")] | None,
         Option("Diameter of the light.", _POINT, default="50um; 0um at infinity"),
     ] = None
-    cells: Annotated[
+    pixels: Annotated[
         tuple[_Side, _Side] | None,
         BeforeValidator(_two_sizes),
         Option(
@@ -111,6 +111,7 @@ class PsfOptions(SimulationOptions):
             "for reconstruct --psf-extent wide.",
             RESULT,
             default="the sensor",
+            former="cells",
         ),
     ] = None
     bin: Annotated[
@@ -200,15 +201,15 @@ def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
     if not float(psf.max()) > 0:
         raise DataError(
             f"no light from {source.angle_deg:.4g} deg off the axis reaches these pixels: they do "
-            "not accept it, or it falls beside them. Choose a smaller angle or more --cells"
+            "not accept it, or it falls beside them. Choose a smaller angle or more --pixels"
         )
     shift = twin.shift_um(source)
     figures = {
         "camera": opened.camera.name,
         "angle_deg": round(source.angle_deg, 3),
         "shift_um": [round(shift[1], 3), round(0.0 - shift[0], 3)],
-        "cells": list(shape.size),
-        "pixels_per_cell": shape.pixels,
+        "pixels": list(shape.size),
+        "sensor_pixels_per_pixel": shape.pixels,
         "frame": shape.frame,
         "mean": float(psf.mean()),
         "peak_over_mean": float(psf.max() / psf.mean()),
@@ -219,7 +220,7 @@ def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
         exposure_s = scale / (_LUX * float(photocurrents(twin, light, 1.0).max()))
         counts = expose(image * scale, sensor, seed=options.seed)
         figures["exposure_s"] = exposure_s
-        figures["saturated_share"] = saturated_fraction(counts, sensor)
+        figures["saturated_fraction"] = saturated_fraction(counts, sensor)
         write = raw_writer(counts, opened, exposure_s)
     elif options.output.suffix.lower() == ".png":
         reporter.note(
@@ -260,13 +261,13 @@ def _shape(options: PsfOptions, opened: LoadedCamera, captured: bool) -> _Shape:
                 f"--bin {options.bin}: {options.output.name} is a DNG, which holds every pixel; "
                 f"leave --bin out, or write {options.output.with_suffix('.tif').name}"
             )
-        cells = options.cells or (sensor.rows, sensor.columns)
-        if cells[0] % 2 or cells[1] % 2:
+        size = options.pixels or (sensor.rows, sensor.columns)
+        if size[0] % 2 or size[1] % 2:
             raise OptionError(
-                f"--cells {cells[0]}x{cells[1]} do not make whole 2×2 cells of the mosaic "
+                f"--pixels {size[0]}x{size[1]} do not make whole 2×2 cells of the mosaic "
                 f"{sensor.mosaic}: for a DNG, give even numbers of pixels"
             )
-        return _Shape(cells, 1, options.frame or "sensor")
+        return _Shape(size, 1, options.frame or "sensor")
     for name, given in (("--fill", options.fill), ("--seed", options.seed or None)):
         if given is not None:
             raise OptionError(
@@ -274,11 +275,11 @@ def _shape(options: PsfOptions, opened: LoadedCamera, captured: bool) -> _Shape:
                 f"noise; leave {name} out, or write "
                 f"{options.output.with_suffix('.dng').name}"
             )
-    pixels = options.bin or (1 if sensor.mosaic == "none" else 2)
-    cells = options.cells or (sensor.rows // pixels, sensor.columns // pixels)
-    if 0 in cells:
+    by = options.bin or (1 if sensor.mosaic == "none" else 2)
+    size = options.pixels or (sensor.rows // by, sensor.columns // by)
+    if 0 in size:
         raise OptionError(
-            f"--bin {pixels} is more than the sensor's {sensor.rows}×{sensor.columns} pixels: "
+            f"--bin {by} is more than the sensor's {sensor.rows}×{sensor.columns} pixels: "
             "give a smaller one"
         )
-    return _Shape(cells, pixels, options.frame or "chief-ray")
+    return _Shape(size, by, options.frame or "chief-ray")

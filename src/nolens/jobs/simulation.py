@@ -321,12 +321,12 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
     largest_angle = max(PointSource(plane.tangents).angle_deg for plane in planes)
     figures = {
         "camera": opened.camera.name,
-        "region": _region(field.region, twin.shape),
-        "cells": list(twin.shape),
-        "psf_cells": _psf_cells(field.region, twin),
+        "support": _region(field.region, twin.shape),
+        "pixels": list(twin.shape),
+        "psf_pixels": _psf_pixels(field.region, twin),
         "exposure_s": exposure_s,
         "brightest_electrons": float(electrons.max()),
-        "saturated_share": saturated_fraction(counts, sensor),
+        "saturated_fraction": saturated_fraction(counts, sensor),
         "field_points": options.field_points,
         "field_error": error,
         "largest_angle_deg": round(largest_angle, 3),
@@ -340,8 +340,8 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
     return Product(truth, figures, writers, camera_parameters(opened))
 
 
-def _psf_cells(region: Region, twin: Twin) -> str:
-    """Pixels of a PSF that a reconstruction needs, as `nolens psf --cells` takes them.
+def _psf_pixels(region: Region, twin: Twin) -> str:
+    """Pixels of a PSF that a reconstruction needs, as `nolens psf --pixels` takes them.
 
     Without an aperture light from the side passes mask that the sensor's own PSF does not show.
     """
@@ -388,9 +388,9 @@ def _warnings(error: dict[str, float] | None, field_points: int) -> list[str]:
     ]
 
 
-def _region(region: Region, cells: tuple[int, int]) -> str:
+def _region(region: Region, sensor: tuple[int, int]) -> str:
     """As `nolens reconstruct --support` takes it."""
     text = f"{region.height}x{region.width}"
-    if region == Region.centred(region.height, region.width, cells):
+    if region == Region.centred(region.height, region.width, sensor):
         return text
     return f"{text}{region.top:+d}{region.left:+d}"

@@ -367,7 +367,7 @@ def camera_figures(loaded: LoadedCamera) -> dict[str, Any]:
     }
     return {
         "sensor_mm": [round(sensor.height_mm, 4), round(sensor.width_mm, 4)],
-        "cells": list(twin.shape),
+        "pixels": list(twin.shape),
         "layers": len(camera.layers),
         "reduced_thickness_mm": round(twin.stack().reduced_um * 1e-3, 5),
         "magnification_at_80mm": round(

@@ -30,7 +30,15 @@ from nolens.jobs.reconstruction.options import (
     parse_support,
     parse_window,
 )
-from nolens.jobs.run import Product, Run, Writer, announce_memory, job
+from nolens.jobs.run import (
+    BYTES_OF_PROGRAM,
+    Product,
+    Run,
+    Writer,
+    announce_memory,
+    check_memory,
+    job,
+)
 from nolens.operators import Region
 from nolens.solvers import (
     AdmmState,
@@ -42,7 +50,6 @@ from nolens.solvers import (
     Quality,
     Reconstructor,
     Stream,
-    admm_bytes,
     stop_of,
 )
 from nolens.solvers.admm_state import Balance
@@ -50,6 +57,7 @@ from nolens.solvers.reconstructor import SPARE
 
 _DROPS_REPORTED = 5
 """Frames that are dropped with a warning each; of more, the record has all."""
+_REMEDY = "a smaller --support or larger pixels (--bin) need less"
 _PROBLEM_OPTIONS = (
     "black",
     "white",
@@ -115,10 +123,12 @@ class _Setup:
             run.reporter.note(text)
         run.warn(*developed.prepared.warnings)
         reconstructor = _reconstructor(options, psf, support, run.device)
-        problem = reconstructor.problem(developed.measurement)
-        window = _crop_window(options, problem)
-        announce_memory(admm_bytes(problem.padded_pixels), run.reporter)
         measurement, development = developed.measurement, developed.development
+        working = reconstructor.working_bytes(len(measurement.channels), measurement.size)
+        check_memory(BYTES_OF_PROGRAM + working, run.device, _REMEDY)
+        problem = reconstructor.problem(measurement)
+        window = _crop_window(options, problem)
+        announce_memory(BYTES_OF_PROGRAM + working, run.reporter)
         return cls(options, development, measurement, reconstructor, problem, window)
 
     def picture(self, scene: Tensor) -> Tensor:
