@@ -119,7 +119,7 @@ def test_automatic_exposure_fills_the_range(sensor: Sensor, tmp_path: Path) -> N
     told = taken("-o", tmp_path / "x.dng")
     (levels,) = told["exposures"]
     assert levels["exposure_s"] == pytest.approx(0.8 * 3839 / 2 * 1e-6, rel=0.15)
-    assert levels["clipped_share"] == 0
+    assert levels["clipped_fraction"] == 0
 
 
 def test_numbers_go_on_where_they_ended(sensor: Sensor, tmp_path: Path) -> None:

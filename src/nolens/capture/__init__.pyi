@@ -1,6 +1,7 @@
 from .exposure import Burst, Levels, exposure_for, fitting_exposure
 from .folder import FolderSource
 from .raspberry import RaspberrySource
+from .series import FrameNames, FrameSeries, SeriesCapture, TakenFrame
 from .source import CameraSource, Limits, Shot, available_sources, open_source
 from .twin import TwinSource, chart
 
@@ -8,10 +9,14 @@ __all__ = [
     "Burst",
     "CameraSource",
     "FolderSource",
+    "FrameNames",
+    "FrameSeries",
     "Levels",
     "Limits",
     "RaspberrySource",
+    "SeriesCapture",
     "Shot",
+    "TakenFrame",
     "TwinSource",
     "available_sources",
     "chart",

@@ -42,17 +42,17 @@ def histogram_text(levels: Levels) -> str:
     return "\n".join(lines)
 
 
-def _brightness(bright: float, clipped_share: float, kind: str = "frame") -> str:
+def _brightness(bright: float, clipped_fraction: float, kind: str = "frame") -> str:
     pixels = "brightest pixel" if kind == "psf" else "bright pixels"
     text = f"{pixels} at {100 * bright:.0f} %"
-    return f"{text}, {100 * clipped_share:.2g} % saturated" if clipped_share > 0 else text
+    return f"{text}, {100 * clipped_fraction:.2g} % saturated" if clipped_fraction > 0 else text
 
 
 def _lines(summary: dict[str, Any]) -> list[str]:
     frames = summary["frames"]
     times = "; ".join(
         (f"{1e3 * each['exposure_s']:.4g} ms, " if each["exposure_s"] else "")
-        + _brightness(each["bright"], each["clipped_share"], summary["kind"])
+        + _brightness(each["bright"], each["clipped_fraction"], summary["kind"])
         for each in summary["exposures"]
     )
     lines = [

@@ -1,24 +1,18 @@
 """`nolens capture`: raw frames of any source: one, many, averaged, bracketed, or a time-lapse."""
 
-import math
-import re
-import time
-from collections.abc import Iterator
 from contextlib import closing
 from functools import partial
-from itertools import count, cycle
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated
 
 from nolens.capture import (
-    Burst,
-    CameraSource,
+    FrameNames,
+    FrameSeries,
     Levels,
-    Limits,
-    Shot,
+    SeriesCapture,
+    TakenFrame,
     TwinSource,
     available_sources,
-    fitting_exposure,
     open_source,
 )
 from nolens.errors import FileError, NolensError, OptionError
@@ -27,26 +21,14 @@ from nolens.files import (
     PICTURE_SUFFIXES,
     RunRecord,
     check_holds,
-    read_picture,
     write_frame,
     write_into,
     write_record,
 )
 from nolens.jobs.fields import Exposure, FilePath, Interval, Mosaic, Name, record_beside
 from nolens.jobs.options import JobOptions, Option, Written
-from nolens.jobs.run import Product, Reporter, Run, job
+from nolens.jobs.run import Product, Reporter, Run, job, with_former_keys
 from nolens.ranges import Between
-
-_LONGEST_S = 1.0
-"""Exposure time that is taken at most where none is asked for."""
-_POLL_S = 0.1
-_DARK = 0.02
-"""Mean of a dark frame, as a fraction of its range, from which on light must have reached it."""
-_FAINT = 0.2
-_CLIPPED = 1e-3
-
-Kind = Literal["frame", "dark", "psf"]
-"""What frames show: a scene, nothing (the camera is covered), or a point source."""
 
 _WHAT, _CAMERA = "What is taken", "Camera"
 
@@ -197,26 +179,24 @@ class CaptureOptions(JobOptions):
             )
 
     @property
-    def kind(self) -> Kind:
-        """What the frames show."""
-        return "dark" if self.dark else "psf" if self.psf else "frame"
-
-    @property
     def sets(self) -> bool:
         """Whether exposure time and gain can be set from here."""
         return not self.source.startswith("folder:")
 
     @property
-    def several(self) -> bool:
-        """Whether more than one file may be written."""
-        files = self.bracket * (1 if self.average else self.frames)
-        return files > 1 or self.every is not None
-
-    @property
-    def total(self) -> int | None:
-        """Frames that are taken in all; None where they go on until they are stopped."""
-        rounds = 1 if self.every is None else self.count
-        return None if rounds is None else rounds * self.bracket * self.frames
+    def series(self) -> FrameSeries:
+        """What is taken."""
+        return FrameSeries(
+            kind="dark" if self.dark else "psf" if self.psf else "frame",
+            frames=self.frames,
+            average=self.average,
+            exposure_s=None if self.exposure is None else self.exposure.s,
+            gain=self.gain,
+            bracket=self.bracket,
+            factor=self.factor,
+            every=self.every,
+            rounds=self.count,
+        )
 
     @property
     def names_folder(self) -> bool:
@@ -228,7 +208,7 @@ class CaptureOptions(JobOptions):
         """It is made where it does not exist, but for the one file that was named."""
         if self.names_folder:
             return self.output
-        return self.output.parent if self.several else None
+        return self.output.parent if self.series.several else None
 
     @property
     def inputs(self) -> dict[str, Path]:
@@ -249,7 +229,7 @@ class CaptureOptions(JobOptions):
     @property
     def written(self) -> tuple[Written, ...]:
         """The one file and its record; several are named as they are written."""
-        if self.several or self.names_folder:
+        if self.series.several or self.names_folder:
             return ()
         record = record_beside(self.output)
         return (
@@ -291,315 +271,66 @@ def capture_frames(run: Run[CaptureOptions]) -> Product[None]:
     NolensError
         If the camera, an option or an output cannot be used. What was written before stays.
     """
-    options = run.options
-    names = _FileNames(options)
+    options, series = run.options, run.options.series
+    names = FrameNames(options.output, options.names_folder, series)
     run.begin()
+
+    def warn_once(text: str) -> None:
+        if text not in run.warnings:
+            run.warn(text)
+
     source = open_source(
         options.source, existing=options.existing, mosaic=options.mosaic, warn=run.warn
     )
-    if isinstance(source, TwinSource) and options.source == "auto":
+    if not isinstance(source, TwinSource):
+        if options.scene is not None:
+            run.warn(f"{options.scene} is not shown: {source.name} sees its own scene")
+    elif options.source == "auto":
         run.reporter.note(f"a simulated camera takes the frames, as {available_sources()[0].why}")
-    capture = _Capture(run, source, names)
+    outputs: list[Path] = []
+
+    def write(taken: TakenFrame) -> None:
+        path = names.next(taken)
+        _write_frame(path, taken, run)
+        outputs.append(path)
+
+    capture = SeriesCapture(
+        series,
+        source,
+        options.inputs.values(),
+        run.reporter,
+        write=write,
+        warn=warn_once,
+        display=run.reporter.levels if isinstance(run.reporter, CaptureReporter) else None,
+    )
     with closing(source):
-        capture.open()
         try:
-            capture.all_rounds()
+            capture.run()
         except NolensError as error:
-            if files := len(capture.outputs):
+            if files := len(outputs):
                 many = "files written before are" if files > 1 else "file written before is"
                 written = f"the {files} {many} kept, in {names.folder}"
                 raise type(error)(f"{error} ({written})") from error
             raise
-    return Product(None, capture.figures(), outputs=tuple(capture.outputs))
+    return Product(None, {**capture.figures(), "files": len(outputs)}, outputs=tuple(outputs))
 
 
-class _FileNames:
-    """Gives every file its name, and none that is taken.
-
-    Raises a FileError for an unknown suffix, and an OptionError for an average as .dng.
-    """
-
-    def __init__(self, options: CaptureOptions) -> None:
-        output = options.output
-        self._options, self._number = options, 0
-        self.folder, self._stem, self._suffix = output.parent, output.stem, output.suffix
-        if options.names_folder:
-            self.folder, self._stem, self._suffix = output, str(options.kind), ""
-        else:
-            # That of one file was checked with its folder.
-            if output.suffix.lower() not in FRAME_SUFFIXES:
-                raise FileError(
-                    f"cannot write {output}: the suffix {output.suffix} is not known here. "
-                    f"Accepted: {', '.join(FRAME_SUFFIXES)}"
-                )
-            if options.average and output.suffix.lower() == ".dng":
-                raise OptionError(
-                    f"{output.name} would be a DNG, which holds whole counts, and an average has "
-                    f"fractions: write {output.with_suffix('.tif').name}"
-                )
-        self._numbered = options.several or not self._suffix
-        if self._numbered:
-            self._number = self._largest()
-
-    def next(self, shot: Shot, exposure_s: float) -> Path:
-        """Name of the next file."""
-        name = self._stem
-        if self._numbered:
-            self._number += 1
-            name += f"-{self._number:04d}"
-        if self._options.bracket > 1:
-            name += f"-{1e3 * exposure_s:.4g}ms"
-        # Not with_suffix: what follows the last dot of the name may be part of a number.
-        return self.folder / f"{name}{self._suffix or self._default_suffix(shot)}"
-
-    def _default_suffix(self, shot: Shot) -> str:
-        if len(shot.frame.counts) > 1:
-            return ".npy"
-        return ".tif" if self._options.average or shot.frame.mosaic is None else ".dng"
-
-    def _largest(self) -> int:
-        """Largest number that is taken, so that frames of another day stay."""
-        pattern = re.compile(rf"{re.escape(self._stem)}-(\d+)(?:-[^/]*ms)?\.\w+")
-        try:
-            names = [each.name for each in self.folder.iterdir()]
-        except OSError:  # It is made with the first frame.
-            return 0
-        matches = (pattern.fullmatch(name) for name in names)
-        return max((int(match[1]) for match in matches if match), default=0)
-
-
-class _Capture:
-    """All rounds of a capture, and what has been written so far."""
-
-    def __init__(self, run: Run[CaptureOptions], source: CameraSource, names: _FileNames) -> None:
-        self._run, self._options, self._reporter = run, run.options, run.reporter
-        self._source, self._names = source, names
-        self._scenes = [*run.options.inputs.values()]
-        self._next_scene: Iterator[Path] = cycle(self._scenes)
-        self._times: tuple[float, ...] = ()
-        self.outputs: list[Path] = []
-        self._taken = 0
-        self._last: Shot | None = None
-        self._exposures: dict[float, dict[str, float]] = {}
-        self._stopped = False
-
-    def open(self) -> None:
-        """Open the camera and set the exposure times.
-
-        A simulated camera is shown first what a real one would be put before.
-        """
-        if isinstance(self._source, TwinSource):
-            self._show(self._source)
-        elif self._options.scene is not None:
-            self._run.warn(
-                f"{self._options.scene} is not shown: {self._source.name} sees its own scene"
-            )
-        self._source.open()
-        self._times = self._exposure_times()
-
-    def all_rounds(self) -> None:
-        """Take every frame, until all are taken or a person wants to stop."""
-        for _ in self._rounds():
-            for exposure_s in self._times:
-                if not math.isnan(exposure_s):
-                    self._source.set(exposure_s=exposure_s, gain=self._options.gain)
-                self._burst(exposure_s)
-                if self._stopped:
-                    return
-
-    def figures(self) -> dict[str, Any]:
-        """Figures of the run; for each exposure time, the levels of its last frame."""
-        assert self._last is not None
-        return {
-            "source": self._source.name,
-            "kind": self._options.kind,
-            "frames": self._taken,
-            "files": len(self.outputs),
-            "asked": {
-                "exposure_s": None if math.isnan(self._times[0]) else self._times[0],
-                "gain": self._options.gain,
-                "bracket": self._options.bracket,
-                "factor": self._options.factor,
-            },
-            "gain": self._last.gain,
-            "size": list(self._last.frame.counts.shape[-2:]),
-            "exposures": list(self._exposures.values()),
-        }
-
-    def _show(self, twin: TwinSource) -> None:
-        if self._options.kind == "dark":
-            self._reporter.note("the simulated camera is covered")
-            twin.show_dark()
-        elif self._options.kind == "psf":
-            self._reporter.note("the simulated camera looks at a point source, straight ahead")
-            twin.show_point()
-        elif self._scenes:
-            twin.show(read_picture(self._scenes[0]).radiance)
-
-    def _exposure_times(self) -> tuple[float, ...]:
-        """Of the frames of one round, the shortest first; NaN where none can be set."""
-        options, limits = self._options, self._source.limits
-        if limits is None:
-            return (math.nan,)
-        if options.exposure is not None:
-            first_s = options.exposure.s
-            limits.check(first_s, options.gain)
-        else:
-            first_s = self._fitting_exposure(limits)
-        times = tuple(first_s * options.factor**number for number in range(options.bracket))
-        limits.check(times[-1], options.gain)
-        return times
-
-    def _fitting_exposure(self, limits: Limits) -> float:
-        shortest, longest = limits.exposure_s
-        longest = min(longest, _LONGEST_S)
-        exposure_s = fitting_exposure(
-            self._source,
-            Limits((shortest, longest), limits.gain),
-            self._options.gain,
-            every_pixel=self._options.kind == "psf",
-            progress=partial(self._reporter.advance, "exposure"),
-        )
-        if exposure_s >= _LONGEST_S:
-            self._reporter.note(
-                f"exposed {_LONGEST_S:g} s, the longest unasked: more light, or --exposure"
-            )
-        return exposure_s
-
-    def _rounds(self) -> Iterator[int]:
-        """Numbers of the rounds, each when it is due."""
-        if self._options.every is None:
-            yield 0
-            return
-        begun, every_s = time.monotonic(), self._options.every.s
-        for number in count() if self._options.count is None else range(self._options.count):
-            left = begun + number * every_s - time.monotonic()
-            if left < -every_s:
-                self._warn_once(
-                    f"a round takes longer than {self._options.every}: the next one begins as "
-                    "soon as it can"
-                )
-            while left > 0:
-                time.sleep(min(left, _POLL_S))
-                if self._step():
-                    return
-                left = begun + number * every_s - time.monotonic()
-            yield number
-
-    def _burst(self, exposure_s: float) -> None:
-        burst = Burst()
-        try:
-            for _ in range(self._options.frames):
-                shot = self._shot()
-                levels = self._check(shot, exposure_s)
-                if self._options.average:
-                    burst.add(shot)
-                else:
-                    self._write(shot, levels, exposure_s, 1)
-                self._taken += 1
-                self._stopped = self._step()
-                if self._stopped:
-                    break
-        finally:
-            # Also where the camera fails: what was taken is not lost.
-            if burst.frames:
-                mean = burst.mean()
-                self._write(mean, Levels.of(mean.frame), exposure_s, burst.frames)
-
-    def _shot(self) -> Shot:
-        if self._source.limits is None:  # Files may never come: Ctrl-C is to end that.
-            self._reporter.advance("waiting for a file", 0.0)
-        several = self._options.kind == "frame" and len(self._scenes) > 1
-        if isinstance(self._source, TwinSource) and several:
-            self._source.show(read_picture(next(self._next_scene)).radiance)
-        return self._source.shot()
-
-    def _check(self, shot: Shot, exposure_s: float) -> Levels:
-        """Levels of a frame, which the reporter sees; the first one's may be warned of."""
-        levels = Levels.of(shot.frame)
-        self._last = shot
-        self._exposures[exposure_s] = {
-            "exposure_s": shot.exposure_s,
-            "bright": levels.brightest if self._options.kind == "psf" else levels.bright,
-            "clipped_share": levels.clipped_fraction,
-        }
-        if isinstance(self._reporter, CaptureReporter):
-            self._reporter.levels(levels)
-        if not self._taken:
-            for text in _warnings(shot, levels, self._options.kind):
-                self._warn_once(text)
-        return levels
-
-    def _write(self, shot: Shot, levels: Levels, exposure_s: float, frames: int) -> None:
-        """Write a frame, the mean of so many, and its record, both or neither."""
-        run, frame = self._run, shot.frame
-        path = self._names.next(shot, shot.exposure_s if math.isnan(exposure_s) else exposure_s)
-        check_holds(path, frame)
-        facts = {
-            "kind": run.options.kind,
-            "camera": shot.camera,
-            "taken": shot.taken.isoformat(timespec="milliseconds"),
-            "exposure_s": shot.exposure_s,
-            "gain": shot.gain,
-            "frames": frames,
-            "size": list(frame.counts.shape[-2:]),
-            "mosaic": frame.mosaic,
-            "black": list(frame.black),
-            "white": frame.white,
-            "clipped_share": levels.clipped_fraction,
-            "bright": levels.bright,
-            "brightest": levels.brightest,
-            "mean": levels.mean,
-            "details": shot.details,
-        }
-        record = RunRecord(
-            started=run.clock.started,
-            inputs=run.inputs,
-            parameters={**run.options.model_dump(mode="json"), "kind": run.options.kind},
-            result=facts,
-            history=[],
-            warnings=list(run.warnings),
-        )
-        write_into(
-            path.parent,
-            {
-                path: partial(write_frame, frame=frame, model=shot.camera),
-                path.with_suffix(".json"): partial(write_record, record=record),
-            },
-        )
-        self.outputs.append(path)
-
-    def _step(self) -> bool:
-        total = self._options.total or self._taken + 1
-        return self._reporter.step("frame", self._taken, total, "the frames")
-
-    def _warn_once(self, text: str) -> None:
-        if text not in self._run.warnings:
-            self._run.warn(text)
-
-
-def _warnings(shot: Shot, levels: Levels, kind: Kind) -> list[str]:
-    """What may be wrong with the frames, by the first one."""
-    texts = []
-    clipped = f"{100 * levels.clipped_fraction:.2g} % of the pixels are saturated"
-    if kind == "dark":
-        if levels.mean > _DARK:
-            texts.append(
-                f"light reaches the sensor: the mean of this dark frame is {100 * levels.mean:.2g} "
-                "% of the range above black. Cover the camera"
-            )
-    elif kind == "psf" and levels.clipped_fraction > 0:
-        texts.append(f"{clipped}, and the PSF's peaks are cut off there: take a shorter --exposure")
-    elif levels.clipped_fraction > _CLIPPED:
-        texts.append(f"{clipped}: take a shorter --exposure")
-    elif levels.bright < _FAINT:
-        texts.append(
-            f"the frame is faint: 99.9 % of its pixels lie below {100 * levels.bright:.2g} % of "
-            "the range. Take a longer --exposure, or more light"
-        )
-    if kind == "psf" and shot.details.get("defect_correction"):
-        texts.append(
-            "the sensor corrects what it takes for defect pixels, and changes bright points: "
-            "switch that off (docs/pi.md, Defect correction)"
-        )
-    return texts
+def _write_frame(path: Path, taken: TakenFrame, run: Run[CaptureOptions]) -> None:
+    """Write a frame and its record, both or neither."""
+    frame, kind = taken.shot.frame, run.options.series.kind
+    check_holds(path, frame)
+    record = RunRecord(
+        started=run.clock.started,
+        inputs=run.inputs,
+        parameters={**run.options.model_dump(mode="json"), "kind": kind},
+        result=with_former_keys({"kind": kind, **taken.figures()}),
+        history=[],
+        warnings=list(run.warnings),
+    )
+    write_into(
+        path.parent,
+        {
+            path: partial(write_frame, frame=frame, model=taken.shot.camera),
+            path.with_suffix(".json"): partial(write_record, record=record),
+        },
+    )

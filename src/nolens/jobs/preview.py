@@ -67,7 +67,7 @@ def write_preview(run: Run[PreviewOptions]) -> Product[Tensor]:
         levels = Levels.of(frame)
         about = {
             "histogram": {name: list(bins) for name, bins in levels.histogram.items()},
-            "clipped_share": levels.clipped_fraction,
+            "clipped_fraction": levels.clipped_fraction,
             "mosaic": frame.mosaic,
             "exposure_s": frame.exposure_s,
             "black": list(frame.black),

@@ -136,7 +136,7 @@ class Photograph {
       this.follow();
       this.preview.src = fileUrl(outputs?.[0] ?? "");
       this.preview.hidden = false;
-      const clipped = typeof summary.clipped_share === "number" ? `, ${percent(summary.clipped_share)} clipped` : "";
+      const clipped = typeof summary.clipped_fraction === "number" ? `, ${percent(summary.clipped_fraction)} clipped` : "";
       this.previewNote.textContent = `${summary.columns} × ${summary.rows} pixels${clipped}`;
     } catch (error) {
       if (asked === this.asked) this.previewNote.textContent = "";
