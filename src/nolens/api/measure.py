@@ -31,22 +31,8 @@ from nolens.evaluate import (
 )
 from nolens.evaluate import psnr as _psnr
 from nolens.evaluate import ssim as _ssim
-from nolens.experiments.dot_grid import (
-    DotGrid,
-    dot_grid,
-    dot_grid_bytes,
-    field_points,
-    grid_tangents,
-)
-from nolens.experiments.off_axis import (
-    CORRELATIONS,
-    OffAxis,
-    angle_figures,
-    compare,
-    off_axis,
-    off_axis_bytes,
-    ray_curves,
-)
+from nolens.experiments.off_axis import CORRELATIONS, FieldTarget, compare
+from nolens.experiments.off_axis import FieldOfView as _FieldOfView
 from nolens.experiments.resolution import (
     POINT_ITERATIONS,
     TARGET_ITERATIONS,
@@ -64,8 +50,7 @@ from nolens.files.plot_measurements import (
     draw_edge,
     draw_star,
     draw_two_points,
-    write_angles_plot,
-    write_dots_plot,
+    write_field_plot,
 )
 from nolens.operators import Region
 from nolens.optics import PointSource
@@ -331,44 +316,16 @@ def _scaled(
     return values, AngularScale.of_camera(camera.preview, support)
 
 
-@dataclass(frozen=True, repr=False)
-class FieldOfView:
+class FieldOfView(_FieldOfView):
     """How far to the side a camera sees. A notebook shows it as a plot.
 
-    Parameters
-    ----------
-    psfs
-        PSFs from the side beside the central one, by angle; empty where dots were measured.
-    grid
-        A grid of dots in the camera's picture; None where PSFs were compared.
-    rays
-        Curves by ray optics, by name; None where the camera is not known.
+    `figures` has all figures by name, as ``nolens measure field --json`` prints them; `psfs` are
+    the PSFs by angle, `grid` the dots where a grid was measured, and `rays` curves by ray optics
+    where the camera is known.
     """
 
-    psfs: tuple[OffAxis, ...]
-    grid: DotGrid | None = None
-    rays: Mapping[str, Sequence[float]] | None = None
-
-    @property
-    def figures(self) -> dict[str, Any]:
-        """All figures by name, as ``nolens measure field --json`` prints them."""
-        return angle_figures(self.psfs) if self.grid is None else self.grid.figures
-
     def _repr_png_(self) -> bytes:
-        if self.grid is None:
-            return _png(
-                partial(write_angles_plot, psfs=self.psfs, rays=self.rays, levels=CORRELATIONS)
-            )
-        angles = self.grid.angles
-        return _png(
-            partial(
-                write_dots_plot,
-                dots=self.grid.dots,
-                picture=self.grid.picture,
-                good_deg=angles.good_deg,
-                lost_deg=angles.lost_deg,
-            )
-        )
+        return _png(partial(write_field_plot, field=self, levels=CORRELATIONS))
 
     def __repr__(self) -> str:
         if self.grid is None:
@@ -422,42 +379,18 @@ def measure_field(
     """
     if not isinstance(source, Camera):
         return _of_captured(source, distance, camera, pixel)
-    away_um, preview = distance_um(distance), source.preview
-    if dot_pitch is None:
-        at = [angle_of(each).deg for each in angles]
-        if not at or at != sorted(set(at)):
-            raise OptionError('give rising angles, such as ("0deg", "10deg", "20deg")')
-        farthest = source_of(distance, (f"{at[-1]}deg", "0deg"), "50um")
-        preview.check_source(farthest)
-        check_camera_memory(source, off_axis_bytes(preview, farthest, len(at)), _REMEDY)
-        experiment = VirtualExperiment(source.twin, Light("white-led"), field_points=1)
-        with reported(progress, "PSFs") as advance:
-            psfs = off_axis(
-                experiment,
-                at,
-                distance_um=away_um,
-                diameter_um=farthest.diameter_um,
-                seed=seed,
-                progress=advance,
-            )
-        return FieldOfView(tuple(psfs), None, ray_curves(preview, at[-1], away_um))
-    extent_deg, pitch_um = angle_of(extent).deg, length_um(dot_pitch)
-    grid_tangents(pitch_um, away_um, extent_deg)
-    preview.check_source(PointSource((0.0, math.tan(math.radians(extent_deg))), away_um))
-    check_camera_memory(source, dot_grid_bytes(preview, extent_deg, away_um), _REMEDY)
+    at = [angle_of(each).deg for each in angles]
+    if dot_pitch is None and (not at or at != sorted(set(at))):
+        raise OptionError('give rising angles, such as ("0deg", "10deg", "20deg")')
+    pitch_um = None if dot_pitch is None else length_um(dot_pitch)
+    target = FieldTarget(distance_um(distance), at, pitch_um, angle_of(extent).deg)
+    check_camera_memory(source, target.working_bytes(source.preview), _REMEDY)
     experiment = VirtualExperiment(
-        source.twin, Light("white-led"), field_points=field_points(extent_deg)
+        source.twin, Light("white-led"), field_points=target.field_points
     )
-    with reported(progress, "dots") as advance:
-        grid = dot_grid(
-            experiment,
-            pitch_um=pitch_um,
-            distance_um=away_um,
-            extent_deg=extent_deg,
-            seed=seed,
-            progress=advance,
-        )
-    return FieldOfView((), grid)
+    with reported(progress, "PSFs" if dot_pitch is None else "dots") as advance:
+        field = target.measure(experiment, seed, advance)
+    return FieldOfView(field.psfs, field.grid, field.rays)
 
 
 def _of_captured(
@@ -489,8 +422,7 @@ def _of_captured(
         )
         for angle_deg in sorted(planes)
     ]
-    rays = None if twin is None else ray_curves(twin, max(planes), distance_um(distance))
-    return FieldOfView(tuple(measured), None, rays)
+    return FieldOfView.of_psfs(measured, twin, distance_um(distance))
 
 
 def _png(write: Callable[[Path], None]) -> bytes:

@@ -1,16 +1,24 @@
 """How PSFs change with the field angle: correlation with the central one, shift and light."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
 import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
-from nolens.camera import develop
+from nolens.camera import PsfEntry, develop
 from nolens.errors import DataError
+from nolens.experiments.dot_grid import (
+    DotGrid,
+    dot_grid,
+    dot_grid_bytes,
+    field_points,
+    grid_tangents,
+)
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.kernels import fast_length, irfft2, rfft2
 from nolens.optics import PointSource
@@ -20,6 +28,8 @@ from nolens.twin import Light, Twin, colours_of, polychromatic_psf_bytes, shorte
 CORRELATIONS = (0.6, 0.3)
 """Down to the first a picture is good, below the second it is lost (`uvimprint`); the paper does
 not say whether frames count by their own norms or, at one exposure, by the central one's."""
+_DIAMETER_UM = 50.0
+"""The paper's light: a pinhole of 50 um."""
 _FILL = 0.9
 """Fraction of a full pixel that the brightest one is exposed to."""
 _CURVE_STEPS = 60
@@ -128,7 +138,7 @@ def off_axis(
     ]
 
 
-def off_axis_bytes(twin: Twin, farthest: PointSource, count: int) -> float:
+def _off_axis_bytes(twin: Twin, farthest: PointSource, count: int) -> float:
     """Bytes that PSFs of some point sources, with two samples to the pixel, hold at once."""
     sensor = twin.camera.sensor
     psf = polychromatic_psf_bytes(
@@ -142,18 +152,10 @@ def off_axis_bytes(twin: Twin, farthest: PointSource, count: int) -> float:
     return psf + 8 * sensor.rows * sensor.columns * (count + 1)
 
 
-def angle_figures(psfs: Sequence[OffAxis]) -> dict[str, Any]:
+def _angle_figures(psfs: Sequence[OffAxis]) -> dict[str, Any]:
     """Figures of PSFs by angle, and where their correlations fall to `CORRELATIONS`.
 
-    Parameters
-    ----------
-    psfs
-        By angle.
-
-    Returns
-    -------
-    dict
-        Values that JSON has. A correlation that some PSF does not have is left out.
+    A correlation that some PSF does not have is left out.
     """
     angles = [each.angle_deg for each in psfs]
     figures: dict[str, Any] = {"angles": [asdict(each) for each in psfs]}
@@ -164,6 +166,156 @@ def angle_figures(psfs: Sequence[OffAxis]) -> dict[str, Any]:
                 f"{level:g}": falls_to(level, angles, values) for level in CORRELATIONS
             }
     return figures
+
+
+@dataclass(frozen=True, repr=False)
+class FieldOfView:
+    """How far to the side a camera sees.
+
+    Parameters
+    ----------
+    psfs
+        PSFs from the side beside the central one, by angle; empty where dots were measured.
+    grid
+        A grid of dots in the camera's picture; None where PSFs were compared.
+    rays
+        Curves by ray optics, by name; None where the camera is not known.
+    """
+
+    psfs: tuple[OffAxis, ...]
+    grid: DotGrid | None = None
+    rays: Mapping[str, Sequence[float]] | None = None
+
+    @classmethod
+    def of_psfs(cls, psfs: Sequence[OffAxis], twin: Twin | None, distance_um: float) -> Self:
+        """PSFs by angle, of light at a distance, with what rays say where the camera is known."""
+        rays = None if twin is None else ray_curves(twin, psfs[-1].angle_deg, distance_um)
+        return cls(tuple(psfs), None, rays)
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """All figures by name, as ``nolens measure field --json`` prints them."""
+        return _angle_figures(self.psfs) if self.grid is None else self.grid.figures
+
+
+@dataclass(frozen=True)
+class FieldTarget:
+    """What a simulated camera is shown: a grid of dots, or without its pitch point sources.
+
+    Parameters
+    ----------
+    distance_um
+        From the camera.
+    angles_deg
+        Half angles of the point sources, rising.
+    pitch_um
+        Distance of neighbouring dots.
+    extent_deg
+        Half angle up to which there are dots.
+
+    Raises
+    ------
+    OptionError
+        If there are too few dots up to that angle, or too many.
+    """
+
+    distance_um: float
+    angles_deg: Sequence[float]
+    pitch_um: float | None
+    extent_deg: float
+
+    def __post_init__(self) -> None:
+        if self.pitch_um is not None:
+            grid_tangents(self.pitch_um, self.distance_um, self.extent_deg)
+
+    def __str__(self) -> str:
+        if self.pitch_um is None:
+            return f"{len(self.angles_deg)} point sources"
+        return f"{len(grid_tangents(self.pitch_um, self.distance_um, self.extent_deg))} dots"
+
+    @property
+    def field_points(self) -> int:
+        """PSFs along each side of what is blended."""
+        return 1 if self.pitch_um is None else field_points(self.extent_deg)
+
+    def working_bytes(self, twin: Twin) -> float:
+        """Bytes that the experiment holds at once, beside the relief.
+
+        Raises
+        ------
+        OptionError
+            If the largest angle is beyond the model.
+        """
+        largest_deg = self.angles_deg[-1] if self.pitch_um is None else self.extent_deg
+        farthest = PointSource((0.0, math.tan(math.radians(largest_deg))), self.distance_um)
+        twin.check_source(farthest)
+        if self.pitch_um is None:
+            return _off_axis_bytes(twin, farthest, len(self.angles_deg))
+        return dot_grid_bytes(twin, largest_deg, self.distance_um)
+
+    def measure(
+        self, experiment: VirtualExperiment, seed: int, progress: ProgressCallback
+    ) -> FieldOfView:
+        """Show it to a camera with as many `field_points`; the seed is that of the noise."""
+        if self.pitch_um is None:
+            psfs = off_axis(
+                experiment,
+                self.angles_deg,
+                distance_um=self.distance_um,
+                diameter_um=0.0 if math.isinf(self.distance_um) else _DIAMETER_UM,
+                seed=seed,
+                progress=progress,
+            )
+            return FieldOfView.of_psfs(psfs, experiment.twin, self.distance_um)
+        grid = dot_grid(
+            experiment,
+            pitch_um=self.pitch_um,
+            distance_um=self.distance_um,
+            extent_deg=self.extent_deg,
+            seed=seed,
+            progress=progress,
+        )
+        return FieldOfView((), grid)
+
+
+def source_of(entry: PsfEntry) -> PointSource:
+    """Light of a PSF: to the right of the axis, and above it, where rows count downwards."""
+    right, up = (math.tan(angle.rad) for angle in entry.angle)
+    return PointSource((-up, right), entry.distance_um)
+
+
+def captured_at_angles(
+    folder: Path, entries: Sequence[PsfEntry]
+) -> tuple[PsfEntry, list[PsfEntry]]:
+    """The central PSF, and all of its distance by angle; those of the distance with the most.
+
+    Raises
+    ------
+    DataError
+        If the folder has none from straight ahead, or none from the side at its distance.
+    """
+    captured = [
+        each
+        for each in entries
+        if each.kind == "captured" and (each.on_axis or each.frame == "sensor")
+    ]
+    groups: dict[float, list[PsfEntry]] = {}
+    for entry in captured:
+        groups.setdefault(entry.distance_um, []).append(entry)
+    whole = [group for group in groups.values() if any(each.on_axis for each in group)]
+    if not whole:
+        raise DataError(
+            f"{folder} has no captured PSF of a light straight ahead to compare others with: "
+            "calibrate one (nolens calibrate), at the distance of those from the side"
+        )
+    group = max(whole, key=len)
+    if len(group) == 1:
+        raise DataError(
+            f"{folder} has no captured PSF of a light from the side at the distance of "
+            f"{group[0].file}: calibrate some at known angles (nolens calibrate)"
+        )
+    central = next(each for each in group if each.on_axis)
+    return central, sorted(group, key=lambda each: source_of(each).angle_deg)
 
 
 def compare(

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from nolens.evaluate import Dot, EdgeResolution, PsfFigures, StarResolution, TwoPoints
-    from nolens.experiments.off_axis import OffAxis
+    from nolens.experiments.off_axis import FieldOfView, OffAxis
 
 _MARK = "#c23b2e"
 _COLOURS = {0: "#3557c9", 90: "#2f9140", 180: "#e08a1e", 270: "#8a4fb0"}
@@ -218,6 +218,21 @@ def _in_blocks(values: NDArray[np.float64], most: int) -> NDArray[np.float64]:
     squares = (cut**2).reshape(rows, steps[0], columns, steps[1]).mean(axis=(1, 3))
     root: NDArray[np.float64] = np.sqrt(squares)
     return root
+
+
+def write_field_plot(path: str | Path, field: "FieldOfView", levels: Sequence[float]) -> None:
+    """Draw the dots of a grid, or PSFs from the side with correlations to mark.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    if field.grid is None:
+        write_angles_plot(path, field.psfs, field.rays, levels)
+    else:
+        grid, angles = field.grid, field.grid.angles
+        write_dots_plot(path, grid.dots, grid.picture, angles.good_deg, angles.lost_deg)
 
 
 def write_angles_plot(

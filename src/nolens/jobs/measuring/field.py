@@ -1,7 +1,6 @@
 """`nolens measure field`: how PSFs and a grid of dots change with the field angle."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -10,27 +9,20 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from nolens.amounts import rounded
-from nolens.camera import LoadedCamera, PsfEntry, develop
+from nolens.camera import LoadedCamera, develop
 from nolens.camera.part import PositiveLength, refusal
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
 from nolens.evaluate import clipped_pixels
-from nolens.experiments.dot_grid import (
-    DotGrid,
-    dot_grid,
-    dot_grid_bytes,
-    field_points,
-    grid_tangents,
-    locate_grid,
-)
+from nolens.experiments.dot_grid import locate_grid
 from nolens.experiments.off_axis import (
     CORRELATIONS,
+    FieldOfView,
+    FieldTarget,
     OffAxis,
-    angle_figures,
+    captured_at_angles,
     compare,
-    off_axis,
-    off_axis_bytes,
-    ray_curves,
+    source_of,
 )
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import (
@@ -44,20 +36,15 @@ from nolens.files import (
     write_png,
     write_tiff32,
 )
-from nolens.files.plot_measurements import write_angles_plot, write_dots_plot
+from nolens.files.plot_measurements import write_field_plot
 from nolens.jobs.fields import CAMERAS, RESULT, FilePath, Name, Seed, record_beside
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Run, Writer, check_memory, job
-from nolens.optics import PointSource
 from nolens.progress import ProgressCallback
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
 from nolens.twin import Twin, distance_um, preview_model, relief_points, simulation_bytes
 
-FieldOfView = list[OffAxis] | DotGrid
-"""PSFs from the side, or the dots of a grid."""
-_DIAMETER_UM = 50.0
-"""The paper's light: a pinhole of 50 um."""
 _REMEDY = "a camera with fewer pixels or a coarser grid of its relief needs less"
 
 
@@ -279,7 +266,7 @@ def _captured_off_axis(
     Gives one for each PSF, by angle, the central one first; the distance of the light in um; and
     warnings. Without a twin, what follows from the camera is left out.
     """
-    central, others = _chosen(folder, read_psf_set(folder).psf)
+    central, others = captured_at_angles(folder, read_psf_set(folder).psf)
     warnings = []
     first = read_psf(folder, central).mean(dim=0)
     if twin is not None and not math.isclose(central.pixel.um, twin.pixel_um, rel_tol=0.01):
@@ -298,40 +285,8 @@ def _captured_off_axis(
                 f"{clipped} pixels of {folder / entry.file}, many side by side, have its very "
                 "largest value: it seems to be clipped. Take a shorter exposure"
             )
-        psfs.append(compare(first, psf, _source_of(entry), central.pixel.um, twin))
+        psfs.append(compare(first, psf, source_of(entry), central.pixel.um, twin))
     return psfs, central.distance_um, warnings
-
-
-def _source_of(entry: PsfEntry) -> PointSource:
-    """Light of a PSF: to the right of the axis, and above it, where rows count downwards."""
-    right, up = (math.tan(angle.rad) for angle in entry.angle)
-    return PointSource((-up, right), entry.distance_um)
-
-
-def _chosen(folder: Path, entries: Sequence[PsfEntry]) -> tuple[PsfEntry, list[PsfEntry]]:
-    """The central PSF, and all of its distance by angle; those of the distance with the most."""
-    captured = [
-        each
-        for each in entries
-        if each.kind == "captured" and (each.on_axis or each.frame == "sensor")
-    ]
-    groups: dict[float, list[PsfEntry]] = {}
-    for entry in captured:
-        groups.setdefault(entry.distance_um, []).append(entry)
-    whole = [group for group in groups.values() if any(each.on_axis for each in group)]
-    if not whole:
-        raise DataError(
-            f"{folder} has no captured PSF of a light straight ahead to compare others with: "
-            "calibrate one (nolens calibrate), at the distance of those from the side"
-        )
-    group = max(whole, key=len)
-    if len(group) == 1:
-        raise DataError(
-            f"{folder} has no captured PSF of a light from the side at the distance of "
-            f"{group[0].file}: calibrate some at known angles (nolens calibrate)"
-        )
-    central = next(each for each in group if each.on_axis)
-    return central, sorted(group, key=lambda each: _source_of(each).angle_deg)
 
 
 @job
@@ -389,7 +344,7 @@ def _of_picture(run: Run[MeasureFieldOptions], loaded: LoadedCamera) -> Product[
         distance_um=options.distance.um,
         extent_deg=options.extent.deg,
     )
-    return Product(grid, rounded(grid.figures), _grid_writers(options, grid))
+    return _product(options, FieldOfView((), grid))
 
 
 def _of_folder(run: Run[MeasureFieldOptions], loaded: LoadedCamera | None) -> Product[FieldOfView]:
@@ -399,84 +354,39 @@ def _of_folder(run: Run[MeasureFieldOptions], loaded: LoadedCamera | None) -> Pr
     progress = partial(run.reporter.advance, "PSFs")
     psfs, distance, warnings = _captured_off_axis(options.psfs, twin, progress)
     run.warn(*warnings)
-    return _off_axis_product(options, psfs, distance, twin)
+    return _product(options, FieldOfView.of_psfs(psfs, twin, distance), distance)
 
 
 def _of_twin(run: Run[MeasureFieldOptions], loaded: LoadedCamera) -> Product[FieldOfView]:
     options, distance = run.options, distance_um(run.options.distance, loaded)
-    grid = options.dot_pitch is not None
-    largest = options.extent if grid else options.angles[-1]
-    what, count = "point sources", len(options.angles)
-    if options.dot_pitch is not None:
-        what = "dots"
-        count = len(grid_tangents(options.dot_pitch.um, distance, options.extent.deg))
-    farthest = PointSource((0.0, math.tan(largest.rad)), distance)
-    preview = preview_model(loaded)
-    preview.check_source(farthest)
-    working = (
-        dot_grid_bytes(preview, largest.deg, distance)
-        if grid
-        else off_axis_bytes(preview, farthest, count)
+    target = FieldTarget(
+        distance,
+        [angle.deg for angle in options.angles],
+        None if options.dot_pitch is None else options.dot_pitch.um,
+        options.extent.deg,
     )
+    working = target.working_bytes(preview_model(loaded))
     needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(loaded), working)
     check_memory(needed, run.device, _REMEDY)
     run.begin(needed)
     run.reporter.advance("mask", 0.0)
-    progress = partial(run.reporter.advance, f"{count} {what}")
-    if options.dot_pitch is not None:
-        dots = dot_grid(
-            VirtualExperiment.of(loaded, field_points=field_points(largest.deg)),
-            pitch_um=options.dot_pitch.um,
-            distance_um=distance,
-            extent_deg=largest.deg,
-            seed=options.seed,
-            progress=progress,
-        )
-        figures = {"distance_mm": _millimetres(distance), **rounded(dots.figures)}
-        return Product(dots, figures, _grid_writers(options, dots))
-    experiment = VirtualExperiment.of(loaded, field_points=1)
-    psfs = off_axis(
-        experiment,
-        [angle.deg for angle in options.angles],
-        distance_um=distance,
-        diameter_um=0.0 if math.isinf(distance) else _DIAMETER_UM,
-        seed=options.seed,
-        progress=progress,
-    )
-    return _off_axis_product(options, psfs, distance, experiment.twin)
+    experiment = VirtualExperiment.of(loaded, field_points=target.field_points)
+    field = target.measure(experiment, options.seed, partial(run.reporter.advance, str(target)))
+    return _product(options, field, distance)
 
 
-def _off_axis_product(
-    options: MeasureFieldOptions, psfs: list[OffAxis], distance: float, twin: Twin | None
+def _product(
+    options: MeasureFieldOptions, field: FieldOfView, distance: float | None = None
 ) -> Product[FieldOfView]:
-    """PSFs from the side, with what rays say of them where the camera is known."""
-    figures = {"distance_mm": _millimetres(distance), **rounded(angle_figures(psfs))}
+    """The figures, the plot and the picture; the distance is that of the light or the grid."""
+    figures = rounded(field.figures)
+    if distance is not None:
+        distance_mm = None if math.isinf(distance) else distance * 1e-3
+        figures = {"distance_mm": distance_mm, **figures}
     writers: dict[Path, Writer] = {}
     if options.plot is not None:
-        writers[options.plot] = partial(
-            write_angles_plot,
-            psfs=psfs,
-            rays=None if twin is None else ray_curves(twin, psfs[-1].angle_deg, distance),
-            levels=CORRELATIONS,
-        )
-    return Product(psfs, figures, writers)
-
-
-def _grid_writers(options: MeasureFieldOptions, grid: DotGrid) -> dict[Path, Writer]:
-    writers: dict[Path, Writer] = {}
-    if options.plot is not None:
-        writers[options.plot] = partial(
-            write_dots_plot,
-            dots=grid.dots,
-            picture=grid.picture,
-            good_deg=grid.angles.good_deg,
-            lost_deg=grid.angles.lost_deg,
-        )
-    if options.output is not None:
+        writers[options.plot] = partial(write_field_plot, field=field, levels=CORRELATIONS)
+    if options.output is not None and field.grid is not None:
         write = write_png if options.output.suffix.lower() == ".png" else write_tiff32
-        writers[options.output] = partial(write, radiance=grid.picture[None])
-    return writers
-
-
-def _millimetres(distance: float) -> float | None:
-    return None if math.isinf(distance) else distance * 1e-3
+        writers[options.output] = partial(write, radiance=field.grid.picture[None])
+    return Product(field, figures, writers)
