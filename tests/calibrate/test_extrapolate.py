@@ -6,7 +6,7 @@ from captured_at_angles import DISTANCE_UM, grey_camera
 from skimage.data import astronaut, camera, coffee
 from torch import Tensor
 
-from nolens.calibrate.extrapolate import extrapolate, filled, steps
+from nolens.calibrate.extrapolate import extrapolate, filled
 from nolens.camera import develop
 from nolens.evaluate import psnr, scale_fit
 from nolens.experiments.virtual_experiment import SimulatedMeasurement, VirtualExperiment, solved
@@ -51,16 +51,16 @@ def test_pictures_that_were_left_out(
 ) -> None:
     region = shots[0].region
     mean = filled(captured, region)
-    told: list[int] = []
+    told: list[tuple[int, int]] = []
 
-    def step(done: int) -> bool:
-        told.append(done)
+    def step(done: int, limit: int) -> bool:
+        told.append((done, limit))
         return False
 
     found = extrapolate(
         captured, [develop(each.frame) for each in shots[:2]], region, rounds=3, tau=1e-5, step=step
     )
-    assert found.from_pictures and told == list(range(1, steps(3, 2) + 1))
+    assert found.from_pictures and told == [(done, 9) for done in range(10)]
     assert all(b < a for a, b in zip(found.residual, found.residual[1:], strict=False))
     top, left = (mean.shape[-2] - ROWS) // 2, (mean.shape[-1] - COLUMNS) // 2
     inner = (..., slice(top, top + ROWS), slice(left, left + COLUMNS))
@@ -87,14 +87,33 @@ def test_noise_shows_nothing(bench: VirtualExperiment, captured: Tensor) -> None
     assert torch.equal(found.psf, filled(captured, shot.region))
 
 
-def test_stopped(captured: Tensor, shots: list[SimulatedMeasurement]) -> None:
-    measured = [develop(shots[0].frame)]
+@pytest.mark.parametrize("last", [0, 1])
+def test_stopped_before_the_first_round_ends(
+    captured: Tensor, shots: list[SimulatedMeasurement], last: int
+) -> None:
     region = shots[0].region
-    at_once = extrapolate(captured, measured, region, rounds=3, tau=1e-5, step=lambda done: True)
-    assert not at_once.from_pictures and at_once.residual == ()
-    assert torch.equal(at_once.psf, filled(captured, region))
-    later = extrapolate(captured, measured, region, rounds=3, tau=1e-5, step=lambda done: done == 3)
-    assert later.from_pictures and len(later.residual) == 2
+    result = extrapolate(
+        captured,
+        [develop(shots[0].frame)],
+        region,
+        rounds=3,
+        tau=1e-5,
+        step=lambda done, limit: done == last,
+    )
+    assert result.interrupted and not result.from_pictures and result.residual == ()
+    assert torch.equal(result.psf, filled(captured, region))
+
+
+def test_stopped_later(captured: Tensor, shots: list[SimulatedMeasurement]) -> None:
+    result = extrapolate(
+        captured,
+        [develop(shots[0].frame)],
+        shots[0].region,
+        rounds=3,
+        tau=1e-5,
+        step=lambda done, limit: done == 3,
+    )
+    assert result.interrupted and result.from_pictures and len(result.residual) == 2
 
 
 @pytest.mark.parametrize("rows", [20, 21])

@@ -9,8 +9,7 @@ from nolens.calibrate.centring import place_psf
 from nolens.calibrate.distances import Layers
 from nolens.calibrate.frames import PointFrames
 from nolens.calibrate.point_psf import PointPsf, StrayLight, point_psf
-from nolens.calibrate.stitch import Capture, Stitched, locate
-from nolens.calibrate.stitch import stitch as merged
+from nolens.calibrate.stitch import Capture, Stitched, stitch_at_angles
 from nolens.errors import OptionError
 from nolens.operators import Region
 from nolens.quantities import Angle, Length
@@ -129,25 +128,15 @@ def stitch_psfs(
     OptionError
         If none is of a source straight ahead.
     """
-    parsed = [
-        ((angle_of(each[0]), angle_of(each[1])), psf.values.cpu()) for each, psf in psfs.items()
-    ]
-    ahead = [n for n, (angle, _) in enumerate(parsed) if all(each.deg == 0 for each in angle)]
-    if not ahead or len(parsed) < 2:
-        raise OptionError(
-            "give one PSF of a source straight ahead, ('0deg', '0deg'), and others at angles"
-        )
     layers = Layers.of_camera(camera.opened.camera)
     pixel_um = camera.pixel_um if pixel is None else length_um(pixel)
-    captures = [
-        Capture.at_angle(
-            values, angle, layers, pixel_um, name=f"the PSF at ({angle[0]}, {angle[1]})"
-        )
-        for angle, values in parsed
-    ]
+    captures = []
+    for both, psf in psfs.items():
+        angle = angle_of(both[0]), angle_of(both[1])
+        name = f"the PSF at ({angle[0]}, {angle[1]})"
+        captures.append(Capture.at_angle(psf.values.cpu(), angle, layers, pixel_um, name=name))
     with reported(progress, "overlaps") as report:
-        placement = locate(captures, ahead[0], report)
-    result = merged(captures, placement, ahead[0])
+        result = stitch_at_angles(captures, report)
     sensor = captures[0].psf.shape[-2], captures[0].psf.shape[-1]
     channels = next(iter(psfs.values())).channels
     return StitchedPsf(result.psf, channels, result, Region.centred(*result.support, sensor))

@@ -10,13 +10,17 @@ from scipy import ndimage
 from torch import Tensor
 
 from nolens.camera import Camera
+from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
 from nolens.optics import Stack
-from nolens.quantities import Angle
+from nolens.quantities import Angle, Length
 from nolens.twin import REFERENCE_NM
 
 Values = NDArray[np.float64]
 
+_DIGITS = 5
+_MUCH_UNKNOWN = 0.001
+_DEFOCUSED_MM = 20.0
 _TABLE = 512
 _SPLINE = 5
 _NEIGHBOURHOOD = 12.0
@@ -117,6 +121,40 @@ class Scaled:
     psf: Tensor
     magnification: float
     unknown_fraction: float
+
+    def warnings(self, distance: Depth) -> list[str]:
+        """What may make the PSF of this distance worse than a measured one."""
+        texts = []
+        if self.unknown_fraction > _MUCH_UNKNOWN:
+            texts.append(
+                f"{100 * self.unknown_fraction:.2g} % of the PSF of {distance} lies beyond the "
+                "measured one, and has the mean light of its neighbourhood: a stitched PSF, or one "
+                "measured at a nearer distance would not need that"
+            )
+        if isinstance(distance, Length) and distance.mm < _DEFOCUSED_MM:
+            texts.append(
+                f"{distance} is so near that the lenslets focus behind the sensor, which scaling "
+                "does not show: measure a PSF there"
+            )
+        return texts
+
+
+def evenly_between(nearest: Depth, farthest: Depth, count: int) -> list[Depth]:
+    """So many distances that are equally far apart in 1/z, as PSFs are in size, ends included.
+
+    Raises
+    ------
+    OptionError
+        If the first one is not the nearer one.
+    """
+    ends = [0.0 if isinstance(each, str) else 1 / each.mm for each in (nearest, farthest)]
+    if ends[0] <= ends[1]:
+        raise OptionError(
+            f"--between {nearest},{farthest}: give the nearer distance first, such as 8cm,1m"
+        )
+    steps = [ends[0] + (ends[1] - ends[0]) * number / (count - 1) for number in range(1, count - 1)]
+    inner = [Length.of(float(f"{1 / each:.{_DIGITS}g}"), "mm") for each in steps]
+    return [nearest, *inner, farthest]
 
 
 def scaled_psf(

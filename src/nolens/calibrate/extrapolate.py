@@ -3,13 +3,14 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from nolens.calibrate.known_scenes import ManyScenes
 from nolens.camera.measurement import Measurement
-from nolens.errors import OptionError
+from nolens.errors import DataError, OptionError
 from nolens.operators import Region
 from nolens.solvers import Reconstructor
 
@@ -35,11 +36,24 @@ class ExtrapolatedPsf:
     residual
         Root mean square of what the pictures' reconstructions leave over, as a fraction of the
         measurements', before the first round and after each.
+    interrupted
+        Whether it was stopped before its end.
     """
 
     psf: Tensor
     from_pictures: bool
     residual: tuple[float, ...]
+    interrupted: bool = False
+
+    def figures(self) -> dict[str, Any]:
+        """Figures in values that JSON has."""
+        return {
+            "pixels": list(self.psf.shape[-2:]),
+            "extrapolated_by": "pictures" if self.from_pictures else "mean light",
+            "rounds": max(0, len(self.residual) - 1),
+            "residual": [round(each, 7) for each in self.residual],
+            "interrupted": self.interrupted,
+        }
 
     def warnings(self) -> list[str]:
         """Whether there were pictures, and they show too little."""
@@ -53,11 +67,8 @@ class ExtrapolatedPsf:
         ]
 
 
-def filled(captured: Tensor, region: Region) -> Tensor:
-    """The captured PSF with its mean light around it, as far as a scene's light comes from.
-
-    The PSF, (channels, rows, columns), is as large as the sensor; the region has the pixels that
-    light comes from.
+def check_support(region: Region, captured: Tensor) -> None:
+    """Refuse a support that a captured PSF cannot be extrapolated for.
 
     Raises
     ------
@@ -75,6 +86,15 @@ def filled(captured: Tensor, region: Region) -> Tensor:
                 f"{count} pixels through the middle of the PSF, and cover no more of them than "
                 "there are; nolens calibrate plan CAMERA --angle 56deg tells the support"
             )
+
+
+def filled(captured: Tensor, region: Region) -> Tensor:
+    """The captured PSF with its mean light around it, as far as a scene's light comes from.
+
+    The PSF, (channels, rows, columns), is as large as the sensor; the region has the pixels that
+    light comes from.
+    """
+    rows, columns = captured.shape[-2:]
     size = (
         2 * max(region.top + region.height, rows - region.top),
         2 * max(region.left + region.width, columns - region.left),
@@ -84,6 +104,29 @@ def filled(captured: Tensor, region: Region) -> Tensor:
     return wide
 
 
+def check_picture(picture: Measurement, psf: Tensor, channels: tuple[str, ...], name: str) -> None:
+    """Refuse a picture from which a PSF of some channels, of a file of this name, cannot be told.
+
+    Raises
+    ------
+    DataError
+        If its channels or pixels are not the PSF's, or one of them shows no light.
+    """
+    if picture.channels != channels:
+        raise DataError(
+            f"{picture.source} has the channels {', '.join(picture.channels)}, but the PSF "
+            f"{name} {', '.join(channels)}: give raw frames of the same camera"
+        )
+    if picture.values.shape != psf.shape:
+        raise DataError(
+            f"{picture.source} has {picture.size_text} pixels, but the PSF {name} "
+            f"{psf.shape[-2]}×{psf.shape[-1]}: give raw frames of the same camera, whole"
+        )
+    light = torch.where(picture.valid, picture.values, 0).sum(dim=(-2, -1))
+    if not bool((light > 0).all()):
+        raise DataError(f"{picture.source} shows no light in at least one channel: leave it out")
+
+
 def extrapolate(
     captured: Tensor,
     pictures: list[Measurement],
@@ -91,7 +134,7 @@ def extrapolate(
     *,
     rounds: int,
     tau: float,
-    step: Callable[[int], bool] | None = None,
+    step: Callable[[int, int], bool] | None = None,
 ) -> ExtrapolatedPsf:
     r"""Estimate the PSF beyond the sensor's edge from pictures of unknown scenes.
 
@@ -111,7 +154,8 @@ def extrapolate(
     captured
         PSF straight ahead, (channels, rows, columns), as large as the sensor.
     pictures
-        What the sensor measured, with the PSF's channels.
+        What the sensor measured, with the PSF's channels; without any the result is the captured
+        PSF with its mean light around it.
     region
         Pixels that their light comes from.
     rounds
@@ -119,37 +163,29 @@ def extrapolate(
     tau
         Weight of the prior, as `nolens reconstruct` takes it.
     step
-        Called with the number of steps that are done, of `steps`; stops by returning True.
+        Called with the number of steps that are done, and of all; stops by returning True.
     """
     psf, from_pictures = filled(captured, region), False
     residual: list[float] = []
-    done = 0
-
-    def stopped() -> bool:
-        nonlocal done
-        done += 1
-        return step is not None and step(done)
-
-    for _ in range(rounds):
+    limit = rounds * (len(pictures) + 1)
+    stops = (step is not None and step(done, limit) for done in range(limit + 1))
+    interrupted = bool(pictures) and next(stops)
+    for _ in range(rounds if pictures and not interrupted else 0):
         scenes = []
         for picture in pictures:
             reconstructor = Reconstructor(psf, region, tau).for_iterations(_SCENE_STEPS)
             scenes.append(reconstructor.solve(picture).scene)
-            if stopped():
-                return ExtrapolatedPsf(psf, from_pictures, tuple(residual))
+            if next(stops):
+                return ExtrapolatedPsf(psf, from_pictures, tuple(residual), True)
         following, before, after = _outside_captured(psf, captured, pictures, scenes, region)
         residual += [after] if residual else [before, after]
         if residual[1] > (1 - _LEAST_EXPLAINED) * residual[0]:
             break
         psf, from_pictures = following, True
-        if stopped():
+        if next(stops):
+            interrupted = True
             break
-    return ExtrapolatedPsf(psf, from_pictures, tuple(residual))
-
-
-def steps(rounds: int, pictures: int) -> int:
-    """How many steps `extrapolate` takes."""
-    return rounds * (pictures + 1)
+    return ExtrapolatedPsf(psf, from_pictures, tuple(residual), interrupted)
 
 
 def _inside(size: tuple[int, int], sensor: tuple[int, int]) -> tuple[slice, slice, slice]:

@@ -1,11 +1,14 @@
 """Frames of one light, averaged by exposure time as they come."""
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from nolens.camera import MOSAICS, Frame
+from nolens.camera import MOSAICS, Frame, Sensor
 from nolens.camera.values import unusable
 from nolens.errors import DataError
 
@@ -109,6 +112,11 @@ class FrameMean:
 class PointFrames:
     """Frames of a point source, and dark frames, averaged by exposure time as they come.
 
+    Parameters
+    ----------
+    sensor
+        Says the mosaic and the black and white level of frames whose files do not.
+
     Attributes
     ----------
     means
@@ -117,8 +125,9 @@ class PointFrames:
         Whether the exposure times are known.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, sensor: Sensor | None = None) -> None:
         self.means: dict[float, FrameMean] = {}
+        self._sensor = sensor
         self.timed = False
         self._darks: dict[float, FrameMean] = {}
 
@@ -131,6 +140,7 @@ class PointFrames:
             If it was taken by another camera or with other settings, or only one of it and the
             others has an exposure time.
         """
+        frame = _completed(frame, self._sensor)
         time = frame.exposure_s if exposure_s is None else exposure_s
         if not self.means:
             self.timed = time is not None
@@ -152,6 +162,7 @@ class PointFrames:
         DataError
             If it was taken by another camera or with other settings.
         """
+        frame = _completed(frame, self._sensor)
         check_alike(frame, self.first, "dark frame")
         _add(self._darks, frame, frame.exposure_s or None, "dark frame")
 
@@ -189,6 +200,24 @@ class PointFrames:
                 )
             matched[time] = self._darks[same[0] if same else next(iter(self._darks))]
         return matched
+
+    def figures(self, ratios: Sequence[float]) -> dict[str, Any]:
+        """Figures in values that JSON has; `ratios` are those of `Merged`."""
+        darks = self.darks()
+        return {
+            "frames": sum(mean.count for mean in self.means.values()),
+            "exposures": [
+                {
+                    "ms": round(1e3 * time, 6) if self.timed else None,
+                    "frames": mean.count,
+                    "dark_frames": darks[time].count if time in darks else 0,
+                    "clipped_fraction": float(mean.clipped.double().mean()),
+                    "brightness": round(ratio, 6),
+                }
+                for (time, mean), ratio in zip(sorted(self.means.items()), ratios, strict=True)
+            ],
+            "unit": "counts per second" if self.timed else "counts of one frame",
+        }
 
     def warnings(self) -> list[str]:
         """What a person should know of the frames.
@@ -232,6 +261,19 @@ class PointFrames:
                     "time"
                 )
         return texts
+
+
+def _completed(frame: Frame, sensor: Sensor | None) -> Frame:
+    """The frame with what the sensor says where its file does not."""
+    if sensor is None:
+        return frame
+    whole = frame.size == (sensor.rows, sensor.columns)
+    if frame.channels == ("grey",) and sensor.mosaic != "none" and whole:
+        frame = replace(frame, channels=("mosaic",), mosaic=sensor.mosaic)
+    if not frame.black_stated and len(frame.channels) == 1:
+        white = min(sensor.saturated_counts, math.inf if frame.white is None else frame.white)
+        frame = replace(frame, black=(sensor.black_counts,), white=white, black_stated=True)
+    return frame
 
 
 def _add(means: dict[float, FrameMean], frame: Frame, time_s: float | None, role: str) -> None:

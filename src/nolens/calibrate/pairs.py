@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -25,6 +26,56 @@ _ITERATIONS, _TAU = 100, 1e-4
 _PSF_FRACTION = 0.9
 """Of the work on a pair that is left out; the rest is its reconstruction."""
 _SSIM_WINDOW = 11
+
+
+@dataclass(frozen=True)
+class PairsPsf:
+    """The PSF of all pairs.
+
+    Parameters
+    ----------
+    psf
+        (channels, rows, columns).
+    support_fraction
+        Fraction of its pixels where it may have light.
+    pairs
+        What it says of each pair, channel by channel, in values that JSON has.
+    leave_one_out
+        How well each pair is explained and reconstructed with the PSF of the others.
+    """
+
+    psf: torch.Tensor
+    support_fraction: float
+    pairs: list[dict[str, Any]]
+    leave_one_out: list[dict[str, Any]]
+
+    def figures(self) -> dict[str, Any]:
+        """Figures in values that JSON has."""
+        return {
+            "pixels": list(self.psf.shape[-2:]),
+            "support_fraction": round(self.support_fraction, 4),
+            "pairs": self.pairs,
+            "leave_one_out": self.leave_one_out,
+        }
+
+    def warnings(self) -> list[str]:
+        """Too few pairs, and those that are explained badly."""
+        texts = []
+        if len(self.pairs) < _ILL_POSED:
+            texts.append(
+                f"{len(self.pairs)} pair{'' if len(self.pairs) == 1 else 's'} can be explained by "
+                "many PSFs: take five or more, of pictures with much detail"
+            )
+        means = [sum(row["residual"]) / len(row["residual"]) for row in self.pairs]
+        middle = sorted(means)[len(means) // 2]
+        for row, mean in zip(self.pairs, means, strict=True):
+            if mean > _UNEXPLAINED or (len(means) > 2 and mean > _UNLIKE_THE_OTHERS * middle):
+                texts.append(
+                    f"the pair {row['name']} is explained badly ({100 * mean:.0f} % of its "
+                    f"measurement is left, {100 * middle:.0f} % of the others): is that the "
+                    "picture that was displayed, in its place and not turned?"
+                )
+        return texts
 
 
 class KnownPairs:
@@ -85,17 +136,28 @@ class KnownPairs:
         """Most memory that `solve` holds at once."""
         return math.prod(self._scenes.extent) * len(self._scenes.measured) * _BYTES_PER_PIXEL
 
-    def solve(
-        self, *, without: str | None = None, progress: ProgressCallback | None = None
-    ) -> list[SolvedPsf]:
-        """A PSF for each group of channels that has one in common, of all pairs but one.
+    def solve(self, *, check: bool = False, progress: ProgressCallback | None = None) -> PairsPsf:
+        """A PSF for each group of channels that has one in common.
+
+        With a check, it is also solved without each pair in turn.
 
         Raises
         ------
         DataError
             If no PSF explains the measurements.
         """
-        names = [name for name in self.names if name != without]
+        checked = self.names if check else []
+        solutions = self._solutions(self.names, part_of(progress, 0, 1 + len(checked)))
+        checks = [
+            self._left_out(name, part_of(progress, number, 1 + len(checked)))
+            for number, name in enumerate(checked, start=1)
+        ]
+        psf = torch.stack([each.psf for each in solutions])
+        support = float(solutions[0].support.double().mean())
+        return PairsPsf(psf, support, self._figures(solutions), checks)
+
+    def _solutions(self, names: list[str], progress: ProgressCallback) -> list[SolvedPsf]:
+        """The PSF of some pairs, for each group."""
         return [
             psf_from_scenes(
                 self._known(names, group), progress=part_of(progress, number, len(self._groups))
@@ -103,8 +165,8 @@ class KnownPairs:
             for number, group in enumerate(self._groups)
         ]
 
-    def figures(self, solutions: list[SolvedPsf]) -> list[dict[str, Any]]:
-        """What the solution says of each pair, channel by channel, in values that JSON has."""
+    def _figures(self, solutions: list[SolvedPsf]) -> list[dict[str, Any]]:
+        """What the solution says of each pair."""
         many = len(self.channels) // len(solutions)
 
         def of_pair(number: int, values: Callable[[SolvedPsf], torch.Tensor]) -> list[float]:
@@ -121,12 +183,13 @@ class KnownPairs:
             for number, name in enumerate(self.names)
         ]
 
-    def left_out(self, name: str, progress: ProgressCallback) -> dict[str, Any]:
+    def _left_out(self, name: str, progress: ProgressCallback) -> dict[str, Any]:
         """How well a pair is explained and reconstructed with the PSF of the others.
 
         The reconstruction is fitted to the picture; pictures below 11 pixels have no SSIM.
         """
-        solutions = self.solve(without=name, progress=within(progress, 0.0, _PSF_FRACTION))
+        others = [each for each in self.names if each != name]
+        solutions = self._solutions(others, within(progress, 0.0, _PSF_FRACTION))
         psf = torch.stack([each.psf for each in solutions])
         residual = torch.cat(
             [
@@ -154,23 +217,3 @@ class KnownPairs:
         """Some of the pairs, in some of the channels."""
         starts = [self.names.index(name) * len(self.channels) for name in names]
         return self._scenes.only([start + channel for start in starts for channel in channels])
-
-
-def pair_warnings(figures: list[dict[str, Any]]) -> list[str]:
-    """Too few pairs, and those that are explained badly, by `KnownPairs.figures`."""
-    texts = []
-    if len(figures) < _ILL_POSED:
-        texts.append(
-            f"{len(figures)} pair{'' if len(figures) == 1 else 's'} can be explained by many PSFs: "
-            "take five or more, of pictures with much detail"
-        )
-    means = [sum(row["residual"]) / len(row["residual"]) for row in figures]
-    middle = sorted(means)[len(means) // 2]
-    for row, mean in zip(figures, means, strict=True):
-        if mean > _UNEXPLAINED or (len(figures) > 2 and mean > _UNLIKE_THE_OTHERS * middle):
-            texts.append(
-                f"the pair {row['name']} is explained badly ({100 * mean:.0f} % of its measurement "
-                f"is left, {100 * middle:.0f} % of the others): is that the picture that was "
-                "displayed, in its place and not turned?"
-            )
-    return texts

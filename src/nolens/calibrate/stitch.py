@@ -73,6 +73,16 @@ class CapturePlan:
     sensor: tuple[int, int]
     support: tuple[int, int]
 
+    def figures(self) -> dict[str, Any]:
+        """Figures in values that JSON has."""
+        return {
+            "angles_deg": [[right, up] for right, up in self.angles_deg],
+            "corner_deg": round(self.corner_deg, 2),
+            "sensor_pixels": list(self.sensor),
+            "support": list(self.support),
+            "pixels": [self.sensor[0] + self.support[0], self.sensor[1] + self.support[1]],
+        }
+
     @classmethod
     def of_scene(cls, camera: Camera, angle: tuple[Angle, Angle]) -> "CapturePlan":
         """Plan the captures for a scene of a full angle across and down.
@@ -427,6 +437,33 @@ def stitch(
     psf = with_mean_light(total / weights.clamp_min(1e-30), known)
     fraction = float(known.double().mean())
     return Stitched(psf, captures, placement, gains, fraction, _support(known, sensor))
+
+
+def stitch_at_angles(
+    captures: list[Capture],
+    locating: ProgressCallback | None = None,
+    merging: ProgressCallback | None = None,
+) -> Stitched:
+    """Locate captures (`locate`) against the one from straight ahead, and merge them (`stitch`).
+
+    Raises
+    ------
+    OptionError
+        If there is none from straight ahead, or no other one.
+    DataError
+        If they do not fit together.
+    """
+    ahead = [
+        number
+        for number, capture in enumerate(captures)
+        if all(each.deg == 0 for each in capture.angle)
+    ]
+    if not ahead or len(captures) < 2:
+        raise OptionError(
+            "give one PSF of a source straight ahead, ('0deg', '0deg'), and others at angles"
+        )
+    placement = locate(captures, ahead[0], locating)
+    return stitch(captures, placement, ahead[0], merging)
 
 
 def _support(known: Tensor, sensor: tuple[int, int]) -> tuple[int, int]:

@@ -72,6 +72,11 @@ class PsfEntry(Part):
         """Whether the point source is straight ahead."""
         return all(each.deg == 0 for each in self.angle)
 
+    def derived(self, file: str, kind: PsfKind, **changes: Any) -> "PsfEntry":
+        """Entry of a PSF, of a source straight ahead, that is made of this one."""
+        fields = {"distance": self.distance, "usable_per_mm": self.usable_per_mm, **changes}
+        return PsfEntry(file=file, pixel=self.pixel, channels=self.channels, kind=kind, **fields)
+
     def replaces(self, other: "PsfEntry") -> bool:
         """Whether both are of the same kind and the same point source."""
         return (self.kind, self.distance, self.angle) == (other.kind, other.distance, other.angle)

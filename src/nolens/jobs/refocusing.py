@@ -24,8 +24,8 @@ from nolens.files import (
     write_png,
     write_tiff16,
 )
+from nolens.files.psf_folder import PsfFolder
 from nolens.files.stacks import STACK_FILES, stack_writers
-from nolens.jobs.calibration.folder import folder_camera
 from nolens.jobs.fields import (
     INPUT,
     MAIN,
@@ -368,7 +368,7 @@ def _read_psfs(run: Run[RefocusOptions], measurement: Measurement) -> DepthPsfs:
         )
     files = {entry: folder / entry.file for entry in entries}
     run.reads({f"PSF {entry.file}": path for entry, path in files.items()})
-    loaded = folder_camera(folder)
+    loaded = PsfFolder(folder).camera
     frames = {
         entry: Frame(
             counts=read_psf(folder, entry),

@@ -1,6 +1,7 @@
 """Writing of the displayed frame: its raw counts, its picture, and the record."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,7 +16,6 @@ from nolens.files import (
     InputFile,
     RunRecord,
     check_holds,
-    read_psf_set,
     write_frame,
     write_into,
     write_png,
@@ -24,7 +24,7 @@ from nolens.files import (
     write_tiff16,
 )
 from nolens.files.cameras import camera_copies
-from nolens.jobs.calibration.folder import folder_camera, folder_psfs, pixel_of
+from nolens.files.psf_folder import PsfFolder, pixel_of_camera
 from nolens.studio.live_solver import LivePicture
 from nolens.studio.schemas import Settings
 from nolens.studio.workspace import CAMERAS, unused
@@ -115,17 +115,15 @@ def stored_psf(work: Path, camera: str, opened: LoadedCamera, psf: Tensor, shot:
     """
     name = f"twin-{opened.camera.name}".replace("/", "-")
     folder = work / CAMERAS / name
-    try:
-        psfs, known = folder_psfs(folder), folder_camera(folder)
-    except NolensError:
-        psfs, known = None, None
-    if psfs is not None and known is not None and known.camera == opened.camera:
-        return folder / read_psf_set(folder).psf[0].file
+    with suppress(NolensError):
+        stored = PsfFolder(folder)
+        if stored.psfs and stored.camera and stored.camera.camera == opened.camera:
+            return folder / stored.psfs[0].file
     folder = work / CAMERAS / unused(work / CAMERAS, name)
     distance = opened.camera.reference_distance
     entry = PsfEntry(
         file=f"psf-{distance.mm:g}mm.tif",
-        pixel=pixel_of(shot.frame, opened, None, None),
+        pixel=pixel_of_camera(shot.frame, opened),
         channels=opened.camera.sensor.channels,
         distance=distance,
     )

@@ -1,26 +1,24 @@
 """`nolens calibrate distances`: from one measured PSF of a folder to those of other distances."""
 
-import math
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 from torch import Tensor
 
-from nolens.calibrate.distances import Scaled, scaled_psf
-from nolens.camera import PsfEntry, PsfKind, PsfSet
+from nolens.calibrate.distances import evenly_between, scaled_psf
+from nolens.camera import PsfEntry, PsfKind
 from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
-from nolens.files import PSFS_FILE, read_psf, read_psf_set, readable
+from nolens.files import PSFS_FILE, read_psf, readable
+from nolens.files.psf_folder import PsfFolder
 from nolens.jobs.calibration.folder import (
     FolderOptions,
     Reduced,
     added,
+    described,
     distance_name,
-    folder_layers,
-    made_of,
-    psfs_ahead,
 )
 from nolens.jobs.fields import Distances
 from nolens.jobs.options import Option, Written
@@ -30,9 +28,6 @@ from nolens.ranges import Between
 
 _MEASURED: tuple[PsfKind, ...] = ("stitched", "extended", "captured", "solved")
 """Kinds that a PSF of another distance is made of; the first one has the widest view."""
-_DIGITS = 5
-_MUCH_UNKNOWN = 0.001
-_DEFOCUSED_MM = 20.0
 
 
 def _two(value: Any) -> Any:
@@ -96,22 +91,11 @@ class CalibrateDistancesOptions(FolderOptions):
                 raise OptionError(f"the distance {each} is given twice: give it once")
 
     @property
-    def distances(self) -> tuple[Length | Literal["infinity"], ...]:
+    def distances(self) -> tuple[Depth, ...]:
         """All distances that PSFs are wanted at."""
         if self.between is None or self.count is None:
             return self.at
-        ends = [0.0 if isinstance(each, str) else 1 / each.mm for each in self.between]
-        if ends[0] <= ends[1]:
-            raise OptionError(
-                f"--between {self.between[0]},{self.between[1]}: give the nearer distance first, "
-                "such as 8cm,1m"
-            )
-        steps = [
-            ends[0] + (ends[1] - ends[0]) * number / (self.count - 1)
-            for number in range(1, self.count - 1)
-        ]
-        inner = [Length.of(float(f"{1 / each:.{_DIGITS}g}"), "mm") for each in steps]
-        return (*self.at, self.between[0], *inner, self.between[1])
+        return (*self.at, *evenly_between(*self.between, self.count))
 
     @property
     def record(self) -> Path:
@@ -131,7 +115,7 @@ class CalibrateDistancesOptions(FolderOptions):
         )
 
 
-def _psf_file(distance: Length | Literal["infinity"]) -> str:
+def _psf_file(distance: Depth) -> str:
     return f"scaled-{distance_name(distance)}.tif"
 
 
@@ -145,11 +129,12 @@ def calibrate_distances(run: Run[CalibrateDistancesOptions]) -> Product[dict[Psf
         If the folder or an option cannot be used; then nothing is written.
     """
     options, reporter = run.options, run.reporter
-    psfs = read_psf_set(options.folder)
-    layers, camera = folder_layers(options.folder, options.reduced)
-    sources = {distance: _source(options, psfs, distance) for distance in options.distances}
+    folder = PsfFolder(options.folder)
+    there = folder.ahead(*_MEASURED)
+    layers = folder.layers(options.reduced)
+    sources = {distance: _source(options, there, distance) for distance in options.distances}
     run.reads({f"PSF {each.file}": options.folder / each.file for each in sources.values()})
-    run.reads(camera)
+    run.reads(described(folder))
     measured = {each.file: read_psf(options.folder, each) for each in sources.values()}
     run.begin()
     made: dict[PsfEntry, Tensor] = {}
@@ -157,14 +142,14 @@ def calibrate_distances(run: Run[CalibrateDistancesOptions]) -> Product[dict[Psf
     warnings: list[str] = []
     for number, (distance, source) in enumerate(sources.items()):
         reporter.advance("distances", number / len(sources))
+        entry = source.derived(_psf_file(distance), "scaled", distance=distance)
         scaled = scaled_psf(
             measured[source.file],
             source.pixel.um,
             layers,
             measured_um=source.distance_um,
-            target_um=_um(distance),
+            target_um=entry.distance_um,
         )
-        entry = made_of(source, _psf_file(distance), "scaled", distance=distance)
         made[entry] = scaled.psf
         rows.append(
             {
@@ -176,7 +161,7 @@ def calibrate_distances(run: Run[CalibrateDistancesOptions]) -> Product[dict[Psf
                 "unknown_fraction": scaled.unknown_fraction,
             }
         )
-        warnings += _warnings(scaled, distance)
+        warnings += scaled.warnings(distance)
     reporter.advance("distances", 1.0)
     run.warn(*warnings)
     figures = {
@@ -187,11 +172,8 @@ def calibrate_distances(run: Run[CalibrateDistancesOptions]) -> Product[dict[Psf
     return added(made, figures, options.folder, made)
 
 
-def _source(
-    options: CalibrateDistancesOptions, psfs: PsfSet, distance: Length | Literal["infinity"]
-) -> PsfEntry:
+def _source(options: CalibrateDistancesOptions, there: list[PsfEntry], distance: Depth) -> PsfEntry:
     """The measured PSF that one of another distance is made of."""
-    there = psfs_ahead(options.folder, psfs, _MEASURED)
     if any(each.distance == distance for each in there):
         raise OptionError(
             f"the PSF of {distance} is in {options.folder} already, and was measured: leave "
@@ -203,25 +185,5 @@ def _source(
                 return each
         have = ", ".join(str(each.distance) for each in there)
         raise OptionError(f"--from {options.source}: measured PSFs are there for {have}")
-    return min(there, key=lambda each: abs(1 / each.distance_um - 1 / _um(distance)))
-
-
-def _warnings(scaled: Scaled, distance: Length | Literal["infinity"]) -> list[str]:
-    """What may make a PSF worse than a measured one."""
-    texts = []
-    if scaled.unknown_fraction > _MUCH_UNKNOWN:
-        texts.append(
-            f"{100 * scaled.unknown_fraction:.2g} % of the PSF of {distance} lies beyond the "
-            "measured one, and has the mean light of its neighbourhood: a stitched PSF, or one "
-            "measured at a nearer distance would not need that"
-        )
-    if isinstance(distance, Length) and distance.mm < _DEFOCUSED_MM:
-        texts.append(
-            f"{distance} is so near that the lenslets focus behind the sensor, which scaling does "
-            "not show: measure a PSF there"
-        )
-    return texts
-
-
-def _um(distance: Length | Literal["infinity"]) -> float:
-    return distance.um if isinstance(distance, Length) else math.inf
+    nearness = 1 / distance.um if isinstance(distance, Length) else 0.0
+    return min(there, key=lambda each: abs(1 / each.distance_um - nearness))

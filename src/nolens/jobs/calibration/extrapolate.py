@@ -3,15 +3,15 @@
 from pathlib import Path
 from typing import Annotated, ClassVar
 
-import torch
 from torch import Tensor
 
-from nolens.calibrate.extrapolate import ExtrapolatedPsf, extrapolate, filled, steps
-from nolens.camera import Measurement, PsfEntry, PsfSet, develop
+from nolens.calibrate.extrapolate import check_picture, check_support, extrapolate
+from nolens.camera import PsfEntry, develop
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
-from nolens.files import read_frame, read_psf, read_psf_set, readable
-from nolens.jobs.calibration.folder import FolderOptions, added, made_of, psfs_ahead
+from nolens.files import read_frame, read_psf, readable
+from nolens.files.psf_folder import PsfFolder
+from nolens.jobs.calibration.folder import FolderOptions, added
 from nolens.jobs.fields import Files, Window
 from nolens.jobs.options import Option
 from nolens.jobs.reconstruction.options import parse_window
@@ -88,49 +88,43 @@ def calibrate_extrapolate(run: Run[CalibrateExtrapolateOptions]) -> Product[Tens
     NolensError
         If the folder, a picture or an option cannot be used; then nothing is written.
     """
-    reporter = run.reporter
-    source = _source(run.options, read_psf_set(run.options.folder))
+    folder, step = PsfFolder(run.options.folder), run.reporter.step
+    source = _source(run.options, folder.ahead("captured"))
     options = run.options = run.options.model_copy(update={"distance": source.distance})
     psf = read_psf(options.folder, source)
     if not float(psf.sum()) > 0:
         raise DataError(f"{source.file} is dark: calibrate it again")
-    sensor = (psf.shape[-2], psf.shape[-1])
-    region = parse_window(options.support, sensor, "--support")
-    mean_light = ExtrapolatedPsf(filled(psf, region), False, ())
+    region = parse_window(options.support, (psf.shape[-2], psf.shape[-1]), "--support")
+    check_support(region, psf)
     run.reads({f"PSF {source.file}": options.folder / source.file})
-    pictures = [_picture(path, psf, source) for path in options.pictures]
+    # A grey PSF serves the mean of a picture's colours.
+    channels = "grey" if source.channels == ("grey",) else "all"
+    pictures = [develop(read_frame(path), channels=channels) for path in options.pictures]
+    for picture in pictures:
+        check_picture(picture, psf, source.channels, source.file)
     run.begin()
-    stopped = False
-
-    def step(done: int) -> bool:
-        nonlocal stopped
-        limit = steps(options.rounds, len(pictures))
-        stopped = reporter.step("step", done, limit, "the PSF")
-        return stopped
-
-    result = mean_light
-    if pictures:
-        step(0)
-        result = extrapolate(psf, pictures, region, rounds=options.rounds, tau=_TAU, step=step)
+    result = extrapolate(
+        psf,
+        pictures,
+        region,
+        rounds=options.rounds,
+        tau=_TAU,
+        step=lambda done, limit: step("step", done, limit, "the PSF"),
+    )
     run.warn(*result.warnings())
-    entry = made_of(source, options.psf_file, "extended")
+    entry = source.derived(options.psf_file, "extended")
     figures = {
         "folder": readable(options.folder),
         "from": source.file,
         "file": entry.file,
-        "pixels": list(result.psf.shape[-2:]),
         "support": [region.height, region.width],
-        "extrapolated_by": "pictures" if result.from_pictures else "mean light",
-        "rounds": max(0, len(result.residual) - 1),
-        "residual": [round(each, 7) for each in result.residual],
-        "interrupted": stopped,
+        **result.figures(),
     }
     return added(result.psf, figures, options.folder, {entry: result.psf})
 
 
-def _source(options: CalibrateExtrapolateOptions, psfs: PsfSet) -> PsfEntry:
+def _source(options: CalibrateExtrapolateOptions, there: list[PsfEntry]) -> PsfEntry:
     """The captured PSF that is extended."""
-    there = psfs_ahead(options.folder, psfs, ("captured",))
     have = ", ".join(str(each.distance) for each in there)
     if options.distance is None and len(there) > 1:
         raise OptionError(
@@ -143,24 +137,3 @@ def _source(options: CalibrateExtrapolateOptions, psfs: PsfSet) -> PsfEntry:
     raise OptionError(
         f"--distance {options.distance}: {options.folder} has captured PSFs of {have}; choose one"
     )
-
-
-def _picture(path: Path, psf: Tensor, source: PsfEntry) -> Measurement:
-    """What the sensor measured of a scene, on the PSF's pixels."""
-    # A grey PSF serves the mean of a picture's colours.
-    grey = source.channels == ("grey",)
-    picture = develop(read_frame(path), channels="grey" if grey else "all")
-    if picture.channels != source.channels:
-        raise DataError(
-            f"{picture.source} has the channels {', '.join(picture.channels)}, but the PSF "
-            f"{source.file} {', '.join(source.channels)}: give raw frames of the same camera"
-        )
-    if picture.values.shape != psf.shape:
-        raise DataError(
-            f"{picture.source} has {picture.size_text} pixels, but the PSF {source.file} "
-            f"{psf.shape[-2]}×{psf.shape[-1]}: give raw frames of the same camera, whole"
-        )
-    light = torch.where(picture.valid, picture.values, 0).sum(dim=(-2, -1))
-    if not bool((light > 0).all()):
-        raise DataError(f"{picture.source} shows no light in at least one channel: leave it out")
-    return picture

@@ -7,27 +7,18 @@ from typing import Annotated, ClassVar
 import torch
 from torch import Tensor
 
-from nolens.calibrate.pairs import KnownPairs, pair_warnings
+from nolens.calibrate.pairs import KnownPairs
 from nolens.camera import Frame, PsfEntry, develop
 from nolens.camera.part import PixelPitch
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, FileError, OptionError
-from nolens.files import CAMERA_FILE, camera_files, read_frame, read_picture
-from nolens.jobs.calibration.folder import (
-    RESULT,
-    NewPsfOptions,
-    added,
-    check_channels,
-    folder_camera,
-    folder_psfs,
-    output_folder,
-    pixel_of,
-)
-from nolens.jobs.fields import INPUT, Black, Dark, FilePath, Mosaic, White, Window
+from nolens.files import read_frame, read_picture
+from nolens.files.psf_folder import PsfFolder
+from nolens.jobs.calibration.folder import NewPsfOptions, added, output_folder
+from nolens.jobs.fields import INPUT, RESULT, Black, Dark, FilePath, Mosaic, White, Window
 from nolens.jobs.options import Option
 from nolens.jobs.reconstruction.options import parse_window
 from nolens.jobs.run import Product, Run, check_memory, job
-from nolens.progress import part_of
 
 _PAIRS = "Pairs"
 
@@ -219,38 +210,25 @@ def calibrate_pairs(run: Run[CalibratePairsOptions]) -> Product[Tensor]:
         raise OptionError("--check solves without each pair in turn, and there is only one")
     for name, (measured, picture) in files.items():
         run.reads({f"measurement {name}": measured, f"picture {name}": picture})
-    loaded, psfs = folder_camera(options.output), folder_psfs(options.output)
-    if loaded is not None:
-        run.reads(camera_files(options.output / CAMERA_FILE, loaded.camera))
+    folder = PsfFolder(options.output)
+    run.reads(folder.camera_files)
     pairs, frame = _read_pairs(options, files)
     entry = PsfEntry(
         file=options.psf_file,
-        pixel=pixel_of(frame, loaded, psfs, options.pixel),
+        pixel=folder.pixel(frame, options.pixel),
         channels=pairs.channels if options.each_channel else ("grey",),
         distance=options.distance,
         kind="solved",
     )
     remedy = "" if options.each_channel else ", or solve each channel (--each-channel)"
-    check_channels(psfs, entry.channels, remedy)
-    needed = pairs.bytes_needed
-    check_memory(needed, run.device, "fewer or smaller pictures need less")
-    run.begin(needed)
-    checked = list(files) if options.check else []
-    advance, parts = partial(run.reporter.advance, "PSF"), 1 + len(checked)
-    solutions = pairs.solve(progress=part_of(advance, 0, parts))
-    psf = torch.stack([each.psf for each in solutions])
-    checks = [
-        pairs.left_out(name, part_of(advance, number, parts))
-        for number, name in enumerate(checked, start=1)
-    ]
-    rows = pairs.figures(solutions)
-    run.warn(*pair_warnings(rows))
+    folder.check_channels(entry.channels, remedy)
+    check_memory(pairs.bytes_needed, run.device, "fewer or smaller pictures need less")
+    run.begin(pairs.bytes_needed)
+    result = pairs.solve(check=options.check, progress=partial(run.reporter.advance, "PSF"))
+    run.warn(*result.warnings())
     figures = {
-        "camera": None if loaded is None else loaded.camera.name,
+        "camera": None if folder.camera is None else folder.camera.camera.name,
         **entry.model_dump(mode="json"),
-        "pixels": list(psf.shape[-2:]),
-        "support_fraction": round(float(solutions[0].support.double().mean()), 4),
-        "pairs": rows,
-        "leave_one_out": checks,
+        **result.figures(),
     }
-    return added(psf, figures, options.output, {entry: psf})
+    return added(result.psf, figures, options.output, {entry: result.psf})

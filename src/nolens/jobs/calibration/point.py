@@ -1,7 +1,5 @@
 """`nolens calibrate`: frames of a point source become a PSF in a camera's folder."""
 
-import math
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -9,32 +7,22 @@ from typing import Annotated, ClassVar
 from pydantic import Field
 from torch import Tensor
 
-from nolens.calibrate.centring import PlacedPsf, ReferencePsf, place_psf
+from nolens.calibrate.centring import PlacedPsf, place_psf
 from nolens.calibrate.distances import Layers
 from nolens.calibrate.frames import PointFrames
-from nolens.calibrate.point_psf import PointPsf, StrayLight, point_psf, point_psf_bytes
-from nolens.camera import Frame, PsfEntry, PsfSet, Sensor
+from nolens.calibrate.point_psf import StrayLight, point_psf, point_psf_bytes
+from nolens.camera import PsfEntry, Sensor
 from nolens.camera.part import PixelPitch
 from nolens.camera.psf_set import Depth
-from nolens.errors import DataError, OptionError
-from nolens.files import CAMERA_FILE, camera_files, read_frame, read_psf
-from nolens.files.cameras import camera_copies
-from nolens.jobs.calibration.folder import (
-    RESULT,
-    NewPsfOptions,
-    added,
-    check_channels,
-    check_free,
-    chosen_camera,
-    folder_psfs,
-    output_folder,
-    pixel_of,
-)
-from nolens.jobs.fields import CAMERAS, Exposure, FieldAngles, FilePath, Files, Mosaic, Name
+from nolens.errors import OptionError
+from nolens.files import read_frame
+from nolens.files.psf_folder import PsfFolder
+from nolens.jobs.calibration.folder import NewPsfOptions, added, output_folder
+from nolens.jobs.fields import CAMERAS, RESULT, Exposure, FieldAngles, FilePath, Files, Mosaic, Name
 from nolens.jobs.options import Option
-from nolens.jobs.run import Product, Reporter, Run, Writer, check_memory, job
-from nolens.progress import ProgressCallback, within
-from nolens.quantities import Angle, Length
+from nolens.jobs.run import Product, Reporter, Run, check_memory, job
+from nolens.progress import within
+from nolens.quantities import Angle
 
 _SOURCE, _FRAMES = "Point source", "Frames"
 _MERGED_FRACTION = 0.5
@@ -188,88 +176,18 @@ def _read_frames(
 ) -> PointFrames:
     """All frames; the sensor says what files do not: mosaic, black and white level."""
     total = len(options.frames) + len(options.dark)
-    frames = PointFrames()
-    for number, path in enumerate(options.frames):
+    frames = PointFrames(sensor)
+    for number, path in enumerate([*options.frames, *options.dark]):
         reporter.advance("frames", number / total)
-        stated = options.exposure[number % len(options.exposure)].s if options.exposure else None
-        frames.add(_read(path, options, sensor), stated)
-    for number, path in enumerate(options.dark, start=len(options.frames)):
-        reporter.advance("frames", number / total)
-        frames.add_dark(_read(path, options, sensor))
+        frame = read_frame(path, mosaic=options.mosaic)
+        if number >= len(options.frames):
+            frames.add_dark(frame)
+        elif options.exposure:
+            frames.add(frame, options.exposure[number % len(options.exposure)].s)
+        else:
+            frames.add(frame)
     reporter.advance("frames", 1.0)
     return frames
-
-
-def _read(path: Path, options: CalibratePointOptions, sensor: Sensor | None) -> Frame:
-    """Read a frame, with what the sensor says where the file does not."""
-    frame = read_frame(path, mosaic=options.mosaic)
-    if sensor is None:
-        return frame
-    whole = tuple(frame.counts.shape[-2:]) == (sensor.rows, sensor.columns)
-    if frame.channels == ("grey",) and sensor.mosaic != "none" and whole:
-        frame = replace(frame, channels=("mosaic",), mosaic=sensor.mosaic)
-    if not frame.black_stated and len(frame.channels) == 1:
-        white = min(sensor.saturated_counts, math.inf if frame.white is None else frame.white)
-        frame = replace(frame, black=(sensor.black_counts,), white=white, black_stated=True)
-    return frame
-
-
-def _reference(options: CalibratePointOptions, psfs: PsfSet | None) -> PsfEntry | None:
-    """A captured PSF to compare with: of the nearest other distance, straight ahead if any is."""
-    captured = [each for each in (psfs.psf if psfs else ()) if each.kind == "captured"]
-    here = 1e6 / _um(options)
-    return min(
-        captured,
-        key=lambda each: (
-            not _of_other_distance(each, options),
-            abs(1e6 / each.distance_um - here),
-        ),
-        default=None,
-    )
-
-
-def _of_other_distance(entry: PsfEntry, options: CalibratePointOptions) -> bool:
-    """Whether a PSF is straight ahead, in the middle, and of another distance."""
-    return entry.on_axis and entry.frame == "chief-ray" and entry.distance != options.distance
-
-
-def _um(options: CalibratePointOptions) -> float:
-    return options.distance.um if isinstance(options.distance, Length) else math.inf
-
-
-def _placed(
-    point: PointPsf,
-    options: CalibratePointOptions,
-    layers: Layers | None,
-    psfs: PsfSet | None,
-    pixel_um: float,
-    progress: ProgressCallback,
-) -> PlacedPsf:
-    """The PSF in its place, beside those of the folder; one that is finished stays as it is."""
-    entry, reference = _reference(options, psfs), None
-    if entry is not None:
-        path = options.output / entry.file
-        other = read_psf(options.output, entry)
-        if other.shape != point.psf.shape:
-            raise DataError(
-                f"the PSF {path} has {other.shape[-2]}×{other.shape[-1]} pixels, but these frames "
-                f"{point.psf.shape[-2]}×{point.psf.shape[-1]}: they are of another camera or "
-                "setting. Give another folder (-o)"
-            )
-        if _of_other_distance(entry, options):
-            reference = ReferencePsf(other, entry, str(path))
-    if options.as_is:
-        figures = {"centred_by": "its file", "shift_um": [0.0, 0.0]}
-        return PlacedPsf(point.psf, "chief-ray", figures)
-    return place_psf(
-        point,
-        pixel_um,
-        distance_um=_um(options),
-        angle=options.angle,
-        layers=layers,
-        reference=reference,
-        progress=progress,
-    )
 
 
 @job
@@ -282,20 +200,21 @@ def calibrate_point(run: Run[CalibratePointOptions]) -> Product[Tensor]:
         If a frame, an option or the folder cannot be used; then nothing is written.
     """
     options, reporter = run.options, run.reporter
-    loaded, copied = chosen_camera(options.output, options.camera)
-    camera: dict[str, Writer] = {}
-    if loaded is not None:
-        run.reads(camera_files(copied or options.output / CAMERA_FILE, loaded.camera))
-    if loaded is not None and copied is not None:
-        camera = camera_copies(copied, loaded)
-        check_free(options.output, list(camera))
-    psfs = folder_psfs(options.output)
-
-    sensor = None if loaded is None else loaded.camera.sensor
+    folder = PsfFolder(options.output)
+    copies = {} if options.camera is None else folder.take(options.camera)
+    run.reads(folder.camera_files)
+    camera = None if folder.camera is None else folder.camera.camera
+    sensor = None if camera is None else camera.sensor
     frames = _read_frames(options, sensor, reporter)
     warnings, darks = frames.warnings(), frames.darks()
-    pixel = pixel_of(frames.first, loaded, psfs, options.pixel)
-    layers = None if loaded is None else Layers.of_camera(loaded.camera)
+    entry = PsfEntry(
+        file=options.psf_file,
+        pixel=folder.pixel(frames.first, options.pixel),
+        channels=frames.channels,
+        distance=options.distance,
+        angle=options.angle,
+    )
+    folder.check_channels(entry.channels)
     needed = point_psf_bytes(frames.first.counts.numel(), len(frames.means))
     check_memory(needed, run.device, "frames of fewer exposure times need less")
     run.begin(needed)
@@ -303,46 +222,35 @@ def calibrate_point(run: Run[CalibratePointOptions]) -> Product[Tensor]:
     point = point_psf(
         frames.means,
         darks,
-        pixel_um=pixel.um,
+        pixel_um=entry.pixel.um,
         stray=options.stray_light,
         sensor=sensor,
         as_is=options.as_is,
         progress=within(advance, 0.0, _MERGED_FRACTION),
     )
-    rest = within(advance, _MERGED_FRACTION, 1 - _MERGED_FRACTION)
-    placed = _placed(point, options, layers, psfs, pixel.um, rest)
+    reference = folder.reference(entry, (point.psf.shape[-2], point.psf.shape[-1]))
+    placed = PlacedPsf.as_is(point)
+    if not options.as_is:
+        placed = place_psf(
+            point,
+            entry.pixel.um,
+            distance_um=entry.distance_um,
+            angle=options.angle,
+            layers=None if camera is None else Layers.of_camera(camera),
+            reference=reference,
+            progress=within(advance, _MERGED_FRACTION, 1 - _MERGED_FRACTION),
+        )
     advance(1.0)
 
-    usable = point.usable_per_mm
-    entry = PsfEntry(
-        file=options.psf_file,
-        pixel=pixel,
-        channels=frames.channels,
-        distance=options.distance,
-        angle=options.angle,
-        kind="captured",
-        frame=placed.frame,
-        usable_per_mm=round(usable, 2) if usable > 0 else None,
-    )
-    check_channels(psfs, entry.channels)
+    usable = round(point.usable_per_mm, 2) or None
+    entry = entry.model_copy(update={"frame": placed.frame, "usable_per_mm": usable})
     run.warn(*warnings, *point.warnings(known_floor=bool(darks) or options.as_is), *placed.warnings)
     figures = {
-        "camera": None if loaded is None else loaded.camera.name,
+        "camera": None if camera is None else camera.name,
         **entry.model_dump(mode="json"),
         "pixels": list(placed.psf.shape[-2:]),
-        "frames": sum(mean.count for mean in frames.means.values()),
-        "exposures": [
-            {
-                "ms": round(1e3 * time, 6) if frames.timed else None,
-                "frames": mean.count,
-                "dark_frames": darks[time].count if time in darks else 0,
-                "clipped_fraction": float(mean.clipped.double().mean()),
-                "brightness": round(ratio, 6),
-            }
-            for (time, mean), ratio in zip(sorted(frames.means.items()), point.ratios, strict=True)
-        ],
-        "unit": "counts per second" if frames.timed else "counts of one frame",
+        **frames.figures(point.ratios),
         **point.figures(),
         **placed.figures,
     }
-    return added(placed.psf, figures, options.output, {entry: placed.psf}, camera)
+    return added(placed.psf, figures, options.output, {entry: placed.psf}, copies)

@@ -1,0 +1,294 @@
+"""The folder that a camera's PSFs are gathered in: what it has, and what fits to it."""
+
+from decimal import Decimal
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+from nolens.calibrate.centring import ReferencePsf
+from nolens.calibrate.distances import Layers
+from nolens.camera import Frame, LoadedCamera, PsfEntry, PsfKind
+from nolens.errors import DataError, FileError, OptionError
+from nolens.files.atomic import Writer
+from nolens.files.cameras import (
+    CAMERA_FILE,
+    PSFS_FILE,
+    camera_copies,
+    camera_files,
+    read_camera,
+    read_psf,
+    read_psf_set,
+)
+from nolens.quantities import Length
+
+_PLAN = "nolens calibrate plan CAMERA --angle 56deg lists the angles for a scene of 56°"
+
+
+class PsfFolder:
+    """A camera's folder, whose description and list of PSFs are read when they are needed.
+
+    Attributes
+    ----------
+    path
+        It need not exist.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._camera_source: str | Path = path / CAMERA_FILE
+
+    @cached_property
+    def camera(self) -> LoadedCamera | None:
+        """The camera that the folder describes, if it describes one."""
+        path = self.path / CAMERA_FILE
+        return read_camera(path) if path.is_file() else None
+
+    @property
+    def camera_files(self) -> dict[str, Path]:
+        """What the camera is read from, by role."""
+        return {} if self.camera is None else camera_files(self._camera_source, self.camera.camera)
+
+    @cached_property
+    def psfs(self) -> tuple[PsfEntry, ...]:
+        """The PSFs that it lists; none without a list."""
+        return read_psf_set(self.path).psf if (self.path / PSFS_FILE).is_file() else ()
+
+    def take(self, name: str) -> dict[str, Writer]:
+        """Take the camera of a name for that of the folder: what writes its files there.
+
+        Raises
+        ------
+        OptionError
+            If the folder has the description of another one.
+        FileError
+            If one of the files would be written over another.
+        """
+        loaded = read_camera(name)
+        if self.camera is not None:
+            if self.camera.camera != loaded.camera:
+                raise OptionError(
+                    f"--camera {name} is not the camera that {self.path / CAMERA_FILE} describes: "
+                    "leave --camera out, or give another folder (-o)"
+                )
+            return {}
+        copies = camera_copies(name, loaded)
+        for each in copies:
+            if (self.path / each).exists():
+                raise FileError(
+                    f"the camera's {each} would overwrite {self.path / each}: give another folder "
+                    "(-o)"
+                )
+        self.camera, self._camera_source = loaded, name
+        return copies
+
+    def layers(self, reduced: Length | None) -> Layers:
+        """The layers of the folder's camera, or those of a reduced thickness.
+
+        Raises
+        ------
+        OptionError
+            If there is neither, or both.
+        """
+        if self.camera is not None and reduced is not None:
+            raise OptionError(
+                f"--reduced {reduced}: the folder has a {CAMERA_FILE}, whose layers say the same. "
+                "Leave --reduced out, or mend the layers"
+            )
+        if self.camera is not None:
+            return Layers.of_camera(self.camera.camera)
+        if reduced is None:
+            raise OptionError(
+                f"the folder has no {CAMERA_FILE}: give the reduced thickness between mask and "
+                "sensor, the sum of thickness / index of all layers (--reduced 1.28mm)"
+            )
+        return Layers.of_air(reduced.um)
+
+    def ahead(self, *kinds: PsfKind) -> list[PsfEntry]:
+        """PSFs of sources straight ahead, in the frame of the chief ray, nearest first.
+
+        Raises
+        ------
+        NolensError
+            If there is none.
+        """
+        listed = read_psf_set(self.path).by_distance(kinds)
+        ahead = [each for each in listed if each.frame == "chief-ray"]
+        if not ahead:
+            kind = "captured" if kinds == ("captured",) else "measured"
+            raise DataError(
+                f"{self.path} has no {kind} PSF of a light straight ahead: add one first, with "
+                "nolens calibrate FRAME... --distance 300mm"
+            )
+        return ahead
+
+    def at_angles(self, distance: Length | Literal["infinity"] | None) -> list[PsfEntry]:
+        """Captured PSFs of one distance at several angles, one of them from straight ahead.
+
+        Without a distance, those of the only one that has any from the side.
+
+        Raises
+        ------
+        NolensError
+            If that is not clear, one from straight ahead or from the side is missing, or one was
+            moved.
+        """
+        captured = [each for each in read_psf_set(self.path).psf if each.kind == "captured"]
+        distance = distance or self._distance_aside(captured)
+        entries = [each for each in captured if each.distance == distance]
+        if not entries:
+            have = ", ".join(sorted({str(each.distance) for each in captured})) or "no distance"
+            raise OptionError(
+                f"--distance {distance}: {self.path} has captured PSFs of {have}; choose one"
+            )
+        if not any(each.on_axis for each in entries):
+            raise DataError(
+                f"{self.path} has no captured PSF of a light straight ahead at {distance}, which "
+                "all others are laid on: add it with nolens calibrate FRAME... --distance "
+                f"{str(distance).replace(' ', '')} -o {self.path}"
+            )
+        if len(entries) == 1:
+            raise DataError(
+                f"{self.path} has only the PSF of a light straight ahead at {distance}: capture "
+                f"others at angles (nolens calibrate FRAME... --angle 28deg,0deg). {_PLAN}"
+            )
+        for each in entries:
+            if not each.on_axis and each.frame != "sensor":
+                raise DataError(
+                    f"{each.file} was moved to the middle, and what the sensor captured at its "
+                    "edges is lost: calibrate its frames again, so that it stays as captured "
+                    '(frame = "sensor")'
+                )
+        return entries
+
+    def _distance_aside(self, captured: list[PsfEntry]) -> Length | Literal["infinity"]:
+        """The only distance with lights from the side."""
+        aside = {each.distance for each in captured if not each.on_axis}
+        if not aside:
+            raise DataError(
+                f"{self.path} has no captured PSF of a light from the side: add some (nolens "
+                f"calibrate FRAME... --angle 28deg,0deg). {_PLAN}"
+            )
+        if len(aside) > 1:
+            have = ", ".join(sorted(str(each) for each in aside))
+            raise OptionError(
+                f"{self.path} has PSFs at angles of several distances ({have}): say which "
+                "(--distance)"
+            )
+        return aside.pop()
+
+    def reference(self, entry: PsfEntry, size: tuple[int, int]) -> ReferencePsf | None:
+        """The PSF of another distance that a new one is laid over: the nearest straight ahead.
+
+        Raises
+        ------
+        DataError
+            If the captured PSFs of the folder have another size.
+        """
+
+        def of_other_distance(other: PsfEntry) -> bool:
+            ahead = other.on_axis and other.frame == "chief-ray"
+            return ahead and other.distance != entry.distance
+
+        captured = [each for each in self.psfs if each.kind == "captured"]
+        if not captured:
+            return None
+        nearest = min(
+            captured,
+            key=lambda each: (
+                not of_other_distance(each),
+                abs(1e6 / each.distance_um - 1e6 / entry.distance_um),
+            ),
+        )
+        path, psf = self.path / nearest.file, read_psf(self.path, nearest)
+        if psf.shape[-2:] != size:
+            raise DataError(
+                f"the PSF {path} has {psf.shape[-2]}×{psf.shape[-1]} pixels, but these frames "
+                f"{size[0]}×{size[1]}: they are of another camera or setting. Give another folder "
+                "(-o)"
+            )
+        return ReferencePsf(psf, nearest, str(path)) if of_other_distance(nearest) else None
+
+    def check_channels(self, channels: tuple[str, ...], remedy: str = "") -> None:
+        """Refuse a PSF whose channels are not those of the folder's.
+
+        Raises
+        ------
+        OptionError
+            If they are not.
+        """
+        first = self.psfs[0] if self.psfs else None
+        if first is not None and first.channels != channels:
+            raise OptionError(
+                f"the PSF {first.file} of the folder has the channels {', '.join(first.channels)}, "
+                f"but this one would have {', '.join(channels)}: give another folder (-o){remedy}"
+            )
+
+    def pixel(self, frame: Frame, pitch: Length | None) -> Length:
+        """Pitch of the pixels of the reconstruction: of a frame's pixels, or 2×2 superpixels.
+
+        The camera, or PSFs of it, say it, or the stated pitch of the frame's pixels.
+
+        Raises
+        ------
+        NolensError
+            If nothing says it, or the frame's size or pixels are not the camera's.
+        """
+        first = self.psfs[0] if self.psfs else None
+        bin_by = 1 if frame.mosaic is None else 2
+        stated = None if pitch is None else _times(pitch, bin_by)
+        known: Length | None = None
+        if self.camera is not None:
+            known = pixel_of_camera(frame, self.camera)
+            named = f"the camera {self.camera.camera.name!r}"
+        elif first is not None:
+            known, named = first.pixel, f"the PSF {first.file}"
+        pixel = known or stated
+        if pixel is None:
+            raise OptionError(
+                "the distance of the pixels is not known: give it (--pixel 1.55um), or the camera "
+                "(--camera)"
+            )
+        if stated is not None and known is not None and stated != known:
+            each = "a pixel" if bin_by == 1 else "2 of its pixels"
+            raise OptionError(
+                f"--pixel {pitch}: a pixel of {named} is {known} wide, but {each} are {stated}; "
+                "leave --pixel out, or give another folder (-o)"
+            )
+        if first is not None and first.pixel != pixel:
+            raise DataError(
+                f"the PSF {first.file} of the folder has pixels of {first.pixel}, but these "
+                f"frames {pixel}: they are of another camera. Give another folder (-o)"
+            )
+        return pixel
+
+
+def pixel_of_camera(frame: Frame, loaded: LoadedCamera) -> Length:
+    """Pitch of a camera's pixels or superpixels; a frame that is not of it is refused.
+
+    Raises
+    ------
+    DataError
+        If the frame has another size or mosaic than the camera.
+    """
+    sensor = loaded.camera.sensor
+    bin_by = 1 if sensor.mosaic == "none" else 2
+    if frame.mosaic is None and frame.channels == ("R", "G", "B") and bin_by == 2:
+        size, what = (sensor.rows // 2, sensor.columns // 2), "superpixels"
+    else:
+        size, what = (sensor.rows, sensor.columns), "pixels"
+    if tuple(frame.counts.shape[-2:]) != size:
+        raise DataError(
+            f"{frame.source} has {frame.size_text} pixels, but the camera "
+            f"{loaded.camera.name!r} has {size[0]}×{size[1]} {what}: give frames of this "
+            "camera, whole and not binned"
+        )
+    if frame.mosaic is not None and frame.mosaic != sensor.mosaic:
+        raise DataError(
+            f"{frame.source} has the colour mosaic {frame.mosaic}, but the camera "
+            f"{loaded.camera.name!r} has {sensor.mosaic}: give frames of this camera, not turned"
+        )
+    return _times(sensor.pitch, bin_by)
+
+
+def _times(length: Length, factor: int) -> Length:
+    return Length(f"{(Decimal(length.number) * factor).normalize():f}", length.unit)
