@@ -13,19 +13,19 @@ from typing import Any
 from nolens.errors import DataError
 from nolens.printable import printable
 
-LONGEST_TOML = 2 * 10**6
+_LONGEST_TOML = 2 * 10**6
 """Characters of a TOML text; tomllib takes a second for them."""
 LONGEST_JSON = 16 * 10**6
 """Characters of a JSON text."""
-DEEPEST = 40
+_DEEPEST = 40
 """Tables and lists inside one another."""
-LONGEST_WORD = 100
+_LONGEST_WORD = 100
 """Characters of a number, or of a key without quotes."""
-LONGEST_TEXT = 10**6
+_LONGEST_TEXT = 10**6
 """Characters of a text in quotes."""
 
 _LONGEST_REASON = 160
-_WORD = rf"[0-9A-Za-z_+.\-]{{{LONGEST_WORD + 1},}}"
+_WORD = rf"[0-9A-Za-z_+.\-]{{{_LONGEST_WORD + 1},}}"
 # Texts without an end run to the end, so that no part of them is looked at twice; the parser
 # refuses them.
 _TOML = re.compile(
@@ -60,7 +60,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
         If it is no TOML (with line and column), too long, nested too deep, or holds a number or
         a text that is too long.
     """
-    _scan(text, source, _TOML, LONGEST_TOML, "TOML file")
+    _scan(text, source, _TOML, _LONGEST_TOML, "TOML file")
     try:
         value = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
@@ -114,10 +114,10 @@ def _scan(text: str, source: str, tokens: re.Pattern[str], longest: int, kind: s
                 line = text.count("\n", 0, token.start()) + 1
                 raise DataError(
                     f"{source} has a number or key of {len(token[0])} characters in line {line}: "
-                    f"give at most {LONGEST_WORD}"
+                    f"give at most {_LONGEST_WORD}"
                 )
         # A dotted key costs its length again at every line below it.
-        if depth > DEEPEST or dots > DEEPEST:
+        if depth > _DEEPEST or dots > _DEEPEST:
             raise _too_deep(source)
 
 
@@ -126,16 +126,16 @@ def _check(value: object, source: str) -> None:
     ahead = [(value, 0)]
     while ahead:
         each, depth = ahead.pop()
-        if depth > DEEPEST:
+        if depth > _DEEPEST:
             raise _too_deep(source)
         if isinstance(each, dict):
             ahead += [(inner, depth + 1) for pair in each.items() for inner in pair]
         elif isinstance(each, list):
             ahead += [(inner, depth + 1) for inner in each]
         elif isinstance(each, str):
-            if len(each) > LONGEST_TEXT:
+            if len(each) > _LONGEST_TEXT:
                 raise DataError(
-                    f"{source} has a text of {len(each)} characters: give at most {LONGEST_TEXT}"
+                    f"{source} has a text of {len(each)} characters: give at most {_LONGEST_TEXT}"
                 )
             if _HALF_CHARACTER.search(each):
                 raise DataError(
@@ -146,8 +146,8 @@ def _check(value: object, source: str) -> None:
 
 def _too_deep(source: str) -> DataError:
     return DataError(
-        f"{source} has tables or lists inside one another more than {DEEPEST} deep: give a flatter "
-        "one"
+        f"{source} has tables or lists inside one another more than {_DEEPEST} deep: give a "
+        "flatter one"
     )
 
 

@@ -55,13 +55,6 @@ def test_gradient_is_that_of_the_twin(twin):
     assert slope == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=0.01)
 
 
-def test_mean_psf_weighs_the_views(twin):
-    heights = waves(SIDE, 1.0, seed=6)
-    tile = Tile(twin, SIDE, 1.55, (View(500.0, 0.25), View(600.0, 0.75)))
-    wanted = 0.25 * tile.psf(heights, 0) + 0.75 * tile.psf(heights, 1)
-    torch.testing.assert_close(tile.mean_psf(heights), wanted)
-
-
 def test_a_bulge_gathers(twin):
     """A cap of the radius that focuses is brighter in its middle than the surface around."""
     tile = tile_of(twin, SIDE)[1]

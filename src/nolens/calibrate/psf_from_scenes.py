@@ -22,7 +22,7 @@ that the support would be wide as a square. So the same PSF on finer pixels come
 _PENALTY = 3.0
 _INNER = 3
 _BETWEEN_GAINS = 4
-STEPS = 24
+_STEPS = 24
 _COARSE = 64
 _COARSE_STEPS = 16
 _COARSE_FRACTION = 0.2
@@ -244,7 +244,7 @@ def psf_from_scenes(
     known: KnownScenes,
     *,
     support: Tensor | None = None,
-    steps: int = STEPS,
+    steps: int = _STEPS,
     progress: ProgressCallback | None = None,
 ) -> SolvedPsf:
     """Solve one PSF from all measurements together: crop-aware and non-negative.

@@ -12,7 +12,7 @@ from nolens.camera import Frame
 from nolens.camera.measurement import colour_planes
 from nolens.capture.source import CameraSource, Limits, Shot
 
-BINS = 64
+_BINS = 64
 """Of a histogram."""
 _FINE = 16
 """Steps in a bin, for what is read off the histogram."""
@@ -34,7 +34,7 @@ class Levels:
     Attributes
     ----------
     histogram
-        Pixels of every colour in each of `BINS` steps from black to saturation.
+        Pixels of every colour in each of 64 steps from black to saturation.
     clipped_fraction
         Fraction of all pixels that are saturated.
     bright
@@ -69,7 +69,7 @@ class Levels:
         mean = float(counts.mean(dtype=torch.float64))
         return cls(
             {
-                name: tuple(each.reshape(BINS, _FINE).sum(dim=1).long().tolist())
+                name: tuple(each.reshape(_BINS, _FINE).sum(dim=1).long().tolist())
                 for name, each in fine.items()
             },
             clipped / counts.numel(),
@@ -203,7 +203,7 @@ class Burst:
 
 def _histogram(parts: list[Tensor], black: float, white: float) -> Tensor:
     """Pixels in fine steps; what lies beyond the range counts as its end."""
-    count = BINS * _FINE
+    count = _BINS * _FINE
     # Whole numbers are counted three times as fast as `histc` sorts floats.
     steps = [(part - black).mul_(count / (white - black)).clamp_(0, count - 1) for part in parts]
     counts = [torch.bincount(each.int().flatten(), minlength=count) for each in steps]

@@ -21,7 +21,7 @@ _DOMINANT = 0.3
 _RIM = 0.5
 _Array = NDArray[np.float64]
 _SECTORS = 8
-STAR_THRESHOLD = 0.10
+_STAR_THRESHOLD = 0.10
 """Fraction of the contrast of wide spokes at which spokes count as just resolved."""
 _OUTER = 0.95
 _LOW = 0.85
@@ -331,7 +331,7 @@ def star_contrast(picture: Tensor, *, periods: int | None = None) -> StarContras
 
 
 def resolved_radii(
-    star: StarContrast, *, threshold: float = STAR_THRESHOLD
+    star: StarContrast, *, threshold: float = _STAR_THRESHOLD
 ) -> tuple[ResolvedRadius, ...]:
     """Find for every sector from which radius on the spokes are resolved.
 
@@ -489,7 +489,7 @@ class StarResolution:
 
     @classmethod
     def of(
-        cls, picture: FlatPicture, *, periods: int | None = None, threshold: float = STAR_THRESHOLD
+        cls, picture: FlatPicture, *, periods: int | None = None, threshold: float = _STAR_THRESHOLD
     ) -> "StarResolution":
         """Measure a picture (`star_contrast`, `resolved_radii`).
 

@@ -168,7 +168,7 @@ def _angle_figures(psfs: Sequence[OffAxis]) -> dict[str, Any]:
     return figures
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True)
 class FieldOfView:
     """How far to the side a camera sees.
 

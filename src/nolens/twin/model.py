@@ -39,7 +39,7 @@ REFERENCE_NM = 550.0
 """Wavelength whose chief rays say where a field angle lies on the sensor."""
 LARGEST_ANGLE_DEG = 50.0
 """Field angle to which the model holds; beyond, the paper's camera sees nothing either."""
-NEAREST_MM = 10.0
+_NEAREST_MM = 10.0
 """Distance from which on the relief may be taken as thin against the curvature of the wave."""
 _ANGLES_DEG = (10, 30, 50)
 _NEAR_MM = 80.0
@@ -215,10 +215,10 @@ class Twin:
                 f"holds to {LARGEST_ANGLE_DEG:g} deg (a corner counts by its own angle): choose a "
                 "smaller angle"
             )
-        if not source.distance_um >= NEAREST_MM * 1e3:
+        if not source.distance_um >= _NEAREST_MM * 1e3:
             raise OptionError(
                 f"a distance of {source.distance_um * 1e-3:g} mm is nearer than the mask's near "
-                f"limit: choose {NEAREST_MM:g} mm or more"
+                f"limit: choose {_NEAREST_MM:g} mm or more"
             )
 
     def check_extent(self, source: PointSource, grid: Grid) -> None:

@@ -112,14 +112,6 @@ class Tile:
             return irradiance
         return nnf.avg_pool2d(irradiance[None, None], self.samples_per_pixel)[0, 0]
 
-    def mean_psf(self, heights_um: Tensor) -> Tensor:
-        """Weighted mean of all views, without a gradient."""
-        with torch.no_grad():
-            parts = [
-                view.weight * self.psf(heights_um, number) for number, view in enumerate(self.views)
-            ]
-        return torch.stack(parts).sum(0)
-
 
 @dataclass(frozen=True)
 class Layout:

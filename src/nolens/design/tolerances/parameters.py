@@ -26,7 +26,7 @@ from nolens.ranges import Between
 from nolens.twin import REFERENCE_NM
 
 Distribution = Literal["normal", "uniform", "triangular"]
-DISTRIBUTIONS: tuple[str, ...] = get_args(Distribution)
+_DISTRIBUTIONS: tuple[str, ...] = get_args(Distribution)
 """Names of all distributions."""
 
 _SIGMAS = 2.0
@@ -64,7 +64,7 @@ class Parameter:
     name
         Such as ``"resin.thickness"``.
     distribution
-        One of `DISTRIBUTIONS`.
+        One of `Distribution`.
     middle
         Mean value, in `unit`.
     tolerance
@@ -455,10 +455,10 @@ def parameters_to_toml(parameters: tuple[Parameter, ...], camera: Camera) -> str
 
 def _parameter(row: _Row, known: dict[str, Variable], camera: Camera) -> Parameter:
     variable = find(known, camera, row.name)
-    if row.distribution not in DISTRIBUTIONS:
+    if row.distribution not in _DISTRIBUTIONS:
         raise OptionError(
             f"{row.name}: there is no distribution {row.distribution!r}"
-            f"{suggestion(row.distribution, DISTRIBUTIONS)} Known are {', '.join(DISTRIBUTIONS)}"
+            f"{suggestion(row.distribution, _DISTRIBUTIONS)} Known are {', '.join(_DISTRIBUTIONS)}"
         )
     tolerance = _value(row.tolerance, f"{row.name}.tolerance", variable.unit)
     if tolerance < 0:
