@@ -1,6 +1,6 @@
 """Cameras that are described, their PSFs, and what they measure of a scene."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -21,22 +21,11 @@ from nolens.camera import Frame, LoadedCamera, ReliefFile, develop
 from nolens.errors import DataError, OptionError
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import read_camera
-from nolens.jobs.run import BYTES_OF_PROGRAM, check_memory
+from nolens.jobs.simulation import check_simulation_memory
 from nolens.operators import Region
 from nolens.quantities import Angle, Length
 from nolens.solvers.inputs import Plane, channels_of
-from nolens.twin import (
-    Light,
-    Twin,
-    colours_of,
-    in_channels,
-    irradiate_bytes,
-    polychromatic_psf_bytes,
-    preview_model,
-    relief_points,
-    shortest_nm,
-    simulation_bytes,
-)
+from nolens.twin import Light, Twin, in_channels, preview_model
 from nolens.twin import Plane as ScenePlane
 
 
@@ -215,19 +204,12 @@ def psf(
         rows, columns = camera.size
         size = (rows + support.height, columns + support.width)
     source = source_of(distance, angle, diameter)
-    bare, colours = camera.preview, colours_of(camera.preview, Light(light), wavelengths)
-    pattern = polychromatic_psf_bytes(
-        bare,
-        source,
-        size or bare.shape,
-        bare.superpixel,
-        at_least=2,
-        shortest=shortest_nm(colours),
-    )
-    check_camera_memory(camera, pattern, "a smaller size or a camera that reads fewer pixels")
-    bench = VirtualExperiment(camera.twin, Light(light), wavelengths)
+    preview = VirtualExperiment(camera.preview, Light(light), wavelengths)
+    working = preview.psf_bytes(source, size)
+    check_camera_memory(camera, working, "a smaller size or a camera that reads fewer pixels")
+    experiment = replace(preview, twin=camera.twin)
     with reported(progress, "PSF") as report:
-        values = bench.psf(source, size, report)
+        values = experiment.psf(source, size, report)
     if not float(values.max()) > 0:
         raise DataError(
             f"no light from {source.angle_deg:.4g} deg off the axis reaches these pixels: choose a "
@@ -264,9 +246,9 @@ def simulate_point(
     OptionError
         If a quantity or the light cannot be used.
     """
-    bench = VirtualExperiment(camera.twin, Light(light), wavelengths)
+    experiment = VirtualExperiment(camera.twin, Light(light), wavelengths)
     with reported(progress, "point source") as report:
-        return bench.point(
+        return experiment.point(
             source_of(distance, angle, diameter), fill=fill, seed=seed, progress=report
         )
 
@@ -323,12 +305,12 @@ def simulate(
         distance_um(distance),
         opacity,
     )
-    bare, colours = camera.preview, colours_of(camera.preview, Light(light), wavelengths)
-    working = irradiate_bytes(bare, (plane,), field_points, colours)
+    preview = VirtualExperiment(camera.preview, Light(light), wavelengths, field_points)
+    working = preview.scene_bytes((plane,))
     check_camera_memory(camera, working, "a smaller angle or a camera that reads fewer pixels")
-    bench = VirtualExperiment(camera.twin, Light(light), wavelengths, field_points)
+    experiment = replace(preview, twin=camera.twin)
     with reported(progress, "measurement") as report:
-        shot = bench.measure((plane,), fill=fill, seed=seed, progress=report)
+        shot = experiment.measure((plane,), fill=fill, seed=seed, progress=report)
     values = develop(shot.frame).values
     return SimulatedMeasurement(
         values, camera.channels, shot.frame, shot.truth, shot.response, shot.region
@@ -336,21 +318,11 @@ def simulate(
 
 
 def check_camera_memory(camera: Camera, working: float, remedy: str) -> None:
-    """Refuse what the machine has no memory for, before the relief is computed.
-
-    Parameters
-    ----------
-    camera
-        To be simulated.
-    working
-        Bytes that are held at once beside its relief.
-    remedy
-        What needs less.
+    """`check_simulation_memory` for a camera; the remedy is what needs less.
 
     Raises
     ------
     OptionError
         If the machine has less memory than that.
     """
-    needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(camera.opened), working)
-    check_memory(needed, camera.device, f"{remedy} needs less")
+    check_simulation_memory(camera.opened, working, camera.device, f"{remedy} needs less")

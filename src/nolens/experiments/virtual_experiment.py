@@ -1,11 +1,13 @@
 """A simulated camera with light in front of it: what other jobs take pictures with, in memory."""
 
+import math
 from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
-from nolens.camera import Camera, Frame, LoadedCamera, Measurement, Sensor, develop
+from nolens.camera import Frame, LoadedCamera, Measurement, Sensor, develop
+from nolens.errors import DataError
 from nolens.operators import Region
 from nolens.optics import PointSource
 from nolens.progress import ProgressCallback
@@ -16,14 +18,21 @@ from nolens.twin import (
     Plane,
     PlaneView,
     Twin,
+    colours_of,
     expose,
     irradiate,
+    irradiate_bytes,
     mosaic,
     photocurrents,
     point_spread,
+    polychromatic_psf_bytes,
     render_planes,
+    shortest_nm,
 )
 from nolens.twin import Frame as PsfFrame
+
+_VISIBLE = 0.3
+"""Fraction of the noise from which on the error of the field points is worth a warning."""
 
 
 @dataclass(frozen=True)
@@ -40,15 +49,45 @@ class SimulatedMeasurement:
         Radiance on them, (channels, height, width).
     response
         How much of it each pixel gives, (height, width), 1 for the brightest.
-    exposure_cd_s_m2
-        Luminance of what has the radiance 1, times the exposure time.
+    exposure_s
+        Exposure time.
+    luminance_cd_m2
+        Of what has the radiance 1.
+    brightest_electrons
+        Mean number that the light frees in the brightest pixel.
+    field_points
+        PSFs along each side of the scene.
+    field_error
+        See `Irradiated.relative_error`.
     """
 
     frame: Frame
     region: Region
     truth: Tensor
     response: Tensor
-    exposure_cd_s_m2: float
+    exposure_s: float
+    luminance_cd_m2: float
+    brightest_electrons: float
+    field_points: int
+    field_error: dict[str, float] | None
+
+    @property
+    def exposure_cd_s_m2(self) -> float:
+        """Luminance of what has the radiance 1, times the exposure time."""
+        return self.luminance_cd_m2 * self.exposure_s
+
+    @property
+    def warnings(self) -> list[str]:
+        """That more field points are needed, where their error shows beside the noise."""
+        if self.field_error is None or self.field_error["of_noise"] <= _VISIBLE:
+            return []
+        points, of_noise = self.field_points, self.field_error["of_noise"]
+        # Bilinear interpolation errs with the square of the distance of its points.
+        steps = (points - 1) * math.sqrt(of_noise / _VISIBLE)
+        return [
+            f"between the {points}×{points} field points the simulation is off by "
+            f"{of_noise:.2g} of the noise: try --field-points {2 * math.ceil(steps / 2) + 1}"
+        ]
 
 
 @dataclass(frozen=True)
@@ -95,6 +134,37 @@ class VirtualExperiment:
     def sensor(self) -> Sensor:
         """Of the camera."""
         return self.twin.camera.sensor
+
+    def psf_bytes(
+        self, source: PointSource, size: tuple[int, int] | None = None, pixels: int | None = None
+    ) -> float:
+        """Most memory that `psf` holds; a preview of the camera tells it.
+
+        Raises
+        ------
+        OptionError
+            If the optics do not hold for the source.
+        """
+        twin, size, pixels = self.twin, size or self.twin.shape, pixels or self.twin.superpixel
+        twin.check_source(source)
+        # Around the result as much is computed as the image of the source is wide.
+        image = source.diameter_um * float(twin.stack().spread_um(torch.tensor(source.p)))
+        edge = math.ceil(image / source.distance_um / (pixels * twin.sensor_pitch_um))
+        colours = colours_of(twin, self.light, self.wavelengths)
+        working = polychromatic_psf_bytes(
+            twin,
+            source,
+            (size[0] + 2 * edge, size[1] + 2 * edge),
+            pixels,
+            at_least=2,
+            shortest=shortest_nm(colours),
+        )
+        return working + 8 * math.prod(size) * len(colours)
+
+    def scene_bytes(self, planes: tuple[Plane, ...]) -> float:
+        """Most memory that `measure` holds; a preview of the camera tells it."""
+        colours = colours_of(self.twin, self.light, self.wavelengths)
+        return irradiate_bytes(self.twin, planes, self.field_points, colours)
 
     def psf(
         self,
@@ -192,10 +262,29 @@ class VirtualExperiment:
         views: tuple[PlaneView, ...],
         *,
         fill: float = 0.9,
+        exposure_s: float | None = None,
+        luminance_cd_m2: float = 1.0,
         seed: int = 0,
         progress: ProgressCallback | None = None,
     ) -> SimulatedMeasurement:
-        """The sensor's frame of views on the pixels of a map; the rest as `measure`."""
+        """The sensor's frame of views on the pixels of a map; the rest as `measure`.
+
+        Parameters
+        ----------
+        field, views
+            As `render_planes` gives them.
+        fill, seed, progress
+            As `measure` takes them.
+        exposure_s
+            Exposure time in place of `fill`.
+        luminance_cd_m2
+            Of what has the radiance 1.
+
+        Raises
+        ------
+        DataError
+            If no light reaches the sensor, and no exposure time is given.
+        """
         irradiance = irradiate(
             self.twin,
             replace(field, twin=self.twin),
@@ -205,39 +294,70 @@ class VirtualExperiment:
             wavelengths=self.wavelengths,
             progress=progress,
         )
-        currents = photocurrents(self.twin, self.light, 1.0)[:, None, None]
+        currents = photocurrents(self.twin, self.light, luminance_cd_m2)[:, None, None]
         light = irradiance.light
-        image = light * mosaic(currents.expand(-1, *light.shape), self.sensor.mosaic)
+        rate = light * mosaic(currents.expand(-1, *light.shape), self.sensor.mosaic)
+        if exposure_s is None:
+            exposure_s = self.exposure_of(rate, fill)
+        electrons = rate * exposure_s
         response = field.solid_angle() * field.vignetting()
         return SimulatedMeasurement(
-            self.exposed(image, fill, seed),
+            self._frame(electrons, seed),
             field.region,
             torch.stack([plane.radiance for plane in views]).sum(dim=0),
             (response / response.max()).float(),
-            fill * self.sensor.clip_electrons / float(image.max()),
+            exposure_s,
+            luminance_cd_m2,
+            float(electrons.max()),
+            self.field_points,
+            irradiance.relative_error(rate.double() * exposure_s, self.sensor),
         )
 
     def exposed(self, image: Tensor, fill: float, seed: int) -> Frame:
         """The sensor's frame of light on every pixel, its brightest exposed to `fill`."""
-        electrons = image * (fill * self.sensor.clip_electrons / float(image.max()))
-        return raw_frame(expose(electrons, self.sensor, seed=seed), self.twin.camera)
+        return self._frame(image * self.exposure_of(image, fill), seed)
+
+    def exposure_of(self, image: Tensor, fill: float) -> float:
+        """Factor from light to electrons by which the brightest pixel is exposed to `fill`.
+
+        Raises
+        ------
+        DataError
+            If there is no light.
+        """
+        return fill * self.sensor.clip_electrons / brightest(image)
+
+    def _frame(self, electrons: Tensor, seed: int) -> Frame:
+        """What the sensor reads out of the mean electrons in its pixels, (rows, columns)."""
+        sensor = self.sensor
+        pattern = None if sensor.mosaic == "none" else sensor.mosaic
+        return Frame(
+            expose(electrons, sensor, seed=seed).float()[None],
+            ("grey",) if pattern is None else ("mosaic",),
+            pattern,
+            (sensor.black_counts,),
+            sensor.saturated_counts,
+            "uint16",
+            f"simulated by {self.twin.camera.name}",
+            black_stated=True,
+        )
 
 
-def raw_frame(counts: Tensor, camera: Camera, exposure_s: float | None = None) -> Frame:
-    """The frame of a simulated sensor's counts, (rows, columns)."""
-    sensor = camera.sensor
-    pattern = None if sensor.mosaic == "none" else sensor.mosaic
-    return Frame(
-        counts.float()[None],
-        ("grey",) if pattern is None else ("mosaic",),
-        pattern,
-        (sensor.black_counts,),
-        sensor.saturated_counts,
-        "uint16",
-        f"simulated by {camera.name}",
-        exposure_s=exposure_s,
-        black_stated=True,
-    )
+def brightest(light: Tensor) -> float:
+    """The most light that there is.
+
+    Raises
+    ------
+    DataError
+        If there is none.
+    """
+    most = float(light.max())
+    if not most > 0:
+        raise DataError(
+            "no light reaches the sensor: the scene is black, or all of it is hidden. Give a "
+            "brighter scene"
+        )
+    return most
 
 
 def solved(

@@ -5,7 +5,6 @@ import re
 from functools import partial
 from typing import Annotated, Any, Literal, NamedTuple
 
-import torch
 from pydantic import BeforeValidator
 from torch import Tensor
 
@@ -13,18 +12,19 @@ from nolens.camera import LoadedCamera
 from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
-from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import write_png, write_tiff32
 from nolens.jobs.fields import RESULT, Bin, FieldAngles, FilePath, Seed
 from nolens.jobs.options import Option, Written
-from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Run, check_memory, job
+from nolens.jobs.run import Product, Run, job
 from nolens.jobs.simulation import (
     EXPOSURE,
     FILL,
     RAW_SUFFIXES,
     Fill,
     SimulationOptions,
+    begin_simulation,
     camera_parameters,
+    check_simulation_memory,
     raw_writer,
     read_simulated_camera,
     saturated_fraction,
@@ -32,19 +32,7 @@ from nolens.jobs.simulation import (
 from nolens.optics import PointSource
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
-from nolens.twin import (
-    Frame,
-    Twin,
-    colours_of,
-    distance_um,
-    expose,
-    mosaic,
-    photocurrents,
-    polychromatic_psf_bytes,
-    relief_points,
-    shortest_nm,
-    simulation_bytes,
-)
+from nolens.twin import Frame, distance_um, mosaic, photocurrents
 
 _POINT = "Point source"
 _SIZE = re.compile(r"([0-9]{1,6})x([0-9]{1,6})")
@@ -167,31 +155,16 @@ def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
     NolensError
         If an input, an option or an output cannot be used; then nothing is written.
     """
-    options, reporter, device = run.options, run.reporter, run.device
-    opened, light, bare = read_simulated_camera(run)
-    sensor = opened.camera.sensor
+    options, reporter = run.options, run.reporter
+    loaded, preview = read_simulated_camera(run)
     captured = options.output.suffix.lower() == ".dng"
-    shape = _shape(options, opened, captured)
-    source = _source(options, opened)
-    bare.check_source(source)
-    colours = colours_of(bare, light, options.wavelengths)
-    psf_bytes = polychromatic_psf_bytes(
-        bare,
-        source,
-        _with_edge(bare, source, shape),
-        shape.pixels,
-        at_least=2,
-        shortest=shortest_nm(colours),
-    )
-    held = 8 * math.prod(shape.size) * len(sensor.channels)
-    needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(opened), psf_bytes + held)
-    check_memory(needed, device, _REMEDY)
-    run.begin(needed)
-
-    reporter.advance("mask", 0.0)
-    twin = Twin.of(opened, device=device, fresnel=options.fresnel)
+    shape = _shape(options, loaded, captured)
+    source = _source(options, loaded)
+    working = preview.psf_bytes(source, shape.size, shape.pixels)
+    needed = check_simulation_memory(loaded, working, run.device, _REMEDY)
+    experiment = begin_simulation(run, loaded, preview, needed)
     # Its channels are as a captured one has them: a scene in this light keeps its own colours.
-    psf = VirtualExperiment(twin, light, options.wavelengths).psf(
+    psf = experiment.psf(
         source,
         shape.size,
         partial(reporter.advance, "point source"),
@@ -203,9 +176,9 @@ def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
             f"no light from {source.angle_deg:.4g} deg off the axis reaches these pixels: they do "
             "not accept it, or it falls beside them. Choose a smaller angle or more --pixels"
         )
-    shift = twin.shift_um(source)
+    shift = experiment.twin.shift_um(source)
     figures = {
-        "camera": opened.camera.name,
+        "camera": loaded.camera.name,
         "angle_deg": round(source.angle_deg, 3),
         "shift_um": [round(shift[1], 3), round(0.0 - shift[0], 3)],
         "pixels": list(shape.size),
@@ -215,13 +188,14 @@ def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
         "peak_over_mean": float(psf.max() / psf.mean()),
     }
     if captured:
-        image = mosaic(psf, sensor.mosaic)
-        scale = (options.fill or FILL).value * sensor.clip_electrons / float(image.max())
-        exposure_s = scale / (_LUX * float(photocurrents(twin, light, 1.0).max()))
-        counts = expose(image * scale, sensor, seed=options.seed)
+        image = mosaic(psf, experiment.sensor.mosaic)
+        fill = (options.fill or FILL).value
+        currents = photocurrents(experiment.twin, experiment.light, 1.0)
+        exposure_s = experiment.exposure_of(image, fill) / (_LUX * float(currents.max()))
+        frame = experiment.exposed(image, fill, options.seed)
         figures["exposure_s"] = exposure_s
-        figures["saturated_fraction"] = saturated_fraction(counts, sensor)
-        write = raw_writer(counts, opened, exposure_s)
+        figures["saturated_fraction"] = saturated_fraction(frame, experiment.sensor)
+        write = raw_writer(frame, exposure_s)
     elif options.output.suffix.lower() == ".png":
         reporter.note(
             f"{options.output} is for looking at: reconstruct with the .tif or .dng of this PSF"
@@ -229,11 +203,11 @@ def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
         write = partial(write_png, radiance=psf)
     else:
         write = partial(write_tiff32, radiance=psf)
-    return Product(psf, figures, {options.output: write}, camera_parameters(opened))
+    return Product(psf, figures, {options.output: write}, camera_parameters(loaded))
 
 
-def _source(options: PsfOptions, opened: LoadedCamera) -> PointSource:
-    depth = distance_um(options.distance, opened)
+def _source(options: PsfOptions, loaded: LoadedCamera) -> PointSource:
+    depth = distance_um(options.distance, loaded)
     diameter = 0.0 if math.isinf(depth) else _DIAMETER_UM
     if options.size is not None:
         diameter = options.size.um
@@ -246,15 +220,8 @@ def _source(options: PsfOptions, opened: LoadedCamera) -> PointSource:
     return PointSource((-up, right), depth, diameter)
 
 
-def _with_edge(twin: Twin, source: PointSource, shape: _Shape) -> tuple[int, int]:
-    """Size with what is computed around it, as wide as the image of the light."""
-    image = source.diameter_um * float(twin.stack().spread_um(torch.tensor(source.p)))
-    edge = math.ceil(image / source.distance_um / (shape.pixels * twin.sensor_pitch_um))
-    return shape.size[0] + 2 * edge, shape.size[1] + 2 * edge
-
-
-def _shape(options: PsfOptions, opened: LoadedCamera, captured: bool) -> _Shape:
-    sensor = opened.camera.sensor
+def _shape(options: PsfOptions, loaded: LoadedCamera, captured: bool) -> _Shape:
+    sensor = loaded.camera.sensor
     if captured:
         if options.bin not in (None, 1):
             raise OptionError(

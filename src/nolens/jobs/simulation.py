@@ -1,6 +1,5 @@
 """`nolens simulate`: from pictures of a scene to what a simulated camera measures of them."""
 
-import math
 from dataclasses import replace
 from functools import partial
 from itertools import cycle
@@ -11,9 +10,9 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from nolens.camera import LoadedCamera, Sensor
+from nolens.camera import Frame, LoadedCamera, Sensor
 from nolens.errors import DataError, OptionError
-from nolens.experiments.virtual_experiment import raw_frame
+from nolens.experiments.virtual_experiment import VirtualExperiment, brightest
 from nolens.files import camera_files, read_camera, read_picture, write_frame, write_tiff32
 from nolens.jobs.fields import (
     CAMERAS,
@@ -39,16 +38,11 @@ from nolens.ranges import Between
 from nolens.twin import (
     Light,
     Plane,
+    PlaneView,
     Twin,
     check_field_points,
-    colours_of,
     distance_um,
-    expose,
     in_channels,
-    irradiate,
-    irradiate_bytes,
-    mosaic,
-    photocurrents,
     preview_model,
     relief_points,
     render_planes,
@@ -65,8 +59,6 @@ _REMEDY = (
     "a camera with fewer or larger pixels, a coarser grid of its relief or a smaller --angle needs "
     "less"
 )
-_VISIBLE = 0.3
-"""Fraction of the noise from which on the error of the field points is worth a warning."""
 
 
 class SimulationOptions(JobOptions):
@@ -221,8 +213,10 @@ class SimulateOptions(SimulationOptions):
         return (Written("output", self.output, suffixes=RAW_SUFFIXES), *more, record)
 
 
-def read_simulated_camera(run: Run[Any]) -> tuple[LoadedCamera, Light, Twin]:
-    """The camera and the light of a run with `SimulationOptions`, and the camera's preview model.
+def read_simulated_camera(
+    run: Run[Any], field_points: int = 1
+) -> tuple[LoadedCamera, VirtualExperiment]:
+    """The camera of a run with `SimulationOptions`, and its preview model in the run's light.
 
     Raises
     ------
@@ -230,15 +224,43 @@ def read_simulated_camera(run: Run[Any]) -> tuple[LoadedCamera, Light, Twin]:
         If the camera or the light cannot be used, or the output not hold the sensor's counts.
     """
     options: SimulationOptions = run.options
-    opened = read_camera(options.camera)
-    _check_raw(options.output, opened.camera.sensor)
-    run.reads(camera_files(options.camera, opened.camera))
-    return opened, Light(options.light), preview_model(opened, fresnel=options.fresnel)
+    loaded = read_camera(options.camera)
+    _check_raw(options.output, loaded.camera.sensor)
+    run.reads(camera_files(options.camera, loaded.camera))
+    preview = preview_model(loaded, fresnel=options.fresnel)
+    return loaded, VirtualExperiment(
+        preview, Light(options.light), options.wavelengths, field_points
+    )
 
 
-def camera_parameters(opened: LoadedCamera) -> dict[str, Any]:
+def check_simulation_memory(
+    loaded: LoadedCamera, working: float, device: torch.device, remedy: str
+) -> float:
+    """Bytes that a simulation needs, `working` beside the camera's relief, if there are as many.
+
+    Raises
+    ------
+    OptionError
+        If the machine has less memory, before the relief is computed; `remedy` ends the message.
+    """
+    needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(loaded), working)
+    check_memory(needed, device, remedy)
+    return needed
+
+
+def begin_simulation(
+    run: Run[Any], loaded: LoadedCamera, preview: VirtualExperiment, needed: float
+) -> VirtualExperiment:
+    """The camera itself in place of its preview model; its relief takes the first seconds."""
+    run.begin(needed)
+    run.reporter.advance("mask", 0.0)
+    twin = Twin.of(loaded, device=run.device, fresnel=run.options.fresnel)
+    return replace(preview, twin=twin)
+
+
+def camera_parameters(loaded: LoadedCamera) -> dict[str, Any]:
     """What the record of a simulation has of its camera."""
-    return {"camera_description": opened.camera.model_dump(mode="json")}
+    return {"camera_description": loaded.camera.model_dump(mode="json")}
 
 
 def _check_raw(path: Path, sensor: Sensor) -> None:
@@ -257,18 +279,18 @@ def _check_raw(path: Path, sensor: Sensor) -> None:
         )
 
 
-def raw_writer(counts: Tensor, opened: LoadedCamera, exposure_s: float) -> Writer:
-    """What writes the counts of a simulated sensor, as DNG or 16-bit TIFF by the suffix."""
+def raw_writer(frame: Frame, exposure_s: float) -> Writer:
+    """What writes the frame of a simulated sensor, as DNG or 16-bit TIFF by the suffix."""
     return partial(
         write_frame,
-        frame=raw_frame(counts, opened.camera, exposure_s),
+        frame=replace(frame, exposure_s=exposure_s),
         model="nolens simulated camera",
     )
 
 
-def saturated_fraction(counts: Tensor, sensor: Sensor) -> float:
+def saturated_fraction(frame: Frame, sensor: Sensor) -> float:
     """Fraction of the pixels that are saturated."""
-    return float((counts >= sensor.saturated_counts).double().mean())
+    return float((frame.counts >= sensor.saturated_counts).double().mean())
 
 
 @job
@@ -280,64 +302,43 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
     NolensError
         If an input, an option or an output cannot be used; then nothing is written.
     """
-    options, reporter, device = run.options, run.reporter, run.device
-    opened, light, bare = read_simulated_camera(run)
-    sensor = opened.camera.sensor
+    options = run.options
+    loaded, preview = read_simulated_camera(run, options.field_points)
     check_field_points(options.field_points)
-    planes = _planes(options, opened)
-    colours = colours_of(bare, light, options.wavelengths)
-    working = irradiate_bytes(bare, planes, options.field_points, colours)
-    needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(opened), working)
-    check_memory(needed, device, _REMEDY)
-    field, seen = render_planes(bare, planes)
-    truth = torch.stack([plane.radiance for plane in seen]).sum(dim=0)
+    planes = _planes(options, loaded)
+    working = preview.scene_bytes(planes)
+    needed = check_simulation_memory(loaded, working, run.device, _REMEDY)
+    field, views = render_planes(preview.twin, planes)
     if options.exposure is None:
-        _brightest(truth)
-    run.begin(needed)
-
-    reporter.advance("mask", 0.0)
-    twin = Twin.of(opened, device=device, fresnel=options.fresnel)
-    irradiated = irradiate(
-        twin,
-        replace(field, twin=twin),
-        seen,
-        field_points=options.field_points,
-        light=light,
-        wavelengths=options.wavelengths,
-        progress=partial(reporter.advance, "scene"),
+        _check_light(views)
+    shot = begin_simulation(run, loaded, preview, needed).measure_views(
+        field,
+        views,
+        fill=(options.fill or FILL).value,
+        exposure_s=None if options.exposure is None else options.exposure.s,
+        luminance_cd_m2=options.luminance.cd_m2,
+        seed=options.seed,
+        progress=partial(run.reporter.advance, "scene"),
     )
-    currents = photocurrents(twin, light, options.luminance.cd_m2)[:, None, None]
-    rate = irradiated.light * mosaic(currents.expand(-1, *irradiated.light.shape), sensor.mosaic)
-    if options.exposure is not None:
-        exposure_s = options.exposure.s
-    else:
-        exposure_s = (options.fill or FILL).value * sensor.clip_electrons / _brightest(rate)
-    electrons = rate * exposure_s
-    counts = expose(electrons, sensor, seed=options.seed)
-    error = irradiated.relative_error(rate.double() * exposure_s, sensor)
-    run.warn(*_warnings(error, options.field_points))
-
-    response = field.solid_angle() * field.vignetting()
+    run.warn(*shot.warnings)
     largest_angle = max(PointSource(plane.tangents).angle_deg for plane in planes)
     figures = {
-        "camera": opened.camera.name,
-        "support": _region(field.region, twin.shape),
-        "pixels": list(twin.shape),
-        "psf_pixels": _psf_pixels(field.region, twin),
-        "exposure_s": exposure_s,
-        "brightest_electrons": float(electrons.max()),
-        "saturated_fraction": saturated_fraction(counts, sensor),
-        "field_points": options.field_points,
-        "field_error": error,
+        "camera": loaded.camera.name,
+        "support": _support_text(field.region, preview.twin.shape),
+        "pixels": list(preview.twin.shape),
+        "psf_pixels": _psf_pixels(field.region, preview.twin),
+        "exposure_s": shot.exposure_s,
+        "brightest_electrons": shot.brightest_electrons,
+        "saturated_fraction": saturated_fraction(shot.frame, loaded.camera.sensor),
+        "field_points": shot.field_points,
+        "field_error": shot.field_error,
         "largest_angle_deg": round(largest_angle, 3),
     }
-    writers = {options.output: raw_writer(counts, opened, exposure_s)}
-    if options.truth is not None:
-        writers[options.truth] = partial(write_tiff32, radiance=truth)
-    if options.response is not None:
-        relative = (response / response.max()).float()[None]
-        writers[options.response] = partial(write_tiff32, radiance=relative)
-    return Product(truth, figures, writers, camera_parameters(opened))
+    writers = {options.output: raw_writer(shot.frame, shot.exposure_s)}
+    for path, picture in ((options.truth, shot.truth), (options.response, shot.response[None])):
+        if path is not None:
+            writers[path] = partial(write_tiff32, radiance=picture)
+    return Product(shot.truth, figures, writers, camera_parameters(loaded))
 
 
 def _psf_pixels(region: Region, twin: Twin) -> str:
@@ -351,10 +352,10 @@ def _psf_pixels(region: Region, twin: Twin) -> str:
     return f"{rows}x{columns}"
 
 
-def _planes(options: SimulateOptions, opened: LoadedCamera) -> tuple[Plane, ...]:
+def _planes(options: SimulateOptions, loaded: LoadedCamera) -> tuple[Plane, ...]:
     """The pictures, in the sensor's channels, where they stand."""
-    channels = len(opened.camera.sensor.channels)
-    distances = [distance_um(each, opened) for each in options.distance or (None,)]
+    channels = len(loaded.camera.sensor.channels)
+    distances = [distance_um(each, loaded) for each in options.distance or (None,)]
     planes = []
     # Of distances and angles there is one, or one for each picture.
     places = zip(options.scenes, cycle(options.angle), cycle(distances), strict=False)
@@ -365,30 +366,15 @@ def _planes(options: SimulateOptions, opened: LoadedCamera) -> tuple[Plane, ...]
     return tuple(planes)
 
 
-def _brightest(light: Tensor) -> float:
-    """What the exposure goes by."""
-    brightest = float(light.max())
-    if not brightest > 0:
-        raise DataError(
-            "no light reaches the sensor: the scene is black, or all of it is hidden. Give a "
-            "brighter scene, or say how long to expose (--exposure 40ms)"
-        )
-    return brightest
+def _check_light(views: tuple[PlaneView, ...]) -> None:
+    """Refuse a scene without light: an exposure that depends on the brightest pixel has none."""
+    try:
+        brightest(torch.stack([view.radiance for view in views]).sum(dim=0))
+    except DataError as error:
+        raise DataError(f"{error}, or say how long to expose (--exposure 40ms)") from None
 
 
-def _warnings(error: dict[str, float] | None, field_points: int) -> list[str]:
-    if error is None or error["of_noise"] <= _VISIBLE:
-        return []
-    # Bilinear interpolation errs with the square of the distance of its points.
-    steps = (field_points - 1) * math.sqrt(error["of_noise"] / _VISIBLE)
-    better = 2 * math.ceil(steps / 2) + 1
-    return [
-        f"between the {field_points}×{field_points} field points the simulation is off by "
-        f"{error['of_noise']:.2g} of the noise: try --field-points {better}"
-    ]
-
-
-def _region(region: Region, sensor: tuple[int, int]) -> str:
+def _support_text(region: Region, sensor: tuple[int, int]) -> str:
     """As `nolens reconstruct --support` takes it."""
     text = f"{region.height}x{region.width}"
     if region == Region.centred(region.height, region.width, sensor):
