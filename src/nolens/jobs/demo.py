@@ -1,35 +1,24 @@
 """The demonstration: the paper's camera, simulated, and the photograph made from its files."""
 
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
 
-import torch
-import torch.nn.functional as nnf
 from torch import Tensor
 
-from nolens.camera import LoadedCamera, develop, exposure_white, preset
+from nolens.camera import develop
 from nolens.evaluate import psnr, scale_fit
-from nolens.experiments.virtual_experiment import VirtualExperiment
+from nolens.experiments.demonstration import demonstrate, side_by_side
 from nolens.files import read_frame, readable, write_frame, write_into, write_png
 from nolens.jobs.fields import FilePath
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.reconstruction.job import reconstruct
 from nolens.jobs.reconstruction.options import ReconstructOptions
-from nolens.jobs.run import Product, Reporter, Run, job
+from nolens.jobs.run import Product, Run, job
 from nolens.jobs.sample_pictures import sample_picture
-from nolens.optics import PointSource
-from nolens.twin import Light, Plane, Twin
 
-_SCENE_PIXELS = (1520, 2028)
-"""Part of the paper's sensor that is read for the scene: half of it in each direction."""
-_PSF_PIXELS = (2320, 2828)
-"""Part that is read for the point source: wider by what the scene moves the PSF."""
-_DISTANCE_UM = 300e3
-_SOURCE_UM = 50.0
-_ANGLE_DEG = 50.0
 _TAU = 1e-5
+_MODEL = "nolens simulated camera"
 
 
 class DemoOptions(JobOptions):
@@ -62,13 +51,13 @@ class DemoOptions(JobOptions):
         """Measurement | reconstruction | truth."""
         return self.output / "demo.png"
 
-    def reconstruction(self, region: str) -> ReconstructOptions:
+    def reconstruction(self, support: str) -> ReconstructOptions:
         """How the camera's files are reconstructed."""
         return ReconstructOptions(
             measurement=self.measurement,
             psf=self.psf,
             psf_extent="wide",
-            support=region,
+            support=support,
             tau=_TAU,
             output=(self.output / "reconstruction.png",),
         )
@@ -96,12 +85,21 @@ def run_demo(run: Run[DemoOptions]) -> Product[Tensor]:
     """
     options = run.options
     photograph = sample_picture("astronaut", "the photograph of the demonstration comes")
-    truth, region = _capture(photograph, options, run.reporter)
-    asked = options.reconstruction(region)
+    demonstration = demonstrate(photograph, run.reporter.note, run.reporter.advance)
+    write_into(
+        options.output,
+        {
+            options.measurement: partial(write_frame, frame=demonstration.scene, model=_MODEL),
+            options.psf: partial(write_frame, frame=demonstration.point, model=_MODEL),
+        },
+    )
+    truth = demonstration.truth
+    support = f"{demonstration.support.height}x{demonstration.support.width}"
+    asked = options.reconstruction(support)
     solved = reconstruct(asked, run.reporter)
     run.warn(*solved.summary["warnings"], aloud=False)
     fitted = scale_fit(solved.value, truth)
-    shown = _side_by_side(develop(read_frame(options.measurement)).values, fitted, truth)
+    panels = side_by_side(develop(read_frame(options.measurement)).values, fitted, truth)
     command = [
         "nolens",
         "reconstruct",
@@ -111,7 +109,7 @@ def run_demo(run: Run[DemoOptions]) -> Product[Tensor]:
         "--psf-extent",
         "wide",
         "--support",
-        region,
+        support,
         "--tau",
         f"{_TAU:g}",
         "-o",
@@ -127,51 +125,6 @@ def run_demo(run: Run[DemoOptions]) -> Product[Tensor]:
     return Product(
         solved.value,
         figures,
-        {options.picture: partial(write_png, radiance=shown)},
+        {options.picture: partial(write_png, radiance=panels)},
         outputs=(*files, options.picture),
     )
-
-
-def _capture(photograph: Tensor, options: DemoOptions, reporter: Reporter) -> tuple[Tensor, str]:
-    """Write the files of the simulated camera; what their reconstruction is to show, and where."""
-    reporter.note(
-        f"the paper's camera: a point source at 300 mm, on the middle {_size(_PSF_PIXELS)} pixels"
-    )
-    wide = Twin.of(LoadedCamera.of(preset("paper"))).reading(*_PSF_PIXELS)
-    experiment = VirtualExperiment(wide, Light("white-led"), wavelengths=1, field_points=5)
-    source = PointSource(distance_um=_DISTANCE_UM, diameter_um=_SOURCE_UM)
-    point = experiment.point(source, seed=2, progress=partial(reporter.advance, "point source"))
-
-    points = experiment.field_points
-    reporter.note(
-        f"a scene that fills {_ANGLE_DEG:g}°, on the middle {_size(_SCENE_PIXELS)} pixels, with "
-        f"{points}×{points} PSFs"
-    )
-    experiment = replace(experiment, twin=wide.reading(*_SCENE_PIXELS))
-    shot = experiment.measure(
-        (Plane(photograph, _ANGLE_DEG, _DISTANCE_UM),),
-        seed=1,
-        progress=partial(reporter.advance, "scene"),
-    )
-    model = "nolens simulated camera"
-    writers = {
-        options.measurement: partial(write_frame, frame=shot.frame, model=model),
-        options.psf: partial(write_frame, frame=point, model=model),
-    }
-    write_into(options.output, writers)
-    return shot.truth * shot.response, f"{shot.region.height}x{shot.region.width}"
-
-
-def _size(pixels: tuple[int, int]) -> str:
-    return f"{pixels[1]}×{pixels[0]}"
-
-
-def _side_by_side(measurement: Tensor, reconstruction: Tensor, truth: Tensor) -> Tensor:
-    """Measurement | reconstruction | truth at one height, each exposed by itself."""
-    height = truth.shape[-2]
-    width = round(measurement.shape[-1] * height / measurement.shape[-2])
-    small = nnf.interpolate(measurement.clamp_min(0)[None], size=(height, width), mode="area")[0]
-    white = exposure_white(truth)
-    panels = [small / exposure_white(small), reconstruction / white, truth / white]
-    gap = torch.ones(3, height, 8)
-    return torch.cat([panels[0], gap, panels[1], gap, panels[2]], dim=-1).clamp(0, 1)
