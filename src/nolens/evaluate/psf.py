@@ -1,7 +1,8 @@
 """Figures of a point spread function: its lines, pitch, contrast, sparsity and spectrum."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -36,6 +37,15 @@ _SHARE = 1e-4
 _SMALLEST = 16
 _RING_STEPS = 3.0
 """Steps of the transform, half the width of the ring of `spectral_magnitude`."""
+
+_CURVES = (
+    "lag_um",
+    "autocorrelation",
+    "row_autocorrelation",
+    "per_mm",
+    "magnitude",
+    "direction_magnitude",
+)
 
 
 @dataclass(frozen=True)
@@ -414,6 +424,28 @@ class PsfFigures:
     per_mm: tuple[float, ...]
     magnitude: tuple[float, ...]
     direction_magnitude: dict[int, tuple[tuple[float, ...], tuple[float, ...]]]
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """All figures by name, the curves last."""
+        named = asdict(self)
+        curves = {name: named.pop(name) for name in _CURVES}
+        return {**named, "curves": curves}
+
+    def warnings(self, source: str) -> list[str]:
+        """What of the PSF from a source is not known, or could be finer."""
+        texts = []
+        if self.pitch_um is None:
+            texts.append(
+                f"the autocorrelation of the PSF {source} has no second peak within a quarter of "
+                "the frame: its pitch is not known"
+            )
+        if self.line_width_um < 2 * self.pixel_um:
+            texts.append(
+                f"the lines of the PSF {source} are {self.line_width_um:.3g} µm wide, less than "
+                "two pixels: smaller pixels or a smaller --bin would tell more"
+            )
+        return texts
 
 
 def psf_figures(

@@ -38,16 +38,6 @@ def record_beside(path: Path) -> Path:
     return path.parent / f"{path.stem}.json"
 
 
-def plot_and_record(plot: Path | None) -> tuple[Written, ...]:
-    """A plot of what was measured and the record beside it, where a plot is asked for."""
-    if plot is None:
-        return ()
-    return (
-        Written("plot", plot, "--plot", (".png",)),
-        Written("record of the run", record_beside(plot), "--plot"),
-    )
-
-
 def window_numbers(text: str) -> tuple[int, int, int | None, int | None]:
     """Height, width, top and left of HEIGHTxWIDTH or HEIGHTxWIDTH+TOP+LEFT.
 
@@ -217,3 +207,25 @@ class OutputFolderOptions(JobOptions):
         """Files in the folder, by role, and the record."""
         files = tuple(Written(what, self.output / name) for what, name in names.items())
         return (*files, Written("record of the run", self.record))
+
+
+class PlotOptions(JobOptions):
+    """What the jobs have in common that measure, and write a plot where one is asked for."""
+
+    if TYPE_CHECKING:
+        plot: FilePath | None
+
+    @property
+    def record(self) -> Path | None:
+        """File of the run's record, beside the plot."""
+        return None if self.plot is None else record_beside(self.plot)
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """Plot and record."""
+        if self.plot is None:
+            return ()
+        return (
+            Written("plot", self.plot, "--plot", (".png",)),
+            Written("record of the run", record_beside(self.plot), "--plot"),
+        )

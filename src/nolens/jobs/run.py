@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cached_property, partial, update_wrapper
 from pathlib import Path
-from typing import Any, Generic, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, get_args
 
 import psutil
 import torch
@@ -25,6 +25,9 @@ from nolens.files import (
 from nolens.jobs.fields import DeviceName
 from nolens.jobs.options import JobOptions, check_apart
 from nolens.solvers import Progress
+
+if TYPE_CHECKING:
+    from nolens.camera import LoadedCamera
 
 Writer = Callable[[Path], None]
 """Writes one file when it is given a path."""
@@ -325,6 +328,44 @@ class Run(Generic[Options]):
         """
         self._files |= files
         check_apart(self.options, self._files)
+
+    def camera(self, name: str | Path) -> "LoadedCamera":
+        """Read a camera, and add its files to those that are read.
+
+        Raises
+        ------
+        NolensError
+            If it cannot be used, or one of its files would be written over.
+        """
+        from nolens.files import camera_files, read_camera
+
+        loaded = read_camera(name)
+        self.reads(camera_files(name, loaded.camera))
+        return loaded
+
+    def begin_simulation(self, loaded: "LoadedCamera", working: float, remedy: str) -> None:
+        """Begin work with a simulated camera, whose relief is computed first.
+
+        Parameters
+        ----------
+        loaded
+            The camera.
+        working
+            Bytes that are held at once beside its relief.
+        remedy
+            What would need less, as the end of a sentence.
+
+        Raises
+        ------
+        OptionError
+            If the machine has less memory than that.
+        """
+        from nolens.twin import relief_points, simulation_bytes
+
+        needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(loaded), working)
+        check_memory(needed, self.device, remedy)
+        self.begin(needed)
+        self.reporter.advance("mask", 0.0)
 
     def begin(self, needed: float = 0.0) -> None:
         """Say that all is read and checked: from here on the work takes its time.

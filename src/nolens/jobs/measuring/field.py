@@ -28,8 +28,6 @@ from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import (
     CAMERA_FILE,
     PSFS_FILE,
-    camera_files,
-    read_camera,
     read_frame,
     read_psf,
     read_psf_set,
@@ -39,11 +37,11 @@ from nolens.files import (
 from nolens.files.plot_measurements import write_field_plot
 from nolens.jobs.fields import CAMERAS, RESULT, FilePath, Name, Seed, record_beside
 from nolens.jobs.options import JobOptions, Option, Written
-from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Run, Writer, check_memory, job
+from nolens.jobs.run import Product, Run, Writer, job
 from nolens.progress import ProgressCallback
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
-from nolens.twin import Twin, distance_um, preview_model, relief_points, simulation_bytes
+from nolens.twin import Twin, distance_um, preview_model
 
 _REMEDY = "a camera with fewer pixels or a coarser grid of its relief needs less"
 
@@ -300,10 +298,7 @@ def measure_field(run: Run[MeasureFieldOptions]) -> Product[FieldOfView]:
         be; then nothing is written.
     """
     options, name = run.options, _camera(run.options)
-    loaded = None
-    if name is not None:
-        loaded = read_camera(name)
-        run.reads(camera_files(name, loaded.camera))
+    loaded = None if name is None else run.camera(name)
     if options.psfs is not None or loaded is None:
         product = _of_folder(run, loaded)
     elif options.dots is not None:
@@ -366,10 +361,7 @@ def _of_twin(run: Run[MeasureFieldOptions], loaded: LoadedCamera) -> Product[Fie
         options.extent.deg,
     )
     working = target.working_bytes(preview_model(loaded))
-    needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(loaded), working)
-    check_memory(needed, run.device, _REMEDY)
-    run.begin(needed)
-    run.reporter.advance("mask", 0.0)
+    run.begin_simulation(loaded, working, _REMEDY)
     experiment = VirtualExperiment.of(loaded, field_points=target.field_points)
     field = target.measure(experiment, options.seed, partial(run.reporter.advance, str(target)))
     return _product(options, field, distance)

@@ -1,7 +1,6 @@
 """How fine, dense and clear a PSF is: from a file to figures and a plot."""
 
 import math
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,34 +16,24 @@ from nolens.evaluate import PsfFigures, clipped_pixels, psf_figures
 from nolens.files import (
     CAMERA_FILE,
     PSFS_FILE,
-    camera_files,
-    read_camera,
     read_frame,
     read_psf_set,
     readable,
 )
 from nolens.files.plot_measurements import write_psf_plot
-from nolens.jobs.fields import CAMERAS, RESULT, FilePath, Name, Word, plot_and_record, record_beside
-from nolens.jobs.options import JobOptions, Option, Written
+from nolens.jobs.fields import CAMERAS, RESULT, FilePath, Name, PlotOptions, Word
+from nolens.jobs.options import Option
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.optics import PointSource
 from nolens.ranges import Between
 from nolens.twin import REFERENCE_NM, preview_model
 
 _CLOSE = 0.01
-_CURVES = (
-    "lag_um",
-    "autocorrelation",
-    "row_autocorrelation",
-    "per_mm",
-    "magnitude",
-    "direction_magnitude",
-)
 _PSF = "PSF"
 _Noise = Annotated[float, Between(0, 1e9)]
 
 
-class MeasurePsfOptions(JobOptions):
+class MeasurePsfOptions(PlotOptions):
     """Measure a PSF: width of its lines, pitch, spectrum, contrast, noise.
 
     nolens measure psf psf.tif --pixel 3.1um --plot psf.png
@@ -121,19 +110,9 @@ class MeasurePsfOptions(JobOptions):
             )
 
     @property
-    def record(self) -> Path | None:
-        """File of the run's record, beside the plot."""
-        return None if self.plot is None else record_beside(self.plot)
-
-    @property
     def inputs(self) -> dict[str, Path]:
         """The PSF."""
         return {"PSF": self.psf}
-
-    @property
-    def written(self) -> tuple[Written, ...]:
-        """Plot and record."""
-        return plot_and_record(self.plot)
 
 
 @job
@@ -169,7 +148,7 @@ def measure_psf(run: Run[MeasurePsfOptions]) -> Product[PsfFigures]:
         reduced_um = twin.illumination(PointSource(), REFERENCE_NM).after.reduced_um
     plane = measured.values[0]
     figures = psf_figures(plane, cell_um, reduced_um=reduced_um, noise=options.noise)
-    run.warn(*warnings, *_warnings(figures, frame, plane))
+    run.warn(*warnings, *_clipped(frame, plane), *figures.warnings(frame.source))
     writers: dict[Path, Writer] = {}
     if options.plot is not None:
         writers[options.plot] = partial(
@@ -182,7 +161,7 @@ def measure_psf(run: Run[MeasurePsfOptions]) -> Product[PsfFigures]:
             "camera": None if loaded is None else loaded.camera.name,
             "pixels": list(plane.shape),
             "channel": measured.channels[0],
-            **_by_name(figures),
+            **rounded(figures.figures),
             **_lenslets(figures, reduced_um),
         },
         writers,
@@ -193,11 +172,7 @@ def _camera(run: Run[MeasurePsfOptions]) -> LoadedCamera | None:
     """The camera that is named, or the one in the PSF's folder."""
     beside = run.options.psf.parent / CAMERA_FILE
     name = run.options.camera or (beside if beside.is_file() else None)
-    if name is None:
-        return None
-    loaded = read_camera(name)
-    run.reads(camera_files(name, loaded.camera))
-    return loaded
+    return None if name is None else run.camera(name)
 
 
 def _pixel_um(options: MeasurePsfOptions, frame: Frame, loaded: LoadedCamera | None) -> float:
@@ -254,33 +229,14 @@ def _listed(folder: Path) -> str:
     return ", ".join(files[:3]) + (" …" if len(files) > 3 else "")
 
 
-def _warnings(figures: PsfFigures, frame: Frame, plane: Tensor) -> list[str]:
-    texts = []
+def _clipped(frame: Frame, plane: Tensor) -> list[str]:
     clipped = clipped_pixels(plane) if frame.white is None else 0
-    if clipped:
-        texts.append(
-            f"{clipped} pixels of the PSF {frame.source}, many side by side, have its very "
-            "largest value: it seems to be clipped, and its lines wider than they are. Take a "
-            "shorter exposure"
-        )
-    if figures.pitch_um is None:
-        texts.append(
-            f"the autocorrelation of the PSF {frame.source} has no second peak within a quarter "
-            "of the frame: its pitch is not known"
-        )
-    if figures.line_width_um < 2 * figures.pixel_um:
-        texts.append(
-            f"the lines of the PSF {frame.source} are {figures.line_width_um:.3g} µm wide, less "
-            "than two pixels: smaller pixels or a smaller --bin would tell more"
-        )
-    return texts
-
-
-def _by_name(figures: PsfFigures) -> dict[str, Any]:
-    """All figures by name, the curves last."""
-    named = asdict(figures)
-    curves = {name: rounded(named.pop(name)) for name in _CURVES}
-    return {**rounded(named), "curves": curves}
+    if not clipped:
+        return []
+    return [
+        f"{clipped} pixels of the PSF {frame.source}, many side by side, have its very largest "
+        "value: it seems to be clipped, and its lines wider than they are. Take a shorter exposure"
+    ]
 
 
 def _lenslets(figures: PsfFigures, reduced_um: float | None) -> dict[str, Any]:

@@ -27,7 +27,7 @@ from nolens.experiments.resolution import (
     target_support,
 )
 from nolens.experiments.virtual_experiment import VirtualExperiment, solved
-from nolens.files import CAMERA_FILE, camera_files, read_camera, read_frame
+from nolens.files import CAMERA_FILE, read_frame
 from nolens.jobs.fields import (
     CAMERAS,
     LIGHTS,
@@ -36,23 +36,22 @@ from nolens.jobs.fields import (
     Files,
     Iterations,
     Name,
+    PlotOptions,
     PsfExtent,
     Seed,
     Tau,
     Window,
     Word,
-    plot_and_record,
-    record_beside,
 )
-from nolens.jobs.options import JobOptions, Option, Written
+from nolens.jobs.options import JobOptions, Option
 from nolens.jobs.reconstruction.options import parse_window
-from nolens.jobs.run import BYTES_OF_PROGRAM, Job, Product, Run, check_memory
+from nolens.jobs.run import Job, Product, Run
 from nolens.operators import Region
 from nolens.optics import PointSource
 from nolens.plugins import load_plugin, plugin_names
 from nolens.quantities import Angle, Share
 from nolens.ranges import Between
-from nolens.twin import Light, Twin, distance_um, preview_model, relief_points, simulation_bytes
+from nolens.twin import Light, Twin, distance_um, preview_model
 
 Threshold = Annotated[Share, Between("0.01 %", "99.99 %")]
 _PixelAngle = Annotated[Angle, Between("0.000001 deg", "10 deg")]
@@ -80,7 +79,7 @@ def frames_option(text: str) -> Option:
     return Option(text, role="input", positional=True, label="Picture")
 
 
-class ResolutionOptions(JobOptions):
+class ResolutionOptions(PlotOptions):
     """What all targets have in common.
 
     Attributes
@@ -248,11 +247,6 @@ class ResolutionOptions(JobOptions):
         return SolverSettings(iterations, self.tau or TAU, self.fill.value, self.seed)
 
     @property
-    def record(self) -> Path | None:
-        """File of the run's record, beside the plot."""
-        return None if self.plot is None else record_beside(self.plot)
-
-    @property
     def inputs(self) -> dict[str, Path]:
         """Files that are read, by role, but for the camera's."""
         several = len(self.frames) > 1
@@ -262,11 +256,6 @@ class ResolutionOptions(JobOptions):
         }
         more = {"PSF": self.psf, "dark frame": self.dark}
         return frames | {role: path for role, path in more.items() if path is not None}
-
-    @property
-    def written(self) -> tuple[Written, ...]:
-        """Plot and record."""
-        return plot_and_record(self.plot)
 
 
 class OneFrameOptions(ResolutionOptions):
@@ -360,9 +349,7 @@ def _camera(run: Run[Options]) -> LoadedCamera | None:
             "nothing says under which angle a pixel is seen: give the camera that took the "
             "frames (--camera FOLDER), or the angle (--pixel-angle 0.138deg)"
         )
-    camera = read_camera(name)
-    run.reads(camera_files(name, camera.camera))
-    return camera
+    return run.camera(name)
 
 
 def _read(path: Path, options: ResolutionOptions, camera: LoadedCamera | None) -> TargetPicture:
@@ -456,16 +443,12 @@ def simulated_camera(
     """
     options = run.options
     assert options.simulate is not None
-    loaded = read_camera(options.simulate)
+    loaded = run.camera(options.simulate)
     preview, distance = preview_model(loaded), distance_um(options.distance, loaded)
     preview.check_source(PointSource((0.0, 0.0), distance))
     light, support = Light(options.light), support_of(preview, distance)
-    run.reads(camera_files(options.simulate, loaded.camera))
     working = reconstruction_bytes(preview, support, distance, light, options.wavelengths)
-    needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(loaded), working)
-    check_memory(needed, run.device, _REMEDY)
-    run.begin(needed)
-    run.reporter.advance("mask", 0.0)
+    run.begin_simulation(loaded, working, _REMEDY)
     experiment = VirtualExperiment.of(loaded, light=light.name, wavelengths=options.wavelengths)
     return experiment, distance
 
