@@ -9,9 +9,9 @@ import torch
 from nolens.api.image import Image
 from nolens.api.inputs import Progress, Raw, distance_um, frame_of, reported
 from nolens.api.simulate import SimulatedMeasurement
-from nolens.camera import BlackLevel, Frame, Measurement, black_level
+from nolens.camera import BlackLevel, Frame, black_level
 from nolens.errors import OptionError
-from nolens.jobs.run import BYTES_OF_PROGRAM, check_memory
+from nolens.jobs.run import check_solver_memory
 from nolens.quantities import Length
 from nolens.refocusing import DepthPsfs, DepthReconstructor, PsfAt, focus, measured_reduced_um
 from nolens.solvers import (
@@ -139,7 +139,7 @@ def reconstruct(
     developed = development.fitted(frame, spare, coarsen=bin_by is None and support is None)
     data, prepared = developed.measurement, developed.prepared
     solver = replace(solver, psf=prepared.values, support=support_of(support, data.size))
-    _check_memory(solver, data, "a smaller support or larger pixels (bin_by) need less")
+    check_solver_memory(solver, data, "a smaller support or larger pixels (bin_by) need less")
     limit = solver.limits.iterations
     with reported(progress, "photograph") as advance:
 
@@ -210,7 +210,7 @@ def refocus(
     depth_psfs = DepthPsfs.of(sorted(known, key=lambda each: -each.distance_um), reduced_um, data)
     support = support_of(own if support is None else support, data.size)
     largest = Reconstructor(known[-1].psf, support, device=device)
-    _check_memory(largest, data, "a smaller support needs less")
+    check_solver_memory(largest, data, "a smaller support needs less")
     reconstructor = DepthReconstructor(
         data, support, tau, one_of(Prior, prior, "prior"), iterations, device=device
     )
@@ -246,12 +246,6 @@ def _measured(measurement: Raw) -> tuple[Frame, Support | None]:
     if isinstance(measurement, SimulatedMeasurement):
         return measurement.frame, measurement.support
     return frame_of(measurement, "measurement"), None
-
-
-def _check_memory(solver: Reconstructor, data: Measurement, remedy: str) -> None:
-    """Refuse what the machine has no memory for, before the PSF is transformed."""
-    needed = BYTES_OF_PROGRAM + solver.working_bytes(len(data.channels), data.size)
-    check_memory(needed, torch.device(solver.device), remedy)
 
 
 def _larger(psf: Frame, measurement: Frame) -> bool:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar, get_args
 import psutil
 import torch
 
+from nolens.camera import Measurement
 from nolens.errors import OptionError
 from nolens.files import (
     InputFile,
@@ -24,7 +25,7 @@ from nolens.files import (
 )
 from nolens.jobs.fields import DeviceName
 from nolens.jobs.options import JobOptions, check_apart
-from nolens.solvers import Progress
+from nolens.solvers import Progress, Reconstructor
 
 if TYPE_CHECKING:
     from nolens.camera import LoadedCamera
@@ -141,6 +142,19 @@ def check_memory(needed: float, device: torch.device, remedy: str) -> None:
             f"this needs about {_gigabytes(needed)} GB of memory, and the {where} has "
             f"{_gigabytes(there)} GB: {remedy}"
         )
+
+
+def check_solver_memory(solver: Reconstructor, data: Measurement, remedy: str) -> float:
+    """Bytes that a reconstruction needs, if the machine has as many.
+
+    Raises
+    ------
+    OptionError
+        If it has less memory, before the PSF is transformed; `remedy` ends the message.
+    """
+    needed = BYTES_OF_PROGRAM + solver.working_bytes(len(data.channels), data.size)
+    check_memory(needed, torch.device(solver.device), remedy)
+    return needed
 
 
 def announce_memory(needed: float, reporter: Reporter) -> None:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -30,15 +30,7 @@ from nolens.jobs.reconstruction.options import (
     parse_support,
     parse_window,
 )
-from nolens.jobs.run import (
-    BYTES_OF_PROGRAM,
-    Product,
-    Run,
-    Writer,
-    announce_memory,
-    check_memory,
-    job,
-)
+from nolens.jobs.run import Product, Run, Writer, announce_memory, check_solver_memory, job
 from nolens.operators import Region
 from nolens.solvers import (
     AdmmState,
@@ -54,6 +46,7 @@ from nolens.solvers import (
 )
 from nolens.solvers.admm_state import Balance
 from nolens.solvers.reconstructor import SPARE
+from nolens.solvers.stream import FOLLOWING
 
 _DROPS_REPORTED = 5
 """Frames that are dropped with a warning each; of more, the record has all."""
@@ -124,11 +117,10 @@ class _Setup:
         run.warn(*developed.prepared.warnings)
         reconstructor = _reconstructor(options, psf, support, run.device)
         measurement, development = developed.measurement, developed.development
-        working = reconstructor.working_bytes(len(measurement.channels), measurement.size)
-        check_memory(BYTES_OF_PROGRAM + working, run.device, _REMEDY)
+        needed = check_solver_memory(reconstructor, measurement, _REMEDY)
         problem = reconstructor.problem(measurement)
         window = _crop_window(options, problem)
-        announce_memory(BYTES_OF_PROGRAM + working, run.reporter)
+        announce_memory(needed, run.reporter)
         return cls(options, development, measurement, reconstructor, problem, window)
 
     def picture(self, scene: Tensor) -> Tensor:
@@ -143,9 +135,7 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: _Setup) -> Product[T
     options, reconstructor, problem = setup.options, setup.reconstructor, setup.problem
     stop, tau = reconstructor.limits, reconstructor.weight
     about = _about(setup, run.inputs)
-    state = None
-    if reconstructor.method is Method.ADMM:
-        state = _start(setup, about)
+    state = _start(setup, about) if reconstructor.method is Method.ADMM else None
 
     def watch(progress: Progress) -> bool:
         return run.reporter.progress(progress, stop.iterations)
@@ -172,10 +162,7 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: _Setup) -> Product[T
         "bin": options.bin_by,
         "black": setup.development.black,
         "tau": tau,
-        "iterations": stop.iterations,
-        "tolerance": stop.tolerance,
-        "scene_tolerance": stop.scene_tolerance,
-        "low_frequency": stop.low_frequency,
+        **asdict(stop),
         "period": list(problem.forward.geometry.padded),
         "channel_names": list(setup.measurement.channels),
         "threads": torch.get_num_threads(),
@@ -217,7 +204,11 @@ def _reconstruct_sequence(run: Run[ReconstructOptions]) -> Product[Tensor]:
             frame = frames.read(number)
             if setup is None or stream is None:
                 setup = _Setup.of(run, development, frame)
-                stream = _stream(setup)
+                stream = setup.reconstructor.stream(
+                    setup.problem,
+                    iterations=options.iterations or FOLLOWING,
+                    latency_s=None if options.latency is None else options.latency.s,
+                )
                 measurement = setup.measurement
             else:
                 measurement = setup.development.measurement(frame)
@@ -281,14 +272,6 @@ def _sequence_folder(options: ReconstructOptions) -> Path:
             "--quality draft and --resume"
         )
     return options.output[0]
-
-
-def _stream(setup: _Setup) -> Stream:
-    """The stream that solves for every frame, within --iterations and --latency."""
-    options = setup.options
-    latency = None if options.latency is None else options.latency.s
-    limit = {} if options.iterations is None else {"iterations": options.iterations}
-    return setup.reconstructor.stream(setup.problem, latency_s=latency, **limit)
 
 
 def _read_development(options: ReconstructOptions) -> Development:
@@ -463,9 +446,7 @@ def _start(setup: _Setup, about: dict[str, Any]) -> AdmmState:
 
 def _in_present_names(stored: Mapping[str, Any]) -> dict[str, Any]:
     """What a state says of its run; the names of the version before are read too."""
-    about = dict(stored)
-    if "region" in about:
-        about["support"] = about.pop("region")
+    about = {"support" if key == "region" else key: value for key, value in stored.items()}
     if "psf_wider" in about:
         about["psf_extent"] = "wide" if about.pop("psf_wider") else "sensor"
     return about

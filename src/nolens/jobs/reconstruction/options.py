@@ -282,15 +282,6 @@ def parse_window(text: str, sensor: tuple[int, int], option: str) -> Region:
 def parse_support(text: str, sensor: tuple[int, int], psf: Tensor) -> Region:
     """Pixels that light can come from; by far more than can be seen would only fill the memory.
 
-    Parameters
-    ----------
-    text
-        As --support has it.
-    sensor
-        (height, width) of the measurement.
-    psf
-        For the reconstruction.
-
     Raises
     ------
     OptionError
