@@ -64,13 +64,18 @@ def _window(text: str) -> str:
     return text
 
 
-def _two_angles(given: Any) -> Any:
-    if not isinstance(given, str):
-        return given
-    parts = given.split(",")
-    if len(parts) != 2:
-        raise refusal("give two angles, to the right and up, such as 20deg,0deg")
-    return tuple(parts)
+def two_parts(needed: str) -> BeforeValidator:
+    """Read a text such as "8cm,1m" as two values; `needed` says what to give instead of others."""
+
+    def split(value: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        parts = [part.strip() for part in value.split(",")]
+        if len(parts) != 2:
+            raise refusal(needed)
+        return tuple(parts)
+
+    return BeforeValidator(split)
 
 
 FilePath = Annotated[Path, AfterValidator(expand_home), AfterValidator(_nameable)]
@@ -87,7 +92,10 @@ Iterations = Annotated[int, Between(1, 1_000_000)]
 Tau = Annotated[float, Between(0, 1e6)]
 Bin = Annotated[int, Between(1, 64)]
 """Pixels along a superpixel; a sensor has no more detail to lose."""
-FieldAngles = Annotated[tuple[FieldAngle, FieldAngle], BeforeValidator(_two_angles)]
+FieldAngles = Annotated[
+    tuple[FieldAngle, FieldAngle],
+    two_parts("give two angles, to the right and up, such as 20deg,0deg"),
+]
 """Of a point source, to the right and up as the photographer sees it."""
 FullAngle = Annotated[Angle, Between("0.001 deg", "179.9 deg")]
 """From side to side."""

@@ -46,6 +46,7 @@ from nolens.jobs.fields import (
     Support,
     Tau,
     White,
+    two_parts,
 )
 from nolens.jobs.options import Option, Written
 from nolens.jobs.reconstruction.options import oriented, parse_support
@@ -84,15 +85,6 @@ def _range_um(depths: tuple[Depth, Depth]) -> tuple[float, float]:
     return _in_um(depths[0]), _in_um(depths[1])
 
 
-def _two_depths(value: Any) -> Any:
-    if not isinstance(value, str):
-        return value
-    parts = value.split(",")
-    if len(parts) != 2:
-        raise refusal("give the nearest and the farthest depth, such as 8cm,50cm or 8cm,infinity")
-    return tuple(part.strip() for part in parts)
-
-
 def _near_first(depths: tuple[Depth, Depth]) -> tuple[Depth, Depth]:
     if not _in_um(depths[0]) < _in_um(depths[1]):
         raise refusal("the first depth must be nearer than the second, such as 8cm,50cm")
@@ -109,7 +101,11 @@ def _place(value: Any) -> Any:
 
 
 _Row = Annotated[int, Between(0, 999_999)]
-_Depths = Annotated[tuple[Depth, Depth], BeforeValidator(_two_depths), AfterValidator(_near_first)]
+_Depths = Annotated[
+    tuple[Depth, Depth],
+    two_parts("give the nearest and the farthest depth, such as 8cm,50cm or 8cm,infinity"),
+    AfterValidator(_near_first),
+]
 
 
 class RefocusOptions(OutputFolderOptions):

@@ -3,12 +3,11 @@
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 from torch import Tensor
 
 from nolens.calibrate.distances import evenly_between, scaled_psf
 from nolens.camera import PsfEntry, PsfKind
-from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
 from nolens.files import PSFS_FILE, read_psf, readable
@@ -20,7 +19,7 @@ from nolens.jobs.calibration.folder import (
     described,
     distance_name,
 )
-from nolens.jobs.fields import Distances
+from nolens.jobs.fields import Distances, two_parts
 from nolens.jobs.options import Option, Written
 from nolens.jobs.run import Product, Run, job
 from nolens.quantities import Length
@@ -28,16 +27,6 @@ from nolens.ranges import Between
 
 _MEASURED: tuple[PsfKind, ...] = ("stitched", "extended", "captured", "solved")
 """Kinds that a PSF of another distance is made of; the first one has the widest view."""
-
-
-def _two(value: Any) -> Any:
-    """Both distances of "8cm,1m"."""
-    if not isinstance(value, str):
-        return value
-    parts = [part.strip() for part in value.split(",")]
-    if len(parts) != 2:
-        raise refusal("give two distances, such as 8cm,1m or 8cm,infinity")
-    return tuple(parts)
 
 
 class CalibrateDistancesOptions(FolderOptions):
@@ -57,7 +46,7 @@ class CalibrateDistancesOptions(FolderOptions):
     ] = ()
     between: Annotated[
         tuple[Depth, Depth] | None,
-        BeforeValidator(_two),
+        two_parts("give two distances, such as 8cm,1m or 8cm,infinity"),
         Option("The nearest and the farthest of several distances, such as 8cm,1m, with --count."),
     ] = None
     count: Annotated[
