@@ -15,7 +15,7 @@ from nolens.kernels import irfft2, rfft2
 from nolens.operators import FiniteDifference
 from nolens.progress import ProgressCallback, part_of, within
 
-TAU = 8e-5
+_TAU = 8e-5
 """Weight of the total variation: of the largest gradient of the residual at p = 0, for each pixel
 that the support would be wide as a square. So the same PSF on finer pixels comes out the same.
 """
@@ -53,13 +53,9 @@ class PsfSolver:
         φ, (terms, rows, columns) of a scene; the first is 1. None for one PSF everywhere.
     support
         1 where the PSF may have light, 0 elsewhere, (rows, columns) of the PSF.
-    tau
-        Weight of the total variation, as `TAU`.
     """
 
-    def __init__(
-        self, known: KnownScenes, terms: Tensor | None, support: Tensor, tau: float = TAU
-    ) -> None:
+    def __init__(self, known: KnownScenes, terms: Tensor | None, support: Tensor) -> None:
         self._support = support
         size = (support.shape[0], support.shape[1])
         light = known.measured.mean(dim=(-2, -1), keepdim=True)
@@ -72,7 +68,7 @@ class PsfSolver:
         self._steepness = self._spectrum_of_differences()
         self.gains = torch.ones_like(light)
         wide = math.sqrt(float(support.sum()))
-        self._tau = tau * wide * float(self._back(self._data)[0].abs().max())
+        self._tau = _TAU * wide * float(self._back(self._data)[0].abs().max())
 
     def solve(
         self,

@@ -305,3 +305,45 @@ def read_text(path: str | Path, kind: str = "TOML file", advice: str = "") -> st
         return content.decode("utf-8")
     except UnicodeDecodeError as error:
         raise FileError(f"{path} is no {kind}: {error}") from error
+
+
+def named_pairs(measured: Path, pictures: Path) -> dict[str, tuple[Path, Path]]:
+    """Measurements and pictures of the same name, but for the suffix, in order of the names.
+
+    Raises
+    ------
+    FileError
+        If a folder is none or empty, a file has no partner, or two of a folder have one name.
+    """
+    by_name = _by_name(measured), _by_name(pictures)
+    for folder, here, there, other in (
+        (measured, *by_name, pictures),
+        (pictures, *by_name[::-1], measured),
+    ):
+        alone = sorted(here.keys() - there.keys())
+        if alone:
+            raise FileError(
+                f"{folder / here[alone[0]].name} has no partner in {other} ({len(by_name[0])} "
+                f"measurements, {len(by_name[1])} pictures): give both the same name, such as "
+                f"{alone[0]}.png, and keep other files elsewhere"
+            )
+    if not by_name[0]:
+        raise FileError(f"{measured} is empty: give a folder of measurements, and one of pictures")
+    return {name: (by_name[0][name], by_name[1][name]) for name in sorted(by_name[0])}
+
+
+def _by_name(folder: Path) -> dict[str, Path]:
+    """Files of a folder by their names without the suffix."""
+    if not folder.is_dir():
+        raise FileError(f"{folder} is no folder: give one of measurements and one of pictures")
+    files: dict[str, Path] = {}
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith(".") or not path.is_file():
+            continue
+        if path.stem in files:
+            raise FileError(
+                f"{path} and {files[path.stem].name} have one name, and it is not clear which is "
+                "meant: keep one of them elsewhere"
+            )
+        files[path.stem] = path
+    return files

@@ -11,8 +11,9 @@ from nolens.calibrate.pairs import KnownPairs
 from nolens.camera import Frame, PsfEntry, develop
 from nolens.camera.part import PixelPitch
 from nolens.camera.psf_set import Depth
-from nolens.errors import DataError, FileError, OptionError
+from nolens.errors import DataError, OptionError
 from nolens.files import read_frame, read_picture
+from nolens.files.input import named_pairs
 from nolens.files.psf_folder import PsfFolder
 from nolens.jobs.calibration.folder import NewPsfOptions, added, output_folder
 from nolens.jobs.fields import INPUT, RESULT, Black, Dark, FilePath, Mosaic, White, Window
@@ -120,42 +121,6 @@ class CalibratePairsOptions(NewPsfOptions):
         return {} if self.dark is None else {"dark frame": self.dark}
 
 
-def _named_pairs(measured: Path, pictures: Path) -> dict[str, tuple[Path, Path]]:
-    """Files of the same name, but for the suffix, in both folders, in the order of their names."""
-    by_name = _by_name(measured), _by_name(pictures)
-    for folder, here, there, other in (
-        (measured, *by_name, pictures),
-        (pictures, *by_name[::-1], measured),
-    ):
-        alone = sorted(here.keys() - there.keys())
-        if alone:
-            raise FileError(
-                f"{folder / here[alone[0]].name} has no partner in {other} ({len(by_name[0])} "
-                f"measurements, {len(by_name[1])} pictures): give both the same name, such as "
-                f"{alone[0]}.png, and keep other files elsewhere"
-            )
-    if not by_name[0]:
-        raise FileError(f"{measured} is empty: give a folder of measurements, and one of pictures")
-    return {name: (by_name[0][name], by_name[1][name]) for name in sorted(by_name[0])}
-
-
-def _by_name(folder: Path) -> dict[str, Path]:
-    """Files of a folder by their names without the suffix."""
-    if not folder.is_dir():
-        raise FileError(f"{folder} is no folder: give one of measurements and one of pictures")
-    files: dict[str, Path] = {}
-    for path in sorted(folder.iterdir()):
-        if path.name.startswith(".") or not path.is_file():
-            continue
-        if path.stem in files:
-            raise FileError(
-                f"{path} and {files[path.stem].name} have one name, and it is not clear which is "
-                "meant: keep one of them elsewhere"
-            )
-        files[path.stem] = path
-    return files
-
-
 def _read_pairs(
     options: CalibratePairsOptions, files: dict[str, tuple[Path, Path]]
 ) -> tuple[KnownPairs, Frame]:
@@ -205,7 +170,7 @@ def calibrate_pairs(run: Run[CalibratePairsOptions]) -> Product[Tensor]:
         If a file, an option or the folder cannot be used; then nothing is written.
     """
     options = run.options
-    files = _named_pairs(options.measured, options.pictures)
+    files = named_pairs(options.measured, options.pictures)
     if options.check and len(files) < 2:
         raise OptionError("--check solves without each pair in turn, and there is only one")
     for name, (measured, picture) in files.items():
