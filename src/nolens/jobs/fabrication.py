@@ -24,13 +24,7 @@ from nolens.fabricate import (
     made_surface,
     process_sheet,
 )
-from nolens.files import (
-    camera_files,
-    check_height_map,
-    check_step,
-    read_camera,
-    workpiece_writers,
-)
+from nolens.files import check_height_map, check_step, workpiece_writers
 from nolens.files.pdf import write_sheet_pdf
 from nolens.files.sheet import write_sheet_html
 from nolens.jobs.designing.tolerance import RECORD_FILE, study_budget
@@ -293,9 +287,8 @@ def fabricate(run: Run[FabricateOptions]) -> Product[Workpieces]:
         If the camera, an option or an output cannot be used.
     """
     options, reporter = run.options, run.reporter
-    loaded = read_camera(options.camera)
+    loaded = run.camera(options.camera)
     camera, package = loaded.camera, options.package_for(loaded.camera)
-    run.reads(camera_files(options.camera, camera))
     if options.step:
         check_step()
     frame, resin, mould = _measures(options, camera)

@@ -8,8 +8,6 @@ from nolens.camera import LoadedCamera
 from nolens.camera.part import PositiveLength
 from nolens.files import (
     CAMERA_FILE,
-    camera_files,
-    read_camera,
     read_height_map,
     readable,
     write_camera,
@@ -140,8 +138,7 @@ def replace_relief(run: Run[ReliefOptions]) -> Product[LoadedCamera]:
         If an input, an option or an output cannot be used; then nothing is written.
     """
     options, reporter = run.options, run.reporter
-    camera = read_camera(options.camera)
-    run.reads(camera_files(options.camera, camera.camera))
+    camera = run.camera(options.camera)
     reporter.advance("map", 0.0)
     measured = read_height_map(
         options.map, pitch=options.pitch, unit=options.unit, full_scale=options.full_scale

@@ -19,7 +19,6 @@ from nolens.experiments.off_axis import (
     CORRELATIONS,
     FieldOfView,
     FieldTarget,
-    OffAxis,
     captured_at_angles,
     compare,
     source_of,
@@ -38,10 +37,9 @@ from nolens.files.plot_measurements import write_field_plot
 from nolens.jobs.fields import CAMERAS, RESULT, FilePath, Name, Seed, record_beside
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Run, Writer, job
-from nolens.progress import ProgressCallback
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
-from nolens.twin import Twin, distance_um, preview_model
+from nolens.twin import distance_um, preview_model
 
 _REMEDY = "a camera with fewer pixels or a coarser grid of its relief needs less"
 
@@ -256,37 +254,6 @@ def _option(name: str) -> str:
     return "-o" if name == "output" else f"--{name.replace('_', '-')}"
 
 
-def _captured_off_axis(
-    folder: Path, twin: Twin | None, progress: ProgressCallback
-) -> tuple[list[OffAxis], float, list[str]]:
-    """Compare the PSFs of a folder that were captured at angles with the central one.
-
-    Gives one for each PSF, by angle, the central one first; the distance of the light in um; and
-    warnings. Without a twin, what follows from the camera is left out.
-    """
-    central, others = captured_at_angles(folder, read_psf_set(folder).psf)
-    warnings = []
-    first = read_psf(folder, central).mean(dim=0)
-    if twin is not None and not math.isclose(central.pixel.um, twin.pixel_um, rel_tol=0.01):
-        raise DataError(
-            f"{central.file} has pixels of {central.pixel}, but a reconstruction with the camera "
-            f"{twin.camera.name!r} has pixels of {twin.pixel_um:g} µm: give the camera that the "
-            "PSFs are from (--camera)"
-        )
-    psfs = []
-    for number, entry in enumerate(others):
-        progress(number / len(others))
-        psf = first if entry is central else read_psf(folder, entry).mean(dim=0)
-        clipped = clipped_pixels(psf)
-        if clipped:
-            warnings.append(
-                f"{clipped} pixels of {folder / entry.file}, many side by side, have its very "
-                "largest value: it seems to be clipped. Take a shorter exposure"
-            )
-        psfs.append(compare(first, psf, source_of(entry), central.pixel.um, twin))
-    return psfs, central.distance_um, warnings
-
-
 @job
 def measure_field(run: Run[MeasureFieldOptions]) -> Product[FieldOfView]:
     """Measure the field of view, and write the plot and picture that are asked for.
@@ -343,13 +310,30 @@ def _of_picture(run: Run[MeasureFieldOptions], loaded: LoadedCamera) -> Product[
 
 
 def _of_folder(run: Run[MeasureFieldOptions], loaded: LoadedCamera | None) -> Product[FieldOfView]:
-    options = run.options
-    assert options.psfs is not None
+    folder = run.options.psfs
+    assert folder is not None
     twin = None if loaded is None else preview_model(loaded)
-    progress = partial(run.reporter.advance, "PSFs")
-    psfs, distance, warnings = _captured_off_axis(options.psfs, twin, progress)
-    run.warn(*warnings)
-    return _product(options, FieldOfView.of_psfs(psfs, twin, distance), distance)
+    central, others = captured_at_angles(folder, read_psf_set(folder).psf)
+    first = read_psf(folder, central).mean(dim=0)
+    if twin is not None and not math.isclose(central.pixel.um, twin.pixel_um, rel_tol=0.01):
+        raise DataError(
+            f"{central.file} has pixels of {central.pixel}, but a reconstruction with the camera "
+            f"{twin.camera.name!r} has pixels of {twin.pixel_um:g} µm: give the camera that the "
+            "PSFs are from (--camera)"
+        )
+    psfs = []
+    for number, entry in enumerate(others):
+        run.reporter.advance("PSFs", number / len(others))
+        psf = first if entry is central else read_psf(folder, entry).mean(dim=0)
+        clipped = clipped_pixels(psf)
+        if clipped:
+            run.warn(
+                f"{clipped} pixels of {folder / entry.file}, many side by side, have its very "
+                "largest value: it seems to be clipped. Take a shorter exposure"
+            )
+        psfs.append(compare(first, psf, source_of(entry), central.pixel.um, twin))
+    away_um = central.distance_um
+    return _product(run.options, FieldOfView.of_psfs(psfs, twin, away_um), away_um)
 
 
 def _of_twin(run: Run[MeasureFieldOptions], loaded: LoadedCamera) -> Product[FieldOfView]:
