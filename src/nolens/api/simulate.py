@@ -21,7 +21,7 @@ from nolens.camera import Frame, LoadedCamera, ReliefFile, develop
 from nolens.errors import DataError, OptionError
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import read_camera
-from nolens.jobs.simulation import check_simulation_memory
+from nolens.jobs.run import check_simulation_memory
 from nolens.operators import Region
 from nolens.quantities import Angle, Length
 from nolens.solvers.inputs import Plane, channels_of

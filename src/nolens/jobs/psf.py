@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -22,9 +23,7 @@ from nolens.jobs.simulation import (
     RAW_SUFFIXES,
     Fill,
     SimulationOptions,
-    begin_simulation,
     camera_parameters,
-    check_simulation_memory,
     raw_writer,
     read_simulated_camera,
     saturated_fraction,
@@ -32,7 +31,7 @@ from nolens.jobs.simulation import (
 from nolens.optics import PointSource
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
-from nolens.twin import Frame, distance_um, mosaic, photocurrents
+from nolens.twin import Frame, Twin, distance_um, mosaic, photocurrents
 
 _POINT = "Point source"
 _SIZE = re.compile(r"([0-9]{1,6})x([0-9]{1,6})")
@@ -161,8 +160,9 @@ def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
     shape = _shape(options, loaded, captured)
     source = _source(options, loaded)
     working = preview.psf_bytes(source, shape.size, shape.pixels)
-    needed = check_simulation_memory(loaded, working, run.device, _REMEDY)
-    experiment = begin_simulation(run, loaded, preview, needed)
+    run.begin_simulation(loaded, working, _REMEDY)
+    twin = Twin.of(loaded, device=run.device, fresnel=options.fresnel)
+    experiment = replace(preview, twin=twin)
     # Its channels are as a captured one has them: a scene in this light keeps its own colours.
     psf = experiment.psf(
         source,
@@ -176,7 +176,7 @@ def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
             f"no light from {source.angle_deg:.4g} deg off the axis reaches these pixels: they do "
             "not accept it, or it falls beside them. Choose a smaller angle or more --pixels"
         )
-    shift = experiment.twin.shift_um(source)
+    shift = twin.shift_um(source)
     figures = {
         "camera": loaded.camera.name,
         "angle_deg": round(source.angle_deg, 3),
@@ -190,7 +190,7 @@ def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
     if captured:
         image = mosaic(psf, experiment.sensor.mosaic)
         fill = (options.fill or FILL).value
-        currents = photocurrents(experiment.twin, experiment.light, 1.0)
+        currents = photocurrents(twin, experiment.light, 1.0)
         exposure_s = experiment.exposure_of(image, fill) / (_LUX * float(currents.max()))
         frame = experiment.exposed(image, fill, options.seed)
         figures["exposure_s"] = exposure_s

@@ -157,6 +157,23 @@ def check_solver_memory(solver: Reconstructor, data: Measurement, remedy: str) -
     return needed
 
 
+def check_simulation_memory(
+    loaded: "LoadedCamera", working: float, device: torch.device, remedy: str
+) -> float:
+    """Bytes that a simulation needs, `working` beside the camera's relief, if there are as many.
+
+    Raises
+    ------
+    OptionError
+        If the machine has less memory, before the relief is computed; `remedy` ends the message.
+    """
+    from nolens.twin import relief_points, simulation_bytes
+
+    needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(loaded), working)
+    check_memory(needed, device, remedy)
+    return needed
+
+
 def announce_memory(needed: float, reporter: Reporter) -> None:
     """Say beforehand what takes gigabytes.
 
@@ -374,11 +391,7 @@ class Run(Generic[Options]):
         OptionError
             If the machine has less memory than that.
         """
-        from nolens.twin import relief_points, simulation_bytes
-
-        needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(loaded), working)
-        check_memory(needed, self.device, remedy)
-        self.begin(needed)
+        self.begin(check_simulation_memory(loaded, working, self.device, remedy))
         self.reporter.advance("mask", 0.0)
 
     def begin(self, needed: float = 0.0) -> None:

@@ -13,7 +13,7 @@ from torch import Tensor
 from nolens.camera import Frame, LoadedCamera, Sensor
 from nolens.errors import DataError, OptionError
 from nolens.experiments.virtual_experiment import VirtualExperiment, brightest
-from nolens.files import camera_files, read_camera, read_picture, write_frame, write_tiff32
+from nolens.files import read_picture, write_frame, write_tiff32
 from nolens.jobs.fields import (
     CAMERAS,
     LIGHTS,
@@ -30,7 +30,7 @@ from nolens.jobs.fields import (
     record_beside,
 )
 from nolens.jobs.options import JobOptions, Option, Written
-from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Run, Writer, check_memory, job
+from nolens.jobs.run import Product, Run, Writer, check_simulation_memory, job
 from nolens.operators import Region
 from nolens.optics import PointSource
 from nolens.quantities import Angle, Luminance, Share
@@ -44,9 +44,7 @@ from nolens.twin import (
     distance_um,
     in_channels,
     preview_model,
-    relief_points,
     render_planes,
-    simulation_bytes,
 )
 
 OPTICS, EXPOSURE = "Camera and light", "Exposure"
@@ -224,38 +222,12 @@ def read_simulated_camera(
         If the camera or the light cannot be used, or the output not hold the sensor's counts.
     """
     options: SimulationOptions = run.options
-    loaded = read_camera(options.camera)
+    loaded = run.camera(options.camera)
     _check_raw(options.output, loaded.camera.sensor)
-    run.reads(camera_files(options.camera, loaded.camera))
     preview = preview_model(loaded, fresnel=options.fresnel)
     return loaded, VirtualExperiment(
         preview, Light(options.light), options.wavelengths, field_points
     )
-
-
-def check_simulation_memory(
-    loaded: LoadedCamera, working: float, device: torch.device, remedy: str
-) -> float:
-    """Bytes that a simulation needs, `working` beside the camera's relief, if there are as many.
-
-    Raises
-    ------
-    OptionError
-        If the machine has less memory, before the relief is computed; `remedy` ends the message.
-    """
-    needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(loaded), working)
-    check_memory(needed, device, remedy)
-    return needed
-
-
-def begin_simulation(
-    run: Run[Any], loaded: LoadedCamera, preview: VirtualExperiment, needed: float
-) -> VirtualExperiment:
-    """The camera itself in place of its preview model; its relief takes the first seconds."""
-    run.begin(needed)
-    run.reporter.advance("mask", 0.0)
-    twin = Twin.of(loaded, device=run.device, fresnel=run.options.fresnel)
-    return replace(preview, twin=twin)
 
 
 def camera_parameters(loaded: LoadedCamera) -> dict[str, Any]:
@@ -311,7 +283,10 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
     field, views = render_planes(preview.twin, planes)
     if options.exposure is None:
         _check_light(views)
-    shot = begin_simulation(run, loaded, preview, needed).measure_views(
+    run.begin(needed)  # After the views, which refuse a scene that is too near.
+    run.reporter.advance("mask", 0.0)
+    twin = Twin.of(loaded, device=run.device, fresnel=options.fresnel)
+    shot = replace(preview, twin=twin).measure_views(
         field,
         views,
         fill=(options.fill or FILL).value,
