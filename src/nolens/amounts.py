@@ -41,6 +41,11 @@ def _plain(value: float, unit: str, digits: int, sign: str) -> str:
     return text.rstrip("0").rstrip(".") if decimals > 0 else text
 
 
+def finite_or_none(value: float) -> float | None:
+    """A figure as JSON has it: nothing where it is infinite or no number."""
+    return value if math.isfinite(value) else None
+
+
 def rounded(value: Any, digits: int = 6) -> Any:
     """Figures in values that JSON has, each number with some significant digits.
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from torch import Tensor
 
+from nolens.design.masks import MaskComparison
 from nolens.design.thickness import ColourCurves
 from nolens.errors import DataError
 from nolens.evaluate import spectral_magnitude
@@ -23,41 +24,18 @@ _SHADE = "#2a7f62"
 _LINE = {450.0: "#3557c9", 550.0: "#2f9140", 650.0: "#c23b2e"}
 
 
-def plot_mask(
-    path: Path,
-    *,
-    heights_um: Tensor,
-    grid_um: float,
-    psf: Tensor,
-    papers_psf: Tensor,
-    pixel_um: float,
-    title: str,
-) -> None:
-    """Draw relief, PSFs and spectral magnitude.
-
-    Parameters
-    ----------
-    heights_um
-        The relief around the middle of the sensor, (rows, columns).
-    grid_um
-        Distance of its samples.
-    psf, papers_psf
-        PSFs of this mask and of the paper's diffuser, (channels, rows, columns).
-    pixel_um
-        Pitch of their pixels.
-    title
-        Over all.
-    """
+def plot_mask(path: Path, comparison: MaskComparison, title: str) -> None:
+    """Draw relief, PSFs and spectral magnitude of a mask beside the paper's diffuser."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    channel = min(1, len(psf) - 1)
-    planes = psf[channel], papers_psf[channel]
+    planes = comparison.own.plane, comparison.paper.plane
+    surface, pixel_um = comparison.own.twin.mask.relief, comparison.own.twin.pixel_um
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(10, 8.4), layout="constrained")
         figure.suptitle(title)
         (relief, magnitude), below = figure.subplots(2, 2)
-        image = _show(relief, heights_um, grid_um, "viridis", None)
+        image = _show(relief, surface.height_um.cpu(), surface.grid_um, "viridis", None)
         relief.set_title("relief around the middle")
         figure.colorbar(image, ax=relief, label="height, µm", shrink=0.85)
         _draw_magnitude(magnitude, planes, pixel_um)

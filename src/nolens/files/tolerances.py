@@ -11,13 +11,19 @@ from torch import Tensor
 from nolens.amounts import amount, shown_unit
 from nolens.camera import Camera
 from nolens.design.tolerances.parameters import Parameter, parameters_from_toml
-from nolens.design.tolerances.study import Study
+from nolens.design.tolerances.study import BudgetLine, Study
+from nolens.errors import DataError
+from nolens.fabricate import ToleranceBudget, poured_layer
 from nolens.files.input import read_text
 from nolens.files.plots import plot_figure
+from nolens.files.record import read_record
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+RECORD_FILE = "tolerance.json"
+"""Record of a study, in its folder."""
+_MM = {"nm": 1e-6, "um": 1e-3, "mm": 1.0}
 _BETTER, _WORSE, _NEUTRAL, _LIMIT = "#2a7f62", "#c0562f", "#5b6b7a", "#a01c3a"
 _MOST_BARS = 10
 _LEVELS = (0.50, 0.90, 0.98)
@@ -53,6 +59,47 @@ def write_trials(path: Path, study: Study) -> None:
         done = zip(study.cameras.tolist(), study.figures.tolist(), strict=False)
         for number, (camera, figure) in enumerate(done, start=1):
             rows.writerow([number, *camera, figure])
+
+
+def study_budget(path: Path, camera: Camera) -> ToleranceBudget:
+    """Read the budget of a process sheet from the record of a study of tolerances.
+
+    Parameters
+    ----------
+    path
+        The record.
+    camera
+        The camera that it must be for.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read or is no record.
+    DataError
+        If it is the record of something else, or of another camera.
+    """
+    result = read_record(path).result
+    if "budget" not in result or "criterion" not in result:
+        raise DataError(
+            f"{path} is no study of tolerances: give the folder that nolens design tolerance wrote"
+        )
+    if result["camera"] != camera.name:
+        raise DataError(
+            f"{path} is a study of {result['camera']!r}, not of {camera.name!r}: run nolens design "
+            "tolerance for this camera"
+        )
+    lines = tuple(BudgetLine(**line) for line in result["budget"])
+    passed = f"; {100 * result['yield']['share']:.3g} % meet the limit" if "yield" in result else ""
+    method = (
+        f"From nolens design tolerance: {result['criterion']} by {result['model']}, "
+        f"{result['trials']} cameras drawn{passed}. What is allowed was assumed there: 2σ of "
+        "a normal distribution, the farthest value of another."
+    )
+    thickness = f"{poured_layer(camera).name}.thickness"
+    layer_mm = next(
+        (line.allowed * _MM[line.unit] for line in lines if line.parameter == thickness), None
+    )
+    return ToleranceBudget(lines, method, layer_mm)
 
 
 def plot_tolerance(path: Path, study: Study, title: str) -> None:

@@ -27,7 +27,7 @@ from nolens.fabricate import (
 from nolens.files import check_height_map, check_step, workpiece_writers
 from nolens.files.pdf import write_sheet_pdf
 from nolens.files.sheet import write_sheet_html
-from nolens.jobs.designing.tolerance import RECORD_FILE, study_budget
+from nolens.files.tolerances import RECORD_FILE, study_budget
 from nolens.jobs.fields import FilePath, Name, OutputFolderOptions
 from nolens.jobs.options import Option, Written
 from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Reporter, Run, Writer, check_memory, job

@@ -2,15 +2,7 @@
 
 from nolens.design.masks.blank import RELIEF_FILE, Blank, MadeMask, TileDescent
 from nolens.design.masks.contour import contour_relief, correlation, line_target, random_contours
-from nolens.design.masks.figures import (
-    FREQUENCIES_PER_MM,
-    PAPERS_DIFFUSER,
-    MaskFigures,
-    central_psf,
-    mask_figures,
-    sensor_middle,
-    spread_over,
-)
+from nolens.design.masks.figures import MaskComparison
 from nolens.design.masks.limits import Limits
 from nolens.design.masks.optimised import PsfGoals, Shortfall, lenslet_start, optimised_relief
 from nolens.design.masks.surfaces import (
@@ -26,24 +18,22 @@ from nolens.design.masks.tile import (
     default_period_um,
     focusing_radius_um,
     quarter_um,
+    spread_over,
 )
 
 __all__ = [
-    "FREQUENCIES_PER_MM",
-    "PAPERS_DIFFUSER",
     "RELIEF_FILE",
     "Arrangement",
     "Blank",
     "Layout",
     "Limits",
     "MadeMask",
-    "MaskFigures",
+    "MaskComparison",
     "PsfGoals",
     "Shortfall",
     "Tile",
     "TileDescent",
     "View",
-    "central_psf",
     "contour_relief",
     "correlation",
     "default_period_um",
@@ -52,11 +42,9 @@ __all__ = [
     "lenslet_array",
     "lenslet_start",
     "line_target",
-    "mask_figures",
     "optimised_relief",
     "quarter_um",
     "random_contours",
-    "sensor_middle",
     "smoothing_margin",
     "spread_over",
 ]

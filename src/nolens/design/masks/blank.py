@@ -7,9 +7,14 @@ from dataclasses import dataclass
 import torch
 
 from nolens.camera import LoadedCamera, RandomLenslets, ReliefFile
-from nolens.design.masks.figures import spread_over
 from nolens.design.masks.limits import Limits
-from nolens.design.masks.tile import Layout, Tile, default_period_um, focusing_radius_um
+from nolens.design.masks.tile import (
+    Layout,
+    Tile,
+    default_period_um,
+    focusing_radius_um,
+    spread_over,
+)
 from nolens.errors import OptionError
 from nolens.optics import surface_bytes
 from nolens.quantities import Length

@@ -2,20 +2,25 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
-import torch
 from torch import Tensor
 
+from nolens.amounts import finite_or_none
 from nolens.camera import LoadedCamera, RandomLenslets
+from nolens.design.masks.blank import Blank, MadeMask
+from nolens.design.masks.contour import correlation
+from nolens.design.masks.tile import spread_over
 from nolens.errors import DataError
 from nolens.evaluate import pattern_figures, sparsity, spectral_magnitude
-from nolens.optics import PointSource
+from nolens.optics import PointSource, surface_bytes
+from nolens.progress import ProgressCallback
 from nolens.quantities import Length
-from nolens.twin import Light, Twin, point_spread
+from nolens.twin import Light, Twin, point_spread, relief_points
 
-FREQUENCIES_PER_MM = (20.0, 40.0, 80.0)
+_FREQUENCIES_PER_MM = (20.0, 40.0, 80.0)
 """Spatial frequencies on the sensor at which the spectral magnitude is given."""
-PAPERS_DIFFUSER = RandomLenslets(
+_PAPERS_DIFFUSER = RandomLenslets(
     kind="random-lenslets",
     radius=Length("0.67", "mm"),
     pitch=Length("70", "um"),
@@ -30,95 +35,131 @@ _MIDDLE_PIXELS = 1152
 
 
 @dataclass(frozen=True)
-class MaskFigures:
-    """Figures of a mask and of its PSF.
-
-    Parameters
-    ----------
-    width_um
-        Full width at half maximum of the PSF's autocorrelation; NaN where it has no lines.
-    pitch_um
-        From the autocorrelation's first peak to its second; NaN where there is none.
-    sparsity
-        Fraction of the sensor without light.
-    magnitude
-        Spectral magnitude of one mm² of the PSF, for each of `FREQUENCIES_PER_MM`; NaN where the
-        pixels are too coarse.
-    height_um
-        From the relief's lowest to its highest place.
-    slope
-        Its steepest slope.
-    """
-
-    width_um: float
-    pitch_um: float
-    sparsity: float
-    magnitude: tuple[float, ...]
-    height_um: float
-    slope: float
-
-    @property
-    def line_um(self) -> float:
-        """Width of a line with a Gaussian profile: that of the autocorrelation over √2."""
-        return self.width_um / math.sqrt(2)
-
-
-def sensor_middle(loaded: LoadedCamera) -> LoadedCamera:
-    """The camera with the middle of its sensor, and no opening: all that `central_psf` needs."""
-    sensor = loaded.camera.sensor
-    rows, columns = (min(_MIDDLE_PIXELS, count) for count in (sensor.rows, sensor.columns))
-    small = sensor.model_copy(update={"rows": rows, "columns": columns})
-    mask = loaded.camera.mask.model_copy(update={"aperture": None})
-    return replace(loaded, camera=loaded.camera.model_copy(update={"sensor": small, "mask": mask}))
-
-
-def central_psf(twin: Twin, light: Light) -> Tensor:
-    """PSF of a far point straight ahead on the middle of the sensor, (channels, rows, columns).
-
-    On at most 576 × 576 pixels; every channel is 1 on average for an open mask.
-    """
-    pixels = (min(_MOST_PIXELS, twin.shape[0]), min(_MOST_PIXELS, twin.shape[1]))
-    return point_spread(twin, PointSource(), pixels, superpixel=twin.superpixel, light=light).cpu()
-
-
-def mask_figures(twin: Twin, psf: Tensor) -> MaskFigures:
-    """Measure a mask.
+class MeasuredMask:
+    """A mask around the middle of the sensor, and its PSF there.
 
     Parameters
     ----------
     twin
-        The camera with the mask.
+        The middle of the camera, with no opening.
     psf
-        Its `central_psf`; the channel that is brightest on the sensor counts: green, or grey.
+        Of a far point straight ahead, (channels, rows, columns), on at most 576 × 576 pixels;
+        every channel is 1 on average.
     """
-    plane = psf[min(1, len(psf) - 1)]
-    try:
-        lines = pattern_figures(plane, twin.pixel_um)
-        width, pitch = lines.width_um, lines.pitch_um
-    except DataError:
-        width = pitch = math.nan
-    heights = twin.mask.relief.height_um
-    return MaskFigures(
-        width_um=width,
-        pitch_um=pitch,
-        sparsity=sparsity(plane),
-        magnitude=tuple(_magnitude(plane, twin.pixel_um, each) for each in FREQUENCIES_PER_MM),
-        height_um=float(heights.max() - heights.min()),
-        slope=twin.mask.relief.steepest,
+
+    twin: Twin
+    psf: Tensor
+
+    @classmethod
+    def of(cls, twin: Twin, light: Light) -> "MeasuredMask":
+        """Compute the PSF."""
+        rows, columns = (min(_MOST_PIXELS, count) for count in twin.shape)
+        psf = point_spread(
+            twin, PointSource(), (rows, columns), superpixel=twin.superpixel, light=light
+        )
+        return cls(twin, psf.cpu())
+
+    @property
+    def plane(self) -> Tensor:
+        """The channel that is brightest on the sensor: green, or grey."""
+        return self.psf[min(1, len(self.psf) - 1)]
+
+    def summary(self) -> dict[str, Any]:
+        """Figures of the mask and of its PSF, in values that JSON has.
+
+        ``width_um`` is the full width at half maximum of the PSF's autocorrelation, ``line_um``
+        that of a line with a Gaussian profile, ``width_um`` over √2, and ``pitch_um`` leads from
+        the autocorrelation's first peak to its second; ``sparsity`` is the fraction of the sensor
+        without light, and ``magnitude`` the spectral magnitude of one mm² of the PSF at each of
+        `_FREQUENCIES_PER_MM`. What cannot be measured is None: widths without lines, magnitudes
+        where the pixels are too coarse.
+        """
+        width_um: float | None
+        try:
+            lines = pattern_figures(self.plane, self.twin.pixel_um)
+            width_um, pitch_um = lines.width_um, finite_or_none(lines.pitch_um)
+        except DataError:
+            width_um = pitch_um = None
+        relief = self.twin.mask.relief
+        return {
+            "width_um": width_um,
+            "pitch_um": pitch_um,
+            "sparsity": sparsity(self.plane),
+            "magnitude": [self._magnitude(each) for each in _FREQUENCIES_PER_MM],
+            "height_um": float(relief.height_um.max() - relief.height_um.min()),
+            "slope": relief.steepest,
+            "line_um": None if width_um is None else width_um / math.sqrt(2),
+        }
+
+    def _magnitude(self, per_mm: float) -> float | None:
+        try:
+            return spectral_magnitude(self.plane, self.twin.pixel_um, per_mm)
+        except DataError:
+            return None
+
+
+@dataclass(frozen=True)
+class MaskComparison:
+    """A new mask and the paper's diffuser in the same camera.
+
+    Parameters
+    ----------
+    made
+        The camera with the new mask.
+    own, paper
+        Both masks, measured.
+    """
+
+    made: MadeMask
+    own: MeasuredMask
+    paper: MeasuredMask
+
+    @classmethod
+    def of(cls, blank: Blank, made: MadeMask, progress: ProgressCallback) -> "MaskComparison":
+        """Compute both PSFs.
+
+        Raises
+        ------
+        OptionError
+            If the device has too little memory.
+        """
+        progress(0.0)
+        own, paper = (
+            _middle(each, blank)
+            for each in (made.loaded, blank.loaded.with_relief(_PAPERS_DIFFUSER))
+        )
+        measured = MeasuredMask.of(own, blank.light)
+        progress(0.6)
+        return cls(made, measured, MeasuredMask.of(paper, blank.light))
+
+    def summary(self) -> dict[str, Any]:
+        """Figures of both masks, and how a designed one came out, in values that JSON has."""
+        summary: dict[str, Any] = {
+            "figures": self.own.summary(),
+            "paper_diffuser": self.paper.summary(),
+            "magnitude_per_mm": list(_FREQUENCIES_PER_MM),
+            "stop_reason": "interrupted" if self.made.stopped else "finished",
+        }
+        if self.made.layout is not None:
+            summary["period_um"] = self.made.layout.side * self.made.layout.grid_um
+        if self.made.target is not None:
+            psf = self.own.psf
+            target = spread_over(self.made.target, (psf.shape[1], psf.shape[2]))
+            summary["target_correlation"] = [float(correlation(each, target)) for each in psf]
+        return summary
+
+
+def _middle(loaded: LoadedCamera, blank: Blank) -> Twin:
+    """The middle of a camera's sensor without an opening, ready to be simulated."""
+    sensor = loaded.camera.sensor
+    rows, columns = (min(_MIDDLE_PIXELS, count) for count in (sensor.rows, sensor.columns))
+    small = sensor.model_copy(update={"rows": rows, "columns": columns})
+    mask = loaded.camera.mask.model_copy(update={"aperture": None})
+    camera = loaded.camera.model_copy(update={"sensor": small, "mask": mask})
+    middle = replace(loaded, camera=camera)
+    blank.check_memory(
+        surface_bytes(relief_points(middle)),
+        blank.device,
+        "a smaller --overhang or a larger --pitch needs less",
     )
-
-
-def _magnitude(psf: Tensor, pixel_um: float, per_mm: float) -> float:
-    try:
-        return spectral_magnitude(psf, pixel_um, per_mm)
-    except DataError:
-        return math.nan
-
-
-def spread_over(tile: Tensor, size: tuple[int, int]) -> Tensor:
-    """A tile, repeated over (rows, columns) of samples, its middle in their middle."""
-    index = [
-        (torch.arange(count) - count // 2 + side // 2) % side
-        for count, side in zip(size, tile.shape, strict=True)
-    ]
-    return tile[index[0]][:, index[1]].contiguous()
+    return Twin.of(middle, device=blank.device)

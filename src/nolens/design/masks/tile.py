@@ -194,6 +194,15 @@ class Layout:
         return Tile(twin, self.side, self.grid_um, views, self.samples_per_pixel, device)
 
 
+def spread_over(tile: Tensor, size: tuple[int, int]) -> Tensor:
+    """A tile, repeated over (rows, columns) of samples, its middle in their middle."""
+    index = [
+        (torch.arange(count) - count // 2 + side // 2) % side
+        for count, side in zip(size, tile.shape, strict=True)
+    ]
+    return tile[index[0]][:, index[1]].contiguous()
+
+
 def default_period_um(twin: Twin) -> float:
     """Side of a tile that shows no point of a 75° scene as another one's.
 

@@ -3,10 +3,12 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 
+from nolens.amounts import finite_or_none
 from nolens.design.tolerances.parameters import Parameter
 
 Criterion = Callable[[Tensor], Tensor]
@@ -68,6 +70,22 @@ class _Sensitivity:
     def worst(self) -> float:
         """The larger one of both changes, without its sign."""
         return max(abs(self.minus), abs(self.plus))
+
+    def summary(self) -> dict[str, Any]:
+        """The parameter and what it does, in values that JSON has."""
+        return {
+            "parameter": self.parameter.name,
+            "distribution": self.parameter.distribution,
+            "mean": self.parameter.middle,
+            "tolerance": self.parameter.tolerance,
+            "tolerance_means": self.parameter.tolerance_means,
+            "unit": self.parameter.unit,
+            "change_at_minus": finite_or_none(self.minus),
+            "change_at_plus": finite_or_none(self.plus),
+            "linear": finite_or_none(self.linear),
+            "quadratic": finite_or_none(self.quadratic),
+            "note": self.parameter.note,
+        }
 
 
 @dataclass(frozen=True)

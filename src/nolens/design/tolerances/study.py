@@ -3,15 +3,15 @@
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from scipy.special import ndtri
 from torch import Tensor
 
-from nolens.amounts import amount
+from nolens.amounts import amount, finite_or_none
 from nolens.camera import Camera, LoadedCamera
 from nolens.design.tolerances.models import (
     RayModel,
@@ -103,6 +103,15 @@ class Yield:
         low = 0.0 if self.passed == 0 else (middle - half) / scale
         high = 1.0 if self.passed == n else (middle + half) / scale
         return low, high
+
+    def summary(self) -> dict[str, Any]:
+        """The counts, the fraction and its interval, in values that JSON has."""
+        return {
+            "share": self.fraction,
+            "passed": self.passed,
+            "trials": self.trials,
+            "interval_95": list(self.interval()),
+        }
 
 
 @dataclass(frozen=True)
@@ -235,6 +244,40 @@ class Study:
             )
             for row in self.response.sensitivities
         )
+
+    def summary(self) -> dict[str, Any]:
+        """All figures in values that JSON has; None where there is no finite one."""
+        prediction = self.response.predict()
+        finite = self.figures[self.figures.isfinite()]
+        summary: dict[str, Any] = {
+            "nominal": self.response.nominal,
+            "sensitivities": [row.summary() for row in self.response.sensitivities],
+            "budget": [asdict(line) for line in self.budget],
+            "prediction": {
+                "mean": finite_or_none(prediction.mean),
+                "root_sum_square_sigma": finite_or_none(prediction.linear_sigma),
+                "second_order_sigma": finite_or_none(prediction.sigma),
+            },
+            "trials": len(self.figures),
+            "not_measurable": len(self.figures) - len(finite),
+            "mean": finite_or_none(float(finite.mean())) if len(finite) else None,
+            "sigma": finite_or_none(float(finite.std())) if len(finite) > 1 else None,
+            "levels": {f"{100 * k:.0f} %": finite_or_none(v) for k, v in self.levels.items()},
+            "limit": self.limit,
+        }
+        if self.passed is not None:
+            summary["yield"] = self.passed.summary()
+        if self.solved is not None:
+            parameter, target, allowed = self.solved
+            summary["solved"] = {
+                "parameter": parameter.name,
+                "wanted_yield": target,
+                "verdict": allowed.verdict,
+                "tolerance": allowed.tolerance,
+                "unit": parameter.unit,
+                "reached": allowed.reached.summary(),
+            }
+        return summary
 
 
 @dataclass(frozen=True)

@@ -8,29 +8,22 @@ import importlib
 import math
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import torch
 
 from nolens.camera import LoadedCamera, RandomLenslets
 from nolens.camera.part import PositiveLength
 from nolens.design.masks import (
-    FREQUENCIES_PER_MM,
-    PAPERS_DIFFUSER,
     RELIEF_FILE,
     Blank,
     Limits,
     MadeMask,
-    MaskFigures,
+    MaskComparison,
     TileDescent,
-    central_psf,
-    correlation,
-    mask_figures,
-    sensor_middle,
-    spread_over,
 )
 from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE, camera_files, read_camera, write_camera
@@ -59,12 +52,11 @@ from nolens.jobs.run import (
     job,
     pick_device,
 )
-from nolens.optics import surface_bytes
 from nolens.plugins import load_plugin, plugin_names
 from nolens.printable import quoted
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
-from nolens.twin import Light, Twin, preview_model, relief_points
+from nolens.twin import Light, preview_model
 
 MASK_KINDS = {
     "random-lenslets": "mask_lenslets:RandomLensletsMask",
@@ -271,42 +263,16 @@ def design_mask(run: Run[MaskOptions]) -> Product[LoadedCamera]:
     NolensError
         If an option or an output cannot be used; then nothing is written.
     """
-    options, reporter, device = run.options, run.reporter, run.device
-    loaded, light = read_camera(options.camera), Light(options.light)
+    options, reporter = run.options, run.reporter
+    loaded = read_camera(options.camera)
     run.reads(camera_files(options.camera, loaded.camera))
+    blank = options.blank(loaded, reporter)
     run.begin()
-    made = options.mask(options.blank(loaded, reporter))
-
-    reporter.advance("figures", 0.0)
-    twin, paper = (
-        _middle(each, device) for each in (made.loaded, loaded.with_relief(PAPERS_DIFFUSER))
-    )
-    psf = central_psf(twin, light)
-    reporter.advance("figures", 0.6)
-    papers_psf = central_psf(paper, light)
-    figures, papers = mask_figures(twin, psf), mask_figures(paper, papers_psf)
-    summary: dict[str, Any] = {
-        "camera": made.loaded.camera.name,
-        "kind": options.kind,
-        "figures": _plain(figures),
-        "paper_diffuser": _plain(papers),
-        "magnitude_per_mm": list(FREQUENCIES_PER_MM),
-        "stop_reason": "interrupted" if made.stopped else "finished",
-    }
-    if made.layout is not None:
-        summary["period_um"] = made.layout.side * made.layout.grid_um
-    if made.target is not None:
-        target = spread_over(made.target, (psf.shape[1], psf.shape[2]))
-        summary["target_correlation"] = [float(correlation(each, target)) for each in psf]
-    plot = partial(
-        plot_mask,
-        heights_um=twin.mask.relief.height_um.cpu(),
-        grid_um=twin.mask.relief.grid_um,
-        psf=psf,
-        papers_psf=papers_psf,
-        pixel_um=twin.pixel_um,
-        title=made.loaded.camera.name,
-    )
+    made = options.mask(blank)
+    comparison = MaskComparison.of(blank, made, partial(reporter.advance, "figures"))
+    name = made.loaded.camera.name
+    summary = {"camera": name, "kind": options.kind, **comparison.summary()}
+    plot = partial(plot_mask, comparison=comparison, title=name)
     more: dict[str, Writer] = {**curve_copies(options.camera, loaded), _PICTURE_FILE: plot}
 
     def commit(writers: Mapping[Path, Writer]) -> None:
@@ -321,19 +287,3 @@ def design_mask(run: Run[MaskOptions]) -> Product[LoadedCamera]:
         outputs=tuple(each.path for each in options.written if each.path != options.record),
         commit=commit,
     )
-
-
-def _middle(loaded: LoadedCamera, device: torch.device) -> Twin:
-    """The middle of a camera, ready to be simulated."""
-    middle = sensor_middle(loaded)
-    needed = BYTES_OF_PROGRAM + surface_bytes(relief_points(middle))
-    check_memory(needed, device, "a smaller --overhang or a larger --pitch needs less")
-    return Twin.of(middle, device=device)
-
-
-def _plain(figures: MaskFigures) -> dict[str, Any]:
-    plain = {**asdict(figures), "line_um": figures.line_um}
-    return {
-        key: None if isinstance(value, float) and math.isnan(value) else value
-        for key, value in plain.items()
-    }

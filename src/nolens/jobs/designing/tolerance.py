@@ -1,35 +1,30 @@
 """`nolens design tolerance`: how far off each part of a camera may be."""
 
-import math
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import torch
 from pydantic import Field
 
-from nolens.camera import Camera, LoadedCamera
+from nolens.camera import LoadedCamera
 from nolens.design.tolerances.parameters import Parameter, default_parameters, parameters_to_toml
 from nolens.design.tolerances.sharpness import Limit, Sharpness
-from nolens.design.tolerances.study import BudgetLine, Study, StudyPlan, Yield
-from nolens.errors import DataError, OptionError
-from nolens.fabricate import ToleranceBudget, poured_layer
-from nolens.files import camera_files, read_camera, read_record, read_tolerances, write_trials
-from nolens.files.tolerances import plot_tolerance
+from nolens.design.tolerances.study import Study, StudyPlan
+from nolens.errors import OptionError
+from nolens.files import camera_files, read_camera, read_tolerances, write_trials
+from nolens.files.tolerances import RECORD_FILE, plot_tolerance
 from nolens.jobs.fields import CAMERAS, FilePath, Name, Seed, Word
 from nolens.jobs.options import JobOptions, Option, Written
-from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Run, Writer, check_memory, job
+from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Run, check_memory, job
 from nolens.quantities import Share
 from nolens.ranges import Between
 from nolens.twin import Light
 
-RECORD_FILE = "tolerance.json"
 _TRIALS_FILE, _PLOT_FILE = "trials.csv", "tolerance.png"
 _CRITERION, _TRIALS, _YIELD, _RESULT = "Criterion", "Trials", "Yield", "Result"
 _Target = Annotated[Share, Between("0.01 %", "99.99 %")]
 _ENOUGH = "1000 show a yield to within 2 or 3 %"
-_MM = {"nm": 1e-6, "um": 1e-3, "mm": 1.0}
 
 
 class ToleranceOptions(JobOptions):
@@ -180,14 +175,26 @@ def study_tolerances(run: Run[ToleranceOptions]) -> Product[Study | None]:
         reporter.advance, lambda done, total: reporter.step("camera", done, total, "the trials")
     )
     summary = {
-        **_summary(options, plan, study),
+        "camera": plan.camera.name,
+        "criterion": plan.sharpness.name,
+        "unit": plan.sharpness.unit,
+        "model": options.model,
+        "light": options.light,
+        "patch_mm": [round(side * 1e-3, 4) for side in plan.patch.side_um],
+        **study.summary(),
         "stop_reason": "interrupted" if stopped else "finished",
     }
     described = {
         "camera_description": plan.camera.model_dump(mode="json"),
         "tolerance_description": parameters_to_toml(plan.parameters, plan.camera),
     }
-    return Product(study, summary, _writers(options, study, summary), described)
+    assert options.output is not None
+    title = f"{plan.camera.name}: {plan.sharpness.name} by {options.model}, light {options.light}"
+    writers = {
+        options.output / _TRIALS_FILE: partial(write_trials, study=study),
+        options.output / _PLOT_FILE: partial(plot_tolerance, study=study, title=title),
+    }
+    return Product(study, summary, writers, described)
 
 
 def _parameters(options: ToleranceOptions, loaded: LoadedCamera) -> tuple[Parameter, ...]:
@@ -220,127 +227,3 @@ def _plan(options: ToleranceOptions, loaded: LoadedCamera) -> StudyPlan:
         "thinner layers, or --model rays, need less",
     )
     return plan
-
-
-def _summary(options: ToleranceOptions, plan: StudyPlan, study: Study) -> dict[str, Any]:
-    """Figures of a study, in values that JSON has; None where there is no finite one."""
-    response, finite = study.response, study.figures[study.figures.isfinite()]
-    prediction = response.predict()
-    height, width = plan.patch.side_um
-    summary: dict[str, Any] = {
-        "camera": plan.camera.name,
-        "criterion": plan.sharpness.name,
-        "unit": plan.sharpness.unit,
-        "model": options.model,
-        "light": options.light,
-        "patch_mm": [round(height * 1e-3, 4), round(width * 1e-3, 4)],
-        "nominal": response.nominal,
-        "sensitivities": [
-            {
-                "parameter": row.parameter.name,
-                "distribution": row.parameter.distribution,
-                "mean": row.parameter.middle,
-                "tolerance": row.parameter.tolerance,
-                "tolerance_means": row.parameter.tolerance_means,
-                "unit": row.parameter.unit,
-                "change_at_minus": _finite_or_none(row.minus),
-                "change_at_plus": _finite_or_none(row.plus),
-                "linear": _finite_or_none(row.linear),
-                "quadratic": _finite_or_none(row.quadratic),
-                "note": row.parameter.note,
-            }
-            for row in response.sensitivities
-        ],
-        "budget": [asdict(line) for line in study.budget],
-        "prediction": {
-            "mean": _finite_or_none(prediction.mean),
-            "root_sum_square_sigma": _finite_or_none(prediction.linear_sigma),
-            "second_order_sigma": _finite_or_none(prediction.sigma),
-        },
-        "trials": len(study.figures),
-        "not_measurable": len(study.figures) - len(finite),
-        "mean": _finite_or_none(float(finite.mean())) if len(finite) else None,
-        "sigma": _finite_or_none(float(finite.std())) if len(finite) > 1 else None,
-        "levels": {f"{100 * k:.0f} %": _finite_or_none(v) for k, v in study.levels.items()},
-        "limit": study.limit,
-    }
-    if study.passed is not None:
-        summary["yield"] = _yield_summary(study.passed)
-    if study.solved is not None:
-        parameter, target, allowed = study.solved
-        summary["solved"] = {
-            "parameter": parameter.name,
-            "wanted_yield": target,
-            "verdict": allowed.verdict,
-            "tolerance": allowed.tolerance,
-            "unit": parameter.unit,
-            "reached": _yield_summary(allowed.reached),
-        }
-    return summary
-
-
-def _yield_summary(good: Yield) -> dict[str, Any]:
-    return {
-        "share": good.fraction,
-        "passed": good.passed,
-        "trials": good.trials,
-        "interval_95": list(good.interval()),
-    }
-
-
-def _finite_or_none(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
-def _writers(
-    options: ToleranceOptions, study: Study, summary: dict[str, Any]
-) -> dict[Path, Writer]:
-    assert options.output is not None
-    title = (
-        f"{summary['camera']}: {summary['criterion']} by {summary['model']}, light {options.light}"
-    )
-    return {
-        options.output / _TRIALS_FILE: partial(write_trials, study=study),
-        options.output / _PLOT_FILE: partial(plot_tolerance, study=study, title=title),
-    }
-
-
-def study_budget(path: Path, camera: Camera) -> ToleranceBudget:
-    """Read the budget of a process sheet from the record of a study of tolerances.
-
-    Parameters
-    ----------
-    path
-        The record.
-    camera
-        The camera that it must be for.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read or is no record.
-    DataError
-        If it is the record of something else, or of another camera.
-    """
-    result = read_record(path).result
-    if "budget" not in result or "criterion" not in result:
-        raise DataError(
-            f"{path} is no study of tolerances: give the folder that nolens design tolerance wrote"
-        )
-    if result["camera"] != camera.name:
-        raise DataError(
-            f"{path} is a study of {result['camera']!r}, not of {camera.name!r}: run nolens design "
-            "tolerance for this camera"
-        )
-    lines = tuple(BudgetLine(**line) for line in result["budget"])
-    passed = f"; {100 * result['yield']['share']:.3g} % meet the limit" if "yield" in result else ""
-    method = (
-        f"From nolens design tolerance: {result['criterion']} by {result['model']}, "
-        f"{result['trials']} cameras drawn{passed}. What is allowed was assumed there: 2σ of "
-        "a normal distribution, the farthest value of another."
-    )
-    thickness = f"{poured_layer(camera).name}.thickness"
-    layer_mm = next(
-        (line.allowed * _MM[line.unit] for line in lines if line.parameter == thickness), None
-    )
-    return ToleranceBudget(lines, method, layer_mm)

@@ -119,7 +119,7 @@ class Design {
     this.draw();
     if (psf) {
       this.psf.src = fileUrl(psf);
-      this.psfNote.textContent = `${number(look.cell_um)} µm per pixel`;
+      this.psfNote.textContent = `${number(look.pixel_um)} µm per pixel`;
     }
     fill(this.autocorrelation, curve({ x: look.autocorrelation.um, y: look.autocorrelation.value, from: 0,
       xLabel: "shift / µm", yLabel: "autocorrelation", title: "Autocorrelation of the PSF by shift" }));
