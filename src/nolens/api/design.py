@@ -7,9 +7,9 @@ from typing import Any
 
 from nolens.api.inputs import Progress, reported
 from nolens.api.simulate import Camera
-from nolens.design.thickness import ReplicaDesign
+from nolens.design.thickness import ReplicaDesign, thickness_summary
 from nolens.jobs.designing.mask import mask_kind
-from nolens.jobs.designing.thickness import ThicknessOptions, read_case, thickness_summary
+from nolens.jobs.designing.thickness import ThicknessOptions, read_case
 from nolens.jobs.run import Reporter
 
 
@@ -99,7 +99,7 @@ def design_thickness(camera: str | Path = "paper", **options: Any) -> ThicknessD
     case, media = read_case(chosen)
     designs = tuple(ReplicaDesign.of(case, medium) for medium in media)
     replica = replace(case.loaded, camera=designs[0].camera(), relief_um=None)
-    return ThicknessDesign(thickness_summary(chosen, designs), Camera(replica))
+    return ThicknessDesign(thickness_summary(designs), Camera(replica))
 
 
 class _CallbackReporter(Reporter):

@@ -2,15 +2,22 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from torch import Tensor
 
 from nolens.camera import MATERIALS, Camera, Layer, LoadedCamera, Mask, Material, RandomLenslets
-from nolens.design.replica import Cover, Film, Replica, printed_radius_um, replica_thickness_um
+from nolens.design.replica import (
+    WIDER,
+    Cover,
+    Film,
+    Replica,
+    printed_radius_um,
+    replica_thickness_um,
+)
 from nolens.design.uncertain import Propagated, Uncertain, propagate
 from nolens.errors import OptionError
 from nolens.optics import Number
@@ -21,6 +28,8 @@ _COLOURS_NM = (450.0, 500.0, 550.0, 600.0, 650.0)
 _CURVES_NM = (450.0, 550.0, 650.0)
 _CURVE_POINTS = 201
 _UM_TO_MM = 1e-3
+_UNITS = {"line_width": ("_um", 1.0), "aperture": ("", 1.0)}
+"""Of the figures that are not lengths in mm: the end of their name, and one um in them."""
 
 Values = Mapping[str, Number]
 
@@ -89,6 +98,15 @@ class _CoverLayer:
     thickness: Uncertain
     medium: Medium
 
+    def summary(self, wavelength_nm: float) -> dict[str, Any]:
+        """What it is, in values that JSON has."""
+        return {
+            "name": self.name,
+            "material": self.medium.name,
+            "index": self.medium.at(wavelength_nm).value,
+            "thickness_mm": self.thickness.summary(_UM_TO_MM),
+        }
+
 
 @dataclass(frozen=True)
 class Master:
@@ -102,12 +120,26 @@ class Master:
         From the film to the cover of the sensor, where its PSF is sharpest.
     side
         Where its relief faces when that is measured.
+    assumed
+        Whether this is the paper's, as a person says nothing of theirs.
     """
 
     medium: Medium
     thickness: Uncertain
     distance: Uncertain
     side: Literal["scene", "sensor"] = "scene"
+    assumed: bool = False
+
+    def summary(self, wavelength_nm: float) -> dict[str, Any]:
+        """What it is, in values that JSON has."""
+        return {
+            "material": self.medium.name,
+            "index": self.medium.at(wavelength_nm).value,
+            "thickness_mm": self.thickness.summary(_UM_TO_MM),
+            "distance_mm": self.distance.summary(_UM_TO_MM),
+            "side": self.side,
+            "assumed": self.assumed,
+        }
 
 
 @dataclass(frozen=True)
@@ -409,6 +441,21 @@ class ReplicaDesign:
             }
         )
 
+    def summary(self) -> dict[str, Any]:
+        """Figures of the replica, in values that JSON has."""
+        index = self.medium.at(self.case.wavelength.nm)
+        summary = {"material": self.medium.name, "index": index.summary()}
+        for name, figure in self.figures.items():
+            unit, scale = _UNITS.get(name, ("_mm", _UM_TO_MM))
+            summary[f"{name}{unit}"] = figure.summary(scale)
+        printed_um = self.printed_thickness_um
+        return summary | {
+            "sharp_mm": [each * _UM_TO_MM for each in self.sharp_um],
+            "sharp_means": f"lines at most {100 * (WIDER - 1):.0f} % wider than in focus",
+            "printed_thickness_mm": None if printed_um is None else printed_um * _UM_TO_MM,
+            "colours": [asdict(each) for each in self.colours],
+        }
+
     @property
     def _media(self) -> tuple[Medium, ...]:
         """All that light passes behind the lenslets."""
@@ -431,6 +478,23 @@ class ReplicaDesign:
         replica = case.replica_of(values)
         width = replica.width_um(thickness_um, wavelength_nm * 1e-3, values["pitch"], case.rounding)
         return float(replica.thickness_um), width
+
+
+def thickness_summary(designs: tuple[ReplicaDesign, ...]) -> dict[str, Any]:
+    """Figures of all replicas of one case, in values that JSON has."""
+    case, radius = designs[0].case, designs[0].radius
+    wavelength_nm, printed_um = case.wavelength.nm, case.printed_radius_um
+    return {
+        "camera": case.loaded.camera.name,
+        "wavelength_nm": wavelength_nm,
+        "distance_mm": None if math.isinf(case.source_um) else case.source_um * _UM_TO_MM,
+        "film": case.master.summary(wavelength_nm) if isinstance(case.master, Master) else None,
+        "cover": [layer.summary(wavelength_nm) for layer in case.cover],
+        "pitch_um": case.pitch.summary(),
+        "radius_mm": radius.summary(_UM_TO_MM),
+        "printed_radius_mm": None if printed_um is None else printed_um * _UM_TO_MM,
+        "materials": [each.summary() for each in designs],
+    }
 
 
 def cover_layers(

@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Self
+from typing import Any, Self
 
 import torch
 from torch import Tensor
@@ -32,6 +32,10 @@ class Uncertain:
 
     value: float
     plus_minus: float = 0.0
+
+    def summary(self, scale: float = 1.0) -> dict[str, Any]:
+        """The value and its ± in another unit, of which one of its own is `scale`."""
+        return {"value": self.value * scale, "plus_minus": self.plus_minus * scale}
 
     @classmethod
     def length(cls, text: str) -> Self:
@@ -90,6 +94,14 @@ class Propagated(Uncertain):
         if self.plus_minus == 0:
             return {}
         return {name: (part / self.plus_minus) ** 2 for name, part in self.parts.items()}
+
+    def summary(self, scale: float = 1.0) -> dict[str, Any]:
+        """The same, with what the ± is made of."""
+        summary = super().summary(scale)
+        if self.parts:
+            summary["parts"] = {name: part * scale for name, part in self.parts.items()}
+            summary["shares"] = self.fractions
+        return summary
 
 
 def propagate(

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,9 +12,15 @@ from pydantic import BeforeValidator, Field
 from nolens.camera import LoadedCamera, RandomLenslets
 from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth
-from nolens.design.replica import WIDER
-from nolens.design.thickness import Master, Medium, ReplicaDesign, ThicknessCase, cover_layers
-from nolens.design.uncertain import Propagated, Uncertain
+from nolens.design.thickness import (
+    Master,
+    Medium,
+    ReplicaDesign,
+    ThicknessCase,
+    cover_layers,
+    thickness_summary,
+)
+from nolens.design.uncertain import Uncertain
 from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE, camera_files, read_camera, read_material
 from nolens.files.cameras import write_description
@@ -32,9 +38,6 @@ _PAPER_FILM = Uncertain(305.0)
 _PAPER_FILM_MATERIAL = "polycarbonate"
 _PAPER_DISTANCE = Uncertain(400.0, 200.0)
 _PAPER_REPLICAS = ("pdms", "pua311")
-_UM_TO_MM = 1e-3
-_UNITS = {"line_width": ("_um", 1.0), "aperture": ("", 1.0)}
-"""Of the figures that are not lengths in mm: the end of their name, and one um in them."""
 
 
 def _reading(read: Callable[[Any], Uncertain]) -> BeforeValidator:
@@ -285,6 +288,7 @@ def read_case(options: ThicknessOptions) -> tuple[ThicknessCase, tuple[Medium, .
             options.film or _PAPER_FILM,
             options.film_distance or _PAPER_DISTANCE,
             options.film_side or "scene",
+            assumed=options.film is None and options.film_distance is None,
         )
     names = options.material or (() if options.index else _PAPER_REPLICAS)
     replicas = (
@@ -348,70 +352,4 @@ def design_thickness(run: Run[ThicknessOptions]) -> Product[tuple[ReplicaDesign,
     if options.output is not None:
         camera = designs[0].camera()
         writers[options.output / CAMERA_FILE] = partial(write_description, camera=camera)
-    return Product(designs, thickness_summary(options, designs), writers)
-
-
-def thickness_summary(
-    options: ThicknessOptions, designs: tuple[ReplicaDesign, ...]
-) -> dict[str, Any]:
-    """Figures of all replicas of one case, in values that JSON has."""
-    case = designs[0].case
-    wavelength_nm, radius_um = case.wavelength.nm, case.printed_radius_um
-    film = None
-    if isinstance(case.master, Master):
-        film = {
-            "material": case.master.medium.name,
-            "index": case.master.medium.at(wavelength_nm).value,
-            "thickness_mm": _with_error(case.master.thickness, _UM_TO_MM),
-            "distance_mm": _with_error(case.master.distance, _UM_TO_MM),
-            "side": case.master.side,
-            "assumed": options.film is None and options.film_distance is None,
-        }
-    cover = [
-        {
-            "name": layer.name,
-            "material": layer.medium.name,
-            "index": layer.medium.at(wavelength_nm).value,
-            "thickness_mm": _with_error(layer.thickness, _UM_TO_MM),
-        }
-        for layer in case.cover
-    ]
-    return {
-        "camera": case.loaded.camera.name,
-        "wavelength_nm": wavelength_nm,
-        "distance_mm": None if math.isinf(case.source_um) else case.source_um * _UM_TO_MM,
-        "film": film,
-        "cover": cover,
-        "pitch_um": _with_error(case.pitch, 1.0),
-        "radius_mm": _with_error(designs[0].radius, _UM_TO_MM),
-        "printed_radius_mm": None if radius_um is None else radius_um * _UM_TO_MM,
-        "materials": [_material(each) for each in designs],
-    }
-
-
-def _material(design: ReplicaDesign) -> dict[str, Any]:
-    """Figures of one replica."""
-    index = design.medium.at(design.case.wavelength.nm)
-    summary = {"material": design.medium.name, "index": _with_error(index, 1.0)}
-    for name, figure in design.figures.items():
-        unit, scale = _UNITS.get(name, ("_mm", _UM_TO_MM))
-        summary[f"{name}{unit}"] = _with_error(figure, scale)
-    printed_um = design.printed_thickness_um
-    return summary | {
-        "sharp_mm": [each * _UM_TO_MM for each in design.sharp_um],
-        "sharp_means": f"lines at most {100 * (WIDER - 1):.0f} % wider than in focus",
-        "printed_thickness_mm": None if printed_um is None else printed_um * _UM_TO_MM,
-        "colours": [asdict(each) for each in design.colours],
-    }
-
-
-def _with_error(figure: Uncertain, scale: float) -> dict[str, Any]:
-    """A figure in the unit of its name, with ± and what that is made of."""
-    values: dict[str, Any] = {
-        "value": figure.value * scale,
-        "plus_minus": figure.plus_minus * scale,
-    }
-    if isinstance(figure, Propagated) and figure.parts:
-        values["parts"] = {name: part * scale for name, part in figure.parts.items()}
-        values["shares"] = figure.fractions
-    return values
+    return Product(designs, thickness_summary(designs), writers)
