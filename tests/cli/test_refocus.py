@@ -29,6 +29,7 @@ from depth_spots import (
     write_raw,
     write_set,
 )
+from nolens import jobs
 from nolens.camera import PsfEntry, preset
 from nolens.files import read_frame, read_psf_set, write_camera, write_psfs
 from nolens.quantities import Length
@@ -354,6 +355,21 @@ def test_nothing_of_the_input_is_overwritten(made: Path, tmp_path: Path) -> None
         run("refocus", raw, "--psfs", folder, "-o", folder, "--depth", "2cm"), "would overwrite"
     )
     assert listing(tmp_path) == before
+
+
+def test_a_picture_that_is_ended_is_said_to_be(made: Path, tmp_path: Path) -> None:
+    """Then the stack that was to follow is not begun either."""
+    values = {"measurement": made / "raw.tif", "psfs": made / "camera", "output": tmp_path / "out"}
+    depths = {"depth": "14mm", "stack": "14mm,1m", "support": "30x48"}
+    options = jobs.RefocusOptions.gather({**values, **depths})
+
+    class Ended(jobs.Reporter):
+        def step(self, what: str, done: int, limit: int, kept: str) -> bool:
+            return True
+
+    summary = jobs.refocus(options, Ended()).summary
+    assert summary["stop_reason"] == "interrupted" and "stack_mm" not in summary
+    assert names(tmp_path / "out") == FOCUSED
 
 
 def test_ctrl_c_keeps_the_depths_that_are_done(made: Path, tmp_path: Path) -> None:

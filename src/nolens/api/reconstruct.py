@@ -194,12 +194,15 @@ def refocus(
     frame, own = _measured(measurement)
     dark_frame = None if dark is None else frame_of(dark, "dark frame")
     known: list[PsfAt] = []
+    warnings: list[str] = []
     data = None
     for each, psf in psfs.items():
         point = frame_of(psf, f"PSF of {each}")
         development = Development(point, dark_frame, psf_extended=_larger(point, frame))
         data = development.measurement(frame) if data is None else data
-        known.append(PsfAt(development.prepared(data).values, distance_um(each)))
+        prepared = development.prepared(data)
+        warnings += prepared.warnings
+        known.append(PsfAt(prepared.values, distance_um(each)))
     assert data is not None
     reduced_um = measured_reduced_um(known)
     if reduced_um is None:
@@ -207,13 +210,13 @@ def refocus(
             "the PSFs are as large as each other, so they do not show how the PSF changes with the "
             "distance: give one of a much nearer point source"
         )
-    depth_psfs = DepthPsfs.of(sorted(known, key=lambda each: -each.distance_um), reduced_um, data)
+    depth_psfs = DepthPsfs.of(known, reduced_um, data, warnings=warnings)
     support = support_of(own if support is None else support, data.size)
-    largest = Reconstructor(known[-1].psf, support, device=device)
-    check_solver_memory(largest, data, "a smaller support needs less")
     reconstructor = DepthReconstructor(
         data, support, tau, one_of(Prior, prior, "prior"), iterations, device=device
     )
+    largest = reconstructor.at(depth_psfs.between.known[0].psf)
+    check_solver_memory(largest, data, "a smaller support needs less")
     distances = depth_psfs.distances_um
     searching = 0.8 if distance is None else 0.0
     with reported(progress, "photograph") as advance:
@@ -237,7 +240,12 @@ def refocus(
         advance(1.0)
     result = focused.result
     return Photograph(
-        result.photograph.cpu(), data.channels, result, tau, distance_um=focused.depth_um
+        result.photograph.cpu(),
+        data.channels,
+        result,
+        tau,
+        warnings=depth_psfs.warnings,
+        distance_um=focused.depth_um,
     )
 
 

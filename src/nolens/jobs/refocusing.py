@@ -49,8 +49,8 @@ from nolens.jobs.fields import (
     two_parts,
 )
 from nolens.jobs.options import Option, Written
-from nolens.jobs.reconstruction.options import oriented, parse_support
-from nolens.jobs.run import Product, Run, Writer, job
+from nolens.jobs.reconstruction.options import LESS_MEMORY, oriented, parse_support
+from nolens.jobs.run import Product, Run, Writer, check_solver_memory, job
 from nolens.quantities import Length
 from nolens.ranges import Between
 from nolens.refocusing import (
@@ -64,7 +64,7 @@ from nolens.refocusing import (
     focal_stack,
     focus,
 )
-from nolens.solvers import Prior, admm_bytes
+from nolens.solvers import Prior
 
 _FOCUSED_FILES = ("focused.png", "focused.tif")
 _PLACE = re.compile(r"([0-9]{1,6})\s*,\s*([0-9]{1,6})")
@@ -311,7 +311,7 @@ def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
     run.warn(
         *psfs.warnings, *psfs.depth_warnings(stated, depth if isinstance(depth, tuple) else None)
     )
-    run.begin(admm_bytes(reconstructor.problem(farthest).padded_pixels))
+    run.begin(check_solver_memory(reconstructor.at(farthest), measurement, LESS_MEMORY))
 
     def picture_of(scene: Tensor) -> Tensor:
         return oriented(arrange_rgb(scene, measurement.channels), options.flip)

@@ -186,18 +186,16 @@ class Focused:
     sharp_um
         Nearest and farthest depth within the depth of focus.
     search
-        How the depth was found; None where it was given.
+        How the depth was found; None where it was stated.
+    finished
+        Whether the search, if there was one, and the picture came to their end.
     """
 
     result: Result
     depth_um: float
     sharp_um: tuple[float, float]
     search: AutofocusResult | None
-
-    @property
-    def finished(self) -> bool:
-        """Whether a search, if there was one, came to its end."""
-        return self.search is None or self.search.finished
+    finished: bool
 
     def figures(self) -> dict[str, Any]:
         """Depth, what is sharp around it, and the depths that were tried."""
@@ -252,15 +250,20 @@ def focus(
         search = autofocus.run(place, search_step)
         depth = search.depth_um
 
+    finished = search is None or search.finished
+
     def advance(progress: Progress) -> bool:
+        nonlocal finished
         ended = step is not None and step(progress.iteration, reconstructor.iterations)
         # After a search that was ended, the picture at its depth is still to be made.
-        return ended and (search is None or search.finished)
+        ended = ended and finished
+        finished = finished and not ended
+        return ended
 
     result = reconstructor.solve(psfs.at(depth), advance)
     half = psfs.depth_of_focus_per_m / 2
     sharp = depth_um(per_m(depth) + half), depth_um(max(0, per_m(depth) - half))
-    return Focused(result, depth, sharp, search)
+    return Focused(result, depth, sharp, search, finished)
 
 
 class _Trials:

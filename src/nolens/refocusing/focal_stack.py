@@ -52,13 +52,14 @@ class DepthReconstructor:
 
     def problem(self, psf: Tensor) -> Problem:
         """The problem for the PSF of a depth."""
-        return self._reconstructor(psf).problem(self.measurement)
+        return self.at(psf).problem(self.measurement)
 
     def solve(self, psf: Tensor, callback: Callback | None = None) -> Result:
         """The scene as it is if all of it lies at the depth of a PSF."""
-        return self._reconstructor(psf).solve(self.measurement, callback=callback)
+        return self.at(psf).solve(self.measurement, callback=callback)
 
-    def _reconstructor(self, psf: Tensor) -> Reconstructor:
+    def at(self, psf: Tensor) -> Reconstructor:
+        """What reconstructs with the PSF of a depth."""
         stop = Stop(self.iterations, self.tolerance, scene_tolerance=0.0, low_frequency=False)
         return Reconstructor(psf, self.region, self.tau, self.prior, stop=stop, device=self.device)
 

@@ -179,10 +179,12 @@ class DepthPsfs:
     ) -> Self:
         """PSFs, as `PsfBetween.of` takes them, for a measurement that was binned by `bin_by`.
 
-        The lines of the first one tell the depth of focus.
+        The depth of focus is the farthest one's, the least magnified: at the sensor's edges a
+        near one is cut, and its wider lines would make the depth of focus too large.
         """
         between = PsfBetween.of(known, reduced_um)
-        focus = known[0].depth_of_focus_per_m(reduced_um, _unbinned(measurement, bin_by))
+        farthest = between.known[0]
+        focus = farthest.depth_of_focus_per_m(reduced_um, _unbinned(measurement, bin_by))
         return cls(between, bin_by, focus, (*warnings, *between.warnings))
 
     @classmethod

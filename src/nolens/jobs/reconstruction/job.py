@@ -25,6 +25,7 @@ from nolens.files import (
     write_tiff32,
 )
 from nolens.jobs.reconstruction.options import (
+    LESS_MEMORY,
     ReconstructOptions,
     oriented,
     parse_support,
@@ -50,7 +51,6 @@ from nolens.solvers.stream import FOLLOWING
 
 _DROPS_REPORTED = 5
 """Frames that are dropped with a warning each; of more, the record has all."""
-_REMEDY = "a smaller --support or larger pixels (--bin) need less"
 _PROBLEM_OPTIONS = (
     "black",
     "white",
@@ -117,7 +117,7 @@ class _Setup:
         run.warn(*developed.prepared.warnings)
         reconstructor = _reconstructor(options, psf, support, run.device)
         measurement, development = developed.measurement, developed.development
-        needed = check_solver_memory(reconstructor, measurement, _REMEDY)
+        needed = check_solver_memory(reconstructor, measurement, LESS_MEMORY)
         problem = reconstructor.problem(measurement)
         window = _crop_window(options, problem)
         announce_memory(needed, run.reporter)

@@ -45,6 +45,7 @@ from nolens.printable import quoted
 from nolens.ranges import Between
 from nolens.solvers import Method, Prior, Quality
 
+LESS_MEMORY = "a smaller --support or larger pixels (--bin) need less"
 _Penalty = Annotated[float, Between(1e-9, 1e9)]
 
 
