@@ -155,4 +155,4 @@ def test_region_partly_beside_the_sensor(tmp_path: Path, out: Path) -> None:
     assert quality(reconstruct(out, *asked, "24x32-8-5")) > 25
     assert quality(reconstruct(out, *asked, "24x32-7-5")) < 20
     done = run("reconstruct", *asked, "24x32-8-5", "--crop", "20x20+0+0", "-o", out)
-    assert done.code == 2 and "24×32 cells from -8-5" in done.err
+    assert done.code == 2 and "24×32 pixels from -8-5" in done.err

@@ -13,10 +13,10 @@ import { button, h, slider } from "./dom.js";
  * @returns {FocalStack}
  */
 export function stackOf(html) {
-  const begin = html.indexOf("const told = ");
-  const end = html.indexOf(";\n", begin);
-  if (begin < 0 || end < 0) throw new Error("The focal stack cannot be read: make it again.");
-  return JSON.parse(html.slice(begin + "const told = ".length, end));
+  // Pages of the version before say "told".
+  const found = /\nconst (?:stack|told) = (.*);\n/.exec(html);
+  if (!found) throw new Error("The focal stack cannot be read: make it again.");
+  return JSON.parse(found[1]);
 }
 
 export class Depths {
