@@ -1,4 +1,4 @@
-"""When a photo is done, and what the low-frequency correction is worth: the tables of `docs/decisions/0007`.
+"""When a photo is done, and what the low-frequency correction is worth: `docs/decisions/0007`.
 
 `.venv/bin/python bench/engine.py --data ../shared/data` prints PSNR in dB after one scale factor.
 Photographs as the paper's camera takes them (`nolens.twin`, PSFs that vary over the field; green),
