@@ -13,7 +13,7 @@ from torch import Tensor
 
 from nolens.camera import Measurement, develop
 from nolens.capture import Levels, TwinSource, exposure_for, open_source
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.solvers import Problem, Stream
 from nolens.solvers.admm_state import AdmmState
 from nolens.studio.pictures import show_scene
@@ -56,8 +56,8 @@ def main() -> None:
     assert isinstance(camera, TwinSource)
     camera.open()
     seen, _ = next(frames(camera, "chart"))
-    region: Region = camera.region
-    problem = Problem.build(camera.psf(), seen.values, valid=seen.valid, support=region)
+    support: PixelRectangle = camera.support
+    problem = Problem.build(camera.psf(), seen.values, valid=seen.valid, support=support)
     best = {
         scene: pictures(camera, problem, {scene: SETTLED})[0][-1]
         for scene in dict.fromkeys(after for _, after in CUTS)

@@ -1,7 +1,7 @@
-"""A photograph that fills the view of a region: picture quality, and what it takes.
+"""A photograph that fills the support: picture quality, and what it takes.
 
 `.venv/bin/python bench/dense.py HEIGHT WIDTH SIDE` prints one JSON object. The PSF is wider than
-the sensor: known on all cells whose light reaches it from the region.
+the sensor: known on all cells whose light reaches it from there.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def seen(sensor: tuple[int, int], side: int) -> Shot:
 
 
 def posed(given: Shot, tau: float) -> Problem:
-    return Problem.build(given.psf, given.data, support=given.region, tau=tau)
+    return Problem.build(given.psf, given.data, support=given.support, tau=tau)
 
 
 def converged(given: Shot, tau: float) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from cases import hand
 from nolens.camera import develop
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import read_camera
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.reproduction.photographs import SCENES
 from nolens.reproduction.setup import FULL, ExperimentSetup
 from nolens.solvers import Problem, admm
@@ -45,17 +45,17 @@ def taken() -> Iterator[Case]:
         plane = Plane(setup.picture(scene.picture), scene.angle_deg, scene.distance_um)
         photograph = setup.experiment.measure((plane,), seed=0)
         measured = develop(photograph.frame)
-        psf = setup.wide_psf(scene.distance_um, photograph.region)[GREEN]
+        psf = setup.wide_psf(scene.distance_um, photograph.support)[GREEN]
         problem = Problem.build(
             psf, measured.values[GREEN], valid=measured.valid[GREEN],
-            support=photograph.region, tau=TAU,
+            support=photograph.support, tau=TAU,
         )  # fmt: skip
         yield f"twin, {scene.picture}", problem, (photograph.truth * photograph.response)[GREEN]
         if number == 0:
             sensor = (measured.values.shape[-2], measured.values.shape[-1])
             exact = shot(linear_light(photographs.astronaut(), SIDE, channels=1), psf, sensor)
-            region = Region.centred(SIDE, SIDE, sensor)
-            posed = Problem.build(psf, exact.data, support=region, tau=TAU)
+            support = PixelRectangle.centred(SIDE, SIDE, sensor)
+            posed = Problem.build(psf, exact.data, support=support, tau=TAU)
             yield "its PSF alone, astronaut", posed, exact.truth
 
 

@@ -44,7 +44,7 @@ def full_view(side: int, tau: float, photograph: Callable[[], object]) -> tuple[
     """A photograph on side×side cells through a mask that is wider than the sensor."""
     psf = mask_psf((SENSOR[0] + side, SENSOR[1] + side), GREEN_ALONE)
     seen = shot(linear_light(photograph(), side, channels=1), psf, SENSOR)
-    return Problem.build(seen.psf, seen.data, support=seen.region, tau=tau), seen.truth
+    return Problem.build(seen.psf, seen.data, support=seen.support, tau=tau), seen.truth
 
 
 def run(

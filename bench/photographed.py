@@ -15,7 +15,7 @@ from torch import Tensor
 
 from caustic import LensletMask, caustic_psf
 from nolens.camera import linear_from_srgb
-from nolens.operators import CroppedConvolution, Region
+from nolens.operators import CroppedConvolution, PixelRectangle
 
 FULL_ELECTRONS = 0.9 * 8180
 READ_ELECTRONS = 3.0
@@ -32,7 +32,7 @@ class Shot:
     psf: Tensor
     data: Tensor
     truth: Tensor
-    region: Region
+    support: PixelRectangle
     """Of the truth, in the sensor's frame."""
 
 
@@ -57,10 +57,10 @@ def linear_light(photograph: object, side: int, channels: int) -> Tensor:
 
 def shot(truth: Tensor, psf: Tensor, sensor: tuple[int, int]) -> Shot:
     """The measurement of a scene in the middle of the view."""
-    region = Region.centred(truth.shape[-2], truth.shape[-1], sensor)
-    light = CroppedConvolution(psf, sensor, region)(truth).clamp_min(0)
+    support = PixelRectangle.centred(truth.shape[-2], truth.shape[-1], sensor)
+    light = CroppedConvolution(psf, sensor, support)(truth).clamp_min(0)
     electrons = light * (FULL_ELECTRONS / float(light.max()))
     generator = torch.Generator().manual_seed(3)
     data = torch.poisson(electrons, generator=generator)
     data += READ_ELECTRONS * torch.randn(data.shape, generator=generator)
-    return Shot(psf, data, truth, region)
+    return Shot(psf, data, truth, support)

@@ -28,7 +28,7 @@ from nolens.experiments.virtual_experiment import SimulatedMeasurement, VirtualE
 from nolens.files import read_camera, write_camera, write_png, write_psfs
 from nolens.jobs import CalibrateStitchOptions, Reporter, calibrate_stitch
 from nolens.jobs.sample_pictures import sample_picture
-from nolens.operators import Geometry, Region
+from nolens.operators import Geometry, PixelRectangle
 from nolens.optics import PointSource
 from nolens.reproduction.photographs import PAPERS_PENALTIES, PAPERS_TAU
 from nolens.solvers import Problem, admm
@@ -78,13 +78,13 @@ def captures(bench: VirtualExperiment) -> dict[PsfEntry, Tensor]:
 
 
 def scene_of(
-    shot: SimulatedMeasurement, psf: Tensor, region: Region | None
+    shot: SimulatedMeasurement, psf: Tensor, support: PixelRectangle | None
 ) -> tuple[Tensor, float]:
     """The reconstruction on the scene's cells, and the seconds it took."""
     start = time.perf_counter()
-    seen = solved(shot.frame, psf, region, iterations=ITERATIONS, tau=TAU)
+    seen = solved(shot.frame, psf, support, iterations=ITERATIONS, tau=TAU)
     seconds = time.perf_counter() - start
-    return (shown(seen, shot, psf) if region is None else seen), seconds
+    return (shown(seen, shot, psf) if support is None else seen), seconds
 
 
 def as_the_paper(shot: SimulatedMeasurement, psf: Tensor) -> tuple[Tensor, float]:
@@ -104,8 +104,8 @@ def shown(scene: Tensor, shot: SimulatedMeasurement, psf: Tensor) -> Tensor:
     sensor = develop(shot.frame).values.shape[-2:]
     size = (psf.shape[-2], psf.shape[-1])
     origin = Geometry.build((sensor[0], sensor[1]), size, None).origin
-    top, left = shot.region.top - origin[0], shot.region.left - origin[1]
-    return scene[:, top : top + shot.region.height, left : left + shot.region.width]
+    top, left = shot.support.top - origin[0], shot.support.left - origin[1]
+    return scene[:, top : top + shot.support.height, left : left + shot.support.width]
 
 
 def main() -> None:
@@ -127,13 +127,13 @@ def main() -> None:
         made = calibrate_stitch(CalibrateStitchOptions(folder=folder), Quiet())
     size = (made.value.shape[-2], made.value.shape[-1])
     source = PointSource(distance_um=DISTANCE_UM, diameter_um=50.0)
-    region = shot.region
-    cases: dict[str, tuple[Tensor, Region | None]] = {
+    support = shot.support
+    cases: dict[str, tuple[Tensor, PixelRectangle | None]] = {
         "captured": (ahead, None),
-        "captured, region": (ahead, region),
-        "captured, mean light around it, region": (filled(ahead, region), region),
-        "stitched, region": (made.value, region),
-        "the twin's wide PSF of straight ahead, region": (bench.psf(source, size), region),
+        "captured, region": (ahead, support),
+        "captured, mean light around it, region": (filled(ahead, support), support),
+        "stitched, region": (made.value, support),
+        "the twin's wide PSF of straight ahead, region": (bench.psf(source, size), support),
     }
     truth = shot.truth * shot.response
     rows: list[dict[str, Any]] = []
@@ -156,7 +156,7 @@ def main() -> None:
         "camera": opened.camera.name, "scene_deg": SCENE_DEG,
         "frames_per_capture": FRAMES, "angles_off_deg": OFF_DEG,
         "iterations": ITERATIONS, "tau": TAU,
-        "region": [region.height, region.width], "cases": rows,
+        "region": [support.height, support.width], "cases": rows,
         "stitch": {key: made.summary[key] for key in (
             "pixels", "support", "known_fraction", "residual_pixels", "captures", "seconds",
             "warnings",

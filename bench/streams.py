@@ -75,7 +75,7 @@ def frames(case: Case, speed: int) -> tuple[list[Problem], list[Tensor]]:
         if problems:
             problems.append(problems[0].measuring(seen.data))
         else:
-            problems.append(Problem.build(seen.psf, seen.data, support=seen.region, tau=case.tau))
+            problems.append(Problem.build(seen.psf, seen.data, support=seen.support, tau=case.tau))
         truths.append(truth)
     return problems, truths
 

@@ -68,7 +68,7 @@ def run_field(device: str) -> dict[str, Any]:
     assert done.field_error is not None
     return {
         "seconds": time.perf_counter() - start,
-        "region": f"{field.region.height}×{field.region.width}",
+        "region": f"{field.support.height}×{field.support.width}",
         "field_error": done.field_error / float(done.light.std()),
     }
 

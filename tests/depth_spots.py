@@ -9,13 +9,13 @@ from torch import Tensor
 
 from nolens.camera import Frame, Measurement, PsfEntry
 from nolens.files import write_frame, write_psfs
-from nolens.operators import CroppedConvolution, Region
+from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.quantities import Length
 
 SENSOR = (60, 80)
 SCENE = (30, 48)
 WIDE = (SENSOR[0] + SCENE[0], SENSOR[1] + SCENE[1])
-REGION = Region.centred(*SCENE, SENSOR)
+SUPPORT = PixelRectangle.centred(*SCENE, SENSOR)
 CELL_UM = 10.0
 REDUCED_UM = 4000.0
 SIGMA = 0.9
@@ -62,7 +62,7 @@ def objects() -> tuple[Tensor, Tensor]:
 def light(scenes: dict[float, Tensor]) -> Tensor:
     """What falls on the sensor from scenes at distances, (1, rows, columns)."""
     return sum(
-        (CroppedConvolution(spots(z), SENSOR, REGION)(scene) for z, scene in scenes.items()),
+        (CroppedConvolution(spots(z), SENSOR, SUPPORT)(scene) for z, scene in scenes.items()),
         torch.zeros(1, *SENSOR),
     )
 

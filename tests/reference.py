@@ -76,7 +76,7 @@ class Iterate:
 
 
 class Reference:
-    """½‖b − CMv‖² + τ R(v), v ≥ 0 and zero outside the region; PSF and data in unit norms."""
+    """½‖b − CMv‖² + τ R(v), v ≥ 0 and zero outside the support; PSF and data in unit norms."""
 
     def __init__(
         self,
@@ -102,11 +102,11 @@ class Reference:
             [_shifts(self.period, -1, 0) - one, _shifts(self.period, 0, -1) - one]
         )
         self.sensor = _window(self.period, geometry.sensor)
-        self.region = _window(self.period, geometry.scene)
+        self.support = _window(self.period, geometry.scene)
         self.b, self.weight = np.zeros(cells), np.zeros(cells)
         self.b[self.sensor] = b.ravel()
         self.weight[self.sensor] = valid.ravel()
-        self._region_shape = geometry.scene[2:]
+        self._support_shape = geometry.scene[2:]
 
     @property
     def has_tv(self) -> bool:
@@ -114,11 +114,11 @@ class Reference:
 
     def scene(self, v: Array) -> Array:
         """The scene's cells of a vector over the period."""
-        return v[self.region].reshape(self._region_shape)
+        return v[self.support].reshape(self._support_shape)
 
     def embed(self, scene: Array) -> Array:
-        v = np.zeros(self.region.size)
-        v[self.region] = scene.ravel()
+        v = np.zeros(self.support.size)
+        v[self.support] = scene.ravel()
         return v
 
     def regulariser(self, v: Array) -> float:
@@ -137,7 +137,7 @@ class Reference:
 
     def uniform(self) -> tuple[Array, float]:
         """Uniform scene that fits best, and the share of ‖b‖² that it explains."""
-        ones = self.region.astype(np.float64)
+        ones = self.support.astype(np.float64)
         glow = self.weight * (self.blur @ ones)
         level = float(glow @ self.b / (glow @ glow))
         return level * ones, level * float(glow @ self.b)
@@ -146,9 +146,9 @@ class Reference:
         self, penalties: Sequence[Triple], start: Array, relaxation: float = 1.0
     ) -> Iterator[Iterate]:
         """One iterate for each entry of `penalties`: v first, then splits, then multipliers."""
-        matrices = [self.blur, self.difference, np.eye(self.region.size)]
+        matrices = [self.blur, self.difference, np.eye(self.support.size)]
         if not self.has_tv:
-            matrices[1] = np.zeros((0, self.region.size))
+            matrices[1] = np.zeros((0, self.support.size))
         fields = [k @ start for k in matrices]
         splits = self._proximal(fields, penalties[0])
         multipliers = [
@@ -178,7 +178,7 @@ class Reference:
 
     def minimum(self, penalties: Triple = (0.5, 0.5, 0.5), iterations: int = 3000) -> Array:
         """Scene over the period after many iterations from zero."""
-        run = self.admm([penalties] * iterations, np.zeros(self.region.size), 1.6)
+        run = self.admm([penalties] * iterations, np.zeros(self.support.size), 1.6)
         (last,) = deque(run, maxlen=1)
         return last.splits[2]
 
@@ -192,5 +192,5 @@ class Reference:
             u = g * np.maximum(1 - threshold / length, 0)
         else:
             u = np.sign(g) * np.maximum(np.abs(g) - threshold, 0)
-        w = np.maximum(s - (self.tau / mu[2] if self.prior == "l1" else 0), 0) * self.region
+        w = np.maximum(s - (self.tau / mu[2] if self.prior == "l1" else 0), 0) * self.support
         return [x, u, w]

@@ -26,7 +26,7 @@ from .api.measure import (
 from .api.reconstruct import Photograph, reconstruct, refocus
 from .api.simulate import Camera, Psf, SimulatedMeasurement, psf, simulate, simulate_point
 from .camera import Frame, Measurement, develop
-from .operators import Region
+from .operators import PixelRectangle
 from .solvers import Prior, Problem, Reconstructor
 
 __all__ = [
@@ -37,11 +37,11 @@ __all__ = [
     "Image",
     "Measurement",
     "Photograph",
+    "PixelRectangle",
     "Prior",
     "Problem",
     "Psf",
     "Reconstructor",
-    "Region",
     "Resolution",
     "SimulatedMeasurement",
     "StitchedPsf",

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from nolens.calibrate.known_scenes import KnownScenes
 from nolens.camera import linear_from_srgb
-from nolens.operators import CroppedConvolution, Region
+from nolens.operators import CroppedConvolution, PixelRectangle
 
 SENSOR = (64, 96)
 PHOTOGRAPHS = (
@@ -51,9 +51,9 @@ def take(
     gains: tuple[float, ...] = (), size: tuple[int, int] = SENSOR,
 ) -> Taken:  # fmt: skip
     """Measure so many photographs, by the plain cropped convolution; noise relative to the mean."""
-    region = Region.centred(*size, SENSOR)
+    support = PixelRectangle.centred(*size, SENSOR)
     psf = caustic((SENSOR[0] + size[0], SENSOR[1] + size[1]), aperture, seed)
-    camera = CroppedConvolution(psf[None], SENSOR, region)
+    camera = CroppedConvolution(psf[None], SENSOR, support)
     generator = torch.Generator().manual_seed(seed + 1)
     scenes = [photograph(number, size) for number in range(count)]
     measured = []
@@ -62,7 +62,7 @@ def take(
         measured.append(
             light + noise * light.mean() * torch.randn(light.shape, generator=generator)
         )
-    return Taken(KnownScenes.of(scenes, measured, region=region), psf)
+    return Taken(KnownScenes.of(scenes, measured, support=support), psf)
 
 
 def alike(one: Tensor, other: Tensor) -> float:

@@ -10,7 +10,7 @@ from nolens.calibrate.extrapolate import extrapolate, filled
 from nolens.camera import develop
 from nolens.evaluate import psnr, scale_fit
 from nolens.experiments.virtual_experiment import SimulatedMeasurement, VirtualExperiment, solved
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
 from nolens.twin import Plane
 
@@ -41,7 +41,7 @@ def shots(bench: VirtualExperiment) -> list[SimulatedMeasurement]:
 
 
 def quality(shot: SimulatedMeasurement, psf: Tensor) -> float:
-    seen = solved(shot.frame, psf, shot.region, iterations=60)
+    seen = solved(shot.frame, psf, shot.support, iterations=60)
     truth = shot.truth * shot.response
     return psnr(scale_fit(seen, truth), truth, 1.0)
 
@@ -49,8 +49,8 @@ def quality(shot: SimulatedMeasurement, psf: Tensor) -> float:
 def test_pictures_that_were_left_out(
     bench: VirtualExperiment, captured: Tensor, shots: list[SimulatedMeasurement]
 ) -> None:
-    region = shots[0].region
-    mean = filled(captured, region)
+    support = shots[0].support
+    mean = filled(captured, support)
     told: list[tuple[int, int]] = []
 
     def step(done: int, limit: int) -> bool:
@@ -58,7 +58,12 @@ def test_pictures_that_were_left_out(
         return False
 
     found = extrapolate(
-        captured, [develop(each.frame) for each in shots[:2]], region, rounds=3, tau=1e-5, step=step
+        captured,
+        [develop(each.frame) for each in shots[:2]],
+        support,
+        rounds=3,
+        tau=1e-5,
+        step=step,
     )
     assert found.from_pictures and told == [(done, 9) for done in range(10)]
     assert all(b < a for a, b in zip(found.residual, found.residual[1:], strict=False))
@@ -82,33 +87,33 @@ def test_noise_shows_nothing(bench: VirtualExperiment, captured: Tensor) -> None
     picture = (torch.from_numpy(astronaut()[..., 1].copy()).float() / 255).square()
     plane = Plane(picture[None], SCENE_DEG, DISTANCE_UM)
     shot = bench.measure((plane,), seed=3, fill=0.01)
-    found = extrapolate(captured, [develop(shot.frame)], shot.region, rounds=3, tau=1e-5)
+    found = extrapolate(captured, [develop(shot.frame)], shot.support, rounds=3, tau=1e-5)
     assert not found.from_pictures and len(found.residual) == 2
-    assert torch.equal(found.psf, filled(captured, shot.region))
+    assert torch.equal(found.psf, filled(captured, shot.support))
 
 
 @pytest.mark.parametrize("last", [0, 1])
 def test_stopped_before_the_first_round_ends(
     captured: Tensor, shots: list[SimulatedMeasurement], last: int
 ) -> None:
-    region = shots[0].region
+    support = shots[0].support
     result = extrapolate(
         captured,
         [develop(shots[0].frame)],
-        region,
+        support,
         rounds=3,
         tau=1e-5,
         step=lambda done, limit: done == last,
     )
     assert result.interrupted and not result.from_pictures and result.residual == ()
-    assert torch.equal(result.psf, filled(captured, region))
+    assert torch.equal(result.psf, filled(captured, support))
 
 
 def test_stopped_later(captured: Tensor, shots: list[SimulatedMeasurement]) -> None:
     result = extrapolate(
         captured,
         [develop(shots[0].frame)],
-        shots[0].region,
+        shots[0].support,
         rounds=3,
         tau=1e-5,
         step=lambda done, limit: done == 3,
@@ -118,15 +123,16 @@ def test_stopped_later(captured: Tensor, shots: list[SimulatedMeasurement]) -> N
 
 @pytest.mark.parametrize("rows", [20, 21])
 @pytest.mark.parametrize(
-    "region", [Region(5, 6, 10, 12), Region(-3, 4, 9, 11), Region(14, 20, 9, 7)]
+    "support",
+    [PixelRectangle(5, 6, 10, 12), PixelRectangle(-3, 4, 9, 11), PixelRectangle(14, 20, 9, 7)],
 )
-def test_wide_enough(rows: int, region: Region) -> None:
-    """All cells from any place of the region to any pixel, and zero shift stays."""
+def test_wide_enough(rows: int, support: PixelRectangle) -> None:
+    """All cells from any place of the support to any pixel, and zero shift stays."""
     captured = torch.rand(2, rows, 25)
-    wide = filled(captured, region)
+    wide = filled(captured, support)
     for size, count, start, length in (
-        (wide.shape[1], rows, region.top, region.height),
-        (wide.shape[2], 25, region.left, region.width),
+        (wide.shape[1], rows, support.top, support.height),
+        (wide.shape[2], 25, support.left, support.width),
     ):
         assert -(size // 2) <= -(start + length - 1)
         assert size - 1 - size // 2 >= count - 1 - start

@@ -9,7 +9,7 @@ from known_pairs import photograph
 
 from nolens.calibrate.known_scenes import KnownScenes, ManyScenes, Weights, over_the_field
 from nolens.errors import DataError
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from reference import direct_sum
 
 SMALL = st.integers(2, 6)
@@ -18,13 +18,13 @@ SMALL = st.integers(2, 6)
 @settings(max_examples=40)
 @given(SMALL, SMALL, SMALL, SMALL, st.integers(-3, 3), st.integers(-3, 3), st.integers(0, 99))
 def test_is_the_direct_sum(rows, columns, height, width, top, left, seed):
-    """Cropped, not periodic: any region, any size of PSF, even or odd, that can reach."""
+    """Cropped, not periodic: any support, any size of PSF, even or odd, that can reach."""
     rng = np.random.default_rng(seed)
     sensor, psf = (rows, columns), (2 * rows + height, 2 * columns + width)
     scenes, terms = rng.uniform(size=(2, height, width)), rng.uniform(size=(3, height, width))
     p = rng.normal(size=(3, *psf))
     model = ManyScenes(
-        torch.from_numpy(scenes), Region(top, left, height, width), sensor, psf,
+        torch.from_numpy(scenes), PixelRectangle(top, left, height, width), sensor, psf,
         torch.from_numpy(terms),
     )  # fmt: skip
     got = model(torch.from_numpy(p)).numpy()
@@ -51,15 +51,15 @@ def test_terms_are_free_of_the_mean() -> None:
 
 
 def test_binned_stays_in_place() -> None:
-    """The coarse model of a PSF at zero shift is the coarse measurement, wherever the region is."""
+    """Coarse model of a PSF at zero shift is the coarse measurement, wherever the support lies."""
     scene = torch.rand(1, 40, 56, generator=torch.Generator().manual_seed(0))
     sensor = torch.zeros(1, 50, 70)
     sensor[:, 5:45, 9:65] = scene
-    known = KnownScenes.of([scene], [sensor], region=Region(5, 9, 40, 56)).binned(4)
+    known = KnownScenes.of([scene], [sensor], support=PixelRectangle(5, 9, 40, 56)).binned(4)
     point = torch.zeros(1, *known.extent)
     point[0, known.extent[0] // 2, known.extent[1] // 2] = 1
     model = ManyScenes(
-        known.scenes, known.region, known.sensor, known.extent, torch.ones_like(known.scenes)
+        known.scenes, known.support, known.sensor, known.extent, torch.ones_like(known.scenes)
     )
     inner = (slice(None), slice(3, -3), slice(4, -4))
     assert torch.allclose(model(point)[inner], known.measured[inner], atol=1e-5)

@@ -9,7 +9,7 @@ from known_pairs import SENSOR, Taken, alike, caustic, photograph, take
 from nolens.calibrate.known_scenes import KnownScenes, ManyScenes, over_the_field
 from nolens.calibrate.psf_from_scenes import PsfSolver, _refined, psf_from_scenes, unexplained
 from nolens.errors import DataError
-from nolens.operators import CroppedConvolution, Region
+from nolens.operators import CroppedConvolution, PixelRectangle
 
 
 def test_comes_back_in_place_and_size() -> None:
@@ -40,7 +40,7 @@ def test_light_beside_the_sensor_is_found() -> None:
     the sensor's size has a cell for it."""
     size = (2 * SENSOR[0], 2 * SENSOR[1])
     psf = caustic(size, (100, 150), seed=3)
-    camera = CroppedConvolution(psf[None], SENSOR, Region(0, 0, *SENSOR))
+    camera = CroppedConvolution(psf[None], SENSOR, PixelRectangle(0, 0, *SENSOR))
     scenes = [photograph(number) for number in range(6)]
     known = KnownScenes.of(scenes, [camera(scene) for scene in scenes])
     support = psf > 0
@@ -90,7 +90,7 @@ def aslant() -> Taken:
     middle, edge = (caustic(known.extent, (40, 44), seed) for seed in (0, 5))
     bowl = over_the_field(known)[3]
     share = 0.6 * (bowl - bowl.min()) / (bowl.max() - bowl.min())
-    model = ManyScenes(scenes, known.region, SENSOR, known.extent, torch.stack([1 - share, share]))
+    model = ManyScenes(scenes, known.support, SENSOR, known.extent, torch.stack([1 - share, share]))
     measured = model(torch.stack([middle, edge]))
     mean = float((share * scenes.mean(dim=0)).sum() / scenes.mean(dim=0).sum())
     psf = (1 - mean) * middle + mean * edge
@@ -119,7 +119,7 @@ def test_coarse_support_lies_over_the_psf() -> None:
     sensor = (131, 150)
     size = (sensor[0] + sensor[0], sensor[1] + sensor[1])
     psf = caustic(size, (60, 70)).roll((21, -30), (0, 1))
-    camera = CroppedConvolution(psf[None], sensor, Region(0, 0, *sensor))
+    camera = CroppedConvolution(psf[None], sensor, PixelRectangle(0, 0, *sensor))
     scenes = [photograph(number, sensor) for number in range(3)]
     known = KnownScenes.of(scenes, [camera(scene) for scene in scenes])
     support = psf_from_scenes(known, steps=1).support

@@ -70,7 +70,7 @@ def test_is_the_wide_psf(
     source = PointSource(distance_um=DISTANCE_UM, diameter_um=50.0)
     wide = bench.psf(source, (rows, columns))
     scale = float(found.psf.mean() / wide.mean())
-    # Within the region's reach; further out only some corners were seen.
+    # Within the support's reach; further out only some corners were seen.
     height, width = (found.support[0] + ROWS, found.support[1] + COLUMNS)
     top, left = (rows - height) // 2, (columns - width) // 2
     inner = (..., slice(top, top + height), slice(left, left + width))
@@ -95,7 +95,7 @@ def gamma_free() -> Tensor:
 
 def quality(shot: SimulatedMeasurement, psf: Tensor, *, confined: bool = True) -> float:
     """PSNR of the reconstruction, against what each cell of the scene gives."""
-    seen = solved(shot.frame, psf, shot.region if confined else None, iterations=60)
+    seen = solved(shot.frame, psf, shot.support if confined else None, iterations=60)
     truth = shot.truth * shot.response
     return psnr(scale_fit(seen, truth), truth, 1.0)
 
@@ -105,7 +105,7 @@ def test_a_dense_scene_needs_it(
 ) -> None:
     """As much of the sensor as 56 degrees are of the paper's: 10 dB, angles half a degree off."""
     shot = bench.measure((Plane(gamma_free(), SCENE_DEG, DISTANCE_UM),), seed=1)
-    assert shot.region.height <= made[0].support[0] and shot.region.width <= made[0].support[1]
+    assert shot.support.height <= made[0].support[0] and shot.support.width <= made[0].support[1]
     as_captured = quality(shot, captured(bench, lights(SCENE_DEG / 2, 0.0)[4]))
     assert quality(shot, made[0].psf) > as_captured + 10
 

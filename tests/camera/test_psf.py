@@ -13,7 +13,7 @@ import torch.nn.functional as nnf
 from nolens.camera import Measurement, check_psf, develop, prepare_psf
 from nolens.errors import DataError, OptionError
 from nolens.files import read_frame
-from nolens.operators import CroppedConvolution, Region
+from nolens.operators import CroppedConvolution, PixelRectangle
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"the real data are not in {DATA}")
@@ -148,7 +148,9 @@ def test_files_that_are_swapped(blur, grain):
     points = torch.zeros(1, 50, 60)
     points[0, 20, 20] = points[0, 24, 25] = 1
     for view, told in ((blocks, True), (points, False)):
-        light = CroppedConvolution(psf, (120, 140), Region.centred(50, 60, (120, 140)))(view)
+        light = CroppedConvolution(psf, (120, 140), PixelRectangle.centred(50, 60, (120, 140)))(
+            view
+        )
         pair = [
             measurement(each / each.max() + grain * torch.rand(each.shape), source=name)
             for each, name in ((psf, "psf.tif"), (light, "raw.tif"))

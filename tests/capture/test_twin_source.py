@@ -88,7 +88,7 @@ def test_a_reconstruction_shows_the_scene(source: TwinSource) -> None:
 
     def posed(tau: float) -> Problem:
         return Problem.build(
-            source.psf(), measured.values, valid=measured.valid, support=source.region, tau=tau
+            source.psf(), measured.values, valid=measured.valid, support=source.support, tau=tau
         )
 
     quick = wiener(posed(1.0)).scene
@@ -112,11 +112,11 @@ def test_light_of_the_whole_field_stays_on_the_sensor() -> None:
     weights = field.solid_angle() * field.vignetting()
 
     def caught(row: int, column: int) -> float:
-        point = torch.zeros(3, field.region.height, field.region.width)
+        point = torch.zeros(3, field.support.height, field.support.width)
         point[:, row, column] = 1.0
         return float(model.light(point).double().sum()) / float(weights[row, column])
 
-    middle = caught(field.region.height // 2, field.region.width // 2)
+    middle = caught(field.support.height // 2, field.support.width // 2)
     for corner in ((0, 0), (0, -1), (-1, 0), (-1, -1)):
         assert caught(*corner) > 0.95 * middle
 

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from nolens.camera import PsfEntry
 from nolens.files import write_psfs
-from nolens.operators import CroppedConvolution, Region
+from nolens.operators import CroppedConvolution, PixelRectangle
 
 SENSOR = (48, 64)
 SCENE = (20, 24)
@@ -44,7 +44,7 @@ def raw(path: Path, seed: int, sensor: tuple[int, int] = SENSOR, light: float = 
     for _ in range(6):
         row, column = generator.integers(0, (SCENE[0] - 4, SCENE[1] - 4))
         scene[0, row : row + 3, column : column + 3] += float(generator.uniform(0.3, 1))
-    image = CroppedConvolution(wide(), sensor, Region.centred(*SCENE, sensor))(scene)[0]
+    image = CroppedConvolution(wide(), sensor, PixelRectangle.centred(*SCENE, sensor))(scene)[0]
     counts = (light * FULL * image / image.max()).round().numpy().clip(0, 65535)
     tifffile.imwrite(path, counts.astype(np.uint16), photometric="minisblack")
     return path

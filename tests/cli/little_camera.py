@@ -13,12 +13,12 @@ from torch import Tensor
 from nolens.camera import preset
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import write_dng
-from nolens.operators import CroppedConvolution, Region
+from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.twin import expose, mosaic
 
 SENSOR = (48, 64)
 SCENE = (24, 32)
-REGION = "24x32"
+SUPPORT = "24x32"
 BLACK, WHITE = 256, 4095
 
 
@@ -47,10 +47,14 @@ def spots(cells: tuple[int, int] = SENSOR, seed: int = 3) -> Tensor:
     return torch.from_numpy(plane).float()
 
 
-def measured(psf: Tensor, scene: Tensor | None = None, region: Region | None = None) -> Tensor:
+def measured(
+    psf: Tensor, scene: Tensor | None = None, support: PixelRectangle | None = None
+) -> Tensor:
     """Light on the sensor, without noise."""
-    region = region or Region.centred(*SCENE, SENSOR)
-    return CroppedConvolution(psf, SENSOR, region)(truth() if scene is None else scene).clamp_min(0)
+    support = support or PixelRectangle.centred(*SCENE, SENSOR)
+    return CroppedConvolution(psf, SENSOR, support)(truth() if scene is None else scene).clamp_min(
+        0
+    )
 
 
 def as_counts(light: Tensor, seed: int, noise: float = 2.0) -> Tensor:

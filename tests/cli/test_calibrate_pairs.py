@@ -14,7 +14,7 @@ from torch import Tensor
 
 from nolens.camera import linear_from_srgb
 from nolens.files import read_frame, read_psf, read_psf_set, write_tiff32
-from nolens.operators import CroppedConvolution, Region
+from nolens.operators import CroppedConvolution, PixelRectangle
 
 SENSOR, SHOWN = (40, 56), (32, 44)
 PHOTOGRAPHS = {"cat": data.chelsea, "cup": data.coffee, "rocket": data.rocket}
@@ -32,7 +32,7 @@ def pattern() -> Tensor:
 
 def write(folder: Path) -> None:
     """Colour pictures as 8-bit PNG, measurements as float TIFF, brighter in blue."""
-    camera = CroppedConvolution(pattern()[None], SENSOR, Region.centred(*SHOWN, SENSOR))
+    camera = CroppedConvolution(pattern()[None], SENSOR, PixelRectangle.centred(*SHOWN, SENSOR))
     for name in ("measured", "shown"):
         (folder / name).mkdir()
     for name, photograph in PHOTOGRAPHS.items():
@@ -103,7 +103,7 @@ def test_every_channel_and_check(pairs: Path) -> None:
 
 
 def test_order_of_channels_and_place(pairs: Path) -> None:
-    """B, G, R in both kinds of file and a region that is said give the same PSF."""
+    """B, G, R in both kinds of file and a support that is said give the same PSF."""
     before = solved()
     for path in (*(pairs / "measured").iterdir(), *(pairs / "shown").iterdir()):
         if path.suffix == ".png":

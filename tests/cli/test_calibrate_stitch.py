@@ -188,7 +188,7 @@ def test_plan() -> None:
     told = json.loads(done.out)
     assert len(told["angles_deg"]) == 9 and [0, 0] in told["angles_deg"]
     assert [29, -29] in told["angles_deg"] and told["corner_deg"] < 50
-    # The region of a scene of 56° through the same layers, as nolens simulate has it.
+    # The support of a scene of 56° through the same layers, as nolens simulate has it.
     assert told["support"] == [414, 414] and told["pixels"] == [1934, 2442]
     done = run("calibrate", "plan", "--angle", "30deg,20deg")
     assert done.code == 0 and done.out.count("--angle") == 5

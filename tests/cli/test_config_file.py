@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from little_camera import REGION, Camera
+from little_camera import SUPPORT, Camera
 from running import check_refused, listing, reconstruct, run
 
 from nolens.files import read_frame
@@ -32,7 +32,7 @@ measurement = "raw.dng"
 psf = "psf.dng"
 output = ["out.png", "linear.tif"]
 tiff-bits = 32
-region = "{REGION}"
+region = "{SUPPORT}"
 method = "admm"
 prior = "isotropic-tv"
 tau = 2e-4
@@ -60,7 +60,7 @@ def test_file_holds_any_option(folder: Path, camera: Camera, tmp_path: Path) -> 
         str(folder / name) for name in ("out.png", "linear.tif", "out.json")
     ]
     given = (
-        "--support", REGION, "--prior", "isotropic-tv", "--tau", 2e-4, "--iterations", 11,
+        "--support", SUPPORT, "--prior", "isotropic-tv", "--tau", 2e-4, "--iterations", 11,
         "--tolerance", 0, "--penalties", 0.1, 1, 1, "--no-balance", "--relaxation", 1.5,
         "--white", 4000, "--black", 250, "--channels", "rg", "--flip", "both", "--crop", "10x12",
     )  # fmt: skip

@@ -17,13 +17,13 @@ from nolens.evaluate import siemens_star, slanted_edge, star_contrast
 from nolens.experiments.resolution import AngularScale
 from nolens.experiments.virtual_experiment import VirtualExperiment, solved
 from nolens.files import read_camera, read_picture, write_frame, write_png, write_tiff32
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
 from nolens.twin import FieldMap, Twin
 
 DISTANCE_MM = 180.0
 SEPARATIONS_MM = (1.2, 1.6, 2.0, 2.6)
-REGION = Region.centred(40, 40, (128, 160))
+SUPPORT = PixelRectangle.centred(40, 40, (128, 160))
 COMMAND = ("measure", "resolution")
 
 
@@ -54,7 +54,7 @@ def captured(bench: VirtualExperiment, tmp_path_factory: pytest.TempPathFactory)
         frame = bench.exposed(light, 0.9, number)
         write_frame(folder / f"raw{number}.dng", frame)
         seen = develop(frame, channels="grey")
-        picture = solved(seen, psf.mean(0, keepdim=True), REGION, iterations=100)
+        picture = solved(seen, psf.mean(0, keepdim=True), SUPPORT, iterations=100)
         write_tiff32(folder / f"picture{number}.tif", picture)
     return folder
 
@@ -169,7 +169,7 @@ def test_screen_is_flat_by_snells_law() -> None:
     away, spokes = torch.hypot(rows - 0.05, columns + 0.1), 16
     turn = torch.atan2(-(rows - 0.05), columns + 0.1)
     picture = (away < 0.4) * (1 + torch.cos(spokes * turn)) / 2
-    scale = AngularScale.of_camera(twin, field.region)
+    scale = AngularScale.of_camera(twin, field.support)
     flat = scale.flat(picture)
     found = star_contrast(flat.values, periods=spokes)
     step = flat.tangent

@@ -54,9 +54,9 @@ def test_from_the_first_frame_to_the_photograph(
     assert done.code == 0
     source = open_source("twin")
     assert isinstance(source, TwinSource)
-    region, truth = source.region, source.truth()
+    support, truth = source.support, source.truth()
     picture = read_frame("x.tif").counts[
-        :, region.top : region.top + region.height, region.left : region.left + region.width
+        :, support.top : support.top + support.height, support.left : support.left + support.width
     ]
     assert psnr(scale_fit(picture, truth), truth, 1.0) > 20
 

@@ -7,9 +7,9 @@ import pytest
 import torch
 from little_camera import (
     BLACK,
-    REGION,
     SCENE,
     SENSOR,
+    SUPPORT,
     WHITE,
     Camera,
     as_counts,
@@ -23,7 +23,7 @@ from little_camera import (
 from running import check_refused, reconstruct, run
 
 from nolens.files import read_frame
-from nolens.operators import CroppedConvolution, Region
+from nolens.operators import CroppedConvolution, PixelRectangle
 
 GOOD = 36.0
 
@@ -41,7 +41,7 @@ def test_dark_frame(files: tuple[Path, Path], out: Path) -> None:
     for path in files:
         save(path, read_frame(path).counts + glow)
     dark = save(out.with_name("dark.png"), glow + BLACK)
-    asked = (raw, "--psf", psf, "--support", REGION)
+    asked = (raw, "--psf", psf, "--support", SUPPORT)
     assert quality(reconstruct(out, *asked, "--dark", dark)) > GOOD
     assert quality(reconstruct(out, *asked, "--black", BLACK)) < 28
 
@@ -53,7 +53,7 @@ def test_flat_field(files: tuple[Path, Path], out: Path) -> None:
         counts = read_frame(path).counts
         save(path, (BLACK + (counts - BLACK) * vignette).round())
     flat = save(out.with_name("flat.png"), (BLACK + 3000 * vignette).round())
-    asked = (raw, "--psf", psf, "--support", REGION, "--black", BLACK)
+    asked = (raw, "--psf", psf, "--support", SUPPORT, "--black", BLACK)
     # The same sensor measured the PSF, but it is not the PSF that the flat field is given for.
     even = save(out.with_name("even.png"), as_counts(spots(), seed=2))
     with_flat = quality(reconstruct(out, raw, "--psf", even, *asked[3:], "--flat", flat))
@@ -63,7 +63,7 @@ def test_flat_field(files: tuple[Path, Path], out: Path) -> None:
 
 def test_black_read_off_the_psf(files: tuple[Path, Path], out: Path) -> None:
     raw, psf = files
-    asked = (raw, "--psf", psf, "--support", REGION)
+    asked = (raw, "--psf", psf, "--support", SUPPORT)
     auto = reconstruct(out, *asked, "--black", "auto")
     assert quality(auto) > GOOD
     assert quality(reconstruct(out, *asked)) < 28
@@ -71,7 +71,7 @@ def test_black_read_off_the_psf(files: tuple[Path, Path], out: Path) -> None:
 
 def test_saturated_pixels_are_left_out(files: tuple[Path, Path], out: Path) -> None:
     raw, psf = files
-    asked = (raw, "--psf", psf, "--support", REGION, "--black", BLACK)
+    asked = (raw, "--psf", psf, "--support", SUPPORT, "--black", BLACK)
     good = quality(reconstruct(out, *asked))
     counts = read_frame(raw).counts
     generator = torch.Generator().manual_seed(5)
@@ -85,7 +85,7 @@ def test_saturated_pixels_are_left_out(files: tuple[Path, Path], out: Path) -> N
 
 @pytest.mark.parametrize("channels", ["g", "rb", "bgr", "grey"])
 def test_channels(channels: str, camera: Camera, out: Path) -> None:
-    asked = (camera.raw, "--psf", camera.psf, "--support", REGION)
+    asked = (camera.raw, "--psf", camera.psf, "--support", SUPPORT)
     picture = reconstruct(out, *asked, "--channels", channels)
     scene = truth()
     if channels == "grey":
@@ -110,7 +110,7 @@ def test_finer_psf(tmp_path: Path, out: Path) -> None:
     psf = torch.nn.functional.avg_pool2d(fine[None], 2)[0]
     raw = expose_dng(tmp_path / "raw.dng", measured(psf), seed=1)
     point = expose_dng(tmp_path / "psf.dng", fine, seed=2)
-    asked = (raw, "--psf", point, "--support", REGION)
+    asked = (raw, "--psf", point, "--support", SUPPORT)
     assert quality(reconstruct(out, *asked, "--psf-scale", 2)) > GOOD
     assert quality(reconstruct(out, *asked, "--psf-extent", "wide")) < 20
     without = run("reconstruct", *asked, "-o", out)
@@ -119,15 +119,15 @@ def test_finer_psf(tmp_path: Path, out: Path) -> None:
 
 def test_wider_psf(tmp_path: Path, out: Path) -> None:
     wide = spots((72, 96))
-    region = Region.centred(*SCENE, SENSOR)
-    light = CroppedConvolution(wide, SENSOR, region)(truth()).clamp_min(0)
+    support = PixelRectangle.centred(*SCENE, SENSOR)
+    light = CroppedConvolution(wide, SENSOR, support)(truth()).clamp_min(0)
     raw = expose_dng(tmp_path / "raw.dng", light, seed=1)
     point = expose_dng(tmp_path / "psf.dng", wide, seed=2)
-    asked = (raw, "--psf", point, "--support", REGION)
+    asked = (raw, "--psf", point, "--support", SUPPORT)
     right = quality(reconstruct(out, *asked, "--psf-extent", "wide"))
     assert right > GOOD
     cut = expose_dng(tmp_path / "cut.dng", wide[:, 12:60, 16:80], seed=2)
-    assert quality(reconstruct(out, raw, "--psf", cut, "--support", REGION)) < right - 8
+    assert quality(reconstruct(out, raw, "--psf", cut, "--support", SUPPORT)) < right - 8
     check_refused(run("reconstruct", *asked, "-o", out), "72×96", "48×64", "--psf-extent", "wide")
 
 
@@ -159,7 +159,7 @@ def test_penalties_balance_and_relaxation(camera: Camera, out: Path) -> None:
 
 
 def test_tau_iterations_and_tolerance(camera: Camera, out: Path) -> None:
-    asked = (camera.raw, "--psf", camera.psf, "--support", REGION)
+    asked = (camera.raw, "--psf", camera.psf, "--support", SUPPORT)
     soft = reconstruct(out, *asked, "--tau", 1e-1, "--tolerance", 0)
     assert history(out)[-1]["iteration"] == 200
     sharp = reconstruct(out, *asked, "--tau", 1e-4)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import tifffile
 import torch
-from little_camera import REGION, SCENE, Camera, save
+from little_camera import SCENE, SUPPORT, Camera, save
 from PIL import Image
 from running import command, listing, run
 
@@ -33,7 +33,7 @@ SUMMARY = {
 def test_installed_command_writes_pictures_and_record(camera: Camera, tmp_path: Path) -> None:
     png, tif = tmp_path / "out.png", tmp_path / "out.tif"
     done = command(
-        "reconstruct", camera.raw, "--psf", camera.psf, "-o", png, "-o", tif, "--support", REGION
+        "reconstruct", camera.raw, "--psf", camera.psf, "-o", png, "-o", tif, "--support", SUPPORT
     )
     assert done.code == 0, done.err
     assert done.err == ""
@@ -62,7 +62,7 @@ def test_installed_command_prints_one_json_object(camera: Camera, tmp_path: Path
 
 
 def test_pictures_agree(camera: Camera, tmp_path: Path) -> None:
-    base = ("reconstruct", camera.raw, "--psf", camera.psf, "--support", REGION)
+    base = ("reconstruct", camera.raw, "--psf", camera.psf, "--support", SUPPORT)
     linear, deep, png = (tmp_path / name for name in ("f.tif", "deep.tiff", "p.PNG"))
     assert run(*base, "-o", linear, "--tiff-bits", 32).code == 0
     assert run(*base, "-o", deep, "-o", png).code == 0
@@ -86,7 +86,7 @@ def test_pictures_agree(camera: Camera, tmp_path: Path) -> None:
 def test_grey_pictures_have_one_channel_and_missing_colours_are_black(
     camera: Camera, tmp_path: Path
 ) -> None:
-    base = ("reconstruct", camera.raw, "--psf", camera.psf, "--support", REGION)
+    base = ("reconstruct", camera.raw, "--psf", camera.psf, "--support", SUPPORT)
     png = tmp_path / "out.png"
     for channels, mode in (("grey", "L"), ("g", "L"), ("rg", "RGB"), ("all", "RGB")):
         assert run(*base, "-o", png, "--channels", channels).code == 0
@@ -99,7 +99,7 @@ def test_grey_pictures_have_one_channel_and_missing_colours_are_black(
 
 def test_record(camera: Camera, tmp_path: Path) -> None:
     png = tmp_path / "out.png"
-    asked = ("--psf", camera.psf, "--support", REGION, "--iterations", 12, "--tolerance", 0)
+    asked = ("--psf", camera.psf, "--support", SUPPORT, "--iterations", 12, "--tolerance", 0)
     done = run("reconstruct", camera.raw, *asked, "-o", png, "--json")
     record = json.loads((tmp_path / "out.json").read_text())
     assert record["result"] == json.loads(done.out)
@@ -115,7 +115,7 @@ def test_record(camera: Camera, tmp_path: Path) -> None:
     assert parameters["tau"] == 1e-4  # Not given, and told all the same.
     assert parameters["iterations"] == 12 and parameters["tolerance"] == 0
     assert parameters["method"] == "admm" and parameters["prior"] == "tv"
-    assert parameters["support"] == REGION and parameters["balance"] is True
+    assert parameters["support"] == SUPPORT and parameters["balance"] is True
     assert parameters["relaxation"] == 1.8 and parameters["penalties"] is None
     assert parameters["channel_names"] == ["R", "G", "B"]
     history = record["history"]

@@ -6,9 +6,9 @@ import pytest
 import torch
 from little_camera import (
     BLACK,
-    REGION,
     SCENE,
     SENSOR,
+    SUPPORT,
     WHITE,
     Camera,
     as_counts,
@@ -22,20 +22,20 @@ from little_camera import (
 from running import reconstruct, run
 
 from nolens.files import read_frame
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 
 # The right picture has about 43 dB, and the best of the mistakes below 28.2 dB.
 GOOD, MISTAKEN = 36.0, 30.0
 
 
 def test_picture_is_near_the_truth(camera: Camera, out: Path) -> None:
-    picture = reconstruct(out, camera.raw, "--psf", camera.psf, "--support", REGION)
+    picture = reconstruct(out, camera.raw, "--psf", camera.psf, "--support", SUPPORT)
     assert picture.shape == (3, *SCENE)
     assert quality(picture) > GOOD
 
 
 def test_without_region_the_crop_shows_the_scene(camera: Camera, out: Path) -> None:
-    picture = reconstruct(out, camera.raw, "--psf", camera.psf, "--crop", REGION)
+    picture = reconstruct(out, camera.raw, "--psf", camera.psf, "--crop", SUPPORT)
     assert picture.shape == (3, *SCENE)
     assert quality(picture) > 30
 
@@ -53,13 +53,13 @@ MISTAKES = {
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_wrong_psf_is_seen(mistake: str, camera: Camera, out: Path) -> None:
     wrong = expose_dng(out.with_name("wrong.dng"), MISTAKES[mistake](spots()), seed=2)
-    picture = reconstruct(out, camera.raw, "--psf", wrong, "--support", REGION)
+    picture = reconstruct(out, camera.raw, "--psf", wrong, "--support", SUPPORT)
     assert quality(picture) < MISTAKEN
 
 
 @pytest.mark.parametrize("flip", ["vertical", "horizontal", "both"])
 def test_wrong_orientation_is_seen(flip: str, camera: Camera, out: Path) -> None:
-    asked = ("--psf", camera.psf, "--support", REGION, "--flip")
+    asked = ("--psf", camera.psf, "--support", SUPPORT, "--flip")
     picture = reconstruct(out, camera.raw, *asked, flip)
     assert quality(picture) < MISTAKEN
     axes = {"vertical": (-2,), "horizontal": (-1,), "both": (-2, -1)}[flip]
@@ -69,22 +69,24 @@ def test_wrong_orientation_is_seen(flip: str, camera: Camera, out: Path) -> None
 @pytest.mark.parametrize("black", [0, 200, 400])
 def test_wrong_black_level_is_seen(black: int, camera: Camera, out: Path) -> None:
     picture = reconstruct(
-        out, camera.raw, "--psf", camera.psf, "--support", REGION, "--black", black
+        out, camera.raw, "--psf", camera.psf, "--support", SUPPORT, "--black", black
     )
     assert quality(picture) < MISTAKEN
-    right = reconstruct(out, camera.raw, "--psf", camera.psf, "--support", REGION, "--black", BLACK)
+    right = reconstruct(
+        out, camera.raw, "--psf", camera.psf, "--support", SUPPORT, "--black", BLACK
+    )
     assert quality(right) > GOOD
 
 
 @pytest.mark.parametrize(("method", "bound"), [("admm", GOOD), ("fista", GOOD), ("wiener", 15.0)])
 def test_methods(method: str, bound: float, camera: Camera, out: Path) -> None:
-    asked = ("--psf", camera.psf, "--support", REGION, "--method", method)
+    asked = ("--psf", camera.psf, "--support", SUPPORT, "--method", method)
     assert quality(reconstruct(out, camera.raw, *asked)) > bound
 
 
 @pytest.mark.parametrize("prior", ["tv", "isotropic-tv", "l1", "none"])
 def test_priors(prior: str, camera: Camera, out: Path) -> None:
-    asked = ("--psf", camera.psf, "--support", REGION, "--prior", prior)
+    asked = ("--psf", camera.psf, "--support", SUPPORT, "--prior", prior)
     assert quality(reconstruct(out, camera.raw, *asked)) > (GOOD if "tv" in prior else 22)
 
 
@@ -94,7 +96,7 @@ def test_files_without_a_mosaic(suffix: str, channels: int, tmp_path: Path, out:
     psf, scene = spots()[:channels], truth()[:channels]
     raw = save(tmp_path / f"raw{suffix}", as_counts(measured(psf, scene), seed=1))
     point = save(tmp_path / f"psf{suffix}", as_counts(psf, seed=2))
-    asked = ("--psf", point, "--support", REGION, "--black", BLACK)
+    asked = ("--psf", point, "--support", SUPPORT, "--black", BLACK)
     picture = reconstruct(out, raw, *asked)
     assert picture.shape == (channels, *SCENE)
     assert quality(picture, scene) > GOOD
@@ -106,7 +108,7 @@ def test_files_without_a_mosaic(suffix: str, channels: int, tmp_path: Path, out:
 def test_files_in_bgr(suffix: str, tmp_path: Path, out: Path) -> None:
     raw = save(tmp_path / f"raw{suffix}", as_counts(measured(spots()), seed=1).flip(0))
     point = save(tmp_path / f"psf{suffix}", as_counts(spots(), seed=2).flip(0))
-    asked = ("--psf", point, "--support", REGION, "--black", BLACK)
+    asked = ("--psf", point, "--support", SUPPORT, "--black", BLACK)
     assert quality(reconstruct(out, raw, *asked, "--bgr")) > GOOD
     assert quality(reconstruct(out, raw, *asked)) < MISTAKEN
 
@@ -115,8 +117,8 @@ def test_files_in_bgr(suffix: str, tmp_path: Path, out: Path) -> None:
 def test_mosaic_in_a_plain_file(suffix: str, camera: Camera, tmp_path: Path, out: Path) -> None:
     raw = save(tmp_path / f"raw{suffix}", read_frame(camera.raw).counts)
     point = save(tmp_path / f"psf{suffix}", read_frame(camera.psf).counts)
-    asked = ("--support", REGION, "--mosaic", "RGGB", "--black", BLACK)
-    right = reconstruct(out, camera.raw, "--psf", camera.psf, "--support", REGION)
+    asked = ("--support", SUPPORT, "--mosaic", "RGGB", "--black", BLACK)
+    right = reconstruct(out, camera.raw, "--psf", camera.psf, "--support", SUPPORT)
     both = reconstruct(out, raw, "--psf", point, *asked, "--white", WHITE)
     assert torch.equal(both, right)
     # A DNG says its mosaic itself, and may stand beside a file that does not.
@@ -129,7 +131,7 @@ def test_grey_psf_serves_every_channel(tmp_path: Path, out: Path) -> None:
     grey = spots().mean(0, keepdim=True)
     point = save(tmp_path / "psf.npy", grey)
     raw = expose_dng(tmp_path / "raw.dng", measured(grey), seed=1)
-    picture = reconstruct(out, raw, "--psf", point, "--support", REGION)
+    picture = reconstruct(out, raw, "--psf", point, "--support", SUPPORT)
     assert picture.shape == (3, *SCENE)
     assert quality(picture) > GOOD
 
@@ -148,8 +150,8 @@ def test_whole_domain_has_the_scene_in_it(camera: Camera, out: Path) -> None:
 
 
 def test_region_partly_beside_the_sensor(tmp_path: Path, out: Path) -> None:
-    psf, region = spots(), Region(-8, -5, *SCENE)
-    raw = expose_dng(tmp_path / "raw.dng", measured(psf, region=region), seed=1)
+    psf, support = spots(), PixelRectangle(-8, -5, *SCENE)
+    raw = expose_dng(tmp_path / "raw.dng", measured(psf, support=support), seed=1)
     point = expose_dng(tmp_path / "psf.dng", psf, seed=2)
     asked = (raw, "--psf", point, "--support")
     assert quality(reconstruct(out, *asked, "24x32-8-5")) > 25

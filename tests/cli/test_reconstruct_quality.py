@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from little_camera import REGION, Camera, quality, save
+from little_camera import SUPPORT, Camera, quality, save
 from running import check_refused, run
 
 from nolens.camera import preset
@@ -24,7 +24,7 @@ from nolens.twin import FieldMap, preview_model
 
 def solved(camera: Camera, out: Path, *asked: object) -> dict[str, object]:
     done = run(
-        "reconstruct", camera.raw, "--psf", camera.psf, "--support", REGION, "-o", out, *asked
+        "reconstruct", camera.raw, "--psf", camera.psf, "--support", SUPPORT, "-o", out, *asked
     )
     assert done.code == 0, done.err
     record: dict[str, object] = json.loads(out.with_suffix(".json").read_text())
@@ -37,7 +37,7 @@ def test_too_little_memory_is_refused_before_the_work(
     monkeypatch.setattr("psutil.virtual_memory", lambda: SimpleNamespace(total=5e8))
     for preset_name in ("draft", "photo"):
         out = ("-o", tmp_path / "o.png", "--quality", preset_name)
-        done = run("reconstruct", camera.raw, "--psf", camera.psf, "--support", REGION, *out)
+        done = run("reconstruct", camera.raw, "--psf", camera.psf, "--support", SUPPORT, *out)
         check_refused(done, "GB of memory, and the machine has 0.5 GB", "--support", "--bin")
     assert list(tmp_path.iterdir()) == []
 
@@ -77,7 +77,7 @@ def test_preset_against_method(method: str, camera: Camera, tmp_path: Path) -> N
 
 def _options(camera: Camera, out: Path, **more: object) -> ReconstructOptions:
     return ReconstructOptions.model_validate(
-        {"measurement": camera.raw, "psf": camera.psf, "support": REGION, "output": (out,),
+        {"measurement": camera.raw, "psf": camera.psf, "support": SUPPORT, "output": (out,),
          "iterations": 40, "tolerance": 0.0, "tiff_bits": 32, **more}
     )  # fmt: skip
 
@@ -123,11 +123,11 @@ def test_state_of_another_run_is_refused(camera: Camera, tmp_path: Path) -> None
     reconstruct(_options(camera, out), Watcher(12))
     state = tmp_path / "out.state.npz"
     asked = ("reconstruct", camera.raw, "--psf", camera.psf, "-o", tmp_path / "x.png")
-    done = run(*asked, "--support", REGION, "--tau", 1e-3, "--resume", state)
+    done = run(*asked, "--support", SUPPORT, "--tau", 1e-3, "--resume", state)
     check_refused(done, "another tau", "leave out --resume")
     done = run(*asked, "--resume", state)
     check_refused(done, "another support")
-    done = run(*asked, "--support", REGION, "--resume", camera.psf)
+    done = run(*asked, "--support", SUPPORT, "--resume", camera.psf)
     check_refused(done, "is no state file")
     assert not (tmp_path / "x.png").exists()
 
@@ -181,13 +181,13 @@ def test_edited_state_is_refused(camera: Camera, tmp_path: Path) -> None:
     with zipfile.ZipFile(state, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("about.npy", b"0" * 10**8)
     asked = ("reconstruct", camera.raw, "--psf", camera.psf, "-o", tmp_path / "x.png")
-    done = run(*asked, "--support", REGION, "--resume", state)
+    done = run(*asked, "--support", SUPPORT, "--resume", state)
     check_refused(done, "'about' has 100000000 bytes", "Accepted is a state file")
     assert not (tmp_path / "x.png").exists()
 
 
 def test_field_is_the_region_that_the_camera_sees(tmp_path: Path) -> None:
-    """Of the small preset: the region that its own simulation names for a scene of that angle."""
+    """Of the small preset: the support that its own simulation names for a scene of that angle."""
     generator = torch.Generator().manual_seed(1)
     sensor = preset("small").sensor
     rows, columns = sensor.rows // 2, sensor.columns // 2
@@ -200,8 +200,8 @@ def test_field_is_the_region_that_the_camera_sees(tmp_path: Path) -> None:
     assert done.code == 0, done.err
     twin = preview_model(read_camera("small"), fresnel=False)
     tangent = math.tan(math.radians(15))
-    region = FieldMap.covering(twin, (tangent, tangent)).region
-    assert read_frame(tmp_path / "o.png").counts.shape[1:] == (region.height, region.width)
+    support = FieldMap.covering(twin, (tangent, tangent)).support
+    assert read_frame(tmp_path / "o.png").counts.shape[1:] == (support.height, support.width)
     for more, words in (
         (("--field", "30deg"), "--field needs --camera"),
         (("--camera", "small"), "--field needs --camera"),

@@ -8,9 +8,9 @@ import pytest
 import tifffile
 import torch
 from little_camera import (
-    REGION,
     SCENE,
     SENSOR,
+    SUPPORT,
     measured,
     quality,
     save,
@@ -67,7 +67,7 @@ def test_folder(psf: Path, tmp_path: Path) -> None:
         save(frames / f"take {step}.npy", each)
     (frames / "notes.txt").write_text("none")
     out = tmp_path / "pictures"
-    done = run("reconstruct", frames, "--psf", psf, "-o", out, "--support", REGION, "--json")
+    done = run("reconstruct", frames, "--psf", psf, "-o", out, "--support", SUPPORT, "--json")
     assert done.code == 0, done.err
     found = pictures(out)
     check_follows([found[f"take {step}"] for step in range(11)])
@@ -90,7 +90,7 @@ def test_stack(kind: str, psf: Path, tmp_path: Path) -> None:
         tifffile.imwrite(path, counts.astype(np.uint16), photometric="rgb")
     else:
         np.save(path, (stack if kind == "npy" else stack.movedim(1, -1)).numpy())
-    asked = ("--psf", psf, "-o", tmp_path / "out", "--support", REGION)
+    asked = ("--psf", psf, "-o", tmp_path / "out", "--support", SUPPORT)
     done = run("reconstruct", path, *asked)
     assert done.code == 0, done.err
     found = pictures(tmp_path / "out")
@@ -102,7 +102,7 @@ def test_grey_stack_of_many(tmp_path: Path) -> None:
     stack = light(5)[:, 1]
     np.save(tmp_path / "raw.npy", stack.numpy())
     psf = save(tmp_path / "psf.npy", spots()[1:2])
-    asked = ("--psf", psf, "-o", tmp_path / "out", "--support", REGION, "--iterations", 4)
+    asked = ("--psf", psf, "-o", tmp_path / "out", "--support", SUPPORT, "--iterations", 4)
     assert run("reconstruct", tmp_path / "raw.npy", *asked).code == 0
     assert len(list((tmp_path / "out").glob("*.png"))) == 5
 
@@ -117,7 +117,7 @@ def test_bad_frames_are_dropped(psf: Path, tmp_path: Path) -> None:
     (frames / "0.npy").write_bytes(b"none")
     for number in range(5, 10):
         (frames / f"{number}.npy").write_bytes(b"none")
-    asked = ("--psf", psf, "-o", tmp_path / "out", "--support", REGION)
+    asked = ("--psf", psf, "-o", tmp_path / "out", "--support", SUPPORT)
     done = run("reconstruct", frames, *asked)
     assert done.code == 0, done.err
     assert "2 frames, 8 dropped" in done.out

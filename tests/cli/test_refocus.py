@@ -35,8 +35,8 @@ from nolens.files import read_frame, read_psf_set, write_camera, write_psfs
 from nolens.quantities import Length
 from patience import PATIENCE_S
 
-REGION = ("--support", "30x48")
-QUICK = (*REGION, "--tau", "1e-3", "--iterations", 40)
+SUPPORT = ("--support", "30x48")
+QUICK = (*SUPPORT, "--tau", "1e-3", "--iterations", 40)
 FOCUSED = {"focused.png", "focused.tif", "refocus.json"}
 STACKED = {
     "stack.tif", "sweep.png", "sweep.html", "all-in-focus.png", "depth.png", "depth.tif",
@@ -107,7 +107,7 @@ def test_each_object_where_a_person_points(made: Path, tmp_path: Path) -> None:
     ("flip", "axes"), [("vertical", (1,)), ("horizontal", (2,)), ("both", (1, 2))]
 )
 def test_turned_over(made: Path, tmp_path: Path, flip: str, axes: tuple[int, ...]) -> None:
-    quick = (*REGION, "--iterations", 5, "--depth", "2cm")
+    quick = (*SUPPORT, "--iterations", 5, "--depth", "2cm")
     for name, more in (("plain", ()), ("turned", ("--flip", flip))):
         assert refocus(made, tmp_path / name, *quick, *more).code == 0
     plain, turned = (
@@ -238,7 +238,7 @@ def little_camera(folder: Path, distances_mm: tuple[float, ...], thickness: floa
 
 
 def test_warnings(made: Path, tmp_path: Path) -> None:
-    quick = (*REGION, "--iterations", 3)
+    quick = (*SUPPORT, "--iterations", 3)
     beyond = refocus(made, tmp_path / "a", *quick, "--depth", "8mm")
     assert beyond.code == 0 and "the PSFs are of 15.0 mm to 1000.0 mm; beyond" in beyond.err
     other = little_camera(tmp_path / "other", (15, 60), thickness=2.0)
@@ -270,7 +270,7 @@ def test_wide_ones_are_taken(made: Path, tmp_path: Path) -> None:
         refocus(
             made,
             tmp_path / "out",
-            *REGION,
+            *SUPPORT,
             "--iterations",
             3,
             "--depth",
@@ -289,8 +289,8 @@ def test_wide_ones_are_taken(made: Path, tmp_path: Path) -> None:
         (("--depth", "-2cm"), ("0.1 µm to",)),
         (("--depth", "2cm", "--at", "3,4"), ("--depth 2 cm says the depth", "--at")),
         (("--at", "3;4"), ("row and column", "120,200")),
-        (("--at", "30,4", *REGION), ("beside the picture", "30×48", "up to 29")),
-        (("--at", "3,48", *REGION), ("beside the picture", "up to 47")),
+        (("--at", "30,4", *SUPPORT), ("beside the picture", "30×48", "up to 29")),
+        (("--at", "3,48", *SUPPORT), ("beside the picture", "up to 47")),
         (("--search", "5cm"), ("nearest and the farthest", "8cm,50cm")),
         (("--search", "50cm,8cm"), ("the first depth must be nearer",)),
         (("--stack", "8,50"), ("8 has no unit",)),
@@ -377,7 +377,7 @@ def test_ctrl_c_keeps_the_depths_that_are_done(made: Path, tmp_path: Path) -> No
     out = tmp_path / "out"
     ours, theirs = pty.openpty()
     with start(
-        "refocus", made / "raw.tif", "--psfs", made / "camera", *REGION, "--iterations", 60,
+        "refocus", made / "raw.tif", "--psfs", made / "camera", *SUPPORT, "--iterations", 60,
         "--stack", "14mm,1m", "--steps", 200, "-o", out, "--json", stderr=theirs,
     ) as process:  # fmt: skip
         os.close(theirs)

@@ -27,7 +27,7 @@ def picture(tmp_path: Path) -> Path:
 
 
 def test_picture_comes_back(picture: Path, tmp_path: Path) -> None:
-    """Through files alone: simulate, psf, reconstruct with the region that simulate names."""
+    """Through files alone: simulate, psf, reconstruct with the support that simulate names."""
     raw, point, out = (tmp_path / name for name in ("raw.dng", "psf.dng", "out.tif"))
     truth, response = tmp_path / "truth.tif", tmp_path / "response.tif"
     told = simulated(picture, *QUICK, "-o", raw, "--truth", truth, "--response", response)

@@ -26,7 +26,7 @@ from nolens.design.masks import (
 from nolens.errors import OptionError
 from nolens.evaluate import psnr, scale_fit, spectral_magnitude
 from nolens.kernels import fast_length
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.optics import mask_to_sensor, relaxed_points, smoothed, squared_distance
 from nolens.solvers import Problem, admm
 from nolens.twin import REFERENCE_NM, Light, Twin
@@ -149,7 +149,7 @@ def _psnr(pattern: Tensor, electrons: float, seed: int) -> float:
     wide = (torch.arange(sensor + side) - (sensor + side) // 2 + cells // 2) % cells
     problem = Problem.build(
         pattern[wide][:, wide][None], light[None],
-        support=Region.centred(side, side, (sensor, sensor)), tau=1e-5,
+        support=PixelRectangle.centred(side, side, (sensor, sensor)), tau=1e-5,
     )  # fmt: skip
     found = admm(problem, iterations=150).scene
     return psnr(scale_fit(found, scene[None]), scene[None], 1.0)

@@ -16,7 +16,7 @@ from nolens.jobs import (
 )
 from nolens.jobs.options import check_apart
 from nolens.jobs.reconstruction.options import parse_window
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.solvers import Method
 
 FILES = {"measurement": Path("raw.dng"), "psf": Path("psf.dng"), "output": (Path("o.png"),)}
@@ -25,14 +25,14 @@ FILES = {"measurement": Path("raw.dng"), "psf": Path("psf.dng"), "output": (Path
 @given(st.integers(1, 999), st.integers(1, 999), st.integers(-999, 999), st.integers(-999, 999))
 def test_window_with_its_place(height: int, width: int, top: int, left: int) -> None:
     text = f"{height}x{width}{top:+d}{left:+d}"
-    assert parse_window(text, (10, 10), "--crop") == Region(top, left, height, width)
+    assert parse_window(text, (10, 10), "--crop") == PixelRectangle(top, left, height, width)
 
 
 @given(st.integers(1, 99), st.integers(1, 99), st.integers(1, 99), st.integers(1, 99))
 def test_window_around_the_middle(height: int, width: int, rows: int, columns: int) -> None:
-    region = parse_window(f" {height}x{width} ", (rows, columns), "--support")
-    assert (region.height, region.width) == (height, width)
-    for start, length, whole in ((region.top, height, rows), (region.left, width, columns)):
+    support = parse_window(f" {height}x{width} ", (rows, columns), "--support")
+    assert (support.height, support.width) == (height, width)
+    for start, length, whole in ((support.top, height, rows), (support.left, width, columns)):
         assert abs((start + length / 2) - whole / 2) <= 0.5
 
 

@@ -8,12 +8,12 @@ from pathlib import Path
 SOLVE = """
 import hashlib
 import torch
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.solvers import Problem, admm
 
 generator = torch.Generator().manual_seed(0)
 psf, data = torch.rand((2, 1, 180, 240), generator=generator)
-problem = Problem.build(psf**8, data, support=Region.centred(90, 100, (180, 240)), tau=1e-4)
+problem = Problem.build(psf**8, data, support=PixelRectangle.centred(90, 100, (180, 240)), tau=1e-4)
 scene = admm(problem, iterations=40, tolerance=0.0).scene
 print(hashlib.sha256(scene.numpy().tobytes()).hexdigest())
 """

@@ -16,7 +16,7 @@ from nolens.kernels import (
     update_splits_,
 )
 from nolens.kernels.admm import solve_normal_equation_
-from nolens.operators import Geometry, Region
+from nolens.operators import Geometry, PixelRectangle
 from reference import Reference
 
 
@@ -84,16 +84,16 @@ SCHEDULE: list[Triple] = [MU, MU, LATER, LATER, (0.05, 0.4, 3.0), MU, MU, MU]
 
 
 @pytest.mark.parametrize("relaxation", [1.0, 1.7])
-@pytest.mark.parametrize("region", [None, Region(-1, 1, 5, 4)], ids=["whole", "region"])
+@pytest.mark.parametrize("support", [None, PixelRectangle(-1, 1, 5, 4)], ids=["whole", "region"])
 @pytest.mark.parametrize("prior", ["tv", "isotropic-tv", "l1", "none"])
-def test_iterations_and_sums_follow_the_equations(prior, region, relaxation):
+def test_iterations_and_sums_follow_the_equations(prior, support, relaxation):
     """Penalties that change, relaxation and every sum, against plain float64 ADMM."""
     rng = np.random.default_rng(8)
     sensor = (5, 4)
-    geometry = Geometry.build(sensor, (5, 5), region)
+    geometry = Geometry.build(sensor, (5, 5), support)
     data, valid = rng.uniform(0, 1, sensor), rng.random(sensor) > 0.2
     reference = Reference(rng.random((5, 5)), data, valid, geometry, 0.02, prior)
-    start = reference.region * 0.3
+    start = reference.support * 0.3
     tall, wide = reference.period
 
     def tensor(flat: np.ndarray, shape: tuple[int, ...]) -> torch.Tensor:

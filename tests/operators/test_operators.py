@@ -10,7 +10,7 @@ from suite import CPU, EVERYWHERE, ONCE, Case
 
 import nolens.operators
 from nolens.calibrate.known_scenes import ManyScenes
-from nolens.operators import CroppedConvolution, FiniteDifference, LinearOperator, Region
+from nolens.operators import CroppedConvolution, FiniteDifference, LinearOperator, PixelRectangle
 
 Make = Callable[[torch.dtype, torch.device], LinearOperator]
 
@@ -18,13 +18,13 @@ Make = Callable[[torch.dtype, torch.device], LinearOperator]
 def convolution(
     sensor: tuple[int, int],
     psf: tuple[int, int],
-    region: tuple[int, int, int, int] | None = None,
+    support: tuple[int, int, int, int] | None = None,
     channels: int = 3,
 ) -> Make:
     cells = torch.rand((channels, *psf), generator=torch.Generator().manual_seed(1)).double()
 
     def make(dtype: torch.dtype, device: torch.device) -> LinearOperator:
-        where = None if region is None else Region(*region)
+        where = None if support is None else PixelRectangle(*support)
         return CroppedConvolution(cells.to(device, dtype), sensor, where)
 
     return make
@@ -34,17 +34,19 @@ def difference(height: int, width: int) -> Make:
     return lambda _dtype, _device: FiniteDifference((height, width))
 
 
-def many_scenes(region: tuple[int, int, int, int], psf: tuple[int, int]) -> Make:
-    cells = torch.rand((2, *region[2:]), generator=torch.Generator().manual_seed(2)).double()
-    return lambda dtype, device: ManyScenes(cells.to(device, dtype), Region(*region), (6, 7), psf)
+def many_scenes(support: tuple[int, int, int, int], psf: tuple[int, int]) -> Make:
+    cells = torch.rand((2, *support[2:]), generator=torch.Generator().manual_seed(2)).double()
+    return lambda dtype, device: ManyScenes(
+        cells.to(device, dtype), PixelRectangle(*support), (6, 7), psf
+    )
 
 
-def many_scenes_aslant(region: tuple[int, int, int, int], psf: tuple[int, int]) -> Make:
-    cells = torch.rand((5, *region[2:]), generator=torch.Generator().manual_seed(3)).double()
+def many_scenes_aslant(support: tuple[int, int, int, int], psf: tuple[int, int]) -> Make:
+    cells = torch.rand((5, *support[2:]), generator=torch.Generator().manual_seed(3)).double()
 
     def make(dtype: torch.dtype, device: torch.device) -> LinearOperator:
         scenes = cells.to(device, dtype)
-        return ManyScenes(scenes[:2], Region(*region), (6, 7), psf, scenes[2:])
+        return ManyScenes(scenes[:2], PixelRectangle(*support), (6, 7), psf, scenes[2:])
 
     return make
 
@@ -59,11 +61,11 @@ TABLE = [
     Case("convolution, one row", convolution((1, 6), (1, 7), channels=1), (1,)),
     Case("convolution, wide", convolution((4, 6), (8, 12)), RGB),
     Case("convolution, wide, mixed parity", convolution((4, 5), (7, 8)), RGB),
-    Case("convolution, region inside", convolution((6, 7), (6, 7), (2, 1, 3, 4)), RGB),
-    Case("convolution, region partly off", convolution((6, 7), (7, 8), (-2, 4, 5, 6)), RGB),
-    Case("convolution, region is larger", convolution((4, 4), (9, 8), (-3, -2, 10, 9)), RGB),
-    Case("convolution, region beside", convolution((5, 4), (14, 15), (-5, 6, 3, 2)), RGB),
-    Case("convolution, region of a cell", convolution((5, 6), (5, 6), (4, 0, 1, 1), 1), RGB),
+    Case("convolution, support inside", convolution((6, 7), (6, 7), (2, 1, 3, 4)), RGB),
+    Case("convolution, support partly off", convolution((6, 7), (7, 8), (-2, 4, 5, 6)), RGB),
+    Case("convolution, support is larger", convolution((4, 4), (9, 8), (-3, -2, 10, 9)), RGB),
+    Case("convolution, support beside", convolution((5, 4), (14, 15), (-5, 6, 3, 2)), RGB),
+    Case("convolution, support of a cell", convolution((5, 6), (5, 6), (4, 0, 1, 1), 1), RGB),
     Case("many scenes", many_scenes((1, 2, 4, 5), (6, 7)), (2,)),
     Case("many scenes, wide psf", many_scenes((-1, 2, 5, 6), (11, 12)), (2,)),
     Case("many scenes aslant", many_scenes_aslant((-1, 1, 5, 4), (10, 11))),

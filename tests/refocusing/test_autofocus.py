@@ -11,9 +11,9 @@ from depth_spots import (
     LEFT,
     NEAR_UM,
     REDUCED_UM,
-    REGION,
     RIGHT,
     SENSOR,
+    SUPPORT,
     light,
     measurement,
     noisy,
@@ -38,7 +38,7 @@ PLACES = {NEAR_UM: (14.0, 11.0), FAR_UM: (14.0, 36.0)}
 
 def search(values: torch.Tensor, near: float = 12e3, far: float = 1e6, **more: object) -> Autofocus:
     asked = {"tau": 1e-3, "iterations": 40, **more}
-    reconstructor = DepthReconstructor(measurement(values), REGION, **asked)  # type: ignore[arg-type]
+    reconstructor = DepthReconstructor(measurement(values), SUPPORT, **asked)  # type: ignore[arg-type]
     return Autofocus(reconstructor, spots, near, far, FOCUS)
 
 
@@ -117,13 +117,13 @@ def test_steps_are_counted_and_can_end_it() -> None:
 
 
 def test_coarser_cells_cover_the_same() -> None:
-    reconstructor = DepthReconstructor(measurement(two_objects()), REGION)
+    reconstructor = DepthReconstructor(measurement(two_objects()), SUPPORT)
     coarse = reconstructor.coarser(2, 30)
-    assert coarse.region is not None and coarse.sensor == (30, 40) and coarse.iterations == 30
-    top, left = coarse.region.top * 2, coarse.region.left * 2
-    assert top <= REGION.top and left <= REGION.left
-    assert top + 2 * coarse.region.height >= REGION.top + REGION.height
-    assert left + 2 * coarse.region.width >= REGION.left + REGION.width
+    assert coarse.support is not None and coarse.sensor == (30, 40) and coarse.iterations == 30
+    top, left = coarse.support.top * 2, coarse.support.left * 2
+    assert top <= SUPPORT.top and left <= SUPPORT.left
+    assert top + 2 * coarse.support.height >= SUPPORT.top + SUPPORT.height
+    assert left + 2 * coarse.support.width >= SUPPORT.left + SUPPORT.width
     unlimited = DepthReconstructor(measurement(two_objects()), None)
     psf = spots(NEAR_UM)
     assert unlimited.solve(psf).photograph.shape[-2:] == SENSOR

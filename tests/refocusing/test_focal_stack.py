@@ -10,9 +10,9 @@ from depth_spots import (
     FAR_UM,
     LEFT,
     NEAR_UM,
-    REGION,
     RIGHT,
     SCENE,
+    SUPPORT,
     measurement,
     noisy,
     objects,
@@ -29,7 +29,7 @@ from nolens.refocusing import (
 )
 
 RECONSTRUCTOR = DepthReconstructor(
-    measurement(noisy(two_objects(), 0.003)), REGION, tau=1e-3, iterations=80
+    measurement(noisy(two_objects(), 0.003)), SUPPORT, tau=1e-3, iterations=80
 )
 
 
@@ -103,7 +103,7 @@ def test_edges_that_come_of_what_is_not_explained_count_less() -> None:
 
 def test_ended_early_keeps_what_is_done() -> None:
     reconstructor = DepthReconstructor(
-        measurement(two_objects()), REGION, iterations=10, tolerance=0.0
+        measurement(two_objects()), SUPPORT, iterations=10, tolerance=0.0
     )
     depths = even_depths(14e3, 1e6, 5)
     ended = focal_stack(reconstructor, spots, depths, step=lambda done, limit: done >= 25)

@@ -12,7 +12,7 @@ from watching import Watcher
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import read_camera
 from nolens.jobs import SimulateOptions, simulate
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.quantities import Luminance
 from nolens.reproduction import depths, photographs, resolution, thickness
 from nolens.reproduction.comparison import PAPER, Content, Results, paper_row, section
@@ -108,11 +108,11 @@ def test_a_scene_is_cut_from_what_was_solved_and_zero_beyond() -> None:
     origin = problem.forward.geometry.origin
     rows, columns = problem.forward.geometry.padded
     scene = torch.arange(rows * columns, dtype=torch.float32).reshape(1, rows, columns) + 1
-    cut = photographs._cut(scene, problem, Region(1, 2, 3, 4))
+    cut = photographs._cut(scene, problem, PixelRectangle(1, 2, 3, 4))
     top, left = 1 - origin[0], 2 - origin[1]
     assert torch.equal(cut, scene[:, top : top + 3, left : left + 4])
     wide = photographs._cut(
-        scene, problem, Region(origin[0] - 2, origin[1] - 3, rows + 4, columns + 6)
+        scene, problem, PixelRectangle(origin[0] - 2, origin[1] - 3, rows + 4, columns + 6)
     )
     assert torch.equal(wide[:, 2:-2, 3:-3], scene)
     assert float(wide.sum()) == float(scene.sum())
@@ -154,9 +154,9 @@ def test_quick_is_smaller_in_every_way_and_both_foretell_memory() -> None:
     assert quick.reduced and not full.reduced
     assert full.pixels == (3040, 4056)
     assert quick.bytes < full.bytes and quick.written_bytes < full.written_bytes
-    region = Region.centred(446, 446, quick.preview.shape)
+    support = PixelRectangle.centred(446, 446, quick.preview.shape)
     assert quick.scene_work() < full.scene_work()
-    assert quick.solve_work(region, 100) < full.solve_work(region, 100)
+    assert quick.solve_work(support, 100) < full.solve_work(support, 100)
     assert replace(QUICK, pixels=(9000, 9000)) and ExperimentSetup(
         opened, replace(QUICK, pixels=(9000, 9000)), 0
     ).pixels == (3040, 4056)

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import torch
 
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.solvers import Prior, Problem
 from reference import Array, Reference, direct_sum
 
@@ -21,7 +21,7 @@ class Case:
 
     sensor: tuple[int, int] = (6, 8)
     psf: tuple[int, int] = (6, 8)
-    region: Region | None = None
+    support: PixelRectangle | None = None
     channels: int = 1
     psf_channels: int | None = None
     saturated: float = 0.0
@@ -57,7 +57,7 @@ class Posed:
             "psf": psf,
             "data": data,
             "valid": torch.from_numpy(self.valid),
-            "support": self.case.region,
+            "support": self.case.support,
             "tau": self.case.tau,
             "prior": Prior(self.case.prior),
             **changed,
@@ -73,12 +73,12 @@ def _drawn(case: Case) -> tuple[Array, Array, Array]:
     psf = rng.uniform(0, 1, (number, *case.psf))
     if not case.view:
         psf **= 12  # a few bright spots
-    if case.region is None:
+    if case.support is None:
         origin = (-(case.psf[0] // 2), -(case.psf[1] // 2))
         size = (case.sensor[0] + case.psf[0] - 1, case.sensor[1] + case.psf[1] - 1)
     else:
-        origin = (case.region.top, case.region.left)
-        size = (case.region.height, case.region.width)
+        origin = (case.support.top, case.support.left)
+        size = (case.support.height, case.support.width)
     scene = (
         rng.uniform(0.4, 1, (case.channels, *size))
         if case.view
@@ -105,7 +105,7 @@ def pose(case: Case) -> Posed:
         torch.from_numpy(psf).float(),
         torch.from_numpy(data).float(),
         valid=torch.from_numpy(valid),
-        support=case.region,
+        support=case.support,
         tau=case.tau,
         prior=Prior(case.prior),
     )

@@ -9,7 +9,7 @@ import torch
 from posed import Case, pose
 from scipy.optimize import minimize_scalar
 
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.solvers import AdmmState, Problem, Progress, admm
 
 BASE = Case()
@@ -18,25 +18,32 @@ CASES = {
     "odd": replace(BASE, sensor=(5, 7), psf=(5, 7)),
     "mixed, wide psf": replace(BASE, sensor=(5, 6), psf=(8, 9)),
     "saturated": replace(BASE, saturated=0.1, seed=5),
-    "region inside": replace(BASE, region=Region(1, 2, 4, 5), saturated=0.1),
-    "region partly off": replace(BASE, psf=(9, 9), region=Region(-2, 3, 6, 8)),
+    "region inside": replace(BASE, support=PixelRectangle(1, 2, 4, 5), saturated=0.1),
+    "region partly off": replace(BASE, psf=(9, 9), support=PixelRectangle(-2, 3, 6, 8)),
     "two channels, isotropic": replace(BASE, channels=2, prior="isotropic-tv"),
     "four channels of one psf": replace(
-        BASE, channels=4, psf_channels=1, region=Region(0, 0, 5, 6), saturated=0.1
+        BASE, channels=4, psf_channels=1, support=PixelRectangle(0, 0, 5, 6), saturated=0.1
     ),
     "eight channels, isotropic, odd": replace(
         BASE, sensor=(5, 7), psf=(5, 7), channels=8, saturated=0.1, prior="isotropic-tv"
     ),
     "isotropic, odd, region": replace(
-        BASE, sensor=(7, 5), psf=(7, 5), region=Region(0, -1, 6, 6), prior="isotropic-tv"
+        BASE, sensor=(7, 5), psf=(7, 5), support=PixelRectangle(0, -1, 6, 6), prior="isotropic-tv"
     ),
     "l1": replace(BASE, channels=3, prior="l1", saturated=0.1),
-    "l1, region": replace(BASE, sensor=(7, 6), psf=(7, 7), region=Region(1, 1, 4, 4), prior="l1"),
-    "no prior": replace(BASE, prior="none", region=Region(1, 1, 4, 5), seed=3),
-    "no prior, odd": replace(
-        BASE, prior="none", sensor=(5, 7), psf=(5, 7), region=Region(-1, 2, 4, 3), saturated=0.1
+    "l1, region": replace(
+        BASE, sensor=(7, 6), psf=(7, 7), support=PixelRectangle(1, 1, 4, 4), prior="l1"
     ),
-    "full view": replace(BASE, view=True, region=Region(0, 0, 6, 8)),
+    "no prior": replace(BASE, prior="none", support=PixelRectangle(1, 1, 4, 5), seed=3),
+    "no prior, odd": replace(
+        BASE,
+        prior="none",
+        sensor=(5, 7),
+        psf=(5, 7),
+        support=PixelRectangle(-1, 2, 4, 3),
+        saturated=0.1,
+    ),
+    "full view": replace(BASE, view=True, support=PixelRectangle(0, 0, 6, 8)),
     "full view, three channels": replace(BASE, view=True, channels=3, saturated=0.1),
 }
 PENALTIES = (0.2, 0.6, 0.4)

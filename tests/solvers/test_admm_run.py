@@ -6,12 +6,12 @@ import pytest
 import torch
 from posed import Case, pose
 
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.solvers import AdmmState, Prior
 from nolens.solvers.admm import AdmmRun
 from nolens.solvers.admm_state import Balance
 
-CASE = Case(channels=3, region=Region(1, 2, 4, 5), saturated=0.1)
+CASE = Case(channels=3, support=PixelRectangle(1, 2, 4, 5), saturated=0.1)
 SAME, OTHER = (0.3, 2.0, 0.7), (0.9, 4.0, 0.5)
 
 
@@ -52,7 +52,7 @@ def test_looks_lie_at_multiples_of_four_and_at_the_limit(limit):
 
 def test_share_of_the_light_that_is_kept():
     """Light beside the sensor counts as lost; no light at all as kept."""
-    problem = pose(Case(region=Region(1, 2, 4, 5))).problem
+    problem = pose(Case(support=PixelRectangle(1, 2, 4, 5))).problem
     state = AdmmState.cold(problem)
     top, left, *_ = state.splits[0].sensor
     for split in state.splits:

@@ -6,7 +6,7 @@ import pytest
 import torch
 from posed import Case, pose
 
-from nolens.operators import CroppedConvolution, Region
+from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.solvers import Problem, admm
 from nolens.solvers.corrections import LowFrequencyCorrection
 
@@ -20,9 +20,9 @@ def full_view(channels: int = 1) -> tuple[Problem, torch.Tensor]:
     psf = torch.exp(-((away / 80) ** 2)) * (1 + 0.2 * texture)
     rows, columns = torch.meshgrid(*[torch.linspace(0, 1, side)] * 2, indexing="ij")
     scene = (0.3 + 0.7 * rows * columns + 0.2 * torch.cos(6 * rows)).expand(channels, -1, -1)
-    region = Region.centred(side, side, sensor)
-    data = CroppedConvolution(psf, sensor, region)(scene)
-    return Problem.build(psf, data, support=region, tau=1e-7), scene
+    support = PixelRectangle.centred(side, side, sensor)
+    data = CroppedConvolution(psf, sensor, support)(scene)
+    return Problem.build(psf, data, support=support, tau=1e-7), scene
 
 
 @pytest.mark.parametrize("channels", [1, 3])
@@ -53,7 +53,7 @@ def test_saves_iterations():
 def test_objective_never_rises(prior, seed):
     case = Case(
         sensor=(24, 26), psf=(40, 42), channels=2, view=True, prior=prior, seed=seed,
-        region=Region(-2, 3, 24, 19), saturated=0.05,
+        support=PixelRectangle(-2, 3, 24, 19), saturated=0.05,
     )  # fmt: skip
     problem = pose(case).problem
     scene = torch.rand(problem.scene_shape, generator=torch.Generator().manual_seed(seed)) * 0.01
@@ -64,7 +64,7 @@ def test_objective_never_rises(prior, seed):
 
 
 def test_is_left_alone_where_the_scene_does_not_fill_the_view():
-    problem = pose(replace(Case(), region=Region(1, 2, 4, 5))).problem
+    problem = pose(replace(Case(), support=PixelRectangle(1, 2, 4, 5))).problem
     plain = admm(problem, iterations=30, tolerance=0)
     assert torch.equal(
         admm(problem, iterations=30, tolerance=0, low_frequency=True).scene, plain.scene

@@ -4,14 +4,14 @@ import threading
 
 import pytest
 import torch
-from test_stream import REGION, SENSOR, camera, error, scene
+from test_stream import SENSOR, SUPPORT, camera, error, scene
 
 from nolens.solvers import Frame, Live, Problem, Stream
 
 
 def stream() -> Stream:
     psf, blur = camera()
-    return Stream(Problem.build(psf, blur(scene(0)), support=REGION, tau=1e-5))
+    return Stream(Problem.build(psf, blur(scene(0)), support=SUPPORT, tau=1e-5))
 
 
 def test_slow_solver_drops_all_but_the_newest():

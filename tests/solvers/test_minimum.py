@@ -7,14 +7,14 @@ import pytest
 from posed import Case, Posed, matrix, pose, unit_data
 from scipy.optimize import lsq_linear, minimize, nnls
 
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.solvers import admm
 
-BASE = Case(region=Region(1, 2, 4, 4), saturated=0.15)
+BASE = Case(support=PixelRectangle(1, 2, 4, 4), saturated=0.15)
 GEOMETRIES = {
     "even": BASE,
-    "odd": replace(BASE, sensor=(7, 5), psf=(7, 5), region=Region(-1, 1, 5, 3)),
-    "wide psf": replace(BASE, sensor=(5, 6), psf=(9, 8), region=Region(-1, -1, 4, 5)),
+    "odd": replace(BASE, sensor=(7, 5), psf=(7, 5), support=PixelRectangle(-1, 1, 5, 3)),
+    "wide psf": replace(BASE, sensor=(5, 6), psf=(9, 8), support=PixelRectangle(-1, -1, 4, 5)),
 }
 FIXED = {"iterations": 3000, "tolerance": 1e-7, "penalties": (0.5, 0.5, 0.5), "balance": None}
 
@@ -65,7 +65,7 @@ def test_total_variation_meets_the_conditions_for_a_minimum(case, prior):
     gradient = a.T @ (a @ scene - b)
     shape = posed.problem.forward.domain_shape
     steps = reference.difference @ reference.embed(scene.reshape(shape))
-    back = reference.difference.T[reference.region]
+    back = reference.difference.T[reference.support]
     rows, columns = np.split(steps, 2)
     length = np.tile(np.hypot(rows, columns), 2) if prior == "isotropic-tv" else np.abs(steps)
     moving = length > 1e-3 * length.max()

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from posed import Case, pose
 
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.solvers import admm, fista, wiener
 
-BASE = Case(region=Region(1, 2, 4, 5), saturated=0.1)
+BASE = Case(support=PixelRectangle(1, 2, 4, 5), saturated=0.1)
 CASES = {
     "tv": BASE,
     "isotropic, odd, two channels": replace(
         BASE, sensor=(5, 7), psf=(5, 9), prior="isotropic-tv", channels=2
     ),
     "l1": replace(BASE, prior="l1"),
-    "no prior": replace(BASE, prior="none", region=Region(-1, 1, 4, 4)),
+    "no prior": replace(BASE, prior="none", support=PixelRectangle(-1, 1, 4, 4)),
     "full view": replace(BASE, view=True),
-    "anywhere": replace(BASE, sensor=(5, 5), psf=(5, 5), region=None, tau=0.03),
+    "anywhere": replace(BASE, sensor=(5, 5), psf=(5, 5), support=None, tau=0.03),
 }
 
 

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from nolens.camera import Frame, Measurement, develop
-from nolens.operators import CroppedConvolution, Region
+from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.solvers import (
     STOPS,
     Development,
@@ -21,7 +21,7 @@ from nolens.solvers import (
 )
 
 SENSOR = (48, 56)
-SUPPORT = Region.centred(24, 24, SENSOR)
+SUPPORT = PixelRectangle.centred(24, 24, SENSOR)
 
 
 def spots(rows: int, columns: int, blur: int = 0) -> torch.Tensor:

@@ -10,10 +10,10 @@ import torch
 from posed import Case, pose
 
 from nolens.errors import DataError, DivergenceError, OptionError
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.solvers import Prior, Problem, Progress, admm, fista, wiener
 
-CASE = Case(channels=2, region=Region(1, 2, 4, 5), saturated=0.1)
+CASE = Case(channels=2, support=PixelRectangle(1, 2, 4, 5), saturated=0.1)
 FIXED = {"penalties": (0.5, 0.5, 0.5), "balance": None}
 SOLVERS = {"admm": admm, "fista": fista}
 LOOKS = {"admm": [4, 8, 9], "fista": [1, 2, 3, 4, 5, 6, 7, 8, 9]}
@@ -204,7 +204,7 @@ BAD = {
     "three sides": ({"support": (1, 2, 3)}, OptionError, r"\(1, 2, 3\); give \(height, width\)"),
     "half a pixel": ({"support": (1.5, 2)}, OptionError, r"\(1.5, 2\)"),
     "region is text": ({"support": "2x2"}, OptionError, "'2x2'"),
-    "region beside": ({"support": Region(40, 0, 2, 2)}, OptionError, "pixels 40 to 41"),
+    "region beside": ({"support": PixelRectangle(40, 0, 2, 2)}, OptionError, "pixels 40 to 41"),
 }
 
 
@@ -217,7 +217,9 @@ def test_bad_problem_is_refused(changed, error, message):
 @pytest.mark.parametrize("prior", list(Prior))
 def test_what_a_notebook_has_poses_the_same_problem(prior):
     """Words, NumPy's arrays, sizes alone, a PSF that asks for gradients."""
-    posed = pose(replace(CASE, channels=1, prior=prior.value, region=Region.centred(4, 6, (6, 8))))
+    posed = pose(
+        replace(CASE, channels=1, prior=prior.value, support=PixelRectangle.centred(4, 6, (6, 8)))
+    )
     wanted = admm(posed.problem, iterations=8).scene
     ways = {
         "arrays": {"psf": posed.psf, "data": posed.data, "valid": posed.valid},
@@ -229,18 +231,18 @@ def test_what_a_notebook_has_poses_the_same_problem(prior):
     for name, given in ways.items():
         problem = posed.pose(**{"support": (4, 6), "prior": prior.value, **given})
         assert problem.prior is prior, name
-        assert problem.forward.support == Region(1, 1, 4, 6), name
+        assert problem.forward.support == PixelRectangle(1, 1, 4, 6), name
         assert torch.equal(admm(problem, iterations=8).scene, wanted), name
 
 
 def test_the_photograph_is_the_sensors_frame_or_the_region():
-    for region, shape in ((None, (2, 6, 8)), (Region(1, 2, 4, 5), (2, 4, 5))):
-        problem = pose(replace(CASE, region=region)).problem
+    for support, shape in ((None, (2, 6, 8)), (PixelRectangle(1, 2, 4, 5), (2, 4, 5))):
+        problem = pose(replace(CASE, support=support)).problem
         for solve in (admm, fista, wiener):
             result = solve(problem)
             assert result.photograph.shape == shape
             top, left = (-at for at in problem.forward.geometry.origin)
-            if region is None:
+            if support is None:
                 assert result.scene.shape[1] > 6
                 assert torch.equal(result.photograph[:, 0, 0], result.scene[:, top, left])
             assert len(repr(result)) < 120 and len(repr(problem)) < 200

@@ -7,13 +7,13 @@ import pytest
 import torch
 from posed import Case, pose
 
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.solvers import Problem, Result, admm, fista, wiener
 
-BASE = Case(channels=3, region=Region(1, 1, 4, 5), saturated=0.15)
+BASE = Case(channels=3, support=PixelRectangle(1, 1, 4, 5), saturated=0.15)
 CASES = {
     "tv": BASE,
-    "l1, anywhere": replace(BASE, prior="l1", region=None),
+    "l1, anywhere": replace(BASE, prior="l1", support=None),
     "isotropic, full view": replace(
         BASE, prior="isotropic-tv", view=True, sensor=(7, 7), psf=(7, 9)
     ),
@@ -116,7 +116,7 @@ def test_channels_together_are_the_channels_one_by_one(case, method, psf_channel
 
 
 def test_a_wide_psf_counts_as_far_as_it_reaches():
-    """PSF cells that no light takes from region to sensor change nothing, not even the norm."""
+    """PSF pixels that no light takes from support to sensor change nothing, not even the norm."""
     case = replace(BASE, psf=(15, 16), channels=1)
     posed = pose(case)
     reference = posed.reference(0)

@@ -7,15 +7,15 @@ import torch
 from posed import Case, pose
 
 from nolens.errors import DataError
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.solvers import AdmmState, Prior, admm
 
-CASE = Case(channels=2, region=Region(1, 2, 4, 5), saturated=0.1)
+CASE = Case(channels=2, support=PixelRectangle(1, 2, 4, 5), saturated=0.1)
 CASES = {
     "region": CASE,
     "isotropic": replace(CASE, prior="isotropic-tv"),
     "l1": replace(CASE, prior="l1"),
-    "full view": Case(view=True, region=Region(0, 0, 6, 8)),
+    "full view": Case(view=True, support=PixelRectangle(0, 0, 6, 8)),
 }
 
 

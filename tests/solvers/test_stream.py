@@ -8,17 +8,17 @@ import pytest
 import torch
 
 from nolens.errors import DataError, OptionError
-from nolens.operators import CroppedConvolution, Region
+from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.solvers import Prior, Problem, Stream, admm
 
 SENSOR = (64, 72)
-REGION = Region.centred(32, 32, SENSOR)
+SUPPORT = PixelRectangle.centred(32, 32, SENSOR)
 
 
 def camera() -> tuple[torch.Tensor, CroppedConvolution]:
     generator = torch.Generator().manual_seed(1)
     psf = (torch.rand(1, 96, 104, generator=generator) > 0.97).float()
-    return psf, CroppedConvolution(psf, SENSOR, REGION)
+    return psf, CroppedConvolution(psf, SENSOR, SUPPORT)
 
 
 def scene(step: int) -> torch.Tensor:
@@ -36,12 +36,12 @@ def error(found: torch.Tensor, truth: torch.Tensor) -> float:
 
 def test_follows_what_moves_with_a_few_iterations():
     psf, blur = camera()
-    stream = Stream(Problem.build(psf, blur(scene(0)), support=REGION, tau=1e-5))
+    stream = Stream(Problem.build(psf, blur(scene(0)), support=SUPPORT, tau=1e-5))
     stream.solve(blur(scene(0)))
     for step in range(1, 8):
         frame = stream.solve(blur(scene(step)))
         assert frame.iterations <= 8
-    problem = Problem.build(psf, blur(scene(7)), support=REGION, tau=1e-5)
+    problem = Problem.build(psf, blur(scene(7)), support=SUPPORT, tau=1e-5)
     cold = admm(problem, iterations=frame.iterations, tolerance=0).scene
     assert error(frame.scene, scene(7)) < 0.2
     assert error(frame.scene, scene(7)) < 0.5 * error(cold, scene(7))
@@ -49,7 +49,7 @@ def test_follows_what_moves_with_a_few_iterations():
 
 def test_brightness_may_change():
     psf, blur = camera()
-    stream = Stream(Problem.build(psf, blur(scene(0)), support=REGION, tau=1e-5))
+    stream = Stream(Problem.build(psf, blur(scene(0)), support=SUPPORT, tau=1e-5))
     stream.solve(blur(scene(0)))
     assert error(stream.solve(30 * blur(scene(0))).scene, 30 * scene(0)) < 0.1
 
@@ -59,7 +59,7 @@ def test_few_iterations_follow_noisy_frames(iterations):
     """The square moves on by a cell a frame; three frames later its old place is given up."""
     psf, blur = camera()
     generator = torch.Generator().manual_seed(2)
-    problem = Problem.build(psf, blur(scene(0)), support=REGION, tau=1e-5)
+    problem = Problem.build(psf, blur(scene(0)), support=SUPPORT, tau=1e-5)
     stream = Stream(problem, iterations=iterations)
     stream.solve(blur(scene(0)))
     for step in range(1, 10):
@@ -80,7 +80,7 @@ def test_another_scene_is_there_within_three_frames(before):
     others = {name: torch.zeros(1, 32, 32) for name in ("point", "dark", "stripes")}
     others["point"][0, 20, 9] = 300.0
     others["stripes"][:, ::4] = 1.0
-    stream = Stream(Problem.build(psf, blur(scene(0)), support=REGION, tau=1e-5), iterations=2)
+    stream = Stream(Problem.build(psf, blur(scene(0)), support=SUPPORT, tau=1e-5), iterations=2)
     for each in noise[:10]:
         stream.solve(blur(others[before]) + each)
     found = [stream.solve(blur(scene(0)) + each).scene for each in noise[10:]]
@@ -94,7 +94,7 @@ def test_standing_scene_converges(prior):
     data = blur(scene(0)) + 0.02 * torch.rand(
         1, *SENSOR, generator=torch.Generator().manual_seed(3)
     )
-    problem = Problem.build(psf, data, support=REGION, tau=1e-4, prior=prior)
+    problem = Problem.build(psf, data, support=SUPPORT, tau=1e-4, prior=prior)
     best = admm(problem, iterations=3000, tolerance=0)
     stream = Stream(problem)
     frames = [stream.solve(data) for _ in range(40)]
@@ -104,7 +104,7 @@ def test_standing_scene_converges(prior):
 def test_standing_scene_is_left_as_it_is():
     """A frame that shows what the one before showed is done long before its limit."""
     psf, blur = camera()
-    stream = Stream(Problem.build(psf, blur(scene(0)), support=REGION, tau=1e-4), iterations=500)
+    stream = Stream(Problem.build(psf, blur(scene(0)), support=SUPPORT, tau=1e-4), iterations=500)
     for _ in range(3):
         found = stream.solve(blur(scene(0)))
     assert found.iterations < 100
@@ -117,7 +117,7 @@ def test_frames_end_in_time(monkeypatch):
     clock = SimpleNamespace(perf_counter=lambda: 0.03 * next(looks))
     monkeypatch.setattr("nolens.solvers.stream.time", clock)
     psf, blur = camera()
-    problem = Problem.build(psf, blur(scene(0)), support=REGION, tau=1e-5)
+    problem = Problem.build(psf, blur(scene(0)), support=SUPPORT, tau=1e-5)
     slow = Stream(problem, iterations=100_000, latency_s=0.3)
     for step in range(4):
         frame = slow.solve(blur(scene(step)))
@@ -127,7 +127,7 @@ def test_frames_end_in_time(monkeypatch):
 
 def test_bad_frame_leaves_the_stream_as_it_was():
     psf, blur = camera()
-    problem = Problem.build(psf, blur(scene(0)), support=REGION, tau=1e-5)
+    problem = Problem.build(psf, blur(scene(0)), support=SUPPORT, tau=1e-5)
     streams = [Stream(problem) for _ in range(2)]
     for stream in streams:
         stream.solve(blur(scene(0)))
@@ -141,7 +141,7 @@ def test_bad_frame_leaves_the_stream_as_it_was():
 def test_memory_is_flat_over_500_frames():
     psf, blur = camera()
     data = [blur(scene(step)) for step in range(12)]
-    stream = Stream(Problem.build(psf, data[0], support=REGION), iterations=4)
+    stream = Stream(Problem.build(psf, data[0], support=SUPPORT), iterations=4)
     process = psutil.Process()
     held = []
     for step in range(500):
@@ -159,4 +159,4 @@ def test_memory_is_flat_over_500_frames():
 def test_bad_options(options, message):
     psf, blur = camera()
     with pytest.raises(OptionError, match=message):
-        Stream(Problem.build(psf, blur(scene(0)), support=REGION), **options)
+        Stream(Problem.build(psf, blur(scene(0)), support=SUPPORT), **options)

@@ -9,12 +9,14 @@ import pytest
 import torch
 from posed import Case, pose
 
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.solvers import admm, fista
 
 CASES = {
     "a view": Case(sensor=(67, 90), psf=(67, 90), channels=3, view=True, saturated=0.02),
-    "a region": Case(sensor=(80, 61), psf=(80, 61), region=Region(20, 10, 40, 45), channels=2),
+    "a region": Case(
+        sensor=(80, 61), psf=(80, 61), support=PixelRectangle(20, 10, 40, 45), channels=2
+    ),
 }
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import dblquad
 
 from nolens.errors import OptionError
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
 from nolens.twin import FieldMap, Plane, Twin, irradiate, render_planes
 
@@ -26,8 +26,8 @@ TWINS = pytest.mark.parametrize("twin", [EVEN, ODD, GREY], ids=["even", "odd", "
 @TWINS
 def test_the_middle_cell_is_on_the_axis(twin):
     field = FieldMap.covering(twin, (0.2, 0.3))
-    region, cells = field.region, twin.shape
-    middle = cells[0] // 2 - region.top, cells[1] // 2 - region.left
+    support, cells = field.support, twin.shape
+    middle = cells[0] // 2 - support.top, cells[1] // 2 - support.left
     assert field.source(*middle, math.inf).tangent == (0.0, 0.0)
     rows, columns = field.tangents()
     assert float(rows[middle]) == 0
@@ -37,12 +37,12 @@ def test_the_middle_cell_is_on_the_axis(twin):
 @TWINS
 def test_the_region_is_centred_and_even(twin):
     for tangents in ((0.2, 0.3), (0.01, 0.5), (0.4, 0.001), (0.0001, 0.0001)):
-        region = FieldMap.covering(twin, tangents).region
-        assert region.height % 2 == region.width % 2 == 0
-        assert region == Region.centred(region.height, region.width, twin.shape)
+        support = FieldMap.covering(twin, tangents).support
+        assert support.height % 2 == support.width % 2 == 0
+        assert support == PixelRectangle.centred(support.height, support.width, twin.shape)
         # As many cells on both sides of the cell on the axis, but for the first.
-        assert twin.shape[0] // 2 - region.top == region.height // 2
-        assert twin.shape[1] // 2 - region.left == region.width // 2
+        assert twin.shape[0] // 2 - support.top == support.height // 2
+        assert twin.shape[1] // 2 - support.left == support.width // 2
 
 
 @TWINS
@@ -52,7 +52,7 @@ def test_the_region_ends_where_the_scene_ends(twin, down, right):
     """The scene's edge lies within the first cell, counted from the cell's chief ray."""
     field = FieldMap.covering(twin, (down, right))
     rows, columns = field.tangents()
-    middle = field.region.height // 2, field.region.width // 2
+    middle = field.support.height // 2, field.support.width // 2
     first = -float(rows[0, middle[1]]), -float(columns[middle[0], 0])
     second = -float(rows[1, middle[1]]), -float(columns[middle[0], 1])
     for tangent, outer, inner in zip((down, right), first, second, strict=True):
@@ -65,7 +65,7 @@ def test_cells_are_counted_by_snells_law(angle_deg):
     tangent = math.tan(math.radians(angle_deg))
     field = FieldMap.covering(EVEN, (tangent / 2, tangent))
     reach = snell_um(EVEN.camera, angle_deg) / (2 * 12.4)
-    assert field.region.width == 2 * math.ceil(reach)
+    assert field.support.width == 2 * math.ceil(reach)
 
 
 @TWINS
@@ -73,15 +73,15 @@ def test_cells_are_counted_by_snells_law(angle_deg):
 @given(st.floats(0, 1), st.floats(0, 1), st.sampled_from([1e4, 3e5, math.inf]))
 def test_the_chief_ray_of_a_cell_lands_on_it(twin, down, right, distance_um):
     field = FieldMap.covering(twin, (0.5, 0.7))
-    row = round(down * (field.region.height - 1))
-    column = round(right * (field.region.width - 1))
+    row = round(down * (field.support.height - 1))
+    column = round(right * (field.support.width - 1))
     source = field.source(row, column, distance_um)
     assert source.distance_um == distance_um
     landed = twin.shift_um(source)
     wanted = [
         (start + at - cells // 2) * twin.pixel_um
         for start, at, cells in zip(
-            (field.region.top, field.region.left), (row, column), twin.shape, strict=True
+            (field.support.top, field.support.left), (row, column), twin.shape, strict=True
         )
     ]
     assert landed == pytest.approx(wanted, abs=1e-6)
@@ -96,7 +96,7 @@ def test_directions_are_those_of_the_picture():
     rows, columns = field.tangents()
     assert (rows.diff(dim=0) > 0).all()
     assert (columns.diff(dim=1) > 0).all()
-    source = field.source(0, field.region.width - 1, math.inf)
+    source = field.source(0, field.support.width - 1, math.inf)
     assert source.tangent[0] < 0 < source.tangent[1]
 
 
@@ -130,7 +130,7 @@ def test_solid_angle_of_a_cell_is_that_of_its_neighbours_directions(twin):
     expected = area / (1 + rows.square() + columns.square()).sqrt()
     inner = (slice(1, -1), slice(1, -1))
     torch.testing.assert_close(field.solid_angle()[inner], expected[inner], rtol=2e-3, atol=0)
-    straight = field.solid_angle()[field.region.height // 2, field.region.width // 2]
+    straight = field.solid_angle()[field.support.height // 2, field.support.width // 2]
     expected = (twin.pixel_um / reduced_um(twin.camera)) ** 2
     assert float(straight) == pytest.approx(expected, rel=1e-6)
 
@@ -140,7 +140,7 @@ def test_vignetting_by_hand():
     field = FieldMap.covering(EVEN, (0.3, 0.8))
     rows, columns = field.tangents()
     got = field.vignetting()
-    for row, column in ((0, 0), (3, 40), (field.region.height - 1, 5)):
+    for row, column in ((0, 0), (3, 40), (field.support.height - 1, 5)):
         tangent = math.hypot(float(rows[row, column]), float(columns[row, column]))
         angle = math.degrees(math.atan(tangent))
         assert 10 < angle < 50
@@ -149,7 +149,7 @@ def test_vignetting_by_hand():
         accepted = table[low] + (table[low + 10] - table[low]) * (angle - low) / 10
         expected = accepted / (1 + tangent**2) ** 1.5
         assert float(got[row, column]) == pytest.approx(expected, rel=1e-9)
-    assert float(got[field.region.height // 2, field.region.width // 2]) == pytest.approx(1)
+    assert float(got[field.support.height // 2, field.support.width // 2]) == pytest.approx(1)
 
 
 # --- The model's limit -----------------------------------------------------------------------
@@ -176,7 +176,7 @@ def test_corners_beyond_50_deg_are_refused_with_an_angle_that_is_accepted(shape,
     assert 60 < named <= 100
     field, seen = render_planes(EVEN, (_plane(shape, named),))
     assert float(seen[0].radiance.max()) == pytest.approx(1)
-    # Field points at the region's corners lie farther out than the scene.
+    # Field points at the support's corners lie farther out than the scene.
     light = irradiate(EVEN, field, seen, field_points=3, light=GREEN).light
     assert bool(light.isfinite().all())
     assert float(light.min()) > 0

@@ -54,7 +54,7 @@ def grey() -> Twin:
 
 
 def _dark(field: FieldMap, channels: int) -> Tensor:
-    return torch.zeros(channels, field.region.height, field.region.width)
+    return torch.zeros(channels, field.support.height, field.support.width)
 
 
 def _frame(twin: Twin) -> tuple[int, int]:
@@ -79,15 +79,15 @@ def sampled_alike(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("nolens.twin.irradiance.samples_per_pixel", lambda twin, at_least: 2)
 
 
-# Middle, a corner, and the middles of two sides, as cells of a region of 2n × 2m: field points.
+# Middle, a corner, and the middles of two sides, as cells of a support of 2n × 2m: field points.
 NODES = [(0.5, 0.5), (0.0, 0.0), (1.0, 0.5), (0.0, 1.0)]
 
 
 def _lit(field: FieldMap, place: tuple[float, float]) -> tuple[int, int]:
     """The field point of 3 × 3 at a place from 0 to 1."""
     return (
-        round(place[0] * (field.region.height - 1)),
-        round(place[1] * (field.region.width - 1)),
+        round(place[0] * (field.support.height - 1)),
+        round(place[1] * (field.support.width - 1)),
     )
 
 
@@ -214,9 +214,9 @@ def test_bright_above_and_to_the_right_is_bright_there_on_the_sensor(aperture):
     row = float((share.sum(dim=1) * torch.arange(256.0)).sum()) - 127.5
     column = float((share.sum(dim=0) * torch.arange(320.0)).sum()) - 159.5
     # Where the chief rays fall, on average.
-    region, weights = field.region, seen[0].radiance[0] * field.solid_angle() * field.vignetting()
-    down = torch.arange(region.height)[:, None] + region.top - aperture.shape[0] // 2
-    right = torch.arange(region.width) + region.left - aperture.shape[1] // 2
+    support, weights = field.support, seen[0].radiance[0] * field.solid_angle() * field.vignetting()
+    down = torch.arange(support.height)[:, None] + support.top - aperture.shape[0] // 2
+    right = torch.arange(support.width) + support.left - aperture.shape[1] // 2
     expected = [2 * float((weights * each).sum() / weights.sum()) for each in (down, right)]
     assert expected[0] < -20 < 20 < expected[1]
     assert (row, column) == pytest.approx(expected, abs=2)
@@ -224,7 +224,7 @@ def test_bright_above_and_to_the_right_is_bright_there_on_the_sensor(aperture):
 
 @pytest.mark.parametrize("field_points", [1, 3, 5])
 def test_the_corners_of_a_wide_scene_stay_in_their_place(field_points):
-    """Where a pinhole throws them, though the field points of the region's corners lie beyond 50°,
+    """Where a pinhole throws them, though the field points of the support's corners lie beyond 50°,
     where the model ends. A cell is 12 um."""
     camera = flattened(in_grey(cropped(256, 256, pitch="12.4 um")))
     side = Length.parse("0.2 mm")
@@ -253,7 +253,7 @@ def test_one_field_point_is_the_plain_convolution(open_mask):
     field, seen = render_planes(open_mask, (Plane(picture, 16.0, DISTANCE_UM),))
     got = irradiate(open_mask, field, seen, field_points=1, light=WHITE, wavelengths=1)
     assert got.field_error is None
-    cells = tuple(2 * (n // 2 + max(field.region.height, field.region.width)) for n in (64, 80))
+    cells = tuple(2 * (n // 2 + max(field.support.height, field.support.width)) for n in (64, 80))
     psf = point_spread(
         open_mask, PointSource(distance_um=DISTANCE_UM), (2 * cells[0], 2 * cells[1]),
         light=WHITE, wavelengths=1,
@@ -266,7 +266,7 @@ def test_one_field_point_is_the_plain_convolution(open_mask):
             return torch.stack([red, (one + other) / 2, blue])
         return torch.stack([red[0], (one[1] + other[1]) / 2, blue[2]])
 
-    operator = CroppedConvolution(binned(psf).double(), open_mask.shape, field.region)
+    operator = CroppedConvolution(binned(psf).double(), open_mask.shape, field.support)
     weights = field.solid_angle() * field.vignetting()
     expected = operator(seen[0].radiance * weights)
     for channel, part in enumerate(binned(got.light)):
@@ -286,8 +286,8 @@ def stars(grey: Twin) -> tuple[FieldMap, Tensor, Tensor]:
     generator = torch.Generator().manual_seed(6)
     scene = _dark(field, 1)
     for place in torch.rand(40, 2, generator=generator).tolist():
-        row = int(place[0] * field.region.height)
-        column = int(place[1] * field.region.width)
+        row = int(place[0] * field.support.height)
+        column = int(place[1] * field.support.width)
         scene[0, row, column] = 1
     return field, scene, _by_hand(grey, field, scene, DISTANCE_UM)
 
@@ -332,7 +332,7 @@ def test_field_points_without_a_middle_are_refused(grey, field_points):
 def test_more_field_points_than_cells(grey, tangents, field_points):
     """Fewer are taken; the light is that of many."""
     field = FieldMap.covering(grey, tangents)
-    assert min(field.region.height, field.region.width) <= field_points + 1
+    assert min(field.support.height, field.support.width) <= field_points + 1
     scene = torch.rand(_dark(field, 1).shape, generator=torch.Generator().manual_seed(7))
     seen = (PlaneView(scene, DISTANCE_UM),)
     many = irradiate(grey, field, seen, field_points=field_points, light=GREEN)

@@ -67,8 +67,8 @@ def test_an_edge_lies_where_it_is_painted():
     picture = _picture(300, 400)
     picture[:, :, 300:] = 1
     field, seen = _one(Plane(picture, 30.0, FAR_UM))
-    columns = field.tangents()[1][field.region.height // 2]
-    line = seen.radiance[0][field.region.height // 2]
+    columns = field.tangents()[1][field.support.height // 2]
+    line = seen.radiance[0][field.support.height // 2]
     edge, cell = math.tan(math.radians(15)) / 2, CELL_UM / 1278
     assert float(line[columns < edge - cell].abs().max()) < 1e-6
     bright = line[(columns > edge + cell) & (columns < 2 * edge)]
@@ -113,7 +113,7 @@ def test_fine_pictures_are_averaged_not_picked():
     picture[:, 1::2, 1::2] = 1
     field, seen = _one(Plane(picture, 20.0, FAR_UM))
     middle = seen.radiance[:, 10:-10, 10:-10]
-    assert field.region.height < 300
+    assert field.support.height < 300
     assert float(middle.min()) > 0.4
     assert float(middle.max()) < 0.6
 

@@ -5,7 +5,7 @@ import torch
 from cameras import WHITE, cropped, flattened, in_grey, relative_error, twin_of
 
 from nolens.camera import Camera
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
 from nolens.twin import FieldMap, PlaneView, ShiftInvariantModel, irradiate, point_spread
 
@@ -26,11 +26,11 @@ def model_of(camera: Camera) -> ShiftInvariantModel:
 @pytest.mark.parametrize("name", CAMERAS)
 def test_light_is_that_of_irradiate_with_one_field_point(name: str) -> None:
     model = model_of(CAMERAS[name]())
-    region = model.field.region
+    support = model.field.support
     channels = len(model.twin.camera.sensor.channels)
     generator = torch.Generator().manual_seed(0)
     for _ in range(2):
-        scene = torch.rand(channels, region.height, region.width, generator=generator)
+        scene = torch.rand(channels, support.height, support.width, generator=generator)
         expected = irradiate(
             model.twin, model.field, (PlaneView(scene, FAR_UM),), field_points=1, light=WHITE,
             wavelengths=2,
@@ -58,34 +58,34 @@ def test_psf_is_that_of_a_point_straight_ahead_at_the_pixels_places() -> None:
 
 def test_without_an_aperture_the_psf_reaches_as_far_as_the_fields_light() -> None:
     model = model_of(CAMERAS["no aperture"]())
-    region, cells = model.field.region, model.twin.shape
-    assert model.psf().shape[1:] == (cells[0] + region.height - 1, cells[1] + region.width - 1)
+    support, cells = model.field.support, model.twin.shape
+    assert model.psf().shape[1:] == (cells[0] + support.height - 1, cells[1] + support.width - 1)
 
 
 def test_a_picture_is_seen_in_whole_and_upright() -> None:
     model = model_of(CAMERAS["colour"]())
-    region = model.field.region
+    support = model.field.support
     picture = torch.zeros(3, 40, 20)
     picture[0, :20] = 1.0
     picture[1, :, :10] = 0.5
     cells = model.rendered(picture)
-    assert cells.shape == (3, region.height, region.width)
+    assert cells.shape == (3, support.height, support.width)
     lit = (cells.sum(dim=0) > 0.25).nonzero()
     height, width = (int(lit[:, axis].max() - lit[:, axis].min()) + 1 for axis in (0, 1))
     # Twice as high as wide: the height fills the field, dark remains at the sides.
-    assert region.height - 2 <= height + region.height // 40
-    assert width < region.width
-    top, left = cells[:, : region.height // 2 - 1], cells[..., : region.width // 2 - 1]
+    assert support.height - 2 <= height + support.height // 40
+    assert width < support.width
+    top, left = cells[:, : support.height // 2 - 1], cells[..., : support.width // 2 - 1]
     assert float(top[0].max()) == pytest.approx(1.0, abs=1e-3)
-    assert float(cells[0, region.height // 2 + 1 :].max()) < 1e-3
+    assert float(cells[0, support.height // 2 + 1 :].max()) < 1e-3
     assert float(left[1].max()) == pytest.approx(0.5, abs=1e-3)
-    assert float(cells[1, :, region.width // 2 + 1 :].max()) < 1e-3
+    assert float(cells[1, :, support.width // 2 + 1 :].max()) < 1e-3
 
 
 def test_a_wide_picture_fills_the_width() -> None:
     model = model_of(CAMERAS["grey"]())
-    region = model.field.region
+    support = model.field.support
     cells = model.rendered(torch.ones(1, 8, 200))
-    assert isinstance(region, Region)
-    assert bool((cells[0, region.height // 2] > 0.4).all())
+    assert isinstance(support, PixelRectangle)
+    assert bool((cells[0, support.height // 2] > 0.4).all())
     assert float(cells[0, 0].max()) == 0

@@ -11,7 +11,7 @@ from nolens.calibrate.frames import PointFrames
 from nolens.calibrate.point_psf import PointPsf, StrayLight, point_psf
 from nolens.calibrate.stitch import Capture, Stitched, stitch_at_angles
 from nolens.errors import OptionError
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.quantities import Angle, Length
 
 Angles = tuple[str | Angle, str | Angle]
@@ -47,7 +47,7 @@ class StitchedPsf(Psf):
     """
 
     stitched: Stitched = field(repr=False)
-    support: Region
+    support: PixelRectangle
 
 
 def calibrate_psf(
@@ -139,7 +139,9 @@ def stitch_psfs(
         result = stitch_at_angles(captures, report)
     sensor = captures[0].psf.shape[-2], captures[0].psf.shape[-1]
     channels = next(iter(psfs.values())).channels
-    return StitchedPsf(result.psf, channels, result, Region.centred(*result.support, sensor))
+    return StitchedPsf(
+        result.psf, channels, result, PixelRectangle.centred(*result.support, sensor)
+    )
 
 
 def _listed(raw: Raw | Sequence[Raw]) -> list[Raw]:

@@ -52,7 +52,7 @@ from nolens.files.plot_measurements import (
     draw_two_points,
     write_field_plot,
 )
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
 from nolens.quantities import Angle, Length
 from nolens.solvers.inputs import Plane, channels_of
@@ -160,7 +160,7 @@ def measure_resolution(
     target: Target = "siemens",
     *,
     camera: Camera | None = None,
-    support: Region | None = None,
+    support: PixelRectangle | None = None,
     pixel_angle: str | Angle | None = None,
     spokes: int | None = None,
     angle: str | Angle | None = None,
@@ -240,7 +240,7 @@ class _Scene:
     wavelengths: int
     settings: SolverSettings
 
-    def _experiment(self, support: Region) -> VirtualExperiment:
+    def _experiment(self, support: PixelRectangle) -> VirtualExperiment:
         """The camera, once it is known that there is memory to solve for a support."""
         preview = self.camera.preview
         preview.check_source(PointSource((0.0, 0.0), self.distance_um))
@@ -294,7 +294,7 @@ def _scaled(
     picture: Image | Plane,
     *,
     camera: Camera | None,
-    support: Region | None,
+    support: PixelRectangle | None,
     pixel_angle: str | Angle | None,
 ) -> tuple[Tensor, AngularScale]:
     """Mean of a picture's channels, and the angles of its pixels."""
@@ -307,7 +307,7 @@ def _scaled(
     if camera is None:
         return values, AngularScale(math.tan(angle_of(pixel_angle or "").rad))
     height, width = values.shape
-    support = Region.centred(height, width, camera.size) if support is None else support
+    support = PixelRectangle.centred(height, width, camera.size) if support is None else support
     if (support.height, support.width) != (height, width):
         raise DataError(
             f"the support is {support.height}×{support.width} pixels, but the picture "

@@ -82,7 +82,7 @@ def reconstruct(
         level, (channels, height, width).
     support
         Pixels of the sensor's frame that light can come from: (height, width) around the middle,
-        (top, left, height, width), or a `Region`; None for no limit, and of a simulated
+        (top, left, height, width), or a `PixelRectangle`; None for no limit, and of a simulated
         measurement the scene's own.
     dark, flat
         Frames without light and of even light.

@@ -22,7 +22,7 @@ from nolens.errors import DataError, OptionError
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import read_camera
 from nolens.jobs.run import check_simulation_memory
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.quantities import Angle, Length
 from nolens.solvers.inputs import Plane, channels_of
 from nolens.twin import Light, Twin, in_channels, preview_model
@@ -148,7 +148,7 @@ class SimulatedMeasurement(Image):
     frame: Frame = field(repr=False)
     truth: Tensor = field(repr=False)
     response: Tensor = field(repr=False)
-    support: Region
+    support: PixelRectangle
 
     @property
     def expected(self) -> Tensor:
@@ -162,7 +162,7 @@ def psf(
     *,
     angle: tuple[str | Angle, str | Angle] = ("0deg", "0deg"),
     size: tuple[int, int] | None = None,
-    support: Region | None = None,
+    support: PixelRectangle | None = None,
     diameter: str | Length = "50um",
     light: str = "white-led",
     wavelengths: int = 3,
@@ -313,7 +313,7 @@ def simulate(
         shot = experiment.measure((plane,), fill=fill, seed=seed, progress=report)
     values = develop(shot.frame).values
     return SimulatedMeasurement(
-        values, camera.channels, shot.frame, shot.truth, shot.response, shot.region
+        values, camera.channels, shot.frame, shot.truth, shot.response, shot.support
     )
 
 

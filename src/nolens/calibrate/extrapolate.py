@@ -11,7 +11,7 @@ from torch import Tensor
 from nolens.calibrate.known_scenes import ManyScenes
 from nolens.camera.measurement import Measurement
 from nolens.errors import DataError, OptionError
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.solvers import Reconstructor
 
 _SCENE_STEPS = 60
@@ -67,7 +67,7 @@ class ExtrapolatedPsf:
         ]
 
 
-def check_support(region: Region, captured: Tensor) -> None:
+def check_support(support: PixelRectangle, captured: Tensor) -> None:
     """Refuse a support that a captured PSF cannot be extrapolated for.
 
     Raises
@@ -77,8 +77,8 @@ def check_support(region: Region, captured: Tensor) -> None:
     """
     rows, columns = captured.shape[-2:]
     for start, side, count in (
-        (region.top, region.height, rows),
-        (region.left, region.width, columns),
+        (support.top, support.height, rows),
+        (support.left, support.width, columns),
     ):
         if side > count or start + side <= 0 or start >= count:
             raise OptionError(
@@ -88,16 +88,16 @@ def check_support(region: Region, captured: Tensor) -> None:
             )
 
 
-def filled(captured: Tensor, region: Region) -> Tensor:
+def filled(captured: Tensor, support: PixelRectangle) -> Tensor:
     """The captured PSF with its mean light around it, as far as a scene's light comes from.
 
-    The PSF, (channels, rows, columns), is as large as the sensor; the region has the pixels that
+    The PSF, (channels, rows, columns), is as large as the sensor; the support has the pixels that
     light comes from.
     """
     rows, columns = captured.shape[-2:]
     size = (
-        2 * max(region.top + region.height, rows - region.top),
-        2 * max(region.left + region.width, columns - region.left),
+        2 * max(support.top + support.height, rows - support.top),
+        2 * max(support.left + support.width, columns - support.left),
     )
     wide = captured.mean(dim=(-2, -1), keepdim=True).expand(-1, *size).clone()
     wide[_inside(size, (rows, columns))] = captured
@@ -130,7 +130,7 @@ def check_picture(picture: Measurement, psf: Tensor, channels: tuple[str, ...], 
 def extrapolate(
     captured: Tensor,
     pictures: list[Measurement],
-    region: Region,
+    support: PixelRectangle,
     *,
     rounds: int,
     tau: float,
@@ -156,7 +156,7 @@ def extrapolate(
     pictures
         What the sensor measured, with the PSF's channels; without any the result is the captured
         PSF with its mean light around it.
-    region
+    support
         Pixels that their light comes from.
     rounds
         Turns of both.
@@ -165,7 +165,7 @@ def extrapolate(
     step
         Called with the number of steps that are done, and of all; stops by returning True.
     """
-    psf, from_pictures = filled(captured, region), False
+    psf, from_pictures = filled(captured, support), False
     residual: list[float] = []
     limit = rounds * (len(pictures) + 1)
     stops = (step is not None and step(done, limit) for done in range(limit + 1))
@@ -173,11 +173,11 @@ def extrapolate(
     for _ in range(rounds if pictures and not interrupted else 0):
         scenes = []
         for picture in pictures:
-            reconstructor = Reconstructor(psf, region, tau).for_iterations(_SCENE_STEPS)
+            reconstructor = Reconstructor(psf, support, tau).for_iterations(_SCENE_STEPS)
             scenes.append(reconstructor.solve(picture).scene)
             if next(stops):
                 return ExtrapolatedPsf(psf, from_pictures, tuple(residual), True)
-        following, before, after = _outside_captured(psf, captured, pictures, scenes, region)
+        following, before, after = _outside_captured(psf, captured, pictures, scenes, support)
         residual += [after] if residual else [before, after]
         if residual[1] > (1 - _LEAST_EXPLAINED) * residual[0]:
             break
@@ -199,7 +199,7 @@ def _outside_captured(
     captured: Tensor,
     pictures: list[Measurement],
     scenes: list[Tensor],
-    region: Region,
+    support: PixelRectangle,
 ) -> tuple[Tensor, float, float]:
     """Non-negative least squares for the PSF outside what was captured, given the scenes.
 
@@ -209,7 +209,7 @@ def _outside_captured(
     inside = _inside(size, sensor)
     planes, first, last = [], 0.0, 0.0
     for channel, radiances in enumerate(zip(*scenes, strict=True)):
-        forward = ManyScenes(torch.stack(radiances), region, sensor, size)
+        forward = ManyScenes(torch.stack(radiances), support, sensor, size)
         values = torch.stack([each.values[channel] for each in pictures])
         valid = torch.stack([each.valid[channel] for each in pictures])
         lipschitz = float(forward.transfer.abs().square().sum(dim=0).max())

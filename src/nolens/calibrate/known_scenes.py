@@ -13,7 +13,7 @@ from torch import Tensor
 from nolens.camera.frame import size_text
 from nolens.errors import DataError
 from nolens.kernels import irfft2, rfft2
-from nolens.operators import CroppedConvolution, Region
+from nolens.operators import CroppedConvolution, PixelRectangle
 
 _MODEL_ERROR = 0.1
 _FADED = 8
@@ -33,14 +33,14 @@ class KnownScenes:
         Linear values with 0 for no light, (measurements, rows, columns) of the sensor.
     valid
         bool, like `measured`: False where a pixel is saturated.
-    region
+    support
         Where the scenes' pixels lie in the sensor's frame.
     """
 
     scenes: Tensor
     measured: Tensor
     valid: Tensor
-    region: Region
+    support: PixelRectangle
 
     @classmethod
     def of(
@@ -48,7 +48,7 @@ class KnownScenes:
         scenes: Sequence[Tensor],
         measured: Sequence[Tensor],
         valid: Sequence[Tensor] | None = None,
-        region: Region | None = None,
+        support: PixelRectangle | None = None,
         names: Sequence[tuple[str, str]] | None = None,
     ) -> Self:
         """Put pairs together, each of one or more channels.
@@ -57,7 +57,7 @@ class KnownScenes:
         ----------
         scenes, measured, valid
             (channels, rows, columns) of each pair; without `valid` every pixel is.
-        region
+        support
             None for scenes in the middle of the sensor's frame.
         names
             Of the scene and the measurement of each pair, for messages.
@@ -91,18 +91,18 @@ class KnownScenes:
                 )
         rows, columns = scenes[0].shape[-2:]
         sensor = (measured[0].shape[-2], measured[0].shape[-1])
-        if region is None:
-            region = Region.centred(rows, columns, sensor)
-        if (region.height, region.width) != (rows, columns):
+        if support is None:
+            support = PixelRectangle.centred(rows, columns, sensor)
+        if (support.height, support.width) != (rows, columns):
             raise DataError(
-                f"the support has {region.height}×{region.width} pixels and {names[0][0]} "
+                f"the support has {support.height}×{support.width} pixels and {names[0][0]} "
                 f"{rows}×{columns}: it says where the pictures lie, pixel by pixel"
             )
         return cls(
             torch.cat([each.float() for each in scenes]),
             torch.cat([each.float() for each in measured]),
             torch.cat(list(valid)),
-            region,
+            support,
         )
 
     def only(self, rows: list[int]) -> Self:
@@ -120,19 +120,19 @@ class KnownScenes:
     def extent(self) -> tuple[int, int]:
         """(rows, columns) of the PSF that light from every scene pixel to every pixel needs."""
         rows, columns = self.sensor
-        return rows + self.region.height, columns + self.region.width
+        return rows + self.support.height, columns + self.support.width
 
     def binned(self, by: int) -> Self:
         """The same on pixels binned by × by; what does not fill one is dropped at the far edges."""
         if by == 1:
             return self
         # Scene pixels are binned from the sensor's first pixel, so that both grids stay together.
-        top, left = self.region.top, self.region.left
+        top, left = self.support.top, self.support.left
         skipped = -top % by, -left % by
         scenes = self.scenes[:, skipped[0] :, skipped[1] :]
         dark = nnf.max_pool2d((~self.valid).float()[None], by)[0] > 0
         scenes = nnf.avg_pool2d(scenes[None], by)[0]
-        region = Region(
+        support = PixelRectangle(
             (top + skipped[0]) // by, (left + skipped[1]) // by, scenes.shape[-2], scenes.shape[-1]
         )
         return replace(
@@ -140,7 +140,7 @@ class KnownScenes:
             scenes=scenes,
             measured=nnf.avg_pool2d(self.measured[None], by)[0],
             valid=~dark,
-            region=region,
+            support=support,
         )
 
 
@@ -173,7 +173,7 @@ class ManyScenes(CroppedConvolution):
     ----------
     scenes
         (measurements, rows, columns).
-    region
+    support
         Where their pixels lie in the sensor's frame.
     sensor
         (rows, columns) of the measurements.
@@ -186,15 +186,15 @@ class ManyScenes(CroppedConvolution):
     def __init__(
         self,
         scenes: Tensor,
-        region: Region,
+        support: PixelRectangle,
         sensor: tuple[int, int],
         psf: tuple[int, int],
         terms: Tensor | None = None,
     ) -> None:
-        top = region.top + region.height // 2 - psf[0] // 2
-        left = region.left + region.width // 2 - psf[1] // 2
+        top = support.top + support.height // 2 - psf[0] // 2
+        left = support.left + support.width // 2 - psf[1] // 2
         weighted = scenes if terms is None else (terms[:, None] * scenes).flatten(0, 1)
-        super().__init__(weighted, sensor, Region(top, left, *psf))
+        super().__init__(weighted, sensor, PixelRectangle(top, left, *psf))
         self._size = 1 if terms is None else len(terms), len(scenes)
         self.spectra = self.transfer.reshape(*self._size, *self.transfer.shape[-2:])
         """Half spectra of φ_j x_k on the FFT grid, (terms, measurements, height, width)."""

@@ -12,7 +12,7 @@ from nolens.calibrate.psf_from_scenes import SolvedPsf, psf_from_scenes, unexpla
 from nolens.camera import Measurement
 from nolens.errors import DataError
 from nolens.evaluate import affine_fit, psnr, ssim
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.progress import ProgressCallback, part_of, within
 from nolens.solvers import Reconstructor
 
@@ -87,7 +87,7 @@ class KnownPairs:
         All with the same channels.
     pictures
         Radiance, (channels, rows, columns), and what each is called in messages.
-    region
+    support
         Where the pictures' pixels lie in the sensor's frame; None for its middle.
     each_channel
         Whether each channel has a PSF of its own.
@@ -102,7 +102,7 @@ class KnownPairs:
         self,
         measured: Mapping[str, Measurement],
         pictures: Mapping[str, tuple[torch.Tensor, str]],
-        region: Region | None,
+        support: PixelRectangle | None,
         *,
         each_channel: bool,
     ) -> None:
@@ -112,13 +112,13 @@ class KnownPairs:
             [pictures[name][0] for name in self.names],
             [measured[name].values for name in self.names],
             [measured[name].valid for name in self.names],
-            region,
+            support,
             [(pictures[name][1], measured[name].source) for name in self.names],
         )
         every = list(range(len(self.channels)))
         self._groups = [[each] for each in every] if each_channel else [every]
         rows, columns = self._scenes.sensor
-        where = self._scenes.region
+        where = self._scenes.support
         sizes = (
             f"the pictures have {where.height}×{where.width} pixels, and the sensor "
             f"{rows}×{columns}"
@@ -198,7 +198,7 @@ class KnownPairs:
             ]
         )
         advance = within(progress, _PSF_FRACTION, 1 - _PSF_FRACTION)
-        reconstructor = Reconstructor(psf, self._scenes.region, _TAU).for_iterations(_ITERATIONS)
+        reconstructor = Reconstructor(psf, self._scenes.support, _TAU).for_iterations(_ITERATIONS)
         scene = reconstructor.solve(
             self._measured[name], callback=lambda step: advance(step.iteration / _ITERATIONS)
         ).scene

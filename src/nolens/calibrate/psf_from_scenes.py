@@ -62,7 +62,7 @@ class PsfSolver:
         radiance = known.scenes.mean(dim=(-2, -1), keepdim=True)
         self._scale = light / radiance
         self._data = known.measured / light
-        self._model = ManyScenes(known.scenes / radiance, known.region, known.sensor, size, terms)
+        self._model = ManyScenes(known.scenes / radiance, known.support, known.sensor, size, terms)
         self._weights = Weights.of(self._data, known.valid)
         self._difference = FiniteDifference(size)
         self._steepness = self._spectrum_of_differences()

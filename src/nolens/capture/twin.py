@@ -15,7 +15,7 @@ from nolens.capture.source import CameraSource, Limits, Shot
 from nolens.errors import CameraError, DataError
 from nolens.evaluate import siemens_star
 from nolens.files import read_camera
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
 from nolens.twin import (
     FieldMap,
@@ -93,9 +93,9 @@ class TwinSource(CameraSource):
         return _LIMITS
 
     @property
-    def region(self) -> Region:
+    def support(self) -> PixelRectangle:
         """Pixels that light comes from, in the sensor's frame."""
-        return self._model.field.region
+        return self._model.field.support
 
     def psf(self) -> Tensor:
         """PSF to reconstruct its frames with, (channels, rows, columns) in pixels.
@@ -128,9 +128,9 @@ class TwinSource(CameraSource):
 
     def show_point(self) -> None:
         """Let it look at a point source, straight ahead in the dark."""
-        region = self.region
-        scene = torch.zeros(3, region.height, region.width)
-        scene[:, region.height // 2, region.width // 2] = _POINT_RADIANCE
+        support = self.support
+        scene = torch.zeros(3, support.height, support.width)
+        scene[:, support.height // 2, support.width // 2] = _POINT_RADIANCE
         self._scene = scene
 
     def show_dark(self) -> None:
@@ -138,7 +138,7 @@ class TwinSource(CameraSource):
         self._scene = torch.zeros(3, 1, 1)
 
     def truth(self) -> Tensor:
-        """What a reconstruction of the present scene is to show on the pixels of `region`.
+        """What a reconstruction of the present scene is to show on the pixels of `support`.
 
         Returns
         -------

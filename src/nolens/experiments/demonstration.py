@@ -9,7 +9,7 @@ from torch import Tensor
 
 from nolens.camera import Frame, LoadedCamera, exposure_white, preset
 from nolens.experiments.virtual_experiment import VirtualExperiment
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
 from nolens.twin import Light, Plane, Twin
 
@@ -39,7 +39,7 @@ class Demonstration:
     point: Frame
     scene: Frame
     truth: Tensor
-    support: Region
+    support: PixelRectangle
 
 
 def demonstrate(
@@ -73,7 +73,7 @@ def demonstrate(
         seed=1,
         progress=lambda fraction: advance("scene", fraction),
     )
-    return Demonstration(point, shot.frame, shot.truth * shot.response, shot.region)
+    return Demonstration(point, shot.frame, shot.truth * shot.response, shot.support)
 
 
 def side_by_side(measurement: Tensor, reconstruction: Tensor, truth: Tensor) -> Tensor:

@@ -12,7 +12,7 @@ from torch import Tensor
 from nolens.errors import DataError, OptionError
 from nolens.evaluate import Angles, Dot, Spot, angles_of, brightest_places, grade, spots_at
 from nolens.experiments.virtual_experiment import VirtualExperiment, solved
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.optics import PointSource, Stack
 from nolens.progress import ProgressCallback, within
 from nolens.twin import (
@@ -451,9 +451,9 @@ def dot_grid(
     first, rest = within(progress, 0.0, 0.6), within(progress, 0.6, 0.4)
     shot = experiment.measure_views(field, (view,), seed=seed, progress=first)
     rows, columns = twin.shape
-    wide = rows + field.region.height, columns + field.region.width
+    wide = rows + field.support.height, columns + field.support.width
     psf = experiment.psf(PointSource((0.0, 0.0), distance_um), wide)
-    picture = solved(shot.frame, psf, field.region, iterations=iterations, progress=rest)
+    picture = solved(shot.frame, psf, field.support, iterations=iterations, progress=rest)
     return locate_grid(
         picture.cpu().mean(dim=0),
         twin,
@@ -494,15 +494,15 @@ def _map_of(twin: Twin, extent_deg: float, step: float) -> FieldMap:
     limit = math.tan(math.radians(extent_deg))
     extent = twin.shift_um(PointSource((0.0, limit)))[1] + step / 2 * twin.stack().reduced_um
     side = 2 * math.ceil(extent / twin.pixel_um + 1)
-    return FieldMap(twin, Region.centred(side, side, twin.shape))
+    return FieldMap(twin, PixelRectangle.centred(side, side, twin.shape))
 
 
 def _radiance(field: FieldMap, at: Places) -> Tensor:
     """Dots of one size on the pixels, each shared by the four that it lies between."""
-    region = field.region
-    scene = torch.zeros(region.height, region.width, dtype=torch.float64)
+    support = field.support
+    scene = torch.zeros(support.height, support.width, dtype=torch.float64)
     weight = field.solid_angle()
-    rays = Rays.of(field.twin, (region.height, region.width))
+    rays = Rays.of(field.twin, (support.height, support.width))
     for tangent, place in zip(at, rays.places(at), strict=True):
         row, column = (math.floor(each) for each in place)
         down, right = place[0] - row, place[1] - column

@@ -12,7 +12,7 @@ from nolens.camera import Frame, develop
 from nolens.errors import DataError
 from nolens.evaluate import RAYLEIGH_DIP, FlatPicture, ObservedPair, TwoPoints, point_pair
 from nolens.experiments.virtual_experiment import VirtualExperiment, solved
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
 from nolens.progress import ProgressCallback
 from nolens.solvers import admm_bytes
@@ -62,9 +62,9 @@ class AngularScale:
     field: FieldMap | None = None
 
     @classmethod
-    def of_camera(cls, twin: Twin, region: Region) -> "AngularScale":
-        """Scale of the pixels of a region, by Snell's law in the camera's layers."""
-        return cls(twin.pixel_um / twin.stack().reduced_um, FieldMap(twin, region))
+    def of_camera(cls, twin: Twin, support: PixelRectangle) -> "AngularScale":
+        """Scale of the pixels of a support, by Snell's law in the camera's layers."""
+        return cls(twin.pixel_um / twin.stack().reduced_um, FieldMap(twin, support))
 
     def pixels(self, angle_deg: float) -> float:
         """Pixels in the middle of the field that an angle, half to each side, is long."""
@@ -94,10 +94,10 @@ class AngularScale:
         scale_um = torch.where(
             radius > 0, shift_um / radius.clamp_min(1e-12), twin.stack().reduced_um
         )
-        region, sensor = self.field.region, twin.shape
+        support, sensor = self.field.support, twin.shape
         places = [
-            rows[:, None] * scale_um / twin.pixel_um + sensor[0] // 2 - region.top,
-            columns * scale_um / twin.pixel_um + sensor[1] // 2 - region.left,
+            rows[:, None] * scale_um / twin.pixel_um + sensor[0] // 2 - support.top,
+            columns * scale_um / twin.pixel_um + sensor[1] // 2 - support.left,
         ]
         values = ndimage.map_coordinates(
             picture.double().cpu().numpy(),
@@ -133,7 +133,7 @@ class _SolvingCamera:
     """A simulated camera with the PSF of one distance, which solves what it measures."""
 
     experiment: VirtualExperiment
-    support: Region
+    support: PixelRectangle
     psf: Tensor
     settings: SolverSettings
 
@@ -142,7 +142,7 @@ class _SolvingCamera:
         cls,
         experiment: VirtualExperiment,
         distance_um: float,
-        support: Region,
+        support: PixelRectangle,
         settings: SolverSettings,
         progress: ProgressCallback,
     ) -> "_SolvingCamera":
@@ -211,7 +211,7 @@ def screen_picture(
     return scale.flat(camera.picture(shot.frame, pieces.part) / shot.response)
 
 
-def target_support(twin: Twin, angle_deg: float, distance_um: float) -> Region:
+def target_support(twin: Twin, angle_deg: float, distance_um: float) -> PixelRectangle:
     """Scene pixels that a square target fills, by the field angle of its side.
 
     Raises
@@ -221,16 +221,16 @@ def target_support(twin: Twin, angle_deg: float, distance_um: float) -> Region:
     """
     tangent = math.tan(math.radians(angle_deg) / 2)
     twin.check_source(PointSource((tangent, tangent), distance_um))
-    return FieldMap.covering(twin, (tangent, tangent)).region
+    return FieldMap.covering(twin, (tangent, tangent)).support
 
 
-def points_support(twin: Twin) -> Region:
+def points_support(twin: Twin) -> PixelRectangle:
     """Scene pixels that two points are looked for in."""
-    return Region.centred(_POINTS_SIDE, _POINTS_SIDE, twin.shape)
+    return PixelRectangle.centred(_POINTS_SIDE, _POINTS_SIDE, twin.shape)
 
 
 def reconstruction_bytes(
-    twin: Twin, support: Region, distance_um: float, light: Light, wavelengths: int
+    twin: Twin, support: PixelRectangle, distance_um: float, light: Light, wavelengths: int
 ) -> float:
     """Bytes that a simulated frame and its reconstruction hold at once, beside the relief.
 

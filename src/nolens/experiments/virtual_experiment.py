@@ -8,7 +8,7 @@ from torch import Tensor
 
 from nolens.camera import Frame, LoadedCamera, Measurement, Sensor, develop
 from nolens.errors import DataError
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
 from nolens.progress import ProgressCallback
 from nolens.solvers import Progress, Reconstructor
@@ -43,7 +43,7 @@ class SimulatedMeasurement:
     ----------
     frame
         The counts.
-    region
+    support
         Pixels that light came from.
     truth
         Radiance on them, (channels, height, width).
@@ -62,7 +62,7 @@ class SimulatedMeasurement:
     """
 
     frame: Frame
-    region: Region
+    support: PixelRectangle
     truth: Tensor
     response: Tensor
     exposure_s: float
@@ -303,7 +303,7 @@ class VirtualExperiment:
         response = field.solid_angle() * field.vignetting()
         return SimulatedMeasurement(
             self._frame(electrons, seed),
-            field.region,
+            field.support,
             torch.stack([plane.radiance for plane in views]).sum(dim=0),
             (response / response.max()).float(),
             exposure_s,
@@ -363,7 +363,7 @@ def brightest(light: Tensor) -> float:
 def solved(
     frame: Frame | Measurement,
     psf: Tensor,
-    region: Region | None,
+    support: PixelRectangle | None,
     *,
     iterations: int = 300,
     tau: float = 1e-5,
@@ -377,7 +377,7 @@ def solved(
         What the sensor measured.
     psf
         On its pixels, as large as the sensor or larger, (channels, rows, columns).
-    region
+    support
         Pixels that light can come from; None for no limit.
     iterations, tau
         As `nolens reconstruct` takes them; all iterations are done.
@@ -385,7 +385,7 @@ def solved(
         Called with the fraction that is done.
     """
     measurement = develop(frame) if isinstance(frame, Frame) else frame
-    reconstructor = Reconstructor(psf, region, tau).for_iterations(iterations)
+    reconstructor = Reconstructor(psf, support, tau).for_iterations(iterations)
 
     def advance(state: Progress) -> None:
         if progress is not None:

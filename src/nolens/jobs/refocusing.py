@@ -296,13 +296,13 @@ def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
     )
     psfs = _read_psfs(run, measurement)
     farthest = psfs.at(psfs.distances_um[-1])
-    region = None
+    support = None
     if options.support is not None:
-        region = parse_support(options.support, measurement.size, farthest)
+        support = parse_support(options.support, measurement.size, farthest)
     reconstructor = DepthReconstructor(
-        measurement, region, options.tau, options.prior, options.iterations, device=run.device
+        measurement, support, options.tau, options.prior, options.iterations, device=run.device
     )
-    size = measurement.size if region is None else (region.height, region.width)
+    size = measurement.size if support is None else (support.height, support.width)
     place = None if options.at is None else _upright_place(options.at, size, options.flip)
     depth = _depth_or_search(options, psfs)
     stated = [] if options.stack is None else [*_range_um(options.stack)]

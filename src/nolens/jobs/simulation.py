@@ -31,7 +31,7 @@ from nolens.jobs.fields import (
 )
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Run, Writer, check_simulation_memory, job
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
 from nolens.quantities import Angle, Luminance, Share
 from nolens.ranges import Between
@@ -299,9 +299,9 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
     largest_angle = max(PointSource(plane.tangents).angle_deg for plane in planes)
     figures = {
         "camera": loaded.camera.name,
-        "support": _support_text(field.region, preview.twin.shape),
+        "support": _support_text(field.support, preview.twin.shape),
         "pixels": list(preview.twin.shape),
-        "psf_pixels": _psf_pixels(field.region, preview.twin),
+        "psf_pixels": _psf_pixels(field.support, preview.twin),
         "exposure_s": shot.exposure_s,
         "brightest_electrons": shot.brightest_electrons,
         "saturated_fraction": saturated_fraction(shot.frame, loaded.camera.sensor),
@@ -316,14 +316,14 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
     return Product(shot.truth, figures, writers, camera_parameters(loaded))
 
 
-def _psf_pixels(region: Region, twin: Twin) -> str:
+def _psf_pixels(support: PixelRectangle, twin: Twin) -> str:
     """Pixels of a PSF that a reconstruction needs, as `nolens psf --pixels` takes them.
 
     Without an aperture light from the side passes mask that the sensor's own PSF does not show.
     """
     rows, columns = twin.shape
     if twin.mask.opening is None:
-        rows, columns = rows + region.height, columns + region.width
+        rows, columns = rows + support.height, columns + support.width
     return f"{rows}x{columns}"
 
 
@@ -349,9 +349,9 @@ def _check_light(views: tuple[PlaneView, ...]) -> None:
         raise DataError(f"{error}, or say how long to expose (--exposure 40ms)") from None
 
 
-def _support_text(region: Region, sensor: tuple[int, int]) -> str:
+def _support_text(support: PixelRectangle, sensor: tuple[int, int]) -> str:
     """As `nolens reconstruct --support` takes it."""
-    text = f"{region.height}x{region.width}"
-    if region == Region.centred(region.height, region.width, sensor):
+    text = f"{support.height}x{support.width}"
+    if support == PixelRectangle.centred(support.height, support.width, sensor):
         return text
-    return f"{text}{region.top:+d}{region.left:+d}"
+    return f"{text}{support.top:+d}{support.left:+d}"

@@ -12,7 +12,7 @@ from nolens.operators.base import LinearOperator
 
 
 @dataclass(frozen=True)
-class Region:
+class PixelRectangle:
     """Rectangle of scene pixels, in the sensor's frame.
 
     Scene pixel (i, j) is the one whose light, through the centre of the PSF, falls on sensor
@@ -25,7 +25,7 @@ class Region:
     width: int
 
     @classmethod
-    def centred(cls, height: int, width: int, sensor: tuple[int, int]) -> "Region":
+    def centred(cls, height: int, width: int, sensor: tuple[int, int]) -> "PixelRectangle":
         """Support of the given size around the centre of the sensor."""
         return cls((sensor[0] - height) // 2, (sensor[1] - width) // 2, height, width)
 
@@ -69,7 +69,7 @@ class Geometry:
 
     @classmethod
     def build(
-        cls, sensor: tuple[int, int], psf: tuple[int, int], support: Region | None
+        cls, sensor: tuple[int, int], psf: tuple[int, int], support: PixelRectangle | None
     ) -> "Geometry":
         r"""Smallest fast padded shape in which no wrap-around reaches the sensor.
 
@@ -150,7 +150,9 @@ class CroppedConvolution(LinearOperator):
         If no light from the support reaches the sensor.
     """
 
-    def __init__(self, psf: Tensor, sensor: tuple[int, int], support: Region | None = None) -> None:
+    def __init__(
+        self, psf: Tensor, sensor: tuple[int, int], support: PixelRectangle | None = None
+    ) -> None:
         self.sensor = sensor
         self.support = support
         self.channels = psf.shape[-3]

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from nolens.camera import Measurement
 from nolens.camera.measurement import bin_mean
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.refocusing.depth import per_m
 from nolens.solvers import Prior, Problem, Progress, Reconstructor, Result, Stop
 from nolens.solvers.result import Callback
@@ -29,7 +29,7 @@ class DepthReconstructor:
     ----------
     measurement
         What the sensor measured.
-    region
+    support
         Pixels that light can come from; None for no limit.
     tau, prior, iterations, tolerance
         As `nolens reconstruct` takes them.
@@ -38,7 +38,7 @@ class DepthReconstructor:
     """
 
     measurement: Measurement
-    region: Region | None = None
+    support: PixelRectangle | None = None
     tau: float = 1e-4
     prior: Prior = Prior.TV
     iterations: int = 100
@@ -61,22 +61,24 @@ class DepthReconstructor:
     def at(self, psf: Tensor) -> Reconstructor:
         """What reconstructs with the PSF of a depth."""
         stop = Stop(self.iterations, self.tolerance, scene_tolerance=0.0, low_frequency=False)
-        return Reconstructor(psf, self.region, self.tau, self.prior, stop=stop, device=self.device)
+        return Reconstructor(psf, self.support, self.tau, self.prior, stop=stop, device=self.device)
 
     def coarser(self, bin_by: int, iterations: int) -> "DepthReconstructor":
         """The same with `bin_by`² pixels made one, with fewer iterations."""
-        measurement, region = self.measurement, self.region
+        measurement, support = self.measurement, self.support
         unusable = nnf.max_pool2d((~measurement.valid).float()[None], bin_by)[0] > 0
-        if region is not None:
-            bottom, right = region.top + region.height, region.left + region.width
-            top, left = region.top // bin_by, region.left // bin_by
-            region = Region(top, left, -(-bottom // bin_by) - top, -(-right // bin_by) - left)
+        if support is not None:
+            bottom, right = support.top + support.height, support.left + support.width
+            top, left = support.top // bin_by, support.left // bin_by
+            support = PixelRectangle(
+                top, left, -(-bottom // bin_by) - top, -(-right // bin_by) - left
+            )
         return replace(
             self,
             measurement=replace(
                 measurement, values=bin_mean(measurement.values, bin_by), valid=~unusable
             ),
-            region=region,
+            support=support,
             iterations=min(iterations, self.iterations),
             tolerance=0.0,
         )

@@ -14,7 +14,7 @@ from nolens.evaluate import scale_fit
 from nolens.experiments.virtual_experiment import solved
 from nolens.files.plot_reproduction import Panel, plot_overlay, plot_pictures
 from nolens.files.reports import ReportRow
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
 from nolens.progress import ProgressCallback, part_of, within
 from nolens.refocusing import (
@@ -45,9 +45,9 @@ _OBJECTS = ("near object", "far object")
 
 def steps(setup: ExperimentSetup) -> tuple[Step, ...]:
     """Magnification of the PSF, and a photograph of two objects refocused."""
-    region = _region(setup)
-    solving = setup.solve_work(region, setup.size.iterations)
-    searching = _SEARCHED * setup.solve_work(region, _SEARCH_ITERATIONS)
+    support = _support(setup)
+    solving = setup.solve_work(support, setup.size.iterations)
+    searching = _SEARCHED * setup.solve_work(support, _SEARCH_ITERATIONS)
     return (
         Step(
             "magnification",
@@ -116,9 +116,9 @@ def _planes(setup: ExperimentSetup) -> tuple[Plane, ...]:
     )
 
 
-def _region(setup: ExperimentSetup) -> Region:
+def _support(setup: ExperimentSetup) -> PixelRectangle:
     longer = math.tan(math.radians(_ANGLE_DEG) / 2)
-    return FieldMap.covering(setup.preview, (longer / 2, longer)).region
+    return FieldMap.covering(setup.preview, (longer / 2, longer)).support
 
 
 def _refocused(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult:
@@ -130,10 +130,10 @@ def _refocused(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult
         _planes(setup), seed=setup.seed, progress=within(progress, 0.0, 0.4)
     )
     truth = shot.truth * shot.response
-    known = [PsfAt(setup.wide_psf(1e3 * each, shot.region), 1e3 * each) for each in _KNOWN_MM]
+    known = [PsfAt(setup.wide_psf(1e3 * each, shot.support), 1e3 * each) for each in _KNOWN_MM]
     progress(0.45)
     reconstructor = DepthReconstructor(
-        develop(shot.frame), shot.region, TAU, iterations=setup.size.iterations
+        develop(shot.frame), shot.support, TAU, iterations=setup.size.iterations
     )
     twin = setup.experiment.twin
     distance_um = twin.stack().reduced_um
@@ -155,8 +155,8 @@ def _refocused(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult
         focus = search.run((rows / 2, columns * (1 + 2 * number) / 4), step)
         picture = solved(
             shot.frame,
-            setup.wide_psf(1e3 * distance_mm, shot.region),
-            shot.region,
+            setup.wide_psf(1e3 * distance_mm, shot.support),
+            shot.support,
             iterations=setup.size.iterations,
             tau=TAU,
             progress=within(progress, before + 0.1, 0.175),

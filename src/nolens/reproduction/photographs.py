@@ -14,7 +14,7 @@ from nolens.evaluate import psnr, scale_fit, ssim
 from nolens.experiments.virtual_experiment import SimulatedMeasurement, solved
 from nolens.files.plot_reproduction import Panel, plot_pictures
 from nolens.files.reports import ReportRow
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.progress import ProgressCallback, within
 from nolens.reproduction.comparison import Content, Picture, Results, not_made, paper_row, section
 from nolens.reproduction.setup import SCREEN_UM, TAU, ExperimentSetup
@@ -82,8 +82,8 @@ def steps(setup: ExperimentSetup) -> tuple[Step, ...]:
 
 def _step(setup: ExperimentSetup, scene: Scene) -> Step:
     planes = _planes(setup, scene)
-    region = FieldMap.covering(setup.preview, planes[0].tangents).region
-    samples = setup.scene_work() + setup.solve_work(region, setup.size.iterations)
+    support = FieldMap.covering(setup.preview, planes[0].tangents).support
+    samples = setup.scene_work() + setup.solve_work(support, setup.size.iterations)
     if scene.name == _SOLVED_AS_PAPER:
         samples += setup.solve_work(None, setup.size.papers_iterations)
     distance = f"{scene.distance_um * 1e-4:g} cm"
@@ -107,19 +107,19 @@ def _photograph(setup: ExperimentSetup, scene: Scene, progress: ProgressCallback
         _planes(setup, scene), seed=setup.seed, progress=within(progress, 0.0, 0.5)
     )
     truth = shot.truth * shot.response
-    psf = setup.wide_psf(scene.distance_um, shot.region)
+    psf = setup.wide_psf(scene.distance_um, shot.support)
     begun = time.perf_counter()
     picture = solved(
         shot.frame,
         psf,
-        shot.region,
+        shot.support,
         iterations=setup.size.iterations,
         tau=TAU,
         progress=within(progress, 0.5, solving_part),
     )
     seconds = {"photograph": time.perf_counter() - begun}
     figures: dict[str, Any] = {
-        "region": [shot.region.height, shot.region.width],
+        "support": [shot.support.height, shot.support.width],
         "exposure_cd_s_m2": shot.exposure_cd_s_m2,
         "contrast": _contrast(shot),
         **_quality(picture, truth),
@@ -135,7 +135,7 @@ def _photograph(setup: ExperimentSetup, scene: Scene, progress: ProgressCallback
 def _as_the_paper(
     setup: ExperimentSetup, shot: SimulatedMeasurement, progress: ProgressCallback
 ) -> Tensor:
-    """The same frame with a captured PSF of the sensor's size, no region and fixed penalties."""
+    """The same frame with a captured PSF of the sensor's size, no support and fixed penalties."""
     limit = setup.size.papers_iterations
     captured = develop(setup.experiment.point(setup.source, seed=setup.seed + 1))
     measurement = develop(shot.frame)
@@ -148,15 +148,15 @@ def _as_the_paper(
         progress(state.iteration / limit)
 
     result = reconstructor.solve(problem, callback=advance)
-    return _cut(result.scene, problem, shot.region)
+    return _cut(result.scene, problem, shot.support)
 
 
-def _cut(scene: Tensor, problem: Problem, region: Region) -> Tensor:
-    """The pixels of a region of a scene that was solved for on others, zero where it was not."""
+def _cut(scene: Tensor, problem: Problem, support: PixelRectangle) -> Tensor:
+    """The pixels of a support of a scene that was solved for on others, zero where it was not."""
     origin = problem.forward.geometry.origin
-    top, left = region.top - origin[0], region.left - origin[1]
+    top, left = support.top - origin[0], support.left - origin[1]
     rows, columns = scene.shape[-2:]
-    beyond = (-left, left + region.width - columns, -top, top + region.height - rows)
+    beyond = (-left, left + support.width - columns, -top, top + support.height - rows)
     return nnf.pad(scene, beyond)
 
 
@@ -214,7 +214,7 @@ def photographs(setup: ExperimentSetup, results: Results) -> Content:
 
 def _quality_row(key: str, scene: Scene, result: StepResult) -> ReportRow:
     figures = result.figures
-    rows, columns = figures["region"]
+    rows, columns = figures["support"]
     text = f"PSNR {figures['psnr_db']:.1f} dB, SSIM {figures['ssim']:.2f}"
     why = (
         f"The paper gives no figure of a picture's quality. Against the scene as it reaches the "

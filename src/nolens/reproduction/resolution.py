@@ -31,7 +31,7 @@ from nolens.files.plot_measurements import (
     write_dots_plot,
 )
 from nolens.files.reports import ReportRow
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
 from nolens.progress import ProgressCallback, within
 from nolens.reproduction.comparison import PAPER, Content, Picture, Results, paper_row, section
@@ -59,11 +59,11 @@ def steps(setup: ExperimentSetup) -> tuple[Step, ...]:
 def _target_steps(setup: ExperimentSetup) -> tuple[Step, ...]:
     size = setup.size
     pairs = _EXPECTED_PAIRS * size.point_draws
-    region = Region.centred(64, 64, setup.preview.shape)
+    support = PixelRectangle.centred(64, 64, setup.preview.shape)
     channels = len(setup.opened.camera.sensor.channels)
-    one = setup.solve_work(region, size.point_iterations) / channels
+    one = setup.solve_work(support, size.point_iterations) / channels
     points = pairs * (2 * setup.psf_work() + one)
-    star = setup.scene_work() + setup.solve_work(region, size.iterations) / channels
+    star = setup.scene_work() + setup.solve_work(support, size.iterations) / channels
     return (
         Step(
             "two-points",
@@ -227,7 +227,7 @@ def siemens(setup: ExperimentSetup, results: Results) -> Content:
 def _field_steps(setup: ExperimentSetup) -> tuple[Step, ...]:
     angles = _angles_deg(setup)
     side = round(2 * _extent_pixels(setup))
-    region = Region.centred(side, side, setup.preview.shape)
+    support = PixelRectangle.centred(side, side, setup.preview.shape)
     scene = setup.scene_work(setup.size.dot_field_points)
     return (
         Step(
@@ -241,7 +241,7 @@ def _field_steps(setup: ExperimentSetup) -> tuple[Step, ...]:
             "dots",
             "fig. 6d: a grid of dots",
             setup.parameters(pitch_deg=_PITCH_DEG),
-            1.3 * (scene + setup.solve_work(region, setup.size.iterations)),
+            1.3 * (scene + setup.solve_work(support, setup.size.iterations)),
             lambda progress: _dots(setup, progress),
         ),
     )

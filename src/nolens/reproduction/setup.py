@@ -13,7 +13,7 @@ from torch import Tensor
 from nolens.camera import LoadedCamera
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.jobs.sample_pictures import sample_picture
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
 from nolens.twin import Twin, in_channels, preview_model
 
@@ -154,14 +154,14 @@ class ExperimentSetup:
         radiance = sample_picture(name, NEEDED_BY)
         return in_channels(radiance, len(self.opened.camera.sensor.channels))
 
-    def wide_psf(self, distance_um: float, region: Region) -> Tensor:
-        """PSF of a point at some distance, as wide as a scene of this region needs.
+    def wide_psf(self, distance_um: float, support: PixelRectangle) -> Tensor:
+        """PSF of a point at some distance, as wide as a scene of this support needs.
 
         That is wider than the sensor where no aperture ends it.
         """
         rows, columns = self.preview.shape
         if self.opened.camera.mask.aperture is None:
-            rows, columns = rows + region.height, columns + region.width
+            rows, columns = rows + support.height, columns + support.width
         return self.experiment.psf(PointSource(distance_um=distance_um), (rows, columns))
 
     def parameters(self, **more: Any) -> Mapping[str, Any]:
@@ -200,13 +200,13 @@ class ExperimentSetup:
         points = field_points or self.size.field_points
         return self._channels * points**2 * math.prod(self.pixels)
 
-    def solve_work(self, region: Region | None, iterations: int) -> float:
-        """Pixels of all iterations of a reconstruction; without a region, the PSF is the sensor's.
+    def solve_work(self, support: PixelRectangle | None, iterations: int) -> float:
+        """Pixels of all iterations of a reconstruction; without a support, the PSF is the sensor's.
 
         An iteration takes about as long for a pixel as a PSF does for a sample.
         """
         rows, columns = self.preview.shape
-        more = (region.height, region.width) if region is not None else (rows, columns)
+        more = (support.height, support.width) if support is not None else (rows, columns)
         return self._channels * (rows + more[0]) * (columns + more[1]) * iterations
 
     @property

@@ -8,7 +8,7 @@ import torch.nn.functional as nnf
 from torch import Tensor
 
 from nolens.kernels import irfft2
-from nolens.operators import CroppedConvolution, FiniteDifference, Region
+from nolens.operators import CroppedConvolution, FiniteDifference, PixelRectangle
 from nolens.solvers.problem import Prior, Problem
 
 _MODES = 8
@@ -198,7 +198,7 @@ def _responses(problem: Problem, channel: int, bin_by: int) -> Tensor:
     forward = problem.forward
     rows, columns = forward.sensor[0] // bin_by, forward.sensor[1] // bin_by
     top, left, height, width = (*forward.geometry.origin, *problem.scene_shape[1:])
-    support = Region(
+    support = PixelRectangle(
         top // bin_by,
         left // bin_by,
         -(-(top + height) // bin_by) - top // bin_by,

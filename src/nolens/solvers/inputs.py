@@ -14,11 +14,11 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from nolens.errors import DataError, OptionError
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 
 Plane = Tensor | ArrayLike
 """(channels, height, width) or (height, width), as a tensor or what NumPy makes an array of."""
-Support = Region | tuple[int, int] | tuple[int, int, int, int]
+Support = PixelRectangle | tuple[int, int] | tuple[int, int, int, int]
 """A support, (height, width) around the sensor's middle, or (top, left, height, width)."""
 
 _Choice = TypeVar("_Choice", bound=StrEnum)
@@ -110,7 +110,7 @@ def mask_of(valid: Plane | None, data: Tensor) -> Tensor:
     return mask
 
 
-def support_of(support: Support | None, sensor: tuple[int, int]) -> Region | None:
+def support_of(support: Support | None, sensor: tuple[int, int]) -> PixelRectangle | None:
     """Support from itself or from whole numbers.
 
     Parameters
@@ -125,7 +125,7 @@ def support_of(support: Support | None, sensor: tuple[int, int]) -> Region | Non
     OptionError
         If it is neither.
     """
-    if support is None or isinstance(support, Region):
+    if support is None or isinstance(support, PixelRectangle):
         return support
     try:
         sides = tuple(int(each) for each in support)
@@ -138,8 +138,8 @@ def support_of(support: Support | None, sensor: tuple[int, int]) -> Region | Non
             "(top, left, height, width), or None for no limit"
         )
     if len(sides) == 2:
-        return Region.centred(sides[0], sides[1], sensor)
-    return Region(*sides)
+        return PixelRectangle.centred(sides[0], sides[1], sensor)
+    return PixelRectangle(*sides)
 
 
 def weight_of(tau: Any) -> float:

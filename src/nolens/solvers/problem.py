@@ -82,8 +82,9 @@ class Problem:
         valid
             Like `data`, bool: False where a pixel is to be left out of the fit (saturated).
         support
-            Pixels of the sensor's frame that light can come from: a `Region`, (height, width)
-            around the sensor's middle, or (top, left, height, width); None for no limit.
+            Pixels of the sensor's frame that light can come from: a `PixelRectangle`,
+            (height, width) around the sensor's middle, or (top, left, height, width); None for
+            no limit.
         tau
             Weight of the prior in normalised units, ≥ 0.
         prior

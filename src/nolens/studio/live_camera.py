@@ -22,7 +22,7 @@ from nolens.capture import (
 )
 from nolens.errors import CameraError, NolensError
 from nolens.files import read_camera, read_frame
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.studio.live_solver import LiveSolver, live_bin
 from nolens.studio.pictures import raw_jpeg
 from nolens.studio.schemas import Settings
@@ -318,10 +318,10 @@ def open_live(
 
 def _twin_solver(source: TwinSource) -> LiveSolver:
     """Solver with the PSF and the support of a simulated camera, in pixels of the live view."""
-    psf, support = source.psf(), source.region
+    psf, support = source.psf(), source.support
     by = live_bin(psf.shape[-2])
     if by == 1:
         return LiveSolver(psf, support)
     size = -(-support.height // by), -(-support.width // by)
-    coarse = Region(support.top // by, support.left // by, *size)
+    coarse = PixelRectangle(support.top // by, support.left // by, *size)
     return LiveSolver(bin_mean(psf, by), coarse)

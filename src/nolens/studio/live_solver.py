@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from torch import Tensor
 
 from nolens.camera import Frame, Measurement, develop, prepare_psf
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.solvers import Problem, Reconstructor, Stream, wiener
 from nolens.studio.schemas import Settings
 
@@ -44,7 +44,7 @@ class LiveSolver:
         Pixels that light comes from; None for no limit.
     """
 
-    def __init__(self, psf: Tensor | Frame, support: Region | None = None) -> None:
+    def __init__(self, psf: Tensor | Frame, support: PixelRectangle | None = None) -> None:
         self._psf, self._support = psf, support
         self._problem: Problem | None = None
         self._channels: tuple[str, ...] = ()

@@ -131,7 +131,7 @@ def irradiate_bytes(
     tangents = [max(plane.tangents[axis] for plane in planes) for axis in (0, 1)]
     field = FieldMap.covering(twin, (tangents[0], tangents[1]))
     n = field_points
-    sizes = (field.region.height, field.region.width)
+    sizes = (field.support.height, field.support.width)
     # A PSF is needed as far beside the sensor as its neighbours are away, on both sides; every
     # second one, for the estimate of the error, twice as far.
     beside = [size if n == 1 else 2 * math.ceil(size / (n - 1)) for size in sizes]
@@ -208,7 +208,7 @@ class ShiftInvariantModel:
             If the distance is beyond the model, or light passes beyond the relief.
         """
         weights = (field.solid_angle() * field.vignetting()).float()
-        middle = field.region.height // 2, field.region.width // 2
+        middle = field.support.height // 2, field.support.width // 2
         point = torch.zeros(len(twin.camera.sensor.channels), *weights.shape)
         point[:, middle[0], middle[1]] = 1 / weights[middle]
         sums = _Sums(twin, field, 1)
@@ -249,7 +249,7 @@ class ShiftInvariantModel:
             (channels, height, width) of the field's support; dark beside the picture.
         """
         size = picture.shape[-2:]
-        middle = self.field.region.height // 2, self.field.region.width // 2
+        middle = self.field.support.height // 2, self.field.support.width // 2
         half = (
             abs(float(self._tangents[0][0, middle[1]])),
             abs(float(self._tangents[1][middle[0], 0])),
@@ -381,8 +381,8 @@ class _Sums:
         check_field_points(field_points)
         self.twin, self.field = twin, field
         self.per_pixel = samples_per_pixel(twin, at_least=_least_samples(twin))
-        region = field.region
-        self.at = tuple(_nodes(length, field_points) for length in (region.height, region.width))
+        support = field.support
+        self.at = tuple(_nodes(length, field_points) for length in (support.height, support.width))
         self.nodes = [
             _Node((i, j), (row, column))
             for i, row in enumerate(self.at[0])
@@ -392,7 +392,7 @@ class _Sums:
         # What a field point's neighbours see of the sensor lies beyond its own frame.
         self.edges = tuple(
             _Edges.of(axis[:: self.steps[-1]], length)
-            for axis, length in zip(self.at, (region.height, region.width), strict=True)
+            for axis, length in zip(self.at, (support.height, support.width), strict=True)
         )
         rows, columns = (
             fast_length(count + max(edges.before) + max(edges.after), of_rows=number == 1)

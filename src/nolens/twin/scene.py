@@ -8,7 +8,7 @@ import torch.nn.functional as nnf
 from torch import Tensor
 
 from nolens.errors import DataError, OptionError
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
 from nolens.twin.model import LARGEST_ANGLE_DEG, Twin
 
@@ -27,12 +27,12 @@ class FieldMap:
     ----------
     twin
         The camera.
-    region
+    support
         The pixels that the scene fills.
     """
 
     twin: Twin
-    region: Region
+    support: PixelRectangle
 
     @classmethod
     def covering(cls, twin: Twin, tangents: tuple[float, float]) -> "FieldMap":
@@ -56,7 +56,7 @@ class FieldMap:
         for tangent in tangents:
             shift = max(twin.shift_um(PointSource((0.0, tangent))))
             counts.append(2 * max(1, math.ceil(shift / twin.pixel_um)))
-        return cls(twin, Region.centred(counts[0], counts[1], twin.shape))
+        return cls(twin, PixelRectangle.centred(counts[0], counts[1], twin.shape))
 
     def tangents(self) -> tuple[Tensor, Tensor]:
         """Tangents of the field angle of every pixel, two of (height, width), float64."""
@@ -83,8 +83,8 @@ class FieldMap:
         """Where the chief ray of one pixel, counted from the support's first, falls."""
         sensor, step = self.twin.shape, self.twin.pixel_um
         return (
-            (self.region.top + row - sensor[0] // 2) * step,
-            (self.region.left + column - sensor[1] // 2) * step,
+            (self.support.top + row - sensor[0] // 2) * step,
+            (self.support.left + column - sensor[1] // 2) * step,
         )
 
     def source(self, row: int, column: int, distance_um: float) -> PointSource:
@@ -99,9 +99,9 @@ class FieldMap:
 
     def _displacements(self) -> tuple[Tensor, Tensor]:
         """Of every row and column, from the axis, in um."""
-        sensor, region = self.twin.shape, self.region
-        rows = torch.arange(region.height, dtype=torch.float64) + (region.top - sensor[0] // 2)
-        columns = torch.arange(region.width, dtype=torch.float64) + (region.left - sensor[1] // 2)
+        sensor, support = self.twin.shape, self.support
+        rows = torch.arange(support.height, dtype=torch.float64) + (support.top - sensor[0] // 2)
+        columns = torch.arange(support.width, dtype=torch.float64) + (support.left - sensor[1] // 2)
         return rows * self.twin.pixel_um, columns * self.twin.pixel_um
 
     def _displacement(self) -> Tensor:
@@ -198,7 +198,7 @@ def render_planes(twin: Twin, planes: tuple[Plane, ...]) -> tuple[FieldMap, tupl
     tangents = [max(plane.tangents[axis] for plane in planes) for axis in (0, 1)]
     field = FieldMap.covering(twin, (tangents[0], tangents[1]))
     at = field.tangents()
-    clear = torch.ones(field.region.height, field.region.width)
+    clear = torch.ones(field.support.height, field.support.width)
     views = []
     for plane in sorted(planes, key=lambda each: each.distance_um):
         radiance, opacity = render_plane(plane, at)

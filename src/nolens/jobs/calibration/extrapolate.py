@@ -94,8 +94,8 @@ def calibrate_extrapolate(run: Run[CalibrateExtrapolateOptions]) -> Product[Tens
     psf = read_psf(options.folder, source)
     if not float(psf.sum()) > 0:
         raise DataError(f"{source.file} is dark: calibrate it again")
-    region = parse_window(options.support, (psf.shape[-2], psf.shape[-1]), "--support")
-    check_support(region, psf)
+    support = parse_window(options.support, (psf.shape[-2], psf.shape[-1]), "--support")
+    check_support(support, psf)
     run.reads({f"PSF {source.file}": options.folder / source.file})
     # A grey PSF serves the mean of a picture's colours.
     channels = "grey" if source.channels == ("grey",) else "all"
@@ -106,7 +106,7 @@ def calibrate_extrapolate(run: Run[CalibrateExtrapolateOptions]) -> Product[Tens
     result = extrapolate(
         psf,
         pictures,
-        region,
+        support,
         rounds=options.rounds,
         tau=_TAU,
         step=lambda done, limit: step("step", done, limit, "the PSF"),
@@ -117,7 +117,7 @@ def calibrate_extrapolate(run: Run[CalibrateExtrapolateOptions]) -> Product[Tens
         "folder": readable(options.folder),
         "from": source.file,
         "file": entry.file,
-        "support": [region.height, region.width],
+        "support": [support.height, support.width],
         **result.figures(),
     }
     return added(result.psf, figures, options.folder, {entry: result.psf})

@@ -140,10 +140,10 @@ def _read_pairs(
         name: (_radiance(path, first.channels, options.bgr), f"the picture {path}")
         for name, (_, path) in files.items()
     }
-    sensor, region = (first.values.shape[-2], first.values.shape[-1]), None
+    sensor, support = (first.values.shape[-2], first.values.shape[-1]), None
     if options.support is not None:
-        region = parse_window(options.support, sensor, "--support")
-    pairs = KnownPairs(measured, pictures, region, each_channel=options.each_channel)
+        support = parse_window(options.support, sensor, "--support")
+    pairs = KnownPairs(measured, pictures, support, each_channel=options.each_channel)
     return pairs, next(iter(frames.values()))
 
 

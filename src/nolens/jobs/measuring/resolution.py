@@ -46,7 +46,7 @@ from nolens.jobs.fields import (
 from nolens.jobs.options import JobOptions, Option
 from nolens.jobs.reconstruction.options import parse_window
 from nolens.jobs.run import Job, Product, Run
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
 from nolens.plugins import load_plugin, plugin_names
 from nolens.quantities import Angle, Share
@@ -362,10 +362,10 @@ def _read(path: Path, options: ResolutionOptions, camera: LoadedCamera | None) -
         )
     picture = develop(frame, channels="grey").values[0]
     height, width = picture.shape
-    support = Region(0, 0, height, width)
+    support = PixelRectangle(0, 0, height, width)
     if camera is not None:
         sensor = preview_model(camera).shape
-        support = Region.centred(height, width, sensor)
+        support = PixelRectangle.centred(height, width, sensor)
         if options.support is not None:
             support = parse_window(options.support, sensor, "--support")
         if (support.height, support.width) != (height, width):
@@ -382,7 +382,7 @@ class _Developed:
 
     measurement: Measurement
     psf: Tensor
-    support: Region
+    support: PixelRectangle
 
 
 def _developed(options: ResolutionOptions, warn: Callable[..., None]) -> list[_Developed]:
@@ -399,7 +399,7 @@ def _developed(options: ResolutionOptions, warn: Callable[..., None]) -> list[_D
         if number == 0:
             warn(*prepared.notes, *prepared.warnings)
         rows, columns = measurement.values.shape[-2:]
-        support = Region(0, 0, rows, columns)
+        support = PixelRectangle(0, 0, rows, columns)
         if options.support is not None:
             support = parse_window(options.support, (rows, columns), "--support")
         frames.append(_Developed(measurement, prepared.values, support))
@@ -407,7 +407,7 @@ def _developed(options: ResolutionOptions, warn: Callable[..., None]) -> list[_D
 
 
 def _scale(
-    path: Path, options: ResolutionOptions, camera: LoadedCamera | None, support: Region
+    path: Path, options: ResolutionOptions, camera: LoadedCamera | None, support: PixelRectangle
 ) -> AngularScale:
     """Angles of the pixels of a support."""
     if options.pixel_angle is not None:
@@ -424,7 +424,7 @@ def _scale(
 
 
 def simulated_camera(
-    run: Run[Options], support_of: Callable[[Twin, float], Region]
+    run: Run[Options], support_of: Callable[[Twin, float], PixelRectangle]
 ) -> tuple[VirtualExperiment, float]:
     """The camera that is simulated, and the distance of its target in µm.
 

@@ -32,7 +32,7 @@ from nolens.jobs.reconstruction.options import (
     parse_window,
 )
 from nolens.jobs.run import Product, Run, Writer, announce_memory, check_solver_memory, job
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.solvers import (
     AdmmState,
     Developed,
@@ -333,7 +333,7 @@ def _method(options: ReconstructOptions) -> Method:
 
 
 def _reconstructor(
-    options: ReconstructOptions, psf: Tensor, support: Region | None, device: torch.device
+    options: ReconstructOptions, psf: Tensor, support: PixelRectangle | None, device: torch.device
 ) -> Reconstructor:
     """The solver with the preset's limits, or the options' in their place."""
     method = _method(options)
@@ -357,7 +357,9 @@ def _reconstructor(
     )
 
 
-def _support(options: ReconstructOptions, sensor: tuple[int, int], psf: Tensor) -> Region | None:
+def _support(
+    options: ReconstructOptions, sensor: tuple[int, int], psf: Tensor
+) -> PixelRectangle | None:
     """Pixels that light can come from: --support, or --field through the --camera; None for all."""
     if options.support is not None and options.field is not None:
         raise OptionError(
@@ -383,7 +385,7 @@ def _support(options: ReconstructOptions, sensor: tuple[int, int], psf: Tensor) 
             f"the measurement {sensor[0]}×{sensor[1]}: give the measurement's camera, or --support"
         )
     tangent = math.tan(math.radians(options.field.deg) / 2)
-    whole = FieldMap.covering(camera, (tangent, tangent)).region
+    whole = FieldMap.covering(camera, (tangent, tangent)).support
     by = options.bin_by
     side = -(-whole.height // by), -(-whole.width // by)
     return parse_support(f"{side[0]}x{side[1]}", sensor, psf)

@@ -40,7 +40,7 @@ from nolens.jobs.fields import (
     window_numbers,
 )
 from nolens.jobs.options import JobOptions, Option, Written
-from nolens.operators import Region
+from nolens.operators import PixelRectangle
 from nolens.printable import quoted
 from nolens.ranges import Between
 from nolens.solvers import Method, Prior, Quality
@@ -263,7 +263,7 @@ class ReconstructOptions(JobOptions):
         return (*pictures, Written("record of the run", self.record))
 
 
-def parse_window(text: str, sensor: tuple[int, int], option: str) -> Region:
+def parse_window(text: str, sensor: tuple[int, int], option: str) -> PixelRectangle:
     """Pixels of HEIGHTxWIDTH, around the middle of the sensor, or of HEIGHTxWIDTH+TOP+LEFT.
 
     Raises
@@ -276,11 +276,11 @@ def parse_window(text: str, sensor: tuple[int, int], option: str) -> Region:
     except OptionError as error:
         raise OptionError(f"{option} is {quoted(text)}: {error}") from None
     if top is None or left is None:
-        return Region.centred(height, width, sensor)
-    return Region(top, left, height, width)
+        return PixelRectangle.centred(height, width, sensor)
+    return PixelRectangle(top, left, height, width)
 
 
-def parse_support(text: str, sensor: tuple[int, int], psf: Tensor) -> Region:
+def parse_support(text: str, sensor: tuple[int, int], psf: Tensor) -> PixelRectangle:
     """Pixels that light can come from; by far more than can be seen would only fill the memory.
 
     Raises
