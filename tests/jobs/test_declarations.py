@@ -97,5 +97,10 @@ def test_studio_has_what_the_jobs_declare() -> None:
     assert found["reconstruct"]["tau"]["label"] == "τ, weight of the prior"
     assert found["measure-field"]["psfs"]["role"] == "input"
     assert found["calibrate"]["name"]["label"] == "Folder of its PSFs"
+    reconstruct = found["reconstruct"]
+    assert reconstruct["quality"]["choices"] == ["draft", "photo", "exact"]
+    assert reconstruct["prior"]["default"] == "tv" and "l1" in reconstruct["prior"]["choices"]
+    assert reconstruct["low_frequency"]["choices"] == ["on", "off"]
+    assert reconstruct["crop"]["choices"] == []  # A window is taken beside "all".
     for kind, options in found.items():
         assert any(each["role"] in ("input", "camera") for each in options.values()), kind

@@ -150,6 +150,19 @@ class Visit:
             f"{self.address}/api/{what}", data=given, headers={"Origin": self.address}
         )
 
+    def jobs(self) -> list[dict[str, Any]]:
+        """The studio's jobs, the newest first."""
+        found: list[dict[str, Any]] = self._asked("jobs")["jobs"]
+        return found
+
+    def job(self, identity: str) -> dict[str, Any]:
+        """All that is known of a job."""
+        return self._asked(f"jobs/{identity}")
+
+    def _asked(self, what: str) -> dict[str, Any]:
+        found: dict[str, Any] = self.page.request.get(f"{self.address}/api/{what}").json()
+        return found
+
     def show(self, panel: str) -> Any:
         """The page with a panel open."""
         self.page.goto(f"{self.address}/#{panel}")

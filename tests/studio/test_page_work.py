@@ -75,7 +75,7 @@ def test_files_for_the_workshop_can_be_downloaded(visit: Visit) -> None:
 def test_photograph_forms_and_is_found_again(visit: Visit, studio_folder: Path, shot: str) -> None:
     page = visit.show("photograph")
     await_text(page, "figcaption [role=status]", r"\d+ × \d+ pixels")
-    chooser = page.get_by_label("In the workspace")
+    chooser = page.get_by_label("Raw file", exact=True)
     folder = next(studio_folder.rglob(shot)).parent
     newest = max(folder.glob("[0-9]*[0-9].dng"), key=lambda each: each.stat().st_mtime_ns)
     # Another test may have saved one since.
@@ -121,6 +121,58 @@ def test_photograph_forms_and_is_found_again(visit: Visit, studio_folder: Path, 
         " && e.naturalWidth).length >= 2"
     )
     visit.keep("compare")
+
+
+def dropped(page: Any, files: dict[str, bytes]) -> None:
+    """Drop files on the panel."""
+    carried = page.evaluate_handle(
+        "(files) => { const carried = new DataTransfer(); for (const [name, bytes] of files)"
+        " carried.items.add(new File([new Uint8Array(bytes)], name)); return carried; }",
+        [[name, list(content)] for name, content in files.items()],
+    )
+    page.dispatch_event("[data-panel=photograph]", "drop", {"dataTransfer": carried})
+
+
+def test_two_files_are_dropped_and_the_options_reach_the_job(
+    visit: Visit, studio_folder: Path, shot: str
+) -> None:
+    work = studio_folder / "nolens-studio"
+    frame = (work / "shots" / shot).read_bytes()
+    psf = next((work / "cameras").glob("twin-*/psf*.tif")).read_bytes()
+    page = visit.show("photograph")
+    await_text(page, "figcaption [role=status]", r"\d+ × \d+ pixels")
+    dropped(page, {"door.dng": frame, "door-psf.tif": psf})
+    page.wait_for_function("() => /door.dng$/.test(document.querySelector('select').value)")
+    assert page.get_by_label("PSF", exact=True).input_value() == "work/uploads/door-psf.tif"
+    for title in ("The files", "The scene", "The solver"):
+        page.get_by_text(title, exact=True).click()
+    page.get_by_label("Flat field of yours").set_input_files(
+        {"name": "flat.dng", "mimeType": "", "buffer": frame}
+    )
+    page.wait_for_function(
+        "() => [...document.querySelectorAll('select')].some((e) => /flat.dng$/.test(e.value))"
+    )
+    page.get_by_label("Turn the picture").select_option("Mirrored")
+    page.get_by_label("Prior", exact=True).select_option("Few bright points (l1)")
+    page.get_by_label("Low-frequency correction").select_option("Off")
+    page.get_by_label("Iterations, at most").fill("3")
+    page.get_by_label("Binning").fill("2")
+    page.get_by_role("button", name="Reconstruct").click()
+    await_text(page, "#main .view b", r"^door.*\.png$")
+    (job,) = [each for each in visit.jobs() if each["title"] == "Reconstruct door.dng"]
+    assert job["status"] == "done"
+    options = visit.job(job["id"])["options"]
+    assert options == {
+        "measurement": "work/uploads/door.dng",
+        "psf": "work/uploads/door-psf.tif",
+        "flat": "work/uploads/flat.dng",
+        "flip": "horizontal",
+        "prior": "l1",
+        "low_frequency": False,
+        "iterations": 3,
+        "bin": 2,
+        "quality": "photo",
+    }
 
 
 def refused(page: Any, studio_folder: Path) -> None:

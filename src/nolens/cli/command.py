@@ -14,9 +14,8 @@ from pydantic import BeforeValidator
 from nolens.cli.app import Whole
 from nolens.cli.messages import show
 from nolens.cli.terminal import TerminalReporter
-from nolens.jobs.options import JobOptions, Option
+from nolens.jobs.options import JobOptions, Option, default_text
 from nolens.jobs.run import Job, with_former_keys
-from nolens.quantities import Quantity
 
 Json = Annotated[
     bool,
@@ -128,7 +127,7 @@ def _parameter(model: type[JobOptions], name: str, group: Group | None) -> inspe
     text = option.help
     if field.is_required():
         text += " Needed."
-    elif default := option.default or _default(field.default):
+    elif default := default_text(model, name):
         text += f"  [default: {default}]"
     settings: dict[str, Any] = {"help": text, "show_default": False}
     if group is not None:
@@ -193,17 +192,3 @@ def _is_signed(annotation: Any) -> bool:
     if isinstance(annotation, type) and annotation.__module__.startswith("nolens."):
         return not issubclass(annotation, Enum)
     return any(_is_signed(each) for each in get_args(annotation))
-
-
-def _default(value: Any) -> str:
-    if value is None or value is False or value == ():
-        return ""
-    if value is True:
-        return "on"
-    if isinstance(value, tuple):
-        return ",".join(map(_default, value))
-    if isinstance(value, Enum):
-        return str(value.value)
-    if isinstance(value, Quantity):
-        return f"{value.number}{value.unit}"
-    return f"{value:g}" if isinstance(value, float) else str(value)

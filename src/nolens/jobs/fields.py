@@ -128,7 +128,9 @@ Dark = Annotated[
 ]
 Flat = Annotated[
     FilePath | None,
-    Option("Flat field; the measurement is divided by it.", INPUT, role="input"),
+    Option(
+        "Flat field; the measurement is divided by it.", INPUT, role="input", label="Flat field"
+    ),
 ]
 Black = Annotated[
     Counts | None,
@@ -179,7 +181,9 @@ PsfExtent = Annotated[
     ),
 ]
 Device = Annotated[DeviceName, Option("Where to compute; auto takes CUDA where there is one.")]
-ScenePrior = Annotated[Prior, Option("What the scene is assumed to be like.", SOLVER)]
+ScenePrior = Annotated[
+    Prior, Option("What the scene is assumed to be like.", SOLVER, label="Prior")
+]
 Flip = Annotated[
     Literal["none", "vertical", "horizontal", "both"],
     Option("Turn the picture over.", PICTURE, label="Turn the picture"),

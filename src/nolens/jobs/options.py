@@ -5,8 +5,20 @@ import os
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass
+from enum import Enum
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NamedTuple, Self, get_args, get_origin
+from types import NoneType, UnionType
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    NamedTuple,
+    Self,
+    Union,
+    get_args,
+    get_origin,
+)
 
 from pydantic import (
     BaseModel,
@@ -326,6 +338,44 @@ def _takes_several(annotation: Any) -> bool:
     if get_origin(annotation) is tuple:
         return get_args(annotation)[-1] is Ellipsis
     return any(_takes_several(each) for each in get_args(annotation))
+
+
+def default_text(model: type[JobOptions], name: str) -> str:
+    """What is taken where an option is left out, as text; empty where that says nothing."""
+    field = model.model_fields[name]
+    return Option.of(model, name).default or (
+        "" if field.is_required() else _as_text(field.default)
+    )
+
+
+def _as_text(value: Any) -> str:
+    if value is None or value is False or value == ():
+        return ""
+    if value is True:
+        return "on"
+    if isinstance(value, tuple):
+        return ",".join(map(_as_text, value))
+    if isinstance(value, Enum):
+        return str(value.value)
+    if isinstance(value, Quantity):
+        return f"{value.number}{value.unit}"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def choices_of(annotation: Any) -> tuple[str, ...]:
+    """The values of a type that has a few, as text; none where other values are taken too."""
+    inner = [each for each in get_args(annotation) if each is not NoneType]
+    if get_origin(annotation) in (Union, UnionType):
+        return choices_of(inner[0]) if len(inner) == 1 else ()
+    if get_origin(annotation) is Annotated:
+        return choices_of(inner[0])
+    if get_origin(annotation) is Literal:
+        return tuple(str(each) for each in get_args(annotation))
+    if annotation is bool:
+        return ("on", "off")
+    if isinstance(annotation, type) and issubclass(annotation, Enum):
+        return tuple(str(each.value) for each in annotation)
+    return ()
 
 
 def check_apart(options: JobOptions, read: Mapping[str, Path]) -> None:

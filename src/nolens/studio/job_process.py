@@ -18,7 +18,7 @@ from nolens.files import CAMERA_FILE, atomic_write, read_camera, write_into
 from nolens.files.cameras import camera_copies, write_description
 from nolens.files.plots import dark_plots
 from nolens.jobs.designing.look import Thicknesses
-from nolens.jobs.options import JobOptions, Option
+from nolens.jobs.options import JobOptions, Option, choices_of, default_text
 from nolens.jobs.run import Job, Pace, Reporter
 from nolens.solvers import Progress
 from nolens.studio.job_kinds import KINDS, Place
@@ -151,19 +151,28 @@ def _prepare(kind: JobKind, options: Mapping[str, Any], place: Place) -> _Prepar
     return _PreparedJob((first[0] if isinstance(first, tuple) else first).parent, run)
 
 
-def declarations() -> dict[JobKind, dict[str, dict[str, str]]]:
-    """The options of every kind of job: what the page calls each, its help, and what it names."""
-    declared: dict[JobKind, dict[str, dict[str, str]]] = {}
+def declarations() -> dict[JobKind, dict[str, dict[str, Any]]]:
+    """The options of every kind of job, as `JobOption` has them."""
+    declared: dict[JobKind, dict[str, dict[str, Any]]] = {}
     for kind, about in KINDS.items():
         model = _job(kind).options
-        options = {name: Option.of(model, field) for name, field in model.spellings().items()}
         declared[kind] = {
-            name: {"label": each.label, "help": each.help, "role": each.role}
-            for name, each in options.items()
+            name: _declaration(model, field) for name, field in model.spellings().items()
         } | {
             name: {"label": label, "help": "", "role": "value"} for name, label in about.own.items()
         }
     return declared
+
+
+def _declaration(model: type[JobOptions], field: str) -> dict[str, Any]:
+    option = Option.of(model, field)
+    return {
+        "label": option.label,
+        "help": option.help,
+        "role": option.role,
+        "default": default_text(model, field),
+        "choices": list(choices_of(model.model_fields[field].annotation)),
+    }
 
 
 def _job(kind: JobKind) -> Job[JobOptions, Any]:

@@ -226,11 +226,15 @@ class JobRequest(_Given):
 
 
 class JobOption(BaseModel):
-    """An option of a job, as the job declares it."""
+    """An option of a job, as the job declares it: `default` is the text for what is taken where it
+    is left out, `choices` are its values where it has only a few.
+    """
 
     label: str
     help: str
     role: Literal["value", "input", "output", "camera", "material"]
+    default: str = ""
+    choices: list[str] = Field(default_factory=list)
 
 
 class JobDeclarations(BaseModel):

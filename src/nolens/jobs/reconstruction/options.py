@@ -172,7 +172,12 @@ class ReconstructOptions(JobOptions):
     ] = None
     tolerance: Annotated[
         Annotated[float, Between(0, 1)] | None,
-        Option("Relative residual at which to stop, instead of the preset's rule.", SOLVER),
+        Option(
+            "Relative residual at which to stop, instead of the preset's rule.",
+            SOLVER,
+            default="by --quality",
+            label="Residual at which to stop",
+        ),
     ] = None
     low_frequency: Annotated[
         bool | None,
@@ -182,6 +187,7 @@ class ReconstructOptions(JobOptions):
             SOLVER,
             default="with exact",
             former="smooth_part",
+            label="Low-frequency correction",
         ),
     ] = None
     resume: Annotated[
@@ -214,6 +220,7 @@ class ReconstructOptions(JobOptions):
             "Part of the scene to write, written like --support, or all.",
             PICTURE,
             default="the support, or without one the sensor's frame",
+            label="Part of the scene to write",
         ),
     ] = None
     flip: Flip = "none"

@@ -39,11 +39,12 @@ export async function filesBy(fits, own = ["shots", "uploads", "pictures"]) {
   return found.filter(({ files }) => files.length > 0);
 }
 
-/** @param {HTMLSelectElement} select @param {Group[]} groups @param {string} none */
-export function offerFiles(select, groups, none) {
+/** @param {HTMLSelectElement} select @param {Group[]} groups @param {string} none @param {Choice[]} [first] choices that come before the files */
+export function offerFiles(select, groups, none, first = []) {
   const before = select.value;
-  select.replaceChildren(h("option", { value: "" }, none), ...groups.map(({ label, files }) => {
-    const element = h("optgroup", {}, ...files.map((each) => h("option", { value: each.path }, each.name)));
+  const choice = (/** @type {Choice} */ { value, label }) => h("option", { value }, label);
+  select.replaceChildren(h("option", { value: "" }, none), ...first.map(choice), ...groups.map(({ label, files }) => {
+    const element = h("optgroup", {}, ...files.map(({ path, name }) => choice({ value: path, label: name })));
     element.label = label;
     return element;
   }));

@@ -70,6 +70,22 @@ export function field(label, control) {
   return h("div", { class: "field" }, h("label", { htmlFor: control.id }, label), control);
 }
 
+/**
+ * A button that lets a person choose files of theirs.
+ *
+ * @param {string} text
+ * @param {(files: File[]) => void} chosen
+ * @param {Record<string, any>} [more] properties of the input
+ */
+export function filePicker(text, chosen, more = {}) {
+  const input = h("input", { type: "file", class: "unseen", ...more, onchange: () => {
+    const files = [...(input.files ?? [])];
+    input.value = ""; // The same file can be chosen again.
+    if (files.length) chosen(files);
+  } });
+  return h("label", { class: "button" }, text, input);
+}
+
 /** A box to tick with its label. @param {string} label @param {boolean} on @param {(on: boolean) => void} [changed] */
 export function tick(label, on, changed = () => {}) {
   const box = h("input", {

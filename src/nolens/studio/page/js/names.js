@@ -4,16 +4,21 @@
 import { get } from "./api.js";
 import { field } from "./dom.js";
 
-/** @type {Record<string, Record<string, {label: string, help: string}>>} by kind of job, then by option */
-let declared = {};
+/** @typedef {{label: string, help: string, default: string, choices: string[]}} Declaration */
+
+/** @type {Record<string, Record<string, Declaration>>} by kind of job, then by option */
+let known = {};
 
 /** The options as the jobs declare them; they come when the studio's process for jobs has started. */
 export const declarations = get("api/jobs/options").then(({ kinds }) => {
-  declared = kinds;
+  known = kinds;
 }, () => {});
 
+/** What a job declares of an option. @param {string} kind @param {string} option @returns {Declaration} */
+export const declared = (kind, option) => known[kind]?.[option] ?? { label: "", help: "", default: "", choices: [] };
+
 /** What the page calls an option. @param {string} kind @param {string} option */
-export const label = (kind, option) => declared[kind]?.[option]?.label || option.replaceAll("_", " ");
+export const label = (kind, option) => known[kind]?.[option]?.label || option.replaceAll("_", " ");
 
 /**
  * An option's control with its name, and its help where one points at it.
@@ -24,7 +29,7 @@ export const label = (kind, option) => declared[kind]?.[option]?.label || option
  */
 export function option(kind, option, control) {
   const element = field(label(kind, option), control);
-  element.title = worded(kind, declared[kind]?.[option]?.help ?? "");
+  element.title = worded(kind, known[kind]?.[option]?.help ?? "");
   return element;
 }
 
@@ -35,7 +40,7 @@ export function option(kind, option, control) {
  * @param {string} text
  */
 export function worded(kind, text) {
-  const name = (/** @type {string} */ option) => declared[kind]?.[option]?.label;
+  const name = (/** @type {string} */ option) => known[kind]?.[option]?.label;
   return text
     .replace(/--([a-z][a-z-]*[a-z])/g, (flag, option) => {
       const called = name(option.replaceAll("-", "_"));

@@ -5,7 +5,7 @@ import { fileUrl, upload } from "./api.js";
 import { calibratedCameras, filesBy, offerFiles, psfChoices, psfOf } from "./choices.js";
 import { Compare } from "./compare.js";
 import { Depths } from "./depths.js";
-import { button, field, fill, group, h, segments, setOptions } from "./dom.js";
+import { button, field, filePicker, fill, group, h, segments, setOptions } from "./dom.js";
 import { folderOf, percent } from "./format.js";
 import { fileLinks, JobView, run } from "./jobs.js";
 import { live } from "./live.js";
@@ -17,10 +17,11 @@ import { Tone } from "./tone.js";
 
 /** @typedef {import("./jobs.js").Job} Job */
 
-const OWN_PSF = "A file of mine…";
-
 /** A file that may be a raw frame: also pictures that were brought to be used as one. @param {import("./choices.js").Entry} entry */
 const raw = ({ kind, name, path }) => kind === "raw" || (path.includes("/uploads/") && /\.png$/i.test(name));
+/** A file that may be a PSF: one of ours is no raw frame. @param {import("./choices.js").Entry} entry */
+const psfFile = (entry) => raw(entry) || (entry.kind === "picture" && /\.tiff?$/i.test(entry.name));
+const NAMED_PSF = /psf|point/i;
 
 class Photograph {
   /** @param {HTMLElement} place */
@@ -30,15 +31,13 @@ class Photograph {
     this.compare = new Compare();
     this.depths = new Depths();
     this.raw = h("select", { onchange: told(() => this.look()) });
-    this.rawFile = h("input", { type: "file", onchange: told(() => this.bring(this.rawFile, this.raw)) });
     this.preview = h("img", { alt: "Preview of the raw file", hidden: true });
     this.previewNote = h("span", { role: "status" });
     this.previewed = h("figure", { class: "view" }, h("div", { class: "frame" }, this.preview), h("figcaption", {}, this.previewNote));
     this.psf = h("select", { onchange: () => this.follow() });
-    this.psfFile = h("input", { type: "file", onchange: told(() => this.bring(this.psfFile, this.psf)) });
-    this.options = new ReconstructionOptions((input, select) => this.bring(input, select));
+    this.options = new ReconstructionOptions((file, select) => this.bring(file, select));
     this.maker = button("Reconstruct", told(() => this.reconstruct()), { class: "primary" });
-    this.curve = h("div", { class: "objective" }, noCurve());
+    this.curve = h("div", { class: "objective", hidden: true });
     this.job = new JobView({ keep: "reconstruct", seen: (job) => this.draw(job) });
     this.cameras = h("select", {});
     this.near = h("input", { type: "text", value: "10cm", spellcheck: false });
@@ -52,11 +51,11 @@ class Photograph {
     this.asked = 0;
     fill(place, h("h1", { class: "unseen" }, "Photograph"), h("div", { class: "bench chooser" },
       h("div", { class: "side" },
-        group("Raw file", field("In the workspace", this.raw), h("div", { class: "drop" }, field("Or bring one: choose it, or drop it here", this.rawFile)),
-          this.previewed),
-        group("PSF", field("Of a calibrated camera", this.psf), h("details", {}, h("summary", {}, OWN_PSF), field("PSF file", this.psfFile))),
-        group("Reconstruction", ...this.options.elements,
-          h("div", { class: "row" }, this.maker), this.job.element, this.curve)),
+        group("Raw file and PSF",
+          this.choice("Raw file", this.raw), this.choice("PSF", this.psf),
+          h("p", { class: "drop pale" }, "Or drop them here: a file called psf is taken as the PSF."), this.previewed),
+        group("Reconstruction", this.options.quality.element, h("div", { class: "row" }, this.maker), this.job.element, this.curve,
+          ...this.options.elements)),
       h("div", { class: "stage" }, this.mode.element, this.picture, this.compare.element, this.depths.element),
       h("div", { class: "side" },
         group("Refocus", option("refocus", "psfs", this.cameras), h("div", { class: "row" },
@@ -72,13 +71,11 @@ class Photograph {
   }
 
   async list() {
-    const [files, darks, psfs, cameras] = await Promise.all([
-      filesBy(raw), filesBy(raw, ["calibration", "shots", "uploads"]), psfChoices(), calibratedCameras()]);
-    const own = [...this.psf.options].filter((each) => each.dataset.own).map((each) => ({ value: each.value, label: each.label }));
+    const [files, darks, psfFiles, psfs, cameras] = await Promise.all([
+      filesBy(raw), filesBy(raw, ["calibration", "shots", "uploads"]), filesBy(psfFile, ["uploads"]), psfChoices(), calibratedCameras()]);
     offerFiles(this.raw, files, "Choose a raw file");
     this.options.offer(darks);
-    setOptions(this.psf, [{ value: "", label: psfs.length ? "Choose a PSF" : "None yet: calibrate, or bring a file" }, ...psfs, ...own]);
-    for (const option of this.psf.options) if (own.some(({ value }) => value === option.value)) option.dataset.own = "true";
+    offerFiles(this.psf, psfFiles, psfs.length || psfFiles.length ? "Choose a PSF" : "None yet: calibrate, or bring a file", psfs);
     setOptions(this.cameras, cameras.length ? cameras : [{ value: "", label: "None yet: calibrate one" }]);
     const newest = files.find(({ place }) => place.endsWith("/shots"))?.files.find((each) => each.kind === "raw");
     if (!this.raw.value && newest) {
@@ -89,21 +86,31 @@ class Photograph {
     if (!this.psf.value && likely) this.psf.value = likely.value;
   }
 
-  /** Store a file of the visitor's and choose it. @param {HTMLInputElement} input @param {HTMLSelectElement} select @param {File} [given] */
-  async bring(input, select, given) {
-    const file = given ?? input.files?.[0];
-    if (!file) return;
+  /** The PSF that most likely belongs to the raw file: the one its record names, or a file beside it that is called so. */
+  async likelyPsf() {
+    const path = this.raw.value;
+    const values = [...this.psf.options].map(({ value, label }) => ({ value, label }));
+    return await psfOf(path, values) ?? values.find(({ value, label }) =>
+      value !== path && folderOf(value) === folderOf(path) && NAMED_PSF.test(label));
+  }
+
+  /** A file to choose, or to bring. @param {string} label @param {HTMLSelectElement} select */
+  choice(label, select) {
+    return h("div", { class: "row low" }, h("div", { class: "grow" }, field(label, select)),
+      filePicker("Bring…", told(([file]) => this.bring(file, select)), { "aria-label": `${label} of yours` }));
+  }
+
+  /** Store a file of the visitor's and choose it. @param {File} file @param {HTMLSelectElement} select */
+  async bring(file, select) {
     this.previewed.hidden = false;
     this.previewNote.textContent = `Storing ${file.name}…`;
     try {
       const path = await upload(file);
-      const option = h("option", { value: path }, file.name);
-      option.dataset.own = "true";
-      select.append(option);
+      await this.list();
       select.value = path;
+      if (!select.value) throw new Error(`${file.name} cannot be used here: bring camera raw, .png, .tif or .npy.`);
     } finally {
       this.previewNote.textContent = "";
-      input.value = "";
     }
     if (select === this.raw) await this.look();
   }
@@ -114,10 +121,12 @@ class Photograph {
     this.place.addEventListener("dragleave", () => this.place.classList.remove("dropping"));
     this.place.addEventListener("drop", told(async (event) => {
       this.place.classList.remove("dropping");
-      const file = event.dataTransfer?.files[0];
-      if (!file) return;
+      const dropped = [...(event.dataTransfer?.files ?? [])];
+      if (dropped.length === 0) return;
       event.preventDefault();
-      await this.bring(this.rawFile, this.raw, file);
+      // The raw file comes last: its preview stays.
+      for (const file of dropped.filter(({ name }) => NAMED_PSF.test(name))) await this.bring(file, this.psf);
+      for (const file of dropped.filter(({ name }) => !NAMED_PSF.test(name))) await this.bring(file, this.raw);
     }));
   }
 
@@ -130,7 +139,7 @@ class Photograph {
     this.previewNote.textContent = path ? "Looking at it…" : "";
     if (!path) return;
     try {
-      const [{ summary, outputs }, known] = await Promise.all([run("preview", { path }), psfOf(path, [...this.psf.options])]);
+      const [{ summary, outputs }, known] = await Promise.all([run("preview", { path }), this.likelyPsf()]);
       if (asked !== this.asked) return;
       if (known) this.psf.value = known.value;
       this.follow();
@@ -154,6 +163,7 @@ class Photograph {
     if (!this.raw.value) throw new Error("No raw file is chosen: choose one, or save one on the Viewfinder (key s).");
     if (!this.psf.value) throw new Error("No PSF is chosen: calibrate the camera (key 3), or bring a PSF file.");
     this.maker.disabled = true;
+    this.curve.hidden = this.options.quality.value() === "draft"; // It has no iterations.
     fill(this.curve, noCurve());
     this.tone.age();
     try {
@@ -169,6 +179,7 @@ class Photograph {
   draw(job) {
     const history = (job.history ?? []).filter(({ objective }) => objective > 0);
     if (history.length < 2) return;
+    this.curve.hidden = false;
     fill(this.curve, curve({ x: history.map(({ iteration }) => iteration), y: history.map(({ objective }) => objective),
       log: true, xLabel: "iteration", yLabel: "objective", title: "Objective by iteration" }));
   }

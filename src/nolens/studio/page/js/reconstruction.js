@@ -2,88 +2,80 @@
 /** How a raw file is read and reconstructed: the options that a person may leave as they are. */
 
 import { offerFiles } from "./choices.js";
-import { field, h, segments, slider, tick } from "./dom.js";
+import { control } from "./controls.js";
+import { filePicker, h, segments, slider, tick } from "./dom.js";
 import { folderOf, number } from "./format.js";
 import { label, option } from "./names.js";
 import { told } from "./notices.js";
 
 const KIND = "reconstruct";
 const TAU = 1e-4;
-const TURNS = [["none", "As it is"], ["vertical", "Upside down"], ["horizontal", "Mirrored"], ["both", "Rotated by 180°"]];
-const MOSAICS = ["RGGB", "BGGR", "GRBG", "GBRG"];
-
-/** @param {string} placeholder */
-const typed = (placeholder) => h("input", { type: "text", placeholder, spellcheck: false });
-/** @param {string} placeholder @param {number} most */
-const counted = (placeholder, most) => h("input", { type: "number", min: 1, max: most, placeholder });
-/** @param {string[][]} choices */
-const chosen = (choices) => h("select", {}, ...choices.map(([value, label]) => h("option", { value }, label)));
-
-/** @param {HTMLInputElement} input */
-const text = (input) => input.value.trim() || undefined;
-/** A number where it is one; else the text, which the studio then says more about. @param {HTMLInputElement} input */
-const value = (input) => {
-  const said = text(input);
-  return said === undefined || Number.isNaN(Number(said)) ? said : Number(said);
+const FILE_SAYS = "as the file says";
+/** @type {Record<string, {words?: Record<string, string>, example?: string}>} what the page adds to the declarations */
+const MORE = {
+  black: { example: `${FILE_SAYS}; a number, or auto` },
+  white: { example: FILE_SAYS },
+  mosaic: { words: Object.fromEntries([["", "As the file says"], ...["RGGB", "BGGR", "GRBG", "GBRG"].map((each) => [each, each])]) },
+  psf_extent: { words: { sensor: "No: as large as the sensor", wide: "Yes: with the light beside the sensor" } },
+  psf_scale: { example: "1" },
+  support: { example: "rows x columns, such as 400x400" },
+  field: { example: "such as 40deg" },
+  channels: { example: "all; grey, or letters such as rg" },
+  bin: { example: "by the PSF" },
+  crop: { example: "the support; such as 400x400+20+0" },
+  flip: { words: { none: "As it is", vertical: "Upside down", horizontal: "Mirrored", both: "Rotated by 180°" } },
+  prior: { words: { tv: "Total variation", "isotropic-tv": "Isotropic total variation", l1: "Few bright points (l1)", none: "No negative light, nothing else" } },
+  iterations: { example: "by quality" },
 };
+/** Options of how the raw file is read: those that refocusing has too. */
+const READING = ["black", "white", "mosaic", "bgr", "bin", "channels", "support", "flip"];
+const SOLVING = ["psf_extent", "psf_scale", "crop", "prior", "iterations", "tolerance", "low_frequency"];
 
 export class ReconstructionOptions {
-  /** @param {(input: HTMLInputElement, select: HTMLSelectElement) => Promise<void>} bring stores a file of the visitor's and chooses it */
+  /** @param {(file: File, select: HTMLSelectElement) => Promise<void>} bring stores a file of the visitor's and chooses it */
   constructor(bring) {
     this.quality = segments(label(KIND, "quality"), [["draft", "Draft"], ["photo", "Photo"], ["exact", "Exact"]], "photo", () => {});
-    this.dark = h("select", {});
-    this.darkFile = h("input", { type: "file", onchange: told(() => bring(this.darkFile, this.dark)) });
-    this.black = typed("as the file says; a number, or auto");
-    this.white = typed("as the file says");
-    this.mosaic = chosen([["", "As the file says"], ...MOSAICS.map((each) => [each, each])]);
-    this.bgr = tick(label(KIND, "bgr"), false);
-    this.wider = tick(label(KIND, "psf_extent"), false);
-    this.scale = counted("1", 64);
-    this.region = typed("rows x columns, such as 400x400");
-    this.angle = typed("such as 40deg");
-    this.bin = counted("by the PSF", 64);
-    this.channels = typed("all; grey, or letters such as rg");
-    this.flip = chosen(TURNS);
+    this.files = { dark: h("select", {}), flat: h("select", {}) };
+    this.controls = Object.fromEntries([...READING, ...SOLVING, "field"].map((name) => [name, control(KIND, name, MORE[name])]));
     this.ownTau = tick("Choose τ", false, (on) => { this.tau.element.hidden = !on; });
     this.tau = slider({ label: label(KIND, "tau"), min: 1e-6, max: 1e-1, value: TAU, log: true, text: (tau) => number(tau, 2) });
     this.tau.element.hidden = true;
-    this.iterations = counted("by quality", 100000);
+    const { controls, files } = this;
+    const of = (/** @type {string[]} */ ...names) => names.map((name) => controls[name].element);
     const more = (/** @type {string} */ title, /** @type {HTMLElement[]} */ ...fields) =>
       h("details", {}, h("summary", {}, title), h("div", { class: "fields" }, ...fields));
     this.elements = [
-      this.quality.element,
-      more("The files", option(KIND, "dark", this.dark), field("Or a dark frame of yours", this.darkFile), option(KIND, "black", this.black), option(KIND, "white", this.white),
-        option(KIND, "mosaic", this.mosaic), this.bgr.element,
-        h("p", { class: "pale" }, "A PSF file that is larger than the raw file is either:"),
-        this.wider.element, option(KIND, "psf_scale", this.scale)),
+      more("The files", ...Object.entries(files).map(([name, select]) => h("div", { class: "row low" }, h("div", { class: "grow" }, option(KIND, name, select)),
+        filePicker("Bring…", told(([file]) => bring(file, select)), { "aria-label": `${label(KIND, name)} of yours` }))),
+        ...of("black", "white", "mosaic", "bgr", "channels", "bin"),
+        h("p", { class: "pale" }, "A PSF file that is larger than the raw file is either:"), ...of("psf_extent", "psf_scale")),
       more("The scene", h("p", { class: "pale" }, "The support: where light can come from. Leave both empty for no limit."),
-        option(KIND, "support", this.region), option(KIND, "field", this.angle),
-        option(KIND, "bin", this.bin), option(KIND, "channels", this.channels), option(KIND, "flip", this.flip)),
-      more("The solver", this.ownTau.element, this.tau.element, option(KIND, "iterations", this.iterations)),
+        ...of("support", "field", "crop", "flip")),
+      more("The solver", this.ownTau.element, this.tau.element, ...of("prior", "iterations", "tolerance", "low_frequency")),
     ];
   }
 
-  /** Dark frames to choose from. @param {import("./choices.js").Group[]} files */
+  /** Dark frames and flat fields to choose from. @param {import("./choices.js").Group[]} files */
   offer(files) {
-    offerFiles(this.dark, files, "None");
+    for (const select of Object.values(this.files)) offerFiles(select, files, "None");
+  }
+
+  /** @param {string[]} names */
+  values(names) {
+    return Object.fromEntries(names.map((name) => [name, this.controls[name].value()]));
   }
 
   /** How the raw file is read, and what of the scene is reconstructed. */
   reading() {
-    return {
-      dark: this.dark.value, black: value(this.black), white: value(this.white), mosaic: this.mosaic.value,
-      bgr: this.bgr.box.checked || undefined, bin: value(this.bin), channels: text(this.channels),
-      support: text(this.region), flip: this.flip.value === "none" ? undefined : this.flip.value,
-    };
+    return { dark: this.files.dark.value, flat: this.files.flat.value, ...this.values(READING) };
   }
 
   /** All of a reconstruction. @param {string} psf path of its PSF, whose camera turns angles into pixels */
   all(psf) {
-    const angle = text(this.angle);
+    const angle = this.controls.field.value();
     return {
-      ...this.reading(), quality: this.quality.value(), psf_extent: this.wider.box.checked ? "wide" : undefined, psf_scale: value(this.scale),
-      tau: this.ownTau.box.checked ? this.tau.value() : undefined, iterations: value(this.iterations),
-      field: angle, camera: angle && folderOf(psf),
+      ...this.reading(), ...this.values(SOLVING), quality: this.quality.value(),
+      tau: this.ownTau.box.checked ? this.tau.value() : undefined, field: angle, camera: angle && folderOf(psf),
     };
   }
 }

@@ -1,0 +1,48 @@
+// @ts-check
+/** Controls for options, made from what their jobs declare. */
+
+import { h, tick } from "./dom.js";
+import { declared, label, option, worded } from "./names.js";
+
+/** @typedef {{element: HTMLElement, value: () => unknown}} Control `value` is undefined where the option is left out */
+
+const LONGEST = 34;
+/** @type {Record<string, unknown>} */
+const SWITCH = { on: true, off: false };
+
+/** @param {HTMLInputElement} input */
+const text = (input) => input.value.trim() || undefined;
+
+/** A number where it is one; else the text, which the studio then says more about. @param {HTMLInputElement} input */
+const value = (input) => {
+  const given = text(input);
+  return given === undefined || Number.isNaN(Number(given)) ? given : Number(given);
+};
+
+/**
+ * A control for an option of a job.
+ *
+ * @param {string} kind of the job
+ * @param {string} name
+ * @param {{words?: Record<string, string>, example?: string}} [more] `words`: what the page calls the choices; `example`: of a text
+ * @returns {Control}
+ */
+export function control(kind, name, { words = {}, example } = {}) {
+  const { choices, default: normal } = declared(kind, name);
+  if (choices.join() === "on,off" && !normal) {
+    const { box, element } = tick(label(kind, name), false);
+    return { element, value: () => box.checked || undefined };
+  }
+  const list = choices.length ? choices : Object.keys(words);
+  if (list.length) {
+    const said = (/** @type {string} */ choice) => words[choice] ?? `${choice[0].toUpperCase()}${choice.slice(1)}`;
+    const chosen = choices.includes(normal);
+    const select = h("select", {}, !chosen && h("option", { value: "" }, words[""] ?? `By default (${worded(kind, normal)})`),
+      ...list.map((each) => h("option", { value: each }, said(each))));
+    if (chosen) select.value = normal;
+    return { element: option(kind, name, select), value: () => (select.value === "" || select.value === normal ? undefined : SWITCH[select.value] ?? select.value) };
+  }
+  const usual = worded(kind, normal);
+  const input = h("input", { type: "text", spellcheck: false, placeholder: example ?? (usual.length <= LONGEST ? usual : "by default") });
+  return { element: option(kind, name, input), value: () => value(input) };
+}
