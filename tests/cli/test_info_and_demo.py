@@ -60,9 +60,9 @@ def test_version_and_help() -> None:
 
 
 def test_help_tells_defaults_and_what_is_needed() -> None:
-    text = " ".join(run("reconstruct", "--help").out.replace("│", " ").split())
+    text = " ".join(run("reconstruct", "--help-all").out.replace("│", " ").split())
     for words in (
-        "What the sensor measures of a point source: the same kinds of file. Needed.",
+        "what the sensor measured of a point source. The same kinds of file. Needed.",
         "[default: 1e-4; wiener 0.1]",
         "[default: 200; exact 5000; fista 300; in a sequence 8]",
         "[default: photo] [choices: draft, photo, exact]",

@@ -149,6 +149,8 @@ def test_a_mask_is_listed_with_the_others(tmp_path: Path) -> None:
     assert "rings            Concentric rings, round like waves." in listed
     assert "lenslet-array    Lenslets in regular places." in listed
     shown = printed(nolens("design", "mask", "rings", "--help"))
+    assert "--spacing" in shown and "--overhang" not in shown
+    shown = printed(nolens("design", "mask", "rings", "--help-all"))
     assert "--spacing" in shown and "--overhang" in shown and "--pitch" not in shown
     assert "optimised, rings:" in refusal(nolens("design", "mask"))
     alone = nolens("design", "mask", "rings", "-o", tmp_path / "m", packages=None)

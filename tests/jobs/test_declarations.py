@@ -41,6 +41,7 @@ def test_every_field_says_what_it_means(model: type[JobOptions]) -> None:
         assert option.help.endswith((".", ")")), name
         assert "[default" not in option.help and not option.help.endswith("Needed."), name
         assert bool(option.needed) == field.is_required(), name
+        assert not (option.group and (field.is_required() or option.positional)), name
 
 
 def test_no_text_is_written_twice() -> None:

@@ -13,6 +13,7 @@ from cyclopts import (
 )
 
 from nolens import __version__
+from nolens.cli.messages import show
 from nolens.errors import OptionError
 from nolens.files.input import set_read_limit
 from nolens.printable import quoted
@@ -46,13 +47,26 @@ A command loads only what it uses, which is why they are known by name here.
 """
 
 
-def application() -> App:
-    """The command without its commands."""
+_HELP, _HELP_ALL = ("--help", "-h"), "--help-all"
+_READ_LIMIT_HELP = (
+    "Every command takes --read-limit: how much one read of a file may decode, such as 4GB.  "
+    "[default: 1.5GB]"
+)
+_TWO_HELPS = "nolens COMMAND --help lists what most people need, --help-all every option."
+
+
+def application(epilogue: str | None = None) -> App:
+    """The command without its commands.
+
+    Parameters
+    ----------
+    epilogue
+        What every help ends with.
+    """
     return App(
         name="nolens",
         help="Lensless cameras: design, simulate and make them, and reconstruct what they measure.",
-        help_epilogue="Every command takes --read-limit: how much one read of a file may decode, "
-        "such as 4GB.  [default: 1.5GB]",
+        help_epilogue=epilogue,
         version=__version__,
         help_format="plaintext",
         suppress_keyboard_interrupt=False,
@@ -83,7 +97,7 @@ def without_read_limit(arguments: Sequence[str]) -> list[str]:
         If it is given without a size, or with one that is none.
     """
     rest = list(arguments)
-    end = rest.index("--") if "--" in rest else len(rest)
+    end = _end_of_options(rest)
     for place in reversed(range(end)):
         name, equals, size = rest[place].partition("=")
         if name == _READ_LIMIT:
@@ -95,6 +109,11 @@ def without_read_limit(arguments: Sequence[str]) -> list[str]:
     return rest
 
 
+def _end_of_options(arguments: Sequence[str]) -> int:
+    """Place of ``--``, after which nothing is an option."""
+    return list(arguments).index("--") if "--" in arguments else len(arguments)
+
+
 def run(arguments: Sequence[str]) -> int:
     """Run one command and return its exit code.
 
@@ -104,12 +123,33 @@ def run(arguments: Sequence[str]) -> int:
         If the arguments name no command, or an option or value that it does not have.
     """
     arguments = without_read_limit(arguments)
-    app = application()
+    end = _end_of_options(arguments)
+    options, names = arguments[:end], arguments[end:]
+    everything = _HELP_ALL in options
+    if everything:
+        arguments = [*(_HELP[0] if each == _HELP_ALL else each for each in options), *names]
     listed = not arguments or arguments[0].startswith("-")
+    epilogue = f"{_TWO_HELPS} {_READ_LIMIT_HELP}" if listed else _READ_LIMIT_HELP
+    app = application(epilogue if listed or everything else None)
     for path, sentence in COMMANDS.items():
         # A help that is given here replaces the command's own, so only the list of all has it.
         app.command(f"nolens.cli.{path}", help=sentence if listed else None)
-    return run_app(app, arguments)
+    if everything or not any(each in options for each in _HELP):
+        return run_app(app, arguments)
+    # What only help needs is loaded here.
+    from nolens.cli.help import BriefFormatter
+
+    app.help_formatter = brief = BriefFormatter()
+    code = run_app(app, arguments)
+    if brief.more:
+        command = " ".join(app.parse_commands(_without_help(arguments))[0])
+        show("")
+        show(f"{brief.more} more options: nolens {command} {_HELP_ALL}")
+    return code
+
+
+def _without_help(arguments: Sequence[str]) -> list[str]:
+    return [each for each in arguments if each not in _HELP]
 
 
 def run_app(app: App, arguments: Sequence[str]) -> int:
@@ -124,8 +164,7 @@ def run_app(app: App, arguments: Sequence[str]) -> int:
     if nested is not None:  # Lists may be written as JSON, whose parser recurses into brackets.
         raise OptionError(f"{quoted(nested)} has more than {_MOST_BRACKETS} brackets: give fewer")
     try:
-        words = [each for each in arguments if each not in ("--help", "-h")]
-        *_, group = app.parse_commands(words)[1]
+        *_, group = app.parse_commands(_without_help(arguments))[1]
         if group is not app:  # A list of its commands has what each says of itself.
             group.resolved_commands()
         code = app(

@@ -14,6 +14,7 @@ from pydantic import BeforeValidator
 from nolens.cli.app import Whole
 from nolens.cli.messages import show
 from nolens.cli.terminal import TerminalReporter
+from nolens.jobs.fields import RUN
 from nolens.jobs.options import JobOptions, Option, default_text
 from nolens.jobs.run import Job, with_former_keys
 
@@ -102,7 +103,7 @@ def _listed(outputs: list[str]) -> list[str]:
 
 
 def _parameters(model: type[JobOptions]) -> list[inspect.Parameter]:
-    groups: dict[str, Group] = {}
+    groups: dict[str, Group] = {RUN: Group(RUN, sort_key=len(model.model_fields))}
     found = []
     for field in model.model_fields:
         option = Option.of(model, field)
@@ -113,11 +114,12 @@ def _parameters(model: type[JobOptions]) -> list[inspect.Parameter]:
         found.append(parameter)
         if option.former:
             found.append(_former(parameter, option))
-    return [
-        *sorted(found, key=lambda each: each.kind),
-        inspect.Parameter("config", _BY_NAME, default=None, annotation=_Config),
-        inspect.Parameter("json_", _BY_NAME, default=False, annotation=Json),
+    place = Parameter(group=groups[RUN])
+    found += [
+        inspect.Parameter("config", _BY_NAME, default=None, annotation=Annotated[_Config, place]),
+        inspect.Parameter("json_", _BY_NAME, default=False, annotation=Annotated[Json, place]),
     ]
+    return sorted(found, key=lambda each: each.kind)
 
 
 def _parameter(model: type[JobOptions], name: str, group: Group | None) -> inspect.Parameter:

@@ -30,13 +30,15 @@ from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Reporter, Run, job, with_former_keys
 from nolens.ranges import Between
 
-_WHAT, _CAMERA = "What is taken", "Camera"
+_WHAT, _CAMERA = "Series and exposure", "Camera"
 
 
 class CaptureOptions(JobOptions):
     """Take raw frames with a camera: one, many, averaged, bracketed, or over a long time.
 
     nolens capture -o shot.dng
+
+    nolens capture --psf --frames 8 -o point
 
     Each frame is written as soon as it is taken, with its record as .json beside it; Ctrl-C ends
     after the frame in work, and what was taken stays.
@@ -47,9 +49,9 @@ class CaptureOptions(JobOptions):
     output: Annotated[
         FilePath,
         Option(
-            ".dng (whole counts of a colour sensor), .tif (with mosaic and levels in it) or .npy "
-            "(counts alone). Of several frames the name is numbered: -o day.dng writes "
-            "day-0001.dng and so on. Without a suffix it is a folder.",
+            "File to write: .dng (whole counts of a colour sensor), .tif (with mosaic and levels "
+            "in it) or .npy (counts alone). Of several frames the name is numbered: -o day.dng "
+            "writes day-0001.dng and so on. Without a suffix it is a folder.",
             needed="the file to write (-o shot.dng), or a folder for several",
             role="output",
             flag="-o",
@@ -60,7 +62,6 @@ class CaptureOptions(JobOptions):
         Option(
             "The camera is covered: take what is subtracted from other frames, with their exposure "
             "time (--exposure) and gain.",
-            _WHAT,
             negative=False,
         ),
     ] = False
@@ -68,15 +69,14 @@ class CaptureOptions(JobOptions):
         bool,
         Option(
             "The camera sees one point source: no pixel may be saturated. Then: nolens calibrate.",
-            _WHAT,
             negative=False,
         ),
     ] = False
-    frames: Annotated[int, Between(1, 100_000), Option("Frames one after the other.", _WHAT)] = 1
+    frames: Annotated[int, Between(1, 100_000), Option("How many frames, one after the other.")] = 1
     average: Annotated[
         bool,
         Option(
-            "These become one file, their mean (.tif or .npy, with fractions of counts).",
+            "The frames become one file, their mean (.tif or .npy, with fractions of counts).",
             _WHAT,
             negative=False,
         ),
@@ -85,7 +85,6 @@ class CaptureOptions(JobOptions):
         Exposure | None,
         Option(
             "Exposure time, such as 40ms.",
-            _WHAT,
             default="one that fits what the camera sees, up to 1 s",
         ),
     ] = None
@@ -118,10 +117,9 @@ class CaptureOptions(JobOptions):
     source: Annotated[
         Name,
         Option(
-            "auto (the Raspberry Pi's camera, or else a simulated one), raspberry, raspberry:1 "
-            "(the second camera), twin (simulated), twin:CAMERA (preset or folder), or folder:PATH "
-            "(raw files that another camera writes there).",
-            _CAMERA,
+            "The camera: auto (the Raspberry Pi's, or else a simulated one), raspberry, "
+            "raspberry:1 (the second camera), twin (simulated), twin:CAMERA (preset or folder), or "
+            "folder:PATH (raw files that another camera writes there).",
         ),
     ] = "auto"
     scene: Annotated[

@@ -81,8 +81,8 @@ class FabricateOptions(OutputFolderOptions):
     camera: Annotated[
         Name,
         Option(
-            "paper, small, a folder with camera.toml, or a .toml file; its mask is resin poured "
-            "onto the cover glass.",
+            "Camera to make: paper, small, a folder with camera.toml, or a .toml file; its mask is "
+            "resin poured onto the cover glass.",
             needed="the camera (nolens fabricate CAMERA -o FOLDER)",
             role="camera",
             positional=True,
@@ -103,14 +103,14 @@ class FabricateOptions(OutputFolderOptions):
     package: Annotated[
         _TwoLengths | None,
         Option(
-            "WIDTHxHEIGHT of the sensor's package, along its rows and across.",
-            _FRAME,
+            "WIDTHxHEIGHT of the sensor's package, along its rows and across, such as "
+            "12.98x11.15mm.",
             default="the camera's sensor.package",
         ),
     ] = None
     glass_top: Annotated[
         PositiveLength | None,
-        Option("From the board up to the top of the package; with --package.", _FRAME),
+        Option("Height from the board up to the top of the package; with --package."),
     ] = None
     wall: Annotated[PositiveLength, Option("Thickness of the frame's wall.", _FRAME)] = Length(
         "1", "mm"
@@ -153,7 +153,7 @@ class FabricateOptions(OutputFolderOptions):
     ] = Length("0.4", "mm")
     bed: Annotated[
         _TwoLengths,
-        Option("WIDTHxDEPTH of the printer's bed.", _PRINTER, default="120x68mm"),
+        Option("WIDTHxDEPTH of the printer's bed, such as 120x68mm.", default="120x68mm"),
     ] = (Length("120", "mm"), Length("68", "mm"))
     printer_shrinkage: Annotated[
         _Shrinkage,
@@ -191,7 +191,6 @@ class FabricateOptions(OutputFolderOptions):
         Option(
             "What the mask's files show: the master that the mould is taken from, the mould "
             "(mirrored and inverted), or the replica on the camera.",
-            _MASK,
         ),
     ] = "master"
     mould_shrinkage: Annotated[

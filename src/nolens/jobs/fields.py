@@ -110,9 +110,8 @@ CAMERAS = "paper, paper-film, small, live, a folder with camera.toml, or a .toml
 """What the name of a camera may be."""
 LIGHTS = "white-led, daylight, equal-energy, or one wavelength such as 535nm"
 """What the spectrum of a light may be."""
-MAIN = "What matters most"
 INPUT, SOLVER, PICTURE = "Files and channels", "Model and solver", "Picture"
-RESULT = "Result"
+RESULT, RUN = "Result", "How it runs"
 """Headings of options that several jobs have."""
 
 # Options that several jobs have, each with its text: ``dark: Dark = None``.
@@ -164,7 +163,6 @@ Support = Annotated[
     Option(
         "Scene pixels that light can come from: HEIGHTxWIDTH around the middle of the sensor, or "
         "HEIGHTxWIDTH+TOP+LEFT in pixels of the sensor's frame.",
-        MAIN,
         default="no limit",
         former="region",
         label="Support of the scene",
@@ -174,19 +172,22 @@ PsfExtent = Annotated[
     Literal["sensor", "wide"],
     Option(
         "wide: an extended PSF, whose file also shows light that falls beside the sensor.",
-        MAIN,
+        INPUT,
         former="psf_wider",
         former_switch="wide",
         label="Extended PSF",
     ),
 ]
-Device = Annotated[DeviceName, Option("Where to compute; auto takes CUDA where there is one.")]
+Device = Annotated[DeviceName, Option("Where to compute; auto takes CUDA where there is one.", RUN)]
 ScenePrior = Annotated[
     Prior, Option("What the scene is assumed to be like.", SOLVER, label="Prior")
 ]
 Flip = Annotated[
     Literal["none", "vertical", "horizontal", "both"],
-    Option("Turn the picture over.", PICTURE, label="Turn the picture"),
+    Option(
+        "Turn the picture over: vertical exchanges top and bottom, horizontal left and right.",
+        label="Turn the picture",
+    ),
 ]
 
 

@@ -57,7 +57,8 @@ class Option:
     help
         What it means, as a person reads it.
     group
-        Heading under which the help lists it.
+        Heading under which ``--help-all`` and the page's "More" list it. Without one it is among
+        what most people need, which ``--help`` lists.
     default
         What is taken where nothing is given, for a field without a plain default.
     needed

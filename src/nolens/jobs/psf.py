@@ -55,6 +55,8 @@ def _two_sizes(given: Any) -> Any:
 class PsfOptions(SimulationOptions):
     """Simulate what a lensless camera shows of a point source.
 
+    nolens psf --camera paper -o psf.tif
+
     nolens psf --camera paper --angle 20deg,0deg --distance 80mm -o psf.tif
     """
 
@@ -64,10 +66,10 @@ class PsfOptions(SimulationOptions):
     output: Annotated[
         FilePath,
         Option(
-            ".tif (linear floats without noise), .dng (every pixel, exposed, with noise) or .png "
-            "(for looking at). The record of the run goes beside it, as .json. A .dng states the "
-            "exposure time that a source needs which gives 1 lx at the camera, straight ahead.",
-            RESULT,
+            "File to write: .tif (linear floats without noise), .dng (every pixel, exposed, with "
+            "noise) or .png (for looking at). The record of the run goes beside it, as .json. A "
+            ".dng states the exposure time that a source needs which gives 1 lx at the camera, "
+            "straight ahead.",
             needed="the file to write (-o raw.dng, -o x.tif)",
             role="output",
             flag="-o",
@@ -75,13 +77,17 @@ class PsfOptions(SimulationOptions):
     ]
     angle: Annotated[
         FieldAngles,
-        Option("Angles to the right and up, as the photographer sees them.", _POINT, former="at"),
+        Option(
+            "Field angles of the point source, to the right and up as the photographer sees them, "
+            "such as 20deg,-10deg.",
+            default="0deg,0deg",
+            former="at",
+        ),
     ] = (Angle("0", "deg"), Angle("0", "deg"))
     distance: Annotated[
         Depth | None,
         Option(
-            "From the camera, or infinity.",
-            _POINT,
+            "Distance of the point source from the camera, such as 80mm, or infinity.",
             default="the camera's reference_distance",
             former="depth",
         ),
@@ -96,7 +102,6 @@ class PsfOptions(SimulationOptions):
         Option(
             "HEIGHTxWIDTH of the result; more than the sensor has shows the light beside it too, "
             "for reconstruct --psf-extent wide.",
-            RESULT,
             default="the sensor",
             former="cells",
         ),

@@ -28,7 +28,6 @@ from nolens.files.psf_folder import PsfFolder
 from nolens.files.stacks import STACK_FILES, stack_writers
 from nolens.jobs.fields import (
     INPUT,
-    MAIN,
     SOLVER,
     Bgr,
     Bin,
@@ -125,7 +124,7 @@ class RefocusOptions(OutputFolderOptions):
     measurement: Annotated[
         FilePath,
         Option(
-            "What the sensor measured: camera raw, .png, .tif or .npy.",
+            "What the sensor measured of the scene: camera raw, .png, .tif or .npy.",
             needed="the measurement (nolens refocus RAW --psfs FOLDER -o FOLDER)",
             role="input",
             positional=True,
@@ -158,7 +157,6 @@ class RefocusOptions(OutputFolderOptions):
         Depth | None,
         Option(
             "Distance that is to be sharp, such as 8cm, or infinity.",
-            _DEPTH,
             default="the sharpest",
         ),
     ] = None
@@ -166,8 +164,8 @@ class RefocusOptions(OutputFolderOptions):
         tuple[_Row, _Row] | None,
         BeforeValidator(_place),
         Option(
-            "ROW,COLUMN of focused.png, in pixels: what is to be sharp.",
-            _DEPTH,
+            "ROW,COLUMN of focused.png, in pixels: the place that is to be sharp, whatever its "
+            "depth.",
             default="the whole picture",
         ),
     ] = None
@@ -184,14 +182,15 @@ class RefocusOptions(OutputFolderOptions):
         Option(
             "NEAR,FAR: pictures at depths from near to far, in equal steps of 1/distance. Without "
             "--depth or --at, focused.png is left out.",
-            _DEPTH,
             label="Nearest and Farthest",
         ),
     ] = None
-    steps: Annotated[int, Between(2, _MOST_STEPS), Option("How many.", _DEPTH, label="Depths")] = 9
+    steps: Annotated[
+        int, Between(2, _MOST_STEPS), Option("How many depths --stack has.", label="Depths")
+    ] = 9
     support: Support = None
     tau: Annotated[
-        Tau, Option("Weight of the prior.", MAIN, default="1e-4", label="τ, weight of the prior")
+        Tau, Option("Weight of the prior.", SOLVER, default="1e-4", label="τ, weight of the prior")
     ] = 1e-4
     dark: Dark = None
     flat: Flat = None

@@ -20,7 +20,7 @@ from nolens.twin.measured_relief import measured_relief
 
 RELIEF_FILE = "relief.tif"
 """Heights, in the folder of the camera."""
-_FILE, _PART, _RESULT = "What the file holds", "What was measured", "Result"
+_PART, _RESULT = "What was measured", "Result"
 
 
 class ReliefOptions(OutputFolderOptions):
@@ -46,7 +46,7 @@ class ReliefOptions(OutputFolderOptions):
     camera: Annotated[
         Name,
         Option(
-            f"{CAMERAS}. All but the relief stays.",
+            f"Camera whose relief is replaced: {CAMERAS}. All else stays.",
             needed="the camera (nolens camera relief CAMERA MAP -o FOLDER)",
             role="camera",
             positional=True,
@@ -75,13 +75,12 @@ class ReliefOptions(OutputFolderOptions):
     ]
     pitch: Annotated[
         PositiveLength | None,
-        Option("Distance of the map's points, such as 0.5um.", _FILE, default="what the file says"),
+        Option("Distance of the map's points, such as 0.5um.", default="what the file says"),
     ] = None
     unit: Annotated[
         Literal["nm", "um", "mm", "m"] | None,
         Option(
             "Length that a value of 1 stands for: nm, um, mm or m; for points, x and y too.",
-            _FILE,
             default="what the file says",
         ),
     ] = None
@@ -89,10 +88,9 @@ class ReliefOptions(OutputFolderOptions):
         PositiveLength | None,
         Option(
             "Height that the largest count of a .tif of whole numbers stands for, such as 20um.",
-            _FILE,
         ),
     ] = None
-    mirror: Annotated[bool, Option("Exchanges top and bottom.", _PART, default="off")] = False
+    mirror: Annotated[bool, Option("Exchanges top and bottom: see above.", default="off")] = False
     invert: Annotated[bool, Option("Takes heights for depths.", _PART, default="off")] = False
     turn: Annotated[
         Literal[0, 90, 180, 270],

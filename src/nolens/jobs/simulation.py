@@ -51,7 +51,6 @@ OPTICS, EXPOSURE = "Camera and light", "Exposure"
 RAW_SUFFIXES = (".dng", ".tif", ".tiff")
 FILL = Share("90", "%")
 Fill = Annotated[Share, Between("0.001 %", "10000 %")]
-_SCENE = "Scene"
 _Luminance = Annotated[Luminance, Between("0.000001 cd/m2", "1000000000000 cd/m2")]
 _REMEDY = (
     "a camera with fewer or larger pixels, a coarser grid of its relief or a smaller --angle needs "
@@ -66,7 +65,9 @@ class SimulationOptions(JobOptions):
     """Suffixes of pictures for looking at that may be written in place of counts."""
 
     output: FilePath
-    camera: Annotated[Name, Option(f"{CAMERAS}.", OPTICS, role="camera", label="Camera")] = "paper"
+    camera: Annotated[
+        Name, Option(f"Camera to simulate: {CAMERAS}.", role="camera", label="Camera")
+    ] = "paper"
     light: Annotated[Word, Option(f"{LIGHTS}.", OPTICS)] = "white-led"
     wavelengths: Annotated[
         int, Between(1, 100), Option("Wavelengths that stand for a channel.", OPTICS)
@@ -98,8 +99,9 @@ class SimulateOptions(SimulationOptions):
         Files,
         Field(min_length=1),
         Option(
-            "Pictures: .png, .jpg or .tif of 8 or 16 bits (sRGB; alpha is opacity), or float .tif "
-            "and .npy (linear, 1 is white). Of several ones, nearer ones hide farther ones.",
+            "Pictures of the scene: .png, .jpg or .tif of 8 or 16 bits (sRGB; alpha is opacity), "
+            "or float .tif and .npy (linear, 1 is white). Of several ones, nearer ones hide "
+            "farther ones.",
             needed="the scene (nolens simulate SCENE -o raw.dng)",
             role="input",
             positional=True,
@@ -111,7 +113,6 @@ class SimulateOptions(SimulationOptions):
         Option(
             "Raw file to write: .dng, or .tif (16-bit counts). The record of the run goes beside "
             "it, as .json.",
-            RESULT,
             needed="the file to write (-o raw.dng, -o x.tif)",
             role="output",
             flag="-o",
@@ -122,7 +123,6 @@ class SimulateOptions(SimulationOptions):
         Option(
             "Writes what a reconstruction is to show: the scene's radiance on its pixels, as "
             "linear float .tif.",
-            RESULT,
             role="output",
         ),
     ] = None
@@ -138,8 +138,8 @@ class SimulateOptions(SimulationOptions):
     distance: Annotated[
         Distances,
         Option(
-            "From the camera to the picture, or infinity; once, or once for each picture.",
-            _SCENE,
+            "Distance from the camera to the picture, such as 300mm, or infinity; once, or once "
+            "for each picture.",
             default="the camera's reference_distance",
         ),
     ] = ()
@@ -147,8 +147,8 @@ class SimulateOptions(SimulationOptions):
         tuple[FullAngle, ...],
         Field(max_length=1000),
         Option(
-            "Field angle of the picture's longer side, from edge to edge; once, or once for each.",
-            _SCENE,
+            "Field angle of the picture's longer side, from edge to edge, such as 60deg; once, or "
+            "once for each picture.",
         ),
     ] = (Angle("60", "deg"),)
     field_points: Annotated[
@@ -169,7 +169,8 @@ class SimulateOptions(SimulationOptions):
         ),
     ] = None
     exposure: Annotated[
-        Exposure | None, Option("Exposure time, such as 40ms, instead of --fill.", EXPOSURE)
+        Exposure | None,
+        Option("Exposure time, such as 40ms.", default="fills the brightest pixel to 90 %"),
     ] = None
     luminance: Annotated[
         _Luminance,

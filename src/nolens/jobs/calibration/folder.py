@@ -11,7 +11,7 @@ from nolens.camera.part import PositiveLength
 from nolens.camera.psf_set import Depth
 from nolens.files import CAMERA_FILE, PSFS_FILE, write_psfs
 from nolens.files.psf_folder import PsfFolder
-from nolens.jobs.fields import RESULT, FilePath
+from nolens.jobs.fields import FilePath
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Value, Writer
 from nolens.quantities import Length
@@ -32,7 +32,6 @@ def output_folder(record: str) -> Option:
     return Option(
         "Folder of the camera's PSFs; made if it is not there. The PSF, the list psfs.toml and "
         f"the record {record}-….json go into it.",
-        RESULT,
         needed="the folder of the camera's PSFs (-o folder)",
         role="output",
         flag="-o",

@@ -21,8 +21,6 @@ from nolens.jobs.options import Option
 from nolens.jobs.reconstruction.options import parse_window
 from nolens.jobs.run import Product, Run, check_memory, job
 
-_PAIRS = "Pairs"
-
 
 class CalibratePairsOptions(NewPsfOptions):
     """Solve the PSF from measurements of known pictures, where no point source is to be had.
@@ -63,8 +61,7 @@ class CalibratePairsOptions(NewPsfOptions):
     distance: Annotated[
         Depth,
         Option(
-            "Of the pictures from the camera, such as 300mm, or infinity.",
-            _PAIRS,
+            "Distance of the pictures from the camera, such as 300mm, or infinity.",
             needed="that of the pictures from the camera (--distance 300mm, or infinity)",
         ),
     ]
@@ -73,7 +70,6 @@ class CalibratePairsOptions(NewPsfOptions):
         Option(
             "Distance of the pixels in the measurements, such as 1.55um, where the folder has no "
             "camera.",
-            _PAIRS,
         ),
     ] = None
     support: Annotated[
@@ -81,7 +77,6 @@ class CalibratePairsOptions(NewPsfOptions):
         Option(
             "Where the pictures' pixels lie: HEIGHTxWIDTH+TOP+LEFT in pixels of the sensor's "
             "frame.",
-            _PAIRS,
             default="in the middle",
             former="region",
         ),

@@ -24,7 +24,7 @@ from nolens.jobs.run import Product, Reporter, Run, check_memory, job
 from nolens.progress import within
 from nolens.quantities import Angle
 
-_SOURCE, _FRAMES = "Point source", "Frames"
+_FRAMES = "Frames"
 _MERGED_FRACTION = 0.5
 """Of the work on a PSF; the rest brings it into its place."""
 
@@ -46,7 +46,7 @@ class CalibratePointOptions(NewPsfOptions):
         Files,
         Field(min_length=1),
         Option(
-            "Camera raw (.dng and others), .tif, .png or .npy, all of the same point source.",
+            "Frames of one point source: camera raw (.dng and others), .tif, .png or .npy.",
             needed="the frames of one point source (nolens calibrate FRAME... --distance 300mm -o "
             "FOLDER)",
             role="input",
@@ -57,8 +57,7 @@ class CalibratePointOptions(NewPsfOptions):
     distance: Annotated[
         Depth,
         Option(
-            "Of the point source from the camera, such as 300mm, or infinity.",
-            _SOURCE,
+            "Distance of the point source from the camera, such as 300mm, or infinity.",
             needed="that of the point source from the camera (--distance 300mm, or infinity)",
             label="Distance from the mask",
         ),
@@ -68,7 +67,6 @@ class CalibratePointOptions(NewPsfOptions):
         Option(
             "Field angles of the point source, to the right and up as the photographer sees it, "
             "such as 20deg,-10deg.",
-            _SOURCE,
             default="0deg,0deg",
         ),
     ] = (Angle("0", "deg"), Angle("0", "deg"))
@@ -77,7 +75,6 @@ class CalibratePointOptions(NewPsfOptions):
         Option(
             "Frames with the point source off, after the others; those of each exposure time are "
             "subtracted from its frames.",
-            _FRAMES,
             default="none, and the black level of the files",
             role="input",
             several=True,
@@ -96,8 +93,7 @@ class CalibratePointOptions(NewPsfOptions):
     camera: Annotated[
         Name | None,
         Option(
-            f"{CAMERAS}; it is copied into the folder.",
-            _FRAMES,
+            f"Description of the camera: {CAMERAS}. It is copied into the folder.",
             default="that of the folder, if it has one",
             role="camera",
             label="Description",
@@ -107,7 +103,6 @@ class CalibratePointOptions(NewPsfOptions):
         PixelPitch | None,
         Option(
             "Distance of the pixels in the frames, such as 1.55um, where no camera is known.",
-            _FRAMES,
         ),
     ] = None
     mosaic: Annotated[

@@ -66,7 +66,7 @@ MASK_KINDS = {
     "optimised": "mask_optimised:OptimisedMask",
 }
 """Module, beside this one, and class of each kind; it is loaded where a mask of it is made."""
-TARGET, DESCENT = "Wanted PSF", "Descent"
+DESCENT = "Descent"
 """Headings of options of masks that repeat a tile."""
 Steps = Annotated[Iterations, Option("Steps, at most.", DESCENT)]
 SmallAngle = Annotated[Angle, Between("0.001 deg", "44.9 deg")]
@@ -130,14 +130,14 @@ class MaskOptions(OutputFolderOptions):
         Option(
             "Folder of the new camera: camera.toml, relief.tif, mask.png (a picture of relief and "
             "PSF) and mask.json (the record).",
-            _RESULT,
             needed="the folder of the new camera (-o folder)",
             role="output",
             flag="-o",
         ),
     ]
     camera: Annotated[
-        Name, Option(f"{CAMERAS}: its layers and sensor are kept.", _OPTICS, role="camera")
+        Name,
+        Option(f"Camera whose layers and sensor are kept: {CAMERAS}.", role="camera"),
     ] = "paper"
     light: Annotated[Word, Option(f"{LIGHTS}.", _OPTICS)] = "white-led"
     device: Device = "auto"

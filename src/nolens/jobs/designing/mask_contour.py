@@ -6,7 +6,7 @@ from torch import Tensor
 
 from nolens.camera.part import PositiveLength
 from nolens.design.masks import TileDescent, contour_relief, line_target, random_contours
-from nolens.jobs.designing.mask import TARGET, Steps, TileOptions
+from nolens.jobs.designing.mask import Steps, TileOptions
 from nolens.jobs.options import Option
 from nolens.quantities import Length
 
@@ -22,9 +22,9 @@ class ContourMask(TileOptions):
 
     kind = "contour"
 
-    line: Annotated[PositiveLength, Option("Width of a line.", TARGET)] = Length("12", "um")
-    spacing: Annotated[PositiveLength, Option("Lines lie about half of this apart.", TARGET)] = (
-        Length("250", "um")
+    line: Annotated[PositiveLength, Option("Width of a line of the PSF.")] = Length("12", "um")
+    spacing: Annotated[PositiveLength, Option("Lines lie about half of this apart.")] = Length(
+        "250", "um"
     )
     iterations: Steps = 60
 

@@ -11,8 +11,6 @@ from nolens.jobs.options import Option
 from nolens.quantities import Angle, Length
 from nolens.twin import REFERENCE_NM
 
-_SURFACE = "Surface"
-
 
 class DiffuserMask(MaskOptions):
     """A diffuser: a surface of Gaussian heights.
@@ -24,11 +22,11 @@ class DiffuserMask(MaskOptions):
 
     angle: Annotated[
         SmallAngle,
-        Option("Full width at half maximum of the light that it scatters, in air.", _SURFACE),
+        Option("Full width at half maximum of the light that it scatters, in air."),
     ] = Angle("1", "deg")
-    feature: Annotated[
-        PositiveLength, Option("Distance over which heights are alike.", _SURFACE)
-    ] = Length("30", "um")
+    feature: Annotated[PositiveLength, Option("Distance over which heights are alike.")] = Length(
+        "30", "um"
+    )
 
     def mask(self, blank: Blank) -> MadeMask:
         """Compute the surface."""

@@ -36,9 +36,9 @@ class _LensletsMask(MaskOptions):
 
     radius: Annotated[
         PositiveLength | None,
-        Option("Radius of curvature.", _LENSLETS, default="what focuses on the sensor"),
+        Option("Radius of curvature of a lenslet.", default="what focuses on the sensor"),
     ] = None
-    pitch: Annotated[PositiveLength, Option("Mean distance of lenslets.", _LENSLETS)] = Length(
+    pitch: Annotated[PositiveLength, Option("Mean distance of neighbouring lenslets.")] = Length(
         "70", "um"
     )
     smoothing: _Smoothing
@@ -94,7 +94,7 @@ class LensletArrayMask(_LensletsMask):
     kind = "lenslet-array"
 
     smoothing: _Smoothing = Length("2", "um")
-    arrangement: Annotated[Arrangement, Option("Of their middles.", _LENSLETS)] = "hexagonal"
+    arrangement: Annotated[Arrangement, Option("How the lenslets' middles lie.")] = "hexagonal"
 
     def mask(self, blank: Blank) -> MadeMask:
         """Compute the lenslets."""

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from nolens.camera.part import PositiveLength, refusal
 from nolens.design.masks import PsfGoals, TileDescent, lenslet_start, optimised_relief
-from nolens.jobs.designing.mask import DESCENT, TARGET, Steps, TileOptions
+from nolens.jobs.designing.mask import DESCENT, Steps, TileOptions
 from nolens.jobs.options import Option
 from nolens.quantities import Length, Share
 from nolens.ranges import Between
@@ -47,18 +47,17 @@ class OptimisedMask(TileOptions):
             default="as large as the slope allows",
         ),
     ] = None
-    width: Annotated[PositiveLength, Option("Of the PSF's autocorrelation, at most.", TARGET)] = (
+    width: Annotated[PositiveLength, Option("Width of the PSF's autocorrelation, at most.")] = (
         Length("8", "um")
     )
-    sparsity: Annotated[
-        _Sparsity, Option("Fraction of the sensor without light, at least.", TARGET)
-    ] = Share("98", "%")
+    sparsity: Annotated[_Sparsity, Option("Fraction of the sensor without light, at least.")] = (
+        Share("98", "%")
+    )
     magnitude: Annotated[
         _MagnitudeAt,
         Option(
             "Spectral magnitude of 1 mm2 of the PSF, at least, up to a spatial frequency on the "
             "sensor.",
-            TARGET,
             default="6%@80/mm",
         ),
     ] = (Share("6", "%"), 80.0)

@@ -71,7 +71,7 @@ _Thickness = Annotated[Uncertain, _reading(Uncertain.length), _Around("0 mm", "1
 _Size = Annotated[Uncertain, _reading(Uncertain.length), _Around("1 nm", "10 m")]
 _Index = Annotated[Uncertain, _reading(Uncertain.number), _Around(1.0, 4.0, _OF_AIR)]
 _SENSOR, _MASTER, _REPLICA = "Sensor", "Master", "Replica"
-_LIGHT, _RESULT = "Light", "Result"
+_LIGHT = "Light"
 _BY_NUMBER = "Its refractive index, in place of a material"
 _FILM = ("film", "film_material", "film_index", "film_distance", "film_side")
 _GLASS = ("glass", "glass_material", "glass_index")
@@ -96,7 +96,7 @@ class ThicknessOptions(JobOptions):
 
     camera: Annotated[
         Name,
-        Option(f"Has the layers over the sensor: {CAMERAS}.", _SENSOR, role="camera"),
+        Option(f"Camera whose sensor is covered: {CAMERAS}.", role="camera"),
     ] = "paper"
     glass: Annotated[
         _Thickness | None, Option("Thickness of the cover glass.", _SENSOR, default="the camera's")
@@ -127,8 +127,7 @@ class ThicknessOptions(JobOptions):
     film: Annotated[
         _Size | None,
         Option(
-            "Thickness of the master film.",
-            _MASTER,
+            "Thickness of the film whose relief is copied, the master.",
             default="0.305mm, with which the paper's figures come out",
         ),
     ] = None
@@ -139,8 +138,8 @@ class ThicknessOptions(JobOptions):
     film_distance: Annotated[
         _Thickness | None,
         Option(
-            "From the film to the cover glass, or the bare sensor, where its pattern is sharpest.",
-            _MASTER,
+            "Distance from the film to the cover glass, or the bare sensor, at which the PSF is "
+            "sharpest.",
             default="0.4mm±0.2mm, the paper's",
         ),
     ] = None
@@ -159,8 +158,8 @@ class ThicknessOptions(JobOptions):
         tuple[Name, ...],
         Field(max_length=100),
         Option(
-            "Of the replica; again for more.",
-            _REPLICA,
+            "Material of the replica: a name (nolens material list) or a .toml file; again for "
+            "more.",
             default="pdms and pua311, the paper's",
             role="material",
         ),
@@ -194,7 +193,6 @@ class ThicknessOptions(JobOptions):
         FilePath | None,
         Option(
             "Picture to write: focus by colour, width of the lines by thickness (.png).",
-            _RESULT,
             role="output",
         ),
     ] = None
@@ -202,7 +200,6 @@ class ThicknessOptions(JobOptions):
         FilePath | None,
         Option(
             "Folder to write the camera with this replica into, for nolens psf --camera FOLDER.",
-            _RESULT,
             role="output",
             flag="-o",
         ),

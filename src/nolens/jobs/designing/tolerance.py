@@ -22,7 +22,7 @@ from nolens.ranges import Between
 from nolens.twin import Light
 
 _TRIALS_FILE, _PLOT_FILE = "trials.csv", "tolerance.png"
-_CRITERION, _TRIALS, _YIELD, _RESULT = "Criterion", "Trials", "Yield", "Result"
+_CRITERION, _TRIALS, _YIELD = "Criterion", "Trials", "Yield"
 _Target = Annotated[Share, Between("0.01 %", "99.99 %")]
 _ENOUGH = "1000 show a yield to within 2 or 3 %"
 
@@ -39,7 +39,7 @@ class ToleranceOptions(JobOptions):
     camera: Annotated[
         Name,
         Option(
-            f"{CAMERAS}.",
+            f"Camera to study: {CAMERAS}.",
             needed="the camera (nolens design tolerance CAMERA -o FOLDER)",
             role="camera",
             positional=True,
@@ -58,7 +58,6 @@ class ToleranceOptions(JobOptions):
         FilePath | None,
         Option(
             "Folder for tolerance.json, trials.csv and tolerance.png. Needed, but for --show.",
-            _RESULT,
             role="output",
             flag="-o",
         ),
@@ -66,9 +65,8 @@ class ToleranceOptions(JobOptions):
     criterion: Annotated[
         Word,
         Option(
-            "line-width (at half height), contrast, or mtf@ and a frequency such as mtf@40/mm, of "
-            "the pattern of a point source at the camera's reference_distance.",
-            _CRITERION,
+            "What is measured of the PSF at the camera's reference_distance: line-width (at half "
+            "height), contrast, or mtf@ and a frequency such as mtf@40/mm.",
         ),
     ] = "line-width"
     model: Annotated[
@@ -94,7 +92,6 @@ class ToleranceOptions(JobOptions):
         Option(
             "What a good camera meets: 15um, 120% for contrast and MTF, or 1.1x the nominal "
             "figure.",
-            _YIELD,
         ),
     ] = None
     target_yield: Annotated[

@@ -9,7 +9,6 @@ from nolens.evaluate import EdgeResolution, slanted_edge
 from nolens.files.plot_measurements import draw_edge
 from nolens.jobs.fields import Files
 from nolens.jobs.measuring.resolution import (
-    SIMULATION,
     OneFrameOptions,
     ResolutionTarget,
     ScreenPicture,
@@ -48,7 +47,6 @@ class EdgeOptions(OneFrameOptions):
         TargetAngle,
         Option(
             "Field angle of the simulated edge's picture.",
-            SIMULATION,
             label="Field angle that it fills",
         ),
     ] = Angle("10", "deg")

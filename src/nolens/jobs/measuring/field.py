@@ -34,7 +34,7 @@ from nolens.files import (
     write_tiff32,
 )
 from nolens.files.plot_measurements import write_field_plot
-from nolens.jobs.fields import CAMERAS, RESULT, FilePath, Name, Seed, record_beside
+from nolens.jobs.fields import CAMERAS, FilePath, Name, Seed, record_beside
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.quantities import Angle, Length
@@ -59,7 +59,7 @@ _OPTIONS = {
     ),
 }
 _OF_DOTS = ("extent", "output")
-_SOURCE, _LIGHT = "What to measure", "Light and grid of dots"
+_LIGHT = "Light and grid of dots"
 _OffAxis = Annotated[Angle, Between("0 deg", "89.9 deg")]
 
 
@@ -107,7 +107,6 @@ class MeasureFieldOptions(JobOptions):
         Name | None,
         Option(
             f"Camera to simulate: {CAMERAS}.",
-            _SOURCE,
             role="camera",
             label="Camera",
         ),
@@ -117,7 +116,6 @@ class MeasureFieldOptions(JobOptions):
         Option(
             "Reconstructed picture of a grid of dots, its middle scene pixel on the camera's axis, "
             "as nolens reconstruct --support writes it: float .tif.",
-            _SOURCE,
             role="input",
             label="Picture",
         ),
@@ -126,7 +124,6 @@ class MeasureFieldOptions(JobOptions):
         Name | None,
         Option(
             "Camera that the PSFs or the picture are from.",
-            _SOURCE,
             default="camera.toml beside the PSFs; for a picture paper",
             role="camera",
             label="Camera",
@@ -138,8 +135,7 @@ class MeasureFieldOptions(JobOptions):
         Field(max_length=100),
         AfterValidator(_rising),
         Option(
-            "Of the simulated point sources, rising.",
-            _LIGHT,
+            "Half angles of the simulated point sources, rising, with commas between them.",
             default="0deg,5deg, and so on to 50deg",
             label="Half angles",
         ),
@@ -148,15 +144,14 @@ class MeasureFieldOptions(JobOptions):
         PositiveLength | None,
         Option(
             "Distance of neighbouring dots; with --simulate, a grid is shown to the camera.",
-            _LIGHT,
             label="Distance of the dots",
         ),
     ] = None
     distance: Annotated[
         Depth | None,
         Option(
-            "Of the grid or of the point sources; these also infinity.",
-            _LIGHT,
+            "Distance of the grid or of the point sources from the camera, such as 300mm; of these "
+            "also infinity.",
             default="with --simulate the camera's reference_distance",
             label="Distance of the grid",
         ),
@@ -176,7 +171,6 @@ class MeasureFieldOptions(JobOptions):
         FilePath | None,
         Option(
             "Plot to write (.png). The record of the run goes beside it, as .json.",
-            RESULT,
             role="output",
         ),
     ] = None
@@ -184,7 +178,6 @@ class MeasureFieldOptions(JobOptions):
         FilePath | None,
         Option(
             "Picture of the simulated grid: .png, or .tif (linear floats) that --dots reads.",
-            RESULT,
             role="output",
             flag="-o",
         ),

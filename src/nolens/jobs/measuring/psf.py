@@ -21,7 +21,7 @@ from nolens.files import (
     readable,
 )
 from nolens.files.plot_measurements import write_psf_plot
-from nolens.jobs.fields import CAMERAS, RESULT, FilePath, Name, PlotOptions, Word
+from nolens.jobs.fields import CAMERAS, FilePath, Name, PlotOptions, Word
 from nolens.jobs.options import Option
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.optics import PointSource
@@ -59,16 +59,14 @@ class MeasurePsfOptions(PlotOptions):
         Option(
             "Distance of the file's pixels, such as 3.1um. In a raw file behind a colour mosaic "
             "four of them make a pixel of the PSF: give the sensor's own pitch.",
-            _PSF,
             default="what psfs.toml beside it says",
         ),
     ] = None
     camera: Annotated[
         Name | None,
         Option(
-            "Tells angles in the scene, the aperture of a lenslet and its depth of focus: "
-            f"{CAMERAS}.",
-            _PSF,
+            "Camera that the PSF is from, for angles in the scene, the aperture of a lenslet and "
+            f"its depth of focus: {CAMERAS}.",
             default="camera.toml beside the PSF, if there is one",
             role="camera",
         ),
@@ -96,7 +94,6 @@ class MeasurePsfOptions(PlotOptions):
         Option(
             "Picture to write (.png): PSF, autocorrelation, spectral magnitude. The record of the "
             "run goes beside it, as .json.",
-            RESULT,
             role="output",
         ),
     ] = None

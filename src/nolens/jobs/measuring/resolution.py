@@ -31,7 +31,6 @@ from nolens.files import CAMERA_FILE, read_frame
 from nolens.jobs.fields import (
     CAMERAS,
     LIGHTS,
-    RESULT,
     FilePath,
     Files,
     Iterations,
@@ -100,17 +99,14 @@ class ResolutionOptions(PlotOptions):
     distance: Annotated[
         Depth | None,
         Option(
-            "From the camera to the target.",
-            TARGET,
+            "Distance from the camera to the target, such as 300mm.",
             default="the simulated camera's reference_distance",
             label="Distance",
         ),
     ] = None
     psf: Annotated[
         FilePath | None,
-        Option(
-            "PSF to reconstruct raw frames with, captured at that distance.", _FRAMES, role="input"
-        ),
+        Option("PSF to reconstruct raw frames with, captured at that distance.", role="input"),
     ] = None
     psf_extent: PsfExtent = "sensor"
     dark: Annotated[FilePath | None, Option("Dark frame.", _FRAMES, role="input")] = None
@@ -127,8 +123,7 @@ class ResolutionOptions(PlotOptions):
     camera: Annotated[
         Name | None,
         Option(
-            f"That took the frames: {CAMERAS}. It tells the angles of scene pixels.",
-            _FRAMES,
+            f"Camera that took the frames: {CAMERAS}. It tells the angles of scene pixels.",
             default="camera.toml beside the PSF",
             role="camera",
             label="Camera",
@@ -146,7 +141,6 @@ class ResolutionOptions(PlotOptions):
         Name | None,
         Option(
             f"Camera to simulate in place of frames: {CAMERAS}.",
-            SIMULATION,
             role="camera",
             label="Camera",
         ),
@@ -171,7 +165,6 @@ class ResolutionOptions(PlotOptions):
         Option(
             "Picture to write (.png) of what was measured. The record of the run goes beside it, "
             "as .json.",
-            RESULT,
             role="output",
         ),
     ] = None

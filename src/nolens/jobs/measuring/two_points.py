@@ -59,7 +59,6 @@ class TwoPointOptions(ResolutionOptions):
         Field(max_length=100_000),
         Option(
             "Distance of the two points, such as 1.9mm; once for each frame, in their order.",
-            TARGET,
         ),
     ] = ()
     dip: Annotated[

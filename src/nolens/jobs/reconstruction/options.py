@@ -13,7 +13,6 @@ from nolens.files import is_sequence
 from nolens.jobs.fields import (
     CAMERAS,
     INPUT,
-    MAIN,
     PICTURE,
     SOLVER,
     Bgr,
@@ -54,6 +53,8 @@ class ReconstructOptions(JobOptions):
 
     nolens reconstruct raw.dng --psf psf.dng -o out.png
 
+    nolens reconstruct raw.png --psf psf.png --black auto --tau 1e-5 -o out.png -o out.tif
+
     nolens reconstruct frames/ --psf psf.dng -o pictures
     """
 
@@ -62,9 +63,9 @@ class ReconstructOptions(JobOptions):
     measurement: Annotated[
         FilePath,
         Option(
-            "What the sensor measured: camera raw, .png, .tif or .npy; or a sequence of frames: a "
-            "folder of such files, a .tif of many pages, a .npy of (frames, height, width[, 1 or "
-            "3]).",
+            "What the sensor measured of the scene: camera raw, .png, .tif or .npy; or a sequence "
+            "of frames: a folder of such files, a .tif of many pages, a .npy of (frames, height, "
+            "width[, 1 or 3]).",
             needed="the measurement (nolens reconstruct RAW --psf PSF -o out.png)",
             role="input",
             positional=True,
@@ -75,7 +76,8 @@ class ReconstructOptions(JobOptions):
     psf: Annotated[
         FilePath,
         Option(
-            "What the sensor measures of a point source: the same kinds of file.",
+            "The point spread function: what the sensor measured of a point source. The same kinds "
+            "of file.",
             needed="the point spread function (--psf FILE)",
             role="input",
             label="PSF",
@@ -93,36 +95,34 @@ class ReconstructOptions(JobOptions):
             flag="-o",
         ),
     ]
-    psf_extent: PsfExtent = "sensor"
-    support: Support = None
-    tau: Annotated[
-        Tau | None,
-        Option(
-            "Weight of the prior: less shows more detail, more hides noise. Try 1e-5 where the PSF "
-            "is exact.",
-            MAIN,
-            default="1e-4; wiener 0.1",
-            label="τ, weight of the prior",
-        ),
-    ] = None
     quality: Annotated[
         Quality | None,
         Option(
-            "draft: one pass of the Wiener filter. photo: until the picture no longer changes "
-            "visibly. exact: until all relative residuals are below 1e-4.",
-            MAIN,
+            "draft: at once, by one pass of the Wiener filter. photo: until the picture no longer "
+            "changes visibly. exact: until all relative residuals are below 1e-4; slow.",
             default="photo",
             label="Quality",
         ),
     ] = None
+    tau: Annotated[
+        Tau | None,
+        Option(
+            "Weight of the prior: a smaller one shows more detail, a larger one less noise. Try "
+            "1e-5 where the PSF is exact.",
+            default="1e-4; wiener 0.1",
+            label="τ, weight of the prior",
+        ),
+    ] = None
+    support: Support = None
+    psf_extent: PsfExtent = "sensor"
     dark: Dark = None
     flat: Flat = None
     black: Annotated[
         BlackLevel,
         Option(
-            'Black level in counts, or "auto": read off the PSF\'s darkest corner. Camera raw says '
-            "it.",
-            INPUT,
+            'Black level in counts, which files other than camera raw do not say; or "auto": read '
+            "off the PSF's darkest corner.",
+            default="what the file says, or 0",
             label="Black level",
         ),
     ] = None

@@ -11,7 +11,6 @@ from nolens.errors import DataError
 from nolens.evaluate import FlatPicture
 from nolens.files.plots import plot_figure, show_picture
 from nolens.jobs.measuring.resolution import (
-    TARGET,
     OneFrameOptions,
     ResolutionTarget,
     ScreenPicture,
@@ -37,7 +36,7 @@ class BarOptions(OneFrameOptions):
 
     period: Annotated[
         TargetAngle,
-        Option("A bright bar and a dark one.", TARGET, needed="their angle (--period 0.8deg)"),
+        Option("A bright bar and a dark one.", needed="their angle (--period 0.8deg)"),
     ]
 
 

@@ -20,10 +20,8 @@ class Rings(MaskOptions):
 
     kind = "rings"
 
-    spacing: Annotated[PositiveLength, Option("From a ring to the next.", "Rings")] = Length(
-        "80", "um"
-    )
-    height: Annotated[PositiveLength, Option("Of a ring.", "Rings")] = Length("2", "um")
+    spacing: Annotated[PositiveLength, Option("From a ring to the next.")] = Length("80", "um")
+    height: Annotated[PositiveLength, Option("Height of a ring.")] = Length("2", "um")
 
     def mask(self, blank: Blank) -> MadeMask:
         """Heights h (1 + cos 2πr/s)/2 at the distance r from the middle."""
