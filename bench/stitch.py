@@ -26,8 +26,8 @@ from nolens.camera import PsfEntry, develop
 from nolens.evaluate import psnr, scale_fit
 from nolens.experiments.virtual_experiment import SimulatedMeasurement, VirtualExperiment, solved
 from nolens.files import read_camera, write_camera, write_png, write_psfs
+from nolens.files.sample_pictures import sample_picture
 from nolens.jobs import CalibrateStitchOptions, Reporter, calibrate_stitch
-from nolens.jobs.sample_pictures import sample_picture
 from nolens.operators import Geometry, PixelRectangle
 from nolens.optics import PointSource
 from nolens.reproduction.photographs import PAPERS_PENALTIES, PAPERS_TAU

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import read_frame, write_png
+from nolens.files.sample_pictures import sample_picture
 from nolens.jobs import (
     PsfOptions,
     ReconstructOptions,
@@ -21,7 +22,6 @@ from nolens.jobs import (
     simulate,
     simulate_psf,
 )
-from nolens.jobs.sample_pictures import sample_picture
 from results import PAIRS, judged, pair
 
 PHOTOGRAPHS = ("astronaut", "coffee", "chelsea")

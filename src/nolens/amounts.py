@@ -41,6 +41,13 @@ def _plain(value: float, unit: str, digits: int, sign: str) -> str:
     return text.rstrip("0").rstrip(".") if decimals > 0 else text
 
 
+def duration_text(seconds: float) -> str:
+    """A duration as a person waits it: ``40 s``, ``3 min``, ``1.5 h``."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
 def finite_or_none(value: float) -> float | None:
     """A figure as JSON has it: nothing where it is infinite or no number."""
     return value if math.isfinite(value) else None

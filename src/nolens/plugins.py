@@ -1,10 +1,16 @@
 """What other packages add to nolens, by their entry points."""
 
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Literal
+from pkgutil import resolve_name
+from typing import Any, Generic, Literal, TypeVar
 
 from nolens.errors import OptionError
+from nolens.printable import quoted
+
+Kind = TypeVar("Kind")
 
 Group = Literal[
     "nolens.masks", "nolens.priors", "nolens.readers", "nolens.sources", "nolens.targets"
@@ -40,3 +46,54 @@ def load_plugin(group: Group, name: str) -> Any:
             f"{package} adds {name!r} to {group}, and cannot be loaded: "
             f"{type(error).__name__}: {error}. Mend it, or uninstall it"
         ) from error
+
+
+@dataclass(frozen=True)
+class Registry(Generic[Kind]):
+    """Things of one kind by name: those of nolens, and those that other packages add.
+
+    Attributes
+    ----------
+    group
+        Of the entry points of other packages.
+    own
+        Where each of ours is, as ``module:attribute``; it is loaded where it is used.
+    what
+        What one is called in messages, such as "kind of mask".
+    expected
+        What an entry point must lead to, such as "class of MaskOptions".
+    fits
+        Whether something is that.
+    """
+
+    group: Group
+    own: Mapping[str, str]
+    what: str
+    expected: str
+    fits: Callable[[Any], bool]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those of nolens first; nothing is loaded."""
+        return tuple(dict.fromkeys((*self.own, *plugin_names(self.group))))
+
+    def load(self, name: str) -> Kind:
+        """What has a name.
+
+        Raises
+        ------
+        OptionError
+            If nothing has, the package that adds it cannot be loaded, or it is something else.
+        """
+        if name not in self.names:
+            raise OptionError(
+                f"there is no {self.what} {quoted(name)}; there are {', '.join(self.names)}"
+            )
+        thing: Kind
+        thing = resolve_name(self.own[name]) if name in self.own else load_plugin(self.group, name)
+        if not self.fits(thing):
+            raise OptionError(
+                f"the entry point {name!r} of {self.group} leads to no {self.expected}: mend the "
+                "package that has it, or uninstall it"
+            )
+        return thing

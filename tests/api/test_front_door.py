@@ -32,7 +32,7 @@ from nolens.jobs import (
     reconstruct,
     simulate_psf,
 )
-from nolens.jobs.designing.mask import mask_kind
+from nolens.jobs.designing.mask import MASK_KINDS
 from nolens.quantities import Angle, Length
 
 ROOT = Path(nl.__file__).parents[2]
@@ -118,7 +118,7 @@ def test_psf_is_that_of_the_command(camera: nl.Camera, tmp_path: Path) -> None:
 
 
 def test_designs_are_those_of_the_commands(camera: nl.Camera, tmp_path: Path) -> None:
-    diffuser = mask_kind("diffuser")
+    diffuser = MASK_KINDS.load("diffuser")
     given = {"camera": "small", "angle": "2deg", "output": tmp_path / "designed"}
     theirs = design_mask(diffuser.gather(given), Reporter()).value
     shares: list[float] = []

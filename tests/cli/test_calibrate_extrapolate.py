@@ -77,7 +77,10 @@ def test_bad_input(tmp_path: Path) -> None:
             ("46×64 pixels", "same camera"),
             (raw(tmp_path / "cut.tif", 1, (46, 64)), "--support", "20x24"),
         ),
-        (("would overwrite the picture 1",), (made / "extended-300mm.tif", "--support", "20x24")),
+        (
+            ("overwrite the picture", "made/extended-300mm.tif:"),
+            (made / "extended-300mm.tif", "--support", "20x24"),
+        ),
         (("no file",), (tmp_path / "none.tif", "--support", "20x24")),
         (("--distance 1 m", "300 mm"), ("--distance", "1m", "--support", "20x24")),
         (("rounds",), ("--rounds", 0, "--support", "20x24")),

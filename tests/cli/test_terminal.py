@@ -52,7 +52,7 @@ def test_without_a_terminal_the_time_to_go_is_told_by_the_pace(
     """Once, when the pace has been seen for some seconds, and only for what takes minutes."""
     stream, now = io.StringIO(), 1000.0
     monkeypatch.setattr(sys, "stderr", stream)
-    monkeypatch.setattr("nolens.jobs.run.time.perf_counter", lambda: now)
+    monkeypatch.setattr("nolens.progress.time.perf_counter", lambda: now)
     with TerminalReporter() as reporter:
         reporter.advance("mask", 0.0)
         for work, seconds in (("scene", 400.0), ("picture", 40.0)):

@@ -13,7 +13,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from nolens.files import read_picture
-from nolens.jobs.measuring.resolution import resolution_target, target_names
+from nolens.jobs.measuring.resolution import TARGETS
 
 NOLENS = Path(sys.executable).with_name("nolens")
 INSTALLED = Path(__file__).parent / "installed"
@@ -143,6 +143,6 @@ def test_package_that_cannot_be_loaded(tmp_path: Path) -> None:
 
 
 def test_built_in_targets() -> None:
-    for name in target_names():
-        target = resolution_target(name)
+    for name in TARGETS.names:
+        target = TARGETS.load(name)
         assert target.job.options.__doc__ and target.job.__doc__

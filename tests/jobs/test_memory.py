@@ -10,7 +10,8 @@ import torch
 
 from nolens.errors import OptionError
 from nolens.files import read_camera
-from nolens.jobs.run import BYTES_OF_PROGRAM, announce_memory, check_memory
+from nolens.jobs.run import announce_memory
+from nolens.machine import BYTES_OF_PROGRAM, check_memory
 from nolens.optics import PointSource, surface_bytes
 from nolens.twin import (
     Light,

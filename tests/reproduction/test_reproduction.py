@@ -9,6 +9,7 @@ from pypdf import PdfReader
 from watching import Watcher
 
 from nolens.camera import preset_text
+from nolens.files import read_camera
 from nolens.reproduction import ReproduceOptions, depths, job, photographs, reproduce
 from nolens.reproduction import setup as sizes
 from nolens.reproduction.comparison import PAPER
@@ -110,7 +111,7 @@ def test_every_row_is_there_and_the_same_seed_gives_the_same_bytes(
 
 
 def test_steps_of_another_seed_are_not_taken(tmp_path: Path) -> None:
-    opened = job.read_camera("small")
+    opened = read_camera("small")
     keys = [
         [step.key for step in job.all_steps(sizes.ExperimentSetup(opened, TINY, seed), "small")]
         for seed in (0, 1)

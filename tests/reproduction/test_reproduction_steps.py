@@ -52,7 +52,7 @@ def test_time_left_goes_by_the_work_that_is_done(
 ) -> None:
     """None is known of the first step; a step of three times the work takes three times as long."""
     now = 0.0
-    monkeypatch.setattr("nolens.jobs.run.time.perf_counter", lambda: now)
+    monkeypatch.setattr("nolens.progress.time.perf_counter", lambda: now)
 
     def step(name: str, work: float) -> Step:
         def run(progress: ProgressCallback) -> StepResult:

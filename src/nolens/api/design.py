@@ -8,7 +8,8 @@ from typing import Any
 from nolens.api.inputs import Progress, reported
 from nolens.api.simulate import Camera
 from nolens.design.thickness import ReplicaDesign, thickness_summary
-from nolens.jobs.designing.mask import mask_kind
+from nolens.files import read_camera
+from nolens.jobs.designing.mask import MASK_KINDS
 from nolens.jobs.designing.thickness import ThicknessOptions, read_case
 from nolens.jobs.run import Reporter
 
@@ -41,7 +42,7 @@ def design_mask(
     """
     camera = camera if isinstance(camera, Camera) else Camera(camera)
     # Nothing is written: the folder is an option of the job alone.
-    chosen = mask_kind(kind).gather(
+    chosen = MASK_KINDS.load(kind).gather(
         {"device": camera.device.type, **options, "output": Path("unused")}
     )
     with reported(progress, "mask") as report:
@@ -96,7 +97,7 @@ def design_thickness(camera: str | Path = "paper", **options: Any) -> ThicknessD
         If there is no such option, a value cannot be used, or a material cannot focus there.
     """
     chosen = ThicknessOptions.gather({**options, "camera": str(camera)})
-    case, media = read_case(chosen)
+    case, media = read_case(chosen, read_camera(chosen.camera))
     designs = tuple(ReplicaDesign.of(case, medium) for medium in media)
     replica = replace(case.loaded, camera=designs[0].camera(), relief_um=None)
     return ThicknessDesign(thickness_summary(designs), Camera(replica))

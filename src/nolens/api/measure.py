@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -12,7 +12,7 @@ from torch import Tensor
 
 from nolens.api.image import Image
 from nolens.api.inputs import Progress, angle_of, distance_um, length_um, reported, source_of
-from nolens.api.simulate import Camera, check_camera_memory
+from nolens.api.simulate import Camera, twin_of
 from nolens.camera import Frame, develop
 from nolens.errors import DataError, OptionError
 from nolens.evaluate import (
@@ -38,12 +38,10 @@ from nolens.experiments.resolution import (
     TARGET_ITERATIONS,
     TAU,
     AngularScale,
+    ScreenTarget,
+    SimulatedTarget,
     SolverSettings,
-    points_support,
-    reconstruction_bytes,
-    screen_picture,
-    target_support,
-    two_point_resolution,
+    TwoPointTarget,
 )
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files.plot_measurements import (
@@ -53,7 +51,6 @@ from nolens.files.plot_measurements import (
     write_field_plot,
 )
 from nolens.operators import PixelRectangle
-from nolens.optics import PointSource
 from nolens.quantities import Angle, Length
 from nolens.solvers.inputs import Plane, channels_of
 from nolens.twin import Light
@@ -210,17 +207,24 @@ def measure_resolution(
     if isinstance(source, Camera):
         default = POINT_ITERATIONS if target == "two-points" else TARGET_ITERATIONS
         settings = SolverSettings(iterations or default, tau, seed=seed)
-        scene = _Scene(source, distance_um(distance), Light(light), wavelengths, settings)
+        away_um, spokes = distance_um(distance), spokes or _SPOKES
+        shown: SimulatedTarget[FlatPicture | TwoPoints]
         if target == "two-points":
-            return Resolution(target, scene.points(progress))
-        if target == "edge":
-            drawing = partial(slanted_edge, tilt_deg=_TILT_DEG)
-            angle_deg = angle_of(angle or "10deg").deg
+            shown = TwoPointTarget(away_um)
+        elif target == "edge":
+            edge = partial(slanted_edge, tilt_deg=_TILT_DEG)
+            shown = ScreenTarget(edge, angle_of(angle or "10deg").deg, away_um)
         else:
-            spokes = spokes or _SPOKES
-            drawing = partial(siemens_star, periods=spokes)
+            star = partial(siemens_star, periods=spokes)
             angle_deg = star_square_deg(angle_of(angle or "20deg").deg)
-        return _of_picture(scene.picture(drawing, angle_deg, progress), target, spokes)
+            shown = ScreenTarget(star, angle_deg, away_um)
+        preview = VirtualExperiment(source.preview, Light(light), wavelengths)
+        twin = twin_of(source, shown.working_bytes(preview), _REMEDY)
+        with reported(progress, target.replace("-", " ")) as advance:
+            measured = shown.measure(replace(preview, twin=twin), settings, advance)
+        if isinstance(measured, TwoPoints):
+            return Resolution(target, measured)
+        return _of_picture(measured, target, spokes)
     scaled = partial(_scaled, camera=camera, support=support, pixel_angle=pixel_angle)
     if target == "two-points":
         return _of_pairs(source, scaled)
@@ -228,46 +232,6 @@ def measure_resolution(
         raise OptionError(f"the target {target} is measured in one picture: give that alone")
     picture, scale = scaled(source)
     return _of_picture(scale.flat(picture), target, spokes)
-
-
-@dataclass(frozen=True)
-class _Scene:
-    """What a simulated camera is shown, but for the target itself."""
-
-    camera: Camera
-    distance_um: float
-    light: Light
-    wavelengths: int
-    settings: SolverSettings
-
-    def _experiment(self, support: PixelRectangle) -> VirtualExperiment:
-        """The camera, once it is known that there is memory to solve for a support."""
-        preview = self.camera.preview
-        preview.check_source(PointSource((0.0, 0.0), self.distance_um))
-        working = reconstruction_bytes(
-            preview, support, self.distance_um, self.light, self.wavelengths
-        )
-        check_camera_memory(self.camera, working, _REMEDY)
-        return VirtualExperiment(self.camera.twin, self.light, self.wavelengths)
-
-    def points(self, progress: Progress) -> TwoPoints:
-        """Two points at several separations."""
-        experiment = self._experiment(points_support(self.camera.preview))
-        with reported(progress, "two points") as advance:
-            return two_point_resolution(
-                experiment, self.distance_um, settings=self.settings, progress=advance
-            )
-
-    def picture(
-        self, target: Callable[[int], Tensor], angle_deg: float, progress: Progress
-    ) -> FlatPicture:
-        """A square target whose side fills an angle."""
-        support = target_support(self.camera.preview, angle_deg, self.distance_um)
-        experiment = self._experiment(support)
-        with reported(progress, "target") as advance:
-            return screen_picture(
-                experiment, target, angle_deg, self.distance_um, self.settings, advance
-            )
 
 
 def _of_picture(picture: FlatPicture, target: Target, spokes: int | None) -> Resolution:
@@ -384,10 +348,8 @@ def measure_field(
         raise OptionError('give rising angles, such as ("0deg", "10deg", "20deg")')
     pitch_um = None if dot_pitch is None else length_um(dot_pitch)
     target = FieldTarget(distance_um(distance), at, pitch_um, angle_of(extent).deg)
-    check_camera_memory(source, target.working_bytes(source.preview), _REMEDY)
-    experiment = VirtualExperiment(
-        source.twin, Light("white-led"), field_points=target.field_points
-    )
+    twin = twin_of(source, target.working_bytes(source.preview), _REMEDY)
+    experiment = VirtualExperiment(twin, Light("white-led"), field_points=target.field_points)
     with reported(progress, "PSFs" if dot_pitch is None else "dots") as advance:
         field = target.measure(experiment, seed, advance)
     return FieldOfView(field.psfs, field.grid, field.rays)

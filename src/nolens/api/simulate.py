@@ -21,11 +21,10 @@ from nolens.camera import Frame, LoadedCamera, ReliefFile, develop
 from nolens.errors import DataError, OptionError
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import read_camera
-from nolens.jobs.run import check_simulation_memory
 from nolens.operators import PixelRectangle
 from nolens.quantities import Angle, Length
 from nolens.solvers.inputs import Plane, channels_of
-from nolens.twin import Light, Twin, in_channels, preview_model
+from nolens.twin import Light, Twin, check_simulation_memory, in_channels, preview_model
 from nolens.twin import Plane as ScenePlane
 
 
@@ -206,8 +205,8 @@ def psf(
     source = source_of(distance, angle, diameter)
     preview = VirtualExperiment(camera.preview, Light(light), wavelengths)
     working = preview.psf_bytes(source, size)
-    check_camera_memory(camera, working, "a smaller size or a camera that reads fewer pixels")
-    experiment = replace(preview, twin=camera.twin)
+    twin = twin_of(camera, working, "a smaller size or a camera that reads fewer pixels")
+    experiment = replace(preview, twin=twin)
     with reported(progress, "PSF") as report:
         values = experiment.psf(source, size, report)
     if not float(values.max()) > 0:
@@ -307,8 +306,8 @@ def simulate(
     )
     preview = VirtualExperiment(camera.preview, Light(light), wavelengths, field_points)
     working = preview.scene_bytes((plane,))
-    check_camera_memory(camera, working, "a smaller angle or a camera that reads fewer pixels")
-    experiment = replace(preview, twin=camera.twin)
+    twin = twin_of(camera, working, "a smaller angle or a camera that reads fewer pixels")
+    experiment = replace(preview, twin=twin)
     with reported(progress, "measurement") as report:
         shot = experiment.measure((plane,), fill=fill, seed=seed, progress=report)
     values = develop(shot.frame).values
@@ -317,12 +316,13 @@ def simulate(
     )
 
 
-def check_camera_memory(camera: Camera, working: float, remedy: str) -> None:
-    """`check_simulation_memory` for a camera; the remedy is what needs less.
+def twin_of(camera: Camera, working: float, remedy: str) -> Twin:
+    """The simulated camera, if there is memory for its relief and `working` bytes beside it.
 
     Raises
     ------
     OptionError
-        If the machine has less memory than that.
+        If the machine has less memory than that; the remedy is what needs less.
     """
     check_simulation_memory(camera.opened, working, camera.device, f"{remedy} needs less")
+    return camera.twin

@@ -93,7 +93,7 @@ class CapturePlan:
             If its corners are farther off the axis than cameras see.
         """
         layers, sensor = Layers.of_camera(camera), camera.sensor
-        bin_by = 1 if sensor.mosaic == "none" else 2
+        bin_by = sensor.superpixel
         half = [each.deg / 2 for each in angle]
         edges = [math.ceil(2 * (each + _MORE_DEG)) / 2 for each in half]
         corner = math.degrees(math.atan(math.hypot(*(math.tan(math.radians(e)) for e in edges))))

@@ -252,6 +252,11 @@ class Sensor(Part):
         return ("grey",) if self.mosaic == "none" else ("R", "G", "B")
 
     @property
+    def superpixel(self) -> int:
+        """Pixels along one of a reconstruction: 2 behind a colour mosaic."""
+        return 1 if self.mosaic == "none" else 2
+
+    @property
     def white_counts(self) -> int:
         """The largest count."""
         return int(2**self.bits - 1)

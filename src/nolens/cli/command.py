@@ -14,9 +14,10 @@ from pydantic import BeforeValidator
 from nolens.cli.app import Whole
 from nolens.cli.messages import show
 from nolens.cli.terminal import TerminalReporter
+from nolens.files.record import with_former_keys
 from nolens.jobs.fields import RUN
 from nolens.jobs.options import JobOptions, Option, default_text
-from nolens.jobs.run import Job, with_former_keys
+from nolens.jobs.run import Job
 
 Json = Annotated[
     bool,

@@ -10,11 +10,10 @@ from nolens.cli.app import run_app
 from nolens.cli.command import command
 from nolens.errors import OptionError
 from nolens.jobs import (
+    MASK_KINDS,
     MaskOptions,
     design_mask,
     design_thickness,
-    mask_kind,
-    mask_kinds,
     study_tolerances,
 )
 
@@ -256,8 +255,8 @@ _Words = Annotated[str, Parameter(show=False, allow_leading_hyphen=True)]
 def _kind_after_options(*words: _Words) -> int:
     """Take a kind that stands behind options, or say which kinds there are."""
     if words and not words[0].startswith("-"):
-        mask_kind(words[0])
-    kinds = mask_kinds()
+        MASK_KINDS.load(words[0])
+    kinds = MASK_KINDS.names
     for place, (before, word) in enumerate(pairwise(words), start=1):
         is_value = before.startswith("-") and "=" not in before and before != "--json"
         if word in kinds and not is_value:
@@ -270,7 +269,7 @@ def _kind_after_options(*words: _Words) -> int:
 def _add(name: str) -> None:
     """Add the command of a kind."""
     try:
-        kind = mask_kind(name)
+        kind = MASK_KINDS.load(name)
     except OptionError as error:
         # A package that cannot be loaded must not take the other kinds with it.
         reason = str(error)
@@ -283,5 +282,5 @@ def _add(name: str) -> None:
         mask.command(command(design_mask, _mask_lines, name=name, options=kind), name=name)
 
 
-for _kind in mask_kinds():
+for _kind in MASK_KINDS.names:
     _add(_kind)

@@ -40,22 +40,22 @@ def __getattr__(name: str) -> App | Callable[..., int]:
 
 def _resolution() -> App:
     """`nolens measure resolution`: a command for each target that there is."""
-    from nolens.jobs.measuring.resolution import target_names
+    from nolens.jobs.measuring.resolution import TARGETS
 
     app = App(
         name="resolution", help="Measure how fine a camera resolves, by one of several targets."
     )
-    for name in target_names():
+    for name in TARGETS.names:
         app.command(f"{_HERE}:{_TARGET}{name}", name=name)
     return app
 
 
 def _by_target(name: str) -> Callable[..., int]:
     """The command of a target; of one that cannot be loaded, a command that says why."""
-    from nolens.jobs.measuring.resolution import resolution_target
+    from nolens.jobs.measuring.resolution import TARGETS
 
     try:
-        target = resolution_target(name)
+        target = TARGETS.load(name)
     except OptionError as error:
         reason = error
 

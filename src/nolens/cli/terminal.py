@@ -8,9 +8,11 @@ from types import FrameType, TracebackType
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
+from nolens.amounts import duration_text
 from nolens.cli.messages import say
-from nolens.jobs.run import Pace, Reporter, duration_text
+from nolens.jobs.run import Reporter
 from nolens.printable import printable
+from nolens.progress import Pace
 from nolens.solvers import Progress as Iteration
 
 _LONG_S = 60.0

@@ -2,12 +2,15 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import torch
 from torch import Tensor
 
+from nolens.amounts import rounded
 from nolens.errors import OptionError
 from nolens.optics import Number, through, through_layers, translation
+from nolens.twin import REFERENCE_NM
 
 _STEP_UM = 1000.0
 _ROUNDED = 1.5
@@ -279,3 +282,29 @@ def sharp_blur(
     """
     diffraction = wavelength_um / (2 * aperture) * (1 + _ROUNDED * rounding)
     return math.sqrt(wider**2 - 1) * diffraction / (_FILLED * pitch_um)
+
+
+def lenslet_figures(pitch_um: float | None, reduced_um: float | None) -> dict[str, Any]:
+    """Aperture and depth of focus of a lenslet as wide as the pitch (`uvimprint`).
+
+    Parameters
+    ----------
+    pitch_um
+        Of the lenslets; None where it is not known.
+    reduced_um
+        Sum of thickness / index of the layers behind them; None gives no figures.
+    """
+    if reduced_um is None:
+        return {}
+    figures: dict[str, Any] = {
+        "reduced_thickness_mm": round(reduced_um * 1e-3, 5),
+        "one_per_mm_in_per_degree": rounded(reduced_um * 1e-3 * math.pi / 180),
+        "lenslet_aperture": None,
+        "depth_of_focus_mm": None,
+    }
+    if pitch_um is not None:
+        aperture = lenslet_aperture(pitch_um, reduced_um)
+        depth_um = depth_of_focus_um(REFERENCE_NM * 1e-3, aperture)
+        figures["lenslet_aperture"] = rounded(float(aperture))
+        figures["depth_of_focus_mm"] = rounded(float(depth_um) * 1e-3)
+    return figures

@@ -96,7 +96,7 @@ class DesignPreview:
             If no light reaches the sensor.
         """
         camera, relief = loaded.camera, loaded.camera.mask.relief
-        superpixel = 1 if camera.sensor.mosaic == "none" else 2
+        superpixel = camera.sensor.superpixel
         psf = point_spread(
             _grey_patch(loaded, _PIXELS * superpixel),
             PointSource(distance_um=source_um),

@@ -7,10 +7,14 @@ from dataclasses import dataclass, field
 from typing import Any, Self
 
 import torch
+from pydantic import GetCoreSchemaHandler
+from pydantic_core import core_schema
 from torch import Tensor
 
+from nolens.camera.part import refusal
 from nolens.errors import OptionError
 from nolens.quantities import Length
+from nolens.ranges import Between
 
 _BETWEEN = re.compile(r"±|\+/-|\+-")
 _NUMBER = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*")
@@ -74,6 +78,37 @@ class Uncertain:
         if plus_minus < 0:
             raise OptionError(f"{text!r} has a negative ±: write how far off it may be, 0 or more")
         return cls(value, plus_minus)
+
+
+@dataclass(frozen=True)
+class Around(Between):
+    """Range of an `Uncertain` in a model, which is read from text; its ± is at most the high end.
+
+    Bounds with a unit are those of a length, numbers those of a number.
+    """
+
+    def holds(self, value: Uncertain) -> bool:
+        """Whether a value lies inside."""
+        low, high = (
+            Length.parse(each).um if isinstance(each, str) else each
+            for each in (self.low, self.high)
+        )
+        return low <= value.value <= high and value.plus_minus <= high
+
+    def _read(self, value: Any) -> Any:
+        if isinstance(value, Uncertain):
+            return value
+        try:
+            return (Uncertain.length if isinstance(self.low, str) else Uncertain.number)(value)
+        except OptionError as error:
+            raise refusal(str(error)) from None
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        """Read text, and check what it says."""
+        text = core_schema.no_info_before_validator_function(self._read, handler(source))
+        return core_schema.no_info_after_validator_function(self.check, text)
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,10 @@
 """Targets in front of a simulated camera: a flat screen, two points; angles in their pictures."""
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import torch
 from scipy import ndimage
@@ -18,7 +20,6 @@ from nolens.progress import ProgressCallback
 from nolens.solvers import admm_bytes
 from nolens.twin import (
     FieldMap,
-    Light,
     Plane,
     Twin,
     colours_of,
@@ -26,6 +27,7 @@ from nolens.twin import (
     shortest_nm,
 )
 
+Value = TypeVar("Value", covariant=True)
 TARGET_ITERATIONS = 300
 TAU = 1e-5
 POINT_ITERATIONS = 100
@@ -164,128 +166,134 @@ class _SolvingCamera:
         )[0]
 
 
-def screen_picture(
-    experiment: VirtualExperiment,
-    target: Callable[[int], Tensor],
-    angle_deg: float,
-    distance_um: float,
-    settings: SolverSettings,
-    progress: ProgressCallback | None = None,
-) -> FlatPicture:
-    """Reconstruct a square target on a flat screen, its fall-off of light divided out.
+class SimulatedTarget(ABC, Generic[Value]):
+    """What a simulated camera is shown at one distance."""
+
+    distance_um: float
+
+    @abstractmethod
+    def support(self, twin: Twin) -> PixelRectangle:
+        """Scene pixels that its picture is solved on; a preview of the camera tells them.
+
+        Raises
+        ------
+        OptionError
+            If the optics do not hold for it.
+        """
+
+    @abstractmethod
+    def measure(
+        self,
+        experiment: VirtualExperiment,
+        settings: SolverSettings,
+        progress: ProgressCallback | None = None,
+    ) -> Value:
+        """Show it to a camera, and measure the picture.
+
+        Parameters
+        ----------
+        experiment
+            The camera.
+        settings
+            How pictures are taken and solved.
+        progress
+            Called with the fraction that is done.
+
+        Raises
+        ------
+        OptionError
+            If the optics do not hold for it.
+        DataError
+            If nothing can be measured.
+        """
+
+    def working_bytes(self, preview: VirtualExperiment) -> float:
+        """Bytes that a frame and its reconstruction hold at once, beside the relief.
+
+        Raises
+        ------
+        OptionError
+            If the optics do not hold for it, or the light cannot be used.
+        """
+        twin, sensor = preview.twin, preview.sensor
+        source = PointSource((0.0, 0.0), self.distance_um)
+        twin.check_source(source)
+        psf = polychromatic_psf_bytes(
+            twin,
+            source,
+            (sensor.rows, sensor.columns),
+            1,
+            at_least=2,
+            shortest=shortest_nm(colours_of(twin, preview.light, preview.wavelengths)),
+        )
+        support, (rows, columns) = self.support(twin), twin.shape
+        pixels = (rows + support.height) * (columns + support.width)
+        # Channels are solved for one by one.
+        return psf + admm_bytes(pixels) + _BYTES_PER_PIXEL * pixels
+
+
+@dataclass(frozen=True)
+class ScreenTarget(SimulatedTarget[FlatPicture]):
+    """A square target on a flat screen.
+
+    `measure` gives its picture, the fall-off of light divided out.
 
     Parameters
     ----------
-    experiment
-        The camera.
-    target
+    drawing
         Gives it, (side, side) from 0 to 1, for a side in pixels.
     angle_deg
         Field angle that its side fills.
     distance_um
         Of the screen.
-    settings
-        How its picture is taken and solved.
-    progress
-        Called with the fraction that is done.
-
-    Raises
-    ------
-    OptionError
-        If the angle is beyond the model.
     """
-    support = target_support(experiment.twin, angle_deg, distance_um)
-    scale = AngularScale.of_camera(experiment.twin, support)
-    pieces = _Pieces(3, progress)
-    camera = _SolvingCamera.of(experiment, distance_um, support, settings, pieces.part)
-    pieces.next()
-    side = min(_MOST_PIXELS, math.ceil(_TARGET_PIXELS * scale.pixels(angle_deg)))
-    radiance = target(side).float().expand(len(experiment.sensor.channels), -1, -1)
-    shot = experiment.measure(
-        (Plane(radiance, angle_deg, distance_um),),
-        fill=settings.fill,
-        seed=settings.seed,
-        progress=pieces.part,
-    )
-    pieces.next()
-    return scale.flat(camera.picture(shot.frame, pieces.part) / shot.response)
+
+    drawing: Callable[[int], Tensor]
+    angle_deg: float
+    distance_um: float
+
+    def support(self, twin: Twin) -> PixelRectangle:
+        """Scene pixels that it fills."""
+        tangent = math.tan(math.radians(self.angle_deg) / 2)
+        twin.check_source(PointSource((tangent, tangent), self.distance_um))
+        return FieldMap.covering(twin, (tangent, tangent)).support
+
+    def measure(
+        self,
+        experiment: VirtualExperiment,
+        settings: SolverSettings,
+        progress: ProgressCallback | None = None,
+    ) -> FlatPicture:
+        """The picture as a flat screen has it."""
+        support = self.support(experiment.twin)
+        scale = AngularScale.of_camera(experiment.twin, support)
+        pieces = _Pieces(3, progress)
+        camera = _SolvingCamera.of(experiment, self.distance_um, support, settings, pieces.part)
+        pieces.next()
+        side = min(_MOST_PIXELS, math.ceil(_TARGET_PIXELS * scale.pixels(self.angle_deg)))
+        radiance = self.drawing(side).float().expand(len(experiment.sensor.channels), -1, -1)
+        shot = experiment.measure(
+            (Plane(radiance, self.angle_deg, self.distance_um),),
+            fill=settings.fill,
+            seed=settings.seed,
+            progress=pieces.part,
+        )
+        pieces.next()
+        return scale.flat(camera.picture(shot.frame, pieces.part) / shot.response)
 
 
-def target_support(twin: Twin, angle_deg: float, distance_um: float) -> PixelRectangle:
-    """Scene pixels that a square target fills, by the field angle of its side.
-
-    Raises
-    ------
-    OptionError
-        If the angle is beyond the model.
-    """
-    tangent = math.tan(math.radians(angle_deg) / 2)
-    twin.check_source(PointSource((tangent, tangent), distance_um))
-    return FieldMap.covering(twin, (tangent, tangent)).support
-
-
-def points_support(twin: Twin) -> PixelRectangle:
-    """Scene pixels that two points are looked for in."""
-    return PixelRectangle.centred(_POINTS_SIDE, _POINTS_SIDE, twin.shape)
-
-
-def reconstruction_bytes(
-    twin: Twin, support: PixelRectangle, distance_um: float, light: Light, wavelengths: int
-) -> float:
-    """Bytes that a simulated frame and its reconstruction hold at once, beside the relief.
-
-    Parameters
-    ----------
-    twin
-        The camera; its preview model will do.
-    support
-        Scene pixels that are solved for.
-    distance_um
-        Of the target.
-    light, wavelengths
-        As `VirtualExperiment` takes them.
-
-    Raises
-    ------
-    OptionError
-        If the light cannot be used.
-    """
-    sensor = twin.camera.sensor
-    psf = polychromatic_psf_bytes(
-        twin,
-        PointSource((0.0, 0.0), distance_um),
-        (sensor.rows, sensor.columns),
-        1,
-        at_least=2,
-        shortest=shortest_nm(colours_of(twin, light, wavelengths)),
-    )
-    rows, columns = twin.shape
-    pixels = (rows + support.height) * (columns + support.width)
-    # Channels are solved for one by one.
-    return psf + admm_bytes(pixels) + _BYTES_PER_PIXEL * pixels
-
-
-def two_point_resolution(
-    experiment: VirtualExperiment,
-    distance_um: float,
-    *,
-    direction_deg: float = 0.0,
-    draws: int = 3,
-    threshold: float = RAYLEIGH_DIP,
-    settings: SolverSettings | None = None,
-    progress: ProgressCallback | None = None,
-) -> TwoPoints:
-    """Find the smallest angle between two point sources that a simulated camera resolves.
+@dataclass(frozen=True)
+class TwoPointTarget(SimulatedTarget[TwoPoints]):
+    """Two point sources, whose smallest resolved angle is sought.
 
     Each separation is measured `draws` times, each time with other noise and with the middle of
     the points at another place within a pixel, and the dips are averaged (`point_pair`). The
     points are exact: each has its own PSF. The search halves the way between the largest
-    unresolved and the smallest resolved separation until they are a fifth of a pixel apart.
+    unresolved and the smallest resolved separation until they are a fifth of a pixel apart; it
+    fails if even points half the support apart are not resolved.
 
     Parameters
     ----------
-    experiment
-        The camera.
     distance_um
         Of the points.
     direction_deg
@@ -294,59 +302,68 @@ def two_point_resolution(
         Pictures of each separation.
     threshold
         Dip that counts as resolved.
-    settings
-        How pictures are taken and solved.
-    progress
-        Called with the fraction that is done.
-
-    Raises
-    ------
-    DataError
-        If even points half the support apart are not resolved.
     """
-    settings = settings or SolverSettings(POINT_ITERATIONS)
-    support = points_support(experiment.twin)
-    pieces = _Pieces(1 + _EXPECTED_STEPS * draws, progress)
-    camera = _SolvingCamera.of(experiment, distance_um, support, settings, pieces.part)
-    pieces.next()
-    scale = AngularScale.of_camera(experiment.twin, support)
-    turn = math.radians(direction_deg)
-    offsets = torch.rand((draws, 2), generator=torch.Generator().manual_seed(settings.seed)) - 0.5
-    pairs: list[ObservedPair] = []
 
-    def is_resolved(pixels: float) -> bool:
-        half = pixels / 2 * scale.tangent
-        for number, (row, column) in enumerate(offsets.tolist()):
-            light = torch.zeros(())
-            for side in (-1, 1):
-                source = PointSource(
-                    (
-                        row * scale.tangent - side * half * math.sin(turn),
-                        column * scale.tangent + side * half * math.cos(turn),
-                    ),
-                    distance_um,
+    distance_um: float
+    direction_deg: float = 0.0
+    draws: int = 3
+    threshold: float = RAYLEIGH_DIP
+
+    def support(self, twin: Twin) -> PixelRectangle:
+        """Scene pixels that the points are looked for in."""
+        return PixelRectangle.centred(_POINTS_SIDE, _POINTS_SIDE, twin.shape)
+
+    def measure(
+        self,
+        experiment: VirtualExperiment,
+        settings: SolverSettings,
+        progress: ProgressCallback | None = None,
+    ) -> TwoPoints:
+        """Dips by separation, and the smallest angle that is resolved."""
+        support, draws = self.support(experiment.twin), self.draws
+        pieces = _Pieces(1 + _EXPECTED_STEPS * draws, progress)
+        camera = _SolvingCamera.of(experiment, self.distance_um, support, settings, pieces.part)
+        pieces.next()
+        scale = AngularScale.of_camera(experiment.twin, support)
+        turn = math.radians(self.direction_deg)
+        generator = torch.Generator().manual_seed(settings.seed)
+        offsets = torch.rand((draws, 2), generator=generator) - 0.5
+        pairs: list[ObservedPair] = []
+
+        def is_resolved(pixels: float) -> bool:
+            half = pixels / 2 * scale.tangent
+            for number, (row, column) in enumerate(offsets.tolist()):
+                light = torch.zeros(())
+                for side in (-1, 1):
+                    source = PointSource(
+                        (
+                            row * scale.tangent - side * half * math.sin(turn),
+                            column * scale.tangent + side * half * math.cos(turn),
+                        ),
+                        self.distance_um,
+                    )
+                    light = light + experiment.light_of(source)
+                noise = settings.seed + _SEED_STEP * number
+                frame = experiment.exposed(light, settings.fill, noise)
+                picture = camera.picture(frame, pieces.part)
+                angle = math.degrees(2 * math.atan(half))
+                pairs.append(ObservedPair(angle, point_pair(picture, pixels), picture))
+                pieces.next()
+            return sum(each.pair.dip for each in pairs[-draws:]) / draws >= self.threshold
+
+        low, high = 0.0, _FIRST_PIXELS
+        while not is_resolved(high):
+            low, high = high, high * _WIDER
+            if high > _POINTS_SIDE - _MARGIN_PIXELS:
+                raise DataError(
+                    f"even two points {pairs[-1].separation_deg:.2g} deg apart are not resolved "
+                    f"at {self.distance_um * 1e-3:g} mm: try more iterations or another tau, or a "
+                    "mask that is in focus"
                 )
-                light = light + experiment.light_of(source)
-            noise = settings.seed + _SEED_STEP * number
-            picture = camera.picture(experiment.exposed(light, settings.fill, noise), pieces.part)
-            angle = math.degrees(2 * math.atan(half))
-            pairs.append(ObservedPair(angle, point_pair(picture, pixels), picture))
-            pieces.next()
-        return sum(each.pair.dip for each in pairs[-draws:]) / draws >= threshold
-
-    low, high = 0.0, _FIRST_PIXELS
-    while not is_resolved(high):
-        low, high = high, high * _WIDER
-        if high > _POINTS_SIDE - _MARGIN_PIXELS:
-            raise DataError(
-                f"even two points {pairs[-1].separation_deg:.2g} deg apart are not resolved at "
-                f"{distance_um * 1e-3:g} mm: try more iterations or another tau, or a mask that "
-                "is in focus"
-            )
-    while high - low > _STEP_PIXELS:
-        middle = (low + high) / 2
-        low, high = (low, middle) if is_resolved(middle) else (middle, high)
-    return TwoPoints.of(pairs, threshold)
+        while high - low > _STEP_PIXELS:
+            middle = (low + high) / 2
+            low, high = (low, middle) if is_resolved(middle) else (middle, high)
+        return TwoPoints.of(pairs, self.threshold)
 
 
 class _Pieces:

@@ -221,8 +221,8 @@ def _slopes(camera: Camera, focus: Focus) -> list[tuple[int, str, float, float]]
 def _patch(loaded: LoadedCamera) -> Twin:
     """The camera with so little of its sensor that a PSF takes a moment."""
     sensor = loaded.camera.sensor
-    superpixel = 1 if sensor.mosaic == "none" else 2
-    rows, columns = (min(count, _PATCH * superpixel) for count in (sensor.rows, sensor.columns))
+    side = _PATCH * sensor.superpixel
+    rows, columns = min(sensor.rows, side), min(sensor.columns, side)
     if not isinstance(loaded.camera.mask.relief, RandomLenslets):
         return Twin.of(loaded).reading(rows, columns)
     small = sensor.model_copy(update={"rows": rows, "columns": columns})

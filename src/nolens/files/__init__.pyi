@@ -31,7 +31,7 @@ from .pictures import (
     write_tiff32,
 )
 from .raw import write_dng
-from .record import InputFile, RunRecord, read_record, versions, write_record
+from .record import InputFile, RunRecord, read_record, versions, with_former_keys, write_record
 from .state import read_state, write_state
 from .tolerances import read_tolerances, write_trials
 from .workshop import check_height_map, check_step, workpiece_writers
@@ -69,6 +69,7 @@ __all__ = [
     "read_tolerances",
     "readable",
     "versions",
+    "with_former_keys",
     "workpiece_writers",
     "write_camera",
     "write_dng",

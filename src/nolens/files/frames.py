@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from nolens.camera import MOSAICS, Frame, dark_corner
+from nolens.camera import MOSAICS, Frame, Sensor, dark_corner
 from nolens.camera.measurement import colour_planes
 from nolens.errors import DataError, FileError, OptionError
 from nolens.files.arrays import frame_of_npy, open_npy, read_npy, read_png
@@ -384,6 +384,28 @@ def check_holds(path: Path, frame: Frame) -> None:
         raise OptionError(
             f"{path.name} would be a TIFF of one channel, and {frame.source} has "
             f"{', '.join(frame.channels)}: write {path.with_suffix('.npy').name}"
+        )
+
+
+def check_holds_sensor(path: Path, sensor: Sensor) -> None:
+    """Refuse a DNG of a sensor without a colour mosaic or a whole black level.
+
+    Raises
+    ------
+    OptionError
+        If that is so; with a kind of file that can hold its counts.
+    """
+    if path.suffix.lower() != ".dng":
+        return
+    if sensor.mosaic == "none":
+        raise OptionError(
+            f"{path.name} would be a DNG, which holds a colour mosaic, and the sensor "
+            f"{sensor.name!r} has none: write {path.with_suffix('.tif').name}"
+        )
+    if not sensor.black_counts.is_integer():
+        raise OptionError(
+            f"{path.name} would be a DNG with a whole black level, and the sensor {sensor.name!r} "
+            f"has {sensor.black_counts:g}: write {path.with_suffix('.tif').name}, or round it"
         )
 
 

@@ -156,6 +156,28 @@ def check_scans(data: bytes, source: str | Path) -> None:
         )
 
 
+def picture_files(path: Path) -> list[Path]:
+    """A picture's file, or all pictures of a folder by their names.
+
+    Raises
+    ------
+    FileError
+        If the folder has none.
+    """
+    if not path.is_dir():
+        return [path]
+    pictures = sorted(
+        each
+        for each in path.iterdir()
+        if each.suffix.lower() in PICTURE_SUFFIXES and not each.name.startswith(".")
+    )
+    if not pictures:
+        raise FileError(
+            f"the folder {path} holds no picture; its files can be {', '.join(PICTURE_SUFFIXES)}"
+        )
+    return pictures
+
+
 def write_png(path: str | Path, radiance: Tensor, white: float | None = None) -> None:
     """Write a picture as 8-bit PNG with the sRGB curve.
 

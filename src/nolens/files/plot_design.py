@@ -10,7 +10,7 @@ from nolens.design.masks import MaskComparison
 from nolens.design.thickness import ColourCurves
 from nolens.errors import DataError
 from nolens.evaluate import spectral_magnitude
-from nolens.files.plots import STYLE, plot_figure
+from nolens.files.plots import plot_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,13 +26,9 @@ _LINE = {450.0: "#3557c9", 550.0: "#2f9140", 650.0: "#c23b2e"}
 
 def plot_mask(path: Path, comparison: MaskComparison, title: str) -> None:
     """Draw relief, PSFs and spectral magnitude of a mask beside the paper's diffuser."""
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
     planes = comparison.own.plane, comparison.paper.plane
     surface, pixel_um = comparison.own.twin.mask.relief, comparison.own.twin.pixel_um
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(10, 8.4), layout="constrained")
+    with plot_figure(path, (10, 8.4), title_size="large") as figure:
         figure.suptitle(title)
         (relief, magnitude), below = figure.subplots(2, 2)
         image = _show(relief, surface.height_um.cpu(), surface.grid_um, "viridis", None)
@@ -47,7 +43,6 @@ def plot_mask(path: Path, comparison: MaskComparison, title: str) -> None:
             image = _show(axes, plane, pixel_um, "inferno", most)
             axes.set_title(name)
             figure.colorbar(image, ax=axes, label="times its mean", shrink=0.85)
-        figure.savefig(path, format="png", dpi=110)
 
 
 def _show(

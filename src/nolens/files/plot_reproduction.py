@@ -1,23 +1,22 @@
 """Plots and pictures of the reproduction's report."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from matplotlib import rc_context
-from matplotlib.figure import Figure
 from torch import Tensor
 
 from nolens.camera import exposure_white, srgb_from_linear
 from nolens.errors import DataError
-from nolens.files.plots import STYLE
+from nolens.files.plots import plot_figure
 
 _HEIGHT_IN, _TITLE_IN, _GAP_IN = 2.6, 0.32, 0.08
 _WIDEST_IN = 9.0
-_DPI = 160
 _MOST_FILMS = 5
 _INK = 0.85
 _OURS, _PAPER, _PREDICTED = "#2a5f7f", "#c0562f", "#2a7f62"
+_figure = partial(plot_figure, title_size="large", dpi=160)
 
 
 @dataclass(frozen=True)
@@ -38,8 +37,7 @@ def plot_pictures(path: Path, panels: tuple[Panel, ...]) -> None:
     gaps = _GAP_IN * (len(panels) - 1)
     height = min(_HEIGHT_IN, (_WIDEST_IN - gaps) / sum(ratios))
     width = height * sum(ratios) + gaps
-    with rc_context(STYLE):
-        figure = Figure(figsize=(width, height + _TITLE_IN))
+    with _figure(path, (width, height + _TITLE_IN), layout=None) as figure:
         left = 0.0
         for panel, ratio in zip(panels, ratios, strict=True):
             fraction = height / (height + _TITLE_IN)
@@ -48,7 +46,6 @@ def plot_pictures(path: Path, panels: tuple[Panel, ...]) -> None:
             axes.set_title(panel.title, fontsize=8.5, pad=4)
             axes.set_axis_off()
             left += height * ratio + _GAP_IN
-        _save(figure, path)
 
 
 def _encoded(panel: Panel) -> "np.ndarray[tuple[int, ...], np.dtype[np.float32]]":
@@ -88,8 +85,7 @@ def plot_films(
         np.linspace(0, len(thicknesses) - 1, min(_MOST_FILMS, len(thicknesses))).round().astype(int)
     )
     displayed = [thicknesses[place] for place in chosen]
-    with rc_context(STYLE):
-        figure = Figure(figsize=(8.2, 5.0), layout="constrained")
+    with _figure(path, (8.2, 5.0)) as figure:
         above, below = figure.subfigures(2, 1, height_ratios=(2, 3), squeeze=False)[:, 0]
         axes = below.subplots()
         middle, off = predicted_mm
@@ -118,7 +114,6 @@ def plot_films(
             place.set_xticks([])
             place.set_yticks([])
         places[0].set_ylabel(f"{side:.0f} µm", fontsize=8)
-        _save(figure, path)
 
 
 def plot_overlay(path: Path, psfs: Tensor, names: tuple[str, str, str], pixel_um: float) -> None:
@@ -141,8 +136,7 @@ def plot_overlay(path: Path, psfs: Tensor, names: tuple[str, str, str], pixel_um
         for plane in {0, 1, 2} - {own}:
             picture[..., plane] -= _INK * bright[number]
     side_mm = [count * pixel_um * 1e-3 for count in psfs.shape[1:]]
-    with rc_context(STYLE):
-        figure = Figure(figsize=(4.6, 4.8), layout="constrained")
+    with _figure(path, (4.6, 4.8)) as figure:
         axes = figure.subplots()
         axes.imshow(
             picture.clip(0, 1), extent=(0, side_mm[1], 0, side_mm[0]), interpolation="nearest"
@@ -152,9 +146,3 @@ def plot_overlay(path: Path, psfs: Tensor, names: tuple[str, str, str], pixel_um
             axes.plot([], [], "s", color=colour, label=name)
         axes.set_xlabel("mm")
         figure.legend(loc="outside upper center", ncols=3, fontsize=8, frameon=False)
-        _save(figure, path)
-
-
-def _save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG whose bytes depend on what is drawn alone."""
-    figure.savefig(path, format="png", dpi=_DPI, metadata={"Software": None})

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,6 @@ _WHITE_PERCENTILE = 99.5
 _GROUND = "#191d20"
 _GREY = 0.15
 _LEAST_LIGHT = 0.66
-_DPI = 120
 _dark_plots: ContextVar[list[bytes] | None] = ContextVar("dark_plots", default=None)
 
 
@@ -49,14 +48,17 @@ def dark_plots() -> Iterator[list[bytes]]:
         _dark_plots.reset(token)
 
 
-def _save(figure: "Figure", path: str | Path) -> None:
-    """Write a plot as PNG, and recolour and write it once more where `dark_plots` asks for it."""
-    figure.savefig(path, format="png", dpi=_DPI)
+def _save(figure: "Figure", path: str | Path, dpi: int) -> None:
+    """Write a plot as PNG, and recolour and write it once more where `dark_plots` asks for it.
+
+    The bytes depend on nothing but what is drawn.
+    """
+    figure.savefig(path, format="png", dpi=dpi, metadata={"Software": None})
     drawn = _dark_plots.get()
     if drawn is not None:
         _darken(figure)
         buffer = io.BytesIO()
-        figure.savefig(buffer, format="png", dpi=_DPI, facecolor=_GROUND)
+        figure.savefig(buffer, format="png", dpi=dpi, facecolor=_GROUND)
         drawn.append(buffer.getvalue())
 
 
@@ -132,7 +134,12 @@ def show_picture(
 
 @contextmanager
 def plot_figure(
-    path: str | Path, size: tuple[float, float], *, title_size: float | str = 9
+    path: str | Path,
+    size: tuple[float, float],
+    *,
+    title_size: float | str = 9,
+    dpi: int = 120,
+    layout: Literal["constrained"] | None = "constrained",
 ) -> Iterator["Figure"]:
     """Draw on a figure that is written as PNG at the end of the block.
 
@@ -142,6 +149,10 @@ def plot_figure(
         Of the figure, (width, height) in inches.
     title_size
         Of the titles of its parts, as matplotlib takes it.
+    dpi
+        Pixels per inch.
+    layout
+        What places its parts; None leaves that to the caller.
 
     Raises
     ------
@@ -152,7 +163,7 @@ def plot_figure(
     from matplotlib.figure import Figure
 
     with mpl.rc_context({**STYLE, "axes.titlesize": title_size}):
-        figure = Figure(figsize=size, layout="constrained")
+        figure = Figure(figsize=size, layout=layout)
         yield figure
         with atomic_write(path) as temporary:
-            _save(figure, temporary)
+            _save(figure, temporary, dpi)

@@ -1,5 +1,6 @@
 """The folder that a camera's PSFs are gathered in: what it has, and what fits to it."""
 
+import math
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
@@ -21,6 +22,8 @@ from nolens.files.cameras import (
 )
 from nolens.quantities import Length
 
+Distance = Length | Literal["infinity"]
+_CLOSE = 0.01
 _PLAN = "nolens calibrate plan CAMERA --angle 56deg lists the angles for a scene of 56°"
 
 
@@ -121,7 +124,81 @@ class PsfFolder:
             )
         return ahead
 
-    def at_angles(self, distance: Length | Literal["infinity"] | None) -> list[PsfEntry]:
+    def frame(self, entry: PsfEntry) -> Frame:
+        """One of its PSFs, as a frame.
+
+        Raises
+        ------
+        NolensError
+            If its file cannot be read.
+        """
+        return Frame(
+            counts=read_psf(self.path, entry),
+            channels=entry.channels,
+            mosaic=None,
+            black=(0.0,),
+            white=None,
+            stored_as="float32",
+            source=str(self.path / entry.file),
+            black_stated=True,
+        )
+
+    def captured_ahead(self, distance: Distance | None) -> PsfEntry:
+        """The captured PSF of a source straight ahead; without a distance, the only one.
+
+        Raises
+        ------
+        NolensError
+            If there is none, or several.
+        """
+        ahead = self.ahead("captured")
+        have = ", ".join(str(each.distance) for each in ahead)
+        if distance is None and len(ahead) > 1:
+            raise OptionError(
+                f"{self.path} has captured PSFs of several distances ({have}): say which is "
+                "nearest to the pictures' (--distance)"
+            )
+        for each in ahead:
+            if distance in (None, each.distance):
+                return each
+        raise OptionError(
+            f"--distance {distance}: {self.path} has captured PSFs of {have}; choose one"
+        )
+
+    def nearest(
+        self, measured: list[PsfEntry], distance: Distance, source: Distance | None
+    ) -> PsfEntry:
+        """The measured PSF that one of another distance is made of.
+
+        Parameters
+        ----------
+        measured
+            Those that there are.
+        distance
+            Of the new one.
+        source
+            Of the measured one; None takes the nearest, in 1/z.
+
+        Raises
+        ------
+        OptionError
+            If the distance was measured itself, or the source was not.
+        """
+        if any(each.distance == distance for each in measured):
+            raise OptionError(
+                f"the PSF of {distance} is in {self.path} already, and was measured: leave "
+                f"--at {distance} out"
+            )
+        if source is not None:
+            for each in measured:
+                if each.distance == source:
+                    return each
+            have = ", ".join(str(each.distance) for each in measured)
+            raise OptionError(f"--from {source}: measured PSFs are there for {have}")
+        nearness = 1 / distance.um if isinstance(distance, Length) else 0.0
+        return min(measured, key=lambda each: abs(1 / each.distance_um - nearness))
+
+    def at_angles(self, distance: Distance | None) -> list[PsfEntry]:
         """Captured PSFs of one distance at several angles, one of them from straight ahead.
 
         Without a distance, those of the only one that has any from the side.
@@ -160,7 +237,7 @@ class PsfFolder:
                 )
         return entries
 
-    def _distance_aside(self, captured: list[PsfEntry]) -> Length | Literal["infinity"]:
+    def _distance_aside(self, captured: list[PsfEntry]) -> Distance:
         """The only distance with lights from the side."""
         aside = {each.distance for each in captured if not each.on_axis}
         if not aside:
@@ -261,6 +338,56 @@ class PsfFolder:
             )
         return pixel
 
+    def pixel_of(self, name: str, pitch: Length | None) -> Length:
+        """Distance of the pixels of one of its files, as it is stated or listed.
+
+        Raises
+        ------
+        OptionError
+            If it is neither, or both and they differ.
+        """
+        listed = next((each.pixel for each in self.psfs if each.file == name), None)
+        if pitch is not None and listed is not None and not _alike(pitch.um, listed.um):
+            raise OptionError(
+                f"--pixel {pitch}, but {self.path / PSFS_FILE} says that the pixels of {name} are "
+                f"{listed} apart: leave --pixel out, or calibrate again"
+            )
+        pixel = listed if pitch is None else pitch
+        if pixel is None:
+            raise OptionError(
+                f"no pitch of the pixels of {self.path / name} is known: give --pixel with its "
+                "unit, such as --pixel 3.1um"
+            )
+        return pixel
+
+
+def check_pitch(pixel: Length, frame: Frame, loaded: LoadedCamera) -> None:
+    """Refuse a pitch that is not that of the camera's sensor, or of whole numbers of its pixels.
+
+    Raises
+    ------
+    OptionError
+        If it is not.
+    """
+    sensor = loaded.camera.sensor
+    ratio = pixel.um / sensor.pitch.um
+    rows, columns = frame.counts.shape[-2:]
+    binned = max(1, round(ratio))
+    fitting = sensor.rows // rows
+    whole = fitting >= 1 and (sensor.rows // fitting, sensor.columns // fitting) == (rows, columns)
+    expected = fitting if whole else 1 if frame.mosaic is not None else binned
+    if not _alike(ratio, expected):
+        raise OptionError(
+            f"--pixel {pixel.um:g} µm does not fit the camera {loaded.camera.name!r}, whose "
+            f"{sensor.rows}×{sensor.columns} pixels are {sensor.pitch} apart: those of a file of "
+            f"{rows}×{columns} would be {expected * sensor.pitch.um:g} µm. Give that, or another "
+            "--camera"
+        )
+
+
+def _alike(one: float, other: float) -> bool:
+    return math.isclose(one, other, rel_tol=_CLOSE)
+
 
 def pixel_of_camera(frame: Frame, loaded: LoadedCamera) -> Length:
     """Pitch of a camera's pixels or superpixels; a frame that is not of it is refused.
@@ -271,7 +398,7 @@ def pixel_of_camera(frame: Frame, loaded: LoadedCamera) -> Length:
         If the frame has another size or mosaic than the camera.
     """
     sensor = loaded.camera.sensor
-    bin_by = 1 if sensor.mosaic == "none" else 2
+    bin_by = sensor.superpixel
     if frame.mosaic is None and frame.channels == ("R", "G", "B") and bin_by == 2:
         size, what = (sensor.rows // 2, sensor.columns // 2), "superpixels"
     else:

@@ -3,6 +3,7 @@
 import hashlib
 import os
 import platform
+from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
@@ -119,3 +120,51 @@ def _all_readable(value: Any) -> Any:
     if isinstance(value, list):
         return [_all_readable(each) for each in value]
     return readable(value) if isinstance(value, str) else value
+
+
+_FORMER_KEYS = {
+    "clipped_fraction": "clipped_share",
+    "dark_fraction": "dark_share",
+    "error_pixels": "error_cells",
+    "extent_deg": "reach_deg",
+    "extrapolated_by": "surround",
+    "finest_of_the_pixels": "finest_of_the_cells",
+    "known_fraction": "known_share",
+    "leave_one_out": "left_out",
+    "pixel": "cell",
+    "pixel_deg": "cell_deg",
+    "pixel_um": "cell_um",
+    "pixels": "cells",
+    "psf_pixels": "psf_cells",
+    "residual": "misfit",
+    "residual_pixels": "misfit_cells",
+    "residual_varying": "misfit_varying",
+    "saturated_fraction": "saturated_share",
+    "sensor_pixels": "sensor_cells",
+    "sensor_pixels_per_pixel": "pixels_per_cell",
+    "support": "region",
+    "support_fraction": "support_share",
+    "unknown_fraction": "unknown_share",
+    "width_pixels": "width_cells",
+}
+"""Keys of summaries by what the version before called them."""
+
+
+def with_former_keys(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """A summary with its figures under the keys of the version before, too.
+
+    Scripts that read `--json` or a record go on for one version. ``former_keys`` says which keys
+    are going, and what each is called now.
+    """
+    former: dict[str, str] = {}
+
+    def widened(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            items = {key: widened(each) for key, each in value.items()}
+            renamed = {_FORMER_KEYS[key]: key for key in items if key in _FORMER_KEYS}
+            former.update(renamed)
+            return items | {old: items[new] for old, new in renamed.items()}
+        return [widened(each) for each in value] if isinstance(value, list | tuple) else value
+
+    result: dict[str, Any] = widened(summary)
+    return result | ({"former_keys": dict(sorted(former.items()))} if former else {})

@@ -19,6 +19,7 @@ from torch import Tensor
 from nolens.camera import exposure_white
 from nolens.files.atomic import atomic_write
 from nolens.files.pictures import screen_picture, write_png
+from nolens.files.plots import plot_figure
 from nolens.files.reports import html_page
 from nolens.files.tiff import write_tiff
 from nolens.refocusing import AllInFocus, FocalStack
@@ -323,7 +324,6 @@ def plot_depth(path: Path, per_m: Tensor, confidence: Tensor, depths_um: Sequenc
     import matplotlib as mpl
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
-    from matplotlib.figure import Figure
 
     known = [1e6 / each for each in depths_um]
     norm, colour_map = Normalize(min(known), max(known) + 1e-9), mpl.colormaps["viridis"]
@@ -332,8 +332,7 @@ def plot_depth(path: Path, per_m: Tensor, confidence: Tensor, depths_um: Sequenc
     colours = colours * sure + 0.75 * (1 - sure)
     rows, columns = per_m.shape
     size = (_WIDE_INCHES, np.clip(_WIDE_INCHES * 0.8 * rows / columns + 0.5, 2, 12))
-    with mpl.rc_context({"font.size": 9}):
-        figure = Figure(figsize=size, dpi=120, layout="constrained")
+    with plot_figure(path, size) as figure:
         axes = figure.add_subplot()
         axes.imshow(colours, interpolation="nearest")
         axes.set_xlabel("column, pixels")
@@ -342,4 +341,3 @@ def plot_depth(path: Path, per_m: Tensor, confidence: Tensor, depths_um: Sequenc
         every = -(-len(known) // _MOST_TICKS)
         bar.set_ticks(known[::every], labels=[depth_text(each) for each in depths_um[::every]])
         bar.set_label("distance (grey: not known)")
-        figure.savefig(path, metadata={"Software": None})

@@ -11,7 +11,7 @@ from .calibration.stitch import (
 from .capturing import CaptureOptions, CaptureReporter, capture_frames
 from .demo import DemoOptions, run_demo
 from .designing.look import look_at_design
-from .designing.mask import MaskOptions, design_mask, mask_kind, mask_kinds
+from .designing.mask import MASK_KINDS, MaskOptions, design_mask
 from .designing.thickness import ThicknessOptions, design_thickness
 from .designing.tolerance import ToleranceOptions, study_tolerances
 from .fabrication import FabricateOptions, fabricate
@@ -32,6 +32,7 @@ from .run import Reporter, Result
 from .simulation import SimulateOptions, simulate
 
 __all__ = [
+    "MASK_KINDS",
     "CalibrateDistancesOptions",
     "CalibrateExtrapolateOptions",
     "CalibratePairsOptions",
@@ -72,8 +73,6 @@ __all__ = [
     "fabricate",
     "look_at_design",
     "make_target",
-    "mask_kind",
-    "mask_kinds",
     "measure_edge",
     "measure_field",
     "measure_psf",

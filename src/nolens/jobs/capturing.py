@@ -15,19 +15,18 @@ from nolens.capture import (
     available_sources,
     open_source,
 )
-from nolens.errors import FileError, NolensError, OptionError
+from nolens.errors import NolensError, OptionError
 from nolens.files import (
     FRAME_SUFFIXES,
-    PICTURE_SUFFIXES,
-    RunRecord,
     check_holds,
     write_frame,
     write_into,
     write_record,
 )
+from nolens.files.pictures import picture_files
 from nolens.jobs.fields import Exposure, FilePath, Interval, Mosaic, Name, record_beside
-from nolens.jobs.options import JobOptions, Option, Written
-from nolens.jobs.run import Product, Reporter, Run, job, with_former_keys
+from nolens.jobs.options import RECORD, JobOptions, Option, Written
+from nolens.jobs.run import Product, Reporter, Run, job
 from nolens.ranges import Between
 
 _WHAT, _CAMERA = "Series and exposure", "Camera"
@@ -219,7 +218,7 @@ class CaptureOptions(JobOptions):
         """
         if self.scene is None:
             return {}
-        pictures = _pictures(self.scene)
+        pictures = picture_files(self.scene)
         if len(pictures) == 1:
             return {"scene": pictures[0]}
         return {f"scene {number}": path for number, path in enumerate(pictures, start=1)}
@@ -232,23 +231,8 @@ class CaptureOptions(JobOptions):
         record = record_beside(self.output)
         return (
             Written("output", self.output, suffixes=FRAME_SUFFIXES),
-            Written("record of the run", record, suffixes=(".json",)),
+            Written(RECORD, record, suffixes=(".json",)),
         )
-
-
-def _pictures(path: Path) -> list[Path]:
-    if not path.is_dir():
-        return [path]
-    pictures = sorted(
-        each
-        for each in path.iterdir()
-        if each.suffix.lower() in PICTURE_SUFFIXES and not each.name.startswith(".")
-    )
-    if not pictures:
-        raise FileError(
-            f"the folder {path} holds no picture; its files can be {', '.join(PICTURE_SUFFIXES)}"
-        )
-    return pictures
 
 
 class CaptureReporter(Reporter):
@@ -317,14 +301,8 @@ def _write_frame(path: Path, taken: TakenFrame, run: Run[CaptureOptions]) -> Non
     """Write a frame and its record, both or neither."""
     frame, kind = taken.shot.frame, run.options.series.kind
     check_holds(path, frame)
-    record = RunRecord(
-        started=run.clock.started,
-        inputs=run.inputs,
-        parameters={**run.options.model_dump(mode="json"), "kind": kind},
-        result=with_former_keys({"kind": kind, **taken.figures()}),
-        history=[],
-        warnings=list(run.warnings),
-    )
+    parameters = {**run.options.model_dump(mode="json"), "kind": kind}
+    record = run.record({"kind": kind, **taken.figures()}, parameters)
     write_into(
         path.parent,
         {

@@ -10,12 +10,12 @@ from nolens.camera import develop
 from nolens.evaluate import psnr, scale_fit
 from nolens.experiments.demonstration import demonstrate, side_by_side
 from nolens.files import read_frame, readable, write_frame, write_into, write_png
+from nolens.files.sample_pictures import sample_picture
 from nolens.jobs.fields import FilePath
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.reconstruction.job import reconstruct
 from nolens.jobs.reconstruction.options import ReconstructOptions
 from nolens.jobs.run import Product, Run, job
-from nolens.jobs.sample_pictures import sample_picture
 
 _TAU = 1e-5
 _MODEL = "nolens simulated camera"

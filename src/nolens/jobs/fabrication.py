@@ -5,10 +5,9 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-import torch
 from pydantic import AfterValidator, BeforeValidator
 
-from nolens.camera import Camera, Flat, LoadedCamera, Package
+from nolens.camera import Camera, Flat, Package
 from nolens.camera.part import PositiveLength, refusal
 from nolens.design.masks import quarter_um
 from nolens.errors import OptionError
@@ -30,7 +29,8 @@ from nolens.files.sheet import write_sheet_html
 from nolens.files.tolerances import RECORD_FILE, study_budget
 from nolens.jobs.fields import FilePath, Name, OutputFolderOptions
 from nolens.jobs.options import Option, Written
-from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Reporter, Run, Writer, check_memory, job
+from nolens.jobs.run import Product, Reporter, Run, Writer, job
+from nolens.machine import BYTES_OF_PROGRAM
 from nolens.quantities import Angle, Length, Share
 from nolens.ranges import Between
 from nolens.twin import Twin, relief_points
@@ -40,7 +40,6 @@ _MASK, _SHEET = "Mask", "Process sheet"
 _TWO = re.compile(r"([^x×]+)[x×]([^x×]+)")
 _BARE = re.compile(r"[0-9.]+")
 _BYTES_PER_POINT = 30.0
-_CPU = torch.device("cpu")
 
 
 def _two_lengths(value: Any) -> Any:
@@ -292,7 +291,13 @@ def fabricate(run: Run[FabricateOptions]) -> Product[Workpieces]:
         check_step()
     frame, resin, mould = _measures(options, camera)
     budget = None if options.tolerances is None else study_budget(options.tolerances, camera)
-    run.begin(_needed(loaded))
+    if isinstance(camera.mask.relief, Flat):
+        raise OptionError(
+            f"the mask of {camera.name!r} is flat: there is nothing to write as a mask. Give a "
+            "camera with a relief (nolens design mask makes one)"
+        )
+    needed = BYTES_OF_PROGRAM + relief_points(loaded) * _BYTES_PER_POINT
+    run.begin(needed, "a coarser grid of the camera's relief, or a smaller overhang, needs less")
     reporter.advance("mask", 0.0)
     twin = Twin.of(loaded)
     relief = twin.mask.relief
@@ -373,15 +378,3 @@ def _measures(
     thickness_mm = options.mould_thickness.mm
     mould = MouldAmount.of(frame, dish_mm=_both_mm(options.dish), thickness_mm=thickness_mm)
     return frame, resin, mould
-
-
-def _needed(loaded: LoadedCamera) -> float:
-    """Bytes that the relief takes, where there is one that this machine can hold."""
-    if isinstance(loaded.camera.mask.relief, Flat):
-        raise OptionError(
-            f"the mask of {loaded.camera.name!r} is flat: there is nothing to write as a mask. "
-            "Give a camera with a relief (nolens design mask makes one)"
-        )
-    needed = BYTES_OF_PROGRAM + relief_points(loaded) * _BYTES_PER_POINT
-    check_memory(needed, _CPU, "a coarser grid of the camera's relief, or a smaller overhang")
-    return needed

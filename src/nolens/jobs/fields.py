@@ -11,24 +11,33 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from nolens.camera.part import Counts, refusal
 from nolens.camera.psf_set import Depth, FieldAngle
 from nolens.errors import OptionError
-from nolens.jobs.options import JobOptions, Option, Written, expand_home
+from nolens.jobs.options import RECORD, JobOptions, Option, Written, expand_home
+from nolens.machine import DeviceName
 from nolens.quantities import Angle, Duration, Share
 from nolens.ranges import Between
 from nolens.solvers import Prior
 
 _WINDOW = re.compile(r"([0-9]{1,6})x([0-9]{1,6})(?:([+-][0-9]{1,6})([+-][0-9]{1,6}))?")
-_LONGEST_PATH, _LONGEST_NAME = 4000, 255
-"""Bytes, of which systems take no more."""
+# Of Linux; temporary files add some characters to a name.
+_LONGEST_NAME, _LONGEST_PATH = 220, 4000
+_CONTROL = re.compile(rb"[\x00-\x1f\x7f]")
 
 
-def _nameable(path: Path) -> Path:
-    """Refuse what no system has a file for: to look for it would be an error of the system's."""
-    if len(os.fspath(path)) > _LONGEST_PATH or any(
-        len(part.encode("utf-8", "surrogatepass")) > _LONGEST_NAME for part in path.parts
-    ):
+def _possible(path: Path) -> Path:
+    """Refuse a path that no system has, before it is asked for."""
+    try:
+        encoded = os.fsencode(path)
+    except UnicodeEncodeError:
         raise refusal(
-            f"a path has at most {_LONGEST_PATH} characters, and each name in it "
-            f"{_LONGEST_NAME} bytes: give a shorter one"
+            "it has half of a character in it (a lone surrogate): give the whole name"
+        ) from None
+    if _CONTROL.search(encoded):
+        raise refusal(
+            "it has control characters, such as NUL or a new line: give a name without them"
+        )
+    if len(encoded) > _LONGEST_PATH or max(map(len, encoded.split(b"/"))) > _LONGEST_NAME:
+        raise refusal(
+            f"a name may have {_LONGEST_NAME} bytes and a path {_LONGEST_PATH}: give a shorter one"
         )
     return path
 
@@ -64,21 +73,26 @@ def _window(text: str) -> str:
     return text
 
 
-def two_parts(needed: str) -> BeforeValidator:
-    """Read a text such as "8cm,1m" as two values; `needed` says what to give instead of others."""
+def parts(pattern: str, needed: str) -> BeforeValidator:
+    """Read a text as the groups of a pattern; `needed` says what to give instead of others."""
 
     def split(value: Any) -> Any:
         if not isinstance(value, str):
             return value
-        parts = [part.strip() for part in value.split(",")]
-        if len(parts) != 2:
+        match = re.fullmatch(pattern, value.strip())
+        if match is None:
             raise refusal(needed)
-        return tuple(parts)
+        return match.groups()
 
     return BeforeValidator(split)
 
 
-FilePath = Annotated[Path, AfterValidator(expand_home), AfterValidator(_nameable)]
+def two_parts(needed: str) -> BeforeValidator:
+    """Read a text such as "8cm,1m" as two values, as `parts` does."""
+    return parts(r"([^,]*?)\s*,\s*([^,]*)", needed)
+
+
+FilePath = Annotated[Path, AfterValidator(expand_home), AfterValidator(_possible)]
 """Of a file or folder; ~ is the home folder."""
 Files = Annotated[tuple[FilePath, ...], Field(max_length=100_000)]
 Name = Annotated[str, Field(max_length=_LONGEST_PATH)]
@@ -103,7 +117,6 @@ Exposure = Annotated[Duration, Between("0.001 µs", "1000000 s")]
 Interval = Annotated[Duration, Between("1 µs", "1000000 s")]
 Fraction = Annotated[Share, Between("0 %", "100 %")]
 Distances = Annotated[tuple[Depth, ...], Field(max_length=1000)]
-DeviceName = Literal["auto", "cpu", "cuda"]
 Mosaic = Literal["RGGB", "BGGR", "GRBG", "GBRG"]
 
 CAMERAS = "paper, paper-film, small, live, a folder with camera.toml, or a .toml file"
@@ -219,26 +232,13 @@ class OutputFolderOptions(JobOptions):
     def in_folder(self, names: Mapping[str, str]) -> tuple[Written, ...]:
         """Files in the folder, by role, and the record."""
         files = tuple(Written(what, self.output / name) for what, name in names.items())
-        return (*files, Written("record of the run", self.record))
+        return (*files, Written(RECORD, self.record))
 
 
-class PlotOptions(JobOptions):
-    """What the jobs have in common that measure, and write a plot where one is asked for."""
-
-    if TYPE_CHECKING:
-        plot: FilePath | None
+class RecordedOptions(JobOptions):
+    """What the jobs have in common whose record goes beside the first file that they write."""
 
     @property
     def record(self) -> Path | None:
-        """File of the run's record, beside the plot."""
-        return None if self.plot is None else record_beside(self.plot)
-
-    @property
-    def written(self) -> tuple[Written, ...]:
-        """Plot and record."""
-        if self.plot is None:
-            return ()
-        return (
-            Written("plot", self.plot, "--plot", (".png",)),
-            Written("record of the run", record_beside(self.plot), "--plot"),
-        )
+        """File of the run's record; None where nothing is written."""
+        return record_beside(self.files[0].path) if self.files else None

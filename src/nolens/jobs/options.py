@@ -2,7 +2,6 @@
 
 import difflib
 import os
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass
 from enum import Enum
@@ -29,18 +28,13 @@ from pydantic import (
     field_validator,
 )
 
-from nolens.camera.part import refusal
 from nolens.documents import parse_toml
 from nolens.errors import OptionError
 from nolens.files.input import read_text
 from nolens.printable import quoted
 from nolens.quantities import Quantity
 
-# Of Linux; temporary files add some characters to a name.
-_LONGEST_NAME, _LONGEST_PATH = 220, 4000
-_CONTROL = re.compile(rb"[\x00-\x1f\x7f]")
-
-
+RECORD = "record of the run"
 Role = Literal["value", "input", "output", "camera", "material"]
 """What a field names: a value, files to read or to write, a camera, or a material."""
 
@@ -65,6 +59,10 @@ class Option:
         For a field without a default: what is to be named, and how.
     role
         What it names.
+    what
+        What messages and the record call its file; its name, where nothing is said.
+    suffixes
+        Those that a file to write may have.
     flag
         A short spelling, such as ``-o``.
     positional
@@ -87,6 +85,8 @@ class Option:
     default: str = ""
     needed: str = ""
     role: Role = "value"
+    what: str = ""
+    suffixes: tuple[str, ...] = ()
     flag: str = ""
     positional: bool = False
     negative: bool = True
@@ -155,15 +155,6 @@ class JobOptions(BaseModel):
         read = any(isinstance(each, BeforeValidator) for each in field.metadata)
         one = isinstance(value, (str, Path, Quantity)) and not read
         return (value,) if one and _takes_several(field.annotation) else value
-
-    @field_validator("*", mode="after")
-    @classmethod
-    def _paths_can_be(cls, value: Any) -> Any:
-        """Refuse a path that no system has, before it is asked for."""
-        for each in value if isinstance(value, tuple) else (value,):
-            if isinstance(each, Path) and (reason := _no_path(each)):
-                raise refusal(reason)
-        return value
 
     @classmethod
     def gather(
@@ -270,20 +261,43 @@ class JobOptions(BaseModel):
             found |= {former: name} if former else {}
         return found
 
+    @classmethod
+    def flag(cls, name: str) -> str:
+        """How a field is given on the command line: ``-o``, ``--dot-pitch``."""
+        external = cls.model_fields[name].alias or name
+        return Option.of(cls, name).flag or f"--{external.replace('_', '-')}"
+
     @property
     def inputs(self) -> dict[str, Path]:
-        """Files that are read, by role."""
-        found: dict[str, Path] = {}
+        """Files that are read, by role; those of a field with several are numbered."""
+        files: dict[str, Path] = {}
         for name in type(self).model_fields:
-            value = getattr(self, name)
-            if Option.of(type(self), name).role == "input" and isinstance(value, Path):
-                found[name] = value
-        return found
+            option, value = Option.of(type(self), name), getattr(self, name)
+            if option.role == "input":
+                role, paths = option.what or name, value if isinstance(value, tuple) else (value,)
+                for number, path in enumerate(paths, start=1):
+                    if path is not None:
+                        files[f"{role} {number}" if len(paths) > 1 else role] = path
+        return files
+
+    @property
+    def files(self) -> tuple[Written, ...]:
+        """Files that fields with suffixes name."""
+        files = []
+        for name in type(self).model_fields:
+            option, path = Option.of(type(self), name), getattr(self, name)
+            if option.suffixes and path is not None:
+                what = option.what or name
+                files.append(Written(what, path, self.flag(name), option.suffixes))
+        return tuple(files)
 
     @property
     def written(self) -> tuple[Written, ...]:
-        """Files that are written."""
-        return ()
+        """All files that are written, the record last."""
+        files, record = self.files, self.record
+        if record is None:
+            return files
+        return (*files, Written(RECORD, record, files[0].option if files else "-o"))
 
     @property
     def record(self) -> Path | None:
@@ -317,21 +331,6 @@ def expand_home(path: Path) -> Path:
 def _nearest(name: str, known: Mapping[str, str]) -> str:
     near = difflib.get_close_matches(name, known, n=1)
     return f". Did you mean {near[0]!r}?" if near else f"; known are {', '.join(known)}"
-
-
-def _no_path(path: Path) -> str | None:
-    """Why this cannot be a path; None if it can."""
-    try:
-        encoded = os.fsencode(path)
-    except UnicodeEncodeError:
-        return "it has half of a character in it (a lone surrogate): give the whole name"
-    if _CONTROL.search(encoded):
-        return "it has control characters, such as NUL or a new line: give a name without them"
-    if len(encoded) > _LONGEST_PATH or max(map(len, encoded.split(b"/"))) > _LONGEST_NAME:
-        return (
-            f"a name may have {_LONGEST_NAME} bytes and a path {_LONGEST_PATH}: give a shorter one"
-        )
-    return None
 
 
 def _takes_several(annotation: Any) -> bool:

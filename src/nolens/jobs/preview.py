@@ -13,7 +13,7 @@ from nolens.capture import Levels
 from nolens.errors import NolensError
 from nolens.files import is_sequence, open_sequence, read_frame, read_picture, readable, write_png
 from nolens.jobs.fields import FilePath
-from nolens.jobs.options import JobOptions, Option, Written
+from nolens.jobs.options import JobOptions, Option
 from nolens.jobs.run import Product, Run, job
 
 _LONG_SIDE = 1200
@@ -29,21 +29,20 @@ class PreviewOptions(JobOptions):
             "Camera raw, a picture, or a folder or stack of frames, of which the first is shown.",
             needed="the file to look at",
             role="input",
+            what="file",
         ),
     ]
     output: Annotated[
-        FilePath, Option("PNG to write.", needed="the PNG to write", role="output", flag="-o")
+        FilePath,
+        Option(
+            "PNG to write.",
+            needed="the PNG to write",
+            role="output",
+            what="picture",
+            suffixes=(".png",),
+            flag="-o",
+        ),
     ]
-
-    @property
-    def inputs(self) -> dict[str, Path]:
-        """The file."""
-        return {"file": self.path}
-
-    @property
-    def written(self) -> tuple[Written, ...]:
-        """The picture."""
-        return (Written("picture", self.output, suffixes=(".png",)),)
 
 
 @job

@@ -1,21 +1,18 @@
 """`nolens psf`: what a simulated camera shows of one point source."""
 
 import math
-import re
 from dataclasses import replace
 from functools import partial
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
-from pydantic import BeforeValidator
 from torch import Tensor
 
 from nolens.camera import LoadedCamera
-from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
 from nolens.files import write_png, write_tiff32
-from nolens.jobs.fields import RESULT, Bin, FieldAngles, FilePath, Seed
-from nolens.jobs.options import Option, Written
+from nolens.jobs.fields import RESULT, Bin, FieldAngles, FilePath, Seed, parts
+from nolens.jobs.options import Option
 from nolens.jobs.run import Product, Run, job
 from nolens.jobs.simulation import (
     EXPOSURE,
@@ -31,25 +28,16 @@ from nolens.jobs.simulation import (
 from nolens.optics import PointSource
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
-from nolens.twin import Frame, Twin, distance_um, mosaic, photocurrents
+from nolens.twin import Frame, distance_um, mosaic, photocurrents
 
 _POINT = "Point source"
-_SIZE = re.compile(r"([0-9]{1,6})x([0-9]{1,6})")
+_SIZE = r"([1-9][0-9]{0,5})x([1-9][0-9]{0,5})"
 _Side = Annotated[int, Between(1, 65535)]
 _REMEDY = "fewer --pixels, a camera with fewer pixels or a coarser grid of its relief needs less"
 _DIAMETER_UM = 50.0
 """Of the paper's point source, a pinhole."""
 _LUX = 1.0
 """Illuminance at the camera by a source straight ahead, to which exposure times are stated."""
-
-
-def _two_sizes(given: Any) -> Any:
-    if not isinstance(given, str):
-        return given
-    match = _SIZE.fullmatch(given.strip())
-    if match is None or 0 in (int(match[1]), int(match[2])):
-        raise refusal("give HEIGHTxWIDTH in pixels, such as 400x600")
-    return int(match[1]), int(match[2])
 
 
 class PsfOptions(SimulationOptions):
@@ -61,7 +49,6 @@ class PsfOptions(SimulationOptions):
     """
 
     usage = "psf -o psf.tif"
-    pictures = (".png",)
 
     output: Annotated[
         FilePath,
@@ -72,6 +59,7 @@ class PsfOptions(SimulationOptions):
             "straight ahead.",
             needed="the file to write (-o raw.dng, -o x.tif)",
             role="output",
+            suffixes=(*RAW_SUFFIXES, ".png"),
             flag="-o",
         ),
     ]
@@ -98,7 +86,7 @@ class PsfOptions(SimulationOptions):
     ] = None
     pixels: Annotated[
         tuple[_Side, _Side] | None,
-        BeforeValidator(_two_sizes),
+        parts(_SIZE, "give HEIGHTxWIDTH in pixels, such as 400x600"),
         Option(
             "HEIGHTxWIDTH of the result; more than the sensor has shows the light beside it too, "
             "for reconstruct --psf-extent wide.",
@@ -133,12 +121,6 @@ class PsfOptions(SimulationOptions):
     ] = None
     seed: Annotated[Seed, Option("For .dng, of the sensor's noise.", EXPOSURE)] = 0
 
-    @property
-    def written(self) -> tuple[Written, ...]:
-        """PSF and record."""
-        output = Written("output", self.output, suffixes=(*RAW_SUFFIXES, *self.pictures))
-        return (output, Written("record of the run", self.record))
-
 
 class _Shape(NamedTuple):
     """What is computed: (rows, columns) of so many sensor pixels each, in one of the frames."""
@@ -165,8 +147,7 @@ def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
     shape = _shape(options, loaded, captured)
     source = _source(options, loaded)
     working = preview.psf_bytes(source, shape.size, shape.pixels)
-    run.begin_simulation(loaded, working, _REMEDY)
-    twin = Twin.of(loaded, device=run.device, fresnel=options.fresnel)
+    twin = run.twin(loaded, working, _REMEDY, fresnel=options.fresnel)
     experiment = replace(preview, twin=twin)
     # Its channels are as a captured one has them: a scene in this light keeps its own colours.
     psf = experiment.psf(
@@ -247,7 +228,7 @@ def _shape(options: PsfOptions, loaded: LoadedCamera, captured: bool) -> _Shape:
                 f"noise; leave {name} out, or write "
                 f"{options.output.with_suffix('.dng').name}"
             )
-    by = options.bin or (1 if sensor.mosaic == "none" else 2)
+    by = options.bin or sensor.superpixel
     size = options.pixels or (sensor.rows // by, sensor.columns // by)
     if 0 in size:
         raise OptionError(

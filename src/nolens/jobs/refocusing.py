@@ -1,17 +1,16 @@
 """`nolens refocus`: pictures at any depth of one measurement."""
 
 import math
-import re
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import torch
-from pydantic import AfterValidator, BeforeValidator
+from pydantic import AfterValidator
 from torch import Tensor
 
-from nolens.camera import Frame, Measurement, PsfKind, arrange_rgb, develop, exposure_white
+from nolens.camera import Measurement, PsfKind, arrange_rgb, develop, exposure_white
 from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
@@ -19,7 +18,6 @@ from nolens.files import (
     CAMERA_FILE,
     PSFS_FILE,
     read_frame,
-    read_psf,
     read_psf_set,
     write_png,
     write_tiff16,
@@ -45,6 +43,7 @@ from nolens.jobs.fields import (
     Support,
     Tau,
     White,
+    parts,
     two_parts,
 )
 from nolens.jobs.options import Option, Written
@@ -66,7 +65,7 @@ from nolens.refocusing import (
 from nolens.solvers import Prior
 
 _FOCUSED_FILES = ("focused.png", "focused.tif")
-_PLACE = re.compile(r"([0-9]{1,6})\s*,\s*([0-9]{1,6})")
+_PLACE = r"([0-9]{1,6})\s*,\s*([0-9]{1,6})"
 _MOST_STEPS = 200
 _KINDS: tuple[PsfKind, ...] = ("stitched", "extended", "captured", "solved", "scaled")
 """Those that extend beyond the sensor first, and measured ones before computed ones."""
@@ -88,15 +87,6 @@ def _near_first(depths: tuple[Depth, Depth]) -> tuple[Depth, Depth]:
     if not _in_um(depths[0]) < _in_um(depths[1]):
         raise refusal("the first depth must be nearer than the second, such as 8cm,50cm")
     return depths
-
-
-def _place(value: Any) -> Any:
-    if not isinstance(value, str):
-        return value
-    match = _PLACE.fullmatch(value.strip())
-    if match is None:
-        raise refusal("give row and column of the picture in pixels, such as 120,200")
-    return int(match[1]), int(match[2])
 
 
 _Row = Annotated[int, Between(0, 999_999)]
@@ -162,7 +152,7 @@ class RefocusOptions(OutputFolderOptions):
     ] = None
     at: Annotated[
         tuple[_Row, _Row] | None,
-        BeforeValidator(_place),
+        parts(_PLACE, "give row and column of the picture in pixels, such as 120,200"),
         Option(
             "ROW,COLUMN of focused.png, in pixels: the place that is to be sharp, whatever its "
             "depth.",
@@ -363,24 +353,11 @@ def _read_psfs(run: Run[RefocusOptions], measurement: Measurement) -> DepthPsfs:
         )
     files = {entry: folder / entry.file for entry in entries}
     run.reads({f"PSF {entry.file}": path for entry, path in files.items()})
-    loaded = PsfFolder(folder).camera
-    frames = {
-        entry: Frame(
-            counts=read_psf(folder, entry),
-            channels=entry.channels,
-            mosaic=None,
-            black=(0.0,),
-            white=None,
-            stored_as="float32",
-            source=str(path),
-            black_stated=True,
-        )
-        for entry, path in files.items()
-    }
+    psfs = PsfFolder(folder)
     return DepthPsfs.of_set(
-        frames,
+        {entry: psfs.frame(entry) for entry in entries},
         measurement,
-        None if loaded is None else loaded.camera,
+        None if psfs.camera is None else psfs.camera.camera,
         where=str(folder),
         bin_by=options.bin,
         channels=options.channels,

@@ -1,7 +1,5 @@
 """A relief that was measured takes the place of the one that a camera describes."""
 
-from collections.abc import Mapping
-from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
 from nolens.camera import LoadedCamera
@@ -15,7 +13,7 @@ from nolens.files import (
 from nolens.files.cameras import curve_copies
 from nolens.jobs.fields import CAMERAS, FilePath, Name, OutputFolderOptions
 from nolens.jobs.options import Option, Written
-from nolens.jobs.run import Product, Run, Writer, job
+from nolens.jobs.run import Product, Run, job
 from nolens.twin.measured_relief import measured_relief
 
 RELIEF_FILE = "relief.tif"
@@ -174,15 +172,13 @@ def replace_relief(run: Run[ReliefOptions]) -> Product[LoadedCamera]:
         **result.figures,
     }
 
-    def commit(writers: Mapping[Path, Writer]) -> None:
-        more = {str(path.relative_to(options.output)): write for path, write in writers.items()}
-        write_camera(options.output, changed.camera, changed.relief_um, more=more)
-
     curves = curve_copies(options.camera, camera)
     return Product(
         changed,
         figures,
         {options.output / name: write for name, write in curves.items()},
         outputs=(options.output / CAMERA_FILE, options.output / RELIEF_FILE),
-        commit=commit,
+        commit=lambda files: write_camera(
+            options.output, changed.camera, changed.relief_um, more=files
+        ),
     )

@@ -1,43 +1,40 @@
 """Running of a job: its reporter, time, memory and device; what it writes, and the record."""
 
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from functools import cached_property, partial, update_wrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, get_args
 
-import psutil
 import torch
 
 from nolens.camera import Measurement
-from nolens.errors import OptionError
 from nolens.files import (
+    CAMERA_FILE,
     InputFile,
     RunRecord,
     check_folder,
     check_output,
     readable,
+    with_former_keys,
     write_into,
     write_record,
     write_together,
 )
-from nolens.jobs.fields import DeviceName
 from nolens.jobs.options import JobOptions, check_apart
+from nolens.machine import BYTES_OF_PROGRAM, check_memory, gigabytes, pick_device
+from nolens.progress import Clock
 from nolens.solvers import Progress, Reconstructor
 
 if TYPE_CHECKING:
     from nolens.camera import LoadedCamera
+    from nolens.twin import Twin
 
 Writer = Callable[[Path], None]
 """Writes one file when it is given a path."""
 Options = TypeVar("Options", bound=JobOptions)
 Value = TypeVar("Value")
-BYTES_OF_PROGRAM = 5e8
 _NOTABLE_BYTES = 1e9
-_ABSURD_BYTES = 1e15
-_RELIABLE_AFTER_S = 5.0
 
 
 class Reporter:
@@ -64,86 +61,6 @@ class Reporter:
         return False
 
 
-def _now() -> str:
-    return datetime.now(UTC).astimezone().isoformat(timespec="seconds")
-
-
-@dataclass(frozen=True)
-class Clock:
-    """Starts when it is made.
-
-    Attributes
-    ----------
-    started
-        ISO 8601, with the offset from UTC.
-    """
-
-    started: str = field(default_factory=_now)
-    _from: float = field(default_factory=time.perf_counter)
-
-    @property
-    def seconds(self) -> float:
-        """Since then."""
-        return round(time.perf_counter() - self._from, 3)
-
-
-class Pace:
-    """Time that a piece of work still takes, by the pace that it has had so far."""
-
-    def __init__(self) -> None:
-        self._work, self._begun, self._from = "", 0.0, 0.0
-
-    def seconds_left(self, what: str, fraction: float) -> float | None:
-        """By what is done of a piece of work, from 0 to 1; None where nothing tells yet.
-
-        Other work than before, or less of it, begins anew.
-        """
-        now = time.perf_counter()
-        if what != self._work or fraction < self._from:
-            self._work, self._begun, self._from = what, now, fraction
-        gone = fraction - self._from
-        return (now - self._begun) * (1 - fraction) / gone if gone > 0 else None
-
-    @property
-    def sure(self) -> bool:
-        """Whether the work has gone on for long enough that its pace is believed."""
-        return time.perf_counter() - self._begun > _RELIABLE_AFTER_S
-
-
-def duration_text(seconds: float) -> str:
-    """Say how long, in the unit that suits."""
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
-
-
-def check_memory(needed: float, device: torch.device, remedy: str) -> None:
-    """Refuse what the machine has no memory for.
-
-    Parameters
-    ----------
-    needed
-        Bytes that the job holds at once.
-    device
-        Where the job computes.
-    remedy
-        What would need less, as the end of a sentence.
-
-    Raises
-    ------
-    OptionError
-        If the machine has less memory than that.
-    """
-    where, there = "machine", float(psutil.virtual_memory().total)
-    if device.type == "cuda":
-        where, there = "CUDA device", float(torch.cuda.mem_get_info(device)[1])
-    if needed > there:
-        raise OptionError(
-            f"this needs about {_gigabytes(needed)} GB of memory, and the {where} has "
-            f"{_gigabytes(there)} GB: {remedy}"
-        )
-
-
 def check_solver_memory(solver: Reconstructor, data: Measurement, remedy: str) -> float:
     """Bytes that a reconstruction needs, if the machine has as many.
 
@@ -154,23 +71,6 @@ def check_solver_memory(solver: Reconstructor, data: Measurement, remedy: str) -
     """
     needed = BYTES_OF_PROGRAM + solver.working_bytes(len(data.channels), data.size)
     check_memory(needed, torch.device(solver.device), remedy)
-    return needed
-
-
-def check_simulation_memory(
-    loaded: "LoadedCamera", working: float, device: torch.device, remedy: str
-) -> float:
-    """Bytes that a simulation needs, `working` beside the camera's relief, if there are as many.
-
-    Raises
-    ------
-    OptionError
-        If the machine has less memory, before the relief is computed; `remedy` ends the message.
-    """
-    from nolens.twin import relief_points, simulation_bytes
-
-    needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(loaded), working)
-    check_memory(needed, device, remedy)
     return needed
 
 
@@ -185,77 +85,7 @@ def announce_memory(needed: float, reporter: Reporter) -> None:
         Is told.
     """
     if needed > _NOTABLE_BYTES:
-        reporter.note(f"this takes about {_gigabytes(needed)} GB of memory")
-
-
-def _gigabytes(number: float) -> str:
-    return f"{number / 1e9:.1f}" if number < _ABSURD_BYTES else f"{number / 1e9:.0e}"
-
-
-def pick_device(name: DeviceName) -> torch.device:
-    """Find the device of a name; auto takes CUDA where there is one.
-
-    Raises
-    ------
-    OptionError
-        If CUDA is asked for and there is none.
-    """
-    if name == "cuda" and not torch.cuda.is_available():
-        raise OptionError(
-            "--device cuda was asked for, but torch finds no CUDA device here; use "
-            "--device cpu or auto, or install a CUDA build of torch"
-        )
-    if name == "auto":
-        name = "cuda" if torch.cuda.is_available() else "cpu"
-    return torch.device(name)
-
-
-_FORMER_KEYS = {
-    "clipped_fraction": "clipped_share",
-    "dark_fraction": "dark_share",
-    "error_pixels": "error_cells",
-    "extent_deg": "reach_deg",
-    "extrapolated_by": "surround",
-    "finest_of_the_pixels": "finest_of_the_cells",
-    "known_fraction": "known_share",
-    "leave_one_out": "left_out",
-    "pixel": "cell",
-    "pixel_deg": "cell_deg",
-    "pixel_um": "cell_um",
-    "pixels": "cells",
-    "psf_pixels": "psf_cells",
-    "residual": "misfit",
-    "residual_pixels": "misfit_cells",
-    "residual_varying": "misfit_varying",
-    "saturated_fraction": "saturated_share",
-    "sensor_pixels": "sensor_cells",
-    "sensor_pixels_per_pixel": "pixels_per_cell",
-    "support": "region",
-    "support_fraction": "support_share",
-    "unknown_fraction": "unknown_share",
-    "width_pixels": "width_cells",
-}
-"""Keys of summaries by what the version before called them."""
-
-
-def with_former_keys(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """A summary with its figures under the keys of the version before, too.
-
-    Scripts that read `--json` or a record go on for one version. ``former_keys`` says which keys
-    are going, and what each is called now.
-    """
-    former: dict[str, str] = {}
-
-    def widened(value: Any) -> Any:
-        if isinstance(value, Mapping):
-            items = {key: widened(each) for key, each in value.items()}
-            renamed = {_FORMER_KEYS[key]: key for key in items if key in _FORMER_KEYS}
-            former.update(renamed)
-            return items | {old: items[new] for old, new in renamed.items()}
-        return [widened(each) for each in value] if isinstance(value, list | tuple) else value
-
-    result: dict[str, Any] = widened(summary)
-    return result | ({"former_keys": dict(sorted(former.items()))} if former else {})
+        reporter.note(f"this takes about {gigabytes(needed)} of memory")
 
 
 @dataclass(frozen=True)
@@ -293,8 +123,8 @@ class Product(Generic[Value]):
     outputs
         Files or folders to list in place of those of the writers.
     commit
-        Writes all files, all or none. None writes them as they are, into the folder of the
-        options where they have one.
+        Writes all files, all or none, by their names in the folder of the options. None writes
+        them as they are, into that folder where there is one.
     """
 
     value: Value
@@ -303,7 +133,7 @@ class Product(Generic[Value]):
     parameters: Mapping[str, Any] = field(default_factory=dict)
     history: list[dict[str, float]] = field(default_factory=list)
     outputs: tuple[Path, ...] | None = None
-    commit: Callable[[Mapping[Path, Writer]], None] | None = None
+    commit: Callable[[Mapping[str, Writer]], None] | None = None
 
 
 class Run(Generic[Options]):
@@ -374,8 +204,23 @@ class Run(Generic[Options]):
         self.reads(camera_files(name, loaded.camera))
         return loaded
 
-    def begin_simulation(self, loaded: "LoadedCamera", working: float, remedy: str) -> None:
-        """Begin work with a simulated camera, whose relief is computed first.
+    def camera_beside(self, name: str | None, folder: Path | None) -> "LoadedCamera | None":
+        """The camera of a name, or without one that of a folder; None where there is neither.
+
+        Raises
+        ------
+        NolensError
+            As `camera`.
+        """
+        beside = None if folder is None else folder / CAMERA_FILE
+        if name is None and (beside is None or not beside.is_file()):
+            return None
+        return self.camera(name or beside or "")
+
+    def twin(
+        self, loaded: "LoadedCamera", working: float, remedy: str, *, fresnel: bool = True
+    ) -> "Twin":
+        """Begin work with a simulated camera by computing its relief.
 
         Parameters
         ----------
@@ -385,16 +230,21 @@ class Run(Generic[Options]):
             Bytes that are held at once beside its relief.
         remedy
             What would need less, as the end of a sentence.
+        fresnel
+            Whether light is lost at surfaces.
 
         Raises
         ------
         OptionError
             If the machine has less memory than that.
         """
+        from nolens.twin import Twin, check_simulation_memory
+
         self.begin(check_simulation_memory(loaded, working, self.device, remedy))
         self.reporter.advance("mask", 0.0)
+        return Twin.of(loaded, device=self.device, fresnel=fresnel)
 
-    def begin(self, needed: float = 0.0) -> None:
+    def begin(self, needed: float = 0.0, remedy: str = "") -> None:
         """Say that all is read and checked: from here on the work takes its time.
 
         The files are hashed while they are as they were read, and work that takes much memory is
@@ -404,12 +254,18 @@ class Run(Generic[Options]):
         ----------
         needed
             Bytes that the work holds at once.
+        remedy
+            What would need less, as the end of a sentence; nothing where that is known to be there.
 
         Raises
         ------
+        OptionError
+            If the machine has less memory than that.
         FileError
             If one of them cannot be read any more.
         """
+        if remedy:
+            check_memory(needed, self.device, remedy)
         self._inputs = {
             role: InputFile.of(path) for role, path in self._files.items() if not path.is_dir()
         }
@@ -460,28 +316,35 @@ class Run(Generic[Options]):
         writers = dict(product.writers)
         if options.record is not None:
             writers[options.record] = partial(self._write_record, product, summary)
-        if product.commit is not None:
-            product.commit(writers)
-        elif options.output_folder is not None:
-            write_into(options.output_folder, writers)
+        folder = options.output_folder
+        if product.commit is not None and folder is not None:
+            product.commit({str(each.relative_to(folder)): writers[each] for each in writers})
+        elif folder is not None:
+            write_into(folder, writers)
         else:
             write_together(writers)
         return Result(product.value, summary)
 
-    def _write_record(self, product: Product[Any], summary: dict[str, Any], path: Path) -> None:
-        summary["seconds"] = self.clock.seconds  # With all that was written.
-        record = RunRecord(
+    def record(
+        self,
+        figures: Mapping[str, Any],
+        parameters: dict[str, Any],
+        history: list[dict[str, float]] | None = None,
+    ) -> RunRecord:
+        """What a record keeps of the run, with these figures and parameters."""
+        return RunRecord(
             started=self.clock.started,
             inputs=self.inputs,
-            parameters={
-                **self.options.model_dump(mode="json", by_alias=True),
-                **product.parameters,
-            },
-            result=with_former_keys(summary),
-            history=product.history,
-            warnings=self.warnings,
+            parameters=parameters,
+            result=with_former_keys(figures),
+            history=history or [],
+            warnings=list(self.warnings),
         )
-        write_record(path, record)
+
+    def _write_record(self, product: Product[Any], summary: dict[str, Any], path: Path) -> None:
+        summary["seconds"] = self.clock.seconds  # With all that was written.
+        parameters = self.options.model_dump(mode="json", by_alias=True) | {**product.parameters}
+        write_record(path, self.record(summary, parameters, product.history))
 
 
 class Job(Generic[Options, Value]):

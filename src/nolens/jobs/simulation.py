@@ -3,8 +3,7 @@
 from dataclasses import replace
 from functools import partial
 from itertools import cycle
-from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import torch
 from pydantic import Field
@@ -14,6 +13,7 @@ from nolens.camera import Frame, LoadedCamera, Sensor
 from nolens.errors import DataError, OptionError
 from nolens.experiments.virtual_experiment import VirtualExperiment, brightest
 from nolens.files import read_picture, write_frame, write_tiff32
+from nolens.files.frames import check_holds_sensor
 from nolens.jobs.fields import (
     CAMERAS,
     LIGHTS,
@@ -25,12 +25,12 @@ from nolens.jobs.fields import (
     Files,
     FullAngle,
     Name,
+    RecordedOptions,
     Seed,
     Word,
-    record_beside,
 )
-from nolens.jobs.options import JobOptions, Option, Written
-from nolens.jobs.run import Product, Run, Writer, check_simulation_memory, job
+from nolens.jobs.options import Option
+from nolens.jobs.run import Product, Run, Writer, job
 from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
 from nolens.quantities import Angle, Luminance, Share
@@ -39,8 +39,8 @@ from nolens.twin import (
     Light,
     Plane,
     PlaneView,
-    Twin,
     check_field_points,
+    check_simulation_memory,
     distance_um,
     in_channels,
     preview_model,
@@ -48,7 +48,8 @@ from nolens.twin import (
 )
 
 OPTICS, EXPOSURE = "Camera and light", "Exposure"
-RAW_SUFFIXES = (".dng", ".tif", ".tiff")
+_TIFF = (".tif", ".tiff")
+RAW_SUFFIXES = (".dng", *_TIFF)
 FILL = Share("90", "%")
 Fill = Annotated[Share, Between("0.001 %", "10000 %")]
 _Luminance = Annotated[Luminance, Between("0.000001 cd/m2", "1000000000000 cd/m2")]
@@ -58,11 +59,8 @@ _REMEDY = (
 )
 
 
-class SimulationOptions(JobOptions):
+class SimulationOptions(RecordedOptions):
     """What the simulation of any light has in common."""
-
-    pictures: ClassVar[tuple[str, ...]] = ()
-    """Suffixes of pictures for looking at that may be written in place of counts."""
 
     output: FilePath
     camera: Annotated[
@@ -78,11 +76,6 @@ class SimulationOptions(JobOptions):
     device: Device = "auto"
     fill: Fill | None = None
     seed: Seed = 0
-
-    @property
-    def record(self) -> Path:
-        """File of the run's record."""
-        return record_beside(self.output)
 
 
 class SimulateOptions(SimulationOptions):
@@ -104,6 +97,7 @@ class SimulateOptions(SimulationOptions):
             "farther ones.",
             needed="the scene (nolens simulate SCENE -o raw.dng)",
             role="input",
+            what="scene",
             positional=True,
             label="Scene",
         ),
@@ -115,6 +109,7 @@ class SimulateOptions(SimulationOptions):
             "it, as .json.",
             needed="the file to write (-o raw.dng, -o x.tif)",
             role="output",
+            suffixes=RAW_SUFFIXES,
             flag="-o",
         ),
     ]
@@ -124,6 +119,7 @@ class SimulateOptions(SimulationOptions):
             "Writes what a reconstruction is to show: the scene's radiance on its pixels, as "
             "linear float .tif.",
             role="output",
+            suffixes=_TIFF,
         ),
     ] = None
     response: Annotated[
@@ -133,6 +129,7 @@ class SimulateOptions(SimulationOptions):
             "float .tif. A reconstruction with one PSF shows truth × response.",
             RESULT,
             role="output",
+            suffixes=_TIFF,
         ),
     ] = None
     distance: Annotated[
@@ -193,24 +190,6 @@ class SimulateOptions(SimulationOptions):
                     "all of them, or once for each in their order"
                 )
 
-    @property
-    def inputs(self) -> dict[str, Path]:
-        """Pictures, by role."""
-        if len(self.scenes) == 1:
-            return {"scene": self.scenes[0]}
-        return {f"scene {number}": path for number, path in enumerate(self.scenes, start=1)}
-
-    @property
-    def written(self) -> tuple[Written, ...]:
-        """Raw file, truth, response and record."""
-        more = [
-            Written(name, path, f"--{name}", (".tif", ".tiff"))
-            for name, path in (("truth", self.truth), ("response", self.response))
-            if path is not None
-        ]
-        record = Written("record of the run", self.record)
-        return (Written("output", self.output, suffixes=RAW_SUFFIXES), *more, record)
-
 
 def read_simulated_camera(
     run: Run[Any], field_points: int = 1
@@ -224,7 +203,7 @@ def read_simulated_camera(
     """
     options: SimulationOptions = run.options
     loaded = run.camera(options.camera)
-    _check_raw(options.output, loaded.camera.sensor)
+    check_holds_sensor(options.output, loaded.camera.sensor)
     preview = preview_model(loaded, fresnel=options.fresnel)
     return loaded, VirtualExperiment(
         preview, Light(options.light), options.wavelengths, field_points
@@ -234,22 +213,6 @@ def read_simulated_camera(
 def camera_parameters(loaded: LoadedCamera) -> dict[str, Any]:
     """What the record of a simulation has of its camera."""
     return {"camera_description": loaded.camera.model_dump(mode="json")}
-
-
-def _check_raw(path: Path, sensor: Sensor) -> None:
-    """Refuse a DNG of a sensor without a colour mosaic or a whole black level."""
-    if path.suffix.lower() != ".dng":
-        return
-    if sensor.mosaic == "none":
-        raise OptionError(
-            f"{path.name} would be a DNG, which holds a colour mosaic, and the sensor "
-            f"{sensor.name!r} has none: write {path.with_suffix('.tif').name}"
-        )
-    if not sensor.black_counts.is_integer():
-        raise OptionError(
-            f"{path.name} would be a DNG with a whole black level, and the sensor {sensor.name!r} "
-            f"has {sensor.black_counts:g}: write {path.with_suffix('.tif').name}, or round it"
-        )
 
 
 def raw_writer(frame: Frame, exposure_s: float) -> Writer:
@@ -280,13 +243,12 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
     check_field_points(options.field_points)
     planes = _planes(options, loaded)
     working = preview.scene_bytes(planes)
-    needed = check_simulation_memory(loaded, working, run.device, _REMEDY)
+    # The views take memory too, and refuse a scene that is too near: before the relief.
+    check_simulation_memory(loaded, working, run.device, _REMEDY)
     field, views = render_planes(preview.twin, planes)
     if options.exposure is None:
         _check_light(views)
-    run.begin(needed)  # After the views, which refuse a scene that is too near.
-    run.reporter.advance("mask", 0.0)
-    twin = Twin.of(loaded, device=run.device, fresnel=options.fresnel)
+    twin = run.twin(loaded, working, _REMEDY, fresnel=options.fresnel)
     shot = replace(preview, twin=twin).measure_views(
         field,
         views,
@@ -302,7 +264,7 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
         "camera": loaded.camera.name,
         "support": _support_text(field.support, preview.twin.shape),
         "pixels": list(preview.twin.shape),
-        "psf_pixels": _psf_pixels(field.support, preview.twin),
+        "psf_pixels": "{}x{}".format(*preview.twin.psf_shape(field.support)),
         "exposure_s": shot.exposure_s,
         "brightest_electrons": shot.brightest_electrons,
         "saturated_fraction": saturated_fraction(shot.frame, loaded.camera.sensor),
@@ -315,17 +277,6 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
         if path is not None:
             writers[path] = partial(write_tiff32, radiance=picture)
     return Product(shot.truth, figures, writers, camera_parameters(loaded))
-
-
-def _psf_pixels(support: PixelRectangle, twin: Twin) -> str:
-    """Pixels of a PSF that a reconstruction needs, as `nolens psf --pixels` takes them.
-
-    Without an aperture light from the side passes mask that the sensor's own PSF does not show.
-    """
-    rows, columns = twin.shape
-    if twin.mask.opening is None:
-        rows, columns = rows + support.height, columns + support.width
-    return f"{rows}x{columns}"
 
 
 def _planes(options: SimulateOptions, loaded: LoadedCamera) -> tuple[Plane, ...]:

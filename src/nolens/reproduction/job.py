@@ -15,13 +15,15 @@ from pydantic_core import to_json
 from nolens import __version__
 from nolens.camera import preset
 from nolens.errors import FileError
-from nolens.files import camera_files, read_camera, readable
+from nolens.files import readable
 from nolens.files.pdf import write_report_pdf
 from nolens.files.reports import Report, write_report_html, write_report_markdown
+from nolens.files.sample_pictures import check_sample_pictures
 from nolens.jobs.fields import FilePath, Name, OutputFolderOptions
 from nolens.jobs.options import Option, Written
-from nolens.jobs.run import Clock, Product, Run, Writer, check_memory, job
-from nolens.jobs.sample_pictures import check_sample_pictures
+from nolens.jobs.run import Product, Run, Writer, job
+from nolens.machine import check_memory
+from nolens.progress import Clock
 from nolens.ranges import Between
 from nolens.reproduction import depths, photographs, psf, resolution, thickness
 from nolens.reproduction.comparison import paper_row
@@ -114,8 +116,7 @@ def reproduce(run: Run[ReproduceOptions]) -> Product[Report]:
     """
     options, reporter = run.options, run.reporter
     check_sample_pictures(NEEDED_BY)
-    opened = read_camera(options.camera)
-    run.reads(camera_files(options.camera, opened.camera))
+    opened = run.camera(options.camera)
     setup = ExperimentSetup(opened, QUICK if options.quick else FULL, options.seed)
     remedy = "a camera with fewer pixels, or --quick, needs less"
     check_memory(setup.bytes, torch.device("cpu"), remedy)

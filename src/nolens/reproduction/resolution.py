@@ -23,7 +23,7 @@ from nolens.evaluate import (
 )
 from nolens.experiments.dot_grid import dot_grid
 from nolens.experiments.off_axis import OffAxis, falls_to, off_axis, ray_curves
-from nolens.experiments.resolution import SolverSettings, screen_picture, two_point_resolution
+from nolens.experiments.resolution import ScreenTarget, SolverSettings, TwoPointTarget
 from nolens.files.plot_measurements import (
     draw_star,
     draw_two_points,
@@ -85,13 +85,8 @@ def _target_steps(setup: ExperimentSetup) -> tuple[Step, ...]:
 def _points(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult:
     """Dips by separation, with a picture of each."""
     settings = SolverSettings(setup.size.point_iterations, TAU, seed=setup.seed)
-    points = two_point_resolution(
-        setup.experiment,
-        _POINTS_UM,
-        draws=setup.size.point_draws,
-        settings=settings,
-        progress=progress,
-    )
+    target = TwoPointTarget(_POINTS_UM, draws=setup.size.point_draws)
+    points = target.measure(setup.experiment, settings, progress)
     figures: dict[str, Any] = {
         "separations_deg": points.separations_deg,
         "dips": points.dips,
@@ -145,9 +140,9 @@ def _star(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult:
     settings = SolverSettings(setup.size.iterations, TAU, seed=setup.seed)
     # A star this small needs no more PSFs than change over it.
     experiment = replace(setup.experiment, field_points=3)
-    target = partial(siemens_star, periods=_PERIODS)
-    square_deg = star_square_deg(_STAR_DEG)
-    picture = screen_picture(experiment, target, square_deg, SCREEN_UM, settings, progress)
+    drawing = partial(siemens_star, periods=_PERIODS)
+    target = ScreenTarget(drawing, star_square_deg(_STAR_DEG), SCREEN_UM)
+    picture = target.measure(experiment, settings, progress)
     star = StarResolution.of(picture, periods=_PERIODS)
     figures: dict[str, Any] = {
         "resolved_deg": star.resolved_everywhere_deg,

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from nolens.camera import LoadedCamera
 from nolens.experiments.virtual_experiment import VirtualExperiment
-from nolens.jobs.sample_pictures import sample_picture
+from nolens.files.sample_pictures import sample_picture
 from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
 from nolens.twin import Twin, in_channels, preview_model
@@ -155,14 +155,9 @@ class ExperimentSetup:
         return in_channels(radiance, len(self.opened.camera.sensor.channels))
 
     def wide_psf(self, distance_um: float, support: PixelRectangle) -> Tensor:
-        """PSF of a point at some distance, as wide as a scene of this support needs.
-
-        That is wider than the sensor where no aperture ends it.
-        """
-        rows, columns = self.preview.shape
-        if self.opened.camera.mask.aperture is None:
-            rows, columns = rows + support.height, columns + support.width
-        return self.experiment.psf(PointSource(distance_um=distance_um), (rows, columns))
+        """PSF of a point at some distance, as wide as a scene of this support needs."""
+        shape = self.preview.psf_shape(support)
+        return self.experiment.psf(PointSource(distance_um=distance_um), shape)
 
     def parameters(self, **more: Any) -> Mapping[str, Any]:
         """All that the results of a step follow from."""

@@ -13,11 +13,12 @@ from pydantic_core import to_json
 from torch import Tensor
 
 import nolens
+from nolens.amounts import duration_text
 from nolens.documents import parse_json
 from nolens.errors import NolensError
 from nolens.files import read_frame, read_text, versions, write_into, write_tiff32
-from nolens.jobs.run import Pace, Reporter, duration_text
-from nolens.progress import ProgressCallback
+from nolens.jobs.run import Reporter
+from nolens.progress import Pace, ProgressCallback
 
 _FOUND, _TIMING = "found.json", "timing.json"
 _WITHOUT_RESULTS = ("cli", "fabricate", "files")

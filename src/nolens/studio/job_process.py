@@ -19,7 +19,8 @@ from nolens.files.cameras import camera_copies, write_description
 from nolens.files.plots import dark_plots
 from nolens.jobs.designing.look import Thicknesses
 from nolens.jobs.options import JobOptions, Option, choices_of, default_text
-from nolens.jobs.run import Job, Pace, Reporter
+from nolens.jobs.run import Job, Reporter
+from nolens.progress import Pace
 from nolens.solvers import Progress
 from nolens.studio.job_kinds import KINDS, Place
 from nolens.studio.schemas import JobKind

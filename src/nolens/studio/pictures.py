@@ -16,7 +16,7 @@ from nolens.camera.measurement import rgb_counts
 from nolens.capture import TwinSource, chart
 from nolens.errors import DataError, NolensError
 from nolens.files import check_scans
-from nolens.jobs.sample_pictures import sample_picture
+from nolens.files.sample_pictures import sample_picture
 from nolens.studio.schemas import SCENES
 
 _STEPS = 4096

@@ -19,6 +19,8 @@ from nolens.camera import (
     SpectralCurve,
 )
 from nolens.errors import OptionError
+from nolens.machine import BYTES_OF_PROGRAM, check_memory
+from nolens.operators import PixelRectangle
 from nolens.optics import (
     Grid,
     Illumination,
@@ -116,7 +118,7 @@ class Twin:
     @property
     def superpixel(self) -> int:
         """Sensor pixels along a pixel of the reconstruction: 2 behind a colour mosaic."""
-        return 1 if self.camera.sensor.mosaic == "none" else 2
+        return self.camera.sensor.superpixel
 
     @property
     def pixel_um(self) -> float:
@@ -128,6 +130,16 @@ class Twin:
         """(rows, columns) of the sensor in pixels of the reconstruction."""
         sensor = self.camera.sensor
         return sensor.rows // self.superpixel, sensor.columns // self.superpixel
+
+    def psf_shape(self, support: PixelRectangle) -> tuple[int, int]:
+        """(rows, columns) of the PSF that a reconstruction of a support needs, in its pixels.
+
+        Without an aperture light from the side passes mask that the sensor's own PSF does not show.
+        """
+        rows, columns = self.shape
+        if self.mask.opening is not None:
+            return rows, columns
+        return rows + support.height, columns + support.width
 
     def coarsest_pitch_um(self, shortest_nm: float | None = None, divergence: float = 0.0) -> float:
         """Largest distance of samples that carries the light behind the relief, at any angle.
@@ -333,6 +345,21 @@ def simulation_bytes(points: float, working: float) -> float:
     `relief_points` counts the points; the PSFs and what is made of them hold the `working` bytes.
     """
     return max(surface_bytes(points), working + _BYTES_PER_HEIGHT * points)
+
+
+def check_simulation_memory(
+    loaded: LoadedCamera, working: float, device: torch.device, remedy: str
+) -> float:
+    """Bytes that a simulation needs, `working` beside the camera's relief, if there are as many.
+
+    Raises
+    ------
+    OptionError
+        If the machine has less memory, before the relief is computed; `remedy` ends the message.
+    """
+    needed = BYTES_OF_PROGRAM + simulation_bytes(relief_points(loaded), working)
+    check_memory(needed, device, remedy)
+    return needed
 
 
 def distance_um(distance: Length | str | None, loaded: LoadedCamera) -> float:

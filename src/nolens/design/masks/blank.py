@@ -16,6 +16,7 @@ from nolens.design.masks.tile import (
     spread_over,
 )
 from nolens.errors import OptionError
+from nolens.machine import BYTES_OF_PROGRAM, check_memory
 from nolens.optics import surface_bytes
 from nolens.quantities import Length
 from nolens.twin import Light, Twin, preview_model
@@ -67,11 +68,8 @@ class Blank:
         How far the mask extends beyond the sensor.
     device
         Where to compute.
-    check_memory
-        Refuses what a device has no memory for: bytes beside the program, the device, and what
-        would need less, as the end of a sentence.
     announce_memory
-        Called with the bytes that a descent will hold.
+        Called with the bytes that will be held while a descent runs.
     step
         Called with the number of steps that are done, and of all; True ends the work.
     """
@@ -81,7 +79,6 @@ class Blank:
     light: Light
     overhang: Length
     device: torch.device
-    check_memory: Callable[[float, torch.device, str], None]
     announce_memory: Callable[[float], None]
     step: Callable[[int, int], bool]
 
@@ -146,7 +143,8 @@ class Blank:
         def camera(grid: Length) -> LoadedCamera:
             size, beside = self.size(grid.um), 2 * margin(grid.um)
             points = math.prod(count + beside for count in size)
-            self.check_memory(surface_bytes(points), _CPU, f"a smaller {smaller} needs less")
+            needed = BYTES_OF_PROGRAM + surface_bytes(points)
+            check_memory(needed, _CPU, f"a smaller {smaller} needs less")
             return self.with_heights(heights(size, grid.um), grid)
 
         return self._on_a_grid(camera, remedy)
@@ -188,8 +186,13 @@ class Blank:
         """
         layout = Layout.fit(self.model, limits, period_um or default_period_um(self.model))
         size = self.size(layout.grid_um)
-        held = _BYTES_OF_DESCENT + _BYTES_PER_SAMPLE * layout.side**2 + 12 * math.prod(size)
-        self.check_memory(held, self.device, "a smaller --period or --overhang needs less")
+        held = (
+            BYTES_OF_PROGRAM
+            + _BYTES_OF_DESCENT
+            + _BYTES_PER_SAMPLE * layout.side**2
+            + 12 * math.prod(size)
+        )
+        check_memory(held, self.device, "a smaller --period or --overhang needs less")
         self.announce_memory(held)
         tile = layout.tile(self.model, self.light, self.device)
         radius_um = radius_um or focusing_radius_um(self.model)

@@ -13,6 +13,7 @@ from nolens.design.masks.contour import correlation
 from nolens.design.masks.tile import spread_over
 from nolens.errors import DataError
 from nolens.evaluate import pattern_figures, sparsity, spectral_magnitude
+from nolens.machine import BYTES_OF_PROGRAM, check_memory
 from nolens.optics import PointSource, surface_bytes
 from nolens.progress import ProgressCallback
 from nolens.quantities import Length
@@ -157,8 +158,8 @@ def _middle(loaded: LoadedCamera, blank: Blank) -> Twin:
     mask = loaded.camera.mask.model_copy(update={"aperture": None})
     camera = loaded.camera.model_copy(update={"sensor": small, "mask": mask})
     middle = replace(loaded, camera=camera)
-    blank.check_memory(
-        surface_bytes(relief_points(middle)),
+    check_memory(
+        BYTES_OF_PROGRAM + surface_bytes(relief_points(middle)),
         blank.device,
         "a smaller --overhang or a larger --pitch needs less",
     )

@@ -16,13 +16,11 @@ from nolens.jobs.calibration.folder import (
     FolderOptions,
     Reduced,
     added,
-    described,
     distance_name,
 )
 from nolens.jobs.fields import Distances, two_parts
-from nolens.jobs.options import Option, Written
+from nolens.jobs.options import RECORD, Option, Written
 from nolens.jobs.run import Product, Run, job
-from nolens.quantities import Length
 from nolens.ranges import Between
 
 _MEASURED: tuple[PsfKind, ...] = ("stitched", "extended", "captured", "solved")
@@ -100,7 +98,7 @@ class CalibrateDistancesOptions(FolderOptions):
                 for distance in self.distances
             ),
             Written("list of PSFs", self.folder / PSFS_FILE),
-            Written("record of the run", self.record),
+            Written(RECORD, self.record),
         )
 
 
@@ -121,9 +119,9 @@ def calibrate_distances(run: Run[CalibrateDistancesOptions]) -> Product[dict[Psf
     folder = PsfFolder(options.folder)
     there = folder.ahead(*_MEASURED)
     layers = folder.layers(options.reduced)
-    sources = {distance: _source(options, there, distance) for distance in options.distances}
+    sources = {each: folder.nearest(there, each, options.source) for each in options.distances}
     run.reads({f"PSF {each.file}": options.folder / each.file for each in sources.values()})
-    run.reads(described(folder))
+    run.reads(folder.camera_files)
     measured = {each.file: read_psf(options.folder, each) for each in sources.values()}
     run.begin()
     made: dict[PsfEntry, Tensor] = {}
@@ -159,20 +157,3 @@ def calibrate_distances(run: Run[CalibrateDistancesOptions]) -> Product[dict[Psf
         "psfs": rows,
     }
     return added(made, figures, options.folder, made)
-
-
-def _source(options: CalibrateDistancesOptions, there: list[PsfEntry], distance: Depth) -> PsfEntry:
-    """The measured PSF that one of another distance is made of."""
-    if any(each.distance == distance for each in there):
-        raise OptionError(
-            f"the PSF of {distance} is in {options.folder} already, and was measured: leave "
-            f"--at {distance} out"
-        )
-    if options.source is not None:
-        for each in there:
-            if each.distance == options.source:
-                return each
-        have = ", ".join(str(each.distance) for each in there)
-        raise OptionError(f"--from {options.source}: measured PSFs are there for {have}")
-    nearness = 1 / distance.um if isinstance(distance, Length) else 0.0
-    return min(there, key=lambda each: abs(1 / each.distance_um - nearness))

@@ -1,12 +1,11 @@
 """`nolens calibrate extrapolate`: a captured PSF that goes on beyond the sensor."""
 
-from pathlib import Path
 from typing import Annotated, ClassVar
 
 from torch import Tensor
 
 from nolens.calibrate.extrapolate import check_picture, check_support, extrapolate
-from nolens.camera import PsfEntry, develop
+from nolens.camera import develop
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
 from nolens.files import read_frame, read_psf, readable
@@ -45,6 +44,7 @@ class CalibrateExtrapolateOptions(FolderOptions):
         Option(
             "Raw frames of different scenes, whose light comes from the support only.",
             role="input",
+            what="picture",
             positional=True,
         ),
     ] = ()
@@ -71,11 +71,6 @@ class CalibrateExtrapolateOptions(FolderOptions):
         if len(set(self.pictures)) < len(self.pictures):
             raise OptionError("a picture is given twice: it counts once")
 
-    @property
-    def inputs(self) -> dict[str, Path]:
-        """Pictures, by role."""
-        return {f"picture {number}": path for number, path in enumerate(self.pictures, start=1)}
-
 
 @job
 def calibrate_extrapolate(run: Run[CalibrateExtrapolateOptions]) -> Product[Tensor]:
@@ -89,7 +84,7 @@ def calibrate_extrapolate(run: Run[CalibrateExtrapolateOptions]) -> Product[Tens
         If the folder, a picture or an option cannot be used; then nothing is written.
     """
     folder, step = PsfFolder(run.options.folder), run.reporter.step
-    source = _source(run.options, folder.ahead("captured"))
+    source = folder.captured_ahead(run.options.distance)
     options = run.options = run.options.model_copy(update={"distance": source.distance})
     psf = read_psf(options.folder, source)
     if not float(psf.sum()) > 0:
@@ -121,19 +116,3 @@ def calibrate_extrapolate(run: Run[CalibrateExtrapolateOptions]) -> Product[Tens
         **result.figures(),
     }
     return added(result.psf, figures, options.folder, {entry: result.psf})
-
-
-def _source(options: CalibrateExtrapolateOptions, there: list[PsfEntry]) -> PsfEntry:
-    """The captured PSF that is extended."""
-    have = ", ".join(str(each.distance) for each in there)
-    if options.distance is None and len(there) > 1:
-        raise OptionError(
-            f"{options.folder} has captured PSFs of several distances ({have}): say which is "
-            "nearest to the pictures' (--distance)"
-        )
-    for each in there:
-        if options.distance in (None, each.distance):
-            return each
-    raise OptionError(
-        f"--distance {options.distance}: {options.folder} has captured PSFs of {have}; choose one"
-    )

@@ -9,10 +9,9 @@ from torch import Tensor
 from nolens.camera import PsfEntry
 from nolens.camera.part import PositiveLength
 from nolens.camera.psf_set import Depth
-from nolens.files import CAMERA_FILE, PSFS_FILE, write_psfs
-from nolens.files.psf_folder import PsfFolder
+from nolens.files import PSFS_FILE, write_psfs
 from nolens.jobs.fields import FilePath
-from nolens.jobs.options import JobOptions, Option, Written
+from nolens.jobs.options import RECORD, JobOptions, Option, Written
 from nolens.jobs.run import Product, Value, Writer
 from nolens.quantities import Length
 
@@ -97,7 +96,7 @@ class NewPsfOptions(JobOptions):
         return (
             Written("PSF", self.output_folder / self.psf_file, self.folder_option),
             Written("list of PSFs", self.output_folder / PSFS_FILE, self.folder_option),
-            Written("record of the run", self.record, self.folder_option),
+            Written(RECORD, self.record, self.folder_option),
         )
 
 
@@ -112,16 +111,6 @@ class FolderOptions(NewPsfOptions):
         """That of the PSFs."""
         return self.folder
 
-    @property
-    def inputs(self) -> dict[str, Path]:
-        """Nothing but what the folder lists."""
-        return {}
-
-
-def described(folder: PsfFolder) -> dict[str, Path]:
-    """The description of the folder's camera among what a job reads, if it has one."""
-    return {} if folder.camera is None else {"camera": folder.path / CAMERA_FILE}
-
 
 def added(
     value: Value,
@@ -134,8 +123,10 @@ def added(
     writers = {folder / name: write for name, write in (more or {}).items()}
     outputs = (*(folder / entry.file for entry in psfs), folder / PSFS_FILE, *writers)
 
-    def commit(writers: Mapping[Path, Writer]) -> None:
-        names = {str(path.relative_to(folder)): write for path, write in writers.items()}
-        write_psfs(folder, psfs, more=names)
-
-    return Product(value, figures, writers, outputs=outputs, commit=commit)
+    return Product(
+        value,
+        figures,
+        writers,
+        outputs=outputs,
+        commit=lambda files: write_psfs(folder, psfs, more=files),
+    )

@@ -19,7 +19,7 @@ from nolens.jobs.calibration.folder import NewPsfOptions, added, output_folder
 from nolens.jobs.fields import INPUT, RESULT, Black, Dark, FilePath, Mosaic, White, Window
 from nolens.jobs.options import Option
 from nolens.jobs.reconstruction.options import parse_window
-from nolens.jobs.run import Product, Run, check_memory, job
+from nolens.jobs.run import Product, Run, job
 
 
 class CalibratePairsOptions(NewPsfOptions):
@@ -182,8 +182,7 @@ def calibrate_pairs(run: Run[CalibratePairsOptions]) -> Product[Tensor]:
     )
     remedy = "" if options.each_channel else ", or solve each channel (--each-channel)"
     folder.check_channels(entry.channels, remedy)
-    check_memory(pairs.bytes_needed, run.device, "fewer or smaller pictures need less")
-    run.begin(pairs.bytes_needed)
+    run.begin(pairs.bytes_needed, "fewer or smaller pictures need less")
     result = pairs.solve(check=options.check, progress=partial(run.reporter.advance, "PSF"))
     run.warn(*result.warnings())
     figures = {

@@ -1,7 +1,6 @@
 """`nolens calibrate`: frames of a point source become a PSF in a camera's folder."""
 
 from functools import partial
-from pathlib import Path
 from typing import Annotated, ClassVar
 
 from pydantic import Field
@@ -20,7 +19,7 @@ from nolens.files.psf_folder import PsfFolder
 from nolens.jobs.calibration.folder import NewPsfOptions, added, output_folder
 from nolens.jobs.fields import CAMERAS, RESULT, Exposure, FieldAngles, FilePath, Files, Mosaic, Name
 from nolens.jobs.options import Option
-from nolens.jobs.run import Product, Reporter, Run, check_memory, job
+from nolens.jobs.run import Product, Reporter, Run, job
 from nolens.progress import within
 from nolens.quantities import Angle
 
@@ -50,6 +49,7 @@ class CalibratePointOptions(NewPsfOptions):
             needed="the frames of one point source (nolens calibrate FRAME... --distance 300mm -o "
             "FOLDER)",
             role="input",
+            what="frame",
             positional=True,
             label="Frames",
         ),
@@ -77,6 +77,7 @@ class CalibratePointOptions(NewPsfOptions):
             "subtracted from its frames.",
             default="none, and the black level of the files",
             role="input",
+            what="dark frame",
             several=True,
             label="Dark frames",
         ),
@@ -156,15 +157,6 @@ class CalibratePointOptions(NewPsfOptions):
             text += "".join(f"-{each.deg:.6g}deg" for each in self.angle)
         return text
 
-    @property
-    def inputs(self) -> dict[str, Path]:
-        """Frames and dark frames, by role."""
-        return {
-            f"{role} {number}": path
-            for role, paths in (("frame", self.frames), ("dark frame", self.dark))
-            for number, path in enumerate(paths, start=1)
-        }
-
 
 def _read_frames(
     options: CalibratePointOptions, sensor: Sensor | None, reporter: Reporter
@@ -211,8 +203,7 @@ def calibrate_point(run: Run[CalibratePointOptions]) -> Product[Tensor]:
     )
     folder.check_channels(entry.channels)
     needed = point_psf_bytes(frames.first.counts.numel(), len(frames.means))
-    check_memory(needed, run.device, "frames of fewer exposure times need less")
-    run.begin(needed)
+    run.begin(needed, "frames of fewer exposure times need less")
     advance = partial(reporter.advance, "PSF")
     point = point_psf(
         frames.means,

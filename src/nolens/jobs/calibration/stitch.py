@@ -11,7 +11,7 @@ from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth
 from nolens.files import read_camera, read_psf, readable
 from nolens.files.psf_folder import PsfFolder
-from nolens.jobs.calibration.folder import FolderOptions, Reduced, added, described, psf_folder
+from nolens.jobs.calibration.folder import FolderOptions, Reduced, added, psf_folder
 from nolens.jobs.fields import CAMERAS, FilePath, FullAngle, Name
 from nolens.jobs.options import JobOptions, Option
 from nolens.jobs.run import Product, Run, job
@@ -115,7 +115,7 @@ def calibrate_stitch(run: Run[CalibrateStitchOptions]) -> Product[Tensor]:
     options = run.options = options.model_copy(update={"distance": distance})
     layers = folder.layers(options.reduced)
     run.reads({f"PSF {each.file}": options.folder / each.file for each in entries})
-    run.reads(described(folder))
+    run.reads(folder.camera_files)
     inexact = 0.0 if folder.camera else _REDUCED_FRACTION
     captures = [
         Capture.at_angle(

@@ -9,9 +9,9 @@ from torch import Tensor
 from nolens.camera.part import PositiveLength
 from nolens.camera.psf_set import Depth
 from nolens.design.preview import DesignPreview, with_thickness
-from nolens.files import camera_files, read_camera, readable, write_png
+from nolens.files import readable, write_png
 from nolens.jobs.fields import CAMERAS, FilePath, Name, Word
-from nolens.jobs.options import JobOptions, Option, Written
+from nolens.jobs.options import JobOptions, Option
 from nolens.jobs.run import Product, Run, job
 from nolens.twin import distance_um
 
@@ -47,14 +47,11 @@ class LookOptions(Thicknesses):
             "Picture of the PSF to write (.png).",
             needed="the picture of the PSF (-o psf.png)",
             role="output",
+            what="picture",
+            suffixes=(".png",),
             flag="-o",
         ),
     ]
-
-    @property
-    def written(self) -> tuple[Written, ...]:
-        """The picture."""
-        return (Written("picture", self.output, suffixes=(".png",)),)
 
 
 @job
@@ -70,9 +67,7 @@ def look_at_design(run: Run[LookOptions]) -> Product[Tensor]:
         If the camera, an option or an output cannot be used.
     """
     options = run.options
-    described = read_camera(options.camera)
-    run.reads(camera_files(options.camera, described.camera))
-    loaded = with_thickness(described, options.thickness)
+    loaded = with_thickness(run.camera(options.camera), options.thickness)
     source_um = distance_um(options.distance, loaded)
     preview = DesignPreview.of(loaded, source_um, partial(run.reporter.advance, "PSF"))
     if isinstance(preview.figures, str):

@@ -4,13 +4,10 @@ A kind is a class of options that derives from `MaskOptions` and makes its mask.
 name in `MASK_KINDS`, or by an entry point of another package (``nolens.masks``).
 """
 
-import importlib
 import math
 from abc import abstractmethod
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Annotated, ClassVar
 
 import torch
@@ -25,8 +22,7 @@ from nolens.design.masks import (
     MaskComparison,
     TileDescent,
 )
-from nolens.errors import OptionError
-from nolens.files import CAMERA_FILE, camera_files, read_camera, write_camera
+from nolens.files import CAMERA_FILE, write_camera
 from nolens.files.cameras import curve_copies
 from nolens.files.plot_design import plot_mask
 from nolens.jobs.fields import (
@@ -42,30 +38,19 @@ from nolens.jobs.fields import (
 )
 from nolens.jobs.options import Option, Written
 from nolens.jobs.run import (
-    BYTES_OF_PROGRAM,
     Product,
     Reporter,
     Run,
     Writer,
     announce_memory,
-    check_memory,
     job,
-    pick_device,
 )
-from nolens.plugins import load_plugin, plugin_names
-from nolens.printable import quoted
+from nolens.machine import pick_device
+from nolens.plugins import Registry
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
 from nolens.twin import Light, preview_model
 
-MASK_KINDS = {
-    "random-lenslets": "mask_lenslets:RandomLensletsMask",
-    "lenslet-array": "mask_lenslets:LensletArrayMask",
-    "diffuser": "mask_diffuser:DiffuserMask",
-    "contour": "mask_contour:ContourMask",
-    "optimised": "mask_optimised:OptimisedMask",
-}
-"""Module, beside this one, and class of each kind; it is loaded where a mask of it is made."""
 DESCENT = "Descent"
 """Headings of options of masks that repeat a tile."""
 Steps = Annotated[Iterations, Option("Steps, at most.", DESCENT)]
@@ -75,41 +60,6 @@ _PICTURE_FILE = "mask.png"
 _OPTICS, _PROCESS, _RESULT = "Camera and light", "Process", "Result"
 _Levels = Annotated[int, Between(2, 65536)]
 _OVERHANG = Length("1.5", "mm")
-
-
-def mask_kinds() -> tuple[str, ...]:
-    """Names of all kinds of masks, those that other packages add last."""
-    return tuple(dict.fromkeys((*MASK_KINDS, *plugin_names("nolens.masks"))))
-
-
-def mask_kind(name: str) -> "type[MaskOptions]":
-    """Options of a kind of mask.
-
-    Parameters
-    ----------
-    name
-        A key of `MASK_KINDS`, or the name of an entry point ``nolens.masks`` of another package.
-
-    Raises
-    ------
-    OptionError
-        If there is no such kind, or the package that adds it cannot be loaded.
-    """
-    if name in MASK_KINDS:
-        module, _, attribute = MASK_KINDS[name].partition(":")
-        kind = getattr(importlib.import_module(f"{__package__}.{module}"), attribute)
-    else:
-        kind = load_plugin("nolens.masks", name)
-        if kind is None:
-            raise OptionError(
-                f"there is no kind of mask {quoted(name)}; there are {', '.join(mask_kinds())}"
-            )
-    if not (isinstance(kind, type) and issubclass(kind, MaskOptions)):
-        raise OptionError(
-            f"the entry point {name!r} of nolens.masks leads to no class of MaskOptions: mend the "
-            "package that has it, or uninstall it"
-        )
-    return kind
 
 
 class MaskOptions(OutputFolderOptions):
@@ -184,8 +134,7 @@ class MaskOptions(OutputFolderOptions):
             Light(self.light),
             self.overhang or own,
             pick_device(self.device),
-            lambda needed, *more: check_memory(BYTES_OF_PROGRAM + needed, *more),
-            lambda needed: announce_memory(BYTES_OF_PROGRAM + needed, reporter),
+            lambda needed: announce_memory(needed, reporter),
             lambda done, limit: reporter.step("step", done, limit, "the mask"),
         )
 
@@ -254,6 +203,22 @@ class TileOptions(MaskOptions):
         )
 
 
+_HERE = "nolens.jobs.designing"
+MASK_KINDS = Registry[type[MaskOptions]](
+    "nolens.masks",
+    {
+        "random-lenslets": f"{_HERE}.mask_lenslets:RandomLensletsMask",
+        "lenslet-array": f"{_HERE}.mask_lenslets:LensletArrayMask",
+        "diffuser": f"{_HERE}.mask_diffuser:DiffuserMask",
+        "contour": f"{_HERE}.mask_contour:ContourMask",
+        "optimised": f"{_HERE}.mask_optimised:OptimisedMask",
+    },
+    "kind of mask",
+    "class of MaskOptions",
+    lambda each: isinstance(each, type) and issubclass(each, MaskOptions),
+)
+
+
 @job
 def design_mask(run: Run[MaskOptions]) -> Product[LoadedCamera]:
     """Design a mask for a camera and write the camera that has it.
@@ -264,8 +229,7 @@ def design_mask(run: Run[MaskOptions]) -> Product[LoadedCamera]:
         If an option or an output cannot be used; then nothing is written.
     """
     options, reporter = run.options, run.reporter
-    loaded = read_camera(options.camera)
-    run.reads(camera_files(options.camera, loaded.camera))
+    loaded = run.camera(options.camera)
     blank = options.blank(loaded, reporter)
     run.begin()
     made = options.mask(blank)
@@ -275,15 +239,13 @@ def design_mask(run: Run[MaskOptions]) -> Product[LoadedCamera]:
     plot = partial(plot_mask, comparison=comparison, title=name)
     more: dict[str, Writer] = {**curve_copies(options.camera, loaded), _PICTURE_FILE: plot}
 
-    def commit(writers: Mapping[Path, Writer]) -> None:
-        named = {path.name: write for path, write in writers.items()}
-        write_camera(options.output, made.loaded.camera, made.loaded.relief_um, more=named)
-
     return Product(
         made.loaded,
         summary,
         {options.output / name: write for name, write in more.items()},
         parameters={"kind": options.kind},
         outputs=tuple(each.path for each in options.written if each.path != options.record),
-        commit=commit,
+        commit=lambda files: write_camera(
+            options.output, made.loaded.camera, made.loaded.relief_um, more=files
+        ),
     )

@@ -1,33 +1,26 @@
 """Masks that are optimised for figures of their PSF."""
 
-import re
-from typing import Annotated, Any
+from typing import Annotated
 
-from pydantic import BeforeValidator
 from torch import Tensor
 
-from nolens.camera.part import PositiveLength, refusal
+from nolens.camera.part import PositiveLength
 from nolens.design.masks import PsfGoals, TileDescent, lenslet_start, optimised_relief
 from nolens.jobs.designing.mask import DESCENT, Steps, TileOptions
+from nolens.jobs.fields import parts
 from nolens.jobs.options import Option
 from nolens.quantities import Length, Share
 from nolens.ranges import Between
 
-_MAGNITUDE = re.compile(r"(.*%)\s*@\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*/\s*mm")
-
-
-def _fraction_and_frequency(value: Any) -> Any:
-    if not isinstance(value, str):
-        return value
-    match = _MAGNITUDE.fullmatch(value.strip())
-    if match is None:
-        raise refusal("give a fraction and a spatial frequency, such as 6%@80/mm")
-    return match[1], float(match[2])
+_MAGNITUDE = r"(.*%)\s*@\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*/\s*mm"
 
 
 _Magnitude = Annotated[Share, Between("0.01 %", "100 %")]
 _PerMm = Annotated[float, Between(1e-3, 1e5)]
-_MagnitudeAt = Annotated[tuple[_Magnitude, _PerMm], BeforeValidator(_fraction_and_frequency)]
+_MagnitudeAt = Annotated[
+    tuple[_Magnitude, _PerMm],
+    parts(_MAGNITUDE, "give a fraction and a spatial frequency, such as 6%@80/mm"),
+]
 _Sparsity = Annotated[Share, Between("0 %", "99.99 %")]
 
 

@@ -1,16 +1,13 @@
 """`nolens design thickness`: how thick a replica must be, with the error of everything."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from nolens.camera import LoadedCamera, RandomLenslets
-from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth
 from nolens.design.thickness import (
     Master,
@@ -20,13 +17,13 @@ from nolens.design.thickness import (
     cover_layers,
     thickness_summary,
 )
-from nolens.design.uncertain import Uncertain
+from nolens.design.uncertain import Around, Uncertain
 from nolens.errors import OptionError
-from nolens.files import CAMERA_FILE, camera_files, read_camera, read_material
+from nolens.files import CAMERA_FILE, read_material
 from nolens.files.cameras import write_description
 from nolens.files.plot_design import plot_thickness
 from nolens.jobs.fields import CAMERAS, FilePath, Name
-from nolens.jobs.options import JobOptions, Option, Written, expand_home
+from nolens.jobs.options import RECORD, JobOptions, Option, Written, expand_home
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.quantities import Length
 from nolens.ranges import Between
@@ -40,36 +37,9 @@ _PAPER_DISTANCE = Uncertain(400.0, 200.0)
 _PAPER_REPLICAS = ("pdms", "pua311")
 
 
-def _reading(read: Callable[[Any], Uncertain]) -> BeforeValidator:
-    """Read text of the command line."""
-
-    def convert(value: object) -> object:
-        if isinstance(value, Uncertain):
-            return value
-        try:
-            return read(value)
-        except OptionError as error:
-            raise refusal(str(error)) from None
-
-    return BeforeValidator(convert)
-
-
-@dataclass(frozen=True)
-class _Around(Between):
-    """Range of a value with its ±, which is no larger than the largest value."""
-
-    def holds(self, value: Uncertain) -> bool:
-        """Whether a value lies inside."""
-        low, high = (
-            Length.parse(each).um if isinstance(each, str) else each
-            for each in (self.low, self.high)
-        )
-        return low <= value.value <= high and value.plus_minus <= high
-
-
-_Thickness = Annotated[Uncertain, _reading(Uncertain.length), _Around("0 mm", "10 m")]
-_Size = Annotated[Uncertain, _reading(Uncertain.length), _Around("1 nm", "10 m")]
-_Index = Annotated[Uncertain, _reading(Uncertain.number), _Around(1.0, 4.0, _OF_AIR)]
+_Thickness = Annotated[Uncertain, Around("0 mm", "10 m")]
+_Size = Annotated[Uncertain, Around("1 nm", "10 m")]
+_Index = Annotated[Uncertain, Around(1.0, 4.0, _OF_AIR)]
 _SENSOR, _MASTER, _REPLICA = "Sensor", "Master", "Replica"
 _LIGHT = "Light"
 _BY_NUMBER = "Its refractive index, in place of a material"
@@ -210,16 +180,16 @@ class ThicknessOptions(JobOptions):
         of_film = [name for name in _FILM if getattr(self, name) is not None]
         if self.radius is not None and of_film:
             raise OptionError(
-                f"--radius and {_option(of_film[0])} are both given; the radius is either known or "
-                "follows from the film: leave one out"
+                f"--radius and {self.flag(of_film[0])} are both given; the radius is either known "
+                "or follows from the film: leave one out"
             )
         of_glass = [name for name in _GLASS if getattr(self, name) is not None]
         if self.no_glass and of_glass:
-            raise OptionError(f"--no-glass and {_option(of_glass[0])} contradict: leave one out")
+            raise OptionError(f"--no-glass and {self.flag(of_glass[0])} contradict: leave one out")
         for one, other in _ONE_OF:
             if getattr(self, one) and getattr(self, other):
                 raise OptionError(
-                    f"{_option(one)} and {_option(other)} are both given, and each says the "
+                    f"{self.flag(one)} and {self.flag(other)} are both given, and each says the "
                     "index: leave one out"
                 )
         if self.output is not None and len(self.material) + len(self.index) != 1:
@@ -258,24 +228,21 @@ class ThicknessOptions(JobOptions):
         if self.output is not None:
             files += [
                 Written("camera", self.output / CAMERA_FILE),
-                Written("record of the run", self.output / _RECORD_FILE),
+                Written(RECORD, self.output / _RECORD_FILE),
             ]
         return tuple(files)
 
 
-def _option(name: str) -> str:
-    return f"--{name.replace('_', '-')}"
-
-
-def read_case(options: ThicknessOptions) -> tuple[ThicknessCase, tuple[Medium, ...]]:
-    """Read the camera and the materials: what is asked about, and of what replicas.
+def read_case(
+    options: ThicknessOptions, loaded: LoadedCamera
+) -> tuple[ThicknessCase, tuple[Medium, ...]]:
+    """Read the materials: what is asked about a camera, and of what replicas.
 
     Raises
     ------
     NolensError
         If one cannot be read, or the options do not fit the camera.
     """
-    loaded = read_camera(options.camera)
     master: Master | Uncertain
     if options.radius is not None:
         master = options.radius
@@ -338,8 +305,7 @@ def design_thickness(run: Run[ThicknessOptions]) -> Product[tuple[ReplicaDesign,
         nothing is written.
     """
     options = run.options
-    case, media = read_case(options)
-    run.reads(camera_files(options.camera, case.loaded.camera))
+    case, media = read_case(options, run.camera(options.camera))
     run.begin()
     designs = tuple(ReplicaDesign.of(case, medium) for medium in media)
     writers: dict[Path, Writer] = {}

@@ -4,7 +4,6 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
-import torch
 from pydantic import Field
 
 from nolens.camera import LoadedCamera
@@ -12,11 +11,12 @@ from nolens.design.tolerances.parameters import Parameter, default_parameters, p
 from nolens.design.tolerances.sharpness import Limit, Sharpness
 from nolens.design.tolerances.study import Study, StudyPlan
 from nolens.errors import OptionError
-from nolens.files import camera_files, read_camera, read_tolerances, write_trials
+from nolens.files import read_tolerances, write_trials
 from nolens.files.tolerances import RECORD_FILE, plot_tolerance
 from nolens.jobs.fields import CAMERAS, FilePath, Name, Seed, Word
-from nolens.jobs.options import JobOptions, Option, Written
-from nolens.jobs.run import BYTES_OF_PROGRAM, Product, Run, check_memory, job
+from nolens.jobs.options import RECORD, JobOptions, Option, Written
+from nolens.jobs.run import Product, Run, job
+from nolens.machine import BYTES_OF_PROGRAM
 from nolens.quantities import Share
 from nolens.ranges import Between
 from nolens.twin import Light
@@ -147,7 +147,7 @@ class ToleranceOptions(JobOptions):
         """Trials, plots and record."""
         if self.output_folder is None:
             return ()
-        names = {"trials": _TRIALS_FILE, "plots": _PLOT_FILE, "record of the run": RECORD_FILE}
+        names = {"trials": _TRIALS_FILE, "plots": _PLOT_FILE, RECORD: RECORD_FILE}
         return tuple(Written(what, self.output_folder / name) for what, name in names.items())
 
 
@@ -161,13 +161,13 @@ def study_tolerances(run: Run[ToleranceOptions]) -> Product[Study | None]:
         If an input, an option or an output cannot be used; then nothing is written.
     """
     options, reporter = run.options, run.reporter
-    loaded = read_camera(options.camera)
-    run.reads(camera_files(options.camera, loaded.camera))
+    loaded = run.camera(options.camera)
     if options.show:
         parameters = _parameters(options, loaded)
         return Product(None, {"tolerances": parameters_to_toml(parameters, loaded.camera)})
     plan = _plan(options, loaded)
-    run.begin()
+    needed = BYTES_OF_PROGRAM + plan.bytes_at_once
+    run.begin(needed, "thinner layers, or --model rays, need less")
     study, stopped = plan.run(
         reporter.advance, lambda done, total: reporter.step("camera", done, total, "the trials")
     )
@@ -207,7 +207,7 @@ def _plan(options: ToleranceOptions, loaded: LoadedCamera) -> StudyPlan:
     solve = None
     if options.solve is not None and options.target_yield is not None:
         solve = options.solve, options.target_yield.value
-    plan = StudyPlan.of(
+    return StudyPlan.of(
         loaded,
         _parameters(options, loaded),
         sharpness,
@@ -218,9 +218,3 @@ def _plan(options: ToleranceOptions, loaded: LoadedCamera) -> StudyPlan:
         limit=options.limit,
         solve=solve,
     )
-    check_memory(
-        BYTES_OF_PROGRAM + plan.bytes_at_once,
-        torch.device("cpu"),
-        "thinner layers, or --model rays, need less",
-    )
-    return plan

@@ -25,7 +25,6 @@ from nolens.experiments.off_axis import (
 )
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import (
-    CAMERA_FILE,
     PSFS_FILE,
     read_frame,
     read_psf,
@@ -34,12 +33,12 @@ from nolens.files import (
     write_tiff32,
 )
 from nolens.files.plot_measurements import write_field_plot
-from nolens.jobs.fields import CAMERAS, FilePath, Name, Seed, record_beside
-from nolens.jobs.options import JobOptions, Option, Written
+from nolens.jobs.fields import CAMERAS, FilePath, Name, RecordedOptions, Seed
+from nolens.jobs.options import Option
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
-from nolens.twin import distance_um, preview_model
+from nolens.twin import Light, distance_um, preview_model
 
 _REMEDY = "a camera with fewer pixels or a coarser grid of its relief needs less"
 
@@ -74,7 +73,7 @@ def _rising(angles: tuple[Angle, ...]) -> tuple[Angle, ...]:
     return angles
 
 
-class MeasureFieldOptions(JobOptions):
+class MeasureFieldOptions(RecordedOptions):
     """Measure how far to the side a camera sees.
 
     nolens measure field mycamera --plot field.png
@@ -172,6 +171,7 @@ class MeasureFieldOptions(JobOptions):
         Option(
             "Plot to write (.png). The record of the run goes beside it, as .json.",
             role="output",
+            suffixes=(".png",),
         ),
     ] = None
     output: Annotated[
@@ -179,6 +179,8 @@ class MeasureFieldOptions(JobOptions):
         Option(
             "Picture of the simulated grid: .png, or .tif (linear floats) that --dots reads.",
             role="output",
+            what="picture",
+            suffixes=(".png", ".tif", ".tiff"),
             flag="-o",
         ),
     ] = None
@@ -197,11 +199,13 @@ class MeasureFieldOptions(JobOptions):
         names = [name for name in type(self).model_fields if name in self.model_fields_set]
         for name in names:
             if name not in _OPTIONS[source]:
-                raise OptionError(f"{_option(name)} means nothing with {source}: leave it out")
+                raise OptionError(f"{self.flag(name)} means nothing with {source}: leave it out")
         grid = self.dots is not None or self.dot_pitch is not None
         for name in _OF_DOTS:
             if not grid and name in names:
-                raise OptionError(f"{_option(name)} is about a grid of dots: give --dot-pitch too")
+                raise OptionError(
+                    f"{self.flag(name)} is about a grid of dots: give --dot-pitch too"
+                )
         if grid and "angles" in names:
             raise OptionError(
                 "--angles and --dot-pitch are two things to measure: give one of them at a time"
@@ -211,17 +215,11 @@ class MeasureFieldOptions(JobOptions):
             if missing:
                 raise OptionError(
                     f"{self.dots} is a grid of dots of unknown size: give "
-                    + " and ".join(map(_option, missing))
+                    + " and ".join(map(self.flag, missing))
                     + ", such as --dot-pitch 20mm --distance 300mm"
                 )
         if grid and self.distance is not None and not isinstance(self.distance, Length):
             raise OptionError("--distance infinity: a grid of dots needs one, such as 300mm")
-
-    @property
-    def record(self) -> Path | None:
-        """File of the run's record, beside the plot or the picture."""
-        beside = self.plot or self.output
-        return None if beside is None else record_beside(beside)
 
     @property
     def inputs(self) -> dict[str, Path]:
@@ -229,22 +227,6 @@ class MeasureFieldOptions(JobOptions):
         if self.psfs is not None:
             return {"PSFs": self.psfs / PSFS_FILE}
         return {} if self.dots is None else {"picture": self.dots}
-
-    @property
-    def written(self) -> tuple[Written, ...]:
-        """Plot, picture and record."""
-        named = (
-            ("plot", self.plot, "--plot", (".png",)),
-            ("picture", self.output, "-o", (".png", ".tif", ".tiff")),
-            ("record of the run", self.record, "--plot", ()),
-        )
-        return tuple(
-            Written(what, path, option, suffixes) for what, path, option, suffixes in named if path
-        )
-
-
-def _option(name: str) -> str:
-    return "-o" if name == "output" else f"--{name.replace('_', '-')}"
 
 
 @job
@@ -257,8 +239,11 @@ def measure_field(run: Run[MeasureFieldOptions]) -> Product[FieldOfView]:
         If an input, an option or an output cannot be used, or a target is not what it was said to
         be; then nothing is written.
     """
-    options, name = run.options, _camera(run.options)
-    loaded = None if name is None else run.camera(name)
+    options = run.options
+    name = options.simulate or options.camera
+    if options.psfs is None:
+        name = name or "paper"
+    loaded = run.camera_beside(name, options.psfs)
     if options.psfs is not None or loaded is None:
         product = _of_folder(run, loaded)
     elif options.dots is not None:
@@ -267,17 +252,6 @@ def measure_field(run: Run[MeasureFieldOptions]) -> Product[FieldOfView]:
         product = _of_twin(run, loaded)
     camera = None if loaded is None else loaded.camera.name
     return replace(product, figures={**product.figures, "camera": camera})
-
-
-def _camera(options: MeasureFieldOptions) -> str | Path | None:
-    """The camera that is named, or the one in the PSFs' folder; for a picture the paper's."""
-    if options.simulate is not None:
-        return options.simulate
-    if options.psfs is None:
-        return options.camera or "paper"
-    if options.camera is None and (options.psfs / CAMERA_FILE).is_file():
-        return options.psfs
-    return options.camera
 
 
 def _of_picture(run: Run[MeasureFieldOptions], loaded: LoadedCamera) -> Product[FieldOfView]:
@@ -338,8 +312,8 @@ def _of_twin(run: Run[MeasureFieldOptions], loaded: LoadedCamera) -> Product[Fie
         options.extent.deg,
     )
     working = target.working_bytes(preview_model(loaded))
-    run.begin_simulation(loaded, working, _REMEDY)
-    experiment = VirtualExperiment.of(loaded, field_points=target.field_points)
+    twin = run.twin(loaded, working, _REMEDY)
+    experiment = VirtualExperiment(twin, Light("white-led"), field_points=target.field_points)
     field = target.measure(experiment, options.seed, partial(run.reporter.advance, str(target)))
     return _product(options, field, distance)
 

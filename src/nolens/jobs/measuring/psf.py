@@ -1,39 +1,35 @@
 """How fine, dense and clear a PSF is: from a file to figures and a plot."""
 
-import math
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from torch import Tensor
 
 from nolens.amounts import rounded
-from nolens.camera import BlackLevel, Frame, LoadedCamera, black_level, check_psf, develop
+from nolens.camera import BlackLevel, Frame, black_level, check_psf, develop
 from nolens.camera.part import PixelPitch
-from nolens.design.focus import depth_of_focus_um, lenslet_aperture
+from nolens.design.focus import lenslet_figures
 from nolens.errors import OptionError
 from nolens.evaluate import PsfFigures, clipped_pixels, psf_figures
 from nolens.files import (
-    CAMERA_FILE,
-    PSFS_FILE,
     read_frame,
-    read_psf_set,
     readable,
 )
 from nolens.files.plot_measurements import write_psf_plot
-from nolens.jobs.fields import CAMERAS, FilePath, Name, PlotOptions, Word
+from nolens.files.psf_folder import PsfFolder, check_pitch
+from nolens.jobs.fields import CAMERAS, FilePath, Name, RecordedOptions, Word
 from nolens.jobs.options import Option
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.optics import PointSource
 from nolens.ranges import Between
 from nolens.twin import REFERENCE_NM, preview_model
 
-_CLOSE = 0.01
 _PSF = "PSF"
 _Noise = Annotated[float, Between(0, 1e9)]
 
 
-class MeasurePsfOptions(PlotOptions):
+class MeasurePsfOptions(RecordedOptions):
     """Measure a PSF: width of its lines, pitch, spectrum, contrast, noise.
 
     nolens measure psf psf.tif --pixel 3.1um --plot psf.png
@@ -50,6 +46,7 @@ class MeasurePsfOptions(PlotOptions):
             "folder of nolens calibrate.",
             needed="the picture of a point source (nolens measure psf PSF --pixel 3.1um)",
             role="input",
+            what="PSF",
             positional=True,
             label="PSF",
         ),
@@ -95,6 +92,7 @@ class MeasurePsfOptions(PlotOptions):
             "Picture to write (.png): PSF, autocorrelation, spectral magnitude. The record of the "
             "run goes beside it, as .json.",
             role="output",
+            suffixes=(".png",),
         ),
     ] = None
 
@@ -105,11 +103,6 @@ class MeasurePsfOptions(PlotOptions):
                 f"--channels {self.channels}: the figures are those of one plane; give grey, "
                 "the mean of all channels, or one of r, g and b"
             )
-
-    @property
-    def inputs(self) -> dict[str, Path]:
-        """The PSF."""
-        return {"PSF": self.psf}
 
 
 @job
@@ -124,12 +117,16 @@ def measure_psf(run: Run[MeasurePsfOptions]) -> Product[PsfFigures]:
     """
     options = run.options
     if options.psf.is_dir():
+        files = [str(options.psf / each.file) for each in PsfFolder(options.psf).psfs]
+        listed = ", ".join(files[:3]) + (" …" if len(files) > 3 else "")
         raise OptionError(
-            f"{options.psf} is a folder: give one of its PSFs, {_listed(options.psf)}"
+            f"{options.psf} is a folder: give one of its PSFs, {listed or 'a picture file'}"
         )
     frame = read_frame(options.psf)
-    loaded = _camera(run)
-    pixel_um = _pixel_um(options, frame, loaded)
+    loaded = run.camera_beside(options.camera, options.psf.parent)
+    pixel = PsfFolder(options.psf.parent).pixel_of(options.psf.name, options.pixel)
+    if loaded is not None:
+        check_pitch(pixel, frame, loaded)
     one = len(frame.channels) == 1 and frame.mosaic is None
     measured = develop(
         frame,
@@ -138,7 +135,7 @@ def measure_psf(run: Run[MeasurePsfOptions]) -> Product[PsfFigures]:
     )
     warnings = check_psf(measured, measured.values)
     run.begin()
-    cell_um = pixel_um * (1 if frame.mosaic is None else 2)
+    cell_um = pixel.um * (1 if frame.mosaic is None else 2)
     reduced_um = None
     if loaded is not None:
         twin = preview_model(loaded)
@@ -159,71 +156,10 @@ def measure_psf(run: Run[MeasurePsfOptions]) -> Product[PsfFigures]:
             "pixels": list(plane.shape),
             "channel": measured.channels[0],
             **rounded(figures.figures),
-            **_lenslets(figures, reduced_um),
+            **lenslet_figures(figures.pitch_um, reduced_um),
         },
         writers,
     )
-
-
-def _camera(run: Run[MeasurePsfOptions]) -> LoadedCamera | None:
-    """The camera that is named, or the one in the PSF's folder."""
-    beside = run.options.psf.parent / CAMERA_FILE
-    name = run.options.camera or (beside if beside.is_file() else None)
-    return None if name is None else run.camera(name)
-
-
-def _pixel_um(options: MeasurePsfOptions, frame: Frame, loaded: LoadedCamera | None) -> float:
-    """Distance of the file's pixels, where all that is known of it agrees."""
-    folder, pixel = options.psf.parent, options.pixel
-    listed = None
-    if (folder / PSFS_FILE).is_file():
-        entries = {each.file: each for each in read_psf_set(folder).psf}
-        entry = entries.get(options.psf.name)
-        listed = None if entry is None else entry.pixel
-    if pixel is None and listed is None:
-        raise OptionError(
-            f"no pitch of the pixels of {options.psf} is known: give --pixel with its unit, such "
-            "as --pixel 3.1um"
-        )
-    if pixel is not None and listed is not None and not _alike(pixel.um, listed.um):
-        raise OptionError(
-            f"--pixel {pixel}, but {folder / PSFS_FILE} says that the pixels of "
-            f"{options.psf.name} are {listed} apart: leave --pixel out, or calibrate again"
-        )
-    length = listed if pixel is None else pixel
-    assert length is not None
-    if loaded is not None:
-        _check_pitch(length.um, frame, loaded)
-    return length.um
-
-
-def _check_pitch(pixel_um: float, frame: Frame, loaded: LoadedCamera) -> None:
-    """Refuse a pitch that is not that of the camera's sensor, or of whole numbers of its pixels."""
-    sensor = loaded.camera.sensor
-    ratio = pixel_um / sensor.pitch.um
-    rows, columns = frame.counts.shape[-2:]
-    binned = max(1, round(ratio))
-    fitting = sensor.rows // rows
-    whole = fitting >= 1 and (sensor.rows // fitting, sensor.columns // fitting) == (rows, columns)
-    expected = fitting if whole else 1 if frame.mosaic is not None else binned
-    if not _alike(ratio, expected):
-        raise OptionError(
-            f"--pixel {pixel_um:g} µm does not fit the camera {loaded.camera.name!r}, whose "
-            f"{sensor.rows}×{sensor.columns} pixels are {sensor.pitch} apart: those of a file of "
-            f"{rows}×{columns} would be {expected * sensor.pitch.um:g} µm. Give that, or another "
-            "--camera"
-        )
-
-
-def _alike(one: float, other: float) -> bool:
-    return math.isclose(one, other, rel_tol=_CLOSE)
-
-
-def _listed(folder: Path) -> str:
-    if not (folder / PSFS_FILE).is_file():
-        return "a picture file"
-    files = [str(folder / each.file) for each in read_psf_set(folder).psf]
-    return ", ".join(files[:3]) + (" …" if len(files) > 3 else "")
 
 
 def _clipped(frame: Frame, plane: Tensor) -> list[str]:
@@ -234,21 +170,3 @@ def _clipped(frame: Frame, plane: Tensor) -> list[str]:
         f"{clipped} pixels of the PSF {frame.source}, many side by side, have its very largest "
         "value: it seems to be clipped, and its lines wider than they are. Take a shorter exposure"
     ]
-
-
-def _lenslets(figures: PsfFigures, reduced_um: float | None) -> dict[str, Any]:
-    """Aperture and depth of focus of a lenslet as wide as the pitch (`uvimprint`)."""
-    if reduced_um is None:
-        return {}
-    lenslets: dict[str, Any] = {
-        "reduced_thickness_mm": round(reduced_um * 1e-3, 5),
-        "one_per_mm_in_per_degree": rounded(reduced_um * 1e-3 * math.pi / 180),
-        "lenslet_aperture": None,
-        "depth_of_focus_mm": None,
-    }
-    if figures.pitch_um is not None:
-        aperture = lenslet_aperture(figures.pitch_um, reduced_um)
-        depth_um = depth_of_focus_um(REFERENCE_NM * 1e-3, aperture)
-        lenslets["lenslet_aperture"] = rounded(float(aperture))
-        lenslets["depth_of_focus_mm"] = rounded(float(depth_um) * 1e-3)
-    return lenslets

@@ -4,16 +4,15 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from pkgutil import resolve_name
 from typing import Annotated, Any, ClassVar, TypeVar
 
 from torch import Tensor
 
 from nolens.amounts import rounded
-from nolens.camera import LoadedCamera, Measurement, develop, prepare_psf
+from nolens.camera import LoadedCamera, Measurement, develop
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
 from nolens.evaluate import FlatPicture
@@ -21,13 +20,12 @@ from nolens.experiments.resolution import (
     TARGET_ITERATIONS,
     TAU,
     AngularScale,
+    ScreenTarget,
+    SimulatedTarget,
     SolverSettings,
-    reconstruction_bytes,
-    screen_picture,
-    target_support,
 )
 from nolens.experiments.virtual_experiment import VirtualExperiment, solved
-from nolens.files import CAMERA_FILE, read_frame
+from nolens.files import read_frame
 from nolens.jobs.fields import (
     CAMERAS,
     LIGHTS,
@@ -35,8 +33,8 @@ from nolens.jobs.fields import (
     Files,
     Iterations,
     Name,
-    PlotOptions,
     PsfExtent,
+    RecordedOptions,
     Seed,
     Tau,
     Window,
@@ -46,11 +44,12 @@ from nolens.jobs.options import JobOptions, Option
 from nolens.jobs.reconstruction.options import parse_window
 from nolens.jobs.run import Job, Product, Run
 from nolens.operators import PixelRectangle
-from nolens.optics import PointSource
-from nolens.plugins import load_plugin, plugin_names
+from nolens.plugins import Registry
+from nolens.progress import part_of
 from nolens.quantities import Angle, Share
 from nolens.ranges import Between
-from nolens.twin import Light, Twin, distance_um, preview_model
+from nolens.solvers import Development
+from nolens.twin import Light, distance_um, preview_model
 
 Threshold = Annotated[Share, Between("0.01 %", "99.99 %")]
 _PixelAngle = Annotated[Angle, Between("0.000001 deg", "10 deg")]
@@ -61,12 +60,6 @@ _LINEAR = (".tif", ".tiff", ".npy")
 _DIGITS = 5
 """Of figures: more is neither known nor worth the paper."""
 _REMEDY = "a camera with fewer pixels, or a target of a smaller angle, needs less"
-_HERE = "nolens.jobs.measuring"
-_TARGETS = {
-    "two-points": f"{_HERE}.two_points:TWO_POINTS",
-    "siemens": f"{_HERE}.siemens:SIEMENS",
-    "edge": f"{_HERE}.edge:EDGE",
-}
 TARGET, _FRAMES, SIMULATION, _SOLVER = "Target", "Frames", "Simulation", "Solver"
 """Headings."""
 Options = TypeVar("Options", bound="ResolutionOptions")
@@ -75,10 +68,10 @@ Value = TypeVar("Value")
 
 def frames_option(text: str) -> Option:
     """Declare the frames of a target, with a text of its own."""
-    return Option(text, role="input", positional=True, label="Picture")
+    return Option(text, role="input", what="frame", positional=True, label="Picture")
 
 
-class ResolutionOptions(PlotOptions):
+class ResolutionOptions(RecordedOptions):
     """What all targets have in common.
 
     Attributes
@@ -106,10 +99,16 @@ class ResolutionOptions(PlotOptions):
     ] = None
     psf: Annotated[
         FilePath | None,
-        Option("PSF to reconstruct raw frames with, captured at that distance.", role="input"),
+        Option(
+            "PSF to reconstruct raw frames with, captured at that distance.",
+            role="input",
+            what="PSF",
+        ),
     ] = None
     psf_extent: PsfExtent = "sensor"
-    dark: Annotated[FilePath | None, Option("Dark frame.", _FRAMES, role="input")] = None
+    dark: Annotated[
+        FilePath | None, Option("Dark frame.", _FRAMES, role="input", what="dark frame")
+    ] = None
     support: Annotated[
         Window | None,
         Option(
@@ -166,6 +165,7 @@ class ResolutionOptions(PlotOptions):
             "Picture to write (.png) of what was measured. The record of the run goes beside it, "
             "as .json.",
             role="output",
+            suffixes=(".png",),
         ),
     ] = None
 
@@ -185,9 +185,7 @@ class ResolutionOptions(PlotOptions):
         for name in self.only(not simulated):
             if name in self.model_fields_set:
                 where = "frames" if simulated else "--simulate"
-                raise OptionError(
-                    f"--{name.replace('_', '-')} goes with {where} only: leave it out"
-                )
+                raise OptionError(f"{self.flag(name)} goes with {where} only: leave it out")
         if not simulated:
             self.check_frames()
 
@@ -238,17 +236,6 @@ class ResolutionOptions(PlotOptions):
         """How pictures are taken and solved."""
         iterations = self.iterations or self.default_iterations
         return SolverSettings(iterations, self.tau or TAU, self.fill.value, self.seed)
-
-    @property
-    def inputs(self) -> dict[str, Path]:
-        """Files that are read, by role, but for the camera's."""
-        several = len(self.frames) > 1
-        frames = {
-            f"frame {number}" if several else "frame": path
-            for number, path in enumerate(self.frames, start=1)
-        }
-        more = {"PSF": self.psf, "dark frame": self.dark}
-        return frames | {role: path for role, path in more.items() if path is not None}
 
 
 class OneFrameOptions(ResolutionOptions):
@@ -304,25 +291,33 @@ def target_pictures(run: Run[Options]) -> list[TargetPicture]:
     options, camera = run.options, _camera(run)
     if options.psf is None:
         return [_read(path, options, camera) for path in options.frames]
-    frames = _developed(options, run.warn)
-    scales = [
-        _scale(path, options, camera, each.support)
-        for path, each in zip(options.frames, frames, strict=True)
-    ]
+    development = Development(
+        read_frame(options.psf),
+        None if options.dark is None else read_frame(options.dark),
+        channels="grey",
+        psf_extended=options.psf_extent == "wide",
+    )
+    solvable: list[tuple[Measurement, Tensor, PixelRectangle, AngularScale]] = []
+    for path in options.frames:
+        measurement = development.measurement(read_frame(path))
+        prepared = development.prepared(measurement)
+        if not solvable:
+            run.warn(*prepared.notes, *prepared.warnings)
+        support = PixelRectangle(0, 0, *measurement.size)
+        if options.support is not None:
+            support = parse_window(options.support, measurement.size, "--support")
+        scale = _scale(path, options, camera, support)
+        solvable.append((measurement, prepared.values, support, scale))
     run.begin()
     pictures = []
-    for number, (each, scale) in enumerate(zip(frames, scales, strict=True)):
-
-        def tick(done: float, number: int = number) -> None:
-            run.reporter.advance("frames", (number + done) / len(frames))
-
+    for number, (measurement, psf, support, scale) in enumerate(solvable):
         picture = solved(
-            each.measurement,
-            each.psf,
-            each.support,
+            measurement,
+            psf,
+            support,
             iterations=options.settings.iterations,
             tau=options.settings.tau,
-            progress=tick,
+            progress=part_of(partial(run.reporter.advance, "frames"), number, len(solvable)),
         )[0]
         pictures.append(TargetPicture(picture, scale))
     return pictures
@@ -331,18 +326,16 @@ def target_pictures(run: Run[Options]) -> list[TargetPicture]:
 def _camera(run: Run[Options]) -> LoadedCamera | None:
     """The camera that is named, or the one beside the PSF; None where a pixel's angle is given."""
     options = run.options
-    name: str | Path | None = options.camera
     if options.pixel_angle is not None:
         return None
-    if name is None and options.psf is not None:
-        beside = options.psf.parent / CAMERA_FILE
-        name = beside if beside.is_file() else None
-    if name is None:
+    folder = None if options.psf is None else options.psf.parent
+    camera = run.camera_beside(options.camera, folder)
+    if camera is None:
         raise OptionError(
             "nothing says under which angle a pixel is seen: give the camera that took the "
             "frames (--camera FOLDER), or the angle (--pixel-angle 0.138deg)"
         )
-    return run.camera(name)
+    return camera
 
 
 def _read(path: Path, options: ResolutionOptions, camera: LoadedCamera | None) -> TargetPicture:
@@ -369,36 +362,6 @@ def _read(path: Path, options: ResolutionOptions, camera: LoadedCamera | None) -
     return TargetPicture(picture, _scale(path, options, camera, support))
 
 
-@dataclass(frozen=True)
-class _Developed:
-    """What one reconstruction starts from."""
-
-    measurement: Measurement
-    psf: Tensor
-    support: PixelRectangle
-
-
-def _developed(options: ResolutionOptions, warn: Callable[..., None]) -> list[_Developed]:
-    """All raw frames, developed, with the PSF that fits them."""
-    assert options.psf is not None
-    dark = None if options.dark is None else read_frame(options.dark)
-    psf = read_frame(options.psf)
-    psf_dark = dark if dark is not None and dark.counts.shape == psf.counts.shape else None
-    point = develop(psf, dark=psf_dark, channels="grey")
-    frames = []
-    for number, path in enumerate(options.frames):
-        measurement = develop(read_frame(path), dark=dark, channels="grey")
-        prepared = prepare_psf(point, measurement, wider=options.psf_extent == "wide")
-        if number == 0:
-            warn(*prepared.notes, *prepared.warnings)
-        rows, columns = measurement.values.shape[-2:]
-        support = PixelRectangle(0, 0, rows, columns)
-        if options.support is not None:
-            support = parse_window(options.support, (rows, columns), "--support")
-        frames.append(_Developed(measurement, prepared.values, support))
-    return frames
-
-
 def _scale(
     path: Path, options: ResolutionOptions, camera: LoadedCamera | None, support: PixelRectangle
 ) -> AngularScale:
@@ -416,17 +379,19 @@ def _scale(
     return AngularScale.of_camera(twin, support)
 
 
-def simulated_camera(
-    run: Run[Options], support_of: Callable[[Twin, float], PixelRectangle]
-) -> tuple[VirtualExperiment, float]:
-    """The camera that is simulated, and the distance of its target in µm.
+def measure_simulated(
+    run: Run[Options], target_at: Callable[[float], SimulatedTarget[Value]], what: str
+) -> Value:
+    """What the run's simulated camera shows of a target.
 
     Parameters
     ----------
     run
         Which camera.
-    support_of
-        Scene pixels that are solved for, of the camera's preview model and the distance.
+    target_at
+        The target at a distance in µm.
+    what
+        Its name, for who watches.
 
     Raises
     ------
@@ -437,17 +402,15 @@ def simulated_camera(
     options = run.options
     assert options.simulate is not None
     loaded = run.camera(options.simulate)
-    preview, distance = preview_model(loaded), distance_um(options.distance, loaded)
-    preview.check_source(PointSource((0.0, 0.0), distance))
-    light, support = Light(options.light), support_of(preview, distance)
-    working = reconstruction_bytes(preview, support, distance, light, options.wavelengths)
-    run.begin_simulation(loaded, working, _REMEDY)
-    experiment = VirtualExperiment.of(loaded, light=light.name, wavelengths=options.wavelengths)
-    return experiment, distance
+    target = target_at(distance_um(options.distance, loaded))
+    preview = VirtualExperiment(preview_model(loaded), Light(options.light), options.wavelengths)
+    twin = run.twin(loaded, target.working_bytes(preview), _REMEDY)
+    progress = partial(run.reporter.advance, what)
+    return target.measure(replace(preview, twin=twin), options.settings, progress)
 
 
 def target_picture(
-    run: Run[Options], target: Callable[[int], Tensor], angle_deg: float, what: str
+    run: Run[Options], drawing: Callable[[int], Tensor], angle_deg: float, what: str
 ) -> FlatPicture:
     """The only frame as a flat screen has it, or the picture of a simulated camera.
 
@@ -455,7 +418,7 @@ def target_picture(
     ----------
     run
         Which frame, or which camera.
-    target
+    drawing
         What a simulated camera is shown: gives a square, (side, side) from 0 to 1, for a side in
         pixels.
     angle_deg
@@ -471,11 +434,7 @@ def target_picture(
     if run.options.simulate is None:
         (each,) = target_pictures(run)
         return each.scale.flat(each.picture)
-    experiment, distance = simulated_camera(
-        run, lambda preview, distance: target_support(preview, angle_deg, distance)
-    )
-    tick = partial(run.reporter.advance, what)
-    return screen_picture(experiment, target, angle_deg, distance, run.options.settings, tick)
+    return measure_simulated(run, partial(ScreenTarget, drawing, angle_deg), what)
 
 
 def resolution_product(
@@ -556,34 +515,26 @@ class ResolutionTarget:
     picture: type[ScreenPicture] | None = None
 
 
-def target_names() -> tuple[str, ...]:
-    """Names of the targets, those of other packages (entry points ``nolens.targets``) last."""
-    return (*_TARGETS, *(name for name in plugin_names("nolens.targets") if name not in _TARGETS))
-
-
-def resolution_target(name: str) -> ResolutionTarget:
-    """The target of a name.
-
-    Raises
-    ------
-    OptionError
-        If there is none, or the package that adds it cannot be loaded.
-    """
-    target = (
-        resolve_name(_TARGETS[name]) if name in _TARGETS else load_plugin("nolens.targets", name)
-    )
-    if not isinstance(target, ResolutionTarget):
-        what = "is no target" if target is None else f"is a {type(target).__name__}, and no target"
-        raise OptionError(f"{name!r} {what}; known are {', '.join(target_names())}")
-    return target
+_HERE = "nolens.jobs.measuring"
+TARGETS = Registry[ResolutionTarget](
+    "nolens.targets",
+    {
+        "two-points": f"{_HERE}.two_points:TWO_POINTS",
+        "siemens": f"{_HERE}.siemens:SIEMENS",
+        "edge": f"{_HERE}.edge:EDGE",
+    },
+    "resolution target",
+    "ResolutionTarget",
+    lambda each: isinstance(each, ResolutionTarget),
+)
 
 
 def screen_pictures() -> dict[str, type[ScreenPicture]]:
     """Pictures of the targets that have one, by name, but for packages that cannot be loaded."""
     pictures = {}
-    for name in target_names():
+    for name in TARGETS.names:
         with suppress(OptionError):
-            target = resolution_target(name)
+            target = TARGETS.load(name)
             if target.picture is not None:
                 pictures[name] = target.picture
     return pictures

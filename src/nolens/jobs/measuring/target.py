@@ -11,7 +11,7 @@ from nolens.errors import OptionError
 from nolens.files import write_png
 from nolens.jobs.fields import FilePath, Word
 from nolens.jobs.measuring.resolution import ScreenPicture, screen_pictures
-from nolens.jobs.options import JobOptions, Option, Written
+from nolens.jobs.options import JobOptions, Option
 from nolens.jobs.run import Product, Run, job
 from nolens.ranges import Between
 
@@ -43,6 +43,8 @@ class PictureOptions(JobOptions):
             "Picture to write: .png.",
             needed="the picture to write (-o star.png)",
             role="output",
+            what="target",
+            suffixes=(".png",),
             flag="-o",
         ),
     ]
@@ -53,7 +55,7 @@ class PictureOptions(JobOptions):
         own = {*PictureOptions.model_fields, *screen_pictures()[self.kind].model_fields}
         for other in sorted(self.model_fields_set - own):
             raise OptionError(
-                f"--{other.replace('_', '-')} is none of a target of kind {self.kind}: leave it out"
+                f"{self.flag(other)} is none of a target of kind {self.kind}: leave it out"
             )
 
     @property
@@ -62,11 +64,6 @@ class PictureOptions(JobOptions):
         kind = screen_pictures()[self.kind]
         own = self.model_fields_set & set(kind.model_fields)
         return kind.gather({name: getattr(self, name) for name in own})
-
-    @property
-    def written(self) -> tuple[Written, ...]:
-        """The picture."""
-        return (Written("target", self.output, suffixes=(".png",)),)
 
 
 def _with_pictures(model: type[PictureOptions]) -> type[PictureOptions]:

@@ -9,7 +9,7 @@ from pydantic import Field
 from nolens.camera.part import PositiveLength
 from nolens.errors import OptionError
 from nolens.evaluate import ObservedPair, TwoPoints, point_pair
-from nolens.experiments.resolution import POINT_ITERATIONS, points_support, two_point_resolution
+from nolens.experiments.resolution import POINT_ITERATIONS, TwoPointTarget
 from nolens.files.plot_measurements import draw_two_points
 from nolens.jobs.fields import Files
 from nolens.jobs.measuring.resolution import (
@@ -19,8 +19,8 @@ from nolens.jobs.measuring.resolution import (
     ResolutionTarget,
     Threshold,
     frames_option,
+    measure_simulated,
     resolution_product,
-    simulated_camera,
     solver_line,
     target_pictures,
 )
@@ -128,16 +128,13 @@ def measure_two_points(run: Run[TwoPointOptions]) -> Product[TwoPoints]:
             pairs.append(ObservedPair(angle, pair, each.picture))
         points = TwoPoints.of(pairs, options.dip.value)
     else:
-        experiment, distance = simulated_camera(run, lambda preview, _: points_support(preview))
-        points = two_point_resolution(
-            experiment,
-            distance,
+        target_at = partial(
+            TwoPointTarget,
             direction_deg=options.direction.deg,
             draws=options.draws,
             threshold=options.dip.value,
-            settings=options.settings,
-            progress=partial(run.reporter.advance, "two points"),
         )
+        points = measure_simulated(run, target_at, "two points")
     resolved = points.resolved
     if resolved.value is None:
         run.warn(
