@@ -144,8 +144,11 @@ def test_two_files_are_dropped_and_the_options_reach_the_job(
     dropped(page, {"door.dng": frame, "door-psf.tif": psf})
     page.wait_for_function("() => /door.dng$/.test(document.querySelector('select').value)")
     assert page.get_by_label("PSF", exact=True).input_value() == "work/uploads/door-psf.tif"
-    for title in ("The files", "The scene", "The solver"):
-        page.get_by_text(title, exact=True).click()
+    assert page.get_by_label("Turn the picture").is_visible()
+    assert not page.get_by_label("Prior", exact=True).is_visible()
+    page.locator("[data-panel=photograph]").get_by_text("More", exact=True).click()
+    solver = page.get_by_role("region", name="Model and solver")
+    assert solver.get_by_label("Prior", exact=True).is_visible()
     page.get_by_label("Flat field of yours").set_input_files(
         {"name": "flat.dng", "mimeType": "", "buffer": frame}
     )
@@ -177,9 +180,9 @@ def test_two_files_are_dropped_and_the_options_reach_the_job(
 
 def refused(page: Any, studio_folder: Path) -> None:
     """A PSF that does not fit is told by the names of the page's fields, beside no picture."""
-    page.get_by_text("The files", exact=True).click()
+    page.locator("[data-panel=photograph]").get_by_text("More", exact=True).click()
     page.get_by_label("PSF pixels finer by").fill("3")
-    page.get_by_text("The files", exact=True).click()
+    page.locator("[data-panel=photograph]").get_by_text("More", exact=True).click()
     page.get_by_role("button", name="Reconstruct").click()
     said = await_text(page, "[data-panel=photograph] .trouble", "PSF pixels finer by")
     assert "--" not in said and str(studio_folder) in said

@@ -171,6 +171,7 @@ def _declaration(model: type[JobOptions], field: str) -> dict[str, Any]:
         "label": option.label,
         "help": option.help,
         "role": option.role,
+        "group": option.group,
         "default": default_text(model, field),
         "choices": list(choices_of(model.model_fields[field].annotation)),
     }

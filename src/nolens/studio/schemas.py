@@ -227,12 +227,14 @@ class JobRequest(_Given):
 
 class JobOption(BaseModel):
     """An option of a job, as the job declares it: `default` is the text for what is taken where it
-    is left out, `choices` are its values where it has only a few.
+    is left out, `choices` are its values where it has only a few; those that most people need have
+    no `group`.
     """
 
     label: str
     help: str
     role: Literal["value", "input", "output", "camera", "material"]
+    group: str = ""
     default: str = ""
     choices: list[str] = Field(default_factory=list)
 

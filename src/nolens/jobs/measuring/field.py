@@ -160,7 +160,6 @@ class MeasureFieldOptions(RecordedOptions):
         Between("0.1 deg", "89.9 deg"),
         Option(
             "Half angle up to which there are dots.",
-            _LIGHT,
             label="Half angle with dots",
             former="reach",
         ),

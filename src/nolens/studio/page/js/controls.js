@@ -1,7 +1,7 @@
 // @ts-check
 /** Controls for options, made from what their jobs declare. */
 
-import { h, tick } from "./dom.js";
+import { freshId, h, tick } from "./dom.js";
 import { declared, label, option, worded } from "./names.js";
 
 /** @typedef {{element: HTMLElement, value: () => unknown}} Control `value` is undefined where the option is left out */
@@ -45,4 +45,28 @@ export function control(kind, name, { words = {}, example } = {}) {
   const usual = worded(kind, normal);
   const input = h("input", { type: "text", spellcheck: false, placeholder: example ?? (usual.length <= LONGEST ? usual : "by default") });
   return { element: option(kind, name, input), value: () => value(input) };
+}
+
+/**
+ * Fields of a job's options: at first those that most people need, the others under "More" by their groups.
+ *
+ * @param {string} kind of the job
+ * @param {Record<string, HTMLElement[]>} fields what belongs to an option, by its name
+ */
+export function form(kind, fields) {
+  /** @type {HTMLElement[]} */
+  const basic = [];
+  /** @type {Map<string, HTMLElement[]>} */
+  const groups = new Map();
+  for (const [name, elements] of Object.entries(fields)) {
+    const { group } = declared(kind, name);
+    if (group) groups.set(group, [...groups.get(group) ?? [], ...elements]);
+    else basic.push(...elements);
+  }
+  if (groups.size === 0) return basic;
+  const sections = [...groups].map(([title, elements]) => {
+    const id = freshId("group");
+    return h("section", { class: "fields", "aria-labelledby": id }, h("h3", { id }, title), ...elements);
+  });
+  return [...basic, h("details", {}, h("summary", {}, "More"), ...sections)];
 }

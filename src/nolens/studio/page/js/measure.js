@@ -2,6 +2,7 @@
 /** Measure: how good a camera is, as plots and figures. */
 
 import { calibratedCameras, cameras, filesBy, psfChoices } from "./choices.js";
+import { form } from "./controls.js";
 import { figureTable, fill, h, segments, setOptions } from "./dom.js";
 import { dotRows, edgeRows, fieldRows, jobPlot, psfFigures, psfPlot, starRows, twoPointRows } from "./figures.js";
 import { Measurement, offerCameras, Target } from "./measurement.js";
@@ -43,9 +44,8 @@ function pointsCard() {
   const card = new Measurement({
     title: "Two points", name: "two-points", kind: "measure-two-points",
     about: "The smallest separation at which two point sources are resolved, in a simulation of the camera.",
-    controls: [option(POINTS, "simulate", camera), h("div", { class: "row" },
-      h("div", { class: "grow" }, option(POINTS, "distance", distance)),
-      h("div", { class: "narrow" }, option(POINTS, "draws", draws)))],
+    controls: form(POINTS, { simulate: [option(POINTS, "simulate", camera)],
+      distance: [option(POINTS, "distance", distance)], draws: [option(POINTS, "draws", draws)] }),
     options: () => ({ simulate: camera.value, distance: text(distance), draws: Number(draws.value) || 1 }),
     found: (job) => [jobPlot(job, "Dip between two points by their separation"),
       figureTable(twoPointRows(job.summary), "Resolution of two points")],

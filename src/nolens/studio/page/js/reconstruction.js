@@ -2,7 +2,7 @@
 /** How a raw file is read and reconstructed: the options that a person may leave as they are. */
 
 import { offerFiles } from "./choices.js";
-import { control } from "./controls.js";
+import { control, form } from "./controls.js";
 import { filePicker, h, segments, slider, tick } from "./dom.js";
 import { folderOf, number } from "./format.js";
 import { label, option } from "./names.js";
@@ -18,7 +18,7 @@ const MORE = {
   mosaic: { words: Object.fromEntries([["", "As the file says"], ...["RGGB", "BGGR", "GRBG", "GBRG"].map((each) => [each, each])]) },
   psf_extent: { words: { sensor: "No: as large as the sensor", wide: "Yes: with the light beside the sensor" } },
   psf_scale: { example: "1" },
-  support: { example: "rows x columns, such as 400x400" },
+  support: { example: "no limit; such as 400x400" },
   field: { example: "such as 40deg" },
   channels: { example: "all; grey, or letters such as rg" },
   bin: { example: "by the PSF" },
@@ -41,18 +41,15 @@ export class ReconstructionOptions {
     this.tau = slider({ label: label(KIND, "tau"), min: 1e-6, max: 1e-1, value: TAU, log: true, text: (tau) => number(tau, 2) });
     this.tau.element.hidden = true;
     const { controls, files } = this;
-    const of = (/** @type {string[]} */ ...names) => names.map((name) => controls[name].element);
-    const more = (/** @type {string} */ title, /** @type {HTMLElement[]} */ ...fields) =>
-      h("details", {}, h("summary", {}, title), h("div", { class: "fields" }, ...fields));
-    this.elements = [
-      more("The files", ...Object.entries(files).map(([name, select]) => h("div", { class: "row low" }, h("div", { class: "grow" }, option(KIND, name, select)),
-        filePicker("Bring…", told(([file]) => bring(file, select)), { "aria-label": `${label(KIND, name)} of yours` }))),
-        ...of("black", "white", "mosaic", "bgr", "channels", "bin"),
-        h("p", { class: "pale" }, "A PSF file that is larger than the raw file is either:"), ...of("psf_extent", "psf_scale")),
-      more("The scene", h("p", { class: "pale" }, "The support: where light can come from. Leave both empty for no limit."),
-        ...of("support", "field", "crop", "flip")),
-      more("The solver", this.ownTau.element, this.tau.element, ...of("prior", "iterations", "tolerance", "low_frequency")),
-    ];
+    /** @type {Record<string, HTMLElement[]>} */
+    const fields = { tau: [this.ownTau.element, this.tau.element] };
+    for (const [name, select] of Object.entries(files)) {
+      fields[name] = [h("div", { class: "row low" }, h("div", { class: "grow" }, option(KIND, name, select)),
+        filePicker("Bring…", told(([file]) => bring(file, select)), { "aria-label": `${label(KIND, name)} of yours` }))];
+    }
+    for (const [name, { element }] of Object.entries(controls)) fields[name] = [element];
+    fields.psf_extent.unshift(h("p", { class: "pale" }, "A PSF file that is larger than the raw file is either:"));
+    this.elements = form(KIND, fields);
   }
 
   /** Dark frames and flat fields to choose from. @param {import("./choices.js").Group[]} files */
