@@ -10,7 +10,14 @@ from . import (
     solvers,
     twin,
 )
-from .api.calibrate import CalibratedPsf, StitchedPsf, calibrate_psf, stitch_psfs
+from .api.calibrate import (
+    CalibratedPsf,
+    ImportedPsf,
+    StitchedPsf,
+    calibrate_psf,
+    import_psf,
+    stitch_psfs,
+)
 from .api.design import ThicknessDesign, design_mask, design_thickness
 from .api.image import Image
 from .api.inputs import load, save_frame
@@ -35,6 +42,7 @@ __all__ = [
     "FieldOfView",
     "Frame",
     "Image",
+    "ImportedPsf",
     "Measurement",
     "Photograph",
     "PixelRectangle",
@@ -55,6 +63,7 @@ __all__ = [
     "develop",
     "evaluate",
     "fabricate",
+    "import_psf",
     "load",
     "measure_field",
     "measure_psf",

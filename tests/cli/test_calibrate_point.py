@@ -144,32 +144,6 @@ def test_without_camera_or_times(tmp_path: Path) -> None:
     assert told["channels"] == ["R", "G", "B"] and told["exposures"][0]["dark_frames"] == 0
 
 
-def test_finished_psf_is_taken_as_it_is(tmp_path: Path) -> None:
-    """Another group's PSF, a quarter of it saturated: refused as a frame, taken with --as-is."""
-    counts = light_of(300.0) / light_of(300.0).max()
-    level = torch.quantile(counts.flatten()[::7], 0.75)
-    path = tmp_path / "psf.tif"
-    values = (counts / level).clamp(max=1).mul(60000).numpy().astype(np.uint16)
-    tifffile.imwrite(path, values, photometric="minisblack")
-    given = (path, "--distance", "300mm", "--pixel", "1.55um")
-    done = run("calibrate", *given, "-o", tmp_path / "refused")
-    check_refused(done, "saturated", "--as-is")
-    assert not (tmp_path / "refused").exists()
-    told = calibrate(
-        tmp_path / "camera",
-        *given,
-        "--as-is",
-        warnings=("does not say which count is black", "saturated in every exposure"),
-    )
-    assert told["centred_by"] == "its file" and told["frame"] == "chief-ray"
-    folder = tmp_path / "camera"
-    taken = read_psf(folder, read_psf_set(folder).psf[0])[0]
-    wanted = torch.from_numpy(values.astype(np.float32))
-    assert torch.allclose(taken, wanted, rtol=1e-5, atol=1e-3)
-    both = (*given, "--as-is", "--stray-light", "floor", "-o", tmp_path / "both")
-    check_refused(run("calibrate", *both), "--stray-light floor", "--as-is")
-
-
 def plain_darks(folder: Path) -> list[Path]:
     paths = []
     for number in range(3):

@@ -5,11 +5,14 @@ from dataclasses import dataclass, field
 
 from nolens.api.inputs import Progress, Raw, angle_of, frame_of, length_um, reported
 from nolens.api.simulate import Camera, Psf
+from nolens.calibrate import psf_import
 from nolens.calibrate.centring import place_psf
 from nolens.calibrate.distances import Layers
 from nolens.calibrate.frames import PointFrames
 from nolens.calibrate.point_psf import PointPsf, StrayLight, point_psf
+from nolens.calibrate.psf_import import PsfImport
 from nolens.calibrate.stitch import Capture, Stitched, stitch_at_angles
+from nolens.camera import BlackLevel
 from nolens.errors import OptionError
 from nolens.operators import PixelRectangle
 from nolens.quantities import Angle, Length
@@ -35,6 +38,19 @@ class CalibratedPsf(Psf):
 
 
 @dataclass(frozen=True, repr=False)
+class ImportedPsf(Psf):
+    """A PSF that was measured elsewhere.
+
+    Parameters
+    ----------
+    source
+        Figures: black level, saturated pixels, notes and warnings.
+    """
+
+    source: PsfImport = field(repr=False)
+
+
+@dataclass(frozen=True, repr=False)
 class StitchedPsf(Psf):
     """A PSF that is known beyond the sensor.
 
@@ -56,7 +72,6 @@ def calibrate_psf(
     *,
     dark: Raw | Sequence[Raw] = (),
     stray_light: StrayLight = "auto",
-    as_is: bool = False,
     centre: bool = True,
 ) -> CalibratedPsf:
     """Make a PSF of raw frames of one point source: averaged, merged, without stray light.
@@ -74,8 +89,6 @@ def calibrate_psf(
         Frames without the point source, of the same exposure times.
     stray_light
         ``"auto"``, ``"none"`` or ``"floor"``: what is subtracted as light of other sources.
-    as_is
-        Whether the frames are a finished PSF, of which only the black level is subtracted.
     centre
         Whether the light is moved to the middle, where an aperture leaves a dark area around it.
 
@@ -93,11 +106,61 @@ def calibrate_psf(
     for each in _listed(dark):
         taken.add_dark(frame_of(each, "dark frame"))
     pixel_um = length_um(pixel)
-    point = point_psf(taken.means, taken.darks(), pixel_um=pixel_um, stray=stray_light, as_is=as_is)
+    point = point_psf(taken.means, taken.darks(), pixel_um=pixel_um, stray=stray_light)
     psf = point.psf
-    if centre and not as_is:
-        psf = place_psf(point, pixel_um).psf
+    if centre:
+        psf = place_psf(psf, point.area, pixel_um).psf
     return CalibratedPsf(psf, taken.channels, point, pixel_um)
+
+
+def import_psf(
+    psf: Raw,
+    *,
+    dark: Raw | None = None,
+    black: BlackLevel = None,
+    white: float | None = None,
+    channels: str = "all",
+    bin_by: int = 1,
+    sensor: tuple[int, int] | None = None,
+) -> ImportedPsf:
+    """Make a PSF that was measured elsewhere fit a camera.
+
+    A black level that the file does not state is read off the area that an aperture keeps dark;
+    saturated pixels are continued from around them.
+
+    Parameters
+    ----------
+    psf
+        A file, a frame of `load`, or values; its middle is the zero shift.
+    dark
+        A frame without light, in place of the black level.
+    black
+        Black level in counts; ``"auto"`` reads it off the darkest corner.
+    white
+        Count from which a pixel is saturated; None takes what the file says or shows.
+    channels
+        ``"all"``, ``"grey"``, or letters such as ``"g"``.
+    bin_by
+        Pixels of the file along one of the PSF's.
+    sensor
+        (rows, columns) of the camera's measurements: the PSF is padded or cut to it.
+
+    Raises
+    ------
+    NolensError
+        If the file cannot be read, shows no light, or does not fit the sensor.
+    """
+    result = psf_import.import_psf(
+        frame_of(psf, "PSF"),
+        dark=None if dark is None else frame_of(dark, "dark frame"),
+        black=black,
+        white=white,
+        channels=channels,
+        bin_by=bin_by,
+        sensor=sensor,
+        partial=True,
+    )
+    return ImportedPsf(result.psf, result.channels, result)
 
 
 def stitch_psfs(

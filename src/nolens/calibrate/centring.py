@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from nolens.calibrate.distances import Layers, covered, magnified, with_mean_light
-from nolens.calibrate.point_psf import PointPsf
+from nolens.calibrate.point_psf import DarkArea
 from nolens.calibrate.registration import NEARBY, Shift, register
 from nolens.camera import PsfEntry
 from nolens.errors import DataError
@@ -62,14 +62,10 @@ class PlacedPsf:
     figures: dict[str, Any]
     warnings: list[str] = field(default_factory=list)
 
-    @classmethod
-    def as_is(cls, point: PointPsf) -> "PlacedPsf":
-        """A finished PSF, whose file says where its middle is."""
-        return cls(point.psf, "chief-ray", {"centred_by": "its file", "shift_um": [0.0, 0.0]})
-
 
 def place_psf(
-    point: PointPsf,
+    psf: Tensor,
+    area: DarkArea | None,
     pixel_um: float,
     *,
     distance_um: float = math.inf,
@@ -86,8 +82,10 @@ def place_psf(
 
     Parameters
     ----------
-    point
-        The PSF as it was captured.
+    psf
+        As it was captured, (channels, rows, columns).
+    area
+        Where an aperture leaves no light of it; None if it fills the sensor.
     pixel_um
         Pitch of its pixels.
     distance_um, angle
@@ -105,13 +103,13 @@ def place_psf(
         If the reference is not of the same camera.
     """
     if any(each.deg != 0 for each in angle):
-        return _as_captured(point, angle, layers, pixel_um)
+        return _as_captured(psf, area, angle, layers, pixel_um)
     if reference is not None:
-        return _on_reference(point, distance_um, layers, pixel_um, reference, progress)
-    if point.area is not None:
-        shift = centroid(point.psf, point.area.on_pixels(*point.psf.shape[-2:]))
-        return _centred(point, shift, {"centred_by": "centroid"}, layers, pixel_um)
-    return PlacedPsf(point.psf, "chief-ray", {"centred_by": "stated angle", "shift_um": [0.0, 0.0]})
+        return _on_reference(psf, distance_um, layers, pixel_um, reference, progress)
+    if area is not None:
+        shift = centroid(psf, area.on_pixels(*psf.shape[-2:]))
+        return _centred(psf, shift, {"centred_by": "centroid"}, layers, pixel_um)
+    return PlacedPsf(psf, "chief-ray", {"centred_by": "stated angle", "shift_um": [0.0, 0.0]})
 
 
 def centroid(psf: Tensor, dark: Tensor) -> Shift:
@@ -123,7 +121,7 @@ def centroid(psf: Tensor, dark: Tensor) -> Shift:
 
 
 def _on_reference(
-    point: PointPsf,
+    psf: Tensor,
     distance_um: float,
     layers: Layers | None,
     pixel_um: float,
@@ -134,7 +132,7 @@ def _on_reference(
     entry, expected = reference.entry, None
     if layers is not None:
         expected = layers.magnification(distance_um) / layers.magnification(entry.distance_um)
-    result = register(point.psf, reference.psf, magnification=expected or NEARBY, progress=progress)
+    result = register(psf, reference.psf, magnification=expected or NEARBY, progress=progress)
     if result.correlation < _LEAST_ALIKE:
         raise DataError(
             f"the PSF is not that of {reference.path} in another size: their correlation is "
@@ -148,10 +146,10 @@ def _on_reference(
         "magnification": round(result.magnification, 6),
         "expected_magnification": None if expected is None else round(expected, 6),
     }
-    placed = _centred(point, result.shift, figures, layers, pixel_um)
+    placed = _centred(psf, result.shift, figures, layers, pixel_um)
     if expected is not None:
         off = abs(result.magnification - expected)
-        half = min(point.psf.shape[-2:]) / 2
+        half = min(psf.shape[-2:]) / 2
         if off > _OFF_PREDICTED * abs(expected - 1) and off * half > 0.5:
             placed.warnings.append(
                 f"the PSF is {result.magnification:.4f} times as large as that of "
@@ -162,15 +160,15 @@ def _on_reference(
 
 
 def _centred(
-    point: PointPsf, shift: Shift, figures: dict[str, Any], layers: Layers | None, pixel_um: float
+    psf: Tensor, shift: Shift, figures: dict[str, Any], layers: Layers | None, pixel_um: float
 ) -> PlacedPsf:
     """The PSF whose light lies `shift` beside the middle, moved back into it.
 
     What moves in from beyond its edges has the mean light around it.
     """
     back = (-shift[0], -shift[1])
-    known = covered((point.psf.shape[-2], point.psf.shape[-1]), 1.0, moved=back)
-    psf = with_mean_light(magnified(point.psf, 1.0, moved=back), known)
+    known = covered((psf.shape[-2], psf.shape[-1]), 1.0, moved=back)
+    psf = with_mean_light(magnified(psf, 1.0, moved=back), known)
     figures["shift_um"] = [_rounded(shift[1] * pixel_um), _rounded(-shift[0] * pixel_um)]
     placed = PlacedPsf(psf, "chief-ray", figures)
     size = math.hypot(*shift)
@@ -188,18 +186,22 @@ def _centred(
 
 
 def _as_captured(
-    point: PointPsf, angle: tuple[Angle, Angle], layers: Layers | None, pixel_um: float
+    psf: Tensor,
+    area: DarkArea | None,
+    angle: tuple[Angle, Angle],
+    layers: Layers | None,
+    pixel_um: float,
 ) -> PlacedPsf:
     """The PSF where the sensor captured it; checked against Snell's law."""
     figures: dict[str, Any] = {"centred_by": "stated angle"}
-    placed = PlacedPsf(point.psf, "sensor", figures)
+    placed = PlacedPsf(psf, "sensor", figures)
     if layers is None:
         return placed
     expected = layers.shift_um(angle)
     figures["expected_shift_um"] = [_rounded(each) for each in expected]
-    if point.area is None:
+    if area is None:
         return placed
-    row, column = centroid(point.psf, point.area.on_pixels(*point.psf.shape[-2:]))
+    row, column = centroid(psf, area.on_pixels(*psf.shape[-2:]))
     measured = column * pixel_um, -row * pixel_um
     figures["shift_um"] = [_rounded(each) for each in measured]
     off = math.degrees(math.atan(math.dist(measured, expected) / layers.reduced_um))

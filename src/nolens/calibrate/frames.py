@@ -56,7 +56,7 @@ class FrameMean:
         half = sum(self.counts) % 2
         self.sums[half] += frame.counts
         self.counts[half] += 1
-        clipped = frame.counts >= _saturation(frame)
+        clipped = frame.counts >= saturation_count(frame)
         self.levels.append(self._level(frame, clipped))
         self.clipped |= clipped
 
@@ -73,7 +73,7 @@ class FrameMean:
     @property
     def white(self) -> float:
         """Count from which a pixel is saturated; infinite where that is not known."""
-        return _saturation(self.first)
+        return saturation_count(self.first)
 
     @property
     def uneven(self) -> float:
@@ -331,13 +331,17 @@ def black_plane(frame: Frame) -> Tensor:
     return levels[:, None, None]
 
 
-def _saturation(frame: Frame) -> float:
-    """Count from which pixels are saturated; the largest one if very many have just that."""
+def saturation_count(frame: Frame) -> float:
+    """Count from which pixels are saturated; the largest one if very many have just that.
+
+    Infinite where neither the file nor its counts tell.
+    """
     stated = float("inf") if frame.white is None else frame.white
     top = float(frame.counts.max())
     if top >= stated:
         return stated
     at_top = int((frame.counts == top).sum())
-    below = int((frame.counts == top - 1).sum())
-    whole = bool((frame.counts == frame.counts.round()).all())
-    return top if whole and at_top >= _PILED and at_top > _PILE_RATIO * below else stated
+    if at_top < _PILED or at_top == frame.counts.numel():
+        return stated
+    below = frame.counts[frame.counts < top].max()
+    return top if at_top > _PILE_RATIO * int((frame.counts == below).sum()) else stated

@@ -35,7 +35,7 @@ _LEAST_CONTRAST = 0.1
 _SMALLEST = 16
 """Pixels along the shorter side of a frame."""
 _BYTES_PER_PIXEL, _BYTES_PER_EXPOSURE = 100, 40
-_AS_IS = "or take a PSF that is finished as it is (--as-is)"
+_FINISHED = "or import a finished PSF (nolens calibrate import)"
 
 _BLOCKS = 64
 """Blocks along the shorter side, of which the dark area is made."""
@@ -57,7 +57,7 @@ _LEAST_FREQUENCIES = 12
 
 
 @dataclass(frozen=True)
-class _DarkArea:
+class DarkArea:
     """Where an aperture keeps the PSF's light away: bool, by blocks of `side` by `side` pixels."""
 
     side: int
@@ -74,7 +74,7 @@ class _DarkArea:
         return nnf.pad(spread, (0, columns - spread.shape[1], 0, rows - spread.shape[0]))
 
 
-def dark_area(psf: Tensor) -> _DarkArea | None:
+def dark_area(psf: Tensor) -> DarkArea | None:
     """Find the part without light; None where the PSF fills the picture.
 
     Every place is judged by the brightest one near it, nearer than a tenth of the picture and 48
@@ -96,10 +96,10 @@ def dark_area(psf: Tensor) -> _DarkArea | None:
         return None
     if float(near[dark].mean()) > _DARK_FRACTION * float(near[~dark].mean()):
         return None
-    return _DarkArea(side, dark)
+    return DarkArea(side, dark)
 
 
-def stray_light(psf: Tensor, area: _DarkArea) -> Tensor:
+def stray_light(psf: Tensor, area: DarkArea) -> Tensor:
     r"""Smooth light of other sources, from where an aperture leaves no light of the point.
 
     In every channel a plane :math:`a + b r + c s` is laid through the
@@ -278,7 +278,7 @@ class PointPsf:
     ratios: tuple[float, ...]
     stray: tuple[float, ...]
     floor: tuple[float, ...]
-    area: _DarkArea | None
+    area: DarkArea | None
     bands: tuple[_Band, ...]
     contrast: float
 
@@ -348,7 +348,6 @@ def point_psf(
     pixel_um: float,
     sensor: Sensor | None = None,
     stray: StrayLight = "auto",
-    as_is: bool = False,
     progress: ProgressCallback | None = None,
 ) -> PointPsf:
     """Make a PSF of the frames of one point source.
@@ -365,9 +364,6 @@ def point_psf(
         Its noise serves where there is one frame only.
     stray
         What counts as stray light.
-    as_is
-        The frames are a finished PSF, such as other people's: only their black level is
-        subtracted, and saturated pixels or a faint structure are no errors.
     progress
         Called with the fraction that is done, 0 to 1.
 
@@ -391,20 +387,18 @@ def point_psf(
     merged = merge(list(means.values()), noise)
     advance(0.4)
     saturated = float(merged.saturated.double().mean())
-    if saturated > _MOST_SATURATED and not as_is:
+    if saturated > _MOST_SATURATED:
         raise DataError(
             f"{100 * saturated:.2g} % of the pixels are saturated in every exposure of "
             f"{first.source}, and what they would have held is lost: add frames of a shorter "
-            f"exposure time, {_AS_IS}"
+            f"exposure time, {_FINISHED}"
         )
     picture = superpixels(merged.rate, first)
     variance = superpixel_variance(merged.variance, first)
-    contrast = _contrast(picture, variance, None if as_is else first.source)
+    contrast = _contrast(picture, variance, first.source)
     area = dark_area(picture)
     removed = torch.zeros_like(picture)
-    if as_is:
-        pass
-    elif stray == "floor":
+    if stray == "floor":
         removed = removed + floor(picture)
     elif stray == "auto" and area is not None:
         removed = stray_light(picture, area)
@@ -438,11 +432,8 @@ def point_psf_bytes(pixels: int, exposures: int) -> float:
     return pixels * (_BYTES_PER_PIXEL + _BYTES_PER_EXPOSURE * exposures)
 
 
-def _contrast(picture: Tensor, variance: Tensor, source: str | None) -> float:
-    """Contrast of the fine structure, which only a point source gives.
-
-    Any other light is refused, where the name of its file is given for the message.
-    """
+def _contrast(picture: Tensor, variance: Tensor, source: str) -> float:
+    """Contrast of the fine structure, which only a point source gives; other light is refused."""
     weight = picture.mean(dim=(-2, -1), keepdim=True).clamp_min(0)
     total = weight.sum()
     grey = (picture * weight).sum(dim=0) / total if total > 0 else picture.mean(dim=0)
@@ -454,16 +445,16 @@ def _contrast(picture: Tensor, variance: Tensor, source: str | None) -> float:
     spread = float((grey - around).double().square().mean())
     floor_of_noise = float(noise.double().mean())
     mean = float(grey.double().mean())
-    if source is not None and not (mean > 0 and spread > 2 * floor_of_noise):
+    if not (mean > 0 and spread > 2 * floor_of_noise):
         raise DataError(
             f"{source} shows nothing above its noise: a picture of a point source is needed. "
-            f"Check the file and its black level, expose longer, take more frames, {_AS_IS}"
+            f"Check the file and its black level, expose longer, take more frames, {_FINISHED}"
         )
-    contrast = math.sqrt(max(0.0, spread - floor_of_noise)) / mean if mean > 0 else 0.0
-    if source is not None and contrast < _LEAST_CONTRAST:
+    contrast = math.sqrt(spread - floor_of_noise) / mean
+    if contrast < _LEAST_CONTRAST:
         raise DataError(
             f"{source} shows no point source: its fine structure has a contrast of "
             f"{100 * contrast:.2g} %, as that of a scene or of even light has. Take a small "
-            f"light, such as an LED behind a pinhole, in a dark room, {_AS_IS}"
+            f"light, such as an LED behind a pinhole, in a dark room, {_FINISHED}"
         )
     return contrast

@@ -231,13 +231,13 @@ def _psf_warnings(psf: Measurement, values: Tensor) -> list[str]:
             f"{100 * saturated:.2g} % of the PSF {psf.source} is saturated, and its peaks are "
             "cut off there: a shorter exposure of the point source gives a better picture"
         )
-    if not _is_dark_somewhere(psf, values):
+    if not black_is_known(psf, values):
         corner, peak = darkest_corner(values), float(values.max())
         texts.append(
             f"the darkest corner of the PSF {psf.source} is {corner:.3g}, "
             f"{100 * corner / peak:.2g} % of its peak: if no light falls there, this is a black "
-            "level that the file does not state: subtract it (with a dark frame; reconstruct and "
-            "measure psf also take --black auto)"
+            "level that the file does not state: subtract it (with a dark frame; reconstruct, "
+            "measure psf and calibrate import also take --black auto)"
         )
     return texts
 
@@ -246,7 +246,7 @@ def _pair_warnings(psf: Measurement, values: Tensor, measurement: Measurement) -
     """Sentences, one for each warning of a PSF beside a measurement; as `_psf_warnings`."""
     texts = []
     edge = edge_warning(psf.source, values, measurement.size)
-    if edge is not None and _is_dark_somewhere(psf, values):
+    if edge is not None and black_is_known(psf, values):
         texts.append(edge)
     if _finer_than(measurement.values, values):
         texts.append(
@@ -256,15 +256,15 @@ def _pair_warnings(psf: Measurement, values: Tensor, measurement: Measurement) -
     return texts
 
 
-def _is_dark_somewhere(psf: Measurement, values: Tensor) -> bool:
-    """Whether its black level is known, or its darkest corner says that it is 0."""
+def black_is_known(psf: Measurement, values: Tensor) -> bool:
+    """Whether the black level of a PSF is known, or its darkest corner says that it is 0."""
     if psf.black_stated or min(values.shape[-2:]) < _HAS_CORNERS:
         return True
     return darkest_corner(values) <= _CORNER_FRACTION * float(values.max())
 
 
-def edge_warning(source: str, values: Tensor, sensor: tuple[int, int]) -> str | None:
-    """Warn of a PSF that goes on beyond the sensor; None where it does not, or is known there.
+def reaches_edges(values: Tensor, sensor: tuple[int, int]) -> bool:
+    """Whether a PSF goes on beyond the sensor, and is not known there.
 
     Its values are (channels, height, width); where they are larger than the measurement's
     (height, width), `sensor`, the PSF is known beyond.
@@ -280,13 +280,32 @@ def edge_warning(source: str, values: Tensor, sensor: tuple[int, int]) -> str | 
             plane.narrow(axis, plane.shape[axis] - deep, deep),
         )
     ]
-    if not edges or float(torch.cat(edges).mean()) <= _EDGE_FRACTION * float(plane.mean()):
+    return bool(edges) and float(torch.cat(edges).mean()) > _EDGE_FRACTION * float(plane.mean())
+
+
+def edge_warning(source: str, values: Tensor, sensor: tuple[int, int]) -> str | None:
+    """Warn of a PSF that goes on beyond the sensor, as `reaches_edges` says; None otherwise."""
+    if not reaches_edges(values, sensor):
         return None
     return (
         f"the PSF {source} has light up to the sensor's edges: what falls beyond them is missing "
         "from it, and pictures come out poor, depths wrong. Give an extended PSF "
         "(nolens calibrate stitch or extrapolate; of a simulated camera nolens psf --pixels) with "
         "--psf-extent wide and --support"
+    )
+
+
+def extrapolation_note(
+    source: str, values: Tensor, sensor: tuple[int, int], folder: str
+) -> str | None:
+    """What continues a PSF of a camera's folder beyond the sensor; None where it ends before."""
+    if not reaches_edges(values, sensor):
+        return None
+    return (
+        f"{source} has light up to the sensor's edges, and what falls beyond them is missing: "
+        f"nolens calibrate extrapolate {folder} --support HEIGHTxWIDTH continues it (nolens "
+        "calibrate plan tells the support); captures at angles do it better (nolens calibrate "
+        "stitch)"
     )
 
 

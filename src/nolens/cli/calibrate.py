@@ -10,6 +10,7 @@ from nolens.cli.messages import say
 from nolens.jobs import (
     calibrate_distances,
     calibrate_extrapolate,
+    calibrate_import,
     calibrate_pairs,
     calibrate_plan,
     calibrate_point,
@@ -43,6 +44,27 @@ def _extrapolate(summary: dict[str, Any]) -> list[str]:
             f"the reconstructions leave {100 * last:.2f} % of the measurements over, and left "
             f"{100 * first:.2f} % with the mean light; {summary['rounds']} rounds"
         )
+    return lines
+
+
+def _import(summary: dict[str, Any]) -> list[str]:
+    lines = []
+    for each in summary["psfs"]:
+        rows, columns = each["pixels"]
+        text = f"{each['source']}: {rows}×{columns} pixels of {each['pixel']}"
+        if any(each["background_counts"]):
+            counts = ", ".join(f"{level:g}" for level in each["background_counts"])
+            text += f"; black level {counts}, read off the dark area"
+        elif not each["black_stated"]:
+            text += "; black level taken as 0"
+        if each["saturated_fraction"]:
+            text += (
+                f"; {100 * each['saturated_fraction']:.2g} % saturated, continued from around to "
+                f"{each['saturated_raised']:.2f} times the count that clips"
+            )
+        lines += [text, *(f"  {note}" for note in each["notes"])]
+        if "centred_by" in each:
+            lines.append(f"  {_centre(each)}")
     return lines
 
 
@@ -158,8 +180,6 @@ def _centre(summary: dict[str, Any]) -> str:
         if "shift_um" in summary:
             text += _place(", measured", summary["shift_um"])
         return text
-    if by == "its file":
-        return "as its file has it: the middle of the file is its zero shift"
     if by == "stated angle":
         return "in the middle, as its light was straight ahead"
     text = _place(f"centred by {by}: its light was", summary["shift_um"])
@@ -189,6 +209,7 @@ def surround(*places: Any, **names: Any) -> int:
 for each in (
     command(calibrate_distances, _distances, name="distances"),
     extrapolate,
+    command(calibrate_import, _import, name="import"),
     command(calibrate_pairs, _pairs, name="pairs"),
     command(calibrate_plan, _plan, name="plan"),
     command(calibrate_stitch, _stitch, name="stitch"),

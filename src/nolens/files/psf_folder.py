@@ -1,10 +1,13 @@
 """The folder that a camera's PSFs are gathered in: what it has, and what fits to it."""
 
 import math
+from collections.abc import Mapping
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
+
+from torch import Tensor
 
 from nolens.calibrate.centring import ReferencePsf
 from nolens.calibrate.distances import Layers
@@ -253,8 +256,27 @@ class PsfFolder:
             )
         return aside.pop()
 
-    def reference(self, entry: PsfEntry, size: tuple[int, int]) -> ReferencePsf | None:
+    @property
+    def sensor_size(self) -> tuple[int, int] | None:
+        """Rows and columns of a captured PSF: the camera's, or those of the PSFs there are.
+
+        None where neither is there.
+        """
+        if self.camera is not None:
+            sensor = self.camera.camera.sensor
+            return sensor.rows // sensor.superpixel, sensor.columns // sensor.superpixel
+        captured = [each for each in self.psfs if each.kind == "captured"]
+        if not captured:
+            return None
+        rows, columns = read_psf(self.path, captured[0]).shape[-2:]
+        return rows, columns
+
+    def reference(
+        self, entry: PsfEntry, size: tuple[int, int], new: Mapping[PsfEntry, Tensor] | None = None
+    ) -> ReferencePsf | None:
         """The PSF of another distance that a new one is laid over: the nearest straight ahead.
+
+        `new` has PSFs that are not in the folder yet, but will be.
 
         Raises
         ------
@@ -266,7 +288,8 @@ class PsfFolder:
             ahead = other.on_axis and other.frame == "chief-ray"
             return ahead and other.distance != entry.distance
 
-        captured = [each for each in self.psfs if each.kind == "captured"]
+        new = new or {}
+        captured = [each for each in (*self.psfs, *new) if each.kind == "captured"]
         if not captured:
             return None
         nearest = min(
@@ -276,7 +299,8 @@ class PsfFolder:
                 abs(1e6 / each.distance_um - 1e6 / entry.distance_um),
             ),
         )
-        path, psf = self.path / nearest.file, read_psf(self.path, nearest)
+        path = self.path / nearest.file
+        psf = new[nearest] if nearest in new else read_psf(self.path, nearest)
         if psf.shape[-2:] != size:
             raise DataError(
                 f"the PSF {path} has {psf.shape[-2]}×{psf.shape[-1]} pixels, but these frames "
@@ -310,12 +334,25 @@ class PsfFolder:
         NolensError
             If nothing says it, or the frame's size or pixels are not the camera's.
         """
+        if self.camera is not None:
+            pixel_of_camera(frame, self.camera)
+        return self.pitch(pitch, 1 if frame.mosaic is None else 2)
+
+    def pitch(self, pitch: Length | None, merged: int) -> Length:
+        """Pitch of the pixels of a PSF, each of so many pixels of its file along a side.
+
+        The camera, or PSFs of it, say it, or the stated pitch of the file's pixels.
+
+        Raises
+        ------
+        NolensError
+            If nothing says it, or not all say the same.
+        """
         first = self.psfs[0] if self.psfs else None
-        bin_by = 1 if frame.mosaic is None else 2
-        stated = None if pitch is None else _times(pitch, bin_by)
+        stated = None if pitch is None else _times(pitch, merged)
         known: Length | None = None
         if self.camera is not None:
-            known = pixel_of_camera(frame, self.camera)
+            known = _superpixel(self.camera)
             named = f"the camera {self.camera.camera.name!r}"
         elif first is not None:
             known, named = first.pixel, f"the PSF {first.file}"
@@ -326,7 +363,7 @@ class PsfFolder:
                 "(--camera)"
             )
         if stated is not None and known is not None and stated != known:
-            each = "a pixel" if bin_by == 1 else "2 of its pixels"
+            each = "a pixel" if merged == 1 else f"{merged} of its pixels"
             raise OptionError(
                 f"--pixel {pitch}: a pixel of {named} is {known} wide, but {each} are {stated}; "
                 "leave --pixel out, or give another folder (-o)"
@@ -414,7 +451,13 @@ def pixel_of_camera(frame: Frame, loaded: LoadedCamera) -> Length:
             f"{frame.source} has the colour mosaic {frame.mosaic}, but the camera "
             f"{loaded.camera.name!r} has {sensor.mosaic}: give frames of this camera, not turned"
         )
-    return _times(sensor.pitch, bin_by)
+    return _superpixel(loaded)
+
+
+def _superpixel(loaded: LoadedCamera) -> Length:
+    """Pitch of the pixels of a camera's PSFs."""
+    sensor = loaded.camera.sensor
+    return _times(sensor.pitch, sensor.superpixel)
 
 
 def _times(length: Length, factor: int) -> Length:

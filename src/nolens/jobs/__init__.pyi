@@ -1,5 +1,6 @@
 from .calibration.distances import CalibrateDistancesOptions, calibrate_distances
 from .calibration.extrapolate import CalibrateExtrapolateOptions, calibrate_extrapolate
+from .calibration.import_psfs import CalibrateImportOptions, calibrate_import
 from .calibration.pairs import CalibratePairsOptions, calibrate_pairs
 from .calibration.point import CalibratePointOptions, calibrate_point
 from .calibration.stitch import (
@@ -35,6 +36,7 @@ __all__ = [
     "MASK_KINDS",
     "CalibrateDistancesOptions",
     "CalibrateExtrapolateOptions",
+    "CalibrateImportOptions",
     "CalibratePairsOptions",
     "CalibratePlanOptions",
     "CalibratePointOptions",
@@ -62,6 +64,7 @@ __all__ = [
     "TwoPointOptions",
     "calibrate_distances",
     "calibrate_extrapolate",
+    "calibrate_import",
     "calibrate_pairs",
     "calibrate_plan",
     "calibrate_point",

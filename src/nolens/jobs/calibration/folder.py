@@ -13,7 +13,7 @@ from nolens.files import PSFS_FILE, write_psfs
 from nolens.jobs.fields import FilePath
 from nolens.jobs.options import RECORD, JobOptions, Option, Written
 from nolens.jobs.run import Product, Value, Writer
-from nolens.quantities import Length
+from nolens.quantities import Angle, Length
 
 
 def psf_folder(text: str) -> Option:
@@ -49,6 +49,14 @@ Reduced = Annotated[
 def distance_name(distance: Length | Literal["infinity"]) -> str:
     """A distance as the names of files have it, the same for 30 cm and 300 mm."""
     return f"{distance.mm:.6g}mm" if isinstance(distance, Length) else distance
+
+
+def place_name(distance: Length | Literal["infinity"], angle: tuple[Angle, Angle]) -> str:
+    """Place of a point source as the names of files have it: its distance, and angles but zero."""
+    text = distance_name(distance)
+    if any(each.deg != 0 for each in angle):
+        text += "".join(f"-{each.deg:.6g}deg" for each in angle)
+    return text
 
 
 class NewPsfOptions(JobOptions):

@@ -6,17 +6,23 @@ from typing import Annotated, ClassVar
 from pydantic import Field
 from torch import Tensor
 
-from nolens.calibrate.centring import PlacedPsf, place_psf
+from nolens.calibrate.centring import place_psf
 from nolens.calibrate.distances import Layers
 from nolens.calibrate.frames import PointFrames
 from nolens.calibrate.point_psf import StrayLight, point_psf, point_psf_bytes
 from nolens.camera import PsfEntry, Sensor
 from nolens.camera.part import PixelPitch
+from nolens.camera.psf import extrapolation_note
 from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
-from nolens.files import read_frame
+from nolens.files import read_frame, readable
 from nolens.files.psf_folder import PsfFolder
-from nolens.jobs.calibration.folder import NewPsfOptions, added, output_folder
+from nolens.jobs.calibration.folder import (
+    NewPsfOptions,
+    added,
+    output_folder,
+    place_name,
+)
 from nolens.jobs.fields import CAMERAS, RESULT, Exposure, FieldAngles, FilePath, Files, Mosaic, Name
 from nolens.jobs.options import Option
 from nolens.jobs.run import Product, Reporter, Run, job
@@ -117,29 +123,14 @@ class CalibratePointOptions(NewPsfOptions):
             RESULT,
         ),
     ] = "auto"
-    as_is: Annotated[
-        bool,
-        Option(
-            "The frames are a finished PSF, such as another group's: subtract its black level and "
-            "nothing else, and warn where frames of a camera would be refused. The middle of the "
-            "file is its zero shift.",
-            RESULT,
-            default="off",
-        ),
-    ] = False
     output: Annotated[FilePath, output_folder("calibrate")]
 
     def check_together(self) -> None:
-        """Refuse other times than frames, stray light of a finished PSF, and a frame twice."""
+        """Refuse other times than frames, and a frame twice."""
         if len(self.exposure) not in (0, 1, len(self.frames)):
             raise OptionError(
                 f"--exposure is given {len(self.exposure)} times for {len(self.frames)} "
                 "frames: give it once, for all of them, or once for each in their order"
-            )
-        if self.as_is and self.stray_light != "auto":
-            raise OptionError(
-                f"--as-is and --stray-light {self.stray_light} are both given: a PSF that is "
-                "taken as it is keeps its stray light. Leave one of them out"
             )
         twice = [path for path in self.frames if self.frames.count(path) > 1]
         both = [path for path in self.dark if path in self.frames]
@@ -152,10 +143,7 @@ class CalibratePointOptions(NewPsfOptions):
     @property
     def suffix(self) -> str:
         """Distance and angle, as the names of files have them."""
-        text = str(super().suffix)
-        if any(each.deg != 0 for each in self.angle):
-            text += "".join(f"-{each.deg:.6g}deg" for each in self.angle)
-        return text
+        return place_name(self.distance, self.angle)
 
 
 def _read_frames(
@@ -211,26 +199,28 @@ def calibrate_point(run: Run[CalibratePointOptions]) -> Product[Tensor]:
         pixel_um=entry.pixel.um,
         stray=options.stray_light,
         sensor=sensor,
-        as_is=options.as_is,
         progress=within(advance, 0.0, _MERGED_FRACTION),
     )
     reference = folder.reference(entry, (point.psf.shape[-2], point.psf.shape[-1]))
-    placed = PlacedPsf.as_is(point)
-    if not options.as_is:
-        placed = place_psf(
-            point,
-            entry.pixel.um,
-            distance_um=entry.distance_um,
-            angle=options.angle,
-            layers=None if camera is None else Layers.of_camera(camera),
-            reference=reference,
-            progress=within(advance, _MERGED_FRACTION, 1 - _MERGED_FRACTION),
-        )
+    placed = place_psf(
+        point.psf,
+        point.area,
+        entry.pixel.um,
+        distance_um=entry.distance_um,
+        angle=options.angle,
+        layers=None if camera is None else Layers.of_camera(camera),
+        reference=reference,
+        progress=within(advance, _MERGED_FRACTION, 1 - _MERGED_FRACTION),
+    )
     advance(1.0)
 
     usable = round(point.usable_per_mm, 2) or None
     entry = entry.model_copy(update={"frame": placed.frame, "usable_per_mm": usable})
-    run.warn(*warnings, *point.warnings(known_floor=bool(darks) or options.as_is), *placed.warnings)
+    run.warn(*warnings, *point.warnings(known_floor=bool(darks)), *placed.warnings)
+    size = placed.psf.shape[-2], placed.psf.shape[-1]
+    beyond = extrapolation_note(entry.file, placed.psf, size, readable(options.output))
+    if entry.on_axis and beyond is not None:
+        reporter.note(beyond)
     figures = {
         "camera": None if camera is None else camera.name,
         **entry.model_dump(mode="json"),

@@ -9,6 +9,7 @@ from torch import Tensor
 from nolens.amounts import rounded
 from nolens.camera import BlackLevel, Frame, black_level, check_psf, develop
 from nolens.camera.part import PixelPitch
+from nolens.camera.psf import extrapolation_note
 from nolens.design.focus import lenslet_figures
 from nolens.errors import OptionError
 from nolens.evaluate import PsfFigures, clipped_pixels, psf_figures
@@ -124,7 +125,9 @@ def measure_psf(run: Run[MeasurePsfOptions]) -> Product[PsfFigures]:
         )
     frame = read_frame(options.psf)
     loaded = run.camera_beside(options.camera, options.psf.parent)
-    pixel = PsfFolder(options.psf.parent).pixel_of(options.psf.name, options.pixel)
+    folder = PsfFolder(options.psf.parent)
+    pixel = folder.pixel_of(options.psf.name, options.pixel)
+    entry = next((each for each in folder.psfs if each.file == options.psf.name), None)
     if loaded is not None:
         check_pitch(pixel, frame, loaded)
     one = len(frame.channels) == 1 and frame.mosaic is None
@@ -134,6 +137,11 @@ def measure_psf(run: Run[MeasurePsfOptions]) -> Product[PsfFigures]:
         channels="all" if one else options.channels.lower(),
     )
     warnings = check_psf(measured, measured.values)
+    if entry is not None and entry.kind == "captured" and entry.on_axis:
+        place = readable(folder.path)
+        beyond = extrapolation_note(entry.file, measured.values, measured.size, place)
+        if beyond is not None:
+            run.reporter.note(beyond)
     run.begin()
     cell_um = pixel.um * (1 if frame.mosaic is None else 2)
     reduced_um = None
