@@ -59,7 +59,7 @@ def bench() -> VirtualExperiment:
 
 
 def quality(shot: SimulatedMeasurement, psf: Tensor) -> float:
-    scene = solved(shot.frame, psf, shot.region, iterations=60)
+    scene = solved(shot.frame, psf, shot.support, iterations=60)
     truth = shot.truth * shot.response
     return psnr(scale_fit(scene, truth), truth, 1.0)
 

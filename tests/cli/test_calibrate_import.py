@@ -10,7 +10,7 @@ import tifffile
 import torch
 from captured_scene import SENSOR, captured_set
 from captured_scene import wide as without_aperture
-from little_camera import REGION, Camera, quality
+from little_camera import SUPPORT, Camera, quality
 from point_frames import light_of
 from running import check_refused, listing, reconstruct, run
 
@@ -76,7 +76,7 @@ def test_colours_for_reconstruct(camera: Camera, tmp_path: Path) -> None:
     assert psf["pixel"] == "3.1 um" and psf["channels"] == ["R", "G", "B"]
     assert psf["black_stated"] and psf["background_counts"] == [0, 0, 0]
     pictures = [
-        reconstruct(tmp_path / f"{number}.tif", camera.raw, "--psf", each, "--support", REGION)
+        reconstruct(tmp_path / f"{number}.tif", camera.raw, "--psf", each, "--support", SUPPORT)
         for number, each in enumerate((camera.psf, tmp_path / "theirs" / "psf-300mm.tif"))
     ]
     assert psnr(scale_fit(*pictures), pictures[1], float(pictures[1].max())) > 40

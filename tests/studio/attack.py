@@ -276,7 +276,8 @@ def odd_requests() -> Iterator[tuple[str, str, bytes]]:
     ]
     options = {
         "psf": ("camera", "light", "depth", "angle"), "reconstruct": ("measurement", "psf", "tau"),
-        "calibrate": ("name", "frames", "distance"), "design-look": ("thickness",),
+        "calibrate": ("name", "frames", "distance"), "calibrate-import": ("psfs", "distance"),
+        "design-look": ("thickness",),
         "design-thickness": ("material", "name"), "fabricate": ("tolerances", "thickness"),
         "refocus": ("psfs", "measurement"), "preview": ("path",), "measure-field": ("dots",),
     }  # fmt: skip

@@ -4,14 +4,17 @@ Every test also holds that no request leaves this machine, and that neither an e
 of the content security policy is told on the console.
 """
 
+import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import tifffile
 from browser import Visit, await_text, needs_chromium, picture_of
 from PIL import Image
 
+from nolens.files import read_psf_set
 from patience import until
 
 pytestmark = needs_chromium
@@ -208,6 +211,31 @@ def test_click_focuses_on_a_point(visit: Visit, shot: str) -> None:
     far = page.locator("#depth-picture").get_attribute("src")
     assert near != far and first in (near, far)
     visit.keep("refocus")
+
+
+def test_psf_from_elsewhere(visit: Visit, studio_folder: Path) -> None:
+    """Another group's file becomes the PSF of a folder, and the page says what was done to it."""
+    rows, columns = np.mgrid[-60:60, -50:50]
+    counts = 200 + 60000 * np.exp(-(rows**2 + columns**2) / 60)
+    stored = io.BytesIO()
+    tifffile.imwrite(stored, counts.clip(0, 40000).astype(np.uint16), photometric="minisblack")
+    page = visit.show("calibrate")
+    page.get_by_label("Description").select_option("")
+    page.get_by_label("Folder of its PSFs").fill("theirs")
+    page.get_by_text("Or import PSFs from elsewhere").click()
+    page.get_by_label("PSF files").set_input_files(
+        {"name": "lab.tif", "mimeType": "", "buffer": stored.getvalue()}
+    )
+    page.get_by_label("Distances of the PSFs").fill("20cm")
+    page.get_by_label("Pitch of the pixels").fill("3.1um")
+    page.get_by_label("Size of the sensor").fill("120x160")
+    page.get_by_role("button", name="Import", exact=True).click()
+    assert "from its dark area" in await_text(page, ".steps .figures", "120 × 160 pixels of 3.1 um")
+    assert page.get_by_text("60 dark columns are added around its middle").is_visible()
+    wide = "() => document.documentElement.scrollWidth - innerWidth"
+    assert page.evaluate(wide) <= 0
+    (entry,) = read_psf_set(studio_folder / "nolens-studio" / "cameras" / "theirs").psf
+    assert entry.distance.mm == 200 and entry.file == "psf-200mm.tif"
 
 
 def test_what_cannot_be_done_is_said_in_words(visit: Visit) -> None:

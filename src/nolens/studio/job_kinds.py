@@ -128,6 +128,13 @@ KINDS: dict[JobKind, Kind] = {
         _camera,
         own={"name": "Folder of its PSFs"},
     ),
+    "calibrate-import": Kind(
+        "Import",
+        "calibrate_import",
+        ("name", "psfs"),
+        _camera,
+        own={"name": "Folder of its PSFs"},
+    ),
     "design-thickness": Kind(
         "Thickness for",
         "design_thickness",

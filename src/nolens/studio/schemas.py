@@ -13,6 +13,7 @@ JobKind = Literal[
     "simulate",
     "psf",
     "calibrate",
+    "calibrate-import",
     "design-thickness",
     "design-look",
     "fabricate",

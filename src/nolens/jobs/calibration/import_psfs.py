@@ -80,7 +80,7 @@ class CalibrateImportOptions(JobOptions):
             _PLACES,
             needed="that of the point source from the camera (--distance 300mm, or infinity; once "
             "for each PSF)",
-            label="Distance from the mask",
+            label="Distances of the PSFs",
         ),
     ]
     angle: Annotated[
@@ -91,6 +91,7 @@ class CalibrateImportOptions(JobOptions):
             "for each PSF in their order. One at an angle shows the sensor as it was, not centred.",
             _PLACES,
             default="straight ahead",
+            label="Field angles",
         ),
     ] = ()
     pixel: Annotated[
@@ -98,7 +99,7 @@ class CalibrateImportOptions(JobOptions):
         Option(
             "Distance of the pixels in the PSFs' files, such as 3.1um, where no camera is known.",
             _CAMERA,
-            label="Pixel pitch",
+            label="Pitch of the pixels",
         ),
     ] = None
     camera: Annotated[
@@ -116,6 +117,7 @@ class CalibrateImportOptions(JobOptions):
             "HEIGHTxWIDTH of the sensor in pixels of the PSF, whose dark sides were cut off: it "
             "gets dark pixels around its middle. What is larger in one direction is cut.",
             _CAMERA,
+            label="Size of the sensor",
             default="the camera's, that of the folder's PSFs, or the first file's",
         ),
     ] = None
@@ -127,6 +129,7 @@ class CalibrateImportOptions(JobOptions):
             'Black level in counts, or "auto": read off the darkest corner.',
             INPUT,
             default="what the file says, or the area that an aperture keeps dark",
+            label="Black level",
         ),
     ] = None
     white: White = None
@@ -136,7 +139,12 @@ class CalibrateImportOptions(JobOptions):
     bgr: Bgr = False
     channels: Channels = "all"
     bin: Annotated[
-        Bin, Option("Average NxN pixels of a file that is finer than the camera's frames.", INPUT)
+        Bin,
+        Option(
+            "Average NxN pixels of a file that is finer than the camera's frames.",
+            INPUT,
+            label="Binning",
+        ),
     ] = 1
     centre: Annotated[
         Literal["file", "light"],
@@ -144,6 +152,7 @@ class CalibrateImportOptions(JobOptions):
             "file takes the middle of the file for the zero shift; light moves it there as nolens "
             "calibrate does: the PSF is laid over that of another distance, or its light centred.",
             RESULT,
+            label="Zero shift",
         ),
     ] = "file"
     output: Annotated[FilePath, output_folder("import")]

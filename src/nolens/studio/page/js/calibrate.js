@@ -12,6 +12,7 @@ import { fileLinks, JobView, run } from "./jobs.js";
 import { draw, live } from "./live.js";
 import { option } from "./names.js";
 import { banner, told } from "./notices.js";
+import { PsfImport } from "./psf_import.js";
 import { LightControls } from "./viewfinder_light.js";
 
 const FRAMES = 8;
@@ -93,6 +94,7 @@ class Calibrate {
     this.maker = button("Make the PSF", told(() => this.make()), { class: "primary" });
     this.job = new JobView({ keep: "calibrate" });
     this.result = h("div", { class: "stage" });
+    this.elsewhere = new PsfImport(() => ({ name: this.name.value.trim(), camera: this.camera.value }));
     /** @type {string | null} what the twin looked at before */
     this.before = null;
     this.held = false;
@@ -110,7 +112,8 @@ class Calibrate {
         step(group("3 Exposure", ...this.light.elements, this.advice)),
         step(group("4 Frames", h("p", {}, "Their mean has less noise. The exposure is held from here on."), ...this.frames.elements)),
         step(group("5 Dark frames", h("p", {}, "Cover the point source, and leave the room and the exposure as they are."), ...this.darks.elements)),
-        step(group("6 PSF", h("div", { class: "row" }, this.maker), this.job.element)))), this.result);
+        step(group("6 PSF", h("div", { class: "row" }, this.maker), this.job.element)),
+        step(this.elsewhere.element))), this.result);
     addEventListener("pagehide", told(() => this.back()));
     /** @type {import("./live.js").Viewer} */
     this.viewer = {
