@@ -41,7 +41,6 @@ from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.run import Product, Run, job
 from nolens.quantities import Angle
 
-_PLACES, _CAMERA = "Places of the point source", "Camera"
 _AHEAD = (Angle("0", "deg"), Angle("0", "deg"))
 
 
@@ -75,9 +74,8 @@ class CalibrateImportOptions(JobOptions):
         Distances,
         Field(min_length=1),
         Option(
-            "Of the point source from the camera, such as 300mm, or infinity: once for all PSFs, "
-            "or once for each in their order.",
-            _PLACES,
+            "Distance of the point source from the camera, such as 300mm, or infinity: once for "
+            "all, or once for each in their order.",
             needed="that of the point source from the camera (--distance 300mm, or infinity; once "
             "for each PSF)",
             label="Distances of the PSFs",
@@ -89,7 +87,6 @@ class CalibrateImportOptions(JobOptions):
         Option(
             "Field angles of the point source, to the right and up, such as 20deg,-10deg: once "
             "for each PSF in their order. One at an angle shows the sensor as it was, not centred.",
-            _PLACES,
             default="straight ahead",
             label="Field angles",
         ),
@@ -98,7 +95,6 @@ class CalibrateImportOptions(JobOptions):
         PixelPitch | None,
         Option(
             "Distance of the pixels in the PSFs' files, such as 3.1um, where no camera is known.",
-            _CAMERA,
             label="Pitch of the pixels",
         ),
     ] = None
@@ -106,7 +102,6 @@ class CalibrateImportOptions(JobOptions):
         Name | None,
         Option(
             f"Description of the camera: {CAMERAS}; it is copied into the folder.",
-            _CAMERA,
             default="camera.toml of the folder, if it has one",
             role="camera",
         ),
@@ -116,7 +111,6 @@ class CalibrateImportOptions(JobOptions):
         Option(
             "HEIGHTxWIDTH of the sensor in pixels of the PSF, whose dark sides were cut off: it "
             "gets dark pixels around its middle. What is larger in one direction is cut.",
-            _CAMERA,
             label="Size of the sensor",
             default="the camera's, that of the folder's PSFs, or the first file's",
         ),
