@@ -66,6 +66,7 @@ class CalibrateImportOptions(JobOptions):
             needed="the files of the PSFs (nolens calibrate import PSF... --distance 300mm -o "
             "FOLDER)",
             role="input",
+            what="PSF",
             positional=True,
             label="PSFs",
         ),
@@ -196,16 +197,10 @@ class CalibrateImportOptions(JobOptions):
         return tuple(zip(distances, angles, strict=True))
 
     @property
-    def files(self) -> tuple[str, ...]:
+    def psf_files(self) -> tuple[str, ...]:
         """Name of each PSF in the folder."""
         begin = "extended" if self.psf_extent == "wide" else "psf"
         return tuple(f"{begin}-{place_name(*each)}.tif" for each in self.places)
-
-    @property
-    def inputs(self) -> dict[str, Path]:
-        """PSFs and dark frame, by role."""
-        psfs = {f"PSF {number}": path for number, path in enumerate(self.psfs, start=1)}
-        return psfs if self.dark is None else {**psfs, "dark frame": self.dark}
 
     @property
     def output_folder(self) -> Path:
@@ -218,13 +213,10 @@ class CalibrateImportOptions(JobOptions):
         return self.output / f"import-{place_name(*self.places[0])}.json"
 
     @property
-    def written(self) -> tuple[Written, ...]:
-        """PSFs, list and record."""
-        return (
-            *(Written(f"PSF {each}", self.output / each) for each in self.files),
-            Written("list of PSFs", self.output / PSFS_FILE),
-            Written("record of the run", self.record),
-        )
+    def files(self) -> tuple[Written, ...]:
+        """PSFs and list."""
+        psfs = (Written(f"PSF {each}", self.output / each) for each in self.psf_files)
+        return (*psfs, Written("list of PSFs", self.output / PSFS_FILE))
 
 
 @job
@@ -326,7 +318,7 @@ def _entry(
     distance, angle = options.places[number]
     folder.check_channels(imported.channels, ", or --channels grey where the folder's are grey")
     entry = PsfEntry(
-        file=options.files[number],
+        file=options.psf_files[number],
         pixel=folder.pitch(options.pixel, imported.merged),
         channels=imported.channels,
         distance=distance,
