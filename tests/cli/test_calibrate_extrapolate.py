@@ -105,8 +105,8 @@ class Impatient:
 
     warn = note
 
-    def step(self, what: str, done: int, limit: int, kept: str) -> bool:
-        assert (what, limit, kept) == ("step", 8, "the PSF")
+    def step(self, what: str, done: int, limit: int, result: str) -> bool:
+        assert (what, limit, result) == ("step", 8, "the PSF")
         return done >= 2
 
 

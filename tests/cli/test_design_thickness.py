@@ -41,7 +41,7 @@ def test_paper() -> None:
     assert [round(value(told, "thickness_mm", n), 2) for n in (0, 1)] == [1.46, 1.30]
     assert [round(off(told, "thickness_mm", n), 2) for n in (0, 1)] == [0.39, 0.37]
     assert [round(each["printed_thickness_mm"], 2) for each in (pdms, pua)] == [1.43, 1.28]
-    assert pua["thickness_mm"]["shares"] == {"film distance": 1.0}
+    assert pua["thickness_mm"]["fractions"] == {"film distance": 1.0}
     focal = told["radius_mm"]["value"] / 0.47
     assert value(told, "focal_length_mm", 1) == pytest.approx(focal)
     assert value(told, "focal_length_in_material_mm", 1) == pytest.approx(1.47 * focal)

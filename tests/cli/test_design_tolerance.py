@@ -73,7 +73,7 @@ def test_files_say_what_was_found(tmp_path: Path, few: Path) -> None:
     assert told["levels"]["90 %"] == figures[359] and told["levels"]["50 %"] == figures[199]
     passed = sum(figure <= told["limit"] for figure in figures)
     assert told["limit"] == pytest.approx(1.05 * told["nominal"])
-    assert told["yield"]["passed"] == passed and told["yield"]["share"] == passed / 400
+    assert told["yield"]["passed"] == passed and told["yield"]["fraction"] == passed / 400
     low, high = told["yield"]["interval_95"]
     assert low < passed / 400 < high
     assert told["mean"] == pytest.approx(sum(figures) / 400)
@@ -83,13 +83,14 @@ def test_files_say_what_was_found(tmp_path: Path, few: Path) -> None:
 
     solved = told["solved"]
     assert solved["verdict"] == "found" and solved["parameter"] == "resin.thickness"
-    assert solved["reached"]["share"] >= 0.9
+    assert solved["reached"]["fraction"] == solved["reached"]["share"] >= 0.9
+    assert solved["target_yield"] == solved["wanted_yield"] == 0.9
     # With that tolerance the yield is the one that it was found for.
     few.write_text(FEW.replace("300 um", f"{solved['tolerance']} um"))
     again = studied(*QUICK, few, *asked[:4], "-o", tmp_path / "again")
     assert again["yield"] == solved["reached"]
     few.write_text(FEW.replace("300 um", f"{1.05 * solved['tolerance']} um"))
-    assert studied(*QUICK, few, *asked[:4], "-o", out)["yield"]["share"] < 0.9
+    assert studied(*QUICK, few, *asked[:4], "-o", out)["yield"]["fraction"] < 0.9
 
 
 def test_more_trials_begin_with_the_same_and_a_seed_changes_them(tmp_path: Path, few: Path) -> None:

@@ -167,7 +167,7 @@ def test_picture_of_dots(tmp_path: Path) -> None:
     write_tiff32(tmp_path / "dots.tif", dots())
     asked = ("--dot-pitch", "24mm", "--distance", "300mm", "--camera", "small", "--extent", "29deg")
     told = measured("--dots", tmp_path / "dots.tif", *asked, "--plot", tmp_path / "plot.png")
-    assert told["pitch_found_mm"] == pytest.approx(24, rel=2e-3)
+    assert told["measured_pitch_mm"] == pytest.approx(24, rel=2e-3)
     assert told["good_deg"] == pytest.approx(29, abs=2) and told["lost_deg"] is None
     assert len(told["dots"]) > 100 and max(d["error_pixels"] for d in told["dots"]) < 0.2
     assert (tmp_path / "plot.png").exists() and (tmp_path / "plot.json").exists()

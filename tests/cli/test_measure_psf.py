@@ -90,12 +90,12 @@ def test_channels(tmp_path: Path) -> None:
 
 def test_noise_and_black_are_taken_as_given(psf: Path, tmp_path: Path) -> None:
     told = measured(psf, "--pixel", "1um", "--noise", "0.01")
-    assert told["noise"] == 0.01 and told["noise_given"]
-    assert not measured(psf, "--pixel", "1um")["noise_given"]
+    assert told["noise"] == 0.01 and told["noise_known"]
+    assert not measured(psf, "--pixel", "1um")["noise_known"]
     raised = save(tmp_path / "raised.npy", spots() + 0.2)
-    assert measured(raised, "--pixel", "1um")["background_share"] > 0.5
+    assert measured(raised, "--pixel", "1um")["background_fraction"] > 0.5
     told = measured(raised, "--pixel", "1um", "--black", "0.2")
-    assert abs(told["background_share"]) < 1e-3
+    assert abs(told["background_fraction"]) < 1e-3
 
 
 def test_plot_and_record(psf: Path, tmp_path: Path) -> None:

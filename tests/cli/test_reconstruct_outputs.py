@@ -118,6 +118,8 @@ def test_record(camera: Camera, tmp_path: Path) -> None:
     assert parameters["support"] == SUPPORT and parameters["balance"] is True
     assert parameters["relaxation"] == 1.8 and parameters["penalties"] is None
     assert parameters["channel_names"] == ["R", "G", "B"]
+    # The version before called it period.
+    assert parameters["fft_grid"] == parameters["period"] and min(parameters["fft_grid"]) > 24
     history = record["history"]
     assert [row["iteration"] for row in history] == [4, 8, 12]
     for row in history:

@@ -92,9 +92,9 @@ class Watcher:
 
     def warn(self, text: str) -> None: ...
 
-    def advance(self, what: str, share: float) -> None: ...
+    def advance(self, what: str, fraction: float) -> None: ...
 
-    def step(self, what: str, done: int, limit: int, kept: str) -> bool:
+    def step(self, what: str, done: int, limit: int, result: str) -> bool:
         return False
 
     def progress(self, progress: Progress, limit: int) -> bool:

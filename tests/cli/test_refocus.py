@@ -364,7 +364,7 @@ def test_a_picture_that_is_ended_is_said_to_be(made: Path, tmp_path: Path) -> No
     options = jobs.RefocusOptions.gather({**values, **depths})
 
     class Ended(jobs.Reporter):
-        def step(self, what: str, done: int, limit: int, kept: str) -> bool:
+        def step(self, what: str, done: int, limit: int, result: str) -> bool:
             return True
 
     summary = jobs.refocus(options, Ended()).summary

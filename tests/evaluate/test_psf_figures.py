@@ -152,11 +152,11 @@ def test_white_noise_is_told_and_taken_off(noise):
     clean = clean / clean.max()
     noisy = clean + noise * torch.randn(clean.shape, generator=torch.manual_seed(5))
     found, truth = psf_figures(noisy, CELL_UM), psf_figures(clean, CELL_UM)
-    assert not found.noise_given
+    assert not found.noise_known
     assert found.noise == pytest.approx(noise, rel=0.05)
     assert truth.noise < 1e-6
     assert found.fwhm_um == pytest.approx(truth.fwhm_um, rel=0.01)
-    assert abs(found.background_share) < 0.05
+    assert abs(found.background_fraction) < 0.05
     assert found.contrast == pytest.approx(truth.contrast, rel=0.01)
     assert found.sparsity == pytest.approx(truth.sparsity, rel=0.01)
     # Of the magnitude too, where noise is a good part of it.
@@ -164,7 +164,7 @@ def test_white_noise_is_told_and_taken_off(noise):
     near = slice(high - 3, high + 4)
     assert sum(found.magnitude[near]) == pytest.approx(sum(truth.magnitude[near]), rel=0.15)
     given_too = psf_figures(noisy, CELL_UM, noise=noise)
-    assert given_too.noise_given and given_too.noise == pytest.approx(noise)
+    assert given_too.noise_known and given_too.noise == pytest.approx(noise)
     # Where the spots' power, which is known, has come down to the noise's.
     power = len(places) * (2 * math.pi * 2.5**2 * float(spots(places, 2.5).max())) ** -2
     power *= (2 * math.pi * 2.5**2) ** 2
@@ -207,7 +207,7 @@ def test_unit_level_and_cell(factor, level, cell_um):
     assert other.lowest_magnitude == pytest.approx(one.lowest_magnitude, rel=1e-3)
     mean = float(pattern.mean())
     share = level * top / (level * top + mean)
-    assert other.background_share == pytest.approx(share, abs=2e-3)
+    assert other.background_fraction == pytest.approx(share, abs=2e-3)
     assert other.contrast == pytest.approx(one.contrast * (1 - share), rel=1e-3, abs=1e-6)
     assert math.tan(math.radians(other.line_deg)) == pytest.approx(other.line_width_um / 1000.0)
     assert math.tan(math.radians(other.usable_deg)) == pytest.approx(0.5 / other.usable_per_mm)
@@ -222,7 +222,7 @@ def test_curves_say_what_the_figures_say():
     assert lag[half - 1] <= found.fwhm_um / 2 <= lag[half]
     # By another way: the row's line of the frame that stands in zeros.
     pattern = spots(lattice(14, staggered=True, jitter=0.03), 2.5)
-    pattern = trimmed(pattern - found.background_share * float(pattern.mean()))
+    pattern = trimmed(pattern - found.background_fraction * float(pattern.mean()))
     (rows, columns), cells = pattern.shape, pattern.numel()
     mean = float(pattern.mean())
     line = [

@@ -168,8 +168,8 @@ def test_simulated_grid(bench: VirtualExperiment) -> None:
     assert abs(grid.pose.turned_deg) < 0.3
     middle = grid.picture.shape[0] // 2
     for dot in grid.dots:
-        assert dot.found is not None and dot.light is not None and dot.grade == "good"
-        away = [(at - middle) * CELL_UM for at in dot.found]
+        assert dot.position is not None and dot.light is not None and dot.grade == "good"
+        away = [(at - middle) * CELL_UM for at in dot.position]
         reach = snell_um(math.tan(math.radians(dot.angle_deg)), bench.twin)
         assert math.hypot(*away) == pytest.approx(reach, abs=0.2 * CELL_UM)
         assert dot.light == pytest.approx(dot.expected_light, abs=0.15)

@@ -107,7 +107,7 @@ def test_every_row_is_there_and_the_same_seed_gives_the_same_bytes(
     assert timing["machine"] in one["reproduction.md"].decode()
     for picture in re.findall(r"\]\((pictures/[^)]+)\)", one["reproduction.md"].decode()):
         assert picture in one
-    assert watcher.shares == sorted(watcher.shares)
+    assert watcher.fractions == sorted(watcher.fractions)
 
 
 def test_steps_of_another_seed_are_not_taken(tmp_path: Path) -> None:

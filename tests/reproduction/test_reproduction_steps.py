@@ -43,8 +43,8 @@ def test_a_result_is_kept_to_the_bit_and_not_done_again(tmp_path: Path) -> None:
         assert found["three"].figures == {"third": 1 / 3, "none": None}
         assert torch.equal(found["three"].arrays["values"], expected)
         assert found["three"].seconds["part"] == 0.5
-    assert watcher.shares == sorted(watcher.shares)
-    assert watcher.shares[0] == 0 and max(watcher.shares) == 0.75
+    assert watcher.fractions == sorted(watcher.fractions)
+    assert watcher.fractions[0] == 0 and max(watcher.fractions) == 0.75
 
 
 def test_time_left_goes_by_the_work_that_is_done(

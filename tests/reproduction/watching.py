@@ -9,7 +9,7 @@ class Watcher(Reporter):
     def __init__(self) -> None:
         self.notes: list[str] = []
         self.warnings: list[str] = []
-        self.shares: list[float] = []
+        self.fractions: list[float] = []
 
     def note(self, text: str) -> None:
         self.notes.append(text)
@@ -17,5 +17,5 @@ class Watcher(Reporter):
     def warn(self, text: str) -> None:
         self.warnings.append(text)
 
-    def advance(self, what: str, share: float) -> None:
-        self.shares.append(share)
+    def advance(self, what: str, fraction: float) -> None:
+        self.fractions.append(fraction)

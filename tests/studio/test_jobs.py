@@ -115,7 +115,7 @@ def test_cancelled_job_keeps_the_picture_so_far(studio: Running) -> None:
     studio.until(f"jobs/{identity}", lambda job: len(job["history"]) > 2)
     assert studio.get(f"jobs/{waiting}")["status"] == "queued"
     progress = studio.get(f"jobs/{identity}")["progress"]
-    assert progress["what"] == "iteration" and 0 < progress["share"] < 1
+    assert progress["what"] == "iteration" and 0 < progress["fraction"] < 1
     assert progress["limit"] == 100_000 and progress["seconds_left"] > 1
     studio.post(f"jobs/{identity}/cancel")
     job = studio.ended(identity)
@@ -203,13 +203,20 @@ def test_a_reload_and_a_new_studio_find_all_jobs(studio: Running, tmp_path: Path
     listed = studio.get("jobs")["jobs"]
     folder = studio.work / "jobs" / "20200101-000000-preview-abcdef"
     folder.mkdir()
-    lost = {"id": folder.name, "kind": "preview", "title": "Preview x", "status": "running"}
+    lost: dict[str, object] = {
+        "id": folder.name,
+        "kind": "preview",
+        "title": "Preview x",
+        "status": "running",
+    }
+    lost["progress"] = {"what": "preview", "share": 0.25}  # As the version before wrote it.
     (folder / "job.json").write_text(json.dumps(lost))
     with serving(studio.work) as again:
         found = {each["id"]: each for each in again.get("jobs")["jobs"]}
         assert all(found[each["id"]]["status"] == each["status"] for each in listed)
         assert found[folder.name]["status"] == "failed"
         assert "was stopped" in found[folder.name]["error"]
+        assert found[folder.name]["progress"]["fraction"] == 0.25
         assert again.get(f"jobs/{done}") == studio.get(f"jobs/{done}")
 
 

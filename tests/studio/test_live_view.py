@@ -107,7 +107,7 @@ def test_shows_the_scene(studio: Running) -> None:
         histogram = np.array([header["histogram"][name] for name in "RGB"])
         assert histogram.shape == (3, 64)
         assert histogram.sum(axis=1).tolist() == [128 * 160, 2 * 128 * 160, 128 * 160]
-        assert header["clipped_share"] < 0.01
+        assert header["clipped_fraction"] < 0.01
         assert header["latency_ms"] > 0 and header["iterations"] >= 1
         assert studio.get("live")["scene"] == "chart"
 
@@ -119,7 +119,7 @@ def test_exposes_by_itself_and_as_it_is_told(studio: Running) -> None:
         frame_until(socket, lambda header, _: header["exposure_s"] == 0.002)
         studio.post("live/settings", {"exposure_s": 0.2, "gain": 8.0})
         clipped, _ = frame_until(socket, lambda header, _: header["exposure_s"] == 0.2)
-        assert clipped["clipped_share"] > 0.1
+        assert clipped["clipped_fraction"] > 0.1
         studio.post("live/settings", {"exposure_s": None, "gain": 1.0})
         frames = []
 

@@ -109,9 +109,9 @@ class _CallbackReporter(Reporter):
     def __init__(self, report: Callable[[float], None]) -> None:
         self._report = report
 
-    def advance(self, what: str, share: float) -> None:
-        self._report(share)
+    def advance(self, what: str, fraction: float) -> None:
+        self._report(fraction)
 
-    def step(self, what: str, done: int, limit: int, kept: str) -> bool:
+    def step(self, what: str, done: int, limit: int, result: str) -> bool:
         self._report(done / limit)
         return False

@@ -35,11 +35,11 @@ class Watcher(Protocol):
     def note(self, text: str) -> None:
         """Say something a person should know before it happens."""
 
-    def advance(self, what: str, share: float) -> None:
+    def advance(self, what: str, fraction: float) -> None:
         """See how much of a piece of work is done, from 0 to 1."""
 
-    def step(self, what: str, done: int, limit: int, kept: str) -> bool:
-        """See how many frames are taken; True ends the series."""
+    def step(self, what: str, done: int, limit: int, result: str) -> bool:
+        """See how many frames are taken; True ends the series, and `result` so far stays."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class TakenFrame:
         The frame.
     levels
         How it fills its range.
-    asked_s
+    request_s
         Exposure time that the camera was set to, or that it reports where none can be set.
     frames
         How many it is the mean of.
@@ -106,7 +106,7 @@ class TakenFrame:
 
     shot: Shot
     levels: Levels
-    asked_s: float
+    request_s: float
     frames: int = 1
 
     def figures(self) -> dict[str, Any]:
@@ -171,7 +171,7 @@ class FrameNames:
             self._number += 1
             name += f"-{self._number:04d}"
         if self._series.bracket > 1:
-            name += f"-{1e3 * taken.asked_s:.4g}ms"
+            name += f"-{1e3 * taken.request_s:.4g}ms"
         # Not with_suffix: what follows the last dot of the name may be part of a number.
         return self.folder / f"{name}{self._suffix or self._default_suffix(taken.shot)}"
 
@@ -261,7 +261,7 @@ class SeriesCapture:
             "source": self._source.name,
             "kind": series.kind,
             "frames": self._taken,
-            "asked": {
+            "request": {
                 "exposure_s": None if math.isnan(self._times[0]) else self._times[0],
                 "gain": series.gain,
                 "bracket": series.bracket,
@@ -378,8 +378,8 @@ class SeriesCapture:
         return levels
 
     def _hand_over(self, shot: Shot, levels: Levels, exposure_s: float, frames: int) -> None:
-        asked_s = shot.exposure_s if math.isnan(exposure_s) else exposure_s
-        self._write(TakenFrame(shot, levels, asked_s, frames))
+        request_s = shot.exposure_s if math.isnan(exposure_s) else exposure_s
+        self._write(TakenFrame(shot, levels, request_s, frames))
 
     def _step(self) -> bool:
         total = self._series.total or self._taken + 1

@@ -17,15 +17,15 @@ class CaptureTerminal(TerminalReporter, CaptureReporter):
 
     def __init__(self) -> None:
         super().__init__()
-        self._seen = ""
+        self._histogram = ""
 
     def levels(self, levels: Levels) -> None:
         """See how bright the newest frame is."""
-        self._seen = histogram_text(levels)
+        self._histogram = histogram_text(levels)
 
-    def step(self, what: str, done: int, limit: int, kept: str, state: str = "") -> bool:
+    def step(self, what: str, done: int, limit: int, result: str, state: str = "") -> bool:
         """Show how many frames are taken; True if the person wants to stop."""
-        return super().step(what, done, limit, kept, state or self._seen)
+        return super().step(what, done, limit, result, state or self._histogram)
 
 
 def histogram_text(levels: Levels) -> str:
@@ -65,14 +65,14 @@ def _lines(summary: dict[str, Any]) -> list[str]:
 
 def _next(summary: dict[str, Any]) -> list[str]:
     """What is done with frames of a point source."""
-    lines, asked = [], summary["asked"]
-    if asked["exposure_s"] is not None:
-        more = f" --gain {asked['gain']:g}" if asked["gain"] != 1 else ""
-        if asked["bracket"] > 1:
-            more += f" --bracket {asked['bracket']} --factor {asked['factor']:g}"
+    lines, request = [], summary["request"]
+    if request["exposure_s"] is not None:
+        more = f" --gain {request['gain']:g}" if request["gain"] != 1 else ""
+        if request["bracket"] > 1:
+            more += f" --bracket {request['bracket']} --factor {request['factor']:g}"
         lines.append(
             f"then, with the camera covered: nolens capture --dark --exposure "
-            f"{1e3 * asked['exposure_s']:.6g}ms{more} --frames 8 -o dark"
+            f"{1e3 * request['exposure_s']:.6g}ms{more} --frames 8 -o dark"
         )
     return [*lines, "then: nolens calibrate POINT... --dark DARK... --distance 300mm -o mycamera"]
 

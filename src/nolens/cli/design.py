@@ -82,7 +82,7 @@ def _replica_lines(replica: dict[str, Any]) -> list[str]:
         f"{replica['depth_of_focus_in_material_mm']['value']:.2f} mm of the layer, end to end",
         f"  lines of the pattern about {replica['line_width_um']['value']:.1f} µm wide{edge}",
     ]
-    fractions = replica["thickness_mm"].get("shares", {})
+    fractions = replica["thickness_mm"].get("fractions", {})
     parts = replica["thickness_mm"].get("parts", {})
     if len(fractions) > 0:
         ordered = sorted(fractions, key=lambda each: -fractions[each])
@@ -183,12 +183,12 @@ def _trial_lines(summary: dict[str, Any]) -> list[str]:
 
 def _yield(good: dict[str, Any]) -> str:
     low, high = good["interval_95"]
-    return f"{100 * good['share']:.1f} % (95 % interval {100 * low:.1f} to {100 * high:.1f} %)"
+    return f"{100 * good['fraction']:.1f} % (95 % interval {100 * low:.1f} to {100 * high:.1f} %)"
 
 
 def _solution(solved: dict[str, Any]) -> str:
     allowed = f"± {amount(solved['tolerance'], solved['unit'])}"
-    target, reached = f"{100 * solved['wanted_yield']:g} %", _yield(solved["reached"])
+    target, reached = f"{100 * solved['target_yield']:g} %", _yield(solved["reached"])
     if solved["verdict"] == "impossible":
         return (
             f"no tolerance of {solved['parameter']} gives a yield of {target}: even with none it "

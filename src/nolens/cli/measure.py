@@ -107,7 +107,7 @@ def _dots_lines(summary: dict[str, Any]) -> list[str]:
     good, lost = summary["good_deg"], summary["lost_deg"]
     return [
         f"{len(summary['dots'])} dots: " + ", ".join(f"{n} {name}" for name, n in counts.items()),
-        f"{summary['pitch_found_mm']:.3f} mm apart, turned by {summary['turned_deg']:.2f}°",
+        f"{summary['measured_pitch_mm']:.3f} mm apart, turned by {summary['turned_deg']:.2f}°",
         "good: " + ("nowhere" if good is None else f"up to {good:.1f}°"),
         "lost: " + ("nowhere" if lost is None else f"from {lost:.1f}° on"),
     ]
@@ -125,10 +125,10 @@ def _psf_lines(summary: dict[str, Any]) -> list[str]:
         + ("unknown" if pitch is None else f"{pitch:.2f} µm")
         + ("" if row is None else f"; {row:.2f} µm along the rows"),
         f"contrast {summary['contrast']:.3g}, {100 * summary['sparsity']:.1f} % of the area is "
-        f"dark, {100 * summary['background_share']:.1f} % of the light is background",
+        f"dark, {100 * summary['background_fraction']:.1f} % of the light is background",
         f"spectral magnitude at least {summary['lowest_magnitude']:.2g} up to the lines' "
         f"{summary['line_per_mm']:.1f}/mm; noise {summary['noise_magnitude']:.2g}, "
-        + ("given" if summary["noise_given"] else "estimated"),
+        + ("given" if summary["noise_known"] else "estimated"),
         _clear(summary["clear_bands_per_mm"]),
     ]
     if summary["line_deg"] is not None:

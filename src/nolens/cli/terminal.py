@@ -70,19 +70,19 @@ class TerminalReporter(Reporter):
         """Say what may make the picture worse than it could be."""
         say(f"warning: {text}")
 
-    def advance(self, what: str, share: float) -> None:
+    def advance(self, what: str, fraction: float) -> None:
         """Show how much of a piece of work is done, from 0 to 1."""
         self._promise = None
-        self._show(what, what, f"{100 * share:.0f} %", share, 1.0)
+        self._show(what, what, f"{100 * fraction:.0f} %", fraction, 1.0)
 
     def progress(self, progress: Iteration, limit: int) -> bool:
         """Show an iteration; True if the person wants to stop."""
         state = f"objective {progress.objective:.4g}"
         return self.step("iteration", progress.iteration, limit, "the picture", state)
 
-    def step(self, what: str, done: int, limit: int, kept: str, state: str = "") -> bool:
+    def step(self, what: str, done: int, limit: int, result: str, state: str = "") -> bool:
         """Show how many steps are done; True if the person wants to stop and keep what there is."""
-        self._promise = f"stopping after this {what}; {kept} so far will be written"
+        self._promise = f"stopping after this {what}; {result} so far will be written"
         self._show(what, f"{what} {done}/{limit}", state, done, limit)
         return self.interrupted
 

@@ -135,7 +135,7 @@ class Propagated(Uncertain):
         summary = super().summary(scale)
         if self.parts:
             summary["parts"] = {name: part * scale for name, part in self.parts.items()}
-            summary["shares"] = self.fractions
+            summary["fractions"] = self.fractions
         return summary
 
 

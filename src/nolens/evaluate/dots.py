@@ -186,7 +186,7 @@ def _window(
 
 @dataclass(frozen=True)
 class Dot:
-    """One dot of a grid, as it should be and as it was found.
+    """One dot of a grid, as it should be and as it is.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ class Dot:
         Between the axis and the ray to it.
     expected
         Row and column of the picture where rays put it.
-    found
+    position
         Where it is; None if it was not found.
     error_pixels, error_deg
         How far that is off, in pixels and as an angle in the scene.
@@ -210,7 +210,7 @@ class Dot:
 
     angle_deg: float
     expected: tuple[float, float]
-    found: tuple[float, float] | None
+    position: tuple[float, float] | None
     error_pixels: float | None
     error_deg: float | None
     width_pixels: float | None

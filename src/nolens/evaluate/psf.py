@@ -360,7 +360,7 @@ class PsfFigures:
     pitch_um, row_pitch_um
         From the first to the second peak of the autocorrelation, in all directions and along the
         rows; None where there is no second peak.
-    background_share
+    background_fraction
         Fraction of the light that lies evenly under the PSF (see `_background_of`).
     contrast
         Standard deviation over mean (`peli1990`), the noise's fraction taken off.
@@ -368,7 +368,7 @@ class PsfFigures:
         Fraction of the area without light, see `nolens.evaluate.sparsity`; noise taken off.
     noise
         Standard deviation of a pixel's noise, in the PSF's unit.
-    noise_given
+    noise_known
         Whether that was given; otherwise it is the power at the frequencies where it is least.
     noise_magnitude
         What this noise is as spectral magnitude.
@@ -405,11 +405,11 @@ class PsfFigures:
     line_width_um: float
     pitch_um: float | None
     row_pitch_um: float | None
-    background_share: float
+    background_fraction: float
     contrast: float
     sparsity: float
     noise: float
-    noise_given: bool
+    noise_known: bool
     noise_magnitude: float
     clear_bands_per_mm: tuple[tuple[float, float], ...]
     usable_per_mm: float
@@ -520,11 +520,11 @@ def psf_figures(
         line_width_um=line_um,
         pitch_um=None if pitches[0] is None else pitches[0] * pixel_um,
         row_pitch_um=None if pitches[1] is None else pitches[1] * pixel_um,
-        background_share=spectrum.background / mean,
+        background_fraction=spectrum.background / mean,
         contrast=math.sqrt(variance) / mean,
         sparsity=sparsity(psf, spectrum.noise),
         noise=spectrum.noise,
-        noise_given=noise is not None,
+        noise_known=noise is not None,
         noise_magnitude=math.sqrt(spectrum.noise_power) / spectrum.total,
         clear_bands_per_mm=bands,
         usable_per_mm=usable,

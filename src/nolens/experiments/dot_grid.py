@@ -244,7 +244,7 @@ class DotGrid:
         """Angles, pose and every dot, in values that JSON has."""
         return {
             **asdict(self.angles),
-            "pitch_found_mm": self.pose.pitch_mm,
+            "measured_pitch_mm": self.pose.pitch_mm,
             "turned_deg": self.pose.turned_deg,
             "pixel_deg": self.pixel_deg,
             "dots": [asdict(dot) for dot in self.dots],
@@ -366,7 +366,7 @@ def _judged(rays: Rays, tangents: Places, spots: list[Spot | None]) -> list[Dot]
             Dot(
                 angle_deg=angle,
                 expected=place,
-                found=spot.place,
+                position=spot.place,
                 error_pixels=off,
                 error_deg=angle_between_deg(tangents[number], there[number]),
                 width_pixels=spot.width,

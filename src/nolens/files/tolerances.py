@@ -89,7 +89,11 @@ def study_budget(path: Path, camera: Camera) -> ToleranceBudget:
             "tolerance for this camera"
         )
     lines = tuple(BudgetLine(**line) for line in result["budget"])
-    passed = f"; {100 * result['yield']['share']:.3g} % meet the limit" if "yield" in result else ""
+    passed = ""
+    if "yield" in result:
+        counts = result["yield"]  # Of the version before: "share".
+        fraction = counts["fraction"] if "fraction" in counts else counts["share"]
+        passed = f"; {100 * fraction:.3g} % meet the limit"
     method = (
         f"From nolens design tolerance: {result['criterion']} by {result['model']}, "
         f"{result['trials']} cameras drawn{passed}. What is allowed was assumed there: 2σ of "

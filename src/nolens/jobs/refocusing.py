@@ -315,8 +315,8 @@ def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
             psfs,
             depth,
             place,
-            search_step=partial(step, kept="the sharpest depth"),
-            step=partial(step, kept="the picture"),
+            search_step=partial(step, result="the sharpest depth"),
+            step=partial(step, result="the picture"),
         )
         picture = picture_of(focused.result.photograph.cpu())
         exposure_white(picture)  # An empty picture is an error before anything is written.
@@ -328,7 +328,7 @@ def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
             writers[options.output / name] = partial(write, radiance=picture)
     if options.stack is not None and not stopped:
         depths = even_depths(*_range_um(options.stack), options.steps)
-        stack = focal_stack(reconstructor, psfs.at, depths, partial(step, kept="the depths"))
+        stack = focal_stack(reconstructor, psfs.at, depths, partial(step, result="the depths"))
         stack = replace(stack, pages=torch.stack([picture_of(page) for page in stack.pages]))
         together = all_in_focus(stack, _WINDOW_LINES * psfs.line)
         exposure_white(together.picture)  # As above.

@@ -49,11 +49,11 @@ class Reporter:
     def warn(self, text: str) -> None:
         """Say what may make the result worse than it could be."""
 
-    def advance(self, what: str, share: float) -> None:
+    def advance(self, what: str, fraction: float) -> None:
         """See how much of a piece of work is done, from 0 to 1."""
 
-    def step(self, what: str, done: int, limit: int, kept: str) -> bool:
-        """See how many steps of some work are done; True ends it, and what it kept is written."""
+    def step(self, what: str, done: int, limit: int, result: str) -> bool:
+        """See how many steps are done; True ends the work, and `result` so far is written."""
         return False
 
     def progress(self, progress: Progress, limit: int) -> bool:
@@ -343,7 +343,8 @@ class Run(Generic[Options]):
 
     def _write_record(self, product: Product[Any], summary: dict[str, Any], path: Path) -> None:
         summary["seconds"] = self.clock.seconds  # With all that was written.
-        parameters = self.options.model_dump(mode="json", by_alias=True) | {**product.parameters}
+        parameters = self.options.model_dump(mode="json", by_alias=True)
+        parameters |= with_former_keys(product.parameters)
         write_record(path, self.record(summary, parameters, product.history))
 
 

@@ -238,12 +238,12 @@ class ChannelReporter(Reporter):
         """Say what may make the result worse than it could be."""
         self._channel.send("warning", self._identity, text)
 
-    def advance(self, what: str, share: float) -> None:
+    def advance(self, what: str, fraction: float) -> None:
         """Report how much of a piece of work is done; a cancelled one ends here."""
         self._check()
-        self._progress(what, share, None, None)
+        self._progress(what, fraction, None, None)
 
-    def step(self, what: str, done: int, limit: int, kept: str) -> bool:
+    def step(self, what: str, done: int, limit: int, result: str) -> bool:
         """Report how many steps are done; True ends a cancelled job."""
         self._progress(what, done / limit, done, limit)
         self.stopped = self._identity in self._cancelled
@@ -278,7 +278,7 @@ class ChannelReporter(Reporter):
         self.flush()
         progress = {
             "what": what,
-            "share": fraction,
+            "fraction": fraction,
             "done": done,
             "limit": limit,
             "seconds_left": left,

@@ -282,7 +282,7 @@ class LiveView:
             "gain": shot.gain,
             "iterations": None if picture is None else picture.iterations,
             "histogram": frame.levels.histogram,
-            "clipped_share": frame.levels.clipped_fraction,
+            "clipped_fraction": frame.levels.clipped_fraction,
             "dropped": source.camera.dropped,
             "frozen": self._settings.frozen,
             "trouble": trouble,

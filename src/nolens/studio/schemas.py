@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AliasChoices, BaseModel, ConfigDict, Field
 
 Method = Literal["wiener", "admm"]
 EntryKind = Literal["folder", "raw", "picture", "camera", "record", "other"]
@@ -253,10 +253,10 @@ class JobId(BaseModel):
 
 
 class JobProgress(BaseModel):
-    """How far a job is."""
+    """How far a job is; ``share`` is the fraction in jobs of the version before."""
 
     what: str
-    share: float
+    fraction: float = Field(validation_alias=AliasChoices("fraction", "share"))
     done: int | None = None
     limit: int | None = None
     seconds_left: float | None = None

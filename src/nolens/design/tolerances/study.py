@@ -107,7 +107,7 @@ class Yield:
     def summary(self) -> dict[str, Any]:
         """The counts, the fraction and its interval, in values that JSON has."""
         return {
-            "share": self.fraction,
+            "fraction": self.fraction,
             "passed": self.passed,
             "trials": self.trials,
             "interval_95": list(self.interval()),
@@ -271,7 +271,7 @@ class Study:
             parameter, target, allowed = self.solved
             summary["solved"] = {
                 "parameter": parameter.name,
-                "wanted_yield": target,
+                "target_yield": target,
                 "verdict": allowed.verdict,
                 "tolerance": allowed.tolerance,
                 "unit": parameter.unit,

@@ -163,7 +163,7 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: _Setup) -> Product[T
         "black": setup.development.black,
         "tau": tau,
         **asdict(stop),
-        "period": list(problem.forward.geometry.padded),
+        "fft_grid": list(problem.forward.geometry.padded),
         "channel_names": list(setup.measurement.channels),
         "threads": torch.get_num_threads(),
     }

@@ -225,7 +225,7 @@ class Calibrate {
     for (let less = 0; less < MOST_SHORTER; less++) {
       await this.set({ exposure_s: (live.head?.exposure_s ?? before) * (less ? SHORTER : 1) });
       for (let frame = 0; frame < SETTLING; frame++) await live.next();
-      if (!live.head?.clipped_share) break;
+      if (!live.head?.clipped_fraction) break;
     }
   }
 

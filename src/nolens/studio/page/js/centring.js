@@ -5,7 +5,7 @@ import { h, svg } from "./dom.js";
 
 const SAMPLES = [96, 72];
 const EVERY_MS = 400;
-const CENTRED_SHARE = 0.02;
+const CENTRED_FRACTION = 0.02;
 const FLOOR = 0.25;
 /** Of R + G + B: less than this between dark and bright is noise. */
 const LEAST_CONTRAST = 60;
@@ -34,8 +34,8 @@ export function brightMiddle(rgba, columns) {
   return [(2 * right) / (sum * columns) - 1, 1 - (2 * down) / (sum * rows)];
 }
 
-/** @param {number} share @param {string} one @param {string} other */
-const side = (share, one, other) => `${Math.abs(50 * share).toFixed(0)} % too far ${share > 0 ? one : other}`;
+/** @param {number} fraction @param {string} one @param {string} other */
+const side = (fraction, one, other) => `${Math.abs(50 * fraction).toFixed(0)} % too far ${fraction > 0 ? one : other}`;
 
 export class Centring {
   /** @param {HTMLCanvasElement} canvas */
@@ -87,8 +87,8 @@ export class Centring {
     this.dot.setAttribute("cx", (100 + 100 * right).toFixed(1));
     this.dot.setAttribute("cy", (this.half * (1 - up)).toFixed(1));
     const far = [
-      Math.abs(right) > CENTRED_SHARE * 2 && side(right, "right", "left"),
-      Math.abs(up) > CENTRED_SHARE * 2 && side(up, "up", "down"),
+      Math.abs(right) > CENTRED_FRACTION * 2 && side(right, "right", "left"),
+      Math.abs(up) > CENTRED_FRACTION * 2 && side(up, "up", "down"),
     ].filter(Boolean);
     this.said.textContent = `The ${point ? "PSF" : "light"} is ${far.join(", ") || "in the middle"}`;
   }

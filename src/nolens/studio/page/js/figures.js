@@ -73,7 +73,7 @@ export const dotRows = (found) => [
   ["Visible up to", known(found.distorted_deg, degrees)],
   ["Lost from", found.lost_deg === null ? "nowhere among these dots" : degrees(found.lost_deg)],
   ["Dots", String(found.dots.length)],
-  ["Pitch found", known(found.pitch_found_mm, mm)],
+  ["Measured pitch", known(found.measured_pitch_mm, mm)],
   ["Field angle of a pixel in the middle", known(found.pixel_deg, degrees)],
 ];
 

@@ -26,8 +26,8 @@ export function left(seconds) {
   return seconds < 5400 ? `${Math.round(seconds / 60)} min left` : `${(seconds / 3600).toFixed(1)} h left`;
 }
 
-/** @param {number} share @param {number} [digits] */
-export const percent = (share, digits = 2) => `${number(100 * share, digits)} %`;
+/** @param {number} fraction @param {number} [digits] */
+export const percent = (fraction, digits = 2) => `${number(100 * fraction, digits)} %`;
 
 /** @param {number} millimetres */
 export const mm = (millimetres) => `${millimetres.toFixed(3)} mm`;

@@ -6,9 +6,9 @@ import { percent } from "./format.js";
 
 const WIDTH = 320;
 const HEIGHT = 90;
-const BRIGHT_SHARE = 1e-3;
+const BRIGHT_FRACTION = 1e-3;
 const DARK_LEVEL = 0.35;
-const CLIPPED_SHARE = 1e-4;
+const CLIPPED_FRACTION = 1e-4;
 
 /** @typedef {"too dark" | "right" | "clipped"} ExposureWord */
 
@@ -22,14 +22,14 @@ const SAID = /** @type {Record<ExposureWord, [string, string, string]>} */ ({
  * What a person should know of an exposure.
  *
  * @param {Record<string, number[]>} histogram counts from black to white
- * @param {number} clippedShare
+ * @param {number} clippedFraction
  * @returns {ExposureWord}
  */
-export function exposureWord(histogram, clippedShare) {
-  if (clippedShare > CLIPPED_SHARE) return "clipped";
+export function exposureWord(histogram, clippedFraction) {
+  if (clippedFraction > CLIPPED_FRACTION) return "clipped";
   let level = 0;
   for (const counts of Object.values(histogram)) {
-    const wanted = BRIGHT_SHARE * counts.reduce((sum, each) => sum + each, 0);
+    const wanted = BRIGHT_FRACTION * counts.reduce((sum, each) => sum + each, 0);
     let above = 0;
     let bin = counts.length;
     while (bin > 0 && above < wanted) above += counts[--bin];
@@ -53,8 +53,8 @@ export class Histogram {
     this.word = null;
   }
 
-  /** @param {Record<string, number[]>} histogram @param {number} clippedShare */
-  show(histogram, clippedShare) {
+  /** @param {Record<string, number[]>} histogram @param {number} clippedFraction */
+  show(histogram, clippedFraction) {
     // Roots, so that the few bright pixels, which matter most, are seen beside the many dark ones.
     const most = Math.max(1, ...Object.values(histogram).flat());
     const curves = Object.entries(histogram).map(([name, counts]) => {
@@ -65,12 +65,12 @@ export class Histogram {
       });
       return svg("polyline", { points: points.join(" "), class: `counts ${name}` });
     });
-    this.word = exposureWord(histogram, clippedShare);
+    this.word = exposureWord(histogram, clippedFraction);
     const mark = svg("rect", { x: WIDTH - 5, y: 0, width: 5, height: HEIGHT, class: "clipping" });
     fill(this.plot, curves, this.word === "clipped" && mark);
     const [text, look] = SAID[this.word];
     this.verdict.textContent = text;
     this.verdict.className = `verdict ${look}`;
-    this.clipped.textContent = `${percent(clippedShare)} clipped`;
+    this.clipped.textContent = `${percent(clippedFraction)} clipped`;
   }
 }

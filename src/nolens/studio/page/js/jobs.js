@@ -16,7 +16,7 @@ const AWAY_MS = 1500;
  * @property {string} kind
  * @property {string} title
  * @property {"queued" | "running" | "done" | "failed" | "cancelled"} status
- * @property {{what?: string, share?: number | null, done?: number, limit?: number, seconds_left?: number | null} | null} progress
+ * @property {{what?: string, fraction?: number | null, done?: number, limit?: number, seconds_left?: number | null} | null} progress
  * @property {{iteration: number, objective: number}[]} [history]
  * @property {string[]} [notes]
  * @property {string[]} [warnings]
@@ -170,10 +170,10 @@ export class JobView {
   /** @param {Job} job */
   show(job) {
     const over = ended(job);
-    const share = job.progress?.share ?? (job.progress?.limit ? (job.progress.done ?? 0) / job.progress.limit : null);
+    const fraction = job.progress?.fraction ?? (job.progress?.limit ? (job.progress.done ?? 0) / job.progress.limit : null);
     this.bar.hidden = this.stop.hidden = over;
-    if (share === null || share === undefined) this.bar.removeAttribute("value");
-    else this.bar.value = share;
+    if (fraction === null || fraction === undefined) this.bar.removeAttribute("value");
+    else this.bar.value = fraction;
     this.text.textContent = progressText(job);
     fill(this.more,
       job.error && h("p", { class: "trouble", role: "alert" }, job.error),

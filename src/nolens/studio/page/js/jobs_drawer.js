@@ -16,7 +16,7 @@ const UNSEEN = ["design-look", "preview"];
 function shown(job) {
   const running = !ended(job);
   const bar = h("progress", { max: 1, "aria-label": `Progress of ${job.title}` });
-  if (typeof job.progress?.share === "number") bar.value = job.progress.share;
+  if (typeof job.progress?.fraction === "number") bar.value = job.progress.fraction;
   return h("article", { class: "job" },
     h("div", { class: "row" }, h("b", {}, job.title), h("span", { class: `state ${job.status}` }, job.status)),
     job.status === "running" && bar,

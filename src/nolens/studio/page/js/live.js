@@ -14,7 +14,7 @@ import { pause } from "./format.js";
  * @property {number | null} iterations
  * @property {string | null} [trouble] why there is no picture
  * @property {number} dropped
- * @property {number} clipped_share
+ * @property {number} clipped_fraction
  * @property {Record<string, number[]>} histogram
  * @property {{name: string, type: string, bytes: number}[]} parts
  */

@@ -6,14 +6,14 @@ import { mm } from "./format.js";
 import { trace } from "./rays.js";
 
 const WIDTH = 560;
-const ABOVE_SHARE = 0.22;
+const ABOVE_FRACTION = 0.22;
 const SENSOR_PX = 10;
 const RELIEF_PX = 5;
 const READABLE_PX = 15;
 const LENSES = [-0.28, 0, 0.28];
 const WIDER = 1.35;
 /** The same for all stacks, as each fills the drawing. */
-const HEIGHT = Math.ceil((WIDTH * (1 + ABOVE_SHARE)) / WIDER) + SENSOR_PX;
+const HEIGHT = Math.ceil((WIDTH * (1 + ABOVE_FRACTION)) / WIDER) + SENSOR_PX;
 
 /** An empty place of the drawing's size, so that nothing moves when it comes. */
 export const noDrawing = () => svg("svg", { class: "stack", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, "aria-hidden": "true" });
@@ -32,7 +32,7 @@ export const isAir = (index) => index < 1.05;
  */
 export function stackDrawing(look, angle_deg) {
   const total = look.layers.reduce((sum, each) => sum + each.thickness_mm, 0);
-  const above = total * ABOVE_SHARE;
+  const above = total * ABOVE_FRACTION;
   const wide = total * WIDER;
   const scale = WIDTH / wide;
   const x = (/** @type {number} */ across) => (across + wide / 2) * scale;
@@ -59,8 +59,8 @@ export function stackDrawing(look, angle_deg) {
   const pitch = half * 2 || 1;
   for (const [angle, look_of] of /** @type {[number, string][]} */ ([[0, "straight"], [angle_deg, "slanted"]])) {
     if (look_of === "slanted" && angle === 0) continue;
-    for (const share of LENSES) {
-      const lens = Math.round((share * wide) / pitch) * pitch;
+    for (const fraction of LENSES) {
+      const lens = Math.round((fraction * wide) / pitch) * pitch;
       for (const [ray, name] of /** @type {[number, string][]} */ ([[-half, "marginal"], [half, "marginal"], [0, "chief"]])) {
         const places = trace(stack, lens, ray, (angle * Math.PI) / 180, above);
         image.append(svg("polyline", { class: `ray ${look_of} ${name}`,

@@ -6,7 +6,7 @@ import { button, fill, group, h, slider, svg } from "./dom.js";
 import { baseName } from "./format.js";
 import { trouble } from "./notices.js";
 
-const LEAST_SHARE = 0.02;
+const LEAST_FRACTION = 0.02;
 const WHOLE = { left: 0, top: 0, right: 1, bottom: 1 };
 
 /** Linear light of an sRGB value, both from 0 to 1. @param {number} value */
@@ -130,9 +130,9 @@ export class Tone {
   /** @param {typeof WHOLE} asked */
   cut(asked) {
     const within = (/** @type {number} */ value) => Math.min(1, Math.max(0, value));
-    const left = Math.min(within(asked.left), 1 - LEAST_SHARE);
-    const top = Math.min(within(asked.top), 1 - LEAST_SHARE);
-    this.crop = { left, top, right: Math.max(within(asked.right), left + LEAST_SHARE), bottom: Math.max(within(asked.bottom), top + LEAST_SHARE) };
+    const left = Math.min(within(asked.left), 1 - LEAST_FRACTION);
+    const top = Math.min(within(asked.top), 1 - LEAST_FRACTION);
+    this.crop = { left, top, right: Math.max(within(asked.right), left + LEAST_FRACTION), bottom: Math.max(within(asked.bottom), top + LEAST_FRACTION) };
     for (const [side, each] of Object.entries(this.edges)) each.set(this.crop[/** @type {keyof typeof WHOLE} */ (side)]);
     const { width, height } = this.canvas;
     const box = this.box();
@@ -164,7 +164,7 @@ export class Tone {
       const to = place(event);
       const [left, right] = [from[0], to[0]].sort((one, other) => one - other);
       const [top, bottom] = [from[1], to[1]].sort((one, other) => one - other);
-      this.cut(right - left > LEAST_SHARE && bottom - top > LEAST_SHARE ? { left, top, right, bottom } : { ...WHOLE });
+      this.cut(right - left > LEAST_FRACTION && bottom - top > LEAST_FRACTION ? { left, top, right, bottom } : { ...WHOLE });
     };
     this.canvas.addEventListener("pointerdown", (event) => {
       if (!this.original) return;

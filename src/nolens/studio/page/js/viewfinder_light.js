@@ -35,7 +35,7 @@ export class LightControls {
 
   /** @param {import("./live.js").Head} head */
   show(head) {
-    this.histogram.show(head.histogram, head.clipped_share);
+    this.histogram.show(head.histogram, head.clipped_fraction);
     if (this.automatic.box.checked) this.exposure.set(head.exposure_s);
   }
 

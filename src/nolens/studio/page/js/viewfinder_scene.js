@@ -95,9 +95,9 @@ export class SceneControls {
   /** What the video element shows goes to the camera from now on. */
   begin() {
     const { videoWidth, videoHeight } = this.video;
-    const share = LONG_SIDE / Math.max(videoWidth, videoHeight);
-    this.canvas.width = Math.round(videoWidth * share);
-    this.canvas.height = Math.round(videoHeight * share);
+    const fraction = LONG_SIDE / Math.max(videoWidth, videoHeight);
+    this.canvas.width = Math.round(videoWidth * fraction);
+    this.canvas.height = Math.round(videoHeight * fraction);
     this.select.value = "webcam";
     this.moving = true;
     this.acknowledged();
@@ -177,9 +177,9 @@ async function suited(picture) {
   } catch {
     throw new Error(`${picture.name} cannot be read as a picture: give a JPEG or PNG file.`);
   }
-  const share = Math.min(1, LONGEST / Math.max(bitmap.width, bitmap.height));
-  if (share === 1 && READABLE.includes(picture.type)) return picture;
-  const canvas = h("canvas", { width: Math.round(bitmap.width * share), height: Math.round(bitmap.height * share) });
+  const fraction = Math.min(1, LONGEST / Math.max(bitmap.width, bitmap.height));
+  if (fraction === 1 && READABLE.includes(picture.type)) return picture;
+  const canvas = h("canvas", { width: Math.round(bitmap.width * fraction), height: Math.round(bitmap.height * fraction) });
   canvas.getContext("2d")?.drawImage(bitmap, 0, 0, canvas.width, canvas.height);
   return new Promise((done, failed) => canvas.toBlob(
     (made) => (made ? done(made) : failed(new Error(`${picture.name} is too large to be shown.`))), "image/jpeg", 0.95));
