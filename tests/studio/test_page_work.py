@@ -5,6 +5,8 @@ of the content security policy is told on the console.
 """
 
 import io
+import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -88,7 +90,7 @@ def test_photograph_forms_and_is_found_again(visit: Visit, studio_folder: Path, 
         await_text(page, "figcaption [role=status]", r"\d+ × \d+ pixels")
     page.get_by_role("button", name="Draft").click()
     page.get_by_role("button", name="Reconstruct").click()
-    await_text(page, "#main .view b", r"\.png$")
+    await_text(page, "#main .stage b", r"\.png$")
     draft = page.locator("#photograph").evaluate("(each) => each.toDataURL()")
     page.get_by_role("button", name="Photo", exact=True).click()
     page.get_by_role("button", name="Reconstruct").click()
@@ -96,9 +98,9 @@ def test_photograph_forms_and_is_found_again(visit: Visit, studio_folder: Path, 
     page.wait_for_function(
         "(before) => document.querySelector('#photograph').toDataURL() !== before", arg=draft
     )
-    name = page.locator("#main .view b").first.inner_text()
+    name = page.locator("#main .stage b").first.inner_text()
     page.reload()
-    await_text(page, "#main .view b", f"^{name}$")
+    await_text(page, "#main .stage b", f"^{name}$")
     shown = picture_of(page, "#photograph")
     kept = studio_folder / "nolens-studio" / "pictures" / name
     with Image.open(kept) as file:
@@ -106,6 +108,7 @@ def test_photograph_forms_and_is_found_again(visit: Visit, studio_folder: Path, 
     set_slider(page, "Gamma", 0.55)
     before = np.asarray(shown).mean()
     until(lambda: np.asarray(picture_of(page, "#photograph")).mean() > before, "it is brighter")
+    page.get_by_role("button", name="Crop", exact=True).click()
     box = page.locator("#photograph").bounding_box()
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.mouse.down()
@@ -117,13 +120,83 @@ def test_photograph_forms_and_is_found_again(visit: Visit, studio_folder: Path, 
     with Image.open(download.value.path()) as saved:
         share = (saved.width / shown.width, saved.height / shown.height)
     assert share == pytest.approx((0.2, 0.3), abs=0.03)
+    undone(page, shown)
+    read_out(page, kept.with_suffix(".tif"))
     refused(page, studio_folder)
+    compared(page)
+    visit.keep("compare")
+
+
+def undone(page: Any, shown: Image.Image) -> None:
+    """Crop and tone go back step by step, and forth again."""
+    size = page.locator("[data-panel=photograph] .stage figcaption .named").first
+    cropped, toned = size.inner_text(), np.asarray(picture_of(page, "#photograph"))
+    page.get_by_role("button", name="Undo").click()
+    assert f"{shown.width} × {shown.height} pixels" in size.inner_text() != cropped
+    page.locator("body").press("Control+z")
+    assert np.array_equal(np.asarray(picture_of(page, "#photograph")), np.asarray(shown))
+    assert page.get_by_role("button", name="Undo").is_disabled()
+    page.locator("body").press("Control+Shift+z")
+    page.get_by_role("button", name="Redo").click()
+    assert size.inner_text() == cropped
+    assert np.array_equal(np.asarray(picture_of(page, "#photograph")), toned)
+    page.get_by_role("button", name="Crop", exact=True).click()
+
+
+def read_out(page: Any, linear: Path) -> None:
+    """A place of the picture stays under the pointer while it is enlarged, and gives the values
+    of the file, with its angle; the picture fills the screen and comes back.
+    """
+    stage = page.locator("[data-panel=photograph] .stage")
+    box = page.locator("#photograph").bounding_box()
+    place = box["x"] + 0.3 * box["width"], box["y"] + 0.4 * box["height"]
+    page.mouse.move(*place)
+    probe = "[data-panel=photograph] .stage .probe"
+    text = await_text(page, probe, "radiance")
+    x, y, *rgb = (float(each) for each in re.findall(r"[xyRGB] (?:≥ )?([\d.]+)", text))
+    with tifffile.TiffFile(linear) as tiff:
+        values = tiff.asarray()[int(y), int(x)] * json.loads(tiff.pages[0].description)["per_count"]
+    assert rgb == pytest.approx(list(values), rel=0.01, abs=1e-5)
+    assert re.search(r"[\d.]+° left, [\d.]+° up", text)
+    page.mouse.dblclick(*place)
+    larger = page.locator("#photograph").bounding_box()
+    assert larger["width"] > 1.9 * box["width"]
+    assert page.locator(probe).first.inner_text() == text
+    page.mouse.down()
+    page.mouse.move(place[0] + 60, place[1] + 40)
+    page.mouse.up()
+    moved = page.locator("#photograph").bounding_box()
+    assert moved["x"] - larger["x"] == pytest.approx(60, abs=1)
+    page.get_by_role("button", name="Pixel for pixel").first.click()
+    width = page.locator("#photograph").bounding_box()["width"]
+    assert width == page.locator("#photograph").evaluate("(each) => each.width")
+    page.get_by_role("button", name="Full screen").first.click()
+    page.wait_for_function("() => document.fullscreenElement")
+    stage.locator(".frame").first.press("f")
+    page.wait_for_function("() => !document.fullscreenElement")
+    stage.locator(".frame").first.press("0")
+    assert page.locator("#photograph").bounding_box()["width"] == pytest.approx(box["width"], abs=2)
+
+
+def compared(page: Any) -> None:
+    """The measurement lies beside the picture, up to a handle that pointer and keys move."""
     page.get_by_role("button", name="Compare").click()
     page.wait_for_function(
-        "() => [...document.querySelectorAll('.frame > img')].filter((e) => e.checkVisibility()"
-        " && e.naturalWidth).length >= 2"
+        "() => [...document.querySelectorAll('.plane > img')].filter((e) => e.checkVisibility()"
+        " && e.naturalWidth).length >= 3"
     )
-    visit.keep("compare")
+    assert page.get_by_label("Left", exact=True).input_value().endswith(".png")
+    page.get_by_label("Left", exact=True).select_option(index=1)
+    handle = page.get_by_role("slider", name="Left picture up to")
+    frame = page.locator(".frame:has(.divide)")
+    box, place = frame.bounding_box(), handle.bounding_box()
+    page.mouse.move(place["x"] + place["width"] / 2, place["y"] + place["height"] / 2)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 20)
+    page.mouse.up()
+    assert handle.get_attribute("aria-valuenow") == "25"
+    handle.press("ArrowRight")
+    assert handle.get_attribute("aria-valuenow") == "27"
 
 
 def dropped(page: Any, files: dict[str, bytes]) -> None:
@@ -164,7 +237,7 @@ def test_two_files_are_dropped_and_the_options_reach_the_job(
     page.get_by_label("Iterations, at most").fill("3")
     page.get_by_label("Binning").fill("2")
     page.get_by_role("button", name="Reconstruct").click()
-    await_text(page, "#main .view b", r"^door.*\.png$")
+    await_text(page, "#main .stage b", r"^door.*\.png$")
     (job,) = [each for each in visit.jobs() if each["title"] == "Reconstruct door.dng"]
     assert job["status"] == "done"
     options = visit.job(job["id"])["options"]
@@ -190,7 +263,7 @@ def refused(page: Any, studio_folder: Path) -> None:
     said = await_text(page, "[data-panel=photograph] .trouble", "PSF pixels finer by")
     assert "--" not in said and str(studio_folder) in said
     assert page.get_by_label("PSF pixels finer by").is_visible()
-    assert page.locator("#main .view b").first.inner_text().startswith("Previous picture: ")
+    assert page.locator("#main .stage b").first.inner_text().startswith("Previous picture: ")
     page.get_by_label("PSF pixels finer by").fill("")
 
 

@@ -16,7 +16,7 @@ from nolens.jobs.fields import FilePath
 from nolens.jobs.options import JobOptions, Option
 from nolens.jobs.run import Product, Run, job
 
-_LONG_SIDE = 1200
+_LONG_SIDE = 2048
 _JPEG = (".jpg", ".jpeg")
 
 

@@ -20,9 +20,11 @@ from fastapi.responses import FileResponse
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
 
-from nolens.errors import FileError, OptionError
+from nolens.documents import parse_json
+from nolens.errors import DataError, FileError, OptionError
+from nolens.files.input import read_text
 from nolens.studio.requests import answered
-from nolens.studio.schemas import Entries, Uploaded
+from nolens.studio.schemas import Entries, Record, Uploaded
 from nolens.studio.workspace import (
     PICTURE_SUFFIXES,
     RAW_SUFFIXES,
@@ -71,6 +73,16 @@ def files_router(workspace: Workspace, reading: Executor) -> APIRouter:
             media_type=kind or mimetypes.guess_type(found.name)[0] or "application/octet-stream",
             headers={"Content-Disposition": f"{place}; filename*=UTF-8''{quote(found.name)}"},
         )
+
+    @router.get("/record", response_model=Record)
+    async def record(path: Annotated[str, Query(max_length=1000)]) -> Response:
+        def read() -> Record:
+            values = parse_json(read_text(workspace.resolve(path), "JSON"), path)
+            if not isinstance(values, dict):
+                raise DataError(f"{path} is no record")
+            return Record(record=workspace.named(values))
+
+        return await answered(reading, read)
 
     @router.post("/uploads", status_code=201, openapi_extra=_ANY_BYTES)
     async def upload(name: Annotated[str, Query(max_length=1000)], request: Request) -> Uploaded:

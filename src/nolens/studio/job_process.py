@@ -23,6 +23,7 @@ from nolens.jobs.run import Job, Reporter
 from nolens.progress import Pace
 from nolens.solvers import Progress
 from nolens.studio.job_kinds import KINDS, Place
+from nolens.studio.pixel_values import pixel_values
 from nolens.studio.schemas import JobKind
 from nolens.studio.worker import Channel, Message
 
@@ -51,6 +52,9 @@ def _listen(channel: Channel, work: "queue.SimpleQueue[Message]", cancelled: set
             cancelled.add(message[1])
         elif message[2] == "declarations":
             _answer(channel, message[1], declarations)
+        elif message[2] == "pixels":
+            _, number, _, path, camera = message
+            _answer(channel, number, partial(pixel_values, Path(path), camera))
         else:
             _, number, _, identity, kind, options, folder = message
             place = Place(Path(folder), identity)

@@ -8,9 +8,9 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Query, Response
 from pydantic import ValidationError
 
 from nolens.documents import parse_json
@@ -24,6 +24,7 @@ from nolens.studio.schemas import (
     Job,
     JobDeclarations,
     JobId,
+    JobOption,
     JobProgress,
     JobRequest,
     Jobs,
@@ -42,6 +43,7 @@ _MOST_BRIEF = 20
 _MOST_QUEUED = 50
 _MOST_ROWS = 5000
 _MOST_TEXTS = 200
+_Path = Annotated[str, Query(max_length=1000)]
 
 
 class NoSuchJobError(NolensError):
@@ -145,6 +147,26 @@ class JobQueue:
             kinds = await self._working().request("declarations", seconds=_CHECK_S)
             self._declarations = JobDeclarations(kinds=kinds)
         return self._declarations
+
+    async def pixels(self, path: str, camera: str | None) -> bytes:
+        """Values of a file's pixels, as `pixel_values` packs them.
+
+        Raises
+        ------
+        NolensError
+            If the file cannot be read; the text is for a person.
+        """
+        loop = asyncio.get_running_loop()
+        given = {"path": path, "camera": camera}
+        declared = {
+            "path": JobOption(label="", help="", role="input"),
+            "camera": JobOption(label="", help="", role="camera"),
+        }
+        real = await loop.run_in_executor(self._disk, with_paths, declared, given, self._workspace)
+        values: bytes = await self._working().request(
+            "pixels", real["path"], real.get("camera"), seconds=_CHECK_S
+        )
+        return values
 
     async def _checked(self, request: JobRequest) -> tuple[str, dict[str, Any]]:
         """Name of a new job, and its options with real paths."""
@@ -372,8 +394,16 @@ def _add_text(texts: list[str], text: str) -> None:
 
 
 def jobs_router(queue: JobQueue) -> APIRouter:
-    """Routes of jobs."""
+    """Routes of jobs, and of what their process reads for the page."""
     router = APIRouter(prefix="/api/jobs", route_class=JsonRoute)
+
+    @router.get(
+        "/pixels",
+        response_class=Response,
+        responses={200: {"content": {"application/octet-stream": {}}, "description": "Values"}},
+    )
+    async def pixels(path: _Path, camera: _Path | None = None) -> Response:
+        return Response(await queue.pixels(path, camera), media_type="application/octet-stream")
 
     @router.get("")
     async def jobs() -> Jobs:

@@ -118,6 +118,12 @@ class Entries(BaseModel):
     entries: list[Entry]
 
 
+class Record(BaseModel):
+    """The record of a run; paths in it that lie in a named folder are the page's."""
+
+    record: dict[str, Any]
+
+
 class Uploaded(BaseModel):
     """Where an upload was put."""
 

@@ -123,6 +123,13 @@ class _Setup:
         announce_memory(needed, run.reporter)
         return cls(options, development, measurement, reconstructor, problem, window)
 
+    @property
+    def window_on_sensor(self) -> list[int]:
+        """`window` with its top and left counted in the sensor's frame."""
+        top, left, *size = self.window
+        origin = self.problem.forward.geometry.origin
+        return [top + origin[0], left + origin[1], *size]
+
     def picture(self, scene: Tensor) -> Tensor:
         """The part of a scene that is written, as --flip turns it."""
         top, left, height, width = self.window
@@ -164,6 +171,8 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: _Setup) -> Product[T
         "tau": tau,
         **asdict(stop),
         "fft_grid": list(problem.forward.geometry.padded),
+        "sensor": list(problem.forward.sensor),
+        "window": setup.window_on_sensor,
         "channel_names": list(setup.measurement.channels),
         "threads": torch.get_num_threads(),
     }

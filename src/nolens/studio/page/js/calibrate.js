@@ -13,6 +13,7 @@ import { draw, live } from "./live.js";
 import { option } from "./names.js";
 import { banner, told } from "./notices.js";
 import { PsfImport } from "./psf_import.js";
+import { Viewer } from "./viewer.js";
 import { LightControls } from "./viewfinder_light.js";
 
 const FRAMES = 8;
@@ -82,6 +83,7 @@ class Calibrate {
   constructor(place) {
     this.canvas = h("canvas", { width: 480, height: 360, role: "img", "aria-label": "What the sensor measures, live" });
     this.centring = new Centring(this.canvas);
+    this.sensor = new Viewer({ title: "Sensor", layers: [this.canvas, this.centring.overlay], note: this.centring.said });
     this.light = new LightControls((given) => this.set(given));
     this.advice = h("p", { class: "pale" });
     this.camera = h("select", { onchange: () => { this.chosen = true; } });
@@ -102,8 +104,7 @@ class Calibrate {
     this.seen = "";
     fill(place, h("h1", { class: "unseen" }, "Calibrate"), h("div", { class: "bench watching" },
       h("div", { class: "stage" },
-        h("figure", { class: "view" }, h("div", { class: "frame" }, this.canvas, this.centring.overlay),
-          h("figcaption", {}, h("b", {}, "Sensor"), this.centring.said))),
+        this.sensor.element),
       h("ol", { class: "side steps" },
         step(group("1 Camera", option("calibrate", "camera", this.camera), option("calibrate", "name", this.name))),
         step(group("2 Point source",
@@ -152,7 +153,7 @@ class Calibrate {
 
   /** @param {import("./live.js").Frame} frame */
   follow({ head, pictures }) {
-    draw(this.canvas, pictures.raw);
+    if (draw(this.canvas, pictures.raw)) this.sensor.lay();
     this.centring.look(this.twin ? live.state?.scene === "point" : null);
     this.light.show(head);
     const { word } = this.light.histogram;

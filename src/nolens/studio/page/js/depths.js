@@ -3,6 +3,7 @@
 
 import { fileUrl } from "./api.js";
 import { button, h, slider } from "./dom.js";
+import { Viewer } from "./viewer.js";
 
 /** @typedef {{depths: string[], pages: string[], everywhere: string, sharpest: number[][]}} FocalStack */
 
@@ -23,19 +24,18 @@ export class Depths {
   constructor() {
     /** @type {FocalStack | null} */
     this.stack = null;
-    this.picture = h("img", { id: "depth-picture", alt: "", hidden: true, onclick: (/** @type {MouseEvent} */ event) => this.click(event) });
+    this.picture = h("img", { id: "depth-picture", alt: "", hidden: true });
     this.mark = h("span", { class: "focus-mark", hidden: true });
     this.empty = h("p", {}, "Make a focal stack of a raw file: then click on what is to be sharp.");
-    this.frame = h("div", { class: "frame" }, this.picture, this.mark, this.empty);
     this.depth = slider({ label: "Depth", min: 0, max: 1, value: 0, step: 1,
       text: (page) => this.stack?.depths[page] ?? "–", input: (page) => { this.mark.hidden = true; this.show(page); } });
     this.all = button("Sharp everywhere", () => this.everywhere(), { "aria-pressed": "true", disabled: true });
     this.said = h("span", { role: "status" });
     this.depth.input.disabled = true;
-    this.name = h("b", {}, "Focal stack");
-    this.view = h("figure", { class: "view" }, this.frame, h("figcaption", {}, this.name, this.said));
+    this.viewer = new Viewer({ title: "Focal stack", layers: [this.picture, this.mark], over: [this.empty], note: this.said });
+    this.viewer.frame.addEventListener("click", (event) => this.click(event));
     this.element = h("div", { class: "stage", hidden: true },
-      this.view,
+      this.viewer.element,
       this.depth.element, h("div", { class: "row" }, this.all, h("small", {}, "Click on the picture to focus there.")));
   }
 
@@ -49,17 +49,14 @@ export class Depths {
     this.depth.limit(0, this.stack.pages.length - 1);
     this.depth.input.disabled = this.all.disabled = false;
     this.empty.hidden = true;
-    this.view.classList.remove("previous");
-    this.name.textContent = "Focal stack";
     this.picture.hidden = false;
+    this.viewer.renew("Focal stack");
     this.everywhere();
   }
 
   /** Say that the stack is of the run before, until another is opened. */
   age() {
-    if (!this.stack) return;
-    this.view.classList.add("previous");
-    this.name.textContent = "Previous focal stack";
+    if (this.stack) this.viewer.age();
   }
 
   /** @param {number} page */
@@ -84,15 +81,12 @@ export class Depths {
   /** @param {MouseEvent} event */
   click(event) {
     if (!this.stack) return;
-    const outer = this.picture.getBoundingClientRect();
-    const scale = Math.min(outer.width / this.picture.naturalWidth, outer.height / this.picture.naturalHeight);
-    const across = (event.clientX - outer.left - outer.width / 2) / (this.picture.naturalWidth * scale) + 0.5;
-    const down = (event.clientY - outer.top - outer.height / 2) / (this.picture.naturalHeight * scale) + 0.5;
+    const [across, down] = this.viewer.place(event.clientX, event.clientY);
     if (across < 0 || across >= 1 || down < 0 || down >= 1) return;
     const grid = this.stack.sharpest;
     this.show(grid[Math.floor(down * grid.length)][Math.floor(across * grid[0].length)]);
-    this.mark.style.left = `${event.clientX - outer.left}px`;
-    this.mark.style.top = `${event.clientY - outer.top}px`;
+    this.mark.style.left = `${100 * across}%`;
+    this.mark.style.top = `${100 * down}%`;
     this.mark.hidden = false;
   }
 }

@@ -103,7 +103,7 @@ export const button = (text, clicked, more = {}) =>
  * A slider with its label and value; logarithmic where both ends are above zero and `log` is set.
  *
  * @param {{label: string, min: number, max: number, value: number, log?: boolean, step?: number,
- *   text: (value: number) => string, input?: (value: number) => void}} given
+ *   text: (value: number) => string, input?: (value: number) => void, change?: () => void}} given `change`: when it is let go
  */
 export function slider(given) {
   let { min, max } = given;
@@ -133,6 +133,7 @@ export function slider(given) {
     tell(value);
     given.input?.(value);
   });
+  input.addEventListener("change", () => given.change?.());
   range();
   set(given.value);
   return {

@@ -23,6 +23,7 @@ const AWAY_MS = 1500;
  * @property {string | null} error
  * @property {any} [summary]
  * @property {string[]} [outputs]
+ * @property {Record<string, any>} [options] as the page gave them
  * @property {string} [started]
  */
 

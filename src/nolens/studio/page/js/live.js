@@ -178,12 +178,11 @@ class Live {
 
 export const live = new Live();
 
-/** Draw a bitmap into a canvas at its own size. @param {HTMLCanvasElement} canvas @param {ImageBitmap | undefined} picture */
+/** Draw a bitmap into a canvas at its own size. @param {HTMLCanvasElement} canvas @param {ImageBitmap | undefined} picture @returns {boolean} whether that is another size */
 export function draw(canvas, picture) {
-  if (!picture) return;
-  if (canvas.width !== picture.width || canvas.height !== picture.height) {
-    canvas.width = picture.width;
-    canvas.height = picture.height;
-  }
+  if (!picture) return false;
+  const other = canvas.width !== picture.width || canvas.height !== picture.height;
+  if (other) [canvas.width, canvas.height] = [picture.width, picture.height];
   canvas.getContext("2d")?.drawImage(picture, 0, 0);
+  return other;
 }

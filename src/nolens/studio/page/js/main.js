@@ -10,7 +10,7 @@ import { declarations } from "./names.js";
 import { photographPanel } from "./photograph.js";
 import { viewfinderPanel } from "./viewfinder.js";
 
-/** @typedef {{enter?: () => void, leave?: () => void, key?: (key: string) => boolean}} Panel */
+/** @typedef {{enter?: () => void, leave?: () => void, key?: (key: string, control?: boolean, shift?: boolean) => boolean}} Panel */
 
 /** @type {Record<string, (place: HTMLElement) => Panel>} */
 const MAKERS = {
@@ -84,7 +84,8 @@ const drawer = jobsDrawer();
 
 /** @param {KeyboardEvent} event */
 function keys(event) {
-  if (event.ctrlKey || event.altKey || event.metaKey || event.repeat) return;
+  const control = event.ctrlKey || event.metaKey;
+  if (event.altKey || event.repeat) return;
   if (event.key === "Escape") {
     if (!drawer.close()) dismiss();
     return;
@@ -94,8 +95,8 @@ function keys(event) {
   if (target.closest("input, select, textarea") && !range) return;
   if (event.key === " " && target.closest("button, a, summary")) return;
   const place = Number(event.key) - 1;
-  if (place in NAMES) location.hash = NAMES[place];
-  else if (!panels[current]?.key?.(event.key)) return;
+  if (place in NAMES && !control) location.hash = NAMES[place];
+  else if (!panels[current]?.key?.(event.key, control, event.shiftKey)) return;
   event.preventDefault();
 }
 

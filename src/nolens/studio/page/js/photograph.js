@@ -13,7 +13,9 @@ import { option } from "./names.js";
 import { told } from "./notices.js";
 import { curve, noCurve } from "./plots.js";
 import { ReconstructionOptions } from "./reconstruction.js";
+import { LazyValues, PixelValues } from "./pixels.js";
 import { Tone } from "./tone.js";
+import { Viewer } from "./viewer.js";
 
 /** @typedef {import("./jobs.js").Job} Job */
 
@@ -32,8 +34,9 @@ class Photograph {
     this.depths = new Depths();
     this.raw = h("select", { onchange: told(() => this.look()) });
     this.preview = h("img", { alt: "Preview of the raw file", hidden: true });
-    this.previewNote = h("span", { role: "status" });
-    this.previewed = h("figure", { class: "view" }, h("div", { class: "frame" }, this.preview), h("figcaption", {}, this.previewNote));
+    this.previewNote = h("span", { class: "pale", role: "status" });
+    this.previewer = new Viewer({ title: "Measurement", layers: [this.preview], note: this.previewNote });
+    this.previewed = this.previewer.element;
     this.psf = h("select", { onchange: () => this.follow() });
     this.options = new ReconstructionOptions((file, select) => this.bring(file, select));
     this.maker = button("Reconstruct", told(() => this.reconstruct()), { class: "primary" });
@@ -46,7 +49,7 @@ class Photograph {
     this.refocuser = button("Make the focal stack", told(() => this.refocus()));
     this.stackJob = new JobView({ keep: "refocus" });
     this.mode = segments("View", [["picture", "Picture"], ["compare", "Compare"], ["depths", "Depths"]], "picture", (mode) => this.view(mode));
-    this.picture = h("div", { class: "stage" }, this.tone.view, this.tone.controls);
+    this.picture = h("div", { class: "stage" }, this.tone.viewer.element, this.tone.controls);
     this.previewed.hidden = true;
     this.asked = 0;
     fill(place, h("h1", { class: "unseen" }, "Photograph"), h("div", { class: "bench chooser" },
@@ -68,6 +71,12 @@ class Photograph {
 
   enter() {
     told(() => this.list())();
+  }
+
+  /** @param {string} key @param {boolean} [control] @param {boolean} [shift] */
+  key(key, control, shift) {
+    if (control && key.toLowerCase() === "z" && !this.picture.hidden) return this.tone.step(shift ? 1 : -1);
+    return false;
   }
 
   async list() {
@@ -143,7 +152,9 @@ class Photograph {
       if (asked !== this.asked) return;
       if (known) this.psf.value = known.value;
       this.follow();
+      const values = new LazyValues(() => PixelValues.of(path), () => this.previewer.again());
       this.preview.src = fileUrl(outputs?.[0] ?? "");
+      this.previewer.renew("Measurement", values);
       this.preview.hidden = false;
       const clipped = typeof summary.clipped_fraction === "number" ? `, ${percent(summary.clipped_fraction)} clipped` : "";
       this.previewNote.textContent = `${summary.columns} × ${summary.rows} pixels${clipped}`;
@@ -189,8 +200,14 @@ class Photograph {
     const picture = job?.outputs?.find((path) => path.endsWith(".png"));
     if (!job || !picture) return;
     this.view("picture");
-    told(() => this.tone.open(picture, fileLinks(job.outputs ?? [])))();
-    told(() => this.compare.refresh(picture))();
+    const { measurement, psf } = job.options ?? {};
+    const linear = job.outputs?.find((path) => path.endsWith(".tif"));
+    told(async () => {
+      const camera = (await calibratedCameras()).find(({ value }) => value === folderOf(psf ?? ""))?.value;
+      const values = new LazyValues(() => PixelValues.of(linear ?? picture, camera), () => this.tone.viewer.again());
+      await this.tone.open(picture, fileLinks(job.outputs ?? []), values);
+    })();
+    told(() => this.compare.refresh(picture, measurement))();
   }
 
   async refocus() {

@@ -5,6 +5,7 @@ import { fileUrl } from "./api.js";
 import { button, fill, group, h, slider, svg } from "./dom.js";
 import { baseName } from "./format.js";
 import { trouble } from "./notices.js";
+import { Viewer } from "./viewer.js";
 
 const LEAST_FRACTION = 0.02;
 const WHOLE = { left: 0, top: 0, right: 1, bottom: 1 };
@@ -36,45 +37,52 @@ export async function loaded(address) {
   return image;
 }
 
+/** @typedef {{stops: number, gamma: number, crop: {left: number, top: number, right: number, bottom: number}}} State of the tone and the crop */
+
+/** @type {State} */
+const PLAIN = { stops: 0, gamma: 1, crop: WHOLE };
+
 export class Tone {
   constructor() {
     this.canvas = h("canvas", { id: "photograph", width: 480, height: 360, role: "img", "aria-label": "The reconstructed picture" });
     this.shade = svg("path", { class: "shade", "fill-rule": "evenodd" });
     this.overlay = svg("svg", { class: "crop", viewBox: "0 0 1 1", preserveAspectRatio: "none", "aria-hidden": "true" }, this.shade);
     this.empty = h("p", {}, "Choose a raw file and a PSF, and reconstruct. The picture comes here.");
-    this.frame = h("div", { class: "frame" }, this.canvas, this.overlay, this.empty);
-    this.name = h("b", {}, "Picture");
     this.size = h("span", {});
-    this.stops = slider({ label: "Exposure", min: -3, max: 3, value: 0, step: 0.05,
+    this.viewer = new Viewer({ title: "Picture", layers: [this.canvas, this.overlay], over: [this.empty], note: this.size });
+    const changed = { change: () => this.keep() };
+    this.stops = slider({ label: "Exposure", min: -3, max: 3, value: 0, step: 0.05, ...changed,
       text: (value) => `${value > 0 ? "+" : ""}${value.toFixed(2)} stops`, input: () => this.later() });
-    this.gamma = slider({ label: "Gamma", min: 0.4, max: 2.5, value: 1, step: 0.02, text: (value) => value.toFixed(2), input: () => this.later() });
+    this.gamma = slider({ label: "Gamma", min: 0.4, max: 2.5, value: 1, step: 0.02, ...changed, text: (value) => value.toFixed(2), input: () => this.later() });
     this.crop = { ...WHOLE };
-    const edge = (/** @type {string} */ label, /** @type {keyof typeof WHOLE} */ side) => slider({ label, min: 0, max: 1, value: WHOLE[side],
+    const edge = (/** @type {string} */ label, /** @type {keyof typeof WHOLE} */ side) => slider({ label, min: 0, max: 1, value: WHOLE[side], ...changed,
       step: 0.005, text: (value) => `${(100 * value).toFixed(1)} %`, input: (value) => this.cut({ ...this.crop, [side]: value }) });
     this.edges = { left: edge("Left edge", "left"), right: edge("Right edge", "right"), top: edge("Upper edge", "top"), bottom: edge("Lower edge", "bottom") };
+    this.cropper = button("Crop", () => this.draw(this.viewer.tool === null), { "aria-pressed": "false", disabled: true });
     this.saver = button("Save as PNG", () => this.save(), { class: "primary", disabled: true });
+    this.undoer = button("Undo", () => this.step(-1), { disabled: true, "aria-keyshortcuts": "Control+z" });
+    this.redoer = button("Redo", () => this.step(1), { disabled: true, "aria-keyshortcuts": "Control+Shift+z" });
     this.others = h("div", {});
-    this.view = h("figure", { class: "view" }, this.frame, h("figcaption", {}, this.name, this.size));
-    this.controls = group("Tone and crop", h("div", { class: "three" },
-      h("div", {}, this.stops.element, this.gamma.element),
-      h("details", { class: "edges" }, h("summary", {}, "Crop: draw on the picture, or set the edges"),
-        ...Object.values(this.edges).map(({ element }) => element)),
-      h("div", {}, h("div", { class: "row" }, this.saver, button("Reset", () => this.reset())), this.others)));
+    this.controls = group("Tone and crop", h("div", { class: "toning" }, this.stops.element, this.gamma.element,
+      h("div", { class: "row" }, this.cropper, this.undoer, this.redoer, button("Reset", () => this.reset()), this.saver)),
+    h("details", { class: "edges" }, h("summary", {}, "Edges of the crop"), ...Object.values(this.edges).map(({ element }) => element)), this.others);
     /** @type {ImageData | null} */
     this.original = null;
     this.waiting = false;
-    this.drag();
+    /** @type {State[]} that there were, the one that is shown at `at` */
+    this.states = [PLAIN];
+    this.at = 0;
   }
 
-  /** Show a file. @param {string} path @param {HTMLElement} [others] links to other forms of it */
-  async open(path, others) {
+  /** Show a file. @param {string} path @param {HTMLElement} [others] links to other forms of it @param {import("./viewer.js").Values} [values] of its pixels */
+  async open(path, others, values) {
     const image = await loaded(fileUrl(path));
-    await this.show(image, baseName(path));
-    fill(this.others, others);
+    await this.show(image, baseName(path), values);
+    fill(this.others, others && h("details", {}, h("summary", {}, "Files"), others));
   }
 
-  /** @param {HTMLImageElement} image @param {string} name */
-  async show(image, name) {
+  /** @param {HTMLImageElement} image @param {string} name @param {import("./viewer.js").Values} [values] */
+  async show(image, name, values) {
     const { naturalWidth: width, naturalHeight: height } = image;
     const canvas = h("canvas", { width, height });
     const context = canvas.getContext("2d");
@@ -83,27 +91,57 @@ export class Tone {
     this.original = context.getImageData(0, 0, width, height);
     [this.canvas.width, this.canvas.height] = [width, height];
     this.overlay.setAttribute("viewBox", `0 0 ${width} ${height}`);
-    this.overlay.setAttribute("preserveAspectRatio", "xMidYMid meet");
-    this.name.textContent = name;
-    this.view.classList.remove("previous");
     this.empty.hidden = true;
-    this.saver.disabled = false;
-    fill(this.others);
-    this.reset();
+    this.saver.disabled = this.cropper.disabled = false;
+    this.states = [PLAIN];
+    this.at = 0;
+    this.follow();
+    this.draw(false);
+    this.viewer.renew(name, values);
   }
 
   /** Say that the picture is of the run before, until another is shown. */
   age() {
-    if (!this.original || this.view.classList.contains("previous")) return;
-    this.view.classList.add("previous");
-    this.name.textContent = `Previous picture: ${this.name.textContent}`;
+    if (this.original) this.viewer.age();
+  }
+
+  /** Keep what is shown as one that can be returned to. */
+  keep() {
+    const state = { stops: this.stops.value(), gamma: this.gamma.value(), crop: this.crop };
+    if (JSON.stringify(state) === JSON.stringify(this.states[this.at])) return;
+    this.states = [...this.states.slice(0, this.at + 1), state];
+    this.at += 1;
+    this.offer();
+  }
+
+  /** Go back or forth among what was shown. @param {-1 | 1} by @returns {boolean} whether there was one */
+  step(by) {
+    if (!this.states[this.at + by]) return false;
+    this.at += by;
+    this.follow();
+    return true;
   }
 
   reset() {
-    this.stops.set(0);
-    this.gamma.set(1);
-    this.cut({ ...WHOLE });
+    [this.stops, this.gamma].forEach((each, place) => each.set([PLAIN.stops, PLAIN.gamma][place]));
+    this.cut(WHOLE);
     this.redraw();
+    this.keep();
+  }
+
+  /** Show the state that was chosen. */
+  follow() {
+    const { stops, gamma, crop } = this.states[this.at];
+    this.stops.set(stops);
+    this.gamma.set(gamma);
+    this.cut(crop);
+    this.redraw();
+    this.offer();
+  }
+
+  offer() {
+    this.undoer.disabled = this.at === 0;
+    this.redoer.disabled = this.at === this.states.length - 1;
   }
 
   /** Draw with the next frame, however often a slider moves before. */
@@ -147,33 +185,23 @@ export class Tone {
     return { x, y, width: Math.max(1, Math.round(this.crop.right * width) - x), height: Math.max(1, Math.round(this.crop.bottom * height) - y) };
   }
 
-  /** Draw a crop on the picture with the pointer; a click takes it away. */
-  drag() {
+  /** Let the pointer draw a crop on the picture, or not. @param {boolean} on */
+  draw(on) {
+    this.cropper.setAttribute("aria-pressed", String(on));
+    this.viewer.frame.classList.toggle("cropping", on);
     /** @type {[number, number] | null} */
     let from = null;
-    const place = (/** @type {PointerEvent} */ event) => {
-      const outer = this.canvas.getBoundingClientRect();
-      const scale = Math.min(outer.width / this.canvas.width, outer.height / this.canvas.height);
-      const inner = [this.canvas.width * scale, this.canvas.height * scale];
-      return /** @type {[number, number]} */ ([
-        (event.clientX - outer.left - (outer.width - inner[0]) / 2) / inner[0],
-        (event.clientY - outer.top - (outer.height - inner[1]) / 2) / inner[1]]);
+    const tool = {
+      down: (/** @type {[number, number]} */ at) => { from = at; },
+      move: (/** @type {[number, number]} */ to) => {
+        if (!from) return;
+        const [left, right] = [from[0], to[0]].sort((one, other) => one - other);
+        const [top, bottom] = [from[1], to[1]].sort((one, other) => one - other);
+        this.cut(right - left > LEAST_FRACTION && bottom - top > LEAST_FRACTION ? { left, top, right, bottom } : WHOLE);
+      },
+      up: () => { from = null; this.keep(); },
     };
-    const onto = (/** @type {PointerEvent} */ event) => {
-      if (!from) return;
-      const to = place(event);
-      const [left, right] = [from[0], to[0]].sort((one, other) => one - other);
-      const [top, bottom] = [from[1], to[1]].sort((one, other) => one - other);
-      this.cut(right - left > LEAST_FRACTION && bottom - top > LEAST_FRACTION ? { left, top, right, bottom } : { ...WHOLE });
-    };
-    this.canvas.addEventListener("pointerdown", (event) => {
-      if (!this.original) return;
-      from = place(event);
-      this.canvas.setPointerCapture(event.pointerId);
-    });
-    this.canvas.addEventListener("pointermove", onto);
-    this.canvas.addEventListener("pointerup", (event) => { onto(event); from = null; });
-    this.canvas.addEventListener("pointercancel", () => { from = null; });
+    this.viewer.tool = on ? tool : null;
   }
 
   /** Hand the toned and cropped picture to the visitor. */
@@ -186,7 +214,7 @@ export class Tone {
         trouble("The picture is too large for this browser to save; use the file in the workspace.");
         return;
       }
-      const link = h("a", { href: URL.createObjectURL(picture), download: `${(this.name.textContent ?? "picture").replace(/\.[^.]*$/, "")}-edited.png` });
+      const link = h("a", { href: URL.createObjectURL(picture), download: `${(this.viewer.title.textContent ?? "picture").replace(/\.[^.]*$/, "")}-edited.png` });
       link.click();
       setTimeout(() => URL.revokeObjectURL(link.href), 10000);
     }, "image/png");

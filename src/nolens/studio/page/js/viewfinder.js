@@ -9,16 +9,17 @@ import { draw, live } from "./live.js";
 import { banner, told } from "./notices.js";
 import { LightControls } from "./viewfinder_light.js";
 import { SceneControls } from "./viewfinder_scene.js";
+import { Viewer } from "./viewer.js";
 import { SolverControls } from "./viewfinder_solver.js";
 import { SourceControls } from "./viewfinder_source.js";
 
 /** @param {string} title @param {string} label @param {string} id */
 function view(title, label, id) {
   const canvas = h("canvas", { id, width: 480, height: 360, role: "img", "aria-label": label });
-  const note = h("span", {});
+  const note = h("span", { class: "pale" });
   const empty = h("p", { hidden: true });
-  return { canvas, note, empty, element: h("figure", { class: "view" }, h("div", { class: "frame" }, canvas, empty),
-    h("figcaption", {}, h("b", {}, title), note)) };
+  const viewer = new Viewer({ title, layers: [canvas], over: [empty], note });
+  return { canvas, note, empty, viewer, element: viewer.element };
 }
 
 /** @param {string[]} names */
@@ -75,8 +76,9 @@ class Viewfinder {
     banner("");
   }
 
-  /** @param {string} key */
-  key(key) {
+  /** @param {string} key @param {boolean} [control] */
+  key(key, control) {
+    if (control) return false;
     if (key === " ") this.freezer.click();
     else if (key === "s") this.saver.click();
     else return false;
@@ -85,8 +87,9 @@ class Viewfinder {
 
   /** @param {import("./live.js").Frame} frame */
   show({ head, pictures }) {
-    draw(this.raw.canvas, pictures.raw);
-    draw(this.picture.canvas, pictures.picture);
+    for (const [each, picture] of /** @type {[ReturnType<typeof view>, ImageBitmap][]} */ ([[this.raw, pictures.raw], [this.picture, pictures.picture]])) {
+      if (draw(each.canvas, picture)) each.viewer.lay();
+    }
     this.picture.canvas.hidden = !pictures.picture;
     const { values } = this.figures;
     values["Frames/s"].textContent = this.frozen ? "frozen" : head.fps.toFixed(1);
