@@ -27,7 +27,7 @@ def set_slider(page: Any, label: str, share: float) -> None:
     """Drag a slider to a share of its way."""
     page.get_by_role("slider", name=label, exact=True).evaluate(
         "(each, share) => { each.value = Number(each.min) + share * (each.max - each.min);"
-        " each.dispatchEvent(new Event('input')); }",
+        " each.dispatchEvent(new Event('input')); each.dispatchEvent(new Event('change')); }",
         share,
     )
 
@@ -167,10 +167,10 @@ def read_out(page: Any, linear: Path) -> None:
     page.mouse.up()
     moved = page.locator("#photograph").bounding_box()
     assert moved["x"] - larger["x"] == pytest.approx(60, abs=1)
-    page.get_by_role("button", name="Pixel for pixel").first.click()
+    page.get_by_role("button", name="Pixel for pixel: Picture").click()
     width = page.locator("#photograph").bounding_box()["width"]
     assert width == page.locator("#photograph").evaluate("(each) => each.width")
-    page.get_by_role("button", name="Full screen").first.click()
+    page.get_by_role("button", name="Full screen: Picture").click()
     page.wait_for_function("() => document.fullscreenElement")
     stage.locator(".frame").first.press("f")
     page.wait_for_function("() => !document.fullscreenElement")
@@ -185,8 +185,8 @@ def compared(page: Any) -> None:
         "() => [...document.querySelectorAll('.plane > img')].filter((e) => e.checkVisibility()"
         " && e.naturalWidth).length >= 3"
     )
-    assert page.get_by_label("Left", exact=True).input_value().endswith(".png")
-    page.get_by_label("Left", exact=True).select_option(index=1)
+    assert page.get_by_label("Left", exact=True).input_value().endswith(".dng")
+    assert page.get_by_label("Right", exact=True).input_value().endswith(".png")
     handle = page.get_by_role("slider", name="Left picture up to")
     frame = page.locator(".frame:has(.divide)")
     box, place = frame.bounding_box(), handle.bounding_box()
@@ -252,6 +252,35 @@ def test_two_files_are_dropped_and_the_options_reach_the_job(
         "bin": 2,
         "quality": "photo",
     }
+    used_again(visit)
+
+
+def used_again(visit: Visit) -> None:
+    """The gallery has the result with its main figures; its settings are taken again."""
+    page = visit.page
+    page.get_by_role("button", name="Draft").click()
+    for label, other in (("Turn the picture", "As it is"), ("Prior", "Total variation")):
+        page.get_by_label(label, exact=True).select_option(other)
+    page.get_by_label("Binning").fill("")
+    page.get_by_role("button", name="Results").click()
+    card = page.locator(".card", has_text="door.png")
+    assert "ADMM · 3 iterations" in await_text(page, ".card", r"door.png.*ADMM")
+    thumbnail = card.locator("img")
+    assert thumbnail.evaluate("async (e) => { await e.decode(); return e.naturalWidth; }") > 50
+    visit.keep("results")
+    card.click()
+    rows = await_text(page, ".record .figures", "door-psf.tif")
+    assert "Turn the picture: horizontal" in rows and "Prior: l1" in rows
+    page.get_by_role("button", name="Use these settings again").click()
+    page.wait_for_function(
+        "() => [...document.querySelectorAll('select')].some((e) => e.value === 'l1')"
+    )
+    assert page.get_by_label("Turn the picture").input_value() == "horizontal"
+    assert page.get_by_label("Binning").input_value() == "2"
+    assert page.get_by_label("PSF", exact=True).input_value() == "work/uploads/door-psf.tif"
+    assert (
+        page.get_by_role("button", name="Photo", exact=True).get_attribute("aria-pressed") == "true"
+    )
 
 
 def refused(page: Any, studio_folder: Path) -> None:
@@ -380,6 +409,25 @@ def test_text_stands_out_from_what_is_behind_it(visit: Visit, theme: str) -> Non
         page.wait_for_timeout(300)
         page.wait_for_function(STILL)
         assert page.evaluate(CONTRAST) == []
+
+
+def test_scene_camera_and_reconstruct_are_above_the_fold(visit: Visit) -> None:
+    page = visit.show("viewfinder")
+    page.set_viewport_size({"width": 1280, "height": 800})
+    await_text(page, ".view figcaption", "twin of")
+    for title in ("Scene", "Camera", "Save", "Light", "Reconstruction"):
+        box = page.get_by_role("region", name=title, exact=True).bounding_box()
+        assert box["y"] + box["height"] <= 800, title
+    page.keyboard.press("4")
+    await_text(page, ".named", "pixels|Measurement")
+    for name in ("Reconstruct", "Save as PNG", "Crop"):
+        box = page.get_by_role("button", name=name, exact=True).bounding_box()
+        assert box["y"] + box["height"] <= 800, name
+    phone = visit.phone("photograph")
+    order = [phone.get_by_label("Raw file", exact=True), phone.locator("#photograph"),
+             phone.get_by_role("button", name="Save as PNG")]  # fmt: skip
+    places = [each.bounding_box()["y"] for each in order]
+    assert places == sorted(places) and places[0] < 400
 
 
 def test_keys_and_widths(visit: Visit) -> None:

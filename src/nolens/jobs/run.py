@@ -343,8 +343,11 @@ class Run(Generic[Options]):
 
     def _write_record(self, product: Product[Any], summary: dict[str, Any], path: Path) -> None:
         summary["seconds"] = self.clock.seconds  # With all that was written.
-        parameters = self.options.model_dump(mode="json", by_alias=True)
-        parameters |= with_former_keys(product.parameters)
+        parameters = {
+            **self.options.model_dump(mode="json", by_alias=True),
+            **with_former_keys(product.parameters),
+            "options_set": sorted(self.options.model_fields_set),
+        }
         write_record(path, self.record(summary, parameters, product.history))
 
 

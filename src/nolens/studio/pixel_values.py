@@ -3,7 +3,7 @@
 import json
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 import torch
@@ -111,6 +111,6 @@ def _angles(path: Path, camera: str) -> dict[str, Any] | None:
     return {"axis": axis, "step": farthest / (_RADII - 1), "tangents": tangents}
 
 
-def _is_window(value: Any) -> bool:
+def _is_window(value: Any) -> TypeGuard[list[int]]:
     four = isinstance(value, list) and len(value) == 4
     return four and all(isinstance(each, int) and abs(each) < 10**6 for each in value)

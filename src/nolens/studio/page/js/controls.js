@@ -4,7 +4,7 @@
 import { freshId, h, tick } from "./dom.js";
 import { declared, label, option, worded } from "./names.js";
 
-/** @typedef {{element: HTMLElement, value: () => unknown}} Control `value` is undefined where the option is left out */
+/** @typedef {{element: HTMLElement, value: () => unknown, set: (value: unknown) => void}} Control a value is undefined where the option is left out */
 
 const LONGEST = 34;
 /** @type {Record<string, unknown>} */
@@ -31,7 +31,7 @@ export function control(kind, name, { words = {}, example } = {}) {
   const { choices, default: normal } = declared(kind, name);
   if (choices.join() === "on,off" && !normal) {
     const { box, element } = tick(label(kind, name), false);
-    return { element, value: () => box.checked || undefined };
+    return { element, value: () => box.checked || undefined, set: (value) => { box.checked = value === true; } };
   }
   const list = choices.length ? choices : Object.keys(words);
   if (list.length) {
@@ -39,12 +39,16 @@ export function control(kind, name, { words = {}, example } = {}) {
     const chosen = choices.includes(normal);
     const select = h("select", {}, !chosen && h("option", { value: "" }, words[""] ?? `By default (${worded(kind, normal)})`),
       ...list.map((each) => h("option", { value: each }, said(each))));
-    if (chosen) select.value = normal;
-    return { element: option(kind, name, select), value: () => (select.value === "" || select.value === normal ? undefined : SWITCH[select.value] ?? select.value) };
+    const usual = chosen ? normal : "";
+    select.value = usual;
+    return {
+      element: option(kind, name, select), value: () => (select.value === usual ? undefined : SWITCH[select.value] ?? select.value),
+      set: (value) => { select.value = value === undefined ? usual : value === true ? "on" : value === false ? "off" : String(value); },
+    };
   }
   const usual = worded(kind, normal);
   const input = h("input", { type: "text", spellcheck: false, placeholder: example ?? (usual.length <= LONGEST ? usual : "by default") });
-  return { element: option(kind, name, input), value: () => value(input) };
+  return { element: option(kind, name, input), value: () => value(input), set: (given) => { input.value = given === undefined ? "" : String(given); } };
 }
 
 /**

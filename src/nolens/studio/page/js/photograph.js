@@ -6,12 +6,14 @@ import { calibratedCameras, filesBy, offerFiles, psfChoices, psfOf } from "./cho
 import { Compare } from "./compare.js";
 import { Depths } from "./depths.js";
 import { button, field, filePicker, fill, group, h, segments, setOptions } from "./dom.js";
-import { folderOf, percent } from "./format.js";
+import { baseName, folderOf, percent } from "./format.js";
+import { Gallery } from "./gallery.js";
 import { fileLinks, JobView, run } from "./jobs.js";
 import { live } from "./live.js";
 import { option } from "./names.js";
 import { told } from "./notices.js";
 import { curve, noCurve } from "./plots.js";
+import { recordOf, RecordView, settingsOf } from "./record.js";
 import { ReconstructionOptions } from "./reconstruction.js";
 import { LazyValues, PixelValues } from "./pixels.js";
 import { Tone } from "./tone.js";
@@ -48,8 +50,10 @@ class Photograph {
     this.steps = h("input", { type: "number", min: 2, max: 60, value: 7 });
     this.refocuser = button("Make the focal stack", told(() => this.refocus()));
     this.stackJob = new JobView({ keep: "refocus" });
-    this.mode = segments("View", [["picture", "Picture"], ["compare", "Compare"], ["depths", "Depths"]], "picture", (mode) => this.view(mode));
-    this.picture = h("div", { class: "stage" }, this.tone.viewer.element, this.tone.controls);
+    this.gallery = new Gallery((result) => this.open(result));
+    this.record = new RecordView((record) => this.again(record));
+    this.mode = segments("View", [["picture", "Picture"], ["compare", "Compare"], ["depths", "Depths"], ["results", "Results"]], "picture", (mode) => this.view(mode));
+    this.picture = h("div", { class: "stage" }, this.tone.viewer.element, this.tone.controls, this.record.element);
     this.previewed.hidden = true;
     this.asked = 0;
     fill(place, h("h1", { class: "unseen" }, "Photograph"), h("div", { class: "bench chooser" },
@@ -59,7 +63,7 @@ class Photograph {
           h("p", { class: "drop pale" }, "Or drop them here: a file called psf is taken as the PSF."), this.previewed),
         group("Reconstruction", this.options.quality.element, h("div", { class: "row" }, this.maker), this.job.element, this.curve,
           ...this.options.elements)),
-      h("div", { class: "stage" }, this.mode.element, this.picture, this.compare.element, this.depths.element),
+      h("div", { class: "stage" }, this.mode.element, this.picture, this.compare.element, this.depths.element, this.gallery.element),
       h("div", { class: "side" },
         group("Refocus", option("refocus", "psfs", this.cameras), h("div", { class: "row" },
           h("div", { class: "grow" }, field("Nearest", this.near)), h("div", { class: "grow" }, field("Farthest", this.far)),
@@ -197,17 +201,50 @@ class Photograph {
 
   /** @param {Job | null} job */
   finish(job) {
-    const picture = job?.outputs?.find((path) => path.endsWith(".png"));
+    const of = (/** @type {string} */ suffix) => job?.outputs?.find((path) => path.endsWith(suffix));
+    const picture = of(".png");
     if (!job || !picture) return;
-    this.view("picture");
     const { measurement, psf } = job.options ?? {};
-    const linear = job.outputs?.find((path) => path.endsWith(".tif"));
-    told(async () => {
-      const camera = (await calibratedCameras()).find(({ value }) => value === folderOf(psf ?? ""))?.value;
-      const values = new LazyValues(() => PixelValues.of(linear ?? picture, camera), () => this.tone.viewer.again());
-      await this.tone.open(picture, fileLinks(job.outputs ?? []), values);
-    })();
+    told(() => this.present(picture, of(".tif"), of(".json"), psf, fileLinks(job.outputs ?? [])))();
     told(() => this.compare.refresh(picture, measurement))();
+  }
+
+  /**
+   * Show a result with its values and its record.
+   *
+   * @param {string} picture @param {string | null} [linear] @param {string | null} [record] paths of its files
+   * @param {string} [psf] that it was reconstructed with
+   * @param {HTMLElement} [links]
+   * @param {boolean} [open] the record too
+   */
+  async present(picture, linear, record, psf, links, open) {
+    this.view("picture");
+    const camera = (await calibratedCameras()).find(({ value }) => value === folderOf(psf ?? ""))?.value;
+    const values = new LazyValues(() => PixelValues.of(linear ?? picture, camera), () => this.tone.viewer.again());
+    await this.tone.open(picture, links, values);
+    await this.record.show(record ?? null, open);
+  }
+
+  /** A result of the gallery. @param {import("./gallery.js").Result} result */
+  async open({ picture, linear, record }) {
+    const about = record ? await recordOf(record) : null;
+    const files = [picture, linear, record].filter((each) => each !== null);
+    await this.present(picture, linear, record, about?.inputs?.psf?.path, fileLinks(files), true);
+    await this.compare.refresh(picture, about?.inputs?.measurement?.path);
+  }
+
+  /** Take files and settings of an earlier result. @param {import("./record.js").RunRecord} record */
+  async again(record) {
+    const { inputs } = record;
+    await this.list();
+    for (const [select, role] of /** @type {[HTMLSelectElement, string][]} */ ([[this.raw, "measurement"], [this.psf, "psf"]])) {
+      select.value = inputs[role].path;
+      if (!select.value) throw new Error(`${baseName(inputs[role].path)} is in no folder of this studio any more: bring it, or start the studio with its folder.`);
+    }
+    this.options.use(settingsOf(record));
+    const psf = this.psf.value;
+    await this.look();
+    this.psf.value = psf;
   }
 
   async refocus() {
@@ -232,13 +269,15 @@ class Photograph {
     if (shown) this.view("depths");
   }
 
-  /** @param {"picture" | "compare" | "depths"} mode */
+  /** @param {"picture" | "compare" | "depths" | "results"} mode */
   view(mode) {
     this.mode.set(mode);
     this.picture.hidden = mode !== "picture";
     this.compare.element.hidden = mode !== "compare";
     this.depths.element.hidden = mode !== "depths";
+    this.gallery.element.hidden = mode !== "results";
     if (mode === "compare") told(() => this.compare.refresh())();
+    if (mode === "results") told(() => this.gallery.refresh())();
   }
 }
 

@@ -62,6 +62,16 @@ export class ReconstructionOptions {
     return Object.fromEntries(names.map((name) => [name, this.controls[name].value()]));
   }
 
+  /** Settings of an earlier reconstruction; what was left out then is left out again. @param {Record<string, any>} settings by option */
+  use(settings) {
+    for (const [name, each] of Object.entries(this.controls)) each.set(settings[name]);
+    for (const [name, select] of Object.entries(this.files)) select.value = settings[name] ?? "";
+    this.quality.set(settings.quality ?? "photo");
+    this.ownTau.box.checked = settings.tau !== undefined;
+    this.tau.element.hidden = !this.ownTau.box.checked;
+    if (settings.tau !== undefined) this.tau.set(settings.tau);
+  }
+
   /** How the raw file is read, and what of the scene is reconstructed. */
   reading() {
     return { dark: this.files.dark.value, flat: this.files.flat.value, ...this.values(READING) };

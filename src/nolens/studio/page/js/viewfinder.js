@@ -55,10 +55,9 @@ class Viewfinder {
       h("div", { class: "side" },
         group("Light", ...this.light.elements),
         group("Reconstruction", ...this.solver.elements)),
-      h("div", { class: "three below" },
+      h("div", { class: "three below" }, this.scene.element, this.source.element,
         group("Save", h("div", { class: "row" }, this.freezer, this.saver),
-          h("div", { class: "row" }, this.png.element, this.tiff.element, this.rawFile.element), this.saved),
-        this.scene.element, this.source.element)));
+          h("div", { class: "row" }, this.png.element, this.tiff.element, this.rawFile.element), this.saved))));
     /** @type {import("./live.js").Viewer} */
     this.viewer = {
       frame: (frame) => this.show(frame),

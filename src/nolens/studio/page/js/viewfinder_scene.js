@@ -2,7 +2,7 @@
 /** What the twin looks at: a built-in picture, a picture or video of the visitor's, or the webcam. */
 
 import { post, showScene, studio } from "./api.js";
-import { button, field, fill, group, h, setOptions } from "./dom.js";
+import { button, field, filePicker, fill, group, h, setOptions } from "./dom.js";
 import { live } from "./live.js";
 import { told } from "./notices.js";
 
@@ -16,16 +16,10 @@ const LONGEST = 2048;
 export class SceneControls {
   constructor() {
     this.select = h("select", { onchange: told(() => this.choose(this.select.value)) });
-    this.file = h("input", { type: "file", accept: "image/*,video/*", onchange: told(async () => {
-      const [picture] = this.file.files ?? [];
-      if (picture) await this.drop(picture);
-      this.file.value = "";
-    }) });
+    const file = filePicker("A picture or video…", told(([picture]) => this.drop(picture)), { accept: "image/*,video/*", title: "Pictures and videos can be dropped on the page, too." });
     this.webcam = button("Use my webcam", told(async () => (this.stream ? this.stop() : this.watch())), { "aria-pressed": "false" });
     this.said = h("p", { class: "pale", role: "status" });
-    this.element = group("Scene", field("Built-in picture", this.select),
-      h("div", { class: "drop" }, field("Choose or drop a picture or video", this.file)),
-      this.webcam, this.said);
+    this.element = group("Scene", field("Built-in picture", this.select), h("div", { class: "row" }, file, this.webcam), this.said);
     this.element.hidden = true;
     /** @type {MediaStream | null} */
     this.stream = null;
@@ -63,7 +57,7 @@ export class SceneControls {
   async choose(builtin) {
     this.stop();
     await post("api/live/scene", { builtin });
-    this.said.textContent = "";
+    fill(this.said);
   }
 
   /** @param {File} picture */

@@ -14,9 +14,11 @@ export class SourceControls {
     this.folderField = field("Folder to watch", this.folder);
     this.psf = h("select", {});
     this.psfField = field("PSF", this.psf);
-    this.starter = button("Start this camera", told(() => this.start()));
+    this.starter = button("Start", told(() => this.start()), { "aria-label": "Start this camera" });
     this.why = h("ul", { class: "files pale" });
-    this.element = group("Camera", field("Source", this.select), this.folderField, this.psfField, this.starter, this.why);
+    this.missing = h("details", { hidden: true }, h("summary", {}, "Cameras that are not here"), this.why);
+    this.element = group("Camera", h("div", { class: "row low" }, h("div", { class: "grow" }, field("Source", this.select)), this.starter),
+      this.folderField, this.psfField, this.missing);
     this.listed = false;
     this.ask();
   }
@@ -38,6 +40,7 @@ export class SourceControls {
     this.folder.placeholder = `${folders[0].id}/uploads`;
     fill(this.why, sources.filter((/** @type {any} */ each) => !each.available).map((/** @type {any} */ each) =>
       h("li", {}, `${each.label}: ${each.why}`)));
+    this.missing.hidden = this.why.childElementCount === 0;
     setOptions(this.psf, [{ value: "", label: "None: the raw frames alone" }, ...await psfChoices()]);
     this.ask();
   }
