@@ -57,6 +57,12 @@ def await_likeness(page: Any, scene: Image.Image) -> None:
     until(lambda: alike(picture_of(page, "#live-picture"), scene) > 0.9, "the scene")
 
 
+def middle_of(page: Any, canvas: str) -> tuple[float, float]:
+    """Place on the screen of the middle of a picture."""
+    box = page.locator(canvas).bounding_box()
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
 def await_newest(visit: Visit) -> None:
     """Wait until a page of a frozen viewfinder shows what another one is shown at once."""
     other = visit.phone("viewfinder")
@@ -74,6 +80,11 @@ def test_viewfinder_shows_the_scene_live(visit: Visit) -> None:
     assert alike(picture_of(page, "#live-raw"), built_in()) < 0.8
     assert np.any(np.asarray(shown) != np.asarray(later))
     assert await_text(page, ".verdict", "Exposure right")
+    page.mouse.move(*middle_of(page, "#live-raw"))
+    counts = await_text(page, ".probe", r"x \d+, y \d+ · counts [RGB] \d+$")
+    assert 0 < int(counts.split()[-1]) < 4096
+    page.mouse.move(*middle_of(page, "#live-picture"))
+    await_text(page, ".probe", r"radiance R [\d.]+")
     visit.keep("viewfinder")
     phone = visit.phone("viewfinder")
     await_frames(phone, 4)

@@ -5,9 +5,9 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, Query, Request, WebSocket, WebSocketDisconnect
 from pydantic import ValidationError
 
 from nolens.errors import DataError, NolensError, OptionError
@@ -15,6 +15,7 @@ from nolens.studio.requests import JsonRoute, parsed
 from nolens.studio.schemas import (
     SCENES,
     BuiltinScene,
+    LivePixel,
     LiveStart,
     LiveState,
     Saved,
@@ -40,6 +41,7 @@ _SCENE_NAME_BYTES = 10_000
 _MESSAGES_PER_S, _MESSAGES_AT_ONCE = 100.0, 50
 _PICTURES = (b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n")
 _PICTURE_TYPES = ("image/jpeg", "image/png", "image/webp")
+_Fraction = Annotated[float, Query(ge=0, lt=1)]
 _MALFORMED = 1008
 _TOO_MANY = 1013
 _BYTES = {"schema": {"type": "string", "format": "binary"}}
@@ -191,6 +193,13 @@ class LiveHub:
         saved = await self._worker.request("save", formats, work, folder, seconds=_SAVE_S)
         named = await asyncio.to_thread(self._workspace.named, saved)
         return Saved(files=named["files"], psf_path=named["psf_path"])
+
+    async def pixel(self, of: str, across: float, down: float) -> LivePixel:
+        """A pixel of the displayed frame, at fractions of its width and height."""
+        if self._worker is None:
+            raise OptionError("no camera is running: start one, and try again")
+        pixel = await self._worker.request("pixel", of, across, down, seconds=_SAVE_S)
+        return LivePixel(**pixel)
 
     async def close(self) -> None:
         """End the process, and with it all that it holds."""
@@ -355,6 +364,10 @@ def live_router(hub: LiveHub) -> APIRouter:
     @router.post("/save")
     async def save(request: SaveRequest) -> Saved:
         return await hub.save(list(request.formats), request.folder)
+
+    @router.get("/pixel")
+    async def pixel(of: Literal["raw", "picture"], across: _Fraction, down: _Fraction) -> LivePixel:
+        return await hub.pixel(of, across, down)
 
     @router.websocket("/frames")
     async def frames(socket: WebSocket) -> None:

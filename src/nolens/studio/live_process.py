@@ -114,6 +114,7 @@ class LiveView:
             "scene": self._see,
             "picture": self._see_picture,
             "save": self._save,
+            "pixel": self._pixel,
         }
         result, refused = None, None
         try:
@@ -224,6 +225,25 @@ class LiveView:
             "files": [str(path) for path in files],
             "psf_path": None if source.psf is None else str(source.psf),
         }
+
+    def _pixel(self, of: str, across: float, down: float) -> dict[str, Any]:
+        """A pixel of the displayed frame, at fractions of its width and height."""
+        displayed = self._displayed
+        if displayed is None:
+            raise OptionError("there is no frame yet: start a camera, and try again")
+        frame, picture = displayed.shot.frame, displayed.picture
+        if of == "raw":
+            values, names, unit = frame.counts, frame.channels, "counts"
+        elif picture is None:
+            raise OptionError("there is no reconstruction")
+        else:
+            values, names, unit = picture.radiance, picture.channels, "radiance"
+        height, width = values.shape[-2:]
+        x, y = int(across * width), int(down * height)
+        if of == "raw" and frame.mosaic is not None:
+            names = (frame.mosaic[2 * (y % 2) + x % 2],)
+        pixel = dict(zip(names, values[:, y, x].tolist(), strict=True))
+        return {"x": x, "y": y, "unit": unit, "values": pixel}
 
     def _look(self) -> None:
         """The newest frame, to the page; or the end of a camera that failed."""

@@ -189,6 +189,15 @@ class LiveStart(_Given):
     settings: SettingsChange | None = None
 
 
+class LivePixel(BaseModel):
+    """A pixel of the frame that is displayed: counts of the sensor, or radiance."""
+
+    x: int
+    y: int
+    unit: Literal["counts", "radiance"]
+    values: dict[str, float]
+
+
 class BuiltinScene(_Given):
     """One of the scenes that the studio brings."""
 

@@ -13,6 +13,7 @@ import { draw, live } from "./live.js";
 import { option } from "./names.js";
 import { banner, told } from "./notices.js";
 import { PsfImport } from "./psf_import.js";
+import { LiveValues } from "./pixels.js";
 import { Viewer } from "./viewer.js";
 import { LightControls } from "./viewfinder_light.js";
 
@@ -84,6 +85,7 @@ class Calibrate {
     this.canvas = h("canvas", { width: 480, height: 360, role: "img", "aria-label": "What the sensor measures, live" });
     this.centring = new Centring(this.canvas);
     this.sensor = new Viewer({ title: "Sensor", layers: [this.canvas, this.centring.overlay], note: this.centring.said });
+    this.sensor.values = new LiveValues("raw", () => this.sensor.again());
     this.light = new LightControls((given) => this.set(given));
     this.advice = h("p", { class: "pale" });
     this.camera = h("select", { onchange: () => { this.chosen = true; } });

@@ -1,8 +1,8 @@
 // @ts-check
 /** Values of the pixels of a file: radiance or counts, and the angle where the camera is known. */
 
-import { ApiError } from "./api.js";
-import { number } from "./format.js";
+import { ApiError, get } from "./api.js";
+import { number, pause } from "./format.js";
 
 /**
  * @typedef {object} Head
@@ -18,6 +18,7 @@ import { number } from "./format.js";
  */
 
 const MOST = 65535;
+const LIVE_MS = 150;
 
 export class PixelValues {
   /** @param {Head} head @param {Uint16Array} numbers */
@@ -96,5 +97,32 @@ export class LazyValues {
       this.fetched().then((values) => { this.values = values; }, (error) => { this.refused = error.message; }).then(this.come);
     }
     return this.refused || "Reading the values…";
+  }
+}
+
+/** Values of the frame that the live view shows: asked for again and again while the pointer rests on it. */
+export class LiveValues {
+  /** @param {"raw" | "picture"} of @param {() => void} come is called when there is another value */
+  constructor(of, come) {
+    this.of = of;
+    this.come = come;
+    this.text = "";
+    this.asking = false;
+  }
+
+  /** @param {number} across @param {number} down */
+  at(across, down) {
+    if (!this.asking) {
+      this.asking = true;
+      get(`api/live/pixel?of=${this.of}&across=${across}&down=${down}`).then(({ x, y, unit, values }) => {
+        const parts = Object.entries(values).map(([name, value]) => `${name === "grey" ? "" : `${name} `}${unit === "counts" ? value : number(value)}`);
+        this.text = `x ${x}, y ${y} · ${unit} ${parts.join(" ")}`;
+      }, (error) => { this.text = error.message; }).then(async () => {
+        await pause(LIVE_MS);
+        this.asking = false;
+        this.come();
+      });
+    }
+    return this.text;
   }
 }

@@ -138,7 +138,7 @@ export class Viewer {
 
   /** Say again what is under the pointer, when the values have come. */
   again() {
-    this.read(this.probed);
+    if (this.frame.checkVisibility()) this.read(this.probed);
   }
 
   listen() {

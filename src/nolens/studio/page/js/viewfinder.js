@@ -9,16 +9,19 @@ import { draw, live } from "./live.js";
 import { banner, told } from "./notices.js";
 import { LightControls } from "./viewfinder_light.js";
 import { SceneControls } from "./viewfinder_scene.js";
+import { LiveValues } from "./pixels.js";
 import { Viewer } from "./viewer.js";
 import { SolverControls } from "./viewfinder_solver.js";
 import { SourceControls } from "./viewfinder_source.js";
 
-/** @param {string} title @param {string} label @param {string} id */
-function view(title, label, id) {
+/** @param {string} title @param {string} label @param {"raw" | "picture"} what */
+function view(title, label, what) {
+  const id = `live-${what}`;
   const canvas = h("canvas", { id, width: 480, height: 360, role: "img", "aria-label": label });
   const note = h("span", { class: "pale" });
   const empty = h("p", { hidden: true });
   const viewer = new Viewer({ title, layers: [canvas], over: [empty], note });
+  viewer.values = new LiveValues(what, () => viewer.again());
   return { canvas, note, empty, viewer, element: viewer.element };
 }
 
@@ -33,8 +36,8 @@ function readout(names) {
 class Viewfinder {
   /** @param {HTMLElement} place */
   constructor(place) {
-    this.raw = view("Sensor", "What the sensor measures, live", "live-raw");
-    this.picture = view("Reconstruction", "The picture reconstructed from it, live", "live-picture");
+    this.raw = view("Sensor", "What the sensor measures, live", "raw");
+    this.picture = view("Reconstruction", "The picture reconstructed from it, live", "picture");
     this.picture.element.classList.add("first");
     this.figures = readout(["Frames/s", "Latency", "Dropped", "Exposure", "Gain", "Iterations"]);
     this.frozen = false;
