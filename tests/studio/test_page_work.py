@@ -125,6 +125,9 @@ def test_photograph_forms_and_is_found_again(visit: Visit, studio_folder: Path, 
     refused(page, studio_folder)
     compared(page)
     visit.keep("compare")
+    page.get_by_role("button", name="Results").click()
+    await_text(page, ".card", f"{name}.*ADMM")
+    visit.keep("results")
 
 
 def undone(page: Any, shown: Image.Image) -> None:
@@ -267,7 +270,6 @@ def used_again(visit: Visit) -> None:
     assert "ADMM · 3 iterations" in await_text(page, ".card", r"door.png.*ADMM")
     thumbnail = card.locator("img")
     assert thumbnail.evaluate("async (e) => { await e.decode(); return e.naturalWidth; }") > 50
-    visit.keep("results")
     card.click()
     rows = await_text(page, ".record .figures", "door-psf.tif")
     assert "Turn the picture: horizontal" in rows and "Prior: l1" in rows
