@@ -10,9 +10,9 @@ from dataclasses import replace
 import nolens as nl
 
 preset = nl.Camera("small")
-mask = preset.opened.camera.mask.model_copy(update={"aperture": None})
-open_mask = preset.opened.camera.model_copy(update={"mask": mask})
-camera = nl.Camera(replace(preset.opened, camera=open_mask))
+mask = preset.loaded.camera.mask.model_copy(update={"aperture": None})
+open_mask = preset.loaded.camera.model_copy(update={"mask": mask})
+camera = nl.Camera(replace(preset.loaded, camera=open_mask))
 
 # %%
 psfs = {}

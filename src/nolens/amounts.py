@@ -23,10 +23,10 @@ def amount(value: float, unit: str = "", *, digits: int = 3, sign: bool = False)
     sign
         Whether + is written too.
     """
-    return f"{_plain(value, unit, digits, '+' if sign else '')} {shown_unit(unit)}".rstrip()
+    return f"{_plain(value, unit, digits, '+' if sign else '')} {unit_text(unit)}".rstrip()
 
 
-def shown_unit(unit: str) -> str:
+def unit_text(unit: str) -> str:
     """A unit as people read it: um as µm."""
     return _UNITS.get(unit, unit)
 

@@ -22,7 +22,7 @@ MESSAGE = "stopped at once; files that were not finished are not written"
 _unfinished: dict[str, None] = {}
 """Temporary files, and folders made for them, in the order in which they were made."""
 _committing: set[object] = set()
-_asked = False
+_ending = False
 
 
 def catch() -> None:
@@ -64,13 +64,13 @@ class Uninterrupted:
 
     def __exit__(self, *_: object) -> None:
         _committing.discard(self)
-        if _asked and not _committing:
+        if _ending and not _committing:
             _leave()
 
 
 def _interrupted(*_: object) -> None:
-    global _asked
-    _asked = True
+    global _ending
+    _ending = True
     if not _committing:
         _leave()
 

@@ -72,7 +72,7 @@ class Quantity:
             )
 
     @classmethod
-    def parse(cls, given: object) -> Self:
+    def parse(cls, value: object) -> Self:
         """Read a quantity from text such as ``"1.06 mm"``, with or without the space.
 
         Raises
@@ -80,16 +80,16 @@ class Quantity:
         OptionError
             If it is no text, no number, or has no unit or one that is not known.
         """
-        if isinstance(given, int | float) and abs(given) < 10**_SIZES:
-            raise OptionError(cls._no_unit(given))
-        if not isinstance(given, str):
-            kind = type(given).__name__
+        if isinstance(value, int | float) and abs(value) < 10**_SIZES:
+            raise OptionError(cls._no_unit(value))
+        if not isinstance(value, str):
+            kind = type(value).__name__
             raise OptionError(f"a value of type {kind} is not {cls.what}: {cls._advice()}")
-        if len(given) > _LONGEST:
-            raise OptionError(f"{given[:20]!r}... is not {cls.what}: {cls._advice()}")
-        match = _TEXT.fullmatch(given.strip())
+        if len(value) > _LONGEST:
+            raise OptionError(f"{value[:20]!r}... is not {cls.what}: {cls._advice()}")
+        match = _TEXT.fullmatch(value.strip())
         if match is None:
-            raise OptionError(f"{given!r} is not {cls.what}: {cls._advice()}")
+            raise OptionError(f"{value!r} is not {cls.what}: {cls._advice()}")
         if match[2] is None:
             raise OptionError(cls._no_unit(match[1]))
         return cls(match[1], match[2])
@@ -148,11 +148,11 @@ class Quantity:
         )
 
     @classmethod
-    def _validate(cls, given: object) -> Self:
-        if isinstance(given, cls):
-            return given
+    def _validate(cls, value: object) -> Self:
+        if isinstance(value, cls):
+            return value
         try:
-            return cls.parse(given)
+            return cls.parse(value)
         except OptionError as error:
             raise PydanticCustomError("quantity", "{reason}", {"reason": str(error)}) from None
 
@@ -231,7 +231,7 @@ class Duration(Quantity):
         return self.to("ms")
 
 
-class Share(Quantity):
+class Percentage(Quantity):
     """A fraction in %."""
 
     what = "a fraction"

@@ -123,8 +123,8 @@ def test_designs_are_those_of_the_commands(camera: nl.Camera, tmp_path: Path) ->
     theirs = design_mask(diffuser.gather(given), Reporter()).value
     shares: list[float] = []
     mine = nl.design_mask("diffuser", camera, angle="2deg", progress=shares.append)
-    assert theirs.relief_um is not None and mine.opened.relief_um is not None
-    assert torch.equal(mine.opened.relief_um, theirs.relief_um)
+    assert theirs.relief_um is not None and mine.loaded.relief_um is not None
+    assert torch.equal(mine.loaded.relief_um, theirs.relief_um)
     assert (mine.name, mine.pixels) == ("small, diffuser mask", camera.pixels)
     with pytest.raises(OptionError, match=r"there is no option 'anlge'. Did you mean 'angle'"):
         nl.design_mask("diffuser", anlge="2deg")
@@ -135,7 +135,7 @@ def test_designs_are_those_of_the_commands(camera: nl.Camera, tmp_path: Path) ->
     found = summary["materials"][0]["thickness_mm"]["value"]
     assert design.figures["materials"] == summary["materials"]
     assert design.thickness_mm == {"pua311": found} and f"{found:.2f} mm" in str(design)
-    layers = design.camera.opened.camera.layers
+    layers = design.camera.loaded.camera.layers
     assert any(abs(layer.thickness.mm - found) < 1e-3 for layer in layers)
 
 
@@ -143,9 +143,9 @@ def test_what_no_memory_holds_is_refused() -> None:
     paper = nl.Camera("paper")
     with pytest.raises(OptionError, match=r"of memory.*a smaller size"):
         nl.psf(paper, "300mm", size=(400_000, 400_000))
-    camera = paper.opened.camera
+    camera = paper.loaded.camera
     sensor = camera.sensor.model_copy(update={"rows": 10**6, "columns": 10**6})
-    vast = nl.Camera(replace(paper.opened, camera=camera.model_copy(update={"sensor": sensor})))
+    vast = nl.Camera(replace(paper.loaded, camera=camera.model_copy(update={"sensor": sensor})))
     with pytest.raises(OptionError, match=r"of memory.*a smaller angle"):
         nl.simulate(scene(), vast, angle="70deg", field_points=101)
     shot, point = torch.rand(1, 30, 40), torch.zeros(1, 30, 40)

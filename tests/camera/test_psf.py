@@ -77,7 +77,7 @@ def test_finer_psf_is_binned():
 
 @pytest.mark.parametrize("size", [(48, 60), (31, 40), (24, 31)])
 def test_wider_psf_is_kept(size):
-    assert prepare_psf(spot(*size), scene(24, 30), wider=True).values.shape == (1, *size)
+    assert prepare_psf(spot(*size), scene(24, 30), extended=True).values.shape == (1, *size)
 
 
 @pytest.mark.parametrize(
@@ -93,11 +93,11 @@ def test_wider_psf_is_kept(size):
         ),
         ((50, 60), {"scale": 2}, DataError, ("25×30", "no scale would fit")),
         ((24, 30), {"scale": 2}, DataError, ("12×15", "leave it out")),
-        ((24, 30), {"wider": True}, DataError, ("not extended", "Leave out --psf-extent wide")),
+        ((24, 30), {"extended": True}, DataError, ("not extended", "Leave out --psf-extent wide")),
         ((20, 29), {}, DataError, ("20×29", "24×30", "at least as large")),
         ((20, 60), {"scale": 2}, DataError, ("20×60", "without --psf-scale")),
         ((30, 24), {}, DataError, ("30×24", "turned by 90°")),
-        ((48, 60), {"scale": 2, "wider": True}, OptionError, ("one of them",)),
+        ((48, 60), {"scale": 2, "extended": True}, OptionError, ("one of them",)),
         ((48, 60), {"scale": 0}, OptionError, ("from 1 on",)),
     ],
 )
@@ -130,7 +130,7 @@ def test_a_psf_that_goes_on_beside_the_sensor():
     lit = cloud(40, 40)
     (warning,) = prepare_psf(lit, scene(40, 40)).warnings
     assert re.search(r"psf\.tif has light up to the sensor's edges.*--psf-extent wide", warning)
-    assert prepare_psf(cloud(80, 80), scene(40, 40), wider=True).warnings == ()
+    assert prepare_psf(cloud(80, 80), scene(40, 40), extended=True).warnings == ()
     inside = replace(lit, values=nnf.pad(lit.values[:, 8:32, 8:32], (8,) * 4))
     assert prepare_psf(replace(inside, valid=lit.valid), scene(40, 40)).warnings == ()
 
@@ -251,6 +251,6 @@ def test_real_psfs_are_accepted():
     pairs = DATA / "diffusercam-pairs"
     wide = develop(read_frame(pairs / "psf_estimate.npy"))
     colour = develop(read_frame(pairs / "diffuser" / "im43.npy", bgr=True))
-    assert prepare_psf(wide, colour, wider=True).values.shape == (1, 540, 960)
+    assert prepare_psf(wide, colour, extended=True).values.shape == (1, 540, 960)
     with pytest.raises(DataError, match=r"--psf-scale 2\).*--psf-extent wide"):
         prepare_psf(wide, colour)

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from pydantic import BaseModel, ValidationError
 
 from nolens.errors import OptionError
-from nolens.quantities import Angle, Duration, Length, Luminance, Quantity, Share
+from nolens.quantities import Angle, Duration, Length, Luminance, Percentage, Quantity
 
-KINDS = (Length, Angle, Duration, Share, Luminance)
+KINDS = (Length, Angle, Duration, Percentage, Luminance)
 kinds = st.sampled_from(KINDS)
 
 
@@ -74,7 +74,7 @@ def test_equal_by_value(one, other):
 def test_unequal():
     assert Length.parse("1 mm") != Length.parse("1.0000000000000000001 mm")
     assert Length.parse("0 mm") != Angle.parse("0 deg")
-    assert Share.parse("90 %") != "90 %"
+    assert Percentage.parse("90 %") != "90 %"
 
 
 def test_values():
@@ -84,7 +84,7 @@ def test_values():
     assert Angle.of(1, "rad").rad == 1
     assert Angle.of(1, "rad").deg == math.degrees(1)
     assert (Duration.parse("10 ms").s, Duration.parse("10 us").ms) == (0.01, 0.01)
-    assert Share.parse("90%").value == 0.9
+    assert Percentage.parse("90%").value == 0.9
     assert Luminance.parse("3 nit").cd_m2 == 3
     assert str(Luminance.parse("3 nit")) == "3 cd/m2"
     assert str(Length.of(3.0, "mm")) == "3 mm"
@@ -103,7 +103,7 @@ def test_a_bare_share_is_not_taken_for_percent():
     with pytest.raises(
         OptionError, match=r"0.9 has no unit: write a fraction as 90 % \(units: %\)"
     ):
-        Share.parse(0.9)
+        Percentage.parse(0.9)
 
 
 @pytest.mark.parametrize(
@@ -132,7 +132,7 @@ def test_an_unknown_unit_names_those_there_are():
 
 class Model(BaseModel):
     length: Length
-    share: Share = Share.parse("90 %")
+    share: Percentage = Percentage.parse("90 %")
 
 
 def test_pydantic_takes_and_gives_text():

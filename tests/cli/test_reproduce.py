@@ -83,12 +83,12 @@ def test_too_little_memory_is_refused_before_the_work(
 def test_ctrl_c_keeps_the_parts_that_are_done(tmp_path: Path) -> None:
     folder = tmp_path / "report"
     with start("reproduce", "-o", folder, "--camera", "small", "--quick") as process:
-        until((folder / "steps" / "thickness" / "found.json").exists, "the first part")
+        until((folder / "steps" / "thickness" / "figures.json").exists, "the first part")
         process.send_signal(signal.SIGINT)
         err = process.communicate(timeout=PATIENCE_S)[1]
     assert process.returncode == 130
     assert "steps" in err and "can be stopped and started again" in err
     found = listing(folder)
-    assert "steps/thickness/found.json" in found
+    assert "steps/thickness/figures.json" in found
     assert all(name == "steps" or name.startswith("steps/") for name in found)
     assert not any(Path(name).name.startswith(".") for name in found)

@@ -87,9 +87,9 @@ def test_dots_lie_where_snells_law_says(
 ) -> None:
     picture = drawn(bare, turned_deg=turned_deg, beside=beside)
     grid = locate_grid(picture, bare, pitch_um=PITCH_UM, distance_um=DISTANCE_UM, extent_deg=47.0)
-    assert grid.pose.pitch_mm == pytest.approx(24.0, rel=1e-3)
-    assert grid.pose.turned_deg == pytest.approx(turned_deg, abs=0.05)
-    assert grid.pose.beside == pytest.approx(beside, abs=1e-3)
+    assert grid.placement.pitch_mm == pytest.approx(24.0, rel=1e-3)
+    assert grid.placement.turned_deg == pytest.approx(turned_deg, abs=0.05)
+    assert grid.placement.beside == pytest.approx(beside, abs=1e-3)
     assert len(grid.dots) > 450
     assert {dot.grade for dot in grid.dots} == {"good"}
     assert grid.angles.lost_deg is None and grid.angles.good_deg == pytest.approx(47, abs=1.5)
@@ -164,8 +164,8 @@ def test_simulated_grid(bench: VirtualExperiment) -> None:
     """Scene, noise and reconstruction: dots within a fifth of a cell of Snell's law."""
     grid = dot_grid(bench, pitch_um=15e3, distance_um=DISTANCE_UM, extent_deg=9.8, iterations=60)
     assert len(grid.dots) == 37 and grid.angles.lost_deg is None
-    assert grid.pose.pitch_mm == pytest.approx(15, rel=5e-3)
-    assert abs(grid.pose.turned_deg) < 0.3
+    assert grid.placement.pitch_mm == pytest.approx(15, rel=5e-3)
+    assert abs(grid.placement.turned_deg) < 0.3
     middle = grid.picture.shape[0] // 2
     for dot in grid.dots:
         assert dot.position is not None and dot.light is not None and dot.grade == "good"

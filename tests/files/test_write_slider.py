@@ -29,16 +29,16 @@ in_browser = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here to op
 def page(title: str = "raw.dng refocused") -> dict[str, Any]:
     """Pages of one grey each, and the far half of the picture at the right."""
     greys = torch.tensor([0.2, 0.4, 0.6, 0.8])[:, None, None, None]
-    sharpest = torch.zeros(SIZE, dtype=torch.long)
-    sharpest[:, 100:] = 3
-    sharpest[100:, 100:] = 2
+    best_page = torch.zeros(SIZE, dtype=torch.long)
+    best_page[:, 100:] = 3
+    best_page[100:, 100:] = 2
     return {
         "title": title,
         "pages": greys.expand(4, 1, *SIZE),
         "depths_um": DEPTHS,
         "places": PLACES,
         "everywhere": torch.full((1, *SIZE), 0.5),
-        "sharpest": sharpest,
+        "best_page": best_page,
         "white": 1.0,
     }
 

@@ -44,7 +44,7 @@ def models() -> list[type[BaseModel]]:
             )
         ):
             importlib.import_module(module.name)
-    found: list[type[BaseModel]] = [JobOptions, Part, schemas._Given]
+    found: list[type[BaseModel]] = [JobOptions, Part, schemas._PageRequest]
     for each in found:
         found += [child for child in each.__subclasses__() if child not in found]
     assert len(found) > 40

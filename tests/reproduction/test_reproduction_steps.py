@@ -81,11 +81,11 @@ def test_what_follows_from_other_parameters_is_done_again(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("file", "old", "new"),
     [
-        ("found.json", None, b"II*"),
-        ("found.json", None, b"[" * 3000),
-        ("found.json", b'"third"', b'"fourth"'),
-        ("found.json", b"{", b'{"more": 1,'),
-        ("found.json", b'"figures": {', b'"figures": [], "more": {'),
+        ("figures.json", None, b"II*"),
+        ("figures.json", None, b"[" * 3000),
+        ("figures.json", b'"third"', b'"fourth"'),
+        ("figures.json", b"{", b'{"more": 1,'),
+        ("figures.json", b'"figures": {', b'"figures": [], "more": {'),
         ("timing.json", None, b"II*"),
         ("timing.json", b"0.5", b'"a"'),
         ("values.tif", None, b"II*"),

@@ -67,7 +67,7 @@ def test_a_row_says_the_ratio_and_its_size() -> None:
 def test_the_overlap_is_that_of_rays_by_snells_law() -> None:
     work = ExperimentSetup(read_camera("paper"), QUICK, 0)
     row = resolution._overlap(work)
-    indices = np.array(work.opened.camera.indices(550.0))
+    indices = np.array(work.loaded.camera.indices(550.0))
     inside = np.arcsin(math.sin(math.radians(10)) / indices)
     moved = float((np.array([1.06, 0.49, 0.235]) * np.tan(inside)).sum())
     assert row.value == pytest.approx(100 * moved / (4056 * 1.55e-3), rel=1e-6)

@@ -191,7 +191,7 @@ def stitch_psfs(
     OptionError
         If none is of a source straight ahead.
     """
-    layers = Layers.of_camera(camera.opened.camera)
+    layers = Layers.of_camera(camera.loaded.camera)
     pixel_um = camera.pixel_um if pixel is None else length_um(pixel)
     captures = []
     for both, psf in psfs.items():

@@ -42,11 +42,11 @@ def design_mask(
     """
     camera = camera if isinstance(camera, Camera) else Camera(camera)
     # Nothing is written: the folder is an option of the job alone.
-    chosen = MASK_KINDS.load(kind).gather(
+    mask_options = MASK_KINDS.load(kind).gather(
         {"device": camera.device.type, **options, "output": Path("unused")}
     )
     with reported(progress, "mask") as report:
-        made = chosen.mask(chosen.blank(camera.opened, _CallbackReporter(report)))
+        made = mask_options.mask(mask_options.blank(camera.loaded, _CallbackReporter(report)))
     return Camera(made.loaded, pixels=camera.pixels, device=camera.device)
 
 
@@ -96,8 +96,8 @@ def design_thickness(camera: str | Path = "paper", **options: Any) -> ThicknessD
     OptionError
         If there is no such option, a value cannot be used, or a material cannot focus there.
     """
-    chosen = ThicknessOptions.gather({**options, "camera": str(camera)})
-    case, media = read_case(chosen, read_camera(chosen.camera))
+    mask_options = ThicknessOptions.gather({**options, "camera": str(camera)})
+    case, media = read_case(mask_options, read_camera(mask_options.camera))
     designs = tuple(ReplicaDesign.of(case, medium) for medium in media)
     replica = replace(case.loaded, camera=designs[0].camera(), relief_um=None)
     return ThicknessDesign(thickness_summary(designs), Camera(replica))

@@ -73,12 +73,12 @@ def save_frame(frame: Frame, path: str | Path) -> Path:
     return Path(path)
 
 
-def frame_of(given: Raw, what: str) -> Frame:
+def frame_of(value: Raw, what: str) -> Frame:
     """A frame of whatever holds one; values without a file have their black level subtracted.
 
     Parameters
     ----------
-    given
+    value
         See `Raw`.
     what
         For messages, such as "measurement".
@@ -90,14 +90,14 @@ def frame_of(given: Raw, what: str) -> Frame:
     DataError
         If an array is no picture.
     """
-    if isinstance(given, Frame):
-        return given
-    if isinstance(given, (str, Path)):
-        return read_frame(given)
-    if isinstance(given, Image):
-        values, names = given.values.cpu(), given.channels
+    if isinstance(value, Frame):
+        return value
+    if isinstance(value, (str, Path)):
+        return read_frame(value)
+    if isinstance(value, Image):
+        values, names = value.values.cpu(), value.channels
     else:
-        values = channels_of(given, what).float()
+        values = channels_of(value, what).float()
         if values.shape[0] not in _NAMES:
             raise DataError(
                 f"the {what} has {values.shape[0]} channels; give 1 (grey) or 3 (R, G, B), "
@@ -144,7 +144,7 @@ def source_of(
     return PointSource((-up, right), depth, 0.0 if math.isinf(depth) else length_um(diameter))
 
 
-def angle_of(given: str | Angle) -> Angle:
+def angle_of(value: str | Angle) -> Angle:
     """An angle such as ``"20deg"``.
 
     Raises
@@ -152,10 +152,10 @@ def angle_of(given: str | Angle) -> Angle:
     OptionError
         If it has no unit, or is none.
     """
-    return given if isinstance(given, Angle) else Angle.parse(given)
+    return value if isinstance(value, Angle) else Angle.parse(value)
 
 
-def length_um(given: str | Length) -> float:
+def length_um(value: str | Length) -> float:
     """A length such as ``"3.1um"`` in µm.
 
     Raises
@@ -163,7 +163,7 @@ def length_um(given: str | Length) -> float:
     OptionError
         If it has no unit, or is none.
     """
-    return (given if isinstance(given, Length) else Length.parse(given)).um
+    return (value if isinstance(value, Length) else Length.parse(value)).um
 
 
 def distance_um(distance: str | Length) -> float:
@@ -221,8 +221,8 @@ def reported(progress: Progress, what: str) -> Iterator[Callable[[float], None]]
         return
     call = progress
 
-    def tell(done: float) -> None:
+    def call_back(done: float) -> None:
         if callable(call):
             call(done)
 
-    yield tell
+    yield call_back

@@ -207,21 +207,21 @@ def measure_resolution(
     if isinstance(source, Camera):
         default = POINT_ITERATIONS if target == "two-points" else TARGET_ITERATIONS
         settings = SolverSettings(iterations or default, tau, seed=seed)
-        away_um, spokes = distance_um(distance), spokes or _SPOKES
-        shown: SimulatedTarget[FlatPicture | TwoPoints]
+        depth_um, spokes = distance_um(distance), spokes or _SPOKES
+        simulation: SimulatedTarget[FlatPicture | TwoPoints]
         if target == "two-points":
-            shown = TwoPointTarget(away_um)
+            simulation = TwoPointTarget(depth_um)
         elif target == "edge":
             edge = partial(slanted_edge, tilt_deg=_TILT_DEG)
-            shown = ScreenTarget(edge, angle_of(angle or "10deg").deg, away_um)
+            simulation = ScreenTarget(edge, angle_of(angle or "10deg").deg, depth_um)
         else:
             star = partial(siemens_star, periods=spokes)
             angle_deg = star_square_deg(angle_of(angle or "20deg").deg)
-            shown = ScreenTarget(star, angle_deg, away_um)
+            simulation = ScreenTarget(star, angle_deg, depth_um)
         preview = VirtualExperiment(source.preview, Light(light), wavelengths)
-        twin = twin_of(source, shown.working_bytes(preview), _REMEDY)
+        twin = twin_of(source, simulation.working_bytes(preview), _REMEDY)
         with reported(progress, target.replace("-", " ")) as advance:
-            measured = shown.measure(replace(preview, twin=twin), settings, advance)
+            measured = simulation.measure(replace(preview, twin=twin), settings, advance)
         if isinstance(measured, TwoPoints):
             return Resolution(target, measured)
         return _of_picture(measured, target, spokes)
@@ -396,14 +396,15 @@ def _png(write: Callable[[Path], None]) -> bytes:
 
 
 def _fitted(picture: Image | Plane, truth: Image | Plane) -> tuple[Tensor, Tensor]:
-    shown, values = _values(picture, "picture"), _values(truth, "truth")
-    if shown.shape != values.shape:
+    image, values = _values(picture, "picture"), _values(truth, "truth")
+    if image.shape != values.shape:
         raise DataError(
-            f"the picture is {tuple(shown.shape)} and the truth {tuple(values.shape)}, (channels, "
+            f"the picture is {tuple(image.shape)} and the truth {tuple(values.shape)}, (channels, "
             "height, width): give both of one size"
         )
-    return scale_fit(shown, values), values
+    return scale_fit(image, values), values
 
 
-def _values(given: Image | Plane, what: str) -> Tensor:
-    return (given.values if isinstance(given, Image) else channels_of(given, what)).float().cpu()
+def _values(picture: Image | Plane, what: str) -> Tensor:
+    values = picture.values if isinstance(picture, Image) else channels_of(picture, what)
+    return values.float().cpu()

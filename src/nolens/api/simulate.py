@@ -57,24 +57,24 @@ class Camera:
     ) -> None:
         if not isinstance(description, LoadedCamera):
             description = read_camera(description)
-        self.opened: LoadedCamera = description
+        self.loaded: LoadedCamera = description
         self.pixels = pixels
         self.device = torch.device(device)
 
     @property
     def name(self) -> str:
         """As its description says."""
-        return self.opened.camera.name
+        return self.loaded.camera.name
 
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the channels of a measurement."""
-        return tuple(self.opened.camera.sensor.channels)
+        return tuple(self.loaded.camera.sensor.channels)
 
     @property
     def pixel_um(self) -> float:
         """Distance of the pixels of a measurement; of a mosaic, that of the superpixels."""
-        return preview_model(self.opened).pixel_um
+        return preview_model(self.loaded).pixel_um
 
     @cached_property
     def size(self) -> tuple[int, int]:
@@ -84,12 +84,12 @@ class Camera:
     @cached_property
     def preview(self) -> Twin:
         """The simulated camera with a stand-in for its relief, for estimates."""
-        return self._read(preview_model(self.opened))
+        return self._read(preview_model(self.loaded))
 
     @cached_property
     def twin(self) -> Twin:
         """The simulated camera; the paper's takes seconds."""
-        return self._read(Twin.of(self.opened, device=self.device))
+        return self._read(Twin.of(self.loaded, device=self.device))
 
     def with_relief(self, heights_um: Plane, grid: str | Length) -> "Camera":
         """The same camera with another mask.
@@ -110,8 +110,8 @@ class Camera:
         heights = channels_of(heights_um, "relief")[0].float().cpu()
         spacing = grid if isinstance(grid, Length) else Length.parse(grid)
         relief = ReliefFile(kind="file", file="relief.tif", grid=spacing)
-        opened = self.opened.with_relief(relief, heights)
-        return Camera(opened, pixels=self.pixels, device=self.device)
+        loaded = self.loaded.with_relief(relief, heights)
+        return Camera(loaded, pixels=self.pixels, device=self.device)
 
     def _read(self, whole: Twin) -> Twin:
         return whole if self.pixels is None else whole.reading(*self.pixels)
@@ -324,5 +324,5 @@ def twin_of(camera: Camera, working: float, remedy: str) -> Twin:
     OptionError
         If the machine has less memory than that; the remedy is what needs less.
     """
-    check_simulation_memory(camera.opened, working, camera.device, f"{remedy} needs less")
+    check_simulation_memory(camera.loaded, working, camera.device, f"{remedy} needs less")
     return camera.twin

@@ -42,7 +42,7 @@ class PreparedPsf:
 
 
 def prepare_psf(
-    psf: Measurement, measurement: Measurement, *, scale: int | None = None, wider: bool = False
+    psf: Measurement, measurement: Measurement, *, scale: int | None = None, extended: bool = False
 ) -> PreparedPsf:
     """Make a PSF fit a measurement, or say why it does not.
 
@@ -56,8 +56,8 @@ def prepare_psf(
     scale
         The PSF has `scale` times as many pixels in each direction on the same area: N×N of
         them are averaged into one.
-    wider
-        The PSF has the measurement's pixels, and more of them around: it is kept as it is.
+    extended
+        The PSF has the measurement's pixels, and more of them around: it stays as it is.
 
     Raises
     ------
@@ -65,11 +65,11 @@ def prepare_psf(
         If size, channels or mosaic do not fit, the PSF shows nothing above its background, or
         both hold the same.
     OptionError
-        If both `scale` and `wider` are given, or `scale` is less than 1.
+        If both `scale` and `extended` are given, or `scale` is less than 1.
     """
     _check_colours(psf, measurement)
     values = psf.values
-    factor = _scale_that_fits(psf, measurement, scale, wider)
+    factor = _scale_that_fits(psf, measurement, scale, extended)
     if factor > 1:
         values = bin_mean(values, factor)
     warnings = check_psf(psf, values)
@@ -138,10 +138,10 @@ def _check_colours(psf: Measurement, measurement: Measurement) -> None:
 
 
 def _scale_that_fits(
-    psf: Measurement, measurement: Measurement, scale: int | None, wider: bool
+    psf: Measurement, measurement: Measurement, scale: int | None, extended: bool
 ) -> int:
     """How many PSF pixels in each direction make one of the measurement."""
-    if scale is not None and wider:
+    if scale is not None and extended:
         raise OptionError(
             "--psf-scale and --psf-extent wide are two readings of a larger PSF: finer pixels, or "
             "the same pixels on a larger area. Give one of them"
@@ -167,7 +167,7 @@ def _scale_that_fits(
         return 1
     fitting = height // rows
     finer = (height // fitting, width // fitting) == (rows, columns)
-    if wider:
+    if extended:
         if same:
             raise DataError(f"{sizes}: that is not extended. Leave out --psf-extent wide")
         return 1

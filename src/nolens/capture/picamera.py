@@ -52,13 +52,13 @@ def connected_models() -> list[str]:
     try:
         cameras = module.Picamera2.global_camera_info()
     except (RuntimeError, OSError) as error:
-        raise CameraError(not_opened(error)) from error
+        raise CameraError(camera_trouble(error)) from error
     if not cameras:
         raise CameraError(f"no camera is connected to this Raspberry Pi: {_CABLE}")
     return [str(each.get("Model", "camera")) for each in cameras]
 
 
-def not_opened(error: BaseException) -> str:
+def camera_trouble(error: BaseException) -> str:
     """Say what an error of libcamera means, and what to do."""
     said: list[str] = []
     each: BaseException | None = error

@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from nolens.camera import MOSAICS, Frame
-from nolens.capture.picamera import connected_models, load_picamera2, not_opened
+from nolens.capture.picamera import camera_trouble, connected_models, load_picamera2
 from nolens.capture.source import CameraSource, Limits, Shot
 from nolens.errors import CameraError
 
@@ -49,7 +49,7 @@ class RaspberrySource(CameraSource):
         self._device: Any = None
         self._model = "camera"
         self._limits: Limits | None = None
-        self._asked: tuple[float, float] | None = None
+        self._target: tuple[float, float] | None = None
         self._longest_s = 0.0
         self._settled = False
         self._bits = 12
@@ -83,7 +83,7 @@ class RaspberrySource(CameraSource):
         try:
             device = module.Picamera2(self._number)
         except (RuntimeError, IndexError, OSError) as error:
-            raise CameraError(not_opened(error)) from error
+            raise CameraError(camera_trouble(error)) from error
         try:
             self._configure(device)
             device.start()
@@ -92,12 +92,12 @@ class RaspberrySource(CameraSource):
             raise
         except (RuntimeError, OSError, ValueError) as error:
             _close(device)
-            raise CameraError(not_opened(error)) from error
+            raise CameraError(camera_trouble(error)) from error
         self._device = device
-        exposure_s, gain = self._asked or (_DEFAULT_S, 1.0)
+        exposure_s, gain = self._target or (_DEFAULT_S, 1.0)
         limits = self._limits
         assert limits is not None
-        self._asked = None
+        self._target = None
         self.set(
             exposure_s=min(max(exposure_s, limits.exposure_s[0]), limits.exposure_s[1]),
             gain=min(max(gain, limits.gain[0]), limits.gain[1]),
@@ -108,23 +108,23 @@ class RaspberrySource(CameraSource):
         device = self._open_device()
         assert self._limits is not None
         self._limits.check(exposure_s, gain)
-        before = self._asked[0] if self._asked is not None else exposure_s
+        before = self._target[0] if self._target is not None else exposure_s
         self._longest_s = max(before, exposure_s)
-        self._asked = exposure_s, gain
+        self._target = exposure_s, gain
         self._settled = False
         device.set_controls({"ExposureTime": round(1e6 * exposure_s), "AnalogueGain": float(gain)})
 
     def shot(self) -> Shot:
         """Wait for the next frame that was exposed as set."""
         device = self._open_device()
-        assert self._asked is not None
-        exposure_s, gain = self._asked
+        assert self._target is not None
+        exposure_s, gain = self._target
         for number in range(_MOST_FRAMES):
             request = self._next(device)
             try:
                 metadata = request.get_metadata()
                 near = _NEAR if number < _SETTLED else _ROUGH
-                if not (self._settled or _as_asked(metadata, exposure_s, gain, near)):
+                if not (self._settled or _is_as_set(metadata, exposure_s, gain, near)):
                     continue
                 taken = datetime.now(UTC)
                 values = request.make_array("raw")
@@ -283,7 +283,7 @@ def _used(metadata: dict[str, Any]) -> tuple[float, float]:
     return 1e-6 * float(metadata["ExposureTime"]), float(metadata["AnalogueGain"])
 
 
-def _as_asked(metadata: dict[str, Any], exposure_s: float, gain: float, near: float) -> bool:
+def _is_as_set(metadata: dict[str, Any], exposure_s: float, gain: float, near: float) -> bool:
     used_s, used_gain = _used(metadata)
     return (
         abs(used_s - exposure_s) <= max(near * exposure_s, _LINE_S)
@@ -291,10 +291,10 @@ def _as_asked(metadata: dict[str, Any], exposure_s: float, gain: float, near: fl
     )
 
 
-def _refused(model: str, stream: str, asked: str) -> str:
+def _refused(model: str, stream: str, mode: str) -> str:
     what = "compressed, with a loss" if "COMP" in stream else "packed"
     return (
-        f"{model} gives its raw as {stream}, which is {what}, though {asked} was asked for: bring "
+        f"{model} gives its raw as {stream}, which is {what}, though {mode} was asked for: bring "
         "Picamera2 and libcamera up to date (sudo apt full-upgrade). Until then, take frames with "
         "rpicam-still --raw --mode 4056:3040:12:U (U is for unpacked), and give nolens their "
         "folder: --source folder:PATH"

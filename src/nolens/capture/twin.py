@@ -71,7 +71,7 @@ class TwinSource(CameraSource):
         self._scene = chart()
         self._prepared: tuple[ShiftInvariantModel, Tensor] | None = None
         self._rate: tuple[Tensor, Tensor] | None = None
-        self._asked: tuple[float, float] | None = None
+        self._target: tuple[float, float] | None = None
         self._is_open = False
         self._last = -math.inf
         self._closed = Event()
@@ -155,21 +155,21 @@ class TwinSource(CameraSource):
         self._prepare()
         self._closed.clear()
         self._is_open = True
-        if self._asked is None:
+        if self._target is None:
             brightest = float(self._electrons_per_s(self._scene).max())
             fitting_s = _FILL * self._sensor.clip_electrons / max(brightest, 1e-9)
-            self._asked = min(max(fitting_s, _LIMITS.exposure_s[0]), 1.0), 1.0
+            self._target = min(max(fitting_s, _LIMITS.exposure_s[0]), 1.0), 1.0
 
     def set(self, *, exposure_s: float, gain: float) -> None:
         """Set exposure time and gain of all shots from the next one on."""
         _LIMITS.check(exposure_s, gain)
-        self._asked = exposure_s, gain
+        self._target = exposure_s, gain
 
     def shot(self) -> Shot:
         """Take a frame, not sooner after the one before than a camera could."""
-        if not self._is_open or self._asked is None:
+        if not self._is_open or self._target is None:
             raise CameraError(f"the {self.name} is not open, or was closed: open it first")
-        exposure_s, gain = self._asked
+        exposure_s, gain = self._target
         own = self._sensor
         sensor = own.model_copy(update={"gain": own.gain * gain})
         electrons = self._electrons_per_s(self._scene) * exposure_s

@@ -34,12 +34,12 @@ def show_camera(name: str, /, *, json_: _Described = False) -> int:
     name
         paper, paper-film, small, live, a folder with camera.toml, or a .toml file.
     """
-    opened = read_camera(name)
-    facts = camera_figures(opened)
+    loaded = read_camera(name)
+    facts = camera_figures(loaded)
     if json_:
-        show(json.dumps({"camera": opened.camera.model_dump(mode="json"), **facts}))
+        show(json.dumps({"camera": loaded.camera.model_dump(mode="json"), **facts}))
         return 0
-    text = preset_text(name) if name in PRESETS else to_toml(opened.camera)
+    text = preset_text(name) if name in PRESETS else to_toml(loaded.camera)
     for line in text.removesuffix("\n").split("\n"):
         show(line)
     for line in _lines(facts):

@@ -72,14 +72,14 @@ def command(
     def run(*places: Any, **names: Any) -> int:
         values = dict(signature.bind_partial(*places, **names).arguments)
         as_json, config = values.pop("json_", False), values.pop("config", None)
-        given = {
+        choices = {
             key.removesuffix(_FORMER): each
             for key, each in values.items()
             if each is not None and each != ()
         }
         watching = reporter()
         with watching:
-            summary = job(model.gather(given, config, watching.note), watching).summary
+            summary = job(model.gather(choices, config, watching.note), watching).summary
         text = (
             [json.dumps(with_former_keys(summary))]
             if as_json
@@ -105,22 +105,22 @@ def _listed(outputs: list[str]) -> list[str]:
 
 def _parameters(model: type[JobOptions]) -> list[inspect.Parameter]:
     groups: dict[str, Group] = {RUN: Group(RUN, sort_key=len(model.model_fields))}
-    found = []
+    parameters = []
     for field in model.model_fields:
         option = Option.of(model, field)
         heading = option.group
         if heading and heading not in groups:
             groups[heading] = Group(heading, sort_key=len(groups))
         parameter = _parameter(model, field, groups.get(heading))
-        found.append(parameter)
+        parameters.append(parameter)
         if option.former:
-            found.append(_former(parameter, option))
+            parameters.append(_former(parameter, option))
     place = Parameter(group=groups[RUN])
-    found += [
+    parameters += [
         inspect.Parameter("config", _BY_NAME, default=None, annotation=Annotated[_Config, place]),
         inspect.Parameter("json_", _BY_NAME, default=False, annotation=Annotated[Json, place]),
     ]
-    return sorted(found, key=lambda each: each.kind)
+    return sorted(parameters, key=lambda each: each.kind)
 
 
 def _parameter(model: type[JobOptions], name: str, group: Group | None) -> inspect.Parameter:

@@ -59,36 +59,36 @@ def show_material(name: str, /, *, json_: _One = False) -> int:
     name
         One of the names of nolens material list, or a .toml file.
     """
-    found = read_material(name)
+    material = read_material(name)
     if json_:
-        show(json.dumps(_described(found)))
+        show(json.dumps(_described(material)))
         return 0
-    for line in to_toml(found).removesuffix("\n").split("\n"):
+    for line in to_toml(material).removesuffix("\n").split("\n"):
         show(line)
-    for line in _lines(found, material_figures(found)):
+    for line in _lines(material, material_figures(material)):
         say(line)
     return 0
 
 
-def _described(found: Material) -> dict[str, Any]:
-    return {"material": found.model_dump(mode="json"), **material_figures(found)}
+def _described(material: Material) -> dict[str, Any]:
+    return {"material": material.model_dump(mode="json"), **material_figures(material)}
 
 
-def _lines(found: Material, facts: dict[str, Any]) -> list[str]:
+def _lines(material: Material, facts: dict[str, Any]) -> list[str]:
     lines = facts["index_at_lines"]
     at_lines = ", ".join(f"n_{line} {index:.5f}" for line, index in lines.items())
     by_wavelength = ", ".join(f"{at} nm {n:.4f}" for at, n in facts["index_at_nm"].items())
-    told = [_FORMULAS[found.formula]]
+    texts = [_FORMULAS[material.formula]]
     if at_lines:
         abbe = "no dispersion" if facts["abbe"] is None else f"V_d {facts['abbe']:.2f}"
-        told.append(f"{at_lines}, {abbe}" if len(lines) == 3 else at_lines)
+        texts.append(f"{at_lines}, {abbe}" if len(lines) == 3 else at_lines)
     if by_wavelength:
-        told.append(by_wavelength)
-    if found.cure_shrinkage_percent is not None:
-        told.append(
-            f"curing takes {found.cure_shrinkage_percent:g} % of the volume: fill "
-            f"{1 / (1 - found.cure_shrinkage_percent / 100):.3f} times what is to remain"
+        texts.append(by_wavelength)
+    if material.cure_shrinkage_percent is not None:
+        texts.append(
+            f"curing takes {material.cure_shrinkage_percent:g} % of the volume: fill "
+            f"{1 / (1 - material.cure_shrinkage_percent / 100):.3f} times what is to remain"
         )
     if facts["placeholders"]:
-        told.append(f"placeholders, not measured: {', '.join(facts['placeholders'])}")
-    return told
+        texts.append(f"placeholders, not measured: {', '.join(facts['placeholders'])}")
+    return texts

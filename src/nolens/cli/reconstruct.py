@@ -47,12 +47,12 @@ def info(
     mosaic
         Colour mosaic of a .tif, .png or .npy that holds raw counts.
     """
-    found = describe(read_frame(expand_home(file), mosaic=mosaic))
+    facts = describe(read_frame(expand_home(file), mosaic=mosaic))
     if json_:
-        show(json.dumps(found))
+        show(json.dumps(facts))
     else:
-        width = max(len(name) for name in found)
-        for name, value in found.items():
+        width = max(len(name) for name in facts)
+        for name, value in facts.items():
             show(f"{name.replace('_', ' '):{width}}  {_readable(value)}")
     return 0
 

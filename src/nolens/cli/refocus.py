@@ -19,8 +19,8 @@ def _lines(summary: dict[str, Any]) -> list[str]:
 
 def _depth_text(summary: dict[str, Any]) -> str:
     depth, *ends = (_text(summary[key]) for key in ("depth_mm", "sharp_from_mm", "sharp_to_mm"))
-    found = "sharpest at " if "tried" in summary else ""
-    return f"{found}{depth}; sharp from {' to '.join(ends)}"
+    prefix = "sharpest at " if "tried" in summary else ""
+    return f"{prefix}{depth}; sharp from {' to '.join(ends)}"
 
 
 def _text(millimetres: float | str) -> str:

@@ -31,10 +31,10 @@ def _psf_lines(summary: dict[str, Any]) -> list[str]:
 
 def _next_text(summary: dict[str, Any]) -> str:
     rows, columns = summary["pixels"]
-    psf, wider = "nolens psf", ""
+    psf, extent = "nolens psf", ""
     if summary["psf_pixels"] != f"{rows}x{columns}":
-        psf, wider = f"nolens psf --pixels {summary['psf_pixels']}", " --psf-extent wide"
-    return f"reconstruct with{wider} --support {summary['support']} and the PSF of {psf}"
+        psf, extent = f"nolens psf --pixels {summary['psf_pixels']}", " --psf-extent wide"
+    return f"reconstruct with{extent} --support {summary['support']} and the PSF of {psf}"
 
 
 def _field_text(summary: dict[str, Any]) -> str:

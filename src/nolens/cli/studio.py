@@ -47,8 +47,8 @@ def studio(
     from nolens.studio.app import Studio
     from nolens.studio.serve import Served, listen, serve, workspace_of
 
-    given = [path.expanduser() for path in folders or (_FOLDER,)]
-    workspace, source = workspace_of(given, camera)
+    paths = [path.expanduser() for path in folders or (_FOLDER,)]
+    workspace, source = workspace_of(paths, camera)
     listening = listen(host, port, say)
 
     def started(served: Served) -> None:

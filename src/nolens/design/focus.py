@@ -269,7 +269,7 @@ def line_width_um(
 
 
 def sharp_blur(
-    wavelength_um: Number, pitch_um: Number, aperture: Number, rounding: Number, wider: float
+    wavelength_um: Number, pitch_um: Number, aperture: Number, rounding: Number, ratio: float
 ) -> Number:
     r"""Blur at which the lines are wider than in focus by a factor (inverse of `line_width_um`).
 
@@ -277,11 +277,11 @@ def sharp_blur(
     ----------
     wavelength_um, pitch_um, aperture, rounding
         As for `line_width_um`.
-    wider
+    ratio
         The factor, above 1.
     """
     diffraction = wavelength_um / (2 * aperture) * (1 + _ROUNDED * rounding)
-    return math.sqrt(wider**2 - 1) * diffraction / (_FILLED * pitch_um)
+    return math.sqrt(ratio**2 - 1) * diffraction / (_FILLED * pitch_um)
 
 
 def lenslet_figures(pitch_um: float | None, reduced_um: float | None) -> dict[str, Any]:

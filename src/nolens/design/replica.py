@@ -18,7 +18,7 @@ from nolens.design.focus import (
 from nolens.errors import OptionError
 from nolens.optics import Number
 
-WIDER = 1.1
+SHARP_LINE_RATIO = 1.1
 """Lines that are wider by this factor than in focus end the range of thickness called sharp."""
 _NO_LENS = 1e-6
 
@@ -193,7 +193,7 @@ class Replica:
         focal = stack.focal_length_um
         aperture = lenslet_aperture(pitch_um, self._focus_um)
         depth = depth_of_focus_um(wavelength_um, aperture)
-        blur = sharp_blur(wavelength_um, pitch_um, aperture, rounding, WIDER)
+        blur = sharp_blur(wavelength_um, pitch_um, aperture, rounding, SHARP_LINE_RATIO)
         figures: dict[str, Number] = {
             "thickness": thickness,
             "focal_length": focal,

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from nolens.camera import MATERIALS, Camera, Layer, LoadedCamera, Mask, Material, RandomLenslets
 from nolens.design.replica import (
-    WIDER,
+    SHARP_LINE_RATIO,
     Cover,
     Film,
     Replica,
@@ -451,7 +451,9 @@ class ReplicaDesign:
         printed_um = self.printed_thickness_um
         return summary | {
             "sharp_mm": [each * _UM_TO_MM for each in self.sharp_um],
-            "sharp_means": f"lines at most {100 * (WIDER - 1):.0f} % wider than in focus",
+            "sharp_means": (
+                f"lines at most {100 * (SHARP_LINE_RATIO - 1):.0f} % wider than in focus"
+            ),
             "printed_thickness_mm": None if printed_um is None else printed_um * _UM_TO_MM,
             "colours": [asdict(each) for each in self.colours],
         }

@@ -33,7 +33,7 @@ _STRIP = 16
 _LEAST_RISE = 0.01
 """Of a second peak, over the lowest value before it: less is chance."""
 _FEW = 9
-_SHARE = 1e-4
+_LEAST_FRACTION = 1e-4
 _SMALLEST = 16
 _RING_STEPS = 3.0
 """Steps of the transform, half the width of the ring of `spectral_magnitude`."""
@@ -336,7 +336,7 @@ def clipped_pixels(pattern: Tensor) -> int:
     """
     top = pattern == pattern.max()
     beside = int((top[1:] & top[:-1]).sum() + (top[:, 1:] & top[:, :-1]).sum())
-    return int(top.sum()) if beside > max(_FEW, _SHARE * pattern.numel()) else 0
+    return int(top.sum()) if beside > max(_FEW, _LEAST_FRACTION * pattern.numel()) else 0
 
 
 @dataclass(frozen=True)

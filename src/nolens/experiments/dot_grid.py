@@ -43,7 +43,7 @@ _BYTES_PER_PIXEL = 8 * 12
 
 
 @dataclass(frozen=True)
-class Pose:
+class GridPlacement:
     """A grid in the plane of tangents, its axes turned and its nearest dot beside the axis.
 
     Parameters
@@ -54,18 +54,20 @@ class Pose:
         By how much its rows are turned clockwise in the picture, -45 to 45.
     beside
         Tangents, (row, column), of the dot nearest to the axis.
-    asked
-        Tangent of the pitch that it was said to have.
+    nominal
+        Tangent of the nominal pitch.
     """
 
     pitch_mm: float
     turned_deg: float
     beside: tuple[float, float]
-    asked: float
+    nominal: float
     _step: complex
 
     @classmethod
-    def of(cls, tops: Sequence[tuple[float, float]], pitch_um: float, distance_um: float) -> "Pose":
+    def of(
+        cls, tops: Sequence[tuple[float, float]], pitch_um: float, distance_um: float
+    ) -> "GridPlacement":
         r"""Fit a square grid to the dots in the middle of a picture.
 
         The direction is that of neighbours, by :math:`\arg Σ e^{4iφ} / 4`; then
@@ -76,14 +78,14 @@ class Pose:
         tops
             Tangents, (row, column), of bright places.
         pitch_um, distance_um
-            What the grid was said to have.
+            Nominal, of the grid.
 
         Raises
         ------
         DataError
             If there are too few, or their pitch is another one.
         """
-        asked = pitch_um / distance_um
+        nominal = pitch_um / distance_um
         if len(tops) < _FEWEST:
             raise DataError(
                 f"the middle of the picture has {len(tops)} bright dots, of which a grid has "
@@ -96,7 +98,7 @@ class Pose:
         nearest = away.argmin(dim=1)
         gap = float(away.min(dim=1).values.median())
         to_mm = distance_um * 1e-3
-        if not math.isclose(gap, asked, rel_tol=_OFF):
+        if not math.isclose(gap, nominal, rel_tol=_OFF):
             raise DataError(
                 f"the dots in the middle of the picture lie {gap * to_mm:.3g} mm apart at "
                 f"{to_mm:g} mm, not {pitch_um * 1e-3:g} mm: give the pitch and distance that the "
@@ -118,11 +120,13 @@ class Pose:
         turned = math.remainder(cmath.phase(step), math.pi / 2)
         step = cmath.rect(abs(step), turned)
         origin -= step * complex(_whole(torch.tensor(origin / step, dtype=torch.complex128)))
-        return cls(abs(step) * to_mm, math.degrees(turned), (origin.imag, origin.real), asked, step)
+        return cls(
+            abs(step) * to_mm, math.degrees(turned), (origin.imag, origin.real), nominal, step
+        )
 
     def tangent(self, number: tuple[float, float]) -> tuple[float, float]:
         """Where a dot is that an upright grid on the axis has at some tangents, (row, column)."""
-        upright = complex(number[1], number[0]) / self.asked
+        upright = complex(number[1], number[0]) / self.nominal
         place = complex(self.beside[1], self.beside[0]) + self._step * upright
         return place.imag, place.real
 
@@ -225,7 +229,7 @@ class DotGrid:
         All that should be there, by angle.
     angles
         Up to where they are good, and from where on lost.
-    pose
+    placement
         Where the grid is, and how it is turned.
     pixel_deg
         What a pixel in the middle of the picture sees.
@@ -235,17 +239,17 @@ class DotGrid:
 
     dots: list[Dot]
     angles: Angles
-    pose: Pose
+    placement: GridPlacement
     pixel_deg: float
     picture: Tensor
 
     @property
     def figures(self) -> dict[str, Any]:
-        """Angles, pose and every dot, in values that JSON has."""
+        """Angles, placement and every dot, in values that JSON has."""
         return {
             **asdict(self.angles),
-            "measured_pitch_mm": self.pose.pitch_mm,
-            "turned_deg": self.pose.turned_deg,
+            "measured_pitch_mm": self.placement.pitch_mm,
+            "turned_deg": self.placement.turned_deg,
             "pixel_deg": self.pixel_deg,
             "dots": [asdict(dot) for dot in self.dots],
         }
@@ -262,7 +266,7 @@ def locate_grid(
     """Find the dots of a grid in a picture, and judge each.
 
     Where it should be follows from the camera's layers by Snell's law, once it is known how the
-    grid stands before the camera (`Pose`, from the dots in the middle).
+    grid stands before the camera (`GridPlacement`, from the dots in the middle).
 
     Parameters
     ----------
@@ -292,16 +296,20 @@ def locate_grid(
         )
     at = grid_tangents(pitch_um, distance_um, extent_deg)
     rays = Rays.of(twin, (picture.shape[0], picture.shape[1]))
-    pose = Pose.of(rays.tangents(_middle_tops(picture, rays, step)), pitch_um, distance_um)
-    # Up to the last ring, though the pose is not exact.
+    placement = GridPlacement.of(
+        rays.tangents(_middle_tops(picture, rays, step)), pitch_um, distance_um
+    )
+    # Up to the last ring, though the placement is not exact.
     limit = math.tan(math.radians(extent_deg)) * _NEARLY
-    tangents = [each for each in map(pose.tangent, at) if math.hypot(*each) <= limit]
+    tangents = [each for each in map(placement.tangent, at) if math.hypot(*each) <= limit]
     tangents.sort(key=lambda each: math.hypot(*each))
     inside = [_inside(place, picture) for place in rays.places(tangents)]
     tangents = [each for each, there in zip(tangents, inside, strict=True) if there]
     spots = spots_at(picture, rays.places(tangents), rays.spacings(tangents, step))
     dots = _judged(rays, tangents, spots)
-    return DotGrid(dots, angles_of(dots), pose, math.degrees(math.atan(pixel_tangent)), picture)
+    return DotGrid(
+        dots, angles_of(dots), placement, math.degrees(math.atan(pixel_tangent)), picture
+    )
 
 
 def grid_tangents(

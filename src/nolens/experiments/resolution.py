@@ -39,7 +39,7 @@ _MOST_PIXELS = 1600
 _BYTES_PER_PIXEL = 20
 """Of PSF, frame and picture, which ADMM works on."""
 _FIRST_PIXELS = 6.0
-_WIDER = 1.5
+_GROWTH = 1.5
 _MARGIN_PIXELS = 12
 _STEP_PIXELS = 0.2
 _SEED_STEP = 7919
@@ -353,7 +353,7 @@ class TwoPointTarget(SimulatedTarget[TwoPoints]):
 
         low, high = 0.0, _FIRST_PIXELS
         while not is_resolved(high):
-            low, high = high, high * _WIDER
+            low, high = high, high * _GROWTH
             if high > _POINTS_SIDE - _MARGIN_PIXELS:
                 raise DataError(
                     f"even two points {pairs[-1].separation_deg:.2g} deg apart are not resolved "

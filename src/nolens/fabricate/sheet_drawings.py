@@ -21,7 +21,7 @@ from nolens.fabricate.sheet_parts import (
     Word,
     millimetres,
 )
-from nolens.fabricate.solid import outline
+from nolens.fabricate.solid import frame_corners
 
 _WIDTH_MM = 180.0
 """Of every drawing: what an A4 page has between its margins."""
@@ -114,7 +114,7 @@ def draw_top(camera: Camera, frame: FrameGeometry) -> Drawing:
     outer = around(frame.outer_width_mm, frame.outer_height_mm)
     pixels = around(sensor.width_mm, sensor.height_mm)
     shapes: list[Shape] = [
-        Area(tuple(on_paper(*corner) for corner in outline(frame)), "frame", "frame"),
+        Area(tuple(on_paper(*corner) for corner in frame_corners(frame)), "frame", "frame"),
         _box(*around(frame.inner_width_mm + rim, frame.inner_height_mm + rim), "mould", "rim"),
         *_vents(frame, outer, inner, on_paper),
         _box(*inner, "resin", "inside"),

@@ -77,7 +77,7 @@ class Solid:
 def frame_solid(frame: FrameGeometry, title: str) -> Solid:
     """Build the frame, whose middle is at x = y = 0 and which stands on z = 0."""
     height, r = frame.height_mm, frame.rim_mm
-    block = m3.CrossSection([outline(frame)]).extrude(height)
+    block = m3.CrossSection([frame_corners(frame)]).extrude(height)
     inner = frame.inner_width_mm, frame.inner_height_mm
     cut = [_box((0, 0), inner, -_BEYOND_MM, height + _BEYOND_MM)]
     if r > 0:
@@ -169,7 +169,7 @@ def relief_solid(surface: MadeSurface, base_mm: float) -> Solid:
     )
 
 
-def outline(frame: FrameGeometry) -> list[tuple[float, float]]:
+def frame_corners(frame: FrameGeometry) -> list[tuple[float, float]]:
     """Corners of the frame's outside, counter-clockwise; the one at pixel (0, 0) is cut off."""
     x, y, mark = frame.outer_width_mm / 2, frame.outer_height_mm / 2, frame.mark_mm
     cut = [(-x, -y + mark), (-x + mark, -y)] if mark > 0 else [(-x, -y)]

@@ -231,7 +231,7 @@ def _step(number: int, step: Step) -> Flowable:
     widths[2] = _WIDTH - sum(widths)
     rules = [_Rules((blank,), widths[3] - 10) for blank in step.blanks]
     origin = Paragraph(escape(step.origin), _NOTE)
-    grid = Grid([[_Tick(), Paragraph(f"{number}", _NUMBER), words, rules, origin]], widths)
+    grid = Grid([[_Checkbox(), Paragraph(f"{number}", _NUMBER), words, rules, origin]], widths)
     lines = ("LINEBELOW", *_ALL, 0.4, _GREY), ("LEFTPADDING", (3, 0), (3, 0), 8)
     return _styled(grid, (2, 2, 4), "TOP", *lines)
 
@@ -251,7 +251,7 @@ def _table_cell(cell: str | Blank, width: float) -> Flowable:
     return Paragraph(escape(cell), _CELL) if isinstance(cell, str) else _Rules((cell,), width - 8)
 
 
-class _Tick(Flowable):  # type: ignore[misc]
+class _Checkbox(Flowable):  # type: ignore[misc]
     """A box to tick."""
 
     def __init__(self) -> None:

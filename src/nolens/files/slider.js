@@ -41,7 +41,7 @@ play.addEventListener("click", () => {
 });
 picture.addEventListener("click", (event) => {
   stop();
-  const box = picture.getBoundingClientRect(), grid = stack.sharpest;
+  const box = picture.getBoundingClientRect(), grid = stack.best_page;
   const across = (event.clientX - box.left) / box.width;
   const down = (event.clientY - box.top) / box.height;
   const place = (share, count) => Math.min(count - 1, Math.max(0, Math.floor(share * count)));

@@ -68,7 +68,7 @@ def stack_writers(
             title=title,
             places=stack.places,
             everywhere=together.picture,
-            sharpest=stack.nearest_pages(together.per_m),
+            best_page=stack.nearest_pages(together.per_m),
         ),
         "picture that is sharp everywhere": partial(write_png, radiance=together.picture),
         "depth map": partial(
@@ -218,7 +218,7 @@ def write_slider(
     depths_um: Sequence[float],
     places: Sequence[float],
     everywhere: Tensor,
-    sharpest: Tensor,
+    best_page: Tensor,
     white: float,
 ) -> None:
     """Write a focal stack as a page that needs no other file and no network.
@@ -238,7 +238,7 @@ def write_slider(
         Where the depths lie between the first (0) and the last (1), in 1/z.
     everywhere
         The picture that is sharp everywhere, (1 or 3, rows, columns).
-    sharpest
+    best_page
         Number of the sharpest page for every pixel, (rows, columns).
     white
         Radiance that is white in all pictures.
@@ -256,7 +256,7 @@ def write_slider(
         "depths": texts,
         "pages": [_embedded(each, white) for each in pages],
         "everywhere": _embedded(everywhere, white),
-        "sharpest": sharpest[step // 2 :: step, step // 2 :: step].tolist(),
+        "best_page": best_page[step // 2 :: step, step // 2 :: step].tolist(),
     }
     # A script ends at the first "</", wherever it stands.
     data = json.dumps(stack, ensure_ascii=True).replace("</", "<\\/")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from nolens.amounts import amount, shown_unit
+from nolens.amounts import amount, unit_text
 from nolens.camera import Camera
 from nolens.design.tolerances.parameters import Parameter, parameters_from_toml
 from nolens.design.tolerances.study import BudgetLine, Study
@@ -222,7 +222,7 @@ def _measured(figures: Tensor) -> NDArray[np.float64]:
 
 
 def _label(study: Study) -> str:
-    return f"{study.sharpness.name}, {shown_unit(study.sharpness.unit)}"
+    return f"{study.sharpness.name}, {unit_text(study.sharpness.unit)}"
 
 
 def _amount(parameter: Parameter) -> str:

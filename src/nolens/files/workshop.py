@@ -16,7 +16,7 @@ import numpy as np
 
 from nolens.errors import FileError, OptionError
 from nolens.fabricate.frame import FrameGeometry
-from nolens.fabricate.solid import Solid, outline, vent_boxes
+from nolens.fabricate.solid import Solid, frame_corners, vent_boxes
 from nolens.fabricate.surface import Levels, MadeSurface
 from nolens.fabricate.workpieces import Workpieces
 from nolens.files.atomic import Writer, atomic_write
@@ -174,7 +174,7 @@ def _step_part(cad: Any, frame: FrameGeometry) -> Any:
     height, r = frame.height_mm, frame.rim_mm
     inner = frame.inner_width_mm, frame.inner_height_mm
     floor = cad.Align.CENTER, cad.Align.CENTER, cad.Align.MIN
-    part = cad.extrude(cad.make_face(cad.Polyline(*outline(frame), close=True)), height)
+    part = cad.extrude(cad.make_face(cad.Polyline(*frame_corners(frame), close=True)), height)
     part -= cad.Box(*inner, height, align=floor)
     if r > 0:
         low = cad.Pos(0, 0, height - r) * cad.Rectangle(*inner)

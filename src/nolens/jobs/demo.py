@@ -95,8 +95,8 @@ def run_demo(run: Run[DemoOptions]) -> Product[Tensor]:
     )
     truth = demonstration.truth
     support = f"{demonstration.support.height}x{demonstration.support.width}"
-    asked = options.reconstruction(support)
-    solved = reconstruct(asked, run.reporter)
+    reconstruction = options.reconstruction(support)
+    solved = reconstruct(reconstruction, run.reporter)
     run.warn(*solved.summary["warnings"], aloud=False)
     fitted = scale_fit(solved.value, truth)
     panels = side_by_side(develop(read_frame(options.measurement)).values, fitted, truth)
@@ -113,7 +113,7 @@ def run_demo(run: Run[DemoOptions]) -> Product[Tensor]:
         "--tau",
         f"{_TAU:g}",
         "-o",
-        str(asked.output[0]),
+        str(reconstruction.output[0]),
     ]
     figures = {
         **solved.summary,

@@ -31,7 +31,7 @@ from nolens.jobs.fields import FilePath, Name, OutputFolderOptions
 from nolens.jobs.options import Option, Written
 from nolens.jobs.run import Product, Reporter, Run, Writer, job
 from nolens.machine import BYTES_OF_PROGRAM
-from nolens.quantities import Angle, Length, Share
+from nolens.quantities import Angle, Length, Percentage
 from nolens.ranges import Between
 from nolens.twin import Twin, relief_points
 
@@ -63,7 +63,7 @@ def _study(path: Path) -> Path:
 _TwoLengths = Annotated[tuple[PositiveLength, PositiveLength], BeforeValidator(_two_lengths)]
 _NotNegativeLength = Annotated[Length, Between("0 mm", "10 m")]
 _Study = Annotated[FilePath, AfterValidator(_study)]
-_Shrinkage = Annotated[Share, Between("0 %", "49 %")]
+_Shrinkage = Annotated[Percentage, Between("0 %", "49 %")]
 
 
 class FabricateOptions(OutputFolderOptions):
@@ -160,7 +160,7 @@ class FabricateOptions(OutputFolderOptions):
             "Fraction of its lengths that a print loses; the frame's files are larger by it.",
             _PRINTER,
         ),
-    ] = Share("0", "%")
+    ] = Percentage("0", "%")
     crown: Annotated[
         _NotNegativeLength,
         Option(
@@ -195,7 +195,7 @@ class FabricateOptions(OutputFolderOptions):
     mould_shrinkage: Annotated[
         _Shrinkage,
         Option("Fraction of its lengths that the mould loses; the master is larger by it.", _MASK),
-    ] = Share("0", "%")
+    ] = Percentage("0", "%")
     crop: Annotated[
         _TwoLengths | None,
         Option(

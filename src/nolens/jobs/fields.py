@@ -13,7 +13,7 @@ from nolens.camera.psf_set import Depth, FieldAngle
 from nolens.errors import OptionError
 from nolens.jobs.options import RECORD, JobOptions, Option, Written, expand_home
 from nolens.machine import DeviceName
-from nolens.quantities import Angle, Duration, Share
+from nolens.quantities import Angle, Duration, Percentage
 from nolens.ranges import Between
 from nolens.solvers import Prior
 
@@ -115,7 +115,7 @@ FullAngle = Annotated[Angle, Between("0.001 deg", "179.9 deg")]
 """From side to side."""
 Exposure = Annotated[Duration, Between("0.001 µs", "1000000 s")]
 Interval = Annotated[Duration, Between("1 µs", "1000000 s")]
-Fraction = Annotated[Share, Between("0 %", "100 %")]
+Fraction = Annotated[Percentage, Between("0 %", "100 %")]
 Distances = Annotated[tuple[Depth, ...], Field(max_length=1000)]
 Mosaic = Literal["RGGB", "BGGR", "GRBG", "GBRG"]
 

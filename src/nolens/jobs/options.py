@@ -159,7 +159,7 @@ class JobOptions(BaseModel):
     @classmethod
     def gather(
         cls,
-        given: dict[str, Any],
+        choices: dict[str, Any],
         config: Path | None = None,
         note: Callable[[str], None] = lambda text: None,
     ) -> Self:
@@ -167,7 +167,7 @@ class JobOptions(BaseModel):
 
         Parameters
         ----------
-        given
+        choices
             Options by name.
         config
             TOML file with any of the same names; relative paths in it start from its folder.
@@ -186,7 +186,7 @@ class JobOptions(BaseModel):
         """
         stored = {} if config is None else cls._stored(expand_home(config))
         values: dict[str, Any] = {}
-        for key, value in {**stored, **given}.items():
+        for key, value in {**stored, **choices}.items():
             name = cls.spellings().get(key, "")
             if not name:
                 raise OptionError(f"there is no option {key!r}{_nearest(key, cls.spellings())}")
@@ -196,7 +196,7 @@ class JobOptions(BaseModel):
                 if switch and value is not True:
                     continue
                 value = switch or value
-            if name not in values or key in given:
+            if name not in values or key in choices:
                 values[name] = value
         for name in sorted(cls.model_fields, key=lambda each: not Option.of(cls, each).positional):
             field = cls.model_fields[name]
@@ -207,7 +207,7 @@ class JobOptions(BaseModel):
         try:
             options = cls.model_validate({external.get(key, key): values[key] for key in values})
         except ValidationError as error:
-            sources = dict.fromkeys({*stored} - {*given}, config)
+            sources = dict.fromkeys({*stored} - {*choices}, config)
             raise OptionError(explain(error, sources)) from None
         options.check_together()
         if config is not None:
@@ -254,12 +254,12 @@ class JobOptions(BaseModel):
     @classmethod
     def spellings(cls) -> dict[str, str]:
         """Field by each name that a person may give it, its own first."""
-        found = {field.alias or name: name for name, field in cls.model_fields.items()}
+        fields = {field.alias or name: name for name, field in cls.model_fields.items()}
         for name in cls.model_fields:
-            found.setdefault(name, name)
+            fields.setdefault(name, name)
             former = Option.of(cls, name).former
-            found |= {former: name} if former else {}
-        return found
+            fields |= {former: name} if former else {}
+        return fields
 
     @classmethod
     def flag(cls, name: str) -> str:
@@ -418,7 +418,7 @@ def explain(error: ValidationError, sources: Mapping[str, Path | None] | None = 
     sources
         For options from a file, that file.
     """
-    found: dict[str, list[str]] = {}
+    by_option: dict[str, list[str]] = {}
     for each in error.errors(include_url=False):
         name = str(each["loc"][0]) if each["loc"] else ""
         if sources and name in sources:
@@ -426,9 +426,9 @@ def explain(error: ValidationError, sources: Mapping[str, Path | None] | None = 
         else:
             what = f"--{name.replace('_', '-')}"
         message = each["msg"][:1].lower() + each["msg"][1:]
-        reasons = found.setdefault(f"{what} is {quoted(each['input'])}", [])
+        reasons = by_option.setdefault(f"{what} is {quoted(each['input'])}", [])
         reasons.append(message.removeprefix("input should be ") if reasons else message)
-    return "; ".join(f"{what}: {' or '.join(reasons)}" for what, reasons in found.items())
+    return "; ".join(f"{what}: {' or '.join(reasons)}" for what, reasons in by_option.items())
 
 
 def _same(one: Path, other: Path) -> bool:

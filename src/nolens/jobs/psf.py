@@ -221,10 +221,10 @@ def _shape(options: PsfOptions, loaded: LoadedCamera, captured: bool) -> _Shape:
                 f"{sensor.mosaic}: for a DNG, give even numbers of pixels"
             )
         return _Shape(size, 1, options.frame or "sensor")
-    for name, given in (("--fill", options.fill), ("--seed", options.seed or None)):
-        if given is not None:
+    for name, value in (("--fill", options.fill), ("--seed", options.seed or None)):
+        if value is not None:
             raise OptionError(
-                f"{name} {given}: {options.output.name} holds the PSF without exposure and "
+                f"{name} {value}: {options.output.name} holds the PSF without exposure and "
                 f"noise; leave {name} out, or write "
                 f"{options.output.with_suffix('.dng').name}"
             )

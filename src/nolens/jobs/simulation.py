@@ -33,7 +33,7 @@ from nolens.jobs.options import Option
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
-from nolens.quantities import Angle, Luminance, Share
+from nolens.quantities import Angle, Luminance, Percentage
 from nolens.ranges import Between
 from nolens.twin import (
     Light,
@@ -50,8 +50,8 @@ from nolens.twin import (
 OPTICS, EXPOSURE = "Camera and light", "Exposure"
 _TIFF = (".tif", ".tiff")
 RAW_SUFFIXES = (".dng", *_TIFF)
-FILL = Share("90", "%")
-Fill = Annotated[Share, Between("0.001 %", "10000 %")]
+FILL = Percentage("90", "%")
+Fill = Annotated[Percentage, Between("0.001 %", "10000 %")]
 _Luminance = Annotated[Luminance, Between("0.000001 cd/m2", "1000000000000 cd/m2")]
 _REMEDY = (
     "a camera with fewer or larger pixels, a coarser grid of its relief or a smaller --angle needs "

@@ -179,12 +179,12 @@ def _row_sensor(image, a, b, valid, q, k, counted):  # type: ignore[no-untyped-d
     for j in range(a.size):
         c = np.float32(valid[j])
         cb = c * b[j]
-        share = among_valid if valid[j] else among_others
+        weight = among_valid if valid[j] else among_others
         mv = image[j]
         old = a[j]
-        x_old = (cb + mu * old) * share
+        x_old = (cb + mu * old) * weight
         new = old + alpha * (mv - x_old)
-        x = (cb + mu * new) * share
+        x = (cb + mu * new) * weight
         d = new - x
         # The multiplier μd is kept while the penalty changes.
         stored = x + rescale * d

@@ -257,10 +257,10 @@ def all_in_focus(stack: FocalStack, width: float) -> AllInFocus:
 def _sharpness_by_scale(page: Tensor, width: float) -> Tensor:
     """Energy of the gradient in windows of all sizes, (sizes, rows, columns)."""
     narrow = sharpness(page, width * _SCALES[0])
-    wider = [
+    coarser = [
         _smoothed(narrow, width * (scale**2 - _SCALES[0] ** 2) ** 0.5) for scale in _SCALES[1:]
     ]
-    return torch.stack([narrow, *wider])
+    return torch.stack([narrow, *coarser])
 
 
 def _between(focus: Tensor, best: Tensor) -> Tensor:

@@ -313,14 +313,14 @@ def _fitting_psf(
     if len(entry.channels) == 1:
         channels = "all"
     psf = develop(frame, bin_by=bin_by, channels=channels)
-    wider = psf.size != measurement.size
-    if wider and entry.kind in _OF_THE_SENSOR:
+    extended = psf.size != measurement.size
+    if extended and entry.kind in _OF_THE_SENSOR:
         raise DataError(
             f"the PSF {frame.source} was {entry.kind} with {psf.size_text} pixels, but the "
             f"measurement {measurement.source} has {measurement.size_text}: give a photograph that "
             "was read out like the PSFs"
         )
-    prepare_psf(psf, measurement, wider=wider)
+    prepare_psf(psf, measurement, extended=extended)
     return develop(frame, channels=channels).values.clamp_min(0)
 
 

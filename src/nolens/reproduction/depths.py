@@ -165,7 +165,7 @@ def _refocused(setup: ExperimentSetup, progress: ProgressCallback) -> StepResult
         figures["objects"].append(
             {
                 "distance_mm": distance_mm,
-                "found_mm": focus.depth_um * 1e-3,
+                "depth_mm": focus.depth_um * 1e-3,
                 "tried": [
                     {
                         "depth_mm": each.depth_um * 1e-3,
@@ -195,7 +195,7 @@ def _halves(arrays: dict[str, Tensor]) -> dict[str, list[float]]:
 @section("magnification", "Fig. 8a: the PSF at other distances", _MAGNIFIED, ("magnification",))
 def magnification(setup: ExperimentSetup, results: Results) -> Content:
     """PSFs at 3, 8 and 20 cm, and beyond 30 cm."""
-    figures, camera = results["magnification"].figures, setup.opened.camera
+    figures, camera = results["magnification"].figures, setup.loaded.camera
     reduced_mm = figures["reduced_mm"]
     cover_mm = 1e-3 * reduced_um(camera, camera.mask.surface + 1)
     rows = []
@@ -273,15 +273,15 @@ def refocus(setup: ExperimentSetup, results: Results) -> Content:
 def _object_row(key: str, number: int, figures: Mapping[str, Any]) -> ReportRow:
     """Where an object was found, and how much better it comes out with its own PSF."""
     own, other = _OBJECTS_MM[number], _OBJECTS_MM[1 - number]
-    found_mm = figures["objects"][number]["found_mm"]
+    depth_mm = figures["objects"][number]["depth_mm"]
     half = figures["depth_of_focus_per_m"] / 2
     ends = [1e2 / max(1e3 / own + side * half, 1e-9) for side in (1, -1)]
     far = f"{ends[1]:.1f} cm" if ends[1] < 1e4 else "infinity"
     sharp, blurred = (figures["halves"][f"{at:g}"][number] for at in (own, other))
     return paper_row(
         key,
-        found_mm / 10,
-        f"{found_mm / 10:.1f} cm",
+        depth_mm / 10,
+        f"{depth_mm / 10:.1f} cm",
         f"Found by itself as the depth at which this object is sharpest, from PSFs at 5 and 50 cm "
         f"alone. The PSF's edge moves by one line between {ends[0]:.1f} and {far}: that is "
         f"the depth of focus. With its own PSF the object's gradients have {sharp / blurred:.2f} "

@@ -116,8 +116,8 @@ def reproduce(run: Run[ReproduceOptions]) -> Product[Report]:
     """
     options, reporter = run.options, run.reporter
     check_sample_pictures(NEEDED_BY)
-    opened = run.camera(options.camera)
-    setup = ExperimentSetup(opened, QUICK if options.quick else FULL, options.seed)
+    loaded = run.camera(options.camera)
+    setup = ExperimentSetup(loaded, QUICK if options.quick else FULL, options.seed)
     remedy = "a camera with fewer pixels, or --quick, needs less"
     check_memory(setup.bytes, torch.device("cpu"), remedy)
     _check_folder(options.output, setup.written_bytes)
@@ -139,7 +139,7 @@ def reproduce(run: Run[ReproduceOptions]) -> Product[Report]:
         tuple(make(setup, results) for make in _SECTIONS),
     )
     figures = {
-        "camera": opened.camera.name,
+        "camera": loaded.camera.name,
         "pixels": list(setup.pixels),
         "reduced": setup.reduced,
         "seed": options.seed,
@@ -207,7 +207,7 @@ def _subtitle(setup: ExperimentSetup) -> str:
     rows, columns = setup.pixels
     part = "the middle " if setup.reduced else "all "
     return (
-        f"nolens reproduce: camera {setup.opened.camera.name!r}, {part}{columns}×{rows} pixels, "
+        f"nolens reproduce: camera {setup.loaded.camera.name!r}, {part}{columns}×{rows} pixels, "
         f"seed {setup.seed}"
     )
 
@@ -224,7 +224,7 @@ def _intro(setup: ExperimentSetup) -> tuple[str, ...]:
         "fitted to Raspberry Pi's tuning of the camera, an infrared-cut filter included), and the "
         "paper's scenes (photographs stand for them).",
     ]
-    if setup.opened.camera != preset("paper"):
+    if setup.loaded.camera != preset("paper"):
         texts.append(
             "The camera is another one than the paper's, whose preset is named paper: where a "
             "value differs, that comes first, and the explanations hold for the rest."

@@ -96,7 +96,7 @@ def psf(setup: ExperimentSetup, results: Results) -> Content:
 
 def _described(setup: ExperimentSetup) -> str:
     """What of the mask is the paper's, and what is not."""
-    relief = setup.opened.camera.mask.relief
+    relief = setup.loaded.camera.mask.relief
     if not isinstance(relief, RandomLenslets):
         return ""
     return (

@@ -60,7 +60,7 @@ def _target_steps(setup: ExperimentSetup) -> tuple[Step, ...]:
     size = setup.size
     pairs = _EXPECTED_PAIRS * size.point_draws
     support = PixelRectangle.centred(64, 64, setup.preview.shape)
-    channels = len(setup.opened.camera.sensor.channels)
+    channels = len(setup.loaded.camera.sensor.channels)
     one = setup.solve_work(support, size.point_iterations) / channels
     points = pairs * (2 * setup.psf_work() + one)
     star = setup.scene_work() + setup.solve_work(support, size.iterations) / channels
@@ -362,7 +362,7 @@ def _reasons(at: list[float], overlap: list[float]) -> tuple[str, str]:
 
 def _overlap(setup: ExperimentSetup) -> ReportRow:
     """By the chief ray over the whole sensor, whatever part of it is read."""
-    sensor = setup.opened.camera.sensor
+    sensor = setup.loaded.camera.sensor
     tangent = math.tan(math.radians(_OVERLAP_DEG))
     moved_mm = setup.preview.shift_um(PointSource((0.0, tangent)))[1] * 1e-3
     width_mm, height_mm = (count * sensor.pitch.mm for count in (sensor.columns, sensor.rows))

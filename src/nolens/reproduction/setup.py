@@ -108,7 +108,7 @@ class ExperimentSetup:
 
     Parameters
     ----------
-    opened
+    loaded
         The camera.
     size
         How much is computed.
@@ -116,32 +116,32 @@ class ExperimentSetup:
         Of the noise.
     """
 
-    opened: LoadedCamera
+    loaded: LoadedCamera
     size: Size
     seed: int
 
     @cached_property
     def experiment(self) -> VirtualExperiment:
         """The simulated camera; its relief takes seconds, so it is made when it is needed."""
-        whole = VirtualExperiment.of(self.opened, field_points=self.size.field_points)
+        whole = VirtualExperiment.of(self.loaded, field_points=self.size.field_points)
         return replace(whole, twin=whole.twin.reading(*self.pixels))
 
     @cached_property
     def preview(self) -> Twin:
         """The camera for rays and sizes, in a moment."""
-        return preview_model(self.opened).reading(*self.pixels)
+        return preview_model(self.loaded).reading(*self.pixels)
 
     @property
     def pixels(self) -> tuple[int, int]:
         """(rows, columns) that are read."""
-        sensor = self.opened.camera.sensor
+        sensor = self.loaded.camera.sensor
         rows, columns = self.size.pixels or (sensor.rows, sensor.columns)
         return min(rows, sensor.rows), min(columns, sensor.columns)
 
     @property
     def reduced(self) -> bool:
         """Whether less than the whole sensor is read."""
-        sensor = self.opened.camera.sensor
+        sensor = self.loaded.camera.sensor
         return self.pixels != (sensor.rows, sensor.columns)
 
     @property
@@ -152,7 +152,7 @@ class ExperimentSetup:
     def picture(self, name: str) -> Tensor:
         """One of scikit-image's photographs in the sensor's channels, linear."""
         radiance = sample_picture(name, NEEDED_BY)
-        return in_channels(radiance, len(self.opened.camera.sensor.channels))
+        return in_channels(radiance, len(self.loaded.camera.sensor.channels))
 
     def wide_psf(self, distance_um: float, support: PixelRectangle) -> Tensor:
         """PSF of a point at some distance, as wide as a scene of this support needs."""
@@ -161,12 +161,12 @@ class ExperimentSetup:
 
     def parameters(self, **more: Any) -> Mapping[str, Any]:
         """All that the results of a step follow from."""
-        opened = self.opened
-        relief = None if opened.relief_um is None else opened.relief_um.cpu().numpy().tobytes()
+        loaded = self.loaded
+        relief = None if loaded.relief_um is None else loaded.relief_um.cpu().numpy().tobytes()
         return {
-            "camera": opened.camera.model_dump(mode="json"),
-            "quantum efficiency": opened.quantum_efficiency.model_dump(mode="json"),
-            "acceptance": opened.acceptance.model_dump(mode="json"),
+            "camera": loaded.camera.model_dump(mode="json"),
+            "quantum efficiency": loaded.quantum_efficiency.model_dump(mode="json"),
+            "acceptance": loaded.acceptance.model_dump(mode="json"),
             "relief": None if relief is None else hashlib.sha256(relief).hexdigest(),
             "size": asdict(self.size),
             "seed": self.seed,
@@ -206,4 +206,4 @@ class ExperimentSetup:
 
     @property
     def _channels(self) -> int:
-        return len(self.opened.camera.sensor.channels)
+        return len(self.loaded.camera.sensor.channels)

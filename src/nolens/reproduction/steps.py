@@ -20,7 +20,7 @@ from nolens.files import read_frame, read_text, versions, write_into, write_tiff
 from nolens.jobs.run import Reporter
 from nolens.progress import Pace, ProgressCallback
 
-_FOUND, _TIMING = "found.json", "timing.json"
+_FIGURES, _TIMING = "figures.json", "timing.json"
 _WITHOUT_RESULTS = ("cli", "fabricate", "files")
 """Rooms of nolens whose code does not change results."""
 _WORK = "the paper's figures"
@@ -144,7 +144,7 @@ def carry_out(steps: Sequence[Step], folder: Path, reporter: Reporter) -> dict[s
 
 
 class _Saved(BaseModel):
-    """What found.json has; with a digest, as no schema knows the figures of every step.
+    """What figures.json has; with a digest, as no schema knows the figures of every step.
 
     Attributes
     ----------
@@ -204,7 +204,7 @@ def _write(folder: Path, key: str, result: StepResult, taken: float) -> None:
         for name, array in result.arrays.items()
     }
     writers[folder / _TIMING] = partial(_write_json, value=seconds)
-    writers[folder / _FOUND] = partial(_write_json, value=saved.model_dump())
+    writers[folder / _FIGURES] = partial(_write_json, value=saved.model_dump())
     write_into(folder, writers)
 
 
@@ -215,7 +215,7 @@ def _write_json(path: Path, value: dict[str, Any]) -> None:
 def _load(folder: Path, key: str) -> StepResult | None:
     """A result of the same parameters and code; None where there is none, or it is damaged."""
     try:
-        saved = _Saved.model_validate(_json(folder / _FOUND))
+        saved = _Saved.model_validate(_json(folder / _FIGURES))
         if saved.key != key or saved.digest != saved.expected:
             return None
         seconds = _SECONDS.validate_python(_json(folder / _TIMING))

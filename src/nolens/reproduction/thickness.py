@@ -48,7 +48,7 @@ def steps(setup: ExperimentSetup, camera: str) -> tuple[Step, ...]:
     on.
     """
     pixels = _film_pixels(setup)
-    films = relief_points(setup.opened) + len(setup.size.films_mm) * setup.psf_work(pixels)
+    films = relief_points(setup.loaded) + len(setup.size.films_mm) * setup.psf_work(pixels)
     return (
         Step(
             "thickness",
@@ -242,16 +242,16 @@ def films(setup: ExperimentSetup, results: Results) -> Content:
     """Films of PDMS: how sharp their PSFs are."""
     figures, arrays = results["films"].figures, results["films"].arrays
     widths = dict(zip(figures["thicknesses_mm"], figures["widths_um"], strict=True))
-    sharpest = min(widths, key=lambda thickness: widths[thickness])
+    best_mm = min(widths, key=lambda thickness: widths[thickness])
     exact = results["thickness"].figures["replicas"]["pdms"]["thickness_mm"]
     at_paper = widths.get(PAPER["film"].value or 0.0)
-    sharp = [each for each, width in widths.items() if width <= 1.05 * widths[sharpest]]
+    sharp = [each for each, width in widths.items() if width <= 1.05 * widths[best_mm]]
     beside = "" if at_paper is None else f" At 1.25 mm it is {at_paper:.2f} µm."
     rows = (
         paper_row(
             "film",
-            sharpest,
-            f"{sharpest:g} mm",
+            best_mm,
+            f"{best_mm:g} mm",
             f"The sharpest of these films; the minimum is flat: from {min(sharp):g} to "
             f"{max(sharp):g} mm the lines are at most 5 % wider, so which of a few films is "
             f"sharpest says little. The paper's own t′ is 1.44 mm, and 1.25 mm was the best of "
@@ -259,8 +259,8 @@ def films(setup: ExperimentSetup, results: Results) -> Content:
         ),
         paper_row(
             "film width",
-            widths[sharpest],
-            f"{widths[sharpest]:.2f} µm",
+            widths[best_mm],
+            f"{widths[best_mm]:.2f} µm",
             f"Without noise, the mean taken off, all directions averaged.{beside} What was said "
             "of the width in fig. 5 holds here, too.",
         ),

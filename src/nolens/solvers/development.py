@@ -79,7 +79,7 @@ class Development:
             bin_by=self.bin_by,
             channels="all" if grey else self.channels,
         )
-        return prepare_psf(psf, measurement, scale=self.psf_scale, wider=self.psf_extended)
+        return prepare_psf(psf, measurement, scale=self.psf_scale, extended=self.psf_extended)
 
     def fitted(self, frame: Frame, spare: int, *, coarsen: bool) -> "Developed":
         """A frame and the PSF on pixels that are no finer than the PSF carries.

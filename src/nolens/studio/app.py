@@ -140,14 +140,14 @@ def _answer_errors(app: FastAPI) -> None:
 
     @app.exception_handler(RequestValidationError)
     async def malformed(request: Request, error: RequestValidationError) -> JSONResponse:
-        found = error.errors()
+        errors = error.errors()
         reasons = []
-        for each in found[:_MOST_REASONS]:
+        for each in errors[:_MOST_REASONS]:
             place = ".".join(str(part) for part in each["loc"][1:]) or str(each["loc"][0])
             message = each["msg"][:1].lower() + each["msg"][1:]
             reasons.append(f"{place}: {message}")
-        if len(found) > _MOST_REASONS:
-            reasons.append(f"and {len(found) - _MOST_REASONS} more")
+        if len(errors) > _MOST_REASONS:
+            reasons.append(f"and {len(errors) - _MOST_REASONS} more")
         return _trouble(422, "; ".join(reasons))
 
 

@@ -61,17 +61,19 @@ def files_router(workspace: Workspace, reading: Executor) -> APIRouter:
         responses={200: {"content": {"application/octet-stream": {}}, "description": "The file"}},
     )
     def file(path: Annotated[str, Query(max_length=1000)]) -> FileResponse:
-        found = workspace.resolve(path)
-        if not found.is_file():
+        file_path = workspace.resolve(path)
+        if not file_path.is_file():
             raise FileError(f"{path} is no file")
-        if not os.access(found, os.R_OK):
+        if not os.access(file_path, os.R_OK):
             raise FileError(f"{path} may not be read by this studio")
-        kind = _INLINE.get(found.suffix.lower())
+        kind = _INLINE.get(file_path.suffix.lower())
         place = "attachment" if kind is None else "inline"
         return FileResponse(
-            found,
-            media_type=kind or mimetypes.guess_type(found.name)[0] or "application/octet-stream",
-            headers={"Content-Disposition": f"{place}; filename*=UTF-8''{quote(found.name)}"},
+            file_path,
+            media_type=kind
+            or mimetypes.guess_type(file_path.name)[0]
+            or "application/octet-stream",
+            headers={"Content-Disposition": f"{place}; filename*=UTF-8''{quote(file_path.name)}"},
         )
 
     @router.get("/record", response_model=Record)

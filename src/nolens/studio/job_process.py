@@ -205,10 +205,10 @@ def _check_texts(values: Mapping[str, Any]) -> None:
 
 def _changed_camera(name: str, changed: Thicknesses, place: Place) -> str:
     """Folder of a camera like another one, but for the thickness of layers."""
-    opened = read_camera(name)
-    camera = with_thickness(opened, changed.thickness).camera
+    loaded = read_camera(name)
+    camera = with_thickness(loaded, changed.thickness).camera
     folder = place.folder / "camera"
-    writers = camera_copies(name, opened) | {CAMERA_FILE: partial(write_description, camera=camera)}
+    writers = camera_copies(name, loaded) | {CAMERA_FILE: partial(write_description, camera=camera)}
     write_into(folder, {folder / file: write for file, write in writers.items()})
     return str(folder)
 

@@ -20,7 +20,7 @@ from nolens.studio.schemas import (
     LiveState,
     Saved,
     SaveRequest,
-    SceneShown,
+    SceneAnswer,
     Settings,
     SettingsChange,
 )
@@ -61,8 +61,8 @@ class _Client:
 
     def __init__(self) -> None:
         self.arrived = asyncio.Event()
-        self.ready = asyncio.Event()
-        self.ready.set()
+        self.idle = asyncio.Event()
+        self.idle.set()
         self.last = 0
 
 
@@ -353,13 +353,13 @@ def live_router(hub: LiveHub) -> APIRouter:
         return await hub.set(change)
 
     @router.post("/scene", openapi_extra=_SCENE_BODY)
-    async def scene(request: Request) -> SceneShown:
+    async def scene(request: Request) -> SceneAnswer:
         kind = request.headers.get("content-type", "").split(";")[0].strip().lower()
         async with receiving:
             body = await request.body()
             if kind in _PICTURE_TYPES:
-                return SceneShown(scene=await hub.show_picture(body))
-        return SceneShown(scene=await hub.show(_builtin(body)))
+                return SceneAnswer(scene=await hub.show_picture(body))
+        return SceneAnswer(scene=await hub.show(_builtin(body)))
 
     @router.post("/save")
     async def save(request: SaveRequest) -> Saved:
@@ -412,14 +412,14 @@ async def _serve(socket: WebSocket, client: _Client, hub: LiveHub) -> None:
 
 async def _send(socket: WebSocket, client: _Client, hub: LiveHub) -> None:
     while True:
-        await client.ready.wait()
+        await client.idle.wait()
         await client.arrived.wait()
         client.arrived.clear()
         number, message = hub.newest
         if message is None or number == client.last:
             continue
         client.last = number
-        client.ready.clear()
+        client.idle.clear()
         await socket.send_bytes(message)
 
 
@@ -438,7 +438,7 @@ async def _receive(socket: WebSocket, client: _Client, hub: LiveHub) -> None:
             return
         text, data = message.get("text"), message.get("bytes")
         if text == "ok":
-            client.ready.set()
+            client.idle.set()
         elif data is not None and data.startswith(_PICTURES) and len(data) <= WEBCAM_BYTES:
             hub.show_webcam(data)
         else:

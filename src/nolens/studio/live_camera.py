@@ -255,7 +255,7 @@ class LiveSource:
         What reconstructs them; None without a PSF.
     psf
         File of the PSF; None where there is none, or the twin's own has not been written yet.
-    twin, opened
+    twin, loaded
         The simulated camera, if it is one, and its description.
     """
 
@@ -264,7 +264,7 @@ class LiveSource:
     solver: LiveSolver | None
     psf: Path | None
     twin: TwinSource | None = None
-    opened: LoadedCamera | None = None
+    loaded: LoadedCamera | None = None
 
     @property
     def camera_id(self) -> str | None:

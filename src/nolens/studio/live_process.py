@@ -216,9 +216,9 @@ class LiveView:
         source, displayed = self._source, self._displayed
         if source is None or displayed is None:
             raise OptionError("there is no frame to save yet: start a camera, and try again")
-        if source.psf is None and source.twin is not None and source.opened is not None:
+        if source.psf is None and source.twin is not None and source.loaded is not None:
             source.psf = stored_psf(
-                Path(work), source.camera_id or "", source.opened, source.twin.psf(), displayed.shot
+                Path(work), source.camera_id or "", source.loaded, source.twin.psf(), displayed.shot
             )
         files = save_frame(Path(work) / folder, displayed, formats, source.psf)
         return {

@@ -105,7 +105,7 @@ def save_frame(
     return files
 
 
-def stored_psf(work: Path, camera: str, opened: LoadedCamera, psf: Tensor, shot: Shot) -> Path:
+def stored_psf(work: Path, camera: str, loaded: LoadedCamera, psf: Tensor, shot: Shot) -> Path:
     """File of a simulated camera's PSF in its folder, written where it is not there yet.
 
     Raises
@@ -113,21 +113,21 @@ def stored_psf(work: Path, camera: str, opened: LoadedCamera, psf: Tensor, shot:
     NolensError
         If it cannot be written.
     """
-    name = f"twin-{opened.camera.name}".replace("/", "-")
+    name = f"twin-{loaded.camera.name}".replace("/", "-")
     folder = work / CAMERAS / name
     with suppress(NolensError):
         stored = PsfFolder(folder)
-        if stored.psfs and stored.camera and stored.camera.camera == opened.camera:
+        if stored.psfs and stored.camera and stored.camera.camera == loaded.camera:
             return folder / stored.psfs[0].file
     folder = work / CAMERAS / unused(work / CAMERAS, name)
-    distance = opened.camera.reference_distance
+    distance = loaded.camera.reference_distance
     entry = PsfEntry(
         file=f"psf-{distance.mm:g}mm.tif",
-        pixel=pixel_of_camera(shot.frame, opened),
-        channels=opened.camera.sensor.channels,
+        pixel=pixel_of_camera(shot.frame, loaded),
+        channels=loaded.camera.sensor.channels,
         distance=distance,
     )
-    write_psfs(folder, {entry: psf}, more=camera_copies(camera, opened))
+    write_psfs(folder, {entry: psf}, more=camera_copies(camera, loaded))
     return folder / entry.file
 
 

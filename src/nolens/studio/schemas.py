@@ -36,7 +36,7 @@ SCENES = {
 ENDED: tuple[Status, ...] = ("done", "failed", "cancelled")
 
 
-class _Given(BaseModel):
+class _PageRequest(BaseModel):
     """What the page sends: without unknown names."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -141,7 +141,7 @@ class Settings(BaseModel):
     frozen: bool = False
 
 
-class SettingsChange(_Given):
+class SettingsChange(_PageRequest):
     """Some settings; what is left out stays."""
 
     method: Method | None = None
@@ -181,7 +181,7 @@ class LiveState(BaseModel):
     scene: str | None = None
 
 
-class LiveStart(_Given):
+class LiveStart(_PageRequest):
     """Which source to look through; a PSF where the source brings none."""
 
     source: Annotated[str, Field(max_length=1000)]
@@ -198,19 +198,19 @@ class LivePixel(BaseModel):
     values: dict[str, float]
 
 
-class BuiltinScene(_Given):
+class BuiltinScene(_PageRequest):
     """One of the scenes that the studio brings."""
 
     builtin: Annotated[str, Field(max_length=100)]
 
 
-class SceneShown(BaseModel):
+class SceneAnswer(BaseModel):
     """What the twin sees now."""
 
     scene: str
 
 
-class SaveRequest(_Given):
+class SaveRequest(_PageRequest):
     """What to write of the frame that is shown, and into which folder; the record is always
     written.
     """
@@ -234,7 +234,7 @@ class Saved(BaseModel):
     psf_path: str | None = None
 
 
-class JobRequest(_Given):
+class JobRequest(_PageRequest):
     """A command and its options, by the names that the command line has."""
 
     kind: JobKind

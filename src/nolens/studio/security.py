@@ -137,8 +137,8 @@ class Guard:
         return None
 
     def _without_token(self, scope: Scope, headers: Headers, token: str) -> Response | None:
-        given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [])
-        by_query = any(_equal(each, token) for each in given)
+        tokens = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [])
+        by_query = any(_equal(each, token) for each in tokens)
         if not by_query and not any(_equal(each, token) for each in _cookies(headers)):
             return _trouble(
                 scope,
@@ -272,16 +272,16 @@ def _is_address(name: str) -> bool:
 
 
 def _cookies(headers: Headers) -> list[str]:
-    found = []
+    tokens = []
     for header in headers.getlist("cookie"):
         try:
             cookie = SimpleCookie(header).get(COOKIE)
         except CookieError:
             continue
         if cookie is not None:
-            found.append(cookie.value)
-    return found
+            tokens.append(cookie.value)
+    return tokens
 
 
-def _equal(given: str, token: str) -> bool:
-    return hmac.compare_digest(given.encode("utf-8", "replace"), token.encode())
+def _equal(text: str, token: str) -> bool:
+    return hmac.compare_digest(text.encode("utf-8", "replace"), token.encode())

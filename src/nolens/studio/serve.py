@@ -154,14 +154,14 @@ def serve(
 class _Server(uvicorn.Server):
     """Calls a function once it answers."""
 
-    def __init__(self, config: uvicorn.Config, ready: Callable[[], None]) -> None:
+    def __init__(self, config: uvicorn.Config, on_start: Callable[[], None]) -> None:
         super().__init__(config)
-        self._ready = ready
+        self._on_start = on_start
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
         if not self.should_exit:
-            await asyncio.to_thread(self._ready)
+            await asyncio.to_thread(self._on_start)
 
 
 def _announce(served: Served, browser: bool, started: Callable[[Served], None]) -> None:

@@ -80,7 +80,7 @@ class Worker:
             name=name,
             daemon=True,
         )
-        with _ctrl_c_kept_out():
+        with _without_ctrl_c():
             self._process.start()
         theirs.close()
         their_stderr.close()
@@ -290,7 +290,7 @@ def _begin(
 
 
 @contextmanager
-def _ctrl_c_kept_out() -> Iterator[None]:
+def _without_ctrl_c() -> Iterator[None]:
     """What is started here never sees the terminal's Ctrl-C: the server ends it."""
     block = getattr(signal, "pthread_sigmask", None)
     if block is None:  # Windows

@@ -73,11 +73,11 @@ class Workspace:
 
     def _unused_id(self, name: str) -> str:
         name = name.lstrip(".") or "folder"
-        number, found = 1, name
-        while found in self._roots:
+        number, candidate = 1, name
+        while candidate in self._roots:
             number += 1
-            found = f"{name}-{number}"
-        return found
+            candidate = f"{name}-{number}"
+        return candidate
 
     @property
     def work(self) -> Path:
@@ -180,13 +180,13 @@ class Workspace:
                 there = [each for each in scanned if wanted(each) and is_name(each.name)]
         except OSError as error:
             raise FileError(f"cannot read {text}: {error.strerror or error}") from None
-        found: list[tuple[Entry, Path]] = []
+        entries: list[tuple[Entry, Path]] = []
         for each in sorted(there, key=lambda each: each.name):
             with suppress(OptionError, FileError, OSError):
-                found.append(self._entry(f"{text}/{each.name}", each))
-            if len(found) == most:
+                entries.append(self._entry(f"{text}/{each.name}", each))
+            if len(entries) == most:
                 break
-        return found
+        return entries
 
     def _entry(self, text: str, there: os.DirEntry[str]) -> tuple[Entry, Path]:
         # The folder has no links on its way any more.
@@ -221,19 +221,19 @@ class Workspace:
 
     def cameras(self) -> list[CameraInfo]:
         """Presets, and camera folders: those in ``cameras/`` and beside it in every folder."""
-        found = list(_presets())
+        cameras = list(_presets())
         for root in self._roots.values():
             for above in (CAMERAS, ""):
                 text = f"{root.id}/{above}".rstrip("/")
                 with suppress(OptionError, FileError):  # There is none, or it may not be read.
-                    found += [
+                    cameras += [
                         self._camera(entry, folder)
                         for entry, folder in self._entries(
                             self.resolve(text), text, _MOST_CAMERAS, lambda each: each.is_dir()
                         )
                         if entry.kind == "camera"
                     ]
-        return found
+        return cameras
 
     def _camera(self, entry: Entry, folder: Path) -> CameraInfo:
         """A camera's folder; it is read again when its files change."""
@@ -245,19 +245,19 @@ class Workspace:
         return known[1]
 
     def _read_camera(self, identity: str, name: str) -> CameraInfo:
-        found = CameraInfo(id=identity, name=name, note="", psfs=[])
+        camera = CameraInfo(id=identity, name=name, note="", psfs=[])
         troubles = []
         try:
             note = self._toml(f"{identity}/{_CAMERA}").get("note", "")
-            found.note = note if isinstance(note, str) else ""
+            camera.note = note if isinstance(note, str) else ""
         except NolensError as error:
             troubles.append(str(error))
         try:
-            found.psfs = _psfs(identity, self._toml(f"{identity}/{_PSFS}"))
+            camera.psfs = _psfs(identity, self._toml(f"{identity}/{_PSFS}"))
         except NolensError as error:
             troubles.append(str(error))
-        found.trouble = readable("; ".join(troubles)) or None
-        return found
+        camera.trouble = readable("; ".join(troubles)) or None
+        return camera
 
     def _toml(self, text: str) -> dict[str, Any]:
         """A description in a camera's folder, empty where there is none."""
@@ -293,11 +293,11 @@ def unused(folder: Path, stem: str) -> str:
     """A stem that no file in a folder has: this one, or with -2, -3 and so on."""
     names = [each.name for each in folder.iterdir()] if folder.is_dir() else []
     taken = {name[:end] for name in names for end in (*_dots(name), len(name))}
-    number, found = 1, stem
-    while found in taken:
+    number, candidate = 1, stem
+    while candidate in taken:
         number += 1
-        found = f"{stem}-{number}"
-    return found
+        candidate = f"{stem}-{number}"
+    return candidate
 
 
 def _dots(name: str) -> list[int]:
@@ -362,7 +362,7 @@ def _presets() -> tuple[CameraInfo, ...]:
 def _psfs(identity: str, listed: dict[str, Any]) -> list[PsfInfo]:
     """PSFs of a list that the page can choose from."""
     try:
-        found = _ListedPsfs.model_validate(listed).psf
+        psfs = _ListedPsfs.model_validate(listed).psf
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         place = ".".join(map(str, first["loc"]))
@@ -370,14 +370,14 @@ def _psfs(identity: str, listed: dict[str, Any]) -> list[PsfInfo]:
             f"{identity}/{_PSFS} is no list of PSFs: {place}: {first['msg'][:1].lower()}"
             f"{first['msg'][1:]}"
         ) from None
-    for each in found:
+    for each in psfs:
         if not all(is_name(part) for part in each.file.split("/")):
             raise DataError(
                 f"{identity}/{_PSFS} names {each.file[:80]!r}: a PSF is a file in its folder"
             )
     return [
         PsfInfo(path=f"{identity}/{each.file}", distance=each.distance, angle=each.angle)
-        for each in found
+        for each in psfs
     ]
 
 

@@ -21,7 +21,7 @@ from nolens.camera.toml import explain
 from nolens.documents import parse_toml
 from nolens.errors import DataError, OptionError
 from nolens.printable import printable, quoted, suggestion
-from nolens.quantities import Angle, Length, Quantity, Share
+from nolens.quantities import Angle, Length, Percentage, Quantity
 from nolens.ranges import Between
 from nolens.twin import REFERENCE_NM
 
@@ -35,7 +35,7 @@ _AIR_BELOW = 1.05
 _SCALE_LIMIT = 10.0
 _WEDGE_LIMIT_DEG = 10.0
 _NUMBERED = re.compile(r"layers\.(\d+)(\..+)?")
-_KINDS: dict[str, type[Quantity]] = {"um": Length, "deg": Angle, "%": Share}
+_KINDS: dict[str, type[Quantity]] = {"um": Length, "deg": Angle, "%": Percentage}
 _LEAST = 1e-9
 """Of a tolerance: its fourth power is still a number."""
 _RANGES = {

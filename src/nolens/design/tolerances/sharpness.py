@@ -11,7 +11,7 @@ from torch import Tensor
 
 from nolens.errors import DataError, OptionError
 from nolens.evaluate import pattern_figures, spectral_magnitude
-from nolens.quantities import Length, Share
+from nolens.quantities import Length, Percentage
 
 _MTF = re.compile(r"mtf@([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*/\s*mm")
 _FWHM = math.sqrt(8 * math.log(2))
@@ -183,7 +183,7 @@ class Limit(RootModel[Annotated[str, Field(max_length=40)]]):
         if times is not None:
             limit = float(times[1]) * nominal
         else:
-            kind = Length if sharpness.unit == "um" else Share
+            kind = Length if sharpness.unit == "um" else Percentage
             try:
                 limit = kind.parse(self.root).to(sharpness.unit)
             except OptionError as error:

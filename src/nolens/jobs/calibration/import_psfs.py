@@ -172,12 +172,12 @@ class CalibrateImportOptions(JobOptions):
                     "one point source are averaged and merged by nolens calibrate"
                 )
         wide = self.psf_extent == "wide"
-        for name, is_given in (
+        for name, is_set in (
             ("sensor", self.sensor is not None),
             ("angle", any(angle != _AHEAD for _, angle in self.places)),
             ("centre light", self.centre == "light"),
         ):
-            if wide and is_given:
+            if wide and is_set:
                 raise OptionError(
                     f"--{name} is for PSFs that are as large as the sensor, and --psf-extent wide "
                     "for extended ones, from straight ahead: leave one of them out"

@@ -9,19 +9,19 @@ from nolens.design.masks import PsfGoals, TileDescent, lenslet_start, optimised_
 from nolens.jobs.designing.mask import DESCENT, Steps, TileOptions
 from nolens.jobs.fields import parts
 from nolens.jobs.options import Option
-from nolens.quantities import Length, Share
+from nolens.quantities import Length, Percentage
 from nolens.ranges import Between
 
 _MAGNITUDE = r"(.*%)\s*@\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*/\s*mm"
 
 
-_Magnitude = Annotated[Share, Between("0.01 %", "100 %")]
+_Magnitude = Annotated[Percentage, Between("0.01 %", "100 %")]
 _PerMm = Annotated[float, Between(1e-3, 1e5)]
 _MagnitudeAt = Annotated[
     tuple[_Magnitude, _PerMm],
     parts(_MAGNITUDE, "give a fraction and a spatial frequency, such as 6%@80/mm"),
 ]
-_Sparsity = Annotated[Share, Between("0 %", "99.99 %")]
+_Sparsity = Annotated[Percentage, Between("0 %", "99.99 %")]
 
 
 class OptimisedMask(TileOptions):
@@ -44,7 +44,7 @@ class OptimisedMask(TileOptions):
         Length("8", "um")
     )
     sparsity: Annotated[_Sparsity, Option("Fraction of the sensor without light, at least.")] = (
-        Share("98", "%")
+        Percentage("98", "%")
     )
     magnitude: Annotated[
         _MagnitudeAt,
@@ -53,7 +53,7 @@ class OptimisedMask(TileOptions):
             "sensor.",
             default="6%@80/mm",
         ),
-    ] = (Share("6", "%"), 80.0)
+    ] = (Percentage("6", "%"), 80.0)
     iterations: Steps = 100
 
     @property

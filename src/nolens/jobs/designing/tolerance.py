@@ -17,13 +17,13 @@ from nolens.jobs.fields import CAMERAS, FilePath, Name, Seed, Word
 from nolens.jobs.options import RECORD, JobOptions, Option, Written
 from nolens.jobs.run import Product, Run, job
 from nolens.machine import BYTES_OF_PROGRAM
-from nolens.quantities import Share
+from nolens.quantities import Percentage
 from nolens.ranges import Between
 from nolens.twin import Light
 
 _TRIALS_FILE, _PLOT_FILE = "trials.csv", "tolerance.png"
 _CRITERION, _TRIALS, _YIELD = "Criterion", "Trials", "Yield"
-_Target = Annotated[Share, Between("0.01 %", "99.99 %")]
+_Target = Annotated[Percentage, Between("0.01 %", "99.99 %")]
 _ENOUGH = "1000 show a yield to within 2 or 3 %"
 
 

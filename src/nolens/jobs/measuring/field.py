@@ -298,8 +298,8 @@ def _of_folder(run: Run[MeasureFieldOptions], loaded: LoadedCamera | None) -> Pr
                 "largest value: it seems to be clipped. Take a shorter exposure"
             )
         psfs.append(compare(first, psf, source_of(entry), central.pixel.um, twin))
-    away_um = central.distance_um
-    return _product(run.options, FieldOfView.of_psfs(psfs, twin, away_um), away_um)
+    depth_um = central.distance_um
+    return _product(run.options, FieldOfView.of_psfs(psfs, twin, depth_um), depth_um)
 
 
 def _of_twin(run: Run[MeasureFieldOptions], loaded: LoadedCamera) -> Product[FieldOfView]:

@@ -46,12 +46,12 @@ from nolens.jobs.run import Job, Product, Run
 from nolens.operators import PixelRectangle
 from nolens.plugins import Registry
 from nolens.progress import part_of
-from nolens.quantities import Angle, Share
+from nolens.quantities import Angle, Percentage
 from nolens.ranges import Between
 from nolens.solvers import Development
 from nolens.twin import Light, distance_um, preview_model
 
-Threshold = Annotated[Share, Between("0.01 %", "99.99 %")]
+Threshold = Annotated[Percentage, Between("0.01 %", "99.99 %")]
 _PixelAngle = Annotated[Angle, Between("0.000001 deg", "10 deg")]
 TargetAngle = Annotated[Angle, Between("0.001 deg", "89.9 deg")]
 _FRAMES_ONLY = ("psf", "psf_extent", "dark", "support", "camera", "pixel_angle")
@@ -149,10 +149,10 @@ class ResolutionOptions(RecordedOptions):
         int, Between(1, 64), Option("How many stand for a channel of the sensor.", SIMULATION)
     ] = 1
     fill: Annotated[
-        Share,
+        Percentage,
         Between("0.001 %", "100 %"),
         Option("Fraction of a full pixel that the brightest one is exposed to.", SIMULATION),
-    ] = Share("90", "%")
+    ] = Percentage("90", "%")
     seed: Annotated[Seed, Option("Of the noise.", SIMULATION)] = 0
     iterations: Annotated[
         Iterations | None,

@@ -23,7 +23,7 @@ from nolens.jobs.measuring.resolution import (
 )
 from nolens.jobs.options import Option
 from nolens.jobs.run import Product, Run, job
-from nolens.quantities import Angle, Share
+from nolens.quantities import Angle, Percentage
 from nolens.ranges import Between
 
 _Spokes = Annotated[int, Between(4, 200)]
@@ -72,7 +72,7 @@ class SiemensOptions(OneFrameOptions):
             "resolved. 15.3% is the contrast of lines that dip by Rayleigh's 26.5 %.",
             TARGET,
         ),
-    ] = Share("10", "%")
+    ] = Percentage("10", "%")
 
 
 class StarPicture(ScreenPicture):

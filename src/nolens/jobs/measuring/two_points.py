@@ -26,7 +26,7 @@ from nolens.jobs.measuring.resolution import (
 )
 from nolens.jobs.options import Option
 from nolens.jobs.run import Product, Run, job
-from nolens.quantities import Angle, Share
+from nolens.quantities import Angle, Percentage
 from nolens.ranges import Between
 
 
@@ -64,7 +64,7 @@ class TwoPointOptions(ResolutionOptions):
     dip: Annotated[
         Threshold,
         Option("Dip of the light between the points that counts as resolved.", TARGET),
-    ] = Share("26.5", "%")
+    ] = Percentage("26.5", "%")
     direction: Annotated[
         Angle,
         Between("-360 deg", "360 deg"),
