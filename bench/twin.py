@@ -170,7 +170,7 @@ def report(found: dict[str, Any]) -> str:
         f"The mask's surface, which both need before, takes {surface:.2f} s. Seconds are without "
         "the start of Python and torch; memory is the whole process's.",
         "",
-        "| how exact | found | wanted |",
+        "| accuracy | measured | required |",
         "|---|---|---|",
         f"| autocorrelation of the PSF, full width at half maximum | {psf['width_um']:.2f} µm | "
         "20 ± 2 µm |",

@@ -315,6 +315,12 @@ def test_click_focuses_on_a_point(visit: Visit, shot: str) -> None:
     far = page.locator("#depth-picture").get_attribute("src")
     assert near != far and first in (near, far)
     visit.keep("refocus")
+    # The version before had another name for the grid.
+    former = 'const told = {"depths": ["1 m"], "sharpest": [[0]]};'
+    stack = page.evaluate(
+        "text => import('/js/depths.js').then(({ stackOf }) => stackOf(text))", f"\n{former}\n"
+    )
+    assert stack == {"depths": ["1 m"], "best_page": [[0]]}
 
 
 def test_psf_from_elsewhere(visit: Visit, studio_folder: Path) -> None:

@@ -84,7 +84,7 @@ def check_support(support: PixelRectangle, captured: Tensor) -> None:
             raise OptionError(
                 f"--support {side} pixels from pixel {start} on: light must fall on the sensor's "
                 f"{count} pixels through the middle of the PSF, and cover no more of them than "
-                "there are; nolens calibrate plan CAMERA --angle 56deg tells the support"
+                "there are; nolens calibrate plan CAMERA --angle 56deg gives the support"
             )
 
 

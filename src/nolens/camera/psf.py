@@ -304,7 +304,7 @@ def extrapolation_note(
     return (
         f"{source} has light up to the sensor's edges, and what falls beyond them is missing: "
         f"nolens calibrate extrapolate {folder} --support HEIGHTxWIDTH continues it (nolens "
-        "calibrate plan tells the support); captures at angles do it better (nolens calibrate "
+        "calibrate plan gives the support); captures at angles do it better (nolens calibrate "
         "stitch)"
     )
 

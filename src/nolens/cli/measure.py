@@ -128,7 +128,7 @@ def _psf_lines(summary: dict[str, Any]) -> list[str]:
         f"dark, {100 * summary['background_fraction']:.1f} % of the light is background",
         f"spectral magnitude at least {summary['lowest_magnitude']:.2g} up to the lines' "
         f"{summary['line_per_mm']:.1f}/mm; noise {summary['noise_magnitude']:.2g}, "
-        + ("given" if summary["noise_known"] else "estimated"),
+        + ("stated" if summary["noise_known"] else "estimated"),
         _clear(summary["clear_bands_per_mm"]),
     ]
     if summary["line_deg"] is not None:

@@ -40,7 +40,7 @@ class CaptureOptions(JobOptions):
     nolens capture --psf --frames 8 -o point
 
     Each frame is written as soon as it is taken, with its record as .json beside it; Ctrl-C ends
-    after the frame in work, and what was taken stays.
+    the series after the current frame, and the frames so far stay.
     """
 
     usage = "capture -o shot.dng"
@@ -59,8 +59,8 @@ class CaptureOptions(JobOptions):
     dark: Annotated[
         bool,
         Option(
-            "The camera is covered: take what is subtracted from other frames, with their exposure "
-            "time (--exposure) and gain.",
+            "The camera is covered: take frames to subtract from others, with the exposure time "
+            "(--exposure) and gain of those.",
             negative=False,
         ),
     ] = False
@@ -107,7 +107,7 @@ class CaptureOptions(JobOptions):
         Option("Between the exposure times of a bracket.", _WHAT),
     ] = 4.0
     every: Annotated[
-        Interval | None, Option("Begin a new round each 10s, for a time-lapse.", _WHAT)
+        Interval | None, Option("Time from round to round of a time-lapse, such as 10s.", _WHAT)
     ] = None
     count: Annotated[
         Annotated[int, Between(1, 10_000_000)] | None,

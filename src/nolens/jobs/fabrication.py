@@ -93,7 +93,7 @@ class FabricateOptions(OutputFolderOptions):
         Option(
             "Folder of the files, made where it is missing: frame.stl and frame.3mf, mask.tif "
             "(16-bit heights), mask.gds and mask.oas (levels), relief-SURFACE.stl, sheet.html and "
-            "sheet.pdf for the bench, and fabricate.json, the record with all figures.",
+            "sheet.pdf for the workshop, and fabricate.json, the record with all figures.",
             needed="the folder of the files (-o folder)",
             role="output",
             flag="-o",

@@ -104,8 +104,8 @@ class RefocusOptions(OutputFolderOptions):
 
     nolens refocus raw.dng --psfs camera --stack 8cm,50cm -o out
 
-    Without --depth the sharpest depth is found: the one whose PSF explains the photograph best,
-    or with --at the one at which that place is sharpest.
+    Without --depth, autofocus chooses the depth: the one whose PSF explains the measurement best,
+    or with --at the one that brings that place into focus.
     """
 
     usage = "refocus RAW --psfs FOLDER -o FOLDER"
@@ -146,8 +146,8 @@ class RefocusOptions(OutputFolderOptions):
     depth: Annotated[
         Depth | None,
         Option(
-            "Distance that is to be sharp, such as 8cm, or infinity.",
-            default="the sharpest",
+            "Distance to focus on, such as 8cm, or infinity.",
+            default="by autofocus",
         ),
     ] = None
     at: Annotated[
@@ -162,7 +162,7 @@ class RefocusOptions(OutputFolderOptions):
     search: Annotated[
         _Depths | None,
         Option(
-            "NEAR,FAR: depths between which the sharpest is sought, such as 8cm,infinity.",
+            "NEAR,FAR: depths between which autofocus searches, such as 8cm,infinity.",
             _DEPTH,
             default="the distances of the PSFs",
         ),
@@ -218,7 +218,7 @@ class RefocusOptions(OutputFolderOptions):
             )
         if self.search is not None and not self.focused:
             raise OptionError(
-                "--search looks for the sharpest depth, and --stack alone looks for none: add "
+                "--search is for autofocus, and --stack alone needs none: add "
                 "--at, or leave one out"
             )
 
@@ -315,7 +315,7 @@ def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
             psfs,
             depth,
             place,
-            search_step=partial(step, result="the sharpest depth"),
+            search_step=partial(step, result="the best depth"),
             step=partial(step, result="the picture"),
         )
         picture = picture_of(focused.result.photograph.cpu())
@@ -367,7 +367,7 @@ def _read_psfs(run: Run[RefocusOptions], measurement: Measurement) -> DepthPsfs:
 def _depth_or_search(
     options: RefocusOptions, psfs: DepthPsfs
 ) -> float | tuple[float, float] | None:
-    """The depth of the picture, or two between which the sharpest is sought; None without one."""
+    """The depth of the picture, or two for autofocus to search between; None without one."""
     if not options.focused:
         return None
     if options.depth is not None:
@@ -378,7 +378,7 @@ def _depth_or_search(
     if near_um == far_um:
         raise OptionError(
             f"the folder {options.psfs} has PSFs of one distance only: say between which "
-            "depths the sharpest is to be found (--search 8cm,infinity), or the depth (--depth "
+            "depths autofocus searches (--search 8cm,infinity), or where to focus (--depth "
             "8cm)"
         )
     return near_um, far_um

@@ -66,7 +66,7 @@ class AutofocusResult:
         if not (self.finished and self.at_end and math.isfinite(self.depth_um)):
             return []
         return [
-            f"the sharpest depth is the end of those that were looked at, "
+            f"the best depth lies at the end of the search, "
             f"{depth_mm(self.depth_um)} mm: the true one may lie beyond (--search)"
         ]
 

@@ -124,7 +124,7 @@ def _about(studio: Studio) -> About:
 
 
 def _answer_errors(app: FastAPI) -> None:
-    """Every error that is the user's to mend is told as text."""
+    """Every error that the user can correct, as text."""
 
     @app.exception_handler(NolensError)
     async def refused(request: Request, error: NolensError) -> JSONResponse:

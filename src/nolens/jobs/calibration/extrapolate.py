@@ -28,12 +28,12 @@ class CalibrateExtrapolateOptions(FolderOptions):
     nolens reconstruct raw1.dng --psf mycamera/extended-300mm.tif --psf-extent wide
     --support 414x414
 
-    For a camera without an aperture. Without pictures, the PSF goes on with its mean light; that
-    alone is worth most. From pictures of ordinary scenes the PSF itself is estimated together
-    with the scenes, where they show it: scenes that fill a small part of the sensor do. Captures
-    at angles give more than either (nolens calibrate stitch).
+    For a camera without an aperture. Without pictures, the PSF is continued with its mean light,
+    which already brings most of the gain. With pictures, PSF and scenes are estimated together;
+    that works for scenes that fill a small part of the sensor. Captures at angles give a better
+    PSF than either (nolens calibrate stitch).
 
-    Ctrl-C ends it after a step, and the PSF so far is written.
+    Ctrl-C ends the run after the current step, and the PSF so far is written.
     """
 
     names: ClassVar = ("extended", "extend")
@@ -52,10 +52,10 @@ class CalibrateExtrapolateOptions(FolderOptions):
         Window,
         Option(
             "Support of the scene, where its light comes from: HEIGHTxWIDTH in scene pixels, "
-            "around the middle, or +TOP+LEFT after it; nolens calibrate plan tells it for an "
+            "around the middle, or +TOP+LEFT after it; nolens calibrate plan gives it for an "
             "angle.",
             needed="the support of the scene, where its light comes from, in pixels (--support "
-            "414x414; nolens calibrate plan CAMERA --angle 56deg tells it for an angle)",
+            "414x414; nolens calibrate plan CAMERA --angle 56deg gives it for an angle)",
             former="region",
         ),
     ]
@@ -63,7 +63,7 @@ class CalibrateExtrapolateOptions(FolderOptions):
         Depth | None, Option("Of the PSF to extrapolate.", default="the only captured one")
     ] = None
     rounds: Annotated[
-        int, Between(1, 100), Option("Turns in which scenes and PSF are estimated.")
+        int, Between(1, 100), Option("Rounds; each estimates the scenes, then the PSF.")
     ] = 4
 
     def check_together(self) -> None:

@@ -118,8 +118,8 @@ class CalibratePointOptions(NewPsfOptions):
     stray_light: Annotated[
         StrayLight,
         Option(
-            "auto subtracts a smooth background where an aperture leaves a dark area, none leaves "
-            "all in, floor takes the darkest light there is for stray light.",
+            "auto subtracts a smooth background where an aperture leaves a dark area, none "
+            "subtracts nothing, floor subtracts the darkest light of the frame.",
             RESULT,
         ),
     ] = "auto"

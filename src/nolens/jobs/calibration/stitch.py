@@ -76,10 +76,10 @@ class CalibrateStitchOptions(FolderOptions):
 
     nolens reconstruct raw.dng --psf mycamera/stitched-300mm.tif --psf-extent wide --support 414x414
 
-    A camera without an aperture sees light through mask that the PSF from straight ahead does
-    not show. Point sources from the side move the PSF, so that the sensor sees its other
-    parts: nolens calibrate plan lists the angles. They need be right to 3° only: each PSF is
-    placed by what it has in common with the others.
+    A camera without an aperture sees light through parts of the mask that the PSF from straight
+    ahead does not show. Point sources from the side move the PSF, so that the sensor sees its
+    other parts: nolens calibrate plan lists the angles. They need to be right only to within 3°:
+    each PSF is placed by its overlap with the others.
     """
 
     names: ClassVar = ("stitched", "stitch")

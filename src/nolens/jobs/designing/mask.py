@@ -87,7 +87,7 @@ class MaskOptions(OutputFolderOptions):
     ]
     camera: Annotated[
         Name,
-        Option(f"Camera whose layers and sensor are kept: {CAMERAS}.", role="camera"),
+        Option(f"Camera with the layers and the sensor to design for: {CAMERAS}.", role="camera"),
     ] = "paper"
     light: Annotated[Word, Option(f"{LIGHTS}.", _OPTICS)] = "white-led"
     device: Device = "auto"

@@ -57,8 +57,8 @@ class ThicknessOptions(JobOptions):
 
     nolens design thickness --film 0.305mm --film-distance 0.4mm+-0.2mm --material pua311
 
-    Put the diffuser over the sensor, find the distance at which the pattern of a point source
-    is sharpest, and say it here. Every length and index can have a ±, as in 0.4mm±0.2mm; all
+    Put the diffuser over the sensor, find the distance at which the PSF is sharpest, and give
+    it here. Every length and index can have a ±, as in 0.4mm±0.2mm; all
     results then have theirs.
     """
 

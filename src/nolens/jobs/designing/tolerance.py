@@ -57,7 +57,7 @@ class ToleranceOptions(JobOptions):
     output: Annotated[
         FilePath | None,
         Option(
-            "Folder for tolerance.json, trials.csv and tolerance.png. Needed, but for --show.",
+            "Folder for tolerance.json, trials.csv and tolerance.png. Not needed with --show.",
             role="output",
             flag="-o",
         ),
@@ -104,7 +104,7 @@ class ToleranceOptions(JobOptions):
     solve: Annotated[
         Word | None,
         Option(
-            "Parameter whose largest tolerance for that yield is found, all others as given.",
+            "Parameter to find the largest tolerance of for that yield; the others stay.",
             _YIELD,
         ),
     ] = None

@@ -122,7 +122,7 @@ class ResolutionOptions(RecordedOptions):
     camera: Annotated[
         Name | None,
         Option(
-            f"Camera that took the frames: {CAMERAS}. It tells the angles of scene pixels.",
+            f"Camera that took the frames: {CAMERAS}. It gives the angles of scene pixels.",
             default="camera.toml beside the PSF",
             role="camera",
             label="Camera",

@@ -55,13 +55,13 @@ class SiemensOptions(OneFrameOptions):
     ] = ()
     spokes: Annotated[
         _Spokes | None,
-        Option("Bright spokes of the star.", default="as found; 36 to simulate"),
+        Option("Bright spokes of the star.", default="from the picture; 36 to simulate"),
     ] = None
     angle: Annotated[
         TargetAngle | None,
         Option(
             "Field angle of the star from side to side; a picture of another one is refused.",
-            default="as found; 20deg to simulate",
+            default="from the picture; 20deg to simulate",
             label="Field angle that it fills",
         ),
     ] = None

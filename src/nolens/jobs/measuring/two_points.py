@@ -39,9 +39,8 @@ class TwoPointOptions(ResolutionOptions):
     nolens measure resolution two-points --simulate paper --distance 180mm
 
     Two points are resolved where the light between them dips by 26.5 %, as Rayleigh's criterion
-    has it. How deep it dips depends on the scene, the noise and the solver, as in every camera
-    that reconstructs its pictures: the result says with which. A simulation searches for the
-    smallest separation.
+    has it. As in every camera that reconstructs its pictures, the dip depends on scene, noise and
+    solver; the result lists them. A simulation searches for the smallest separation.
     """
 
     usage = "measure resolution two-points --simulate CAMERA"

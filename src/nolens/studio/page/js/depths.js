@@ -5,19 +5,20 @@ import { fileUrl } from "./api.js";
 import { button, h, slider } from "./dom.js";
 import { Viewer } from "./viewer.js";
 
-/** @typedef {{depths: string[], pages: string[], everywhere: string, sharpest: number[][]}} FocalStack */
+/** @typedef {{depths: string[], pages: string[], everywhere: string, best_page: number[][]}} FocalStack */
 
 /**
- * What the page of `nolens refocus --stack` holds: its pictures, and which of them is the sharpest at each place.
+ * What the page of `nolens refocus --stack` holds: its pictures, and the number of the sharpest at each place.
  *
  * @param {string} html
  * @returns {FocalStack}
  */
 export function stackOf(html) {
-  // Pages of the version before say "told".
-  const found = /\nconst (?:stack|told) = (.*);\n/.exec(html);
-  if (!found) throw new Error("The focal stack cannot be read: make it again.");
-  return JSON.parse(found[1]);
+  // Pages of the version before say "told" and "sharpest".
+  const match = /\nconst (?:stack|told) = (.*);\n/.exec(html);
+  if (!match) throw new Error("The focal stack cannot be read: make it again.");
+  const { sharpest, ...stack } = JSON.parse(match[1]);
+  return { best_page: sharpest, ...stack };
 }
 
 export class Depths {
@@ -54,7 +55,7 @@ export class Depths {
     this.everywhere();
   }
 
-  /** Say that the stack is of the run before, until another is opened. */
+  /** Say that the stack is of the run before, until the next one is open. */
   age() {
     if (this.stack) this.viewer.age();
   }
@@ -83,7 +84,7 @@ export class Depths {
     if (!this.stack) return;
     const [across, down] = this.viewer.place(event.clientX, event.clientY);
     if (across < 0 || across >= 1 || down < 0 || down >= 1) return;
-    const grid = this.stack.sharpest;
+    const grid = this.stack.best_page;
     this.show(grid[Math.floor(down * grid.length)][Math.floor(across * grid[0].length)]);
     this.mark.style.left = `${100 * across}%`;
     this.mark.style.top = `${100 * down}%`;

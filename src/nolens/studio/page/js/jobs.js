@@ -116,7 +116,7 @@ export function progressText(job) {
   return `${what ?? "Working"}${steps}${rest}`;
 }
 
-/** One job as a panel shows it: progress, cancel, doubts, and why it failed. */
+/** One job as a panel shows it: progress, cancel, warnings, and why it failed. */
 export class JobView {
   /** @param {{seen?: (job: Job) => void, keep?: string}} [given] `keep`: name under which a reload finds the job */
   constructor(given = {}) {
@@ -178,7 +178,7 @@ export class JobView {
     this.text.textContent = progressText(job);
     fill(this.more,
       job.error && h("p", { class: "trouble", role: "alert" }, job.error),
-      [...new Set(job.warnings ?? [])].map((text) => h("p", { class: "doubt" }, text)));
+      [...new Set(job.warnings ?? [])].map((text) => h("p", { class: "warning" }, text)));
     if (job.error) reveal(this.element, job.error);
     this.element.hidden = job.status === "done" && this.more.childElementCount === 0;
     this.given.seen?.(job);

@@ -73,7 +73,7 @@ export class RecordView {
       ["Pixels binned", `${parameters.bin ?? 1} × ${parameters.bin ?? 1}`],
     ];
     fill(this.element, h("summary", {}, "Record"), figureTable(rows, "Record of the result"),
-      warnings.map((text) => h("p", { class: "doubt" }, text)),
+      warnings.map((text) => h("p", { class: "warning" }, text)),
       h("div", { class: "row" },
         inputs.measurement && inputs.psf && button("Use these settings again", told(() => this.use(record))),
         h("a", { href: fileUrl(path), download: baseName(path) }, baseName(path))));
