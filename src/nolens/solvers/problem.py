@@ -20,6 +20,9 @@ from nolens.solvers.inputs import (
     weight_of,
 )
 
+_UNIT_SIDE = 1000
+"""Pixels along a square sensor on which a weight of 1 is a `Problem.tau` of 1."""
+
 
 class Prior(StrEnum):
     """Regularising term R(v) of the objective."""
@@ -56,6 +59,8 @@ class Problem:
     scale: Tensor = field(repr=False)
     """Measurement's norm over PSF's norm, for each channel."""
     psf_norm: Tensor = field(repr=False)
+    tau_unit: float = 1.0
+    """`tau` of a weight of 1 that means the same at any binning, support and number of channels."""
 
     @classmethod
     def build(
@@ -118,7 +123,17 @@ class Problem:
             prior=prior,
             scale=data_norm / psf_norm,
             psf_norm=psf_norm,
+            tau_unit=_tau_unit(psf, psf_norm, sensor, prior),
         )
+
+    @property
+    def weight(self) -> float:
+        """Weight of the prior as users give it: `tau` over `tau_unit`."""
+        return self.tau / self.tau_unit
+
+    def weighted(self, weight: float) -> "Problem":
+        """The same problem with another `weight`."""
+        return replace(self, tau=weight * self.tau_unit)
 
     def measuring(self, data: Plane, valid: Plane | None = None) -> "Problem":
         """The same problem for another measurement: the PSF is not transformed again.
@@ -221,6 +236,28 @@ class Problem:
     def unscale(self, scene: Tensor) -> Tensor:
         """Scene in units of measurement over PSF, from one in normalised units."""
         return scene * self.scale
+
+
+def _tau_unit(psf: Tensor, psf_norm: Tensor, sensor: tuple[int, int], prior: Prior) -> float:
+    r"""What makes a weight mean the same at any binning and support.
+
+    Means over b×b pixels make the data's norm b times smaller, and that of a PSF without much
+    detail, too: the normalised scene is b² times brighter on b² times fewer pixels, and its total
+    variation, along edges b times shorter, b times as large; its ℓ1 norm stays. A support changes
+    the part of the PSF that reaches the sensor, and with its norm the scene's; the norm of a part
+    as large as the sensor stays. So
+
+    .. math:: u = \frac{\|p\|_{reach}}{\|p\|_{sensor}} \sqrt{N / 10^6},
+
+    for a sensor of N pixels; without the root for the ℓ1 norm.
+    """
+    (height, width), (rows, columns) = sensor, psf.shape[-2:]
+    top, left = rows // 2 - height // 2, columns // 2 - width // 2
+    middle = psf[:, top : top + height, left : left + width]
+    norm = torch.linalg.vector_norm(middle, dim=(-2, -1), dtype=torch.float64)
+    reach = psf_norm.double().flatten() / norm.clamp_min(torch.finfo(torch.float32).tiny)
+    length = 1.0 if prior is Prior.L1 else math.sqrt(height * width) / _UNIT_SIDE
+    return float(reach.mean()) * length
 
 
 def _check_fit(psf: Tensor, data: Tensor, valid: Tensor) -> None:

@@ -1,0 +1,321 @@
+r"""The weight of the prior, chosen by pixels of the measurement that are left out of the fit.
+
+Blocks of sensor pixels are left out, the problem is solved for weights from strong to weak, and
+each scene says what it expects on the pixels that it has not seen. Too strong a prior leaves out
+detail, too weak a one explains noise: both predict worse. It is cross-validation with one fold
+(`stone1974`), and its one-standard-error rule takes the strongest weight that predicts as well as
+the best as far as one can tell (`hastie2009`, § 7.10).
+
+What is compared is the prediction's error without its local mean: the slow glow of a scene that
+fills the view is what ADMM is late with, and would drown the rest.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import torch
+import torch.nn.functional as nnf
+from torch import Tensor
+
+from nolens.solvers.admm import RELAXATION, AdmmRun
+from nolens.solvers.admm_state import CHECK_EVERY, AdmmState, Balance, Penalties
+from nolens.solvers.problem import Prior, Problem
+
+_SIDE = 4
+"""Sensor pixels along a block that is left out."""
+_FRACTION = 0.05
+"""Of the valid pixels that are left out."""
+_AROUND = 4
+"""Pixels around each over which the local mean of the residual is taken."""
+_FEWEST_BLOCKS = 50
+"""Blocks below which their errors say nothing, and the noise decides."""
+_BY_NOISE = {Prior.TV: 0.6, Prior.ISOTROPIC_TV: 0.6, Prior.L1: 1.0}
+"""Weight where only the noise is known, over the noise of a pixel in normalised units."""
+_FROM = {Prior.TV: 1.0, Prior.ISOTROPIC_TV: 1.0, Prior.L1: 2.0}
+"""First weight that is tried, over the same."""
+_RATIO = 2.0
+"""Of neighbouring weights."""
+_WEIGHTS_AT_MOST = 8
+_FIRST_STEPS, _STEPS = 28, 12
+"""Iterations with the first weight, and with each that follows."""
+_LOOSENED = 0.4
+"""Factor on the penalties from weight to weight: what they hold has to move again."""
+_QUIETEST = 1e-3
+"""Noise of a pixel over the measurement's root mean square, below which none is measured: stored
+values and float32 are no finer."""
+_SAMPLES = 1_000_000
+COARSEN_FROM = 100_000
+"""Sensor pixels from which on 2×2 of them are one while a weight is chosen."""
+
+
+@dataclass(frozen=True)
+class WeightStep:
+    """A weight that was tried.
+
+    Parameters
+    ----------
+    tau
+        Of the problem (`Problem.tau`).
+    residual
+        Root mean square, over the held-out pixels, of what the scene does not predict, over the
+        noise that was measured.
+    error
+        Standard error of the mean squared residual's difference from the best, over the best.
+    excess
+        That difference, over the best.
+    """
+
+    tau: float
+    residual: float
+    excess: float
+    error: float
+
+    def row(self, unit: float) -> dict[str, float]:
+        """A row of the run's record, with the weight as users give it."""
+        return {
+            "tau": self.tau / unit,
+            "held_out_residual": self.residual,
+            "excess": self.excess,
+            "standard_error": self.error,
+        }
+
+
+@dataclass(frozen=True)
+class Weight:
+    """A weight of the prior, and what it was chosen by.
+
+    Parameters
+    ----------
+    tau
+        Of the problem (`Problem.tau`).
+    noise
+        Standard deviation of a pixel's noise in normalised units, of all channels together.
+    steps
+        Weights that were tried, from strong to weak; none where the noise alone decided.
+    interrupted
+        Whether the caller stopped it.
+    """
+
+    tau: float
+    noise: float
+    steps: tuple[WeightStep, ...] = ()
+    interrupted: bool = False
+
+
+def choose_weight(
+    problem: Problem,
+    *,
+    penalties: Penalties | None = None,
+    balance: Balance | None = Balance(),  # noqa: B008 (frozen)
+    relaxation: float = RELAXATION,
+    progress: Callable[[float], bool | None] | None = None,
+) -> Weight:
+    """The weight of the prior with which left-out pixels are predicted best.
+
+    Every weight's scene starts from the one before it. Where the strongest is the best, stronger
+    ones are tried. It takes about as long as one reconstruction.
+
+    Parameters
+    ----------
+    problem
+        Whose prior is to be weighed; its own weight does not matter.
+    penalties, balance, relaxation
+        As `admm` takes them.
+    progress
+        Called with the fraction that is done; stops by returning True.
+    """
+    noise = pixel_noise(problem)
+    if problem.prior is Prior.NONE:
+        return Weight(0.0, noise)
+    blocks = _held_out_blocks(problem.valid)
+    if blocks is None:
+        return Weight(_BY_NOISE[problem.prior] * noise, noise)
+    path = _Path(problem, blocks, penalties, balance, relaxation, progress)
+    interrupted = path.follow(_FROM[problem.prior] * noise)
+    if not path.errors:
+        return Weight(_BY_NOISE[problem.prior] * noise, noise, interrupted=interrupted)
+    best = min(path.errors, key=lambda tau: float(path.errors[tau].sum()))
+    order = sorted(path.errors, reverse=True)
+    least = float(path.errors[best].mean())
+    steps = []
+    for tau in order:
+        excess, error = _apart(path.errors[tau], path.errors[best])
+        level = math.sqrt(float(path.errors[tau].mean())) / noise
+        steps.append(WeightStep(tau, level, excess / least, error / least))
+    return Weight(_strongest(steps, best), noise, tuple(steps), interrupted)
+
+
+def pixel_noise(problem: Problem) -> float:
+    """Standard deviation of a pixel's white noise in normalised units, of all channels together.
+
+    Mixed second differences know no shading, and little of a PSF's detail: half the median of
+    their magnitudes over 0.6745 (`donoho1994`).
+
+    Parameters
+    ----------
+    problem
+        Whose data are measured.
+    """
+    weights = _channel_weights(problem)
+    total = 0.0
+    for data, valid, weight in zip(problem.data, problem.valid, weights, strict=True):
+        total += float(weight) * _noise(data, valid) ** 2
+    # A measurement of root mean square r has the norm r √N = 1.
+    least = _QUIETEST / math.sqrt(problem.data[0].numel())
+    return max(math.sqrt(total), least)
+
+
+def _noise(data: Tensor, valid: Tensor) -> float:
+    usable = valid[:-1, :-1] & valid[1:, :-1] & valid[:-1, 1:] & valid[1:, 1:]
+    mixed = data[:-1, :-1] - data[1:, :-1] - data[:-1, 1:] + data[1:, 1:]
+    sizes = mixed[usable].abs()
+    sizes = sizes[:: max(1, sizes.numel() // _SAMPLES)]
+    if not sizes.numel():
+        return 0.0
+    # Half of what the mean says is a floor: values of a few levels can have a median of zero.
+    return max(float(sizes.median()) / 0.6745, float(sizes.mean()) * math.sqrt(math.pi / 8)) / 2
+
+
+def _channel_weights(problem: Problem) -> Tensor:
+    """Power of each channel in the measurement, of 1: errors count as they are in counts."""
+    power = (problem.scale * problem.psf_norm).double().square().flatten().cpu()
+    return power / power.sum()
+
+
+def _held_out_blocks(valid: Tensor) -> Tensor | None:
+    """Blocks to leave out, bool (rows, columns) of blocks; None where they are too few."""
+    rows, columns = (count // _SIDE for count in valid.shape[-2:])
+    generator = torch.Generator().manual_seed(0)
+    chosen = torch.rand(rows, columns, generator=generator) < _FRACTION
+    if min(rows, columns) == 0:
+        return None
+    whole = valid[:, : rows * _SIDE, : columns * _SIDE].all(0)
+    usable = whole.view(rows, _SIDE, columns, _SIDE).all(-1).all(1).cpu()
+    chosen &= usable
+    return chosen if int(chosen.sum()) >= _FEWEST_BLOCKS else None
+
+
+class _Path:
+    """Weights from strong to weak, each solved from where the one before ended."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        blocks: Tensor,
+        penalties: Penalties | None,
+        balance: Balance | None,
+        relaxation: float,
+        progress: Callable[[float], bool | None] | None,
+    ) -> None:
+        height, width = problem.forward.sensor
+        held = torch.zeros(height, width, dtype=torch.bool)
+        shape = (blocks.shape[0] * _SIDE, blocks.shape[1] * _SIDE)
+        held[: shape[0], : shape[1]] = blocks.repeat_interleave(_SIDE, 0).repeat_interleave(
+            _SIDE, 1
+        )
+        self._problem = problem
+        self._blocks = blocks.to(problem.data.device)
+        self._held = held.to(problem.data.device)
+        self._fitted = replace(
+            problem,
+            data=torch.where(self._held, 0, problem.data),
+            valid=problem.valid & ~self._held,
+        )
+        self._weights = _channel_weights(problem).tolist()
+        # A weight of zero would leave out the split.
+        self._state = AdmmState.cold(replace(self._fitted, tau=1.0), penalties)
+        self._balance, self._relaxation = balance, relaxation
+        self._progress, self._done = progress, 0
+        self.errors: dict[float, Tensor] = {}
+        """Squared errors of the blocks, by weight."""
+
+    def follow(self, first: float) -> bool:
+        """Try weights until the best one is known; True where the caller stopped it."""
+        if self._solve(first, _FIRST_STEPS):
+            return True
+        self._error(first)
+        for factor in (1 / _RATIO, _RATIO):
+            tau = first
+            while len(self.errors) < _WEIGHTS_AT_MOST:
+                tau *= factor
+                self._loosen()
+                if self._solve(tau, _STEPS):
+                    return True
+                self._error(tau)
+                best = min(self.errors, key=lambda each: float(self.errors[each].sum()))
+                excess, error = _apart(self.errors[tau], self.errors[best])
+                if tau != best and excess > error:
+                    break
+            if best != first:
+                break
+        return False
+
+    def _loosen(self) -> None:
+        state = self._state
+        first, second, third = (_LOOSENED * mu for mu in state.penalties)
+        state.renew(self._fitted, (first, second, third))
+
+    def _solve(self, tau: float, steps: int) -> bool:
+        """Go on to so many iterations with a weight; True where the caller stopped it."""
+        state = self._state
+        for split in state.splits:
+            if self._problem.prior is Prior.L1:
+                split.l1 = tau
+            else:
+                split.tv = tau
+        run = AdmmRun(
+            replace(self._fitted, tau=tau),
+            state,
+            balance=self._balance,
+            relaxation=self._relaxation,
+        )
+        stopped = False
+        while state.iteration < steps and not stopped:
+            run.to_check(steps)
+            self._done += 1
+            most = _FIRST_STEPS + _WEIGHTS_AT_MOST * _STEPS
+            fraction = min(CHECK_EVERY * self._done / most, 1.0)
+            stopped = self._progress is not None and bool(self._progress(fraction))
+        run.end()
+        return stopped
+
+    def _error(self, tau: float) -> None:
+        """Note the mean squared errors of the held-out blocks."""
+        problem = self._problem
+        residual = torch.where(
+            problem.valid, problem.data - problem.forward(self._state.scene()), 0
+        )
+        residual -= _local_mean(residual, problem.valid & ~self._held)
+        rows, columns = self._blocks.shape
+        squares = residual[:, : rows * _SIDE, : columns * _SIDE].square()
+        by_block = nnf.avg_pool2d(squares[None], _SIDE)[0][:, self._blocks].double().cpu()
+        self.errors[tau] = torch.tensor(self._weights, dtype=torch.float64) @ by_block
+
+
+def _local_mean(residual: Tensor, fitted: Tensor) -> Tensor:
+    """Mean of a residual over the fitted pixels around each pixel."""
+    side = 2 * _AROUND + 1
+    weight = fitted.to(residual.dtype)
+    total = nnf.avg_pool2d((residual * weight)[None], side, 1, _AROUND)[0]
+    return total / nnf.avg_pool2d(weight[None], side, 1, _AROUND)[0].clamp_min(1e-3)
+
+
+def _apart(errors: Tensor, best: Tensor) -> tuple[float, float]:
+    """Mean difference of the blocks' squared errors, and its standard error."""
+    apart = errors - best
+    return float(apart.mean()), float(apart.std()) / math.sqrt(len(apart))
+
+
+def _strongest(steps: list[WeightStep], best: float) -> float:
+    """Strongest weight whose error is the best's but for one standard error, between the steps."""
+    place = next(at for at, step in enumerate(steps) if step.tau == best)
+    while place > 0 and steps[place - 1].excess <= steps[place - 1].error:
+        place -= 1
+    if place == 0:
+        return steps[0].tau
+    within, beyond = steps[place], steps[place - 1]
+    room, rise = beyond.error - within.excess, beyond.excess - within.excess
+    # The error is a parabola around the best.
+    part = math.sqrt(max(room, 0.0) / rise) if rise > 0 else 0.0
+    return within.tau * math.pow(beyond.tau / within.tau, min(part, 1.0))
