@@ -27,6 +27,9 @@ from nolens.solvers import Progress as Iteration
 from nolens.solvers.inputs import Support, one_of, support_of
 from nolens.solvers.reconstructor import SPARE
 
+_CHOICE = 0.2
+"""Fraction of the work that the choice of a weight is."""
+
 
 @dataclass(frozen=True, repr=False)
 class Photograph(Image):
@@ -103,7 +106,8 @@ def reconstruct(
     quality
         ``"draft"`` (Wiener filter), ``"photo"`` or ``"exact"``, in place of a method.
     tau
-        Weight of the prior; None takes the method's own.
+        Weight of the prior, which means the same at any binning, support and number of channels;
+        None chooses it by pixels that are left out of the fit.
     prior
         ``"tv"``, ``"isotropic-tv"``, ``"l1"`` or ``"none"``.
     iterations, tolerance
@@ -142,15 +146,22 @@ def reconstruct(
     check_solver_memory(solver, data, "a smaller support or larger pixels (bin_by) need less")
     limit = solver.limits.iterations
     with reported(progress, "photograph") as advance:
+        if tau is None:
+
+            def choosing(fraction: float) -> None:
+                advance(_CHOICE * fraction)
+
+            solver = replace(solver, tau=solver.choose_weight(data, progress=choosing).tau)
+        problem = solver.problem(data)
 
         def watch(step: Iteration) -> None:
-            advance(step.iteration / limit)
+            advance(_CHOICE + (1 - _CHOICE) * step.iteration / limit)
 
-        result = solver.solve(data, callback=watch)
+        result = solver.solve(problem, callback=watch)
         advance(1.0)
     notes = (*(developed.notes if bin_by is None else ()), *prepared.notes)
     return Photograph(
-        result.photograph.cpu(), data.channels, result, solver.weight, notes, prepared.warnings
+        result.photograph.cpu(), data.channels, result, problem.weight, notes, prepared.warnings
     )
 
 

@@ -17,11 +17,11 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     if "frames" in summary:
         dropped = f", {len(summary['dropped'])} dropped" if summary["dropped"] else ""
         return [f"{summary['frames']} frames{dropped} ({summary['stop_reason']}), {end}"]
-    stop, tau = summary["stop_reason"], f"tau {summary['tau']:g}"
+    stop, tau = summary["stop_reason"], f"tau {summary['tau']:.3g}"
     if stop == "iteration limit":
         stop += ": it still moves; more --iterations, larger pixels (--bin 2) or --support help"
-    if summary["default_tau"] and summary["method"] != "wiener":
-        tau += " (default: a smaller --tau shows more detail, a larger one less noise)"
+    if summary["automatic_tau"]:
+        tau += " (automatic: a smaller --tau shows more detail, a larger one less noise)"
     return [
         f"{summary['method']}: {summary['iterations']} iterations ({stop}), {tau}, objective "
         f"{summary['objective']:.4g}, {end}"

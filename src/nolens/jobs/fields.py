@@ -104,6 +104,15 @@ Window = Annotated[str, AfterValidator(_window), Field(max_length=40)]
 Seed = Annotated[int, Between(0, 2**63 - 1)]
 Iterations = Annotated[int, Between(1, 1_000_000)]
 Tau = Annotated[float, Between(0, 1e6)]
+ChosenTau = Annotated[
+    Tau | Literal["auto"],
+    Option(
+        "Weight of the prior: less shows more detail, more hides noise. auto: the strongest with "
+        "which pixels that are left out of the fit are predicted as well as they can be. A number "
+        "means the same at any binning, support and number of channels.",
+        label="τ, weight of the prior",
+    ),
+]
 Bin = Annotated[int, Between(1, 64)]
 """Pixels along a superpixel; a sensor has no more detail to lose."""
 FieldAngles = Annotated[

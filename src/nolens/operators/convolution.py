@@ -29,6 +29,16 @@ class PixelRectangle:
         """Support of the given size around the centre of the sensor."""
         return cls((sensor[0] - height) // 2, (sensor[1] - width) // 2, height, width)
 
+    def coarser(self, by: int) -> "PixelRectangle":
+        """Pixels of `by`×`by` of these that cover it, with one more around them.
+
+        The middle of a PSF is then some of the finer pixels beside that of its coarse pixel.
+        """
+        top, left = self.top // by - 1, self.left // by - 1
+        bottom = -(-(self.top + self.height) // by) + 1
+        right = -(-(self.left + self.width) // by) + 1
+        return PixelRectangle(top, left, bottom - top, right - left)
+
 
 @dataclass(frozen=True)
 class _Axis:

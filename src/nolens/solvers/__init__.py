@@ -4,6 +4,7 @@ from nolens.solvers.admm import admm, admm_bytes
 from nolens.solvers.admm_state import AdmmState
 from nolens.solvers.development import Developed, Development
 from nolens.solvers.fista import fista
+from nolens.solvers.held_out import Weight
 from nolens.solvers.problem import Prior, Problem
 from nolens.solvers.reconstructor import Method, Reconstructor, stop_of
 from nolens.solvers.result import STOPS, Progress, Quality, Result, Stop
@@ -26,6 +27,7 @@ __all__ = [
     "Result",
     "Stop",
     "Stream",
+    "Weight",
     "admm",
     "admm_bytes",
     "fista",

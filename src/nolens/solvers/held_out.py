@@ -21,6 +21,7 @@ from torch import Tensor
 from nolens.solvers.admm import RELAXATION, AdmmRun
 from nolens.solvers.admm_state import CHECK_EVERY, AdmmState, Balance, Penalties
 from nolens.solvers.problem import Prior, Problem
+from nolens.solvers.wiener import wiener
 
 _SIDE = 4
 """Sensor pixels along a block that is left out."""
@@ -44,6 +45,8 @@ _LOOSENED = 0.4
 _QUIETEST = 1e-3
 """Noise of a pixel over the measurement's root mean square, below which none is measured: stored
 values and float32 are no finer."""
+_WIENER_WEIGHTS = tuple(3.0 * 0.3**step for step in range(8))
+_WIENER_FALLBACK = 0.1
 _SAMPLES = 1_000_000
 COARSEN_FROM = 100_000
 """Sensor pixels from which on 2×2 of them are one while a weight is chosen."""
@@ -56,7 +59,7 @@ class WeightStep:
     Parameters
     ----------
     tau
-        Of the problem (`Problem.tau`).
+        As users give it (`Problem.weight`).
     residual
         Root mean square, over the held-out pixels, of what the scene does not predict, over the
         noise that was measured.
@@ -71,10 +74,10 @@ class WeightStep:
     excess: float
     error: float
 
-    def row(self, unit: float) -> dict[str, float]:
-        """A row of the run's record, with the weight as users give it."""
+    def row(self) -> dict[str, float]:
+        """A row of the run's record."""
         return {
-            "tau": self.tau / unit,
+            "tau": self.tau,
             "held_out_residual": self.residual,
             "excess": self.excess,
             "standard_error": self.error,
@@ -88,7 +91,7 @@ class Weight:
     Parameters
     ----------
     tau
-        Of the problem (`Problem.tau`).
+        As users give it (`Problem.weight`).
     noise
         Standard deviation of a pixel's noise in normalised units, of all channels together.
     steps
@@ -113,8 +116,9 @@ def choose_weight(
 ) -> Weight:
     """The weight of the prior with which left-out pixels are predicted best.
 
-    Every weight's scene starts from the one before it. Where the strongest is the best, stronger
-    ones are tried. It takes about as long as one reconstruction.
+    The first weight is the one that the noise asks for; every other one's scene starts from the
+    one before it, weaker by a factor of 2 until the prediction is worse, or stronger where it is
+    so at once. It takes about as long as one reconstruction.
 
     Parameters
     ----------
@@ -129,21 +133,41 @@ def choose_weight(
     if problem.prior is Prior.NONE:
         return Weight(0.0, noise)
     blocks = _held_out_blocks(problem.valid)
+    by_noise = Weight(_BY_NOISE[problem.prior] * noise / problem.tau_unit, noise)
     if blocks is None:
-        return Weight(_BY_NOISE[problem.prior] * noise, noise)
+        return by_noise
     path = _Path(problem, blocks, penalties, balance, relaxation, progress)
     interrupted = path.follow(_FROM[problem.prior] * noise)
     if not path.errors:
-        return Weight(_BY_NOISE[problem.prior] * noise, noise, interrupted=interrupted)
-    best = min(path.errors, key=lambda tau: float(path.errors[tau].sum()))
-    order = sorted(path.errors, reverse=True)
-    least = float(path.errors[best].mean())
-    steps = []
-    for tau in order:
-        excess, error = _apart(path.errors[tau], path.errors[best])
-        level = math.sqrt(float(path.errors[tau].mean())) / noise
-        steps.append(WeightStep(tau, level, excess / least, error / least))
-    return Weight(_strongest(steps, best), noise, tuple(steps), interrupted)
+        return replace(by_noise, interrupted=interrupted)
+    steps = _steps(path.errors, noise, problem.tau_unit)
+    return Weight(_strongest(steps), noise, steps, interrupted)
+
+
+def choose_wiener_weight(problem: Problem) -> Weight:
+    """The Wiener filter's weight with which left-out pixels are predicted best.
+
+    The filter takes a pixel that is not valid for dark; here left-out ones are the local mean of
+    those around them.
+
+    Parameters
+    ----------
+    problem
+        Whose weight does not matter.
+    """
+    noise = pixel_noise(problem)
+    blocks = _held_out_blocks(problem.valid)
+    if blocks is None:
+        return Weight(_WIENER_FALLBACK, noise)
+    held = _pixels_of(blocks, problem)
+    around = _local_mean(problem.data, problem.valid & ~held)
+    fitted = replace(problem, data=torch.where(held, around, problem.data))
+    errors: dict[float, Tensor] = {}
+    for tau in _WIENER_WEIGHTS:
+        scene = wiener(replace(fitted, tau=tau)).scene / problem.scale
+        errors[tau] = _block_errors(problem, scene, held, blocks)
+    steps = _steps(errors, noise, problem.tau_unit)
+    return Weight(_strongest(steps), noise, steps)
 
 
 def pixel_noise(problem: Problem) -> float:
@@ -208,21 +232,13 @@ class _Path:
         relaxation: float,
         progress: Callable[[float], bool | None] | None,
     ) -> None:
-        height, width = problem.forward.sensor
-        held = torch.zeros(height, width, dtype=torch.bool)
-        shape = (blocks.shape[0] * _SIDE, blocks.shape[1] * _SIDE)
-        held[: shape[0], : shape[1]] = blocks.repeat_interleave(_SIDE, 0).repeat_interleave(
-            _SIDE, 1
-        )
-        self._problem = problem
-        self._blocks = blocks.to(problem.data.device)
-        self._held = held.to(problem.data.device)
+        self._problem, self._blocks = problem, blocks
+        self._held = _pixels_of(blocks, problem)
         self._fitted = replace(
             problem,
             data=torch.where(self._held, 0, problem.data),
             valid=problem.valid & ~self._held,
         )
-        self._weights = _channel_weights(problem).tolist()
         # A weight of zero would leave out the split.
         self._state = AdmmState.cold(replace(self._fitted, tau=1.0), penalties)
         self._balance, self._relaxation = balance, relaxation
@@ -234,7 +250,7 @@ class _Path:
         """Try weights until the best one is known; True where the caller stopped it."""
         if self._solve(first, _FIRST_STEPS):
             return True
-        self._error(first)
+        self._note(first)
         for factor in (1 / _RATIO, _RATIO):
             tau = first
             while len(self.errors) < _WEIGHTS_AT_MOST:
@@ -242,7 +258,7 @@ class _Path:
                 self._loosen()
                 if self._solve(tau, _STEPS):
                     return True
-                self._error(tau)
+                self._note(tau)
                 best = min(self.errors, key=lambda each: float(self.errors[each].sum()))
                 excess, error = _apart(self.errors[tau], self.errors[best])
                 if tau != best and excess > error:
@@ -280,17 +296,27 @@ class _Path:
         run.end()
         return stopped
 
-    def _error(self, tau: float) -> None:
-        """Note the mean squared errors of the held-out blocks."""
-        problem = self._problem
-        residual = torch.where(
-            problem.valid, problem.data - problem.forward(self._state.scene()), 0
-        )
-        residual -= _local_mean(residual, problem.valid & ~self._held)
-        rows, columns = self._blocks.shape
-        squares = residual[:, : rows * _SIDE, : columns * _SIDE].square()
-        by_block = nnf.avg_pool2d(squares[None], _SIDE)[0][:, self._blocks].double().cpu()
-        self.errors[tau] = torch.tensor(self._weights, dtype=torch.float64) @ by_block
+    def _note(self, tau: float) -> None:
+        scene = self._state.scene()
+        self.errors[tau] = _block_errors(self._problem, scene, self._held, self._blocks)
+
+
+def _pixels_of(blocks: Tensor, problem: Problem) -> Tensor:
+    """Sensor pixels of blocks, bool (height, width)."""
+    held = torch.zeros(problem.forward.sensor, dtype=torch.bool)
+    rows, columns = (count * _SIDE for count in blocks.shape)
+    held[:rows, :columns] = blocks.repeat_interleave(_SIDE, 0).repeat_interleave(_SIDE, 1)
+    return held.to(problem.data.device)
+
+
+def _block_errors(problem: Problem, scene: Tensor, held: Tensor, blocks: Tensor) -> Tensor:
+    """Mean squared error of what a normalised scene predicts of each held-out block; float64."""
+    residual = problem.residual(scene)
+    residual -= _local_mean(residual, problem.valid & ~held)
+    rows, columns = blocks.shape
+    squares = residual[:, : rows * _SIDE, : columns * _SIDE].square()
+    by_block = nnf.avg_pool2d(squares[None], _SIDE)[0].double().cpu()[:, blocks]
+    return _channel_weights(problem) @ by_block
 
 
 def _local_mean(residual: Tensor, fitted: Tensor) -> Tensor:
@@ -307,9 +333,21 @@ def _apart(errors: Tensor, best: Tensor) -> tuple[float, float]:
     return float(apart.mean()), float(apart.std()) / math.sqrt(len(apart))
 
 
-def _strongest(steps: list[WeightStep], best: float) -> float:
+def _steps(errors: dict[float, Tensor], noise: float, unit: float) -> tuple[WeightStep, ...]:
+    """Weights from strong to weak, from the squared errors of the blocks by `Problem.tau`."""
+    best = min(errors.values(), key=lambda each: float(each.sum()))
+    least = float(best.mean())
+    steps = []
+    for tau in sorted(errors, reverse=True):
+        excess, error = _apart(errors[tau], best)
+        residual = math.sqrt(float(errors[tau].mean())) / noise
+        steps.append(WeightStep(tau / unit, residual, excess / least, error / least))
+    return tuple(steps)
+
+
+def _strongest(steps: tuple[WeightStep, ...]) -> float:
     """Strongest weight whose error is the best's but for one standard error, between the steps."""
-    place = next(at for at, step in enumerate(steps) if step.tau == best)
+    place = min(range(len(steps)), key=lambda at: steps[at].excess)
     while place > 0 and steps[place - 1].excess <= steps[place - 1].error:
         place -= 1
     if place == 0:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -43,12 +43,15 @@ from nolens.solvers import (
     Quality,
     Reconstructor,
     Stream,
+    Weight,
     stop_of,
 )
 from nolens.solvers.admm_state import Balance
 from nolens.solvers.reconstructor import SPARE
 from nolens.solvers.stream import FOLLOWING
 
+_RESUMED = 1e-4
+"""A weight that stands for the one of a state, until that is read."""
 _DROPS_REPORTED = 5
 """Frames that are dropped with a warning each; of more, the record has all."""
 _PROBLEM_OPTIONS = (
@@ -95,14 +98,16 @@ def reconstruct(run: Run[ReconstructOptions]) -> Product[Tensor]:
 class _Setup:
     """What the first measurement decides for all of a run.
 
-    `options` have the binning that was chosen, `development` has it too. `window` (top, left,
-    height, width) is the part of the scene that is written.
+    `options` have the binning that was chosen, `development` has it too. `weight` is the choice of
+    τ, where it was the program's. `window` (top, left, height, width) is the part of the scene
+    that is written.
     """
 
     options: ReconstructOptions
     development: Development
     measurement: Measurement
     reconstructor: Reconstructor
+    weight: Weight | None
     problem: Problem
     window: tuple[int, int, int, int]
 
@@ -118,10 +123,13 @@ class _Setup:
         reconstructor = _reconstructor(options, psf, support, run.device)
         measurement, development = developed.measurement, developed.development
         needed = check_solver_memory(reconstructor, measurement, LESS_MEMORY)
+        announce_memory(needed, run.reporter)
+        weight = _weight(run, reconstructor, measurement)
+        if weight is not None:
+            reconstructor = replace(reconstructor, tau=weight.tau)
         problem = reconstructor.problem(measurement)
         window = _crop_window(options, problem)
-        announce_memory(needed, run.reporter)
-        return cls(options, development, measurement, reconstructor, problem, window)
+        return cls(options, development, measurement, reconstructor, weight, problem, window)
 
     @property
     def window_on_sensor(self) -> list[int]:
@@ -137,12 +145,32 @@ class _Setup:
         return oriented(inside, self.options.flip)
 
 
+def _weight(
+    run: Run[ReconstructOptions], reconstructor: Reconstructor, measurement: Measurement
+) -> Weight | None:
+    """The choice of τ, where the options leave it to the program."""
+    if run.options.tau != "auto":
+        return None
+    if run.options.resume is not None:
+        return Weight(_RESUMED, 0.0)
+
+    def watch(fraction: float) -> bool:
+        return run.reporter.step(
+            "% of the choice of tau", round(100 * fraction), 100, "the picture"
+        )
+
+    return reconstructor.choose_weight(measurement, progress=watch)
+
+
 def _reconstruct_frame(run: Run[ReconstructOptions], setup: _Setup) -> Product[Tensor]:
     """The picture of one measurement."""
     options, reconstructor, problem = setup.options, setup.reconstructor, setup.problem
-    stop, tau = reconstructor.limits, reconstructor.weight
+    stop = reconstructor.limits
     about = _about(setup, run.inputs)
-    state = _start(setup, about) if reconstructor.method is Method.ADMM else None
+    state = None
+    if reconstructor.method is Method.ADMM:
+        problem, state = _start(setup, about)
+    about["tau"] = tau = problem.weight
 
     def watch(progress: Progress) -> bool:
         return run.reporter.progress(progress, stop.iterations)
@@ -163,12 +191,13 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: _Setup) -> Product[T
         "stop_reason": "interrupted" if interrupted else result.stop_reason,
         "objective": result.objective,
         "tau": tau,
-        "default_tau": options.tau is None,
+        "automatic_tau": options.tau == "auto",
     }
     parameters = {
         "bin": options.bin_by,
         "black": setup.development.black,
         "tau": tau,
+        "weights": [] if setup.weight is None else [step.row() for step in setup.weight.steps],
         **asdict(stop),
         "fft_grid": list(problem.forward.geometry.padded),
         "sensor": list(problem.forward.sensor),
@@ -259,7 +288,7 @@ def _reconstruct_sequence(run: Run[ReconstructOptions]) -> Product[Tensor]:
     parameters = {
         "bin": setup.options.bin_by,
         "black": setup.development.black,
-        "tau": setup.reconstructor.weight,
+        "tau": setup.problem.weight,
         "white_radiance": white,
         "names": [name for name in frames.names if (folder / f"{name}.png").exists()],
         "threads": torch.get_num_threads(),
@@ -349,7 +378,7 @@ def _reconstructor(
     return Reconstructor(
         psf,
         support,
-        tau=options.tau,
+        tau=None if options.tau == "auto" else options.tau,
         prior=options.prior,
         method=method,
         stop=stop_of(
@@ -423,25 +452,34 @@ def _about(setup: _Setup, inputs: dict[str, InputFile]) -> dict[str, Any]:
     values = setup.options.model_dump(mode="json")
     return {
         **{role: file.sha256 for role, file in inputs.items()},
-        "tau": setup.reconstructor.weight,
+        "tau": setup.problem.weight,
         **{name: values[name] for name in _PROBLEM_OPTIONS},
     }
 
 
-def _start(setup: _Setup, about: dict[str, Any]) -> AdmmState:
-    """Where to start: from the state file that --resume names, or cold.
+def _start(setup: _Setup, about: dict[str, Any]) -> tuple[Problem, AdmmState]:
+    """The problem, and where to start: from the state file that --resume names, or cold.
 
-    A state of a run with other files or options, or an edited one, is an error.
+    A state of a run with other files or options, or an edited one, is an error. With an automatic
+    τ it has the run's.
     """
     options, problem = setup.options, setup.problem
     if options.resume is None:
-        return AdmmState.cold(problem, options.penalties)
+        return problem, AdmmState.cold(problem, options.penalties)
+    stored_tau: list[float] = []
 
     def check_run(stored: Mapping[str, Any]) -> None:
         before = _in_present_names(stored)
-        names = sorted(name for name in {*about, *before} if about.get(name) != before.get(name))
+        here = dict(about)
+        if options.tau == "auto":
+            # Of an edited state, anything.
+            tau = before.get("tau")
+            if isinstance(tau, float) and 0 < tau < math.inf:
+                here["tau"] = tau
+                stored_tau.append(tau)
+        names = sorted(name for name in {*here, *before} if here.get(name) != before.get(name))
         if names:
-            known = [name for name in names if name in about] or ["option"]
+            known = [name for name in names if name in here] or ["option"]
             raise OptionError(
                 f"{options.resume} is the state of a run with another {' and '.join(known)}; give "
                 "the same files and options again, or leave out --resume"
@@ -449,10 +487,14 @@ def _start(setup: _Setup, about: dict[str, Any]) -> AdmmState:
 
     state = AdmmState.cold(problem)
     try:
-        state.restore_(read_state(options.resume, state.arrays(), check_run))
+        arrays = read_state(options.resume, state.arrays(), check_run)
+        if stored_tau:
+            problem = problem.weighted(stored_tau[0])
+            state = AdmmState.cold(problem)
+        state.restore_(arrays)
     except DataError as error:
         raise OptionError(f"{options.resume} does not fit this run: {error}") from None
-    return state
+    return problem, state
 
 
 def _in_present_names(stored: Mapping[str, Any]) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from nolens.jobs.fields import (
     Bgr,
     Bin,
     Channels,
+    ChosenTau,
     Dark,
     Device,
     FilePath,
@@ -32,7 +33,6 @@ from nolens.jobs.fields import (
     RawMosaic,
     ScenePrior,
     Support,
-    Tau,
     White,
     Window,
     record_beside,
@@ -53,7 +53,7 @@ class ReconstructOptions(JobOptions):
 
     nolens reconstruct raw.dng --psf psf.dng -o out.png
 
-    nolens reconstruct raw.png --psf psf.png --black auto --tau 1e-5 -o out.png -o out.tif
+    nolens reconstruct raw.png --psf psf.png --black auto --tau 3e-5 -o out.png -o out.tif
 
     nolens reconstruct frames/ --psf psf.dng -o pictures
     """
@@ -104,15 +104,7 @@ class ReconstructOptions(JobOptions):
             label="Quality",
         ),
     ] = None
-    tau: Annotated[
-        Tau | None,
-        Option(
-            "Weight of the prior: a smaller one shows more detail, a larger one less noise. Try "
-            "1e-5 where the PSF is exact.",
-            default="1e-4; wiener 0.1",
-            label="τ, weight of the prior",
-        ),
-    ] = None
+    tau: ChosenTau = "auto"
     support: Support = None
     psf_extent: PsfExtent = "sensor"
     dark: Dark = None
