@@ -57,7 +57,7 @@ def test_former_name_of_a_switch(value: bool) -> None:
 def test_defaults_and_given_values() -> None:
     options = ReconstructOptions.gather({**FILES, "method": "fista", "black": "12.5"}, None)
     assert options.method is Method.FISTA and options.black == 12.5
-    assert options.tau is None and options.balance is True
+    assert options.tau == "auto" and options.balance is True
     assert options.record == Path("o.json")
     assert options.inputs == {"measurement": Path("raw.dng"), "psf": Path("psf.dng")}
     assert ReconstructOptions.gather({**FILES, "black": "auto"}, None).black == "auto"

@@ -46,11 +46,12 @@ SOLVED = {
 def test_solves_as_its_parts_do(method: Method) -> None:
     psf = spots(70, 80)
     data = measured(psf)
-    weight = {Method.WIENER: 0.1}.get(method, 1e-4)
-    problem = Problem.build(psf, data, support=SUPPORT, tau=weight)
-    solver = Reconstructor(psf, SUPPORT, method=method)
+    weight = 0.1 if method is Method.WIENER else 1e-4
+    solver = Reconstructor(psf, SUPPORT, weight, method=method)
+    built = solver.problem(data)
+    assert built.weight == pytest.approx(weight)
+    problem = Problem.build(psf, data, support=SUPPORT, tau=built.tau)
     result = solver.solve(data)
-    assert solver.weight == weight
     assert torch.equal(result.scene, SOLVED[method](problem).scene)
     # A measurement brings its mask, and a problem may be given in its place.
     seen = Measurement(data, torch.ones_like(data, dtype=torch.bool), ("grey",), None, "here")

@@ -145,17 +145,18 @@ def reconstruct(
     solver = replace(solver, psf=prepared.values, support=support_of(support, data.size))
     check_solver_memory(solver, data, "a smaller support or larger pixels (bin_by) need less")
     limit = solver.limits.iterations
+    chosen = _CHOICE if tau is None else 0.0
     with reported(progress, "photograph") as advance:
         if tau is None:
 
             def choosing(fraction: float) -> None:
-                advance(_CHOICE * fraction)
+                advance(chosen * fraction)
 
             solver = replace(solver, tau=solver.choose_weight(data, progress=choosing).tau)
         problem = solver.problem(data)
 
         def watch(step: Iteration) -> None:
-            advance(_CHOICE + (1 - _CHOICE) * step.iteration / limit)
+            advance(min(chosen + (1 - chosen) * step.iteration / limit, 1.0))
 
         result = solver.solve(problem, callback=watch)
         advance(1.0)

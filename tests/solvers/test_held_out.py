@@ -1,0 +1,128 @@
+"""The weight of the prior, chosen by held-out pixels, is near the best that the truth can say."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+import torch.nn.functional as nnf
+from skimage import data as photographs
+from torch import Tensor
+
+from nolens.evaluate import psnr, scale_fit
+from nolens.operators import CroppedConvolution, PixelRectangle
+from nolens.solvers import Method, Prior, Problem, Reconstructor
+from nolens.solvers.held_out import choose_weight, choose_wiener_weight, pixel_noise
+
+SENSOR = (128, 160)
+SUPPORT = PixelRectangle.centred(64, 64, SENSOR)
+
+
+def mask_psf() -> Tensor:
+    """Fine random lines, like a caustic's, that reach beyond the sensor."""
+    noise = torch.randn(1, 1, 192, 224)
+    smooth = nnf.avg_pool2d(nnf.avg_pool2d(noise, 7, 1, 3), 5, 1, 2)
+    return torch.exp(-((smooth / 0.01).square()))[0] + 0.02
+
+
+def photograph() -> Tensor:
+    encoded = torch.as_tensor(photographs.camera()).float()[None, None] / 255
+    return nnf.interpolate(encoded, size=(64, 64), mode="bilinear", antialias=True)[0]
+
+
+def measured(psf: Tensor, scene: Tensor, noise: float) -> Tensor:
+    light = CroppedConvolution(psf, SENSOR, SUPPORT)(scene)
+    light /= light.square().mean().sqrt()
+    return light + noise * torch.randn(light.shape)
+
+
+def quality(solver: Reconstructor, data: Tensor, truth: Tensor, weight: float) -> float:
+    scene = replace(solver, tau=weight).solve(data).scene
+    return psnr(scale_fit(scene, truth), truth, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("prior", "noise", "loss_db"),
+    [
+        (Prior.TV, 0.003, 0.9),
+        (Prior.TV, 0.03, 0.4),
+        (Prior.ISOTROPIC_TV, 0.03, 0.4),
+        ("l1", 0.03, 1.5),
+    ],
+)
+def test_is_near_the_best_of_a_grid(prior: Prior, noise: float, loss_db: float) -> None:
+    psf, truth = mask_psf(), photograph()
+    if prior == Prior.L1:
+        truth = truth * (torch.rand_like(truth) > 0.95)
+    data = measured(psf, truth, noise)
+    solver = Reconstructor(psf, SUPPORT, prior=prior)
+    chosen = solver.choose_weight(data)
+    best = max(quality(solver, data, truth, chosen.tau * by) for by in (0.1, 0.5, 2, 10))
+    assert quality(solver, data, truth, chosen.tau) > best - loss_db
+    # A better prediction than the strongest and the weakest that were tried, beyond chance.
+    assert min(step.excess for step in chosen.steps) == 0
+    assert all(chosen.steps[end].excess > chosen.steps[end].error for end in (0, -1))
+
+
+def test_solves_with_its_choice() -> None:
+    psf = mask_psf()
+    data = measured(psf, photograph(), 0.01)
+    solver = Reconstructor(psf, SUPPORT)
+    assert solver.problem(data).weight == pytest.approx(solver.choose_weight(data).tau)
+
+
+def test_weight_of_the_wiener_filter_is_chosen() -> None:
+    psf, truth = mask_psf(), photograph()
+    data = measured(psf, truth, 0.01)
+    solver = Reconstructor(psf, SUPPORT, method=Method.WIENER)
+    steps = choose_wiener_weight(solver.problem(data)).steps
+    assert [step.tau for step in steps] == sorted((step.tau for step in steps), reverse=True)
+
+    best = max(quality(solver, data, truth, step.tau) for step in steps)
+    assert quality(solver, data, truth, solver.choose_weight(data).tau) > best - 1
+
+
+def test_where_there_is_nothing_to_choose_by() -> None:
+    psf, scene = mask_psf(), photograph()
+    problem = Problem.build(psf, measured(psf, scene, 0.01), support=SUPPORT)
+    assert choose_weight(Problem.build(psf, problem.data, prior="none")).tau == 0
+    # Few pixels, or a caller who stops at once: the noise says it.
+    stopped = choose_weight(problem, progress=lambda fraction: True)
+    assert stopped.interrupted and not stopped.steps
+    assert stopped.tau * problem.tau_unit == pytest.approx(0.6 * stopped.noise)
+    few = Problem.build(psf, problem.data[..., :40, :40])
+    assert choose_weight(few).tau > 0 and not choose_weight(few).steps
+
+
+def test_noise_is_that_of_valid_pixels() -> None:
+    psf = mask_psf()
+    data = torch.full((1, *SENSOR), 1.0) + 0.02 * torch.randn(1, *SENSOR)
+    valid = torch.rand(data.shape) > 0.1
+    spoilt = torch.where(valid, data, 50.0)
+    problem = Problem.build(psf, spoilt, valid=valid)
+    level = pixel_noise(problem) / float(problem.data[problem.valid].mean())
+    assert level == pytest.approx(0.02, rel=0.05)
+    # Values without noise have what storing leaves.
+    assert pixel_noise(Problem.build(psf, torch.ones(1, *SENSOR))) > 0
+
+
+@pytest.mark.parametrize("prior", [Prior.TV, Prior.L1])
+def test_a_number_means_the_same_at_any_binning_and_support(prior: Prior) -> None:
+    psf = mask_psf()
+    scene = nnf.interpolate(torch.rand(1, 1, 8, 8), size=(64, 64))[0]
+    data = measured(psf, scene, 0.0)
+
+    def prior_term(problem: Problem, scene: Tensor) -> float:
+        return problem.tau * float(problem.regulariser(scene / problem.scale))
+
+    fine = Problem.build(psf, data, support=SUPPORT, prior=prior).weighted(1e-3)
+    here = prior_term(fine, scene)
+    coarse = Problem.build(
+        nnf.avg_pool2d(psf, 2), nnf.avg_pool2d(data, 2), support=(32, 32), prior=prior
+    ).weighted(1e-3)
+    # In units of measurement over PSF, light of 2×2 pixels comes from one.
+    assert prior_term(coarse, 4 * nnf.avg_pool2d(scene, 2)) == pytest.approx(here, rel=0.4)
+    wide = Problem.build(psf, data, support=(96, 128), prior=prior).weighted(1e-3)
+    assert prior_term(wide, nnf.pad(scene, (32, 32, 16, 16))) == pytest.approx(here, rel=0.05)
+    colours = Problem.build(psf, data.expand(3, -1, -1), support=SUPPORT, prior=prior)
+    per_channel = prior_term(colours.weighted(1e-3), scene.expand(3, -1, -1)) / 3
+    assert per_channel == pytest.approx(here, rel=1e-3)
