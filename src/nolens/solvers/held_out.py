@@ -53,6 +53,37 @@ COARSEN_FROM = 100_000
 
 
 @dataclass(frozen=True)
+class Prediction:
+    """How well a scene predicts pixels that were left out of its fit.
+
+    All are root mean squares over the held-out pixels, without local means, in normalised units.
+
+    Parameters
+    ----------
+    residual
+        Of what it misses.
+    contrast
+        Of the measurement itself.
+    noise
+        Of the measurement's pixels.
+    """
+
+    residual: float
+    contrast: float
+    noise: float
+
+    @property
+    def unexplained(self) -> float:
+        """Fraction of the contrast's power that it misses, from 0 to about 1."""
+        return (self.residual / self.contrast) ** 2
+
+    @property
+    def unexplained_by_noise(self) -> float:
+        """What a perfect scene would miss."""
+        return (self.noise / self.contrast) ** 2
+
+
+@dataclass(frozen=True)
 class WeightStep:
     """A weight that was tried.
 
@@ -96,6 +127,8 @@ class Weight:
         Standard deviation of a pixel's noise in normalised units, of all channels together.
     steps
         Weights that were tried, from strong to weak; none where the noise alone decided.
+    prediction
+        That of the best of them; None without any.
     interrupted
         Whether the caller stopped it.
     """
@@ -103,6 +136,7 @@ class Weight:
     tau: float
     noise: float
     steps: tuple[WeightStep, ...] = ()
+    prediction: Prediction | None = None
     interrupted: bool = False
 
 
@@ -140,8 +174,27 @@ def choose_weight(
     interrupted = path.follow(_FROM[problem.prior] * noise)
     if not path.errors:
         return replace(by_noise, interrupted=interrupted)
-    steps = _steps(path.errors, noise, problem.tau_unit)
-    return Weight(_strongest(steps), noise, steps, interrupted)
+    return replace(_weight(problem, path.errors, noise, path.held, blocks), interrupted=interrupted)
+
+
+def predict(problem: Problem) -> Prediction | None:
+    """How well pixels that are left out of the fit are predicted, with the noise's own weight.
+
+    A few tens of iterations of ADMM on the problem as it is: make it coarse
+    (`Reconstructor.coarse_problem`). None where it has too few pixels.
+
+    Parameters
+    ----------
+    problem
+        With a prior; its weight does not matter.
+    """
+    blocks = _held_out_blocks(problem.valid)
+    if blocks is None:
+        return None
+    noise = pixel_noise(problem)
+    path = _Path(problem, blocks, None, Balance(), RELAXATION, None)
+    errors = path.first(_FROM[problem.prior] * noise)
+    return _prediction(problem, errors, noise, path.held, blocks)
 
 
 def choose_wiener_weight(problem: Problem) -> Weight:
@@ -166,8 +219,7 @@ def choose_wiener_weight(problem: Problem) -> Weight:
     for tau in _WIENER_WEIGHTS:
         scene = wiener(replace(fitted, tau=tau)).scene / problem.scale
         errors[tau] = _block_errors(problem, scene, held, blocks)
-    steps = _steps(errors, noise, problem.tau_unit)
-    return Weight(_strongest(steps), noise, steps)
+    return _weight(problem, errors, noise, held, blocks)
 
 
 def pixel_noise(problem: Problem) -> float:
@@ -233,11 +285,11 @@ class _Path:
         progress: Callable[[float], bool | None] | None,
     ) -> None:
         self._problem, self._blocks = problem, blocks
-        self._held = _pixels_of(blocks, problem)
+        self.held = _pixels_of(blocks, problem)
         self._fitted = replace(
             problem,
-            data=torch.where(self._held, 0, problem.data),
-            valid=problem.valid & ~self._held,
+            data=torch.where(self.held, 0, problem.data),
+            valid=problem.valid & ~self.held,
         )
         # A weight of zero would leave out the split.
         self._state = AdmmState.cold(replace(self._fitted, tau=1.0), penalties)
@@ -245,6 +297,12 @@ class _Path:
         self._progress, self._done = progress, 0
         self.errors: dict[float, Tensor] = {}
         """Squared errors of the blocks, by weight."""
+
+    def first(self, tau: float) -> Tensor:
+        """Squared errors of the blocks with one weight."""
+        self._solve(tau, _FIRST_STEPS)
+        self._note(tau)
+        return self.errors[tau]
 
     def follow(self, first: float) -> bool:
         """Try weights until the best one is known; True where the caller stopped it."""
@@ -298,7 +356,7 @@ class _Path:
 
     def _note(self, tau: float) -> None:
         scene = self._state.scene()
-        self.errors[tau] = _block_errors(self._problem, scene, self._held, self._blocks)
+        self.errors[tau] = _block_errors(self._problem, scene, self.held, self._blocks)
 
 
 def _pixels_of(blocks: Tensor, problem: Problem) -> Tensor:
@@ -331,6 +389,23 @@ def _apart(errors: Tensor, best: Tensor) -> tuple[float, float]:
     """Mean difference of the blocks' squared errors, and its standard error."""
     apart = errors - best
     return float(apart.mean()), float(apart.std()) / math.sqrt(len(apart))
+
+
+def _weight(
+    problem: Problem, errors: dict[float, Tensor], noise: float, held: Tensor, blocks: Tensor
+) -> Weight:
+    """The choice, from the squared errors of the blocks by `Problem.tau`."""
+    steps = _steps(errors, noise, problem.tau_unit)
+    best = min(errors.values(), key=lambda each: float(each.sum()))
+    return Weight(_strongest(steps), noise, steps, _prediction(problem, best, noise, held, blocks))
+
+
+def _prediction(
+    problem: Problem, errors: Tensor, noise: float, held: Tensor, blocks: Tensor
+) -> Prediction:
+    dark = problem.data.new_zeros(problem.scene_shape)
+    contrast = _block_errors(problem, dark, held, blocks)
+    return Prediction(math.sqrt(float(errors.mean())), math.sqrt(float(contrast.mean())), noise)
 
 
 def _steps(errors: dict[float, Tensor], noise: float, unit: float) -> tuple[WeightStep, ...]:

@@ -166,18 +166,9 @@ class Reconstructor:
         NolensError
             As `Problem.build`.
         """
-        values, usable = _parts(measured, valid)
-        psf, data = channels_of(self.psf, "PSF"), channels_of(values, "measurement")
-        mask = mask_of(usable, data)
-        by = 2 if math.prod(data.shape[-2:]) >= COARSEN_FROM else 1
-        support = support_of(self.support, (data.shape[-2], data.shape[-1]))
-        coarse = replace(
-            self,
-            psf=_means(psf, by),
-            support=None if support is None or by == 1 else support.coarser(by),
-            tau=0.0,
-        )
-        problem = coarse.problem(_means(data, by), _means(mask.float(), by) == 1)
+        height, width = channels_of(_parts(measured, valid)[0], "measurement").shape[-2:]
+        by = 2 if height * width >= COARSEN_FROM else 1
+        problem = self.coarse_problem(measured, valid, by)
         if self.method is Method.WIENER:
             return choose_wiener_weight(problem)
         return choose_weight(
@@ -187,6 +178,32 @@ class Reconstructor:
             relaxation=self.relaxation,
             progress=progress,
         )
+
+    def coarse_problem(
+        self, measured: Measurement | Plane, valid: Plane | None = None, by: int = 2
+    ) -> Problem:
+        """The problem on pixels that are means over by×by; its weight is zero.
+
+        Parameters
+        ----------
+        measured, valid
+            As `problem` takes them.
+        by
+            Pixels along each that become one.
+
+        Raises
+        ------
+        NolensError
+            As `Problem.build`.
+        """
+        values, usable = _parts(measured, valid)
+        psf, data = channels_of(self.psf, "PSF"), channels_of(values, "measurement")
+        mask = mask_of(usable, data)
+        support = support_of(self.support, (data.shape[-2], data.shape[-1]))
+        if support is not None and by > 1:
+            support = support.coarser(by)
+        coarse = replace(self, psf=_means(psf, by), support=support, tau=0.0)
+        return coarse.problem(_means(data, by), _means(mask.float(), by) == 1)
 
     def problem(self, measured: Measurement | Plane, valid: Plane | None = None) -> Problem:
         """What is to be solved for a measurement, normalised (`Problem.build`).

@@ -96,7 +96,7 @@ class LiveSolver:
             or self._channels != measurement.channels
         ):
             psf = self._prepared_psf(measurement)
-            problem = Reconstructor(psf, self._support).problem(measurement)
+            problem = Reconstructor(psf, self._support, tau=0.0).problem(measurement)
             self._problem, self._channels, self._stream = problem, measurement.channels, None
         return problem
 
