@@ -85,7 +85,7 @@ def pictures(folder: Path, mask: Path, camera: Path) -> dict[str, float]:
         told(
             "reconstruct", f"{stem}.dng", "--psf", psf, "--psf-extent", "wide",
             "--support", seen["support"],
-            "--tau", "1e-5", "--iterations", 300, "--tolerance", 0,
+            "--tau", "5e-6", "--iterations", 300, "--tolerance", 0,
             "-o", f"{stem}-out.tif", "--tiff-bits", 32,
         )  # fmt: skip
         truth = values(Path(f"{stem}-truth.tif")) * values(Path(f"{stem}-response.tif"))

@@ -18,7 +18,7 @@ nl.save_frame(nl.simulate_point(camera, "300mm"), "psf.dng")
 # With files of your own, begin here.
 
 # %%
-photo = nl.reconstruct("raw.dng", "psf.dng", tau=1e-5)
+photo = nl.reconstruct("raw.dng", "psf.dng")
 photo.save("first_picture.png")
 photo
 

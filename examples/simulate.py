@@ -13,7 +13,7 @@ psnr_db = {}
 for angle in ("8deg", "16deg"):
     shot = nl.simulate(data.astronaut(), camera, angle=angle, distance="300mm", field_points=3)
     psf = nl.psf(camera, "300mm", support=shot.support, wavelengths=1)
-    photo = nl.reconstruct(shot, psf, tau=1e-5)
+    photo = nl.reconstruct(shot, psf)
     psnr_db[angle] = nl.psnr(photo, shot.expected)
     photo.save(f"simulate-{angle}.png")
 print(psnr_db)

@@ -22,7 +22,7 @@ _BYTES_PER_PIXEL = 150
 _ILL_POSED = 3
 _UNEXPLAINED = 0.95
 _UNLIKE_THE_OTHERS = 1.3
-_ITERATIONS, _TAU = 100, 1e-4
+_ITERATIONS, _TAU = 100, 2.8e-4
 _PSF_FRACTION = 0.9
 """Of the work on a pair that is left out; the rest is its reconstruction."""
 _SSIM_WINDOW = 11

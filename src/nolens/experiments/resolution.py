@@ -29,7 +29,7 @@ from nolens.twin import (
 
 Value = TypeVar("Value", covariant=True)
 TARGET_ITERATIONS = 300
-TAU = 1e-5
+TAU = 5e-6
 POINT_ITERATIONS = 100
 _POINTS_SIDE = 48
 """Pixels along the side of the square that two points are looked for in."""

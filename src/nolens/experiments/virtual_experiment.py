@@ -366,7 +366,7 @@ def solved(
     support: PixelRectangle | None,
     *,
     iterations: int = 300,
-    tau: float = 1e-5,
+    tau: float = 5e-6,
     progress: ProgressCallback | None = None,
 ) -> Tensor:
     """Scene on the pixels of the support, by ADMM (`nolens.solvers.admm`).

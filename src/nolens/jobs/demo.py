@@ -17,7 +17,6 @@ from nolens.jobs.reconstruction.job import reconstruct
 from nolens.jobs.reconstruction.options import ReconstructOptions
 from nolens.jobs.run import Product, Run, job
 
-_TAU = 1e-5
 _MODEL = "nolens simulated camera"
 
 
@@ -58,7 +57,6 @@ class DemoOptions(JobOptions):
             psf=self.psf,
             psf_extent="wide",
             support=support,
-            tau=_TAU,
             output=(self.output / "reconstruction.png",),
         )
 
@@ -110,8 +108,6 @@ def run_demo(run: Run[DemoOptions]) -> Product[Tensor]:
         "wide",
         "--support",
         support,
-        "--tau",
-        f"{_TAU:g}",
         "-o",
         str(reconstruction.output[0]),
     ]

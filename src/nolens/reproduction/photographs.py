@@ -1,7 +1,7 @@
 """Fig. 7: photographs of scenes on a screen."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -140,9 +140,10 @@ def _as_the_paper(
     captured = develop(setup.experiment.point(setup.source, seed=setup.seed + 1))
     measurement = develop(shot.frame)
     reconstructor = Reconstructor(
-        captured.values.clamp_min(0), tau=PAPERS_TAU, penalties=PAPERS_PENALTIES, balance=None
+        captured.values.clamp_min(0), tau=0.0, penalties=PAPERS_PENALTIES, balance=None
     ).for_iterations(limit)
-    problem = reconstructor.problem(measurement)
+    # The paper's weight is that of the normalised problem.
+    problem = replace(reconstructor.problem(measurement), tau=PAPERS_TAU)
 
     def advance(state: Progress) -> None:
         progress(state.iteration / limit)

@@ -22,7 +22,7 @@ NEEDED_BY = "the scenes of the report come"
 PINHOLE_UM = 50.0
 """The paper's point source: a white LED behind a pinhole, at 300 mm (`uvimprint`, sec. III)."""
 SCREEN_UM = 300e3
-TAU = 1e-5
+TAU = 5e-6
 
 _SAMPLES_PER_PIXEL = 4
 """Of the PSF of a single source; those that are blended over a scene have one."""

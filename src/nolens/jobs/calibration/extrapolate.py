@@ -17,7 +17,7 @@ from nolens.jobs.reconstruction.options import parse_window
 from nolens.jobs.run import Product, Run, job
 from nolens.ranges import Between
 
-_TAU = 1e-5
+_TAU = 5e-6
 
 
 class CalibrateExtrapolateOptions(FolderOptions):

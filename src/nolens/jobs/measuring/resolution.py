@@ -158,7 +158,7 @@ class ResolutionOptions(RecordedOptions):
         Iterations | None,
         Option("Of ADMM; all of them are done.", _SOLVER, default="300; two points 100"),
     ] = None
-    tau: Annotated[Tau | None, Option("Weight of the prior.", _SOLVER, default="1e-5")] = None
+    tau: Annotated[Tau | None, Option("Weight of the prior.", _SOLVER, default="5e-6")] = None
     plot: Annotated[
         FilePath | None,
         Option(
