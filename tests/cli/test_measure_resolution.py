@@ -102,7 +102,7 @@ def test_two_points_simulated(captured: Path) -> None:
     assert low < told["resolved_deg"] < high and high - low < 0.2 * 0.14
     assert told["plus_minus_deg"] == pytest.approx((high - low) / 2, rel=0.01)
     assert 0.48 < told["resolved_deg"] < 0.65
-    assert told["iterations"] == 100 and told["tau"] == 1e-5 and told["simulated"] == "small"
+    assert told["iterations"] == 100 and told["tau"] == 5e-6 and told["simulated"] == "small"
     # Frames of the same camera, solved by themselves, agree within what both are uncertain by.
     from_frames = measured(
         "two-points", *frames(captured, "picture{}.tif"), "--pixel-angle", "0.139deg"

@@ -83,12 +83,12 @@ def test_draft_loses_nothing_by_cells_that_the_psf_carries(
 
 def test_photo_keeps_cells_that_the_prior_can_use(files: dict[str, Path], tmp_path: Path) -> None:
     out = tmp_path / "o.tif"
-    told = solved(files, out)
+    told = solved(files, out, "--tau", 6e-4)
     assert f"--bin {SIDE} would be about {SIDE * SIDE} times faster" in told.err
     assert read_frame(out).counts.shape[-2:] == SIZE
     picture, truth = read_frame(out).counts, read_frame(files["scene"]).counts
     fine = psnr(scale_fit(picture, truth), truth, 1.0)
-    solved(files, out, "--bin", SIDE)
+    solved(files, out, "--tau", 6e-4, "--bin", SIDE)
     upright = torch.nn.functional.interpolate(
         read_frame(out).counts[None], scale_factor=SIDE, mode="bicubic"
     )[0]

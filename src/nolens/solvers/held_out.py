@@ -25,12 +25,13 @@ from nolens.solvers.wiener import wiener
 
 _SIDE = 4
 """Sensor pixels along a block that is left out."""
-_FRACTION = 0.05
-"""Of the valid pixels that are left out."""
+_FRACTION, _FRACTION_AT_MOST = 0.05, 0.2
+"""Of the blocks that are left out, and of few blocks."""
 _AROUND = 4
 """Pixels around each over which the local mean of the residual is taken."""
-_FEWEST_BLOCKS = 50
-"""Blocks below which their errors say nothing, and the noise decides."""
+_BLOCKS, _FEWEST_BLOCKS = 60, 20
+"""Blocks that are left out at least, where there are as many, and number below which their errors
+say nothing and the noise decides."""
 _BY_NOISE = {Prior.TV: 0.6, Prior.ISOTROPIC_TV: 0.6, Prior.L1: 1.0}
 """Weight where only the noise is known, over the noise of a pixel in normalised units."""
 _FROM = {Prior.TV: 1.0, Prior.ISOTROPIC_TV: 1.0, Prior.L1: 2.0}
@@ -46,7 +47,8 @@ _QUIETEST = 1e-3
 """Noise of a pixel over the measurement's root mean square, below which none is measured: stored
 values and float32 are no finer."""
 _WIENER_WEIGHTS = tuple(3.0 * 0.3**step for step in range(8))
-_WIENER_FALLBACK = 0.1
+_WIENER_FALLBACK = 0.3
+"""Weights of the filter, over the mean power of the PSF's transfer."""
 _SAMPLES = 1_000_000
 COARSEN_FROM = 100_000
 """Sensor pixels from which on 2×2 of them are one while a weight is chosen."""
@@ -211,7 +213,7 @@ def choose_wiener_weight(problem: Problem) -> Weight:
     noise = pixel_noise(problem)
     blocks = _held_out_blocks(problem.valid)
     if blocks is None:
-        return Weight(_WIENER_FALLBACK, noise)
+        return Weight(_WIENER_FALLBACK / problem.tau_unit, noise)
     held = _pixels_of(blocks, problem)
     around = _local_mean(problem.data, problem.valid & ~held)
     fitted = replace(problem, data=torch.where(held, around, problem.data))
@@ -263,9 +265,10 @@ def _held_out_blocks(valid: Tensor) -> Tensor | None:
     """Blocks to leave out, bool (rows, columns) of blocks; None where they are too few."""
     rows, columns = (count // _SIDE for count in valid.shape[-2:])
     generator = torch.Generator().manual_seed(0)
-    chosen = torch.rand(rows, columns, generator=generator) < _FRACTION
     if min(rows, columns) == 0:
         return None
+    fraction = min(max(_FRACTION, _BLOCKS / (rows * columns)), _FRACTION_AT_MOST)
+    chosen = torch.rand(rows, columns, generator=generator) < fraction
     whole = valid[:, : rows * _SIDE, : columns * _SIDE].all(0)
     usable = whole.view(rows, _SIDE, columns, _SIDE).all(-1).all(1).cpu()
     chosen &= usable
@@ -310,20 +313,22 @@ class _Path:
             return True
         self._note(first)
         for factor in (1 / _RATIO, _RATIO):
-            tau = first
-            while len(self.errors) < _WEIGHTS_AT_MOST:
+            # On the way back what was slow to converge has had its time: it counts anew.
+            tau = self._best()
+            for _ in range(_WEIGHTS_AT_MOST):
                 tau *= factor
                 self._loosen()
                 if self._solve(tau, _STEPS):
                     return True
                 self._note(tau)
-                best = min(self.errors, key=lambda each: float(self.errors[each].sum()))
+                best = self._best()
                 excess, error = _apart(self.errors[tau], self.errors[best])
                 if tau != best and excess > error:
                     break
-            if best != first:
-                break
         return False
+
+    def _best(self) -> float:
+        return min(self.errors, key=lambda each: float(self.errors[each].sum()))
 
     def _loosen(self) -> None:
         state = self._state

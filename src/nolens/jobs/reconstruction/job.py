@@ -138,6 +138,11 @@ class _Setup:
         origin = self.problem.forward.geometry.origin
         return [top + origin[0], left + origin[1], *size]
 
+    @property
+    def tau(self) -> float:
+        """The weight of the prior: that of the options, or the program's choice."""
+        return self.problem.weight if self.options.tau == "auto" else self.options.tau
+
     def picture(self, scene: Tensor) -> Tensor:
         """The part of a scene that is written, as --flip turns it."""
         top, left, height, width = self.window
@@ -170,7 +175,8 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: _Setup) -> Product[T
     state = None
     if reconstructor.method is Method.ADMM:
         problem, state = _start(setup, about)
-    about["tau"] = tau = problem.weight
+        setup = replace(setup, problem=problem)
+    about["tau"] = tau = setup.tau
 
     def watch(progress: Progress) -> bool:
         return run.reporter.progress(progress, stop.iterations)
@@ -288,7 +294,7 @@ def _reconstruct_sequence(run: Run[ReconstructOptions]) -> Product[Tensor]:
     parameters = {
         "bin": setup.options.bin_by,
         "black": setup.development.black,
-        "tau": setup.problem.weight,
+        "tau": setup.tau,
         "white_radiance": white,
         "names": [name for name in frames.names if (folder / f"{name}.png").exists()],
         "threads": torch.get_num_threads(),
@@ -452,7 +458,7 @@ def _about(setup: _Setup, inputs: dict[str, InputFile]) -> dict[str, Any]:
     values = setup.options.model_dump(mode="json")
     return {
         **{role: file.sha256 for role, file in inputs.items()},
-        "tau": setup.problem.weight,
+        "tau": setup.tau,
         **{name: values[name] for name in _PROBLEM_OPTIONS},
     }
 
