@@ -13,7 +13,7 @@ VALUES: list[tuple[list[object], list[str]]] = [
     (["--tau", "nan"], ["tau is", "finite"]),
     (["--tau", "inf"], ["tau is", "finite"]),
     (["--tau", "much"], ["--tau", "much", "valid number", "auto"]),
-    (["--tau", -1e-9, "--method", "fista"], ["tau is -1e-09", "it must be 0 to 1000000"]),
+    (["--tau", -1e-9, "--method", "fista"], ["tau is", "-1e-09", "it must be 0 to 1000000"]),
     (["--tau", 0, "--method", "wiener"], ["tau is 0", "Wiener"]),
     (["--tolerance", -1], ["tolerance is -1", "it must be 0 to 1"]),
     (["--tolerance", "nan"], ["tolerance is", "finite"]),

@@ -77,8 +77,9 @@ def test_draft_loses_nothing_by_cells_that_the_psf_carries(
     truth = binned(read_frame(files["scene"]).counts)
     pictures = read_frame(coarse).counts, binned(read_frame(fine).counts)
     assert pictures[0].shape == truth.shape
+    # Each has a weight of its own, chosen on its pixels.
     reached = [psnr(scale_fit(each, truth), truth, 1.0) for each in pictures]
-    assert reached[0] > reached[1] - 0.3
+    assert reached[0] > reached[1] - 1
 
 
 def test_photo_keeps_cells_that_the_prior_can_use(files: dict[str, Path], tmp_path: Path) -> None:
