@@ -92,7 +92,7 @@ def test_where_there_is_nothing_to_choose_by() -> None:
     stopped = choose_weight(problem, progress=lambda fraction: True)
     assert stopped.interrupted and not stopped.steps
     assert stopped.tau * problem.tau_unit == pytest.approx(0.6 * stopped.noise)
-    few = Problem.build(psf, problem.data[..., :40, :40])
+    few = Problem.build(psf, problem.data[..., :24, :24])
     assert choose_weight(few).tau > 0 and not choose_weight(few).steps
 
 
