@@ -68,13 +68,13 @@ def test_help_says_how_many_options_it_leaves_out() -> None:
 
 def test_help_has_what_two_files_need_and_help_all_the_rest_by_group() -> None:
     brief, full = command("reconstruct", "-h"), run("reconstruct", "raw.dng", "--help-all")
-    assert {"--psf", "--output", "--quality", "--tau", "--support"} <= listed(brief.out)
+    assert {"--psf", "--output", "--quality", "--detail", "--support"} <= listed(brief.out)
     assert "MEASUREMENT" in brief.out and "--relaxation" not in brief.out
     assert 2 * len(brief.out.splitlines()) < len(full.out.splitlines())
     titles = re.findall(r"^╭─ (.+?) ─", full.out, re.MULTILINE)
     assert titles[2:] == ["Files and channels", "Model and solver", "Picture", "How it runs"]
     solver = full.out.split("─ Model and solver ─")[1].split("─ Picture ─")[0]
-    assert {"--method", "--prior", "--relaxation"} <= listed(solver)
+    assert {"--tau", "--method", "--prior", "--relaxation"} <= listed(solver)
 
 
 def test_help_all_behind_two_hyphens_is_a_file() -> None:

@@ -102,7 +102,7 @@ def test_studio_has_what_the_jobs_declare() -> None:
     assert reconstruct["quality"]["choices"] == ["draft", "photo", "exact"]
     assert reconstruct["prior"]["default"] == "tv" and "l1" in reconstruct["prior"]["choices"]
     assert reconstruct["low_frequency"]["choices"] == ["on", "off"]
-    assert (reconstruct["tau"]["group"], reconstruct["prior"]["group"]) == ("", "Model and solver")
+    assert (reconstruct["detail"]["group"], reconstruct["tau"]["group"]) == ("", "Model and solver")
     assert reconstruct["crop"]["choices"] == []  # A window is taken beside "all".
     for kind, options in found.items():
         assert any(each["role"] in ("input", "camera") for each in options.values()), kind

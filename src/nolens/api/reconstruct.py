@@ -1,5 +1,6 @@
 """Photographs from measurements: at the distance of a PSF, or refocused."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -70,6 +71,7 @@ def reconstruct(
     method: Method | str | None = None,
     quality: Quality | str | None = None,
     tau: float | None = None,
+    detail: float = 1.0,
     prior: Prior | str = Prior.TV,
     iterations: int | None = None,
     tolerance: float | None = None,
@@ -108,6 +110,8 @@ def reconstruct(
     tau
         Weight of the prior, which means the same at any binning, support and number of channels;
         None chooses it by pixels that are left out of the fit.
+    detail
+        What the automatic `tau` is divided by: 2 shows more detail and more noise.
     prior
         ``"tv"``, ``"isotropic-tv"``, ``"l1"`` or ``"none"``.
     iterations, tolerance
@@ -122,6 +126,13 @@ def reconstruct(
     NolensError
         If the data do not fit together or a parameter cannot be used.
     """
+    if not 0 < detail < math.inf:
+        raise OptionError(f"detail is {detail}; it must be a number above 0, such as 2")
+    if tau is not None and detail != 1:
+        raise OptionError(
+            f"detail {detail:g} is a factor on the automatic tau, and tau {tau:g} is a number: "
+            "leave one out"
+        )
     solver, spare = _solver(method, quality, tau, prior, iterations, tolerance, device)
     frame, own = _measured(measurement)
     point = frame_of(psf, "PSF")
@@ -152,7 +163,8 @@ def reconstruct(
             def choosing(fraction: float) -> None:
                 advance(chosen * fraction)
 
-            solver = replace(solver, tau=solver.choose_weight(data, progress=choosing).tau)
+            weight = solver.choose_weight(data, progress=choosing)
+            solver = replace(solver, tau=weight.tau / detail)
         problem = solver.problem(data)
 
         def watch(step: Iteration) -> None:

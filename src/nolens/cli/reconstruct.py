@@ -21,11 +21,19 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     if stop == "iteration limit":
         stop += ": it still moves; more --iterations, larger pixels (--bin 2) or --support help"
     if summary["automatic_tau"]:
-        tau += " (automatic: a smaller --tau shows more detail, a larger one less noise)"
+        tau += " (automatic: --detail 2 shows more detail, --detail 0.5 less noise)"
+    compared = [_sweep_line(row) for row in summary.get("sweep", ())]
     return [
         f"{summary['method']}: {summary['iterations']} iterations ({stop}), {tau}, objective "
-        f"{summary['objective']:.4g}, {end}"
+        f"{summary['objective']:.4g}, {end}",
+        *compared,
     ]
+
+
+def _sweep_line(row: dict[str, Any]) -> str:
+    """A picture of a sweep, and the option that gives it alone."""
+    steps = f"{row['iterations']} iterations ({row['stop_reason']})"
+    return f"{row['file']}: {row['text']}, tau {row['tau']:.3g}, {steps}"
 
 
 reconstruct = command(reconstruct_job, _lines, name="reconstruct")

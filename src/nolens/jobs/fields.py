@@ -22,6 +22,10 @@ _WINDOW = re.compile(r"([0-9]{1,6})x([0-9]{1,6})(?:([+-][0-9]{1,6})([+-][0-9]{1,
 _LONGEST_NAME, _LONGEST_PATH = 220, 4000
 _CONTROL = re.compile(rb"[\x00-\x1f\x7f]")
 
+INPUT, SOLVER, PICTURE = "Files and channels", "Model and solver", "Picture"
+RESULT, RUN = "Result", "How it runs"
+"""Headings of options that several jobs have."""
+
 
 def _possible(path: Path) -> Path:
     """Refuse a path that no system has, before it is asked for."""
@@ -73,6 +77,21 @@ def _window(text: str) -> str:
     return text
 
 
+def check_detail(detail: float, tau: float | Literal["auto"]) -> None:
+    """Refuse a factor on the automatic τ beside a τ that is stated.
+
+    Raises
+    ------
+    OptionError
+        If both are given.
+    """
+    if detail != 1 and tau != "auto":
+        raise OptionError(
+            f"--detail {detail:g} is a factor on the automatic tau, and --tau {tau:g} is a number: "
+            "leave one out"
+        )
+
+
 def parts(pattern: str, needed: str) -> BeforeValidator:
     """Read a text as the groups of a pattern; `needed` says what to give instead of others."""
 
@@ -110,7 +129,16 @@ ChosenTau = Annotated[
         "Weight of the prior: less shows more detail, more hides noise. auto: the strongest with "
         "which pixels that are left out of the fit are predicted as well as they can be. A number "
         "means the same at any binning, support and number of channels.",
+        SOLVER,
         label="τ, weight of the prior",
+    ),
+]
+Detail = Annotated[
+    Annotated[float, Between(0.01, 100)],
+    Option(
+        "How much detail: the automatic τ is divided by it. 2 shows more detail and more noise, "
+        "0.5 less of both.",
+        label="Detail",
     ),
 ]
 Bin = Annotated[int, Between(1, 64)]
@@ -132,9 +160,6 @@ CAMERAS = "paper, paper-film, small, live, a folder with camera.toml, or a .toml
 """What the name of a camera may be."""
 LIGHTS = "white-led, daylight, equal-energy, or one wavelength such as 535nm"
 """What the spectrum of a light may be."""
-INPUT, SOLVER, PICTURE = "Files and channels", "Model and solver", "Picture"
-RESULT, RUN = "Result", "How it runs"
-"""Headings of options that several jobs have."""
 
 # Options that several jobs have, each with its text: ``dark: Dark = None``.
 

@@ -20,6 +20,7 @@ from nolens.jobs.fields import (
     Channels,
     ChosenTau,
     Dark,
+    Detail,
     Device,
     FilePath,
     Files,
@@ -35,6 +36,7 @@ from nolens.jobs.fields import (
     Support,
     White,
     Window,
+    check_detail,
     record_beside,
     window_numbers,
 )
@@ -45,6 +47,11 @@ from nolens.ranges import Between
 from nolens.solvers import Method, Prior, Quality
 
 LESS_MEMORY = "a smaller --support or larger pixels (--bin) need less"
+_SWEPT: dict[str, tuple[str | None, ...]] = {
+    "tau": ("x4", "x2", None, "x0.5", "x0.25"),
+    "support": (None, "x1", "x0.75", "x0.5"),
+}
+"""Factors on the weight, and on the sides of the sensor's frame, in the names of files."""
 _Penalty = Annotated[float, Between(1e-9, 1e9)]
 
 
@@ -104,7 +111,16 @@ class ReconstructOptions(JobOptions):
             label="Quality",
         ),
     ] = None
-    tau: ChosenTau = "auto"
+    detail: Detail = 1.0
+    sweep: Annotated[
+        Literal["tau", "method", "prior", "support"] | None,
+        Option(
+            "Also write pictures with other values of an option, and a sheet of them all, "
+            "out-sweep.png: tau (the chosen or stated one times 4, 2, 1/2, 1/4), method, prior or "
+            "support.",
+            label="Compare",
+        ),
+    ] = None
     support: Support = None
     psf_extent: PsfExtent = "sensor"
     dark: Dark = None
@@ -152,6 +168,7 @@ class ReconstructOptions(JobOptions):
         Name | None, Option(f"For --field: {CAMERAS}.", SOLVER, role="camera", label="PSF")
     ] = None
     method: Annotated[Method, Option("How to solve.", SOLVER)] = Method.ADMM
+    tau: ChosenTau = "auto"
     prior: ScenePrior = Prior.TV
     iterations: Annotated[
         Iterations | None,
@@ -220,6 +237,31 @@ class ReconstructOptions(JobOptions):
         Literal[16, 32], Option("16 (white is 65535) or 32 (radiance as float).", PICTURE)
     ] = 16
 
+    def check_together(self) -> None:
+        """Refuse a factor on an automatic τ beside a τ that is stated, and an unfit sweep."""
+        check_detail(self.detail, self.tau)
+        self._check_sweep()
+
+    def _check_sweep(self) -> None:
+        sweep, draft = self.sweep, self.quality is Quality.DRAFT
+        if sweep is not None and (self.resume is not None or self.is_sequence):
+            raise OptionError(
+                f"--sweep {sweep} compares pictures of one frame: leave it out for a sequence and "
+                "beside --resume"
+            )
+        if sweep == "method" and (self.quality is not None or self.tau != "auto"):
+            raise OptionError(
+                "--sweep method compares the solvers, each with a weight of its own: leave out "
+                "--quality and --tau"
+            )
+        if sweep == "prior" and (draft or self.method is Method.WIENER):
+            raise OptionError(
+                "--sweep prior compares what is assumed of the scene, and the Wiener filter has a "
+                "prior of its own: leave out --method wiener and --quality draft"
+            )
+        if sweep == "tau" and self.tau == 0:
+            raise OptionError("--sweep tau multiplies --tau, which is 0: give another, or auto")
+
     @property
     def is_sequence(self) -> bool:
         """Whether the measurement is a folder or stack of frames."""
@@ -258,8 +300,34 @@ class ReconstructOptions(JobOptions):
     def written(self) -> tuple[Written, ...]:
         """Pictures and record."""
         suffixes = () if self.is_sequence else (".png", ".tif", ".tiff")
-        pictures = tuple(Written("output", path, suffixes=suffixes) for path in self.output)
+        pictures = [Written("output", path, suffixes=suffixes) for path in self.output]
+        if self.sweep is not None:
+            pictures += [
+                Written("picture of the sweep", self.swept_path(path, name))
+                for name in self.swept_names
+                if name is not None
+                for path in self.output
+            ]
+            pictures.append(Written("sheet of the sweep", self.contact_sheet))
         return (*pictures, Written("record of the run", self.record))
+
+    @property
+    def swept_names(self) -> tuple[str | None, ...]:
+        """Names of a sweep's values in the sheet's order; None for that of these options."""
+        if self.sweep == "method":
+            return tuple(None if each is self.method else each.value for each in Method)
+        if self.sweep == "prior":
+            return tuple(None if each is self.prior else each.value for each in Prior)
+        return _SWEPT[self.sweep or "tau"]
+
+    def swept_path(self, output: Path, name: str) -> Path:
+        """File of a sweep's picture beside an output."""
+        return output.with_name(f"{output.stem}-{self.sweep}-{name}{output.suffix}")
+
+    @property
+    def contact_sheet(self) -> Path:
+        """File of the sheet of a sweep."""
+        return self.output[0].with_name(f"{self.output[0].stem}-sweep.png")
 
 
 def parse_window(text: str, sensor: tuple[int, int], option: str) -> PixelRectangle:
