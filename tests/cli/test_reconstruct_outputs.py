@@ -39,7 +39,7 @@ def test_installed_command_writes_pictures_and_record(camera: Camera, tmp_path: 
     assert done.err == ""
     first, *paths = done.out.splitlines()
     assert first.startswith("admm: ") and "objective" in first and "cpu" in first
-    assert "(automatic: a smaller --tau shows more detail" in first
+    assert "(automatic: --detail 2 shows more detail" in first
     assert paths == [str(png), str(tif), str(tmp_path / "out.json")]
     assert sorted(listing(tmp_path)) == ["out.json", "out.png", "out.tif"]
 
