@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: env demo test test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading examples screenshots fuzz kill attack clean
+.PHONY: env demo test test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading bench-default examples screenshots fuzz kill attack clean
 
 env: $(STAMP)
 
@@ -73,6 +73,10 @@ bench-design: $(STAMP)
 
 bench-stitch: $(STAMP)
 	$(BIN)/python bench/stitch.py
+
+# The default's pictures against the best of a grid, over simulated cameras: about an hour.
+bench-default: $(STAMP)
+	$(BIN)/python bench/default.py
 
 # Memory and time of every reader at its limit.
 bench-reading: $(STAMP)
