@@ -9,6 +9,7 @@ import json
 import sys
 import tempfile
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
@@ -50,7 +51,11 @@ def hand(data: Path) -> Result[Tensor]:
 
 
 def pair(
-    data: Path, name: str, scratch: Path, psf: Path | None = None, tau: float | None = None
+    data: Path,
+    name: str,
+    scratch: Path,
+    psf: Path | None = None,
+    tau: float | Literal["auto"] = "auto",
 ) -> tuple[Result[Tensor], Tensor]:
     """Reconstruct one of the five pairs; its picture and what the lensed camera saw.
 
@@ -121,7 +126,7 @@ def table(rows: list[dict[str, object]]) -> str:
         "",
         "Made by `make results` from the files that `SOURCES.md` beside the data describes; they",
         "are not part of this repository. Penalties, start and stopping rule are the program's",
-        "own; one weight of the prior serves all. PSNR and SSIM compare with what a lensed camera",
+        "own, and so is the weight of the prior. PSNR and SSIM compare with what a lensed camera",
         "saw, after a gain and an offset for each channel, over the pixels that the screen fills.",
         "The PSF of the pairs is itself an estimate, and blurred: it limits these figures. The",
         "pairs are solved without a support, as light comes from beside the screen too.",
