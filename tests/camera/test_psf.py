@@ -10,7 +10,7 @@ import pytest
 import torch
 import torch.nn.functional as nnf
 
-from nolens.camera import Measurement, check_psf, develop, prepare_psf
+from nolens.camera import Measurement, PsfGeometry, check_psf, develop, prepare_psf
 from nolens.errors import DataError, OptionError
 from nolens.files import read_frame
 from nolens.operators import CroppedConvolution, PixelRectangle
@@ -69,15 +69,18 @@ def test_grey_serves_colour_and_colour_serves_its_own():
 
 def test_finer_psf_is_binned():
     psf = spot(48, 60)
-    result = prepare_psf(psf, scene(24, 30), scale=2)
+    result = prepare_psf(psf, scene(24, 30), PsfGeometry(2))
     blocks = psf.values.reshape(1, 24, 2, 30, 2).mean(dim=(2, 4))
     torch.testing.assert_close(result.values, blocks.clamp_min(0))
-    assert prepare_psf(spot(49, 61), scene(24, 30), scale=2).values.shape == (1, 24, 30)
+    assert prepare_psf(spot(49, 61), scene(24, 30), PsfGeometry(2)).values.shape == (1, 24, 30)
 
 
 @pytest.mark.parametrize("size", [(48, 60), (31, 40), (24, 31)])
 def test_wider_psf_is_kept(size):
-    assert prepare_psf(spot(*size), scene(24, 30), extended=True).values.shape == (1, *size)
+    assert prepare_psf(spot(*size), scene(24, 30), PsfGeometry(extended=True)).values.shape == (
+        1,
+        *size,
+    )
 
 
 @pytest.mark.parametrize(
@@ -97,13 +100,14 @@ def test_wider_psf_is_kept(size):
         ((20, 29), {}, DataError, ("20×29", "24×30", "at least as large")),
         ((20, 60), {"scale": 2}, DataError, ("20×60", "without --psf-scale")),
         ((30, 24), {}, DataError, ("30×24", "turned by 90°")),
-        ((48, 60), {"scale": 2, "extended": True}, OptionError, ("one of them",)),
+        ((48, 60), {"scale": 2, "extended": True}, DataError, ("not extended", "or --psf-scale")),
+        ((60, 80), {"scale": 3, "extended": True}, DataError, ("20×26", "not extended")),
         ((48, 60), {"scale": 0}, OptionError, ("from 1 on",)),
     ],
 )
 def test_sizes_that_do_not_fit(size, options, error, words):
     with pytest.raises(error) as raised:
-        prepare_psf(spot(*size), scene(24, 30), **options)
+        prepare_psf(spot(*size), scene(24, 30), PsfGeometry(**options))
     for word in words:
         assert word in str(raised.value)
 
@@ -130,7 +134,7 @@ def test_a_psf_that_goes_on_beside_the_sensor():
     lit = cloud(40, 40)
     (warning,) = prepare_psf(lit, scene(40, 40)).warnings
     assert re.search(r"psf\.tif has light up to the sensor's edges.*--psf-extent wide", warning)
-    assert prepare_psf(cloud(80, 80), scene(40, 40), extended=True).warnings == ()
+    assert prepare_psf(cloud(80, 80), scene(40, 40), PsfGeometry(extended=True)).warnings == ()
     inside = replace(lit, values=nnf.pad(lit.values[:, 8:32, 8:32], (8,) * 4))
     assert prepare_psf(replace(inside, valid=lit.valid), scene(40, 40)).warnings == ()
 
@@ -251,6 +255,9 @@ def test_real_psfs_are_accepted():
     pairs = DATA / "diffusercam-pairs"
     wide = develop(read_frame(pairs / "psf_estimate.npy"))
     colour = develop(read_frame(pairs / "diffuser" / "im43.npy", bgr=True))
-    assert prepare_psf(wide, colour, extended=True).values.shape == (1, 540, 960)
+    prepared = prepare_psf(wide, colour, PsfGeometry(extended=True))
+    assert prepared.values.shape[-2] >= 270 and prepared.values.shape[-1] >= 480
+    assert "without light are cut off" in prepared.notes[0]
+    assert prepared.values.sum() == wide.values.clamp_min(0).sum()
     with pytest.raises(DataError, match=r"--psf-scale 2\).*--psf-extent wide"):
         prepare_psf(wide, colour)

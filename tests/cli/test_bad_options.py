@@ -35,7 +35,7 @@ VALUES: list[tuple[list[object], list[str]]] = [
     (["--bin", 49], ["cannot bin", "by 49", "1 to 48"]),
     (
         ["--psf-scale", 2, "--psf-extent", "wide"],
-        ["--psf-scale", "--psf-extent", "Give one"],
+        ["48×64", "Leave out --psf-extent wide"],
     ),
     (["--psf-scale", 0], ["psf-scale is 0", "1 to 64"]),
     (["--psf-scale", 3], ["48×64", "leave it out"]),

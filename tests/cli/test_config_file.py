@@ -49,7 +49,7 @@ crop = "10x12"
 device = "cpu"
 bin = 1
 bgr = false
-psf_extent = "sensor"
+psf_extent = "auto"
 """
 
 

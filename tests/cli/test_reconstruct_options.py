@@ -111,10 +111,18 @@ def test_finer_psf(tmp_path: Path, out: Path) -> None:
     raw = expose_dng(tmp_path / "raw.dng", measured(psf), seed=1)
     point = expose_dng(tmp_path / "psf.dng", fine, seed=2)
     asked = (raw, "--psf", point, "--support", SUPPORT)
-    assert quality(reconstruct(out, *asked, "--psf-scale", 2)) > GOOD
+    finer = reconstruct(out, *asked, "--psf-scale", 2)
+    assert quality(finer) > GOOD
     assert quality(reconstruct(out, *asked, "--psf-extent", "wide")) < 20
-    without = run("reconstruct", *asked, "-o", out)
-    check_refused(without, "96×128", "48×64", "--psf-scale 2", "--psf-extent", "wide")
+    without = run("reconstruct", *asked, "-o", out, "--tiff-bits", 32)
+    assert "2 times finer (--psf-scale 2): " in without.err and "--psf-extent wide" in without.err
+    assert torch.equal(read_frame(out).counts, finer)
+    mirrored = expose_dng(tmp_path / "mirrored.dng", fine.flip(-1), seed=2)
+    done = run("reconstruct", raw, "--psf", mirrored, "--support", SUPPORT, "-o", out)
+    assert "2 times finer" in done.err and "left to right (--psf-flip horizontal)" in done.err
+    assert quality(read_frame(out).counts) > GOOD
+    trials = json.loads(out.with_suffix(".json").read_text())["parameters"]["psf"]["trials"]
+    assert {each["flip"] for each in trials} == {"none", "horizontal", "vertical", "both"}
 
 
 def test_wider_psf(tmp_path: Path, out: Path) -> None:
@@ -124,11 +132,16 @@ def test_wider_psf(tmp_path: Path, out: Path) -> None:
     raw = expose_dng(tmp_path / "raw.dng", light, seed=1)
     point = expose_dng(tmp_path / "psf.dng", wide, seed=2)
     asked = (raw, "--psf", point, "--support", SUPPORT)
-    right = quality(reconstruct(out, *asked, "--psf-extent", "wide"))
+    wanted = reconstruct(out, *asked, "--psf-extent", "wide")
+    right = quality(wanted)
     assert right > GOOD
     cut = expose_dng(tmp_path / "cut.dng", wide[:, 12:60, 16:80], seed=2)
     assert quality(reconstruct(out, raw, "--psf", cut, "--support", SUPPORT)) < right - 8
-    check_refused(run("reconstruct", *asked, "-o", out), "72×96", "48×64", "--psf-extent", "wide")
+    done = run("reconstruct", *asked, "-o", out, "--tiff-bits", 32)
+    assert done.code == 0 and "is taken as extended (--psf-extent wide)" in done.err
+    assert torch.equal(read_frame(out).counts, wanted)
+    refused = run("reconstruct", *asked, "--psf-extent", "sensor", "-o", out)
+    check_refused(refused, "72×96", "48×64", "--psf-extent", "wide")
 
 
 def test_region_in_both_notations(camera: Camera, out: Path) -> None:

@@ -3,14 +3,13 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import torch
 
 from nolens.api.image import Image
 from nolens.api.inputs import Progress, Raw, distance_um, frame_of, reported
 from nolens.api.simulate import SimulatedMeasurement
-from nolens.camera import BlackLevel, Frame, black_level
+from nolens.camera import BlackLevel, Flip, Frame, black_level
 from nolens.errors import OptionError
 from nolens.jobs.run import check_solver_memory
 from nolens.quantities import Length
@@ -19,13 +18,16 @@ from nolens.solvers import (
     Development,
     Method,
     Prior,
+    PsfSettings,
     Quality,
     Reconstructor,
     Result,
+    choose_psf,
     stop_of,
 )
 from nolens.solvers import Progress as Iteration
 from nolens.solvers.inputs import Support, one_of, support_of
+from nolens.solvers.psf_choice import Extent
 from nolens.solvers.reconstructor import SPARE
 
 _CHOICE = 0.2
@@ -68,6 +70,7 @@ def reconstruct(
     channels: str = "all",
     psf_scale: int | None = None,
     psf_extended: bool | None = None,
+    psf_flip: Flip | None = None,
     method: Method | str | None = None,
     quality: Quality | str | None = None,
     tau: float | None = None,
@@ -102,7 +105,10 @@ def reconstruct(
         ``"all"``, ``"grey"``, or letters such as ``"g"``.
     psf_scale, psf_extended
         Of a PSF that is larger than the measurement: so many times finer, or extended beyond the
-        sensor. Values without a file are taken as extended.
+        sensor; None takes what explains the measurement.
+    psf_flip
+        Turn the PSF over first: ``"horizontal"``, ``"vertical"`` or ``"both"``; ``"none"`` keeps
+        it. None turns it only where that explains the measurement clearly better.
     method
         ``"admm"``, ``"fista"`` or ``"wiener"``; None takes ADMM.
     quality
@@ -136,9 +142,6 @@ def reconstruct(
     solver, spare = _solver(method, quality, tau, prior, iterations, tolerance, device)
     frame, own = _measured(measurement)
     point = frame_of(psf, "PSF")
-    if psf_extended is None:
-        loose = not isinstance(psf, (str, Path, Frame)) and psf_scale is None
-        psf_extended = loose and _larger(point, frame)
     development = Development(
         point,
         None if dark is None else frame_of(dark, "dark frame"),
@@ -147,11 +150,11 @@ def reconstruct(
         white,
         1 if bin_by is None else bin_by,
         channels,
-        psf_scale,
-        psf_extended,
     )
+    extent: Extent = "auto" if psf_extended is None else ("wide" if psf_extended else "sensor")
+    choice = choose_psf(development, frame, PsfSettings(psf_scale, extent, psf_flip or "auto"))
     support = own if support is None else support
-    developed = development.fitted(frame, spare, coarsen=bin_by is None and support is None)
+    developed = choice.development.fitted(frame, spare, coarsen=bin_by is None and support is None)
     data, prepared = developed.measurement, developed.prepared
     solver = replace(solver, psf=prepared.values, support=support_of(support, data.size))
     check_solver_memory(solver, data, "a smaller support or larger pixels (bin_by) need less")
@@ -172,7 +175,7 @@ def reconstruct(
 
         result = solver.solve(problem, callback=watch)
         advance(1.0)
-    notes = (*(developed.notes if bin_by is None else ()), *prepared.notes)
+    notes = (*choice.notes, *(developed.notes if bin_by is None else ()), *prepared.notes)
     return Photograph(
         result.photograph.cpu(), data.channels, result, problem.weight, notes, prepared.warnings
     )
@@ -222,7 +225,7 @@ def refocus(
     data = None
     for each, psf in psfs.items():
         point = frame_of(psf, f"PSF of {each}")
-        development = Development(point, dark_frame, psf_extended=_larger(point, frame))
+        development = choose_psf(Development(point, dark_frame), frame).development
         data = development.measurement(frame) if data is None else data
         prepared = development.prepared(data)
         warnings += prepared.warnings
@@ -278,15 +281,6 @@ def _measured(measurement: Raw) -> tuple[Frame, Support | None]:
     if isinstance(measurement, SimulatedMeasurement):
         return measurement.frame, measurement.support
     return frame_of(measurement, "measurement"), None
-
-
-def _larger(psf: Frame, measurement: Frame) -> bool:
-    """Whether a PSF has more pixels than a measurement in one direction; superpixels of mosaics."""
-    sizes = [
-        [side // (1 if each.mosaic is None else 2) for side in each.size]
-        for each in (psf, measurement)
-    ]
-    return any(own > other for own, other in zip(*sizes, strict=True))
 
 
 def _solver(

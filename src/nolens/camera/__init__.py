@@ -21,7 +21,7 @@ from nolens.camera.description import (
 from nolens.camera.frame import MOSAICS, Frame
 from nolens.camera.materials import MATERIALS, Material, material
 from nolens.camera.measurement import BlackLevel, Measurement, black_level, dark_corner, develop
-from nolens.camera.psf import PreparedPsf, check_psf, prepare_psf
+from nolens.camera.psf import Flip, PreparedPsf, PsfGeometry, check_psf, flipped, prepare_psf
 from nolens.camera.psf_set import PsfEntry, PsfKind, PsfSet
 from nolens.camera.sensor import AngularCurve, CurveFile, Package, Sensor, SpectralCurve
 from nolens.camera.toml import PRESETS, from_mapping, from_toml, preset, preset_text, to_toml
@@ -37,6 +37,7 @@ __all__ = [
     "Camera",
     "CurveFile",
     "Flat",
+    "Flip",
     "Frame",
     "Layer",
     "LoadedCamera",
@@ -46,6 +47,7 @@ __all__ = [
     "Package",
     "PreparedPsf",
     "PsfEntry",
+    "PsfGeometry",
     "PsfKind",
     "PsfSet",
     "RandomLenslets",
@@ -58,6 +60,7 @@ __all__ = [
     "dark_corner",
     "develop",
     "exposure_white",
+    "flipped",
     "from_mapping",
     "from_toml",
     "linear_from_srgb",

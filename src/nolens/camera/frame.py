@@ -34,6 +34,9 @@ class Frame:
         Exposure time in seconds; None where it is not known.
     black_stated
         Whether the file says its black level.
+    sensor
+        (height, width) of the camera's whole sensor in pixels of the frame; None where it is not
+        known.
     """
 
     counts: Tensor = field(repr=False)
@@ -45,6 +48,12 @@ class Frame:
     source: str
     exposure_s: float | None = None
     black_stated: bool = False
+    sensor: tuple[int, int] | None = None
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether it is finished: floats of which somebody says that 0 is no light."""
+        return self.black_stated and not any(self.black) and self.stored_as == "float32"
 
     @property
     def size(self) -> tuple[int, int]:

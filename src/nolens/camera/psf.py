@@ -1,6 +1,7 @@
 """A point spread function that fits a measurement, and what a person should know of the two."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import torch
 import torch.nn.functional as nnf
@@ -20,6 +21,41 @@ _FINER = 3.0
 _LEAST_SHARPNESS = 0.01
 _PEAK_SIGMAS = 8.0
 _NOISE_RATIO = 0.5
+
+Flip = Literal["none", "vertical", "horizontal", "both"]
+"""How a picture is turned over: upside down, left to right, or both, which is by 180°."""
+_AXES: dict[Flip, tuple[int, ...]] = {
+    "none": (),
+    "vertical": (-2,),
+    "horizontal": (-1,),
+    "both": (-2, -1),
+}
+
+
+@dataclass(frozen=True)
+class PsfGeometry:
+    """How the pixels of a PSF's file lie on those of a measurement.
+
+    Parameters
+    ----------
+    scale
+        Pixels of the PSF along one of the measurement; None is 1, where the sizes allow no other.
+    extended
+        The PSF goes on beyond the sensor in both directions.
+    partial
+        The PSF is smaller than the sensor in both directions: its dark sides were cut off.
+    flip
+        How the PSF is to be turned over.
+    """
+
+    scale: int | None = None
+    extended: bool = False
+    partial: bool = False
+    flip: Flip = "none"
+
+
+SAME = PsfGeometry()
+"""That of a PSF which the sensor itself measured."""
 
 
 @dataclass(frozen=True)
@@ -41,23 +77,29 @@ class PreparedPsf:
     notes: tuple[str, ...] = ()
 
 
+def flipped(picture: Tensor, flip: Flip) -> Tensor:
+    """Picture (…, height, width), turned over."""
+    axes = _AXES[flip]
+    return torch.flip(picture, axes) if axes else picture
+
+
 def prepare_psf(
-    psf: Measurement, measurement: Measurement, *, scale: int | None = None, extended: bool = False
+    psf: Measurement, measurement: Measurement, geometry: PsfGeometry = SAME
 ) -> PreparedPsf:
     """Make a PSF fit a measurement, or say why it does not.
+
+    N×N pixels of a finer PSF are averaged into one. Where a PSF is smaller than the measurement,
+    it is dark around its middle; where it is larger, what lies beyond the sensor stays, but for
+    rows and columns without any light.
 
     Parameters
     ----------
     psf
-        The developed PSF: of the measurement's size, or larger. Where it is smaller in one
-        direction only, it is dark there around its middle.
+        The developed PSF.
     measurement
         The measurement it is for.
-    scale
-        The PSF has `scale` times as many pixels in each direction on the same area: N×N of
-        them are averaged into one.
-    extended
-        The PSF has the measurement's pixels, and more of them around: it stays as it is.
+    geometry
+        How its pixels lie on the measurement's.
 
     Raises
     ------
@@ -65,11 +107,11 @@ def prepare_psf(
         If size, channels or mosaic do not fit, the PSF shows nothing above its background, or
         both hold the same.
     OptionError
-        If both `scale` and `extended` are given, or `scale` is less than 1.
+        If the geometry's `scale` is less than 1.
     """
     _check_colours(psf, measurement)
-    values = psf.values
-    factor = _scale_that_fits(psf, measurement, scale, extended)
+    values = flipped(psf.values, geometry.flip)
+    factor = _scale_that_fits(psf, measurement, geometry)
     if factor > 1:
         values = bin_mean(values, factor)
     warnings = check_psf(psf, values)
@@ -100,21 +142,49 @@ def check_psf(psf: Measurement, values: Tensor) -> list[str]:
 def _widened(
     psf: Measurement, values: Tensor, measurement: Measurement
 ) -> tuple[Tensor, tuple[str, ...]]:
-    """The PSF with dark pixels around it where it is smaller than the sensor; what was done."""
-    sizes = (
+    """The PSF with dark pixels where it is smaller than the sensor, without where larger.
+
+    Also what was done; the zero shift stays in the middle.
+    """
+    sides: list[tuple[int, int]] = []
+    done = []
+    for axis, what in ((-2, "rows"), (-1, "columns")):
+        have, need = values.shape[axis], measurement.size[axis]
+        before, after = _sides(values, axis, need)
+        sides.append((before - have // 2, after - (have - have // 2)))
+        change = before + after - have
+        if change > 0:
+            done.append(f"{change} dark {what} are added")
+        elif change < 0:
+            done.append(f"{-change} {what} without light are cut off")
+    kept = nnf.pad(values, (*sides[1], *sides[0])) if done else values
+    beyond = [kept.shape[axis] > measurement.size[axis] for axis in (-2, -1)]
+    text = " and ".join(done) + " around the PSF's middle" if done else ""
+    if any(beyond) and not all(beyond):
+        text = f"{text}, and it" if text else "the PSF"
+        text += " is taken as extended"
+    return kept, (f"{sizes_text(psf, measurement)}: {text}",) if text else ()
+
+
+def _sides(values: Tensor, axis: int, need: int) -> tuple[int, int]:
+    """Pixels before the zero shift, and from it on, that are to be kept along an axis."""
+    have = values.shape[axis]
+    if have <= need:
+        return need // 2, need - need // 2
+    lit = values.amax(dim=(0, -1 if axis == -2 else -2)).nonzero().flatten()
+    before = max(need // 2, have // 2 - int(lit[0]))
+    after = max(need - need // 2, int(lit[-1]) + 1 - have // 2)
+    if after not in (before, before + 1):
+        before = after = max(before, after)
+    return (before, after) if before + after < have else (have // 2, have - have // 2)
+
+
+def sizes_text(psf: Measurement, measurement: Measurement) -> str:
+    """The sizes of both, for messages."""
+    return (
         f"the PSF {psf.source} has {psf.size_text} pixels, the measurement {measurement.source} "
         f"has {measurement.size_text}"
     )
-    sides = []
-    for have, need in zip(values.shape[-2:], measurement.size, strict=True):
-        before = max(0, need // 2 - have // 2)  # The zero shift stays in the middle.
-        sides.append((before, max(0, need - have - before)))
-    if not any(map(any, sides)):
-        rows, columns = (values.shape[-2 + axis] == measurement.size[axis] for axis in (0, 1))
-        return values, () if rows == columns else (f"{sizes}: the PSF is taken as extended",)
-    added, what = (sum(sides[0]), "rows") if any(sides[0]) else (sum(sides[1]), "columns")
-    note = f"{sizes}: {added} dark {what} are added around the PSF's middle"
-    return nnf.pad(values, (*sides[1], *sides[0])), (note,)
 
 
 def _check_colours(psf: Measurement, measurement: Measurement) -> None:
@@ -137,40 +207,41 @@ def _check_colours(psf: Measurement, measurement: Measurement) -> None:
     )
 
 
-def _scale_that_fits(
-    psf: Measurement, measurement: Measurement, scale: int | None, extended: bool
-) -> int:
+def _scale_that_fits(psf: Measurement, measurement: Measurement, geometry: PsfGeometry) -> int:
     """How many PSF pixels in each direction make one of the measurement."""
-    if scale is not None and extended:
-        raise OptionError(
-            "--psf-scale and --psf-extent wide are two readings of a larger PSF: finer pixels, or "
-            "the same pixels on a larger area. Give one of them"
-        )
+    scale, extended = geometry.scale, geometry.extended
     if scale is not None and scale < 1:
         raise OptionError(f"--psf-scale {scale}: a whole number from 1 on would be accepted")
     height, width = psf.values.shape[-2:]
     rows, columns = measurement.values.shape[-2:]
-    sizes = (
-        f"the PSF {psf.source} has {psf.size_text} pixels, the measurement "
-        f"{measurement.source} has {measurement.size_text}"
-    )
+    sizes = sizes_text(psf, measurement)
     same = (height, width) == (rows, columns)
     if not same and (height, width) == (columns, rows):
         raise DataError(f"{sizes}: one of them is turned by 90°. Turn it back")
     smaller = (height < rows, width < columns)
+    if geometry.partial:
+        return scale or 1
     if all(smaller) or (any(smaller) and scale is not None):
         raise DataError(
             f"{sizes}: a PSF must be at least as large in one direction, and without --psf-scale. "
-            "Use files of one size (the same --bin and the same cut), or an extended or finer PSF"
+            "Use files of one size (the same --bin and the same cut), or an extended or finer PSF; "
+            "--psf-scale 1 where its dark sides were cut off"
         )
     if any(smaller):
         return 1
     fitting = height // rows
     finer = (height // fitting, width // fitting) == (rows, columns)
     if extended:
+        factor = scale or 1
+        binned = height // factor, width // factor
         if same:
             raise DataError(f"{sizes}: that is not extended. Leave out --psf-extent wide")
-        return 1
+        if binned == (rows, columns) or binned[0] < rows or binned[1] < columns:
+            raise DataError(
+                f"{sizes}: with --psf-scale {factor} the PSF becomes {binned[0]}×{binned[1]}, "
+                "which is not extended. Leave out --psf-extent wide or --psf-scale"
+            )
+        return factor
     if scale is not None:
         if (height // scale, width // scale) == (rows, columns):
             return scale

@@ -384,9 +384,25 @@ def write_psfs(
     together = from_mapping(PsfSet, {"psf": [*others, *entries]}, str(listed))
     text = to_toml(together)
     writers: dict[Path, Writer] = {listed: lambda path: _write_text(path, text)}
-    writers |= {folder / each.file: partial(write_tiff32, radiance=psfs[each]) for each in entries}
+    writers |= {
+        folder / each.file: partial(
+            write_tiff32, radiance=psfs[each], sensor=_sensor_size(folder, each, psfs[each])
+        )
+        for each in entries
+    }
     writers |= {folder / name: write for name, write in (more or {}).items()}
     write_into(folder, writers)
+
+
+def _sensor_size(folder: Path, entry: PsfEntry, psf: Tensor) -> tuple[int, int] | None:
+    """(rows, columns) of the folder's sensor in pixels of a PSF, where that is known."""
+    if entry.kind == "captured":
+        return psf.shape[-2], psf.shape[-1]
+    if not (folder / CAMERA_FILE).is_file():
+        return None
+    sensor = read_camera(folder).camera.sensor
+    by = max(1, round(entry.pixel.um / sensor.pitch.um))
+    return sensor.rows // by, sensor.columns // by
 
 
 def _write_text(path: Path, text: str) -> None:

@@ -236,8 +236,11 @@ def write_tiff16(path: str | Path, radiance: Tensor) -> None:
     write_tiff(path, pixels, {"linear": True, "white": white, "per_count": white / 65535})
 
 
-def write_tiff32(path: str | Path, radiance: Tensor) -> None:
+def write_tiff32(path: str | Path, radiance: Tensor, sensor: tuple[int, int] | None = None) -> None:
     """Write linear radiance, (1 or 3, height, width), as it is, as 32-bit float TIFF.
+
+    Of a PSF, `sensor` is (height, width) of the camera's whole sensor in its pixels, which stands
+    in the file's description (`Frame.sensor`).
 
     Raises
     ------
@@ -246,9 +249,10 @@ def write_tiff32(path: str | Path, radiance: Tensor) -> None:
     FileError
         If the file cannot be written.
     """
-    write_tiff(
-        path, _pixels(radiance).astype(np.float32), {"linear": True, "per_count": 1.0, "black": 0}
-    )
+    note: dict[str, Any] = {"linear": True, "per_count": 1.0, "black": 0}
+    if sensor is not None:
+        note["sensor"] = list(sensor)
+    write_tiff(path, _pixels(radiance).astype(np.float32), note)
 
 
 def _pixels(values: Tensor) -> NDArray[Any]:

@@ -245,10 +245,16 @@ def _apply_note(frame: Frame, note: Mapping[str, Any]) -> Frame:
         black_stated=True,
         white=frame.white if white is None else white,
         exposure_s=_noted_number(note.get("exposure_s")),
+        sensor=_noted_size(note.get("sensor")),
     )
     if note.get("mosaic") in MOSAICS and frame.channels == ("grey",):
         frame = replace(frame, channels=("mosaic",), mosaic=note["mosaic"])
     return frame
+
+
+def _noted_size(value: Any) -> tuple[int, int] | None:
+    whole = isinstance(value, list) and all(type(each) is int and each > 0 for each in value)
+    return (value[0], value[1]) if whole and len(value) == 2 else None
 
 
 def _noted_number(value: Any) -> float | None:

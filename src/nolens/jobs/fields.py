@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from nolens.camera.part import Counts, refusal
+from nolens.camera.psf import Flip as TurnOver
 from nolens.camera.psf_set import Depth, FieldAngle
 from nolens.errors import OptionError
 from nolens.jobs.options import RECORD, JobOptions, Option, Written, expand_home
@@ -16,6 +17,7 @@ from nolens.machine import DeviceName
 from nolens.quantities import Angle, Duration, Percentage
 from nolens.ranges import Between
 from nolens.solvers import Prior
+from nolens.solvers.psf_choice import Extent
 
 _WINDOW = re.compile(r"([0-9]{1,6})x([0-9]{1,6})(?:([+-][0-9]{1,6})([+-][0-9]{1,6}))?")
 # Of Linux; temporary files add some characters to a name.
@@ -216,13 +218,33 @@ Support = Annotated[
     ),
 ]
 PsfExtent = Annotated[
-    Literal["sensor", "wide"],
+    Extent,
     Option(
-        "wide: an extended PSF, whose file also shows light that falls beside the sensor.",
+        "What a PSF file that is larger than the measurement shows. wide: it is extended, with "
+        "light that falls beside the sensor. sensor: no more than the sensor sees, on finer "
+        "pixels. auto: what explains the measurement.",
         INPUT,
         former="psf_wider",
         former_switch="wide",
-        label="Extended PSF",
+        label="Larger PSF file",
+    ),
+]
+PsfScale = Annotated[
+    Bin | None,
+    Option(
+        "The PSF file is finer: N×N of its pixels are one of the measurement's.",
+        INPUT,
+        default="what explains the measurement",
+        label="PSF pixels finer by",
+    ),
+]
+PsfFlip = Annotated[
+    TurnOver | Literal["auto"],
+    Option(
+        "Turn the PSF over first, as --flip turns pictures. auto: only where it explains the "
+        "measurement badly as it is, and clearly better turned over.",
+        INPUT,
+        label="Turn the PSF",
     ),
 ]
 Device = Annotated[DeviceName, Option("Where to compute; auto takes CUDA where there is one.", RUN)]
@@ -230,7 +252,7 @@ ScenePrior = Annotated[
     Prior, Option("What the scene is assumed to be like.", SOLVER, label="Prior")
 ]
 Flip = Annotated[
-    Literal["none", "vertical", "horizontal", "both"],
+    TurnOver,
     Option(
         "Turn the picture over: vertical exchanges top and bottom, horizontal left and right.",
         label="Turn the picture",

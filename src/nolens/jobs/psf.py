@@ -188,7 +188,8 @@ def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
         )
         write = partial(write_png, radiance=psf)
     else:
-        write = partial(write_tiff32, radiance=psf)
+        sensor = experiment.sensor.rows // shape.pixels, experiment.sensor.columns // shape.pixels
+        write = partial(write_tiff32, radiance=psf, sensor=sensor)
     return Product(psf, figures, {options.output: write}, camera_parameters(loaded))
 
 

@@ -10,7 +10,7 @@ import torch
 from pydantic import AfterValidator
 from torch import Tensor
 
-from nolens.camera import Measurement, PsfKind, arrange_rgb, develop, exposure_white
+from nolens.camera import Measurement, PsfKind, arrange_rgb, develop, exposure_white, flipped
 from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
@@ -47,7 +47,7 @@ from nolens.jobs.fields import (
     two_parts,
 )
 from nolens.jobs.options import Option, Written
-from nolens.jobs.reconstruction.options import LESS_MEMORY, oriented, parse_support
+from nolens.jobs.reconstruction.options import LESS_MEMORY, parse_support
 from nolens.jobs.run import Product, Run, Writer, check_solver_memory, job
 from nolens.quantities import Length
 from nolens.ranges import Between
@@ -303,7 +303,7 @@ def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
     run.begin(check_solver_memory(reconstructor.at(farthest), measurement, LESS_MEMORY))
 
     def picture_of(scene: Tensor) -> Tensor:
-        return oriented(arrange_rgb(scene, measurement.channels), options.flip)
+        return flipped(arrange_rgb(scene, measurement.channels), options.flip)
 
     step = partial(run.reporter.step, "iteration")
     figures = psfs.figures()

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from nolens.calibrate.distances import covered, magnified
 from nolens.calibrate.registration import register
-from nolens.camera import Camera, Frame, Measurement, PsfEntry, develop, prepare_psf
+from nolens.camera import Camera, Frame, Measurement, PsfEntry, PsfGeometry, develop, prepare_psf
 from nolens.camera.measurement import bin_mean
 from nolens.camera.psf import edge_warning
 from nolens.errors import DataError, OptionError
@@ -320,7 +320,7 @@ def _fitting_psf(
             f"measurement {measurement.source} has {measurement.size_text}: give a photograph that "
             "was read out like the PSFs"
         )
-    prepare_psf(psf, measurement, extended=extended)
+    prepare_psf(psf, measurement, PsfGeometry(extended=extended))
     return develop(frame, channels=channels).values.clamp_min(0)
 
 

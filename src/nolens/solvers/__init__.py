@@ -6,6 +6,7 @@ from nolens.solvers.development import Developed, Development
 from nolens.solvers.fista import fista
 from nolens.solvers.held_out import Weight
 from nolens.solvers.problem import Prior, Problem
+from nolens.solvers.psf_choice import PsfChoice, PsfSettings, choose_psf, geometry_row
 from nolens.solvers.reconstructor import Method, Reconstructor, stop_of
 from nolens.solvers.result import STOPS, Progress, Quality, Result, Stop
 from nolens.solvers.stream import Frame, Live, Stream
@@ -22,6 +23,8 @@ __all__ = [
     "Prior",
     "Problem",
     "Progress",
+    "PsfChoice",
+    "PsfSettings",
     "Quality",
     "Reconstructor",
     "Result",
@@ -30,7 +33,9 @@ __all__ = [
     "Weight",
     "admm",
     "admm_bytes",
+    "choose_psf",
     "fista",
+    "geometry_row",
     "stop_of",
     "wiener",
 ]

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import torch
 from torch import Tensor
 
-from nolens.camera import Frame, Measurement, PreparedPsf, develop, prepare_psf
+from nolens.camera import Frame, Measurement, PreparedPsf, PsfGeometry, develop, prepare_psf
 from nolens.kernels import rfft2
 
 _FAINTEST = 1e-2
@@ -37,8 +37,8 @@ class Development:
         Pixels along a superpixel that becomes one, for frame and PSF alike.
     channels
         As `develop` takes them.
-    psf_scale, psf_extended
-        Of a PSF that is larger than the measurement, as `prepare_psf` takes them.
+    psf_geometry
+        How the PSF's pixels lie on the measurement's (`choose_psf`).
     """
 
     psf: Frame = field(repr=False)
@@ -48,8 +48,7 @@ class Development:
     white: float | None = None
     bin_by: int = 1
     channels: str = "all"
-    psf_scale: int | None = None
-    psf_extended: bool = False
+    psf_geometry: PsfGeometry = PsfGeometry()  # noqa: RUF009 (frozen)
 
     def measurement(self, frame: Frame) -> Measurement:
         """A frame, developed."""
@@ -65,21 +64,33 @@ class Development:
 
     def prepared(self, measurement: Measurement) -> PreparedPsf:
         """The PSF, developed and made to fit a measurement."""
+        prepared = prepare_psf(self.developed_psf(measurement), measurement, self.psf_geometry)
+        grey = measurement.channels == ("grey",) and self.channels != "grey"
+        if grey and self.psf.channels != ("grey",):
+            note = f"the measurement is grey: so is the PSF {self.psf.source} taken"
+            prepared = replace(prepared, notes=(*prepared.notes, note))
+        return prepared
+
+    def developed_psf(self, measurement: Measurement) -> Measurement:
+        """The PSF, developed for the channels of a measurement.
+
+        One that is finished (`Frame.is_linear`) has no black level left, and no pixel saturates.
+        """
+        psf, dark, black, white = self.psf, self.dark, self.black, self.white
         # A dark frame of another size than the PSF's cannot be taken from it; its files' own black
         # level is then what there is.
-        dark = self.dark
-        if dark is not None and dark.counts.shape != self.psf.counts.shape:
+        if psf.is_linear or (dark is not None and dark.counts.shape != psf.counts.shape):
             dark = None
-        grey = self.psf.mosaic is None and len(self.psf.channels) == 1
-        psf = develop(
-            self.psf,
-            dark=dark,
-            black=self.black,
-            white=self.white,
-            bin_by=self.bin_by,
-            channels="all" if grey else self.channels,
+        if psf.is_linear:
+            black = white = None
+        channels = self.channels
+        if psf.mosaic is None and len(psf.channels) == 1:
+            channels = "all"
+        elif measurement.channels == ("grey",):
+            channels = "grey"
+        return develop(
+            psf, dark=dark, black=black, white=white, bin_by=self.bin_by, channels=channels
         )
-        return prepare_psf(psf, measurement, scale=self.psf_scale, extended=self.psf_extended)
 
     def fitted(self, frame: Frame, spare: int, *, coarsen: bool) -> "Developed":
         """A frame and the PSF on pixels that are no finer than the PSF carries.

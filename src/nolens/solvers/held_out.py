@@ -12,7 +12,7 @@ fills the view is what ADMM is late with, and would drown the rest.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import torch
 import torch.nn.functional as nnf
@@ -73,6 +73,8 @@ class Prediction:
     residual: float
     contrast: float
     noise: float
+    blocks: Tensor = field(repr=False, compare=False)
+    """Squared residual of each block that was left out, over the squared contrast of all."""
 
     @property
     def unexplained(self) -> float:
@@ -83,6 +85,16 @@ class Prediction:
     def unexplained_by_noise(self) -> float:
         """What a perfect scene would miss."""
         return (self.noise / self.contrast) ** 2
+
+    @property
+    def missed(self) -> float:
+        """Fraction of what is not noise that it misses, from 0 to about 1."""
+        noise = self.unexplained_by_noise
+        return max(self.unexplained - noise, 0.0) / max(1 - noise, 1e-6)
+
+    def excess(self, other: "Prediction") -> tuple[float, float]:
+        """How much more is unexplained than by another of the same blocks; its standard error."""
+        return _apart(self.blocks, other.blocks)
 
 
 @dataclass(frozen=True)
@@ -409,8 +421,10 @@ def _prediction(
     problem: Problem, errors: Tensor, noise: float, held: Tensor, blocks: Tensor
 ) -> Prediction:
     dark = problem.data.new_zeros(problem.scene_shape)
-    contrast = _block_errors(problem, dark, held, blocks)
-    return Prediction(math.sqrt(float(errors.mean())), math.sqrt(float(contrast.mean())), noise)
+    contrast = float(_block_errors(problem, dark, held, blocks).mean())
+    return Prediction(
+        math.sqrt(float(errors.mean())), math.sqrt(contrast), noise, errors / contrast
+    )
 
 
 def _steps(errors: dict[float, Tensor], noise: float, unit: float) -> tuple[WeightStep, ...]:

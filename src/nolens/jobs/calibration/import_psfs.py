@@ -32,7 +32,6 @@ from nolens.jobs.fields import (
     Files,
     Mosaic,
     Name,
-    PsfExtent,
     White,
     Window,
     window_numbers,
@@ -116,7 +115,16 @@ class CalibrateImportOptions(JobOptions):
             default="the camera's, that of the folder's PSFs, or the first file's",
         ),
     ] = None
-    psf_extent: PsfExtent = "sensor"
+    psf_extent: Annotated[
+        Literal["sensor", "wide"],
+        Option(
+            "wide: extended PSFs, whose files also show light that falls beside the sensor.",
+            INPUT,
+            former="psf_wider",
+            former_switch="wide",
+            label="Extended PSFs",
+        ),
+    ] = "sensor"
     dark: Dark = None
     black: Annotated[
         BlackLevel,

@@ -48,7 +48,7 @@ from nolens.plugins import Registry
 from nolens.progress import part_of
 from nolens.quantities import Angle, Percentage
 from nolens.ranges import Between
-from nolens.solvers import Development
+from nolens.solvers import Development, PsfSettings, choose_psf
 from nolens.twin import Light, distance_um, preview_model
 
 Threshold = Annotated[Percentage, Between("0.01 %", "99.99 %")]
@@ -105,7 +105,7 @@ class ResolutionOptions(RecordedOptions):
             what="PSF",
         ),
     ] = None
-    psf_extent: PsfExtent = "sensor"
+    psf_extent: PsfExtent = "auto"
     dark: Annotated[
         FilePath | None, Option("Dark frame.", _FRAMES, role="input", what="dark frame")
     ] = None
@@ -204,7 +204,7 @@ class ResolutionOptions(RecordedOptions):
         """
         if self.psf is None:
             for name, value in (
-                ("psf-extent", self.psf_extent == "wide"),
+                ("psf-extent", self.psf_extent != "auto"),
                 ("dark", self.dark),
                 ("iterations", self.iterations),
                 ("tau", self.tau),
@@ -295,11 +295,15 @@ def target_pictures(run: Run[Options]) -> list[TargetPicture]:
         read_frame(options.psf),
         None if options.dark is None else read_frame(options.dark),
         channels="grey",
-        psf_extended=options.psf_extent == "wide",
     )
     solvable: list[tuple[Measurement, Tensor, PixelRectangle, AngularScale]] = []
     for path in options.frames:
-        measurement = development.measurement(read_frame(path))
+        frame = read_frame(path)
+        if not solvable:
+            choice = choose_psf(development, frame, PsfSettings(extent=options.psf_extent))
+            development = choice.development
+            run.warn(*choice.notes)
+        measurement = development.measurement(frame)
         prepared = development.prepared(measurement)
         if not solvable:
             run.warn(*prepared.notes, *prepared.warnings)

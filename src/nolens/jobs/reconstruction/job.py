@@ -10,7 +10,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from nolens.camera import Frame, Measurement, arrange_rgb, black_level, exposure_white
+from nolens.camera import (
+    Frame,
+    Measurement,
+    arrange_rgb,
+    black_level,
+    exposure_white,
+    flipped,
+)
 from nolens.errors import DataError, FileError, NolensError, OptionError
 from nolens.files import (
     InputFile,
@@ -27,7 +34,6 @@ from nolens.files import (
 from nolens.jobs.reconstruction.options import (
     LESS_MEMORY,
     ReconstructOptions,
-    oriented,
     parse_support,
     parse_window,
 )
@@ -46,11 +52,15 @@ from nolens.solvers import (
     Method,
     Problem,
     Progress,
+    PsfChoice,
+    PsfSettings,
     Quality,
     Reconstructor,
     Stop,
     Stream,
     Weight,
+    choose_psf,
+    geometry_row,
     stop_of,
 )
 from nolens.solvers.admm_state import Balance
@@ -67,8 +77,6 @@ _PROBLEM_OPTIONS = (
     "white",
     "mosaic",
     "bgr",
-    "psf_scale",
-    "psf_extent",
     "detail",
     "prior",
     "bin",
@@ -107,12 +115,14 @@ def reconstruct(run: Run[ReconstructOptions]) -> Product[Tensor]:
 class _Setup:
     """What the first measurement decides for all of a run.
 
-    `options` have the binning that was chosen, `development` has it too. `weight` is the choice of
+    `options` have the binning that was chosen, `development` has it too. `psf` is how its file
+    is read. `weight` is the choice of
     τ, where it was the program's. `window` (top, left, height, width) is the part of the scene
     that is written.
     """
 
     options: ReconstructOptions
+    psf: PsfChoice
     development: Development
     measurement: Measurement
     reconstructor: Reconstructor
@@ -123,7 +133,8 @@ class _Setup:
     @classmethod
     def of(cls, run: Run[ReconstructOptions], development: Development, frame: Frame) -> "_Setup":
         """Develop measurement and PSF, and build the problem."""
-        options, developed = _developed(run, development, frame)
+        choice = _psf_choice(run, development, frame)
+        options, developed = _developed(run, choice.development, frame)
         psf = developed.prepared.values
         support = _support(options, developed.measurement.size, psf)
         for text in developed.prepared.notes:
@@ -138,7 +149,9 @@ class _Setup:
             reconstructor = replace(reconstructor, tau=weight.tau / options.detail)
         problem = reconstructor.problem(measurement)
         window = _crop_window(options, problem)
-        return cls(options, development, measurement, reconstructor, weight, problem, window)
+        return cls(
+            options, choice, development, measurement, reconstructor, weight, problem, window
+        )
 
     def varied(
         self, run: Run[ReconstructOptions], options: ReconstructOptions, psf: Tensor
@@ -175,7 +188,27 @@ class _Setup:
         """The part of a scene that is written, as --flip turns it."""
         top, left, height, width = self.window
         inside = scene[:, top : top + height, left : left + width].cpu()
-        return oriented(inside, self.options.flip)
+        return flipped(inside, self.options.flip)
+
+
+def _psf_choice(run: Run[ReconstructOptions], development: Development, frame: Frame) -> PsfChoice:
+    """How the PSF's file is read, as the options say or the measurement shows."""
+    options = run.options
+    settings = PsfSettings(options.psf_scale, options.psf_extent, options.psf_flip)
+    choice = choose_psf(development, frame, settings)
+    for text in choice.notes:
+        run.reporter.note(text)
+    return choice
+
+
+def _psf_row(choice: PsfChoice) -> dict[str, Any]:
+    """How the PSF's file was read, for the record."""
+    development = choice.development
+    return {
+        **geometry_row(development.psf_geometry),
+        "black": list(development.psf.black),
+        "trials": [each.row() for each in choice.trials],
+    }
 
 
 def _weight(
@@ -237,6 +270,7 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: _Setup) -> Product[T
     parameters = {
         "bin": options.bin_by,
         "black": setup.development.black,
+        "psf": _psf_row(setup.psf),
         "tau": tau,
         "weights": [] if setup.weight is None else [step.row() for step in setup.weight.steps],
         **asdict(stop),
@@ -359,6 +393,7 @@ def _reconstruct_sequence(run: Run[ReconstructOptions]) -> Product[Tensor]:
     parameters = {
         "bin": setup.options.bin_by,
         "black": setup.development.black,
+        "psf": _psf_row(setup.psf),
         "tau": setup.tau,
         "white_radiance": white,
         "names": [name for name in frames.names if (folder / f"{name}.png").exists()],
@@ -403,8 +438,6 @@ def _read_development(options: ReconstructOptions) -> Development:
         options.white,
         options.bin_by,
         options.channels,
-        options.psf_scale,
-        options.psf_extent == "wide",
     )
 
 
@@ -521,10 +554,14 @@ def _crop_window(options: ReconstructOptions, problem: Problem) -> tuple[int, in
 def _about(setup: _Setup, inputs: dict[str, InputFile]) -> dict[str, Any]:
     """What a run must have in common with one that goes on with its state."""
     values = setup.options.model_dump(mode="json")
+    geometry = setup.development.psf_geometry
     return {
         **{role: file.sha256 for role, file in inputs.items()},
         "tau": setup.tau,
         **{name: values[name] for name in _PROBLEM_OPTIONS},
+        "psf_scale": geometry.scale,
+        "psf_extent": "wide" if geometry.extended else "sensor",
+        "psf_flip": geometry.flip,
     }
 
 
@@ -574,4 +611,5 @@ def _in_present_names(stored: Mapping[str, Any]) -> dict[str, Any]:
     if "psf_wider" in about:
         about["psf_extent"] = "wide" if about.pop("psf_wider") else "sensor"
     about.setdefault("detail", 1.0)
+    about.setdefault("psf_flip", "none")
     return about

@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Annotated, Literal
 
-import torch
 from pydantic import Field
 from torch import Tensor
 
@@ -31,6 +30,8 @@ from nolens.jobs.fields import (
     Iterations,
     Name,
     PsfExtent,
+    PsfFlip,
+    PsfScale,
     RawMosaic,
     ScenePrior,
     Support,
@@ -122,7 +123,7 @@ class ReconstructOptions(JobOptions):
         ),
     ] = None
     support: Support = None
-    psf_extent: PsfExtent = "sensor"
+    psf_extent: PsfExtent = "auto"
     dark: Dark = None
     flat: Flat = None
     black: Annotated[
@@ -130,7 +131,7 @@ class ReconstructOptions(JobOptions):
         Option(
             'Black level in counts, which files other than camera raw do not say; or "auto": read '
             "off the PSF's darkest corner.",
-            default="what the file says, or 0",
+            default="what the file says; else that of the darkest corner where it predicts better",
             label="Black level",
         ),
     ] = None
@@ -148,14 +149,8 @@ class ReconstructOptions(JobOptions):
             label="Binning",
         ),
     ] = None
-    psf_scale: Annotated[
-        Bin | None,
-        Option(
-            "The PSF file is finer: N×N of its pixels are one of the measurement's.",
-            INPUT,
-            label="PSF pixels finer by",
-        ),
-    ] = None
+    psf_scale: PsfScale = None
+    psf_flip: PsfFlip = "auto"
     field: Annotated[
         FullAngle | None,
         Option(
@@ -363,9 +358,3 @@ def parse_support(text: str, sensor: tuple[int, int], psf: Tensor) -> PixelRecta
             f"most {height}x{width}, or leave it out for no limit"
         )
     return support
-
-
-def oriented(picture: Tensor, flip: str) -> Tensor:
-    """Picture (…, height, width) turned over as --flip asks for."""
-    axes = {"none": (), "vertical": (-2,), "horizontal": (-1,), "both": (-2, -1)}[flip]
-    return torch.flip(picture, axes) if axes else picture

@@ -16,8 +16,9 @@ const MORE = {
   black: { example: `${FILE_SAYS}; a number, or auto` },
   white: { example: FILE_SAYS },
   mosaic: { words: Object.fromEntries([["", "As the file says"], ...["RGGB", "BGGR", "GRBG", "GBRG"].map((each) => [each, each])]) },
-  psf_extent: { words: { sensor: "No: as large as the sensor", wide: "Yes: with the light beside the sensor" } },
-  psf_scale: { example: "1" },
+  psf_extent: { words: { auto: "What explains the measurement", sensor: "As large as the sensor, on finer pixels", wide: "Extended: with the light beside the sensor" } },
+  psf_scale: { example: "automatic; such as 2" },
+  psf_flip: { words: { auto: "What explains the measurement", none: "As it is", vertical: "Upside down", horizontal: "Mirrored", both: "Rotated by 180°" } },
   support: { example: "no limit; such as 400x400" },
   field: { example: "such as 40deg" },
   channels: { example: "all; grey, or letters such as rg" },
@@ -29,7 +30,7 @@ const MORE = {
 };
 /** Options of how the raw file is read: those that refocusing has too. */
 const READING = ["black", "white", "mosaic", "bgr", "bin", "channels", "support", "flip"];
-const SOLVING = ["psf_extent", "psf_scale", "crop", "prior", "iterations", "tolerance", "low_frequency"];
+const SOLVING = ["psf_extent", "psf_scale", "psf_flip", "crop", "prior", "iterations", "tolerance", "low_frequency"];
 
 export class ReconstructionOptions {
   /** @param {(file: File, select: HTMLSelectElement) => Promise<void>} bring stores a file of the visitor's and chooses it */
@@ -48,7 +49,6 @@ export class ReconstructionOptions {
         filePicker("Bring…", told(([file]) => bring(file, select)), { "aria-label": `${label(KIND, name)} of yours` }))];
     }
     for (const [name, { element }] of Object.entries(controls)) fields[name] = [element];
-    fields.psf_extent.unshift(h("p", { class: "pale" }, "A PSF file that is larger than the raw file is either:"));
     this.elements = form(KIND, fields);
   }
 
