@@ -175,3 +175,28 @@ def test_latency_is_for_sequences(psf: Path, tmp_path: Path) -> None:
     raw = save(tmp_path / "raw.npy", light(1)[0])
     asked = ("--psf", psf, "-o", tmp_path / "o.png", "--latency", "1s")
     check_refused(run("reconstruct", raw, *asked), "--latency", "one frame")
+
+
+def test_weight_is_checked_and_follows_what_changes(psf: Path, tmp_path: Path) -> None:
+    """Of 26 frames the last has much more noise; the choice is checked then."""
+    generator = torch.Generator().manual_seed(5)
+    still = measured(spots())
+    noise = torch.full((26,), 0.003)
+    noise[-1] = 0.1
+    frames = torch.stack(
+        [
+            still + float(each) * still.max() * torch.randn(still.shape, generator=generator)
+            for each in noise
+        ]
+    )
+    stack = tmp_path / "frames.npy"
+    np.save(stack, frames.movedim(1, -1).numpy())
+    asked = ("--psf", psf, "--support", SUPPORT, "--iterations", 4, "-o", tmp_path / "pictures")
+    done = run("reconstruct", stack, *asked)
+    assert done.code == 0, done.err
+    record = json.loads((tmp_path / "pictures.json").read_text())
+    (check,) = record["parameters"]["tau_checks"]
+    assert check["frame"] == 26
+    taus = [row["tau"] for row in record["history"]]
+    assert taus[:25] == [pytest.approx(record["parameters"]["tau"])] * 25
+    assert taus[25] == check["tau"] > 2 * taus[24]

@@ -10,6 +10,7 @@ import torch
 from nolens.errors import DataError, OptionError
 from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.solvers import Prior, Problem, Stream, admm
+from nolens.solvers.stream import weight_to_follow
 
 SENSOR = (64, 72)
 SUPPORT = PixelRectangle.centred(32, 32, SENSOR)
@@ -99,6 +100,21 @@ def test_standing_scene_converges(prior):
     stream = Stream(problem)
     frames = [stream.solve(data) for _ in range(40)]
     assert problem.objective(frames[-1].scene / problem.scale) < 1.01 * best.objective
+
+
+def test_another_weight_is_followed():
+    """A stream goes on to the scene of its new weight, also from and to none at all."""
+    psf, blur = camera()
+    data = blur(scene(0))
+    problem = Problem.build(psf, data, support=SUPPORT, tau=1e-4)
+    stream = Stream(problem, iterations=40)
+    for factor in (100, 1, 0, 1):
+        stream.weigh(factor * problem.weight)
+        found = [stream.solve(data).scene for _ in range(4)][-1]
+        alone = admm(problem.weighted(factor * problem.weight), iterations=300, tolerance=0).scene
+        assert error(found, alone) < 0.02, factor
+    assert stream.cuts == 0
+    assert [weight_to_follow(1.0, chosen) for chosen in (0.4, 0.6, 1.9, 2.1)] == [0.4, 1, 1, 2.1]
 
 
 def test_standing_scene_is_left_as_it_is():

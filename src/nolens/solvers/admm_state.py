@@ -158,6 +158,14 @@ class AdmmState:
                 split.rescale_(self.penalties, penalties)
         self.penalties, self.sums, self.iteration = penalties, [], 0
 
+    def weigh(self, problem: Problem) -> None:
+        """Go on with the weight of another problem; neither it nor that so far may be zero."""
+        for split in self.splits:
+            if problem.prior is Prior.L1:
+                split.l1 = problem.tau
+            elif problem.prior is not Prior.NONE:
+                split.tv = problem.tau
+
     def residual(self, problem: Problem) -> float:
         """‖b − x‖ / ‖b‖ of a measurement that is yet to be solved for, all channels as measured.
 

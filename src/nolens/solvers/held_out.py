@@ -181,7 +181,7 @@ def choose_weight(
     if problem.prior is Prior.NONE:
         return Weight(0.0, noise)
     blocks = _held_out_blocks(problem.valid)
-    by_noise = Weight(_BY_NOISE[problem.prior] * noise / problem.tau_unit, noise)
+    by_noise = weight_by_noise(problem)
     if blocks is None:
         return by_noise
     path = _Path(problem, blocks, penalties, balance, relaxation, progress)
@@ -189,6 +189,18 @@ def choose_weight(
     if not path.errors:
         return replace(by_noise, interrupted=interrupted)
     return replace(_weight(problem, path.errors, noise, path.held, blocks), interrupted=interrupted)
+
+
+def weight_by_noise(problem: Problem) -> Weight:
+    """The weight that the noise asks for, at once; `choose_weight` knows better (decision 13).
+
+    Parameters
+    ----------
+    problem
+        Whose prior is to be weighed; its own weight does not matter.
+    """
+    noise = pixel_noise(problem)
+    return Weight(_BY_NOISE.get(problem.prior, 0.0) * noise / problem.tau_unit, noise)
 
 
 def predict(problem: Problem) -> Prediction | None:
@@ -350,17 +362,9 @@ class _Path:
     def _solve(self, tau: float, steps: int) -> bool:
         """Go on to so many iterations with a weight; True where the caller stopped it."""
         state = self._state
-        for split in state.splits:
-            if self._problem.prior is Prior.L1:
-                split.l1 = tau
-            else:
-                split.tv = tau
-        run = AdmmRun(
-            replace(self._fitted, tau=tau),
-            state,
-            balance=self._balance,
-            relaxation=self._relaxation,
-        )
+        weighted = replace(self._fitted, tau=tau)
+        state.weigh(weighted)
+        run = AdmmRun(weighted, state, balance=self._balance, relaxation=self._relaxation)
         stopped = False
         while state.iteration < steps and not stopped:
             run.to_check(steps)

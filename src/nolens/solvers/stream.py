@@ -63,6 +63,27 @@ class Frame:
         return self.scene[..., top : top + height, left : left + width]
 
 
+CHECK_WEIGHT_EVERY = 25
+"""Frames after which the choice of the weight is checked."""
+_WEIGHT_CHANGED = 2.0
+
+
+def weight_to_follow(weight: float, chosen: float) -> float:
+    """The weight to go on with: another choice only where it differs by more than a factor of 2.
+
+    Choices scatter from frame to frame, and pictures would flicker with them.
+
+    Parameters
+    ----------
+    weight
+        So far.
+    chosen
+        By a later frame.
+    """
+    near = weight / _WEIGHT_CHANGED <= chosen <= weight * _WEIGHT_CHANGED
+    return weight if near else chosen
+
+
 class Stream:
     """Reconstructs frame after frame through one PSF (ADMM, warm-started).
 
@@ -100,6 +121,31 @@ class Stream:
         self._iterations = iterations
         self._latency_s = latency_s
         self._residual = float("inf")
+        self.cuts = 0
+        """Frames so far that were of another scene than the one before."""
+
+    @property
+    def weight(self) -> float:
+        """Weight of the prior (`Problem.weight`)."""
+        return self._problem.weight
+
+    def weigh(self, weight: float) -> None:
+        """Go on with another weight of the prior; the pictures follow in a few frames.
+
+        Parameters
+        ----------
+        weight
+            In the unit of `Problem.weight`, ≥ 0.
+        """
+        before, self._problem = self._problem.tau, self._problem.weighted(weight)
+        if self._run is None or before == self._problem.tau:
+            return
+        if 0 in (before, self._problem.tau):
+            self._run = None  # A weight of zero leaves out a split.
+            return
+        state = self._run.state
+        state.weigh(self._problem)
+        self._run = AdmmRun(self._problem, state, balance=Balance(), relaxation=RELAXATION)
 
     def solve(self, data: Plane, valid: Plane | None = None) -> Frame:
         """Reconstruct the next frame.
@@ -149,6 +195,7 @@ class Stream:
         warm = _WARM if self._iterations >= CHECK_EVERY else _WARM_FEW
         penalties = warm if run.state.fraction_on_sensor() > _MOST_LIGHT else _WARM_SPILLING
         if self._residual > 1 or self._residual > max(_CUT, _CUT_TIMES * before):
+            self.cuts += 1
             run = self._run = _from_wiener(problem, penalties)
         else:
             run.measure(problem, penalties)

@@ -66,7 +66,7 @@ from nolens.solvers import (
 from nolens.solvers.admm_state import Balance
 from nolens.solvers.inputs import tensor_of
 from nolens.solvers.reconstructor import SPARE
-from nolens.solvers.stream import FOLLOWING
+from nolens.solvers.stream import CHECK_WEIGHT_EVERY, FOLLOWING, weight_to_follow
 
 _RESUMED = 1e-4
 """A weight that stands for the one of a state, until that is read."""
@@ -340,6 +340,7 @@ def _reconstruct_sequence(run: Run[ReconstructOptions]) -> Product[Tensor]:
     picture: Tensor | None = None
     white: float | None = None
     rows: list[dict[str, float]] = []
+    choices: list[dict[str, float]] = []
     dropped: list[tuple[str, str]] = []
     count, interrupted = len(frames.names), False
     for number, name in enumerate(frames.names):
@@ -355,6 +356,10 @@ def _reconstruct_sequence(run: Run[ReconstructOptions]) -> Product[Tensor]:
                 measurement = setup.measurement
             else:
                 measurement = setup.development.measurement(frame)
+                if setup.weight is not None and len(rows) % CHECK_WEIGHT_EVERY == 0:
+                    chosen = setup.reconstructor.choose_weight(measurement).tau / options.detail
+                    stream.weigh(weight_to_follow(stream.weight, chosen))
+                    choices.append({"frame": number + 1, "chosen": chosen, "tau": stream.weight})
             solved = stream.solve(
                 measurement.values.to(run.device), measurement.valid.to(run.device)
             )
@@ -372,7 +377,12 @@ def _reconstruct_sequence(run: Run[ReconstructOptions]) -> Product[Tensor]:
                 folder, {folder / f"{name}.png": partial(write_png, radiance=rgb, white=white)}
             )
             rows.append(
-                {"frame": number + 1, "iterations": solved.iterations, "seconds": solved.seconds}
+                {
+                    "frame": number + 1,
+                    "iterations": solved.iterations,
+                    "seconds": solved.seconds,
+                    "tau": stream.weight,
+                }
             )
         if reporter.step("frame", number + 1, count, "the pictures"):
             interrupted = True
@@ -395,6 +405,7 @@ def _reconstruct_sequence(run: Run[ReconstructOptions]) -> Product[Tensor]:
         "black": setup.development.black,
         "psf": _psf_row(setup.psf),
         "tau": setup.tau,
+        "tau_checks": choices,
         "white_radiance": white,
         "names": [name for name in frames.names if (folder / f"{name}.png").exists()],
         "threads": torch.get_num_threads(),
