@@ -245,7 +245,7 @@ def requests(studio: Running, found: Attacked) -> None:
         if not (200 <= status < 500) or not one_line:
             wrong.append((target[:60], head[:60], body[:60], status, text[-200:]))
     found.check(f"{count} odd requests", holds=not wrong, shown=wrong)
-    settings = {"method": "admm", "tau": 1e-4, "iterations": 2, "exposure_s": None}
+    settings = {"method": "admm", "detail": 1.0, "iterations": 2, "exposure_s": None}
     studio.post("live/start", {"source": "twin:small", "settings": settings})
     cancel_all(studio)  # Some of them can be done, and take long.
     identity = studio.job("reconstruct", SHORT)
@@ -286,7 +286,7 @@ def odd_requests() -> Iterator[tuple[str, str, bytes]]:
             for name in names:
                 yield post("jobs", f'{{"kind": "{kind}", "options": {{"{name}": {value}}}}}')
         yield post("jobs", f'{{"kind": {value}, "options": {value}}}')
-        for name in ("tau", "iterations", "exposure_s", "frozen", "method"):
+        for name in ("detail", "iterations", "exposure_s", "frozen", "method"):
             yield post("live/settings", f'{{"{name}": {value}}}')
         for name in ("source", "psf"):
             yield post("live/start", f'{{"source": "nothing", "{name}": {value}}}')

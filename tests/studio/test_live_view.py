@@ -39,7 +39,7 @@ Header = dict[str, Any]
 _SCANS = Path(__file__).parents[1] / "corpus" / "simulate-jpeg-300-scans.jpg"
 
 AT_FIRST = {
-    "method": "admm", "tau": 1e-4, "iterations": 2, "exposure_s": None, "gain": 1.0,
+    "method": "admm", "detail": 1.0, "iterations": 2, "exposure_s": None, "gain": 1.0,
     "frozen": False,
 }  # fmt: skip
 
@@ -138,13 +138,13 @@ def test_exposes_by_itself_and_as_it_is_told(studio: Running) -> None:
 
 def test_methods_remember_their_settings(studio: Running) -> None:
     with connect(studio.frames, max_size=None) as socket:
-        admm = studio.post("live/settings", {"tau": 3e-4, "iterations": 3})
+        admm = studio.post("live/settings", {"detail": 0.5, "iterations": 3})
         wiener = studio.post("live/settings", {"method": "wiener"})
-        assert wiener["tau"] != admm["tau"]
+        assert (admm["detail"], wiener["detail"]) == (0.5, 1)
         _, parts = frame_until(socket, lambda header, _: header["iterations"] == 1)
         assert likeness(parts["picture"], chart()) > 0.7
         back = studio.post("live/settings", {"method": "admm"})
-        assert (back["tau"], back["iterations"]) == (3e-4, 3)
+        assert (back["detail"], back["iterations"]) == (0.5, 3)
         frame_until(socket, lambda header, _: header["iterations"] == 3)
 
 

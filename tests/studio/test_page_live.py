@@ -97,10 +97,14 @@ def test_settings_act_at_once_and_freezing_holds_the_frame(visit: Visit) -> None
     await_frames(page, 2)
     page.get_by_role("button", name="Wiener").click()
     await_text(page, ".view figcaption", "Wiener")
-    tau = page.get_by_role("slider", name="τ, weight of the prior")
-    ends = "(each) => (each.value - each.min) / (each.max - each.min)"
-    assert 0.2 < tau.evaluate(ends) < 0.8
+    detail = page.get_by_role("slider", name="Detail")
+    assert detail.get_attribute("aria-valuetext") == "automatic"
+    detail.evaluate("(each) => { each.value = each.max; each.dispatchEvent(new Event('input')); }")
+    assert detail.get_attribute("aria-valuetext") == "8 × finer"
     page.get_by_role("button", name="ADMM").click()
+    page.wait_for_function(
+        "(each) => each.ariaValueText === 'automatic'", arg=detail.element_handle()
+    )
     page.get_by_label("Exposure", exact=True).evaluate(
         "(each) => { each.value = 0.75 * each.max; each.dispatchEvent(new Event('input')); }"
     )

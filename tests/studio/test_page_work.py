@@ -130,6 +130,30 @@ def test_photograph_forms_and_is_found_again(visit: Visit, studio_folder: Path, 
     visit.keep("results")
 
 
+def test_one_of_several_settings_is_chosen_by_its_picture(visit: Visit, shot: str) -> None:
+    page = visit.show("photograph")
+    page.get_by_label("Raw file", exact=True).select_option(label=shot)
+    await_text(page, "figcaption [role=status]", r"\d+ × \d+ pixels")
+    page.get_by_role("button", name="Draft").click()
+    page.get_by_label("Compare", exact=True).select_option("tau")
+    page.get_by_role("button", name="Reconstruct").click()
+    strip = page.get_by_role("group", name="Pictures with other settings")
+    strip.get_by_role("button", name="Detail 1", exact=True).wait_for()
+    assert strip.get_by_role("button").count() == 5
+    pressed = strip.locator("[aria-pressed=true]")
+    assert pressed.inner_text().strip() == "Detail 1"
+    usual = page.locator("#photograph").evaluate("(each) => each.toDataURL()")
+    strip.get_by_role("button", name="Detail 0.25").click()
+    page.wait_for_function(
+        "(before) => document.querySelector('#photograph').toDataURL() !== before", arg=usual
+    )
+    visit.keep("sweep")
+    page.get_by_role("button", name="Use this setting").click()
+    detail = page.get_by_role("slider", name="Detail")
+    assert detail.get_attribute("aria-valuetext") == "4 × smoother"
+    assert page.get_by_label("Compare", exact=True).input_value() == ""
+
+
 def undone(page: Any, shown: Image.Image) -> None:
     """Crop and tone go back step by step, and forth again."""
     size = page.locator("[data-panel=photograph] .stage figcaption .named").first

@@ -24,8 +24,8 @@ _FPS_OVER_S = 3.0
 _WEBCAM_PIXELS = 4_000_000
 """Of a webcam's frame, which is decoded between two pictures of the live view."""
 _NO_PSF = "no PSF is chosen: take one in Calibrate, or choose one, to see more than the raw frame"
-_OWN: dict[Method, tuple[float, int]] = {"admm": (1e-4, 2), "wiener": (0.5, 1)}
-"""τ and iterations that a method begins with."""
+_OWN: dict[Method, tuple[float, int]] = {"admm": (1.0, 2), "wiener": (1.0, 1)}
+"""Detail and iterations that a method begins with."""
 
 
 def main(channel: Channel) -> None:
@@ -170,10 +170,10 @@ class LiveView:
         """Settings with changes; another method comes with what it was last used with."""
         method = changes.get("method", self._settings.method)
         if method != self._settings.method:
-            tau, iterations = self._used[method]
-            changes = {"tau": tau, "iterations": iterations, **changes}
+            detail, iterations = self._used[method]
+            changes = {"detail": detail, "iterations": iterations, **changes}
         self._settings = self._settings.model_copy(update=changes)
-        self._used[method] = self._settings.tau, self._settings.iterations
+        self._used[method] = self._settings.detail, self._settings.iterations
 
     def _see(self, name: str) -> str:
         show_scene(self._twin(), name)
@@ -301,6 +301,7 @@ class LiveView:
             "exposure_s": shot.exposure_s,
             "gain": shot.gain,
             "iterations": None if picture is None else picture.iterations,
+            "tau": None if picture is None else picture.tau,
             "histogram": frame.levels.histogram,
             "clipped_fraction": frame.levels.clipped_fraction,
             "dropped": source.camera.dropped,

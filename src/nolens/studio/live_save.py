@@ -156,7 +156,8 @@ def _record(displayed: DisplayedFrame, files: list[Path], psf: Path | None) -> R
         "gain": shot.gain,
         "details": shot.details,
         "white_radiance": displayed.white,
-        **displayed.settings.model_dump(include={"method", "tau"}),
+        **displayed.settings.model_dump(include={"method", "detail"}),
+        "tau": None if picture is None else picture.tau,
     }
     return RunRecord(
         started=shot.taken.isoformat(timespec="seconds"),

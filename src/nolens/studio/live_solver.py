@@ -6,7 +6,8 @@ from torch import Tensor
 
 from nolens.camera import Frame, Measurement, develop, prepare_psf
 from nolens.operators import PixelRectangle
-from nolens.solvers import Problem, Reconstructor, Stream, wiener
+from nolens.solvers import Method, Problem, Reconstructor, Stream, wiener
+from nolens.studio.live_weight import LiveWeight, live_weight
 from nolens.studio.schemas import Settings
 
 _MOST_ROWS = 400
@@ -25,11 +26,14 @@ class LivePicture:
         Their names.
     iterations
         That it took.
+    tau
+        Weight of the prior (`Problem.weight`).
     """
 
     radiance: Tensor
     channels: tuple[str, ...]
     iterations: int
+    tau: float
 
 
 class LiveSolver:
@@ -49,7 +53,8 @@ class LiveSolver:
         self._problem: Problem | None = None
         self._channels: tuple[str, ...] = ()
         self._stream: Stream | None = None
-        self._stream_settings: tuple[float, int] | None = None
+        self._iterations = 0
+        self._weights: dict[str, LiveWeight] = {}
 
     def solve(self, measurement: Measurement, settings: Settings, brightness: float) -> LivePicture:
         """Reconstruct the next frame.
@@ -59,7 +64,7 @@ class LiveSolver:
         measurement
             The frame, developed to the pixels of the live view.
         settings
-            Method, τ and iterations.
+            Method, detail and iterations.
         brightness
             Exposure time times gain, which the picture is divided by.
 
@@ -70,22 +75,33 @@ class LiveSolver:
         """
         problem = self._problem_for(measurement)
         values, valid = measurement.values, measurement.valid
+        weight = self._weights.get(settings.method)
+        if weight is None:
+            reconstructor = Reconstructor(self._prepared_psf(measurement), self._support)
+            weight = live_weight(reconstructor, problem, Method(settings.method))
+            self._weights[settings.method] = weight
+        cuts = 0 if self._stream is None else self._stream.cuts
+        tau = weight.follow(measurement, cuts, brightness) / settings.detail
         if settings.method == "wiener":
             self._stream = None
-            result = wiener(replace(problem.measuring(values, valid), tau=settings.tau))
+            filtered = replace(problem.measuring(values, valid), tau=tau * problem.tau_unit**2)
+            result = wiener(filtered)
             picture, iterations = result.photograph, result.iterations
         else:
-            stream_settings = settings.tau, settings.iterations
-            if self._stream is None or self._stream_settings != stream_settings:
-                self._stream_settings = stream_settings
+            if self._stream is None or self._iterations != settings.iterations:
+                self._iterations = settings.iterations
                 self._stream = Stream(
-                    replace(problem, tau=settings.tau),
-                    iterations=settings.iterations,
-                    latency_s=_LATENCY_S,
+                    problem.weighted(tau), iterations=settings.iterations, latency_s=_LATENCY_S
                 )
+            self._stream.weigh(tau)
             solved = self._stream.solve(values, valid)
             picture, iterations = solved.photograph, solved.iterations
-        return LivePicture(picture / brightness, measurement.channels, iterations)
+        return LivePicture(picture / brightness, measurement.channels, iterations, tau)
+
+    def await_weights(self) -> None:
+        """Wait for the choices of weights that are being made."""
+        for weight in self._weights.values():
+            weight.wait()
 
     def _problem_for(self, measurement: Measurement) -> Problem:
         """The problem of this PSF, built again where size or channels of the frames change."""
@@ -98,6 +114,7 @@ class LiveSolver:
             psf = self._prepared_psf(measurement)
             problem = Reconstructor(psf, self._support, tau=0.0).problem(measurement)
             self._problem, self._channels, self._stream = problem, measurement.channels, None
+            self._weights = {}
         return problem
 
     def _prepared_psf(self, measurement: Measurement) -> Tensor:

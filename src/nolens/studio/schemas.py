@@ -131,10 +131,12 @@ class Uploaded(BaseModel):
 
 
 class Settings(BaseModel):
-    """How the live view is exposed and reconstructed; no exposure time means automatic."""
+    """How the live view is exposed and reconstructed: the automatic τ is divided by the detail; no
+    exposure time means automatic.
+    """
 
     method: Method = "admm"
-    tau: float = 1e-4
+    detail: float = 1.0
     iterations: int = 2
     exposure_s: float | None = None
     gain: float = 1.0
@@ -145,7 +147,7 @@ class SettingsChange(_PageRequest):
     """Some settings; what is left out stays."""
 
     method: Method | None = None
-    tau: Annotated[float, Field(ge=1e-8, le=10)] | None = None
+    detail: Annotated[float, Field(ge=0.125, le=8)] | None = None
     iterations: Annotated[int, Field(ge=1, le=40)] | None = None
     exposure_s: Annotated[float, Field(gt=0, le=1000)] | None = None
     gain: Annotated[float, Field(gt=0, le=1000)] | None = None

@@ -162,7 +162,7 @@ class ReconstructOptions(JobOptions):
     camera: Annotated[
         Name | None, Option(f"For --field: {CAMERAS}.", SOLVER, role="camera", label="PSF")
     ] = None
-    method: Annotated[Method, Option("How to solve.", SOLVER)] = Method.ADMM
+    method: Annotated[Method, Option("How to solve.", SOLVER, label="Method")] = Method.ADMM
     tau: ChosenTau = "auto"
     prior: ScenePrior = Prior.TV
     iterations: Annotated[

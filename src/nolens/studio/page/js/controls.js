@@ -1,7 +1,8 @@
 // @ts-check
 /** Controls for options, made from what their jobs declare. */
 
-import { freshId, h, tick } from "./dom.js";
+import { freshId, h, slider, tick } from "./dom.js";
+import { number } from "./format.js";
 import { declared, label, option, worded } from "./names.js";
 
 /** @typedef {{element: HTMLElement, value: () => unknown, set: (value: unknown) => void}} Control a value is undefined where the option is left out */
@@ -50,6 +51,12 @@ export function control(kind, name, { words = {}, example } = {}) {
   const input = h("input", { type: "text", spellcheck: false, placeholder: example ?? (usual.length <= LONGEST ? usual : "by default") });
   return { element: option(kind, name, input), value: () => value(input), set: (given) => { input.value = given === undefined ? "" : String(given); } };
 }
+
+/** How much detail: a factor on the automatic weight of the prior, from an eighth to eight times. @param {(detail: number) => void} [input] */
+export const detailSlider = (input) => slider({
+  label: "Detail", min: 1 / 8, max: 8, value: 1, log: true, input,
+  text: (detail) => (Math.abs(Math.log2(detail)) < 0.01 ? "automatic" : detail > 1 ? `${number(detail, 2)} × finer` : `${number(1 / detail, 2)} × smoother`),
+});
 
 /**
  * Fields of a job's options: at first those that most people need, the others under "More" by their groups.

@@ -16,6 +16,7 @@ import { curve, noCurve } from "./plots.js";
 import { recordOf, RecordView, settingsOf } from "./record.js";
 import { ReconstructionOptions } from "./reconstruction.js";
 import { LazyValues, PixelValues } from "./pixels.js";
+import { Strip } from "./strip.js";
 import { Tone } from "./tone.js";
 import { Viewer } from "./viewer.js";
 
@@ -52,10 +53,15 @@ class Photograph {
     this.stackJob = new JobView({ keep: "refocus" });
     this.gallery = new Gallery((result) => this.open(result));
     this.record = new RecordView((record) => this.again(record));
+    this.strip = new Strip((path) => this.swept(path), (settings) => this.take(settings));
     this.mode = segments("View", [["picture", "Picture"], ["compare", "Compare"], ["depths", "Depths"], ["results", "Results"]], "picture", (mode) => this.view(mode));
-    this.picture = h("div", { class: "stage" }, this.tone.viewer.element, this.tone.controls, this.record.element);
+    this.picture = h("div", { class: "stage" }, this.tone.viewer.element, this.strip.element, this.tone.controls, this.record.element);
     this.previewed.hidden = true;
     this.asked = 0;
+    /** @type {string | undefined} of the PSF of the picture */
+    this.camera = undefined;
+    /** @type {import("./record.js").RunRecord | null} of the picture */
+    this.about = null;
     fill(place, h("h1", { class: "unseen" }, "Photograph"), h("div", { class: "bench chooser" },
       h("div", { class: "side" },
         group("Raw file and PSF",
@@ -219,10 +225,29 @@ class Photograph {
    */
   async present(picture, linear, record, psf, links, open) {
     this.view("picture");
-    const camera = (await calibratedCameras()).find(({ value }) => value === folderOf(psf ?? ""))?.value;
-    const values = new LazyValues(() => PixelValues.of(linear ?? picture, camera), () => this.tone.viewer.again());
-    await this.tone.open(picture, links, values);
+    this.camera = (await calibratedCameras()).find(({ value }) => value === folderOf(psf ?? ""))?.value;
+    await this.tone.open(picture, links, this.valuesOf(linear ?? picture));
     await this.record.show(record ?? null, open);
+    this.about = record ? await recordOf(record) : null;
+    this.strip.renew(this.about?.result.sweep ?? [], folderOf(picture), picture);
+  }
+
+  /** @param {string} path of the file that has them */
+  valuesOf(path) {
+    return new LazyValues(() => PixelValues.of(path, this.camera), () => this.tone.viewer.again());
+  }
+
+  /** Show a picture of a sweep. @param {string} picture */
+  async swept(picture) {
+    const linear = picture.replace(/\.png$/, ".tif");
+    await this.tone.open(picture, fileLinks([picture, linear]), this.valuesOf(linear));
+  }
+
+  /** Take the setting of a picture of a sweep, beside those that all of them had. @param {Record<string, any>} settings */
+  async take(settings) {
+    if (!this.about) return;
+    const { sweep, ...all } = settingsOf(this.about);
+    this.options.use({ ...all, ...settings });
   }
 
   /** A result of the gallery. @param {import("./gallery.js").Result} result */

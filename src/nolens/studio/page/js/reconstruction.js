@@ -2,14 +2,13 @@
 /** How a raw file is read and reconstructed: the options that a person may leave as they are. */
 
 import { offerFiles } from "./choices.js";
-import { control, form } from "./controls.js";
-import { filePicker, h, segments, slider, tick } from "./dom.js";
-import { folderOf, number } from "./format.js";
+import { control, detailSlider, form } from "./controls.js";
+import { filePicker, h, segments } from "./dom.js";
+import { folderOf } from "./format.js";
 import { label, option } from "./names.js";
 import { told } from "./notices.js";
 
 const KIND = "reconstruct";
-const TAU = 1e-4;
 const FILE_SAYS = "as the file says";
 /** @type {Record<string, {words?: Record<string, string>, example?: string}>} what the page adds to the declarations */
 const MORE = {
@@ -27,10 +26,12 @@ const MORE = {
   flip: { words: { none: "As it is", vertical: "Upside down", horizontal: "Mirrored", both: "Rotated by 180°" } },
   prior: { words: { tv: "Total variation", "isotropic-tv": "Isotropic total variation", l1: "Few bright points (l1)", none: "No negative light, nothing else" } },
   iterations: { example: "by quality" },
+  tau: { example: "automatic" },
+  sweep: { words: { "": "One picture", tau: "With more and less detail", method: "Solvers", prior: "Priors", support: "Supports" } },
 };
 /** Options of how the raw file is read: those that refocusing has too. */
 const READING = ["black", "white", "mosaic", "bgr", "bin", "channels", "support", "flip"];
-const SOLVING = ["psf_extent", "psf_scale", "psf_flip", "crop", "prior", "iterations", "tolerance", "low_frequency"];
+const SOLVING = ["sweep", "psf_extent", "psf_scale", "psf_flip", "crop", "tau", "method", "prior", "iterations", "tolerance", "low_frequency"];
 
 export class ReconstructionOptions {
   /** @param {(file: File, select: HTMLSelectElement) => Promise<void>} bring stores a file of the visitor's and chooses it */
@@ -38,12 +39,10 @@ export class ReconstructionOptions {
     this.quality = segments(label(KIND, "quality"), [["draft", "Draft"], ["photo", "Photo"], ["exact", "Exact"]], "photo", () => {});
     this.files = { dark: h("select", {}), flat: h("select", {}) };
     this.controls = Object.fromEntries([...READING, ...SOLVING, "field"].map((name) => [name, control(KIND, name, MORE[name])]));
-    this.ownTau = tick("Choose τ", false, (on) => { this.tau.element.hidden = !on; });
-    this.tau = slider({ label: label(KIND, "tau"), min: 1e-6, max: 1e-1, value: TAU, log: true, text: (tau) => number(tau, 2) });
-    this.tau.element.hidden = true;
+    this.detail = detailSlider();
     const { controls, files } = this;
     /** @type {Record<string, HTMLElement[]>} */
-    const fields = { tau: [this.ownTau.element, this.tau.element] };
+    const fields = { detail: [this.detail.element] };
     for (const [name, select] of Object.entries(files)) {
       fields[name] = [h("div", { class: "row low" }, h("div", { class: "grow" }, option(KIND, name, select)),
         filePicker("Bring…", told(([file]) => bring(file, select)), { "aria-label": `${label(KIND, name)} of yours` }))];
@@ -67,9 +66,7 @@ export class ReconstructionOptions {
     for (const [name, each] of Object.entries(this.controls)) each.set(settings[name]);
     for (const [name, select] of Object.entries(this.files)) select.value = settings[name] ?? "";
     this.quality.set(settings.quality ?? "photo");
-    this.ownTau.box.checked = settings.tau !== undefined;
-    this.tau.element.hidden = !this.ownTau.box.checked;
-    if (settings.tau !== undefined) this.tau.set(settings.tau);
+    this.detail.set(settings.detail ?? 1);
   }
 
   /** How the raw file is read, and what of the scene is reconstructed. */
@@ -79,10 +76,10 @@ export class ReconstructionOptions {
 
   /** All of a reconstruction. @param {string} psf path of its PSF, whose camera turns angles into pixels */
   all(psf) {
-    const angle = this.controls.field.value();
+    const [angle, detail, quality] = [this.controls.field.value(), this.detail.value(), this.quality.value()];
     return {
-      ...this.reading(), ...this.values(SOLVING), quality: this.quality.value(),
-      tau: this.ownTau.box.checked ? this.tau.value() : undefined, field: angle, camera: angle && folderOf(psf),
+      ...this.reading(), ...this.values(SOLVING), quality: quality === "photo" ? undefined : quality,
+      detail: detail === 1 ? undefined : detail, field: angle, camera: angle && folderOf(psf),
     };
   }
 }

@@ -1,0 +1,99 @@
+"""The weight of the prior in the live view, chosen beside it from one of its frames."""
+
+import math
+import time
+from dataclasses import replace
+from threading import Thread
+
+from nolens.camera import Measurement
+from nolens.errors import NolensError
+from nolens.solvers import Method, Problem, Reconstructor
+from nolens.solvers.held_out import choose_weight, choose_wiener_weight, weight_by_noise
+from nolens.solvers.stream import weight_to_follow
+
+_PIXELS = 50_000
+"""Sensor pixels on which a weight is chosen: a second's work beside the live view."""
+_AGAIN_S = 30.0
+"""After which the choice is checked."""
+_PAUSE_S = 3.0
+"""Between two choices, whatever changes."""
+_BRIGHTER = 1.5
+"""Factor of the exposure that makes the noise another."""
+_WIENER = 0.5
+"""Weight of the Wiener filter in normalised units, until one is chosen."""
+
+
+class LiveWeight:
+    """Follows the weight that frames ask for: by their noise at once, then by held-out pixels.
+
+    The choice takes as long as some ten frames, so a thread of its own makes it.
+
+    Parameters
+    ----------
+    reconstructor
+        With the PSF, on the pixels of the live view; its method says which weight is chosen.
+    problem
+        Of the first frame.
+    """
+
+    def __init__(self, reconstructor: Reconstructor, problem: Problem) -> None:
+        self._reconstructor = reconstructor
+        if reconstructor.method is Method.WIENER:
+            self.weight = _WIENER / problem.tau_unit
+        else:
+            self.weight = weight_by_noise(problem).tau
+        self.choices = 0
+        """That were made so far."""
+        self._begun_s = -math.inf
+        self._about = (0, 0.0)
+        self._thread: Thread | None = None
+
+    def follow(self, measurement: Measurement, cuts: int, brightness: float) -> float:
+        """The weight of a frame.
+
+        Parameters
+        ----------
+        measurement
+            The frame; another choice may begin with it.
+        cuts
+            Changes of the scene so far.
+        brightness
+            Exposure time times gain.
+        """
+        thread, now = self._thread, time.monotonic()
+        if (thread is None or not thread.is_alive()) and self._is_due(now, cuts, brightness):
+            self._begun_s, self._about = now, (cuts, brightness)
+            self._thread = Thread(target=self._choose, args=(measurement,), daemon=True)
+            self._thread.start()
+        return self.weight
+
+    def wait(self) -> None:
+        """Until the choice that is being made is there."""
+        if self._thread is not None:
+            self._thread.join()
+
+    def _is_due(self, now: float, cuts: int, brightness: float) -> bool:
+        before_cuts, before = self._about
+        since = now - self._begun_s
+        other = cuts != before_cuts or not before / _BRIGHTER <= brightness <= before * _BRIGHTER
+        return since > (_PAUSE_S if other else _AGAIN_S)
+
+    def _choose(self, measurement: Measurement) -> None:
+        height, width = measurement.size
+        by = math.ceil(math.sqrt(height * width / _PIXELS))
+        try:
+            problem = self._reconstructor.coarse_problem(measurement, by=by)
+            wiener = self._reconstructor.method is Method.WIENER
+            weight = (choose_wiener_weight if wiener else choose_weight)(problem)
+        except (NolensError, ArithmeticError):
+            return  # Another frame may be better; the weight so far stays.
+        first = self.choices == 0
+        self.weight = weight.tau if first else weight_to_follow(self.weight, weight.tau)
+        self.choices += 1
+
+
+def live_weight(reconstructor: Reconstructor, problem: Problem, method: Method) -> LiveWeight:
+    """Of a method; the problem is built for ADMM."""
+    if method is Method.WIENER:
+        problem = replace(problem, tau_unit=problem.tau_unit**2)
+    return LiveWeight(replace(reconstructor, method=method), problem)
