@@ -38,6 +38,7 @@ def test_defaults(tmp_path: Path) -> None:
     assert told["frame"] == "chief-ray" and told["shift_um"] == [0, 0] and told["angle_deg"] == 0
     found = values(tmp_path / "psf.tif")
     assert found.shape == (3, 128, 160) and float(found.min()) >= 0
+    assert read_frame(tmp_path / "psf.tif").sensor == (128, 160)
     assert told["mean"] == pytest.approx(float(found.mean()))
     assert told["peak_over_mean"] == pytest.approx(float(found.max() / found.mean()))
     record = json.loads((tmp_path / "psf.json").read_text())
