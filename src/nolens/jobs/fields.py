@@ -239,7 +239,7 @@ PsfScale = Annotated[
     ),
 ]
 PsfFlip = Annotated[
-    TurnOver | Literal["auto"],
+    Literal["auto", "none", "vertical", "horizontal", "both"],
     Option(
         "Turn the PSF over first, as --flip turns pictures. auto: only where it explains the "
         "measurement badly as it is, and clearly better turned over.",
