@@ -134,6 +134,17 @@ def test_depth_that_is_asked_for(made: Path, tmp_path: Path) -> None:
     assert float((one - two).norm() / two.norm()) < 0.05
 
 
+def test_weight_is_chosen_at_the_depth_and_said(made: Path, tmp_path: Path) -> None:
+    """The picture is the one that the weight gives when it is stated."""
+    asked = (*SUPPORT, "--depth", "60mm", "--iterations", 20)
+    tau = told(refocus(made, tmp_path / "auto", *asked, "--json"))["tau"]
+    assert 0 < tau < 0.1
+    stated = told(refocus(made, tmp_path / "stated", *asked, "--tau", tau, "--json"))
+    assert stated["tau"] == tau
+    pictures = [(tmp_path / each / "focused.tif").read_bytes() for each in ("auto", "stated")]
+    assert pictures[0] == pictures[1]
+
+
 def test_whole_picture(made: Path, tmp_path: Path) -> None:
     left, _ = objects()
     raw = write_raw(tmp_path / "one.tif", noisy(light({25e3: left}), 0.002))

@@ -189,7 +189,7 @@ def refocus(
     at: tuple[int, int] | None = None,
     support: Support | None = None,
     dark: Raw | None = None,
-    tau: float = 1e-4,
+    tau: float | None = None,
     prior: Prior | str = Prior.TV,
     iterations: int = 100,
     device: torch.device | str = "cpu",
@@ -244,6 +244,9 @@ def refocus(
     )
     largest = reconstructor.at(depth_psfs.between.known[0].psf)
     check_solver_memory(largest, data, "a smaller support needs less")
+    weighed_um = depth_psfs.middle_um if distance is None else distance_um(distance)
+    reconstructor = reconstructor.weighted(depth_psfs.at(weighed_um))
+    assert reconstructor.tau is not None
     distances = depth_psfs.distances_um
     searching = 0.8 if distance is None else 0.0
     with reported(progress, "photograph") as advance:
@@ -270,7 +273,7 @@ def refocus(
         result.photograph.cpu(),
         data.channels,
         result,
-        tau,
+        reconstructor.tau,
         warnings=depth_psfs.warnings,
         distance_um=focused.depth_um,
     )

@@ -31,6 +31,7 @@ from nolens.jobs.fields import (
     Bin,
     Black,
     Channels,
+    ChosenTau,
     Dark,
     Device,
     FilePath,
@@ -41,7 +42,6 @@ from nolens.jobs.fields import (
     RawMosaic,
     ScenePrior,
     Support,
-    Tau,
     White,
     parts,
     two_parts,
@@ -179,9 +179,7 @@ class RefocusOptions(OutputFolderOptions):
         int, Between(2, _MOST_STEPS), Option("How many depths --stack has.", label="Depths")
     ] = 9
     support: Support = None
-    tau: Annotated[
-        Tau, Option("Weight of the prior.", SOLVER, default="1e-4", label="τ, weight of the prior")
-    ] = 1e-4
+    tau: ChosenTau = "auto"
     dark: Dark = None
     flat: Flat = None
     black: Black = None
@@ -289,7 +287,12 @@ def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
     if options.support is not None:
         support = parse_support(options.support, measurement.size, farthest)
     reconstructor = DepthReconstructor(
-        measurement, support, options.tau, options.prior, options.iterations, device=run.device
+        measurement,
+        support,
+        None if options.tau == "auto" else options.tau,
+        options.prior,
+        options.iterations,
+        device=run.device,
     )
     size = measurement.size if support is None else (support.height, support.width)
     place = None if options.at is None else _upright_place(options.at, size, options.flip)
@@ -306,7 +309,9 @@ def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
         return flipped(arrange_rgb(scene, measurement.channels), options.flip)
 
     step = partial(run.reporter.step, "iteration")
-    figures = psfs.figures()
+    weighed_um = depth if isinstance(depth, float) else psfs.middle_um
+    reconstructor = reconstructor.weighted(psfs.at(weighed_um))
+    figures = {**psfs.figures(), "tau": reconstructor.tau}
     result, stopped = Refocused(), False
     writers: dict[Path, Writer] = {}
     if depth is not None:

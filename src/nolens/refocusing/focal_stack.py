@@ -31,7 +31,10 @@ class DepthReconstructor:
         What the sensor measured.
     support
         Pixels that light can come from; None for no limit.
-    tau, prior, iterations, tolerance
+    tau
+        Weight of the prior (`Problem.weight`), the same for all depths; None leaves it to be chosen
+        (`weighted`).
+    prior, iterations, tolerance
         As `nolens reconstruct` takes them.
     device
         Where to compute.
@@ -39,7 +42,7 @@ class DepthReconstructor:
 
     measurement: Measurement
     support: PixelRectangle | None = None
-    tau: float = 1e-4
+    tau: float | None = None
     prior: Prior = Prior.TV
     iterations: int = 100
     tolerance: float = 3e-4
@@ -57,6 +60,25 @@ class DepthReconstructor:
     def solve(self, psf: Tensor, callback: Callback | None = None) -> Result:
         """The scene as it is if all of it lies at the depth of a PSF."""
         return self.at(psf).solve(self.measurement, callback=callback)
+
+    def weighted(
+        self, psf: Tensor, progress: Callable[[float], bool | None] | None = None
+    ) -> "DepthReconstructor":
+        """The same with its weight, chosen for the PSF of a depth where none is stated.
+
+        A weight of its own for each depth would make pictures of other smoothness, and objectives
+        that cannot be compared.
+
+        Parameters
+        ----------
+        psf
+            Of a depth at which the scene may lie.
+        progress
+            As `choose_weight` takes it.
+        """
+        if self.tau is not None:
+            return self
+        return replace(self, tau=self.at(psf).choose_weight(self.measurement, None, progress).tau)
 
     def at(self, psf: Tensor) -> Reconstructor:
         """What reconstructs with the PSF of a depth."""

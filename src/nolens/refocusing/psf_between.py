@@ -19,6 +19,7 @@ from nolens.errors import DataError, OptionError
 from nolens.refocusing.depth import (
     depth_mm,
     depth_of_focus_per_m,
+    depth_um,
     line_pixels,
     lit_pixels,
     per_m,
@@ -245,6 +246,11 @@ class DepthPsfs:
     def distances_um(self) -> tuple[float, ...]:
         """The nearest first."""
         return tuple(each.distance_um for each in reversed(self.between.known))
+
+    @property
+    def middle_um(self) -> float:
+        """Depth halfway between the nearest and the farthest distance, in 1/z."""
+        return depth_um((per_m(self.distances_um[0]) + per_m(self.distances_um[-1])) / 2)
 
     @property
     def line(self) -> float:
