@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from nolens.calibrate.distances import covered, magnified
 from nolens.errors import OptionError
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import read_camera
 from nolens.optics import PointSource
+from nolens.optics.magnification import covered, magnified
 
 CELLS = (61, 80)
 SPOTS = ((-14.3, -20.2), (0.0, 0.0), (6.4, 22.7), (15.1, -3.6))

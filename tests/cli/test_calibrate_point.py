@@ -20,11 +20,12 @@ from point_frames import (
 )
 from running import check_refused, listing, run
 
-from nolens.calibrate.distances import Layers, magnified
+from nolens.calibrate.distances import Layers
 from nolens.calibrate.exposures import superpixels
 from nolens.camera import preset, to_toml
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import read_camera, read_psf, read_psf_set, write_frame
+from nolens.optics.magnification import magnified
 from nolens.quantities import Angle
 
 

@@ -7,11 +7,12 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
-from nolens.calibrate.distances import Layers, covered, magnified, with_mean_light
+from nolens.calibrate.distances import Layers, with_mean_light
 from nolens.calibrate.point_psf import DarkArea
 from nolens.calibrate.registration import NEARBY, Shift, register
 from nolens.camera import PsfEntry
 from nolens.errors import DataError
+from nolens.optics.magnification import covered, magnified
 from nolens.progress import ProgressCallback
 from nolens.quantities import Angle
 

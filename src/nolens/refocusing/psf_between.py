@@ -10,12 +10,12 @@ from typing import Any, Self
 import torch
 from torch import Tensor
 
-from nolens.calibrate.distances import covered, magnified
 from nolens.calibrate.registration import register
 from nolens.camera import Camera, Frame, Measurement, PsfEntry, PsfGeometry, develop, prepare_psf
 from nolens.camera.measurement import bin_mean
 from nolens.camera.psf import edge_warning
 from nolens.errors import DataError, OptionError
+from nolens.optics.magnification import covered, magnified
 from nolens.refocusing.depth import (
     depth_mm,
     depth_of_focus_per_m,
