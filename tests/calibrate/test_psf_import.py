@@ -7,9 +7,9 @@ from point_light import light_of
 from skimage.data import astronaut
 from torch import Tensor
 
-from nolens.calibrate.frames import saturation_count
 from nolens.calibrate.psf_import import continued, import_psf
 from nolens.camera import Frame
+from nolens.camera.measurement import saturation_count
 from nolens.errors import DataError
 from nolens.evaluate import psnr, scale_fit
 from nolens.experiments.virtual_experiment import SimulatedMeasurement, VirtualExperiment, solved

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from nolens.camera import MOSAICS, Frame, Sensor
+from nolens.camera.measurement import saturation_count
 from nolens.camera.values import unusable
 from nolens.errors import DataError
 
@@ -18,8 +19,6 @@ _SAME_TIME = 2e-3
 """Relative difference up to which exposure times are one."""
 _ALIKE = 0.05
 """Difference of brightness from which frames are not of one exposure."""
-_PILED = 16
-_PILE_RATIO = 4
 
 
 class FrameMean:
@@ -329,19 +328,3 @@ def black_plane(frame: Frame) -> Tensor:
         rows, columns = frame.counts.shape[-2:]
         return levels.reshape(2, 2).repeat(-(-rows // 2), -(-columns // 2))[:rows, :columns][None]
     return levels[:, None, None]
-
-
-def saturation_count(frame: Frame) -> float:
-    """Count from which pixels are saturated; the largest one if very many have just that.
-
-    Infinite where neither the file nor its counts tell.
-    """
-    stated = float("inf") if frame.white is None else frame.white
-    top = float(frame.counts.max())
-    if top >= stated:
-        return stated
-    at_top = int((frame.counts == top).sum())
-    if at_top < _PILED or at_top == frame.counts.numel():
-        return stated
-    below = frame.counts[frame.counts < top].max()
-    return top if at_top > _PILE_RATIO * int((frame.counts == below).sum()) else stated

@@ -11,9 +11,9 @@ from scipy import ndimage, sparse
 from scipy.sparse.linalg import lsmr
 from torch import Tensor
 
-from nolens.calibrate.frames import saturation_count
 from nolens.calibrate.point_psf import dark_area, stray_light
 from nolens.camera import BlackLevel, Frame, Measurement, black_level, check_psf, develop
+from nolens.camera.measurement import saturation_count
 from nolens.camera.psf import black_is_known
 from nolens.errors import DataError
 

@@ -1,6 +1,7 @@
 """From a stored frame to linear values: black level, dark frame, flat field, mosaic, binning."""
 
 import functools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal
@@ -18,6 +19,10 @@ BlackLevel = Counts | Literal["auto"] | None
 """In counts; "auto" where a PSF's darkest corner says it, None where the files do."""
 
 _CORNER_START, _CORNER_SIZE = 5, 10
+_PILED = 16
+"""Fewest pixels of one count that are taken for saturated ones."""
+_PILE_RATIO = 4
+"""How many times as many they must be as those of the count below."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +93,7 @@ def develop(
     black
         Black level in counts, in place of the frames' own.
     white
-        Count from which a pixel is saturated, in place of the frames' own.
+        Count from which a pixel is saturated, in place of the frames' own (`saturation_count`).
     bin_by
         Number of pixels in each direction that are averaged into one.
     channels
@@ -109,7 +114,7 @@ def develop(
         )
     _check_data(frame)
     values = frame.counts.clone()
-    valid = _unsaturated(frame, white)
+    valid = _unsaturated(frame, saturation_count(frame) if white is None else white)
     if dark is not None:
         _check_fit(dark, "dark frame", frame)
         valid &= _unsaturated(dark, white)
@@ -147,6 +152,23 @@ def develop(
             )
     stated = dark is not None or black is not None or frame.black_stated
     return Measurement(values, valid, names, frame.mosaic, frame.source, stated)
+
+
+def saturation_count(frame: Frame) -> float:
+    """Count from which pixels are saturated; the largest one if very many have just that.
+
+    Infinite where neither the file nor its counts tell.
+    """
+    stated = math.inf if frame.white is None else frame.white
+    top = float(frame.counts.max())
+    if top >= stated:
+        return stated
+    at_top = int((frame.counts == top).sum())
+    # Frames of a few levels have most pixels at one of them.
+    if at_top < _PILED or at_top > frame.counts.numel() / 2:
+        return stated
+    below = frame.counts[frame.counts < top].max()
+    return top if at_top > _PILE_RATIO * int((frame.counts == below).sum()) else stated
 
 
 def dark_corner(frame: Frame) -> float:
