@@ -23,6 +23,7 @@ SUMMARY = {
     "objective",
     "tau",
     "automatic_tau",
+    "report",
     "warnings",
     "seconds",
     "device",
@@ -37,9 +38,13 @@ def test_installed_command_writes_pictures_and_record(camera: Camera, tmp_path: 
     )
     assert done.code == 0, done.err
     assert done.err == ""
-    first, *paths = done.out.splitlines()
-    assert first.startswith("admm: ") and "objective" in first and "cpu" in first
-    assert "(automatic: --detail 2 shows more detail" in first
+    *report, picture, linear, record = done.out.splitlines()
+    paths = [picture, linear, record]
+    names = ["noise", "unexplained", "resolution", "support", "run"]
+    assert [line.split()[0] for line in report] == names
+    assert "24×32 pixels" in report[3]
+    assert " admm, " in report[4] and " on cpu" in report[4]
+    assert "(automatic)" in report[4] and "--detail 2 shows more detail" in report[4]
     assert paths == [str(png), str(tif), str(tmp_path / "out.json")]
     assert sorted(listing(tmp_path)) == ["out.json", "out.png", "out.tif"]
 

@@ -12,6 +12,7 @@ from nolens.api.simulate import SimulatedMeasurement
 from nolens.camera import BlackLevel, Flip, Frame, black_level
 from nolens.errors import OptionError
 from nolens.jobs.run import check_solver_memory
+from nolens.progress import Clock
 from nolens.quantities import Length
 from nolens.refocusing import DepthPsfs, DepthReconstructor, PsfAt, focus, measured_reduced_um
 from nolens.solvers import (
@@ -26,9 +27,11 @@ from nolens.solvers import (
     stop_of,
 )
 from nolens.solvers import Progress as Iteration
+from nolens.solvers.explanation import explain, unfinished_warning
 from nolens.solvers.inputs import Support, one_of, support_of
 from nolens.solvers.psf_choice import Extent
 from nolens.solvers.reconstructor import SPARE
+from nolens.solvers.report import Report
 
 _CHOICE = 0.2
 """Fraction of the work that the choice of a weight is."""
@@ -44,6 +47,9 @@ class Photograph(Image):
         What the solver gave: objective, iterations, stop_reason, history.
     tau
         Weight of the prior that was used.
+    report
+        Noise, unexplained part, resolution, support and the run, in five lines; None of a
+        refocused one.
     notes, warnings
         What was done to the data, and what may make the picture worse than it could be.
     distance_um
@@ -52,6 +58,7 @@ class Photograph(Image):
 
     result: Result = field(repr=False)
     tau: float
+    report: Report | None = field(default=None, repr=False)
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     distance_um: float | None = None
@@ -141,6 +148,7 @@ def reconstruct(
         )
     solver, spare = _solver(method, quality, tau, prior, iterations, tolerance, device)
     frame, own = _measured(measurement)
+    pixel_rad = measurement.pixel_rad if isinstance(measurement, SimulatedMeasurement) else None
     point = frame_of(psf, "PSF")
     development = Development(
         point,
@@ -160,6 +168,8 @@ def reconstruct(
     check_solver_memory(solver, data, "a smaller support or larger pixels (bin_by) need less")
     limit = solver.limits.iterations
     chosen = _CHOICE if tau is None else 0.0
+    clock = Clock()
+    weight = None
     with reported(progress, "photograph") as advance:
         if tau is None:
 
@@ -168,6 +178,7 @@ def reconstruct(
 
             weight = solver.choose_weight(data, progress=choosing)
             solver = replace(solver, tau=weight.tau / detail)
+        explanation = explain(solver, data, weight, point.source)
         problem = solver.problem(data)
 
         def watch(step: Iteration) -> None:
@@ -175,9 +186,25 @@ def reconstruct(
 
         result = solver.solve(problem, callback=watch)
         advance(1.0)
+    report = Report.of(
+        problem,
+        result,
+        prepared.values,
+        prediction=explanation.prediction,
+        method=solver.method.value,
+        automatic_tau=tau is None,
+        seconds=clock.seconds,
+        pixel_rad=None if pixel_rad is None else developed.development.bin_by * pixel_rad,
+    )
+    unfinished = unfinished_warning(result, supported=solver.support is not None)
     notes = (*choice.notes, *(developed.notes if bin_by is None else ()), *prepared.notes)
+    warnings = (
+        *prepared.warnings,
+        *explanation.warnings,
+        *(() if unfinished is None else (unfinished,)),
+    )
     return Photograph(
-        result.photograph.cpu(), data.channels, result, problem.weight, notes, prepared.warnings
+        result.photograph.cpu(), data.channels, result, problem.weight, report, notes, warnings
     )
 
 

@@ -17,6 +17,7 @@ from nolens.api.inputs import (
     reported,
     source_of,
 )
+from nolens.calibrate.distances import pixel_angle
 from nolens.camera import Frame, LoadedCamera, ReliefFile, develop
 from nolens.errors import DataError, OptionError
 from nolens.experiments.virtual_experiment import VirtualExperiment
@@ -142,12 +143,15 @@ class SimulatedMeasurement(Image):
         How much of it each pixel gives, (height, width), 1 for the brightest.
     support
         Pixels that light comes from.
+    pixel_rad
+        Angle of a pixel of the scene in the middle of the view.
     """
 
     frame: Frame = field(repr=False)
     truth: Tensor = field(repr=False)
     response: Tensor = field(repr=False)
     support: PixelRectangle
+    pixel_rad: float = field(repr=False)
 
     @property
     def expected(self) -> Tensor:
@@ -312,7 +316,13 @@ def simulate(
         shot = experiment.measure((plane,), fill=fill, seed=seed, progress=report)
     values = develop(shot.frame).values
     return SimulatedMeasurement(
-        values, camera.channels, shot.frame, shot.truth, shot.response, shot.support
+        values,
+        camera.channels,
+        shot.frame,
+        shot.truth,
+        shot.response,
+        shot.support,
+        pixel_angle(camera.loaded.camera, camera.pixel_um),
     )
 
 

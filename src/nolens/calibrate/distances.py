@@ -230,3 +230,18 @@ def _along(radius: Tensor, pixel_um: float, table: Tensor, values: Values) -> Va
     """Values of a table of radii, at each pixel's radius."""
     result: Values = np.interp((radius * pixel_um).numpy(), table.numpy(), values)
     return result
+
+
+def pixel_angle(camera: Camera, pixel_um: float) -> float:
+    """Angle between neighbouring scene pixels in the middle of the view, in rad, of a far scene.
+
+    A ray at the small angle θ moves by Dθ on its way from mask to sensor, D = Σ t/n.
+
+    Parameters
+    ----------
+    camera
+        The measurement's.
+    pixel_um
+        Pitch of the measurement's pixels.
+    """
+    return pixel_um / Layers.of_camera(camera).after.reduced_um

@@ -11,6 +11,7 @@ from nolens.camera.measurement import Measurement, bin_mean, darkest_corner
 from nolens.errors import DataError, OptionError
 
 _SATURATED_FRACTION = 1e-3
+_SATURATED_MEASUREMENT = 1e-2
 _CORNER_FRACTION = 1e-2
 _HAS_CORNERS = 60  # Below, the corners' pixels reach into the middle half of the PSF.
 _EDGE_FRACTION = 0.2
@@ -316,10 +317,17 @@ def _psf_warnings(psf: Measurement, values: Tensor) -> list[str]:
 def _pair_warnings(psf: Measurement, values: Tensor, measurement: Measurement) -> list[str]:
     """Sentences, one for each warning of a PSF beside a measurement; as `_psf_warnings`."""
     texts = []
+    saturated = float((~measurement.valid).float().mean())
+    if saturated > _SATURATED_MEASUREMENT:
+        texts.append(
+            f"{100 * saturated:.2g} % of the measurement {measurement.source} cannot be used, as "
+            "it is saturated or has no flat field, and is left out of the fit: a shorter exposure "
+            "gives a better picture"
+        )
     edge = edge_warning(psf.source, values, measurement.size)
     if edge is not None and black_is_known(psf, values):
         texts.append(edge)
-    if _finer_than(measurement.values, values):
+    if has_finer_detail(measurement.values, values):
         texts.append(
             f"the measurement {measurement.source} has finer detail than the PSF {psf.source}, and "
             "a measurement is the scene blurred by the PSF: the two files may be swapped"
@@ -362,7 +370,7 @@ def edge_warning(source: str, values: Tensor, sensor: tuple[int, int]) -> str | 
         f"the PSF {source} has light up to the sensor's edges: what falls beyond them is missing "
         "from it, and pictures come out poor, depths wrong. Give an extended PSF "
         "(nolens calibrate stitch or extrapolate; of a simulated camera nolens psf --pixels) with "
-        "--psf-extent wide and --support"
+        "--psf-extent wide and --support; an aperture on the mask keeps such light out"
     )
 
 
@@ -380,7 +388,7 @@ def extrapolation_note(
     )
 
 
-def _finer_than(measured: Tensor, psf: Tensor) -> bool:
+def has_finer_detail(measured: Tensor, psf: Tensor) -> bool:
     """Whether a measurement has clearly finer detail than a PSF, both (channels, height, width).
 
     A measurement is a weighted mean of shifted PSFs, so its detail is no finer.

@@ -12,22 +12,17 @@ from nolens.jobs import reconstruct as reconstruct_job
 
 
 def _lines(summary: dict[str, Any]) -> list[str]:
-    """What came of it, and what could make it better."""
-    end = f"{summary['seconds']:.1f} s on {summary['device']}"
+    """What came of it."""
     if "frames" in summary:
+        end = f"{summary['seconds']:.1f} s on {summary['device']}"
         dropped = f", {len(summary['dropped'])} dropped" if summary["dropped"] else ""
         return [f"{summary['frames']} frames{dropped} ({summary['stop_reason']}), {end}"]
-    stop, tau = summary["stop_reason"], f"tau {summary['tau']:.3g}"
-    if stop == "iteration limit":
-        stop += ": it still moves; more --iterations, larger pixels (--bin 2) or --support help"
+    report = summary["report"]["lines"]
+    width = max(len(name) for name, _ in report)
+    lines = [f"{name:{width}}  {text}" for name, text in report]
     if summary["automatic_tau"]:
-        tau += " (automatic: --detail 2 shows more detail, --detail 0.5 less noise)"
-    compared = [_sweep_line(row) for row in summary.get("sweep", ())]
-    return [
-        f"{summary['method']}: {summary['iterations']} iterations ({stop}), {tau}, objective "
-        f"{summary['objective']:.4g}, {end}",
-        *compared,
-    ]
+        lines[-1] += "; --detail 2 shows more detail, --detail 0.5 less noise"
+    return [*lines, *(_sweep_line(row) for row in summary.get("sweep", ()))]
 
 
 def _sweep_line(row: dict[str, Any]) -> str:

@@ -73,8 +73,9 @@ class Prediction:
     residual: float
     contrast: float
     noise: float
-    blocks: Tensor = field(repr=False, compare=False)
-    """Squared residual of each block that was left out, over the squared contrast of all."""
+    blocks: Tensor = field(default_factory=lambda: torch.empty(0), repr=False, compare=False)
+    """Squared residual of each block that was left out, over the squared contrast of all; none
+    of a fit (`fit`)."""
 
     @property
     def unexplained(self) -> float:
@@ -95,6 +96,11 @@ class Prediction:
     def excess(self, other: "Prediction") -> tuple[float, float]:
         """How much more is unexplained than by another of the same blocks; its standard error."""
         return _apart(self.blocks, other.blocks)
+
+    @property
+    def explained(self) -> float:
+        """Fraction of what is not noise that it explains: 1 for a perfect scene, 0 for none."""
+        return 1 - self.missed
 
 
 @dataclass(frozen=True)
@@ -221,6 +227,28 @@ def predict(problem: Problem) -> Prediction | None:
     path = _Path(problem, blocks, None, Balance(), RELAXATION, None)
     errors = path.first(_FROM[problem.prior] * noise)
     return _prediction(problem, errors, noise, path.held, blocks)
+
+
+def fit(problem: Problem, scene: Tensor) -> Prediction:
+    """How well a scene explains the pixels that it was fitted to, in the terms of `Prediction`.
+
+    Parameters
+    ----------
+    problem
+        That was solved.
+    scene
+        In units of measurement over PSF.
+    """
+    fitted, weights = problem.valid, _channel_weights(problem)
+
+    def size(residual: Tensor) -> float:
+        rest = torch.where(fitted, residual - _local_mean(residual, fitted), 0)
+        squares = rest.square().sum((-2, -1), dtype=torch.float64).cpu()
+        counts = fitted.sum((-2, -1)).cpu().clamp_min(1)
+        return math.sqrt(float(weights @ (squares / counts)))
+
+    residual = problem.residual(scene / problem.scale)
+    return Prediction(size(residual), size(problem.data), pixel_noise(problem))
 
 
 def choose_wiener_weight(problem: Problem) -> Weight:

@@ -20,6 +20,7 @@ from nolens.camera import (
 )
 from nolens.errors import DataError, FileError, NolensError, OptionError
 from nolens.files import (
+    CAMERA_FILE,
     InputFile,
     open_sequence,
     read_frame,
@@ -64,8 +65,11 @@ from nolens.solvers import (
     stop_of,
 )
 from nolens.solvers.admm_state import Balance
+from nolens.solvers.explanation import explain, unfinished_warning
+from nolens.solvers.held_out import Prediction
 from nolens.solvers.inputs import tensor_of
 from nolens.solvers.reconstructor import SPARE
+from nolens.solvers.report import Report
 from nolens.solvers.stream import CHECK_WEIGHT_EVERY, FOLLOWING, weight_to_follow
 
 _RESUMED = 1e-4
@@ -127,6 +131,7 @@ class _Setup:
     measurement: Measurement
     reconstructor: Reconstructor
     weight: Weight | None
+    prediction: Prediction | None
     problem: Problem
     window: tuple[int, int, int, int]
 
@@ -147,10 +152,20 @@ class _Setup:
         weight = _weight(run, reconstructor, options, measurement)
         if weight is not None:
             reconstructor = replace(reconstructor, tau=weight.tau / options.detail)
+        explanation = explain(reconstructor, measurement, weight, development.psf.source)
+        run.warn(*explanation.warnings)
         problem = reconstructor.problem(measurement)
         window = _crop_window(options, problem)
         return cls(
-            options, choice, development, measurement, reconstructor, weight, problem, window
+            options,
+            choice,
+            development,
+            measurement,
+            reconstructor,
+            weight,
+            explanation.prediction,
+            problem,
+            window,
         )
 
     def varied(
@@ -183,6 +198,27 @@ class _Setup:
     def tau(self) -> float:
         """The weight of the prior: that of the options, or the program's choice."""
         return self.problem.weight if self.options.tau == "auto" else self.options.tau
+
+    @property
+    def pixel_rad(self) -> float | None:
+        """Angle of a scene pixel in the middle of the view; None where no camera is known."""
+        options = self.options
+        camera = options.camera or options.psf.parent / CAMERA_FILE
+        if isinstance(camera, Path) and not camera.is_file():
+            return None
+        # Most reconstructions need no camera.
+        from nolens.calibrate.distances import pixel_angle
+        from nolens.files import read_camera
+
+        try:
+            described = read_camera(camera).camera
+        except NolensError:  # A file beside the PSF may be of another kind.
+            return None
+        side = options.bin_by * (1 if described.sensor.mosaic == "none" else 2)
+        size = described.sensor.rows // side, described.sensor.columns // side
+        if size != self.measurement.size:  # Another camera's.
+            return None
+        return pixel_angle(described, side * described.sensor.pitch.um)
 
     def picture(self, scene: Tensor) -> Tensor:
         """The part of a scene that is written, as --flip turns it."""
@@ -249,6 +285,19 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: _Setup) -> Product[T
     picture = setup.picture(result.scene)
     white = exposure_white(picture)  # An empty picture is an error before anything is written.
     interrupted = result.stop_reason == "callback"
+    unfinished = unfinished_warning(result, supported=reconstructor.support is not None)
+    if unfinished is not None:
+        run.warn(unfinished)
+    report = Report.of(
+        problem,
+        result,
+        tensor_of(reconstructor.psf, "PSF"),
+        prediction=setup.prediction,
+        method=reconstructor.method.value,
+        automatic_tau=options.tau == "auto",
+        seconds=run.clock.seconds,
+        pixel_rad=setup.pixel_rad,
+    )
     rgb = arrange_rgb(picture, setup.measurement.channels)
     write = partial(_write, white=white, options=options)
     writers: dict[Path, Writer] = {path: partial(write, picture=rgb) for path in options.output}
@@ -261,6 +310,7 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: _Setup) -> Product[T
         "objective": result.objective,
         "tau": tau,
         "automatic_tau": options.tau == "auto",
+        "report": report.summary(),
     }
     if options.sweep is not None and not interrupted:
         settings = sweep_settings(options, None, setup.measurement.size)
