@@ -1,1 +1,111 @@
-"""What is said of a PSF and a measurement that do not belong together, and that good ones are silent."""
+"""What is said of a PSF and a measurement that do not belong together; good ones are silent."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+import torch.nn.functional as nnf
+from skimage import data as photographs
+from torch import Tensor
+
+from nolens.camera import Measurement
+from nolens.operators import CroppedConvolution, PixelRectangle
+from nolens.optics.magnification import magnified
+from nolens.solvers import Method, Reconstructor
+from nolens.solvers.explanation import explain, unfinished_warning
+from nolens.solvers.problem import Prior
+from nolens.solvers.result import Stop
+
+SENSOR = (192, 224)
+SUPPORT = PixelRectangle.centred(64, 64, SENSOR)
+
+
+def mask_psf(seed: int = 0) -> Tensor:
+    """Fine random lines, like a caustic's, behind an aperture."""
+    noise = torch.randn(1, 1, *SENSOR, generator=torch.Generator().manual_seed(seed))
+    smooth = nnf.avg_pool2d(nnf.avg_pool2d(noise, 7, 1, 3), 5, 1, 2)
+    lines = torch.exp(-((smooth / 0.01).square()))[0]
+    return nnf.pad(lines[:, 32:-32, 40:-40], (40, 40, 32, 32))
+
+
+def photograph() -> Tensor:
+    encoded = torch.as_tensor(photographs.camera()).float()[None, None] / 255
+    return nnf.interpolate(encoded, size=(64, 64), mode="bilinear", antialias=True)[0]
+
+
+def measured(psf: Tensor, noise: float = 0.01) -> Measurement:
+    light = CroppedConvolution(psf, SENSOR, SUPPORT)(photograph())
+    light /= light.square().mean().sqrt()
+    values = light + noise * torch.randn(light.shape)
+    return Measurement(values, torch.ones_like(values, dtype=torch.bool), ("grey",), None, "raw")
+
+
+def said(psf: Tensor, data: Measurement, support: PixelRectangle | None = SUPPORT) -> str:
+    solver = Reconstructor(psf, support, tau=1e-4)
+    return " ".join(explain(solver, data, None, "psf").warnings)
+
+
+@pytest.mark.parametrize("noise", [0.003, 0.03, 0.2])
+@pytest.mark.parametrize("support", [SUPPORT, None])
+def test_good_problems_are_silent(noise: float, support: PixelRectangle | None) -> None:
+    psf = mask_psf()
+    assert said(psf, measured(psf, noise), support) == ""
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda psf: magnified(psf, 1.025), ("3 % smaller", "farther", "nolens refocus")),
+        (lambda psf: magnified(psf, 0.97), ("3 % larger", "nearer")),
+        (lambda psf: psf.flip(-1), ("not explained by the PSF psf", "refocused or moved")),
+        (lambda psf: mask_psf(1), ("noise alone would be", "another camera")),
+    ],
+)
+def test_another_psf(change, words) -> None:  # type: ignore[no-untyped-def]
+    psf = mask_psf()
+    text = said(change(psf), measured(psf))
+    for word in words:
+        assert word in text
+
+
+def test_support_that_is_too_small() -> None:
+    psf = mask_psf()
+    text = said(psf, measured(psf), PixelRectangle.centred(48, 48, SENSOR))
+    assert "support of 48×48 pixels" in text and "comes from beyond it" in text
+
+
+def test_files_that_are_exchanged() -> None:
+    """A scene of a few points, whose measurement is as fine as its PSF."""
+    psf = mask_psf()
+    points = torch.zeros(1, 64, 64)
+    points[0, 10, 40] = points[0, 30, 12] = 1
+    points[0, 50, 30] = 2
+    light = CroppedConvolution(psf, SENSOR, SUPPORT)(points)
+    data = replace(measured(psf), values=light / light.max() + 0.002 * torch.rand(light.shape))
+    assert said(psf, data) == ""
+    swapped = replace(data, values=psf / psf.max(), source="psf")
+    text = said(data.values, swapped, None)
+    assert "exchanged" in text and "swapped" in text
+
+
+def test_what_noise_hides_and_what_is_too_small_to_judge() -> None:
+    psf = mask_psf()
+    assert said(psf.flip(-1), measured(psf, 3.0)) == ""
+    data = measured(psf)
+    small = replace(data, values=data.values[:, :20, :20], valid=data.valid[:, :20, :20])
+    assert explain(Reconstructor(psf, None, tau=1e-4), small, None, "psf").prediction is None
+    # Another prior or none is judged all the same, and the filter by its own prediction alone.
+    wrong = Reconstructor(psf.flip(-1), SUPPORT, tau=1e-4, prior=Prior.NONE)
+    assert explain(wrong, data, None, "psf").warnings
+    filtered = Reconstructor(psf.flip(-1), SUPPORT, method=Method.WIENER)
+    assert explain(filtered, data, filtered.choose_weight(data), "psf").warnings
+
+
+def test_a_run_that_was_ended_early() -> None:
+    psf = mask_psf()
+    data = measured(psf)
+    early = Reconstructor(psf, None, tau=1e-4, stop=Stop(8, 0.0, 0.0, low_frequency=False))
+    text = unfinished_warning(early.solve(data), supported=False)
+    assert text is not None and "8 iterations" in text and "--support" in text
+    whole = Reconstructor(psf, SUPPORT, tau=1e-4)
+    assert unfinished_warning(whole.solve(data), supported=True) is None

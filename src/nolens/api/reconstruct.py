@@ -201,7 +201,7 @@ def reconstruct(
     warnings = (
         *prepared.warnings,
         *explanation.warnings,
-        *(() if unfinished is None else (unfinished,)),
+        *(() if unfinished is None or iterations is not None else (unfinished,)),
     )
     return Photograph(
         result.photograph.cpu(), data.channels, result, problem.weight, report, notes, warnings

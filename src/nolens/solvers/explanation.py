@@ -29,6 +29,10 @@ _BADLY = 0.5
 """Explained fraction below which the PSF is not the measurement's."""
 _CLEARLY = 0.1
 """Explained fraction by which another reading must be better to be named."""
+_EXCHANGED = 0.25
+"""The same for exchanged files."""
+_FAIRLY = 0.8
+"""Explained fraction that another size or support must reach to be named."""
 _BURIED = 0.8
 """Fraction of the contrast that is noise, above which nothing can be told."""
 _PIXELS = 60_000
@@ -107,8 +111,7 @@ def unfinished_warning(result: Result, *, supported: bool) -> str | None:
     support = "" if supported else "a support of the scene (--support), "
     return (
         f"the limit of {result.iterations} iterations was reached while the picture still changes "
-        f"by {_percent(step)} in each: more --iterations, {support}larger pixels (--bin 2) or an "
-        "extended PSF help"
+        f"by {_percent(step)} in each: {support}larger pixels (--bin 2) or more --iterations help"
     )
 
 
@@ -146,9 +149,9 @@ class _Trials:
         if badly and has_finer_detail(self._data, self._psf):
             return None  # It was said with the PSF.
         remedy = (
-            (self._exchange() if badly else None)
-            or self._larger_support(now, support)
+            self._exchange(now)
             or self._size(now, support)
+            or self._larger_support(now, support)
             or (_UNKNOWN if badly else None)
         )
         if remedy is None:
@@ -159,7 +162,7 @@ class _Trials:
             f"would be {_percent(now.unexplained_by_noise)}{remedy}"
         )
 
-    def _exchange(self) -> str | None:
+    def _exchange(self, now: Prediction) -> str | None:
         """What is said where PSF and measurement explain each other better the other way round."""
         height, width = self._sensor
         rows, columns = self._psf.shape[-2:]
@@ -170,18 +173,21 @@ class _Trials:
             exchanged = predict(solver.coarse_problem(middle, None, self._by))
         except NolensError:  # What is no PSF explains nothing.
             return None
-        if exchanged is None or exchanged.explained < _BADLY:
+        least = max(_BADLY, now.explained + _EXCHANGED)
+        if exchanged is None or exchanged.explained < least:
             return None
         rest = _percent(exchanged.unexplained)
         return f". With the two files exchanged it is {rest}: they seem to be swapped"
 
     def _larger_support(self, now: Prediction, support: PixelRectangle | None) -> str | None:
         """What is said where light comes from beyond the support."""
-        # Without one, the light that a cut PSF lacks would come from there.
+        # Without one, the light that a cut PSF lacks would come from there; and what is missing
+        # from another camera's finds some place.
         if support is None or reaches_edges(self._psf, self._sensor):
             return None
         free = self._of(self._psf, None)
-        if free is None or free.explained < now.explained + _CLEARLY:
+        least = max(_FAIRLY, now.explained + _CLEARLY)
+        if free is None or free.explained < least:
             return None
         return (
             f". Without the support of {support.height}×{support.width} pixels it is "
@@ -191,7 +197,7 @@ class _Trials:
 
     def _size(self, now: Prediction, support: PixelRectangle | None) -> str | None:
         """What is said where the PSF of another distance explains more."""
-        best, size = now.explained + _CLEARLY, None
+        best, size = max(_FAIRLY, now.explained + _CLEARLY), None
         for factor in _MAGNIFICATIONS:
             other = self._of(magnified(self._psf, factor), support)
             if other is not None and other.explained > best:

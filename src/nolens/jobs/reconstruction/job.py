@@ -286,7 +286,7 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: _Setup) -> Product[T
     white = exposure_white(picture)  # An empty picture is an error before anything is written.
     interrupted = result.stop_reason == "callback"
     unfinished = unfinished_warning(result, supported=reconstructor.support is not None)
-    if unfinished is not None:
+    if unfinished is not None and options.iterations is None:
         run.warn(unfinished)
     report = Report.of(
         problem,
