@@ -64,6 +64,16 @@ def test_white_can_be_given():
     assert develop(grey([[1, 2], [3, 4]]), white=3).valid.tolist() == [[[True, True], [False] * 2]]
 
 
+def test_pixels_that_pile_up_at_the_largest_count_are_saturated():
+    counts = torch.poisson(torch.full((60, 80), 200.0)).clamp(max=225)
+    piled = develop(grey(counts.tolist()))
+    assert torch.equal(piled.valid[0], counts < 225)
+    assert develop(grey(counts.tolist()), white=1000).valid.all()
+    # Most of a faint frame has one of a few counts.
+    faint = (torch.rand(60, 80) < 0.9).float()
+    assert develop(grey(faint.tolist())).valid.all()
+
+
 def test_dark_frame_holds_the_black_level():
     frame = grey([[110, 120], [130, 140]], black=(100.0,))
     dark = grey([[101, 102], [103, 255]], black=(100.0,), white=255.0)

@@ -236,6 +236,17 @@ def test_saturated_psf_is_doubted():
     assert re.search(r"0\.2 % of the PSF psf\.tif is saturated", warning)
 
 
+def test_saturated_measurement_is_doubted():
+    psf, data = spot(40, 50), scene(40, 50)
+    valid = torch.ones(1, 40, 50, dtype=torch.bool)
+    valid[0, :2, :10] = False
+    few = replace(data, valid=valid)
+    assert prepare_psf(psf, few).warnings == ()
+    valid[0, :2, :30] = False
+    (warning,) = prepare_psf(psf, few).warnings
+    assert re.search(r"3 % of the measurement raw\.dng cannot be used", warning)
+
+
 def test_black_level_that_was_not_subtracted_is_doubted():
     psf = spot(60, 80)
     lifted = measurement(psf.values + 2)

@@ -46,20 +46,25 @@ export function mainFigures({ result, parameters }) {
   ].filter(Boolean).join(" · ");
 }
 
-/** A record under the picture that it belongs to. */
+/** A record under the picture that it belongs to, and before it the report of the picture. */
 export class RecordView {
   /** @param {(record: RunRecord) => Promise<void>} use takes its settings again */
   constructor(use) {
     this.use = use;
+    this.report = h("div", { class: "group record report", hidden: true });
     this.element = h("details", { class: "group record", hidden: true });
   }
 
   /** @param {string | null} path of the record @param {boolean} [open] */
   async show(path, open = false) {
-    this.element.hidden = true;
+    this.element.hidden = this.report.hidden = true;
     if (!path) return;
     const record = await recordOf(path);
     const { inputs, result, parameters, warnings } = record;
+    /** @type {[string, string][]} of records since they have it */
+    const lines = result.report?.lines ?? [];
+    fill(this.report, figureTable(lines.map(([name, text]) => [name[0].toUpperCase() + name.slice(1), text]), "Report of the picture"));
+    this.report.hidden = lines.length === 0;
     const settings = Object.entries(settingsOf(record)).filter(([name]) => !NO_SETTINGS.includes(name) && !(name in inputs))
       .map(([name, value]) => `${label("reconstruct", name)}: ${value}`);
     /** @type {[string, import("./dom.js").Child][]} */
