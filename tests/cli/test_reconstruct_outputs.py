@@ -158,8 +158,9 @@ def test_warnings_are_said_and_recorded(camera: Camera, tmp_path: Path) -> None:
     done = run("reconstruct", camera.raw, *asked, "--white", 2500)
     assert done.code == 0
     assert done.err.startswith("nolens: warning: ") and "saturated" in done.err
-    (warning,) = json.loads((tmp_path / "o.json").read_text())["warnings"]
-    assert warning in done.err
+    psf, measurement = json.loads((tmp_path / "o.json").read_text())["warnings"]
+    assert psf in done.err and "psf.dng is saturated" in psf
+    assert measurement in done.err and "raw.dng cannot be used" in measurement
 
 
 def test_name_that_is_no_utf8(camera: Camera, tmp_path: Path) -> None:

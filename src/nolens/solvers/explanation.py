@@ -126,7 +126,7 @@ class _Trials:
         )
         self._measurement = measurement
         self._sensor = measurement.size
-        self._by = max(1, round(math.sqrt(math.prod(self._sensor) / _PIXELS)))
+        self._by = math.ceil(math.sqrt(math.prod(self._sensor) / _PIXELS))
         power = torch.where(measurement.valid, measurement.values, 0).square().sum((-2, -1))
         channel = int(power.argmax())
         psf = tensor_of(reconstructor.psf, "PSF")

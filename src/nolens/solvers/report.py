@@ -151,7 +151,7 @@ class Report:
             "held_out": self.held_out,
             "resolution_pixels": self.resolution_pixels,
             "resolution_mrad": self._resolution_mrad,
-            "support": list(self.support),
+            "support_pixels": list(self.support),
             "limited": self.limited,
             "lines": [list(line) for line in self.lines],
         }
