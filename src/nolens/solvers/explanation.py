@@ -33,11 +33,13 @@ _EXCHANGED = 0.25
 """The same for exchanged files."""
 _FAIRLY = 0.8
 """Explained fraction that another size or support must reach to be named."""
-_BURIED = 0.8
+_BURIED = 0.7
 """Fraction of the contrast that is noise, above which nothing can be told."""
 _PIXELS = 60_000
 """Sensor pixels that predictions are made with."""
 _MAGNIFICATIONS = (0.97, 0.99, 1.01, 1.03)
+_ERRORS = 2.0
+"""Standard errors by which it must be below that."""
 _UNKNOWN = (
     ": was the camera refocused or moved, or is it the PSF of another camera, or mirrored? Take "
     "the PSF anew with the settings of the measurement"
@@ -145,7 +147,8 @@ class _Trials:
         now = self._of(self._psf, support)
         if now is None or now.unexplained_by_noise > _BURIED or now.explained >= _WELL:
             return None
-        badly = now.explained < _BADLY
+        error = float(now.blocks.std()) / math.sqrt(len(now.blocks))
+        badly = now.explained + _ERRORS * error / (1 - now.unexplained_by_noise) < _BADLY
         if badly and has_finer_detail(self._data, self._psf):
             return None  # It was said with the PSF.
         remedy = (
