@@ -37,7 +37,7 @@ PLACES = {NEAR_UM: (14.0, 11.0), FAR_UM: (14.0, 36.0)}
 
 
 def search(values: torch.Tensor, near: float = 12e3, far: float = 1e6, **more: object) -> Autofocus:
-    asked = {"tau": 1e-3, "iterations": 40, **more}
+    asked = {"tau": 0.011, "iterations": 40, **more}
     reconstructor = DepthReconstructor(measurement(values), SUPPORT, **asked)  # type: ignore[arg-type]
     return Autofocus(reconstructor, spots, near, far, FOCUS)
 
@@ -69,7 +69,7 @@ def test_two_objects_are_found_where_they_are() -> None:
 
 def test_false_edges_do_not_mislead() -> None:
     """With hardly any prior, depths that explain little show more edges than the right one."""
-    found = search(noisy(two_objects(), 0.003), tau=1e-5, iterations=60).run(PLACES[NEAR_UM])
+    found = search(noisy(two_objects(), 0.003), tau=1.1e-4, iterations=60).run(PLACES[NEAR_UM])
     assert per_m(found.depth_um) == pytest.approx(per_m(NEAR_UM), abs=0.5 * FOCUS)
     most = max(found.tried, key=lambda each: each.sharpness)
     assert per_m(most.depth_um) - per_m(NEAR_UM) > FOCUS

@@ -29,7 +29,7 @@ from nolens.refocusing import (
 )
 
 RECONSTRUCTOR = DepthReconstructor(
-    measurement(noisy(two_objects(), 0.003)), SUPPORT, tau=1e-3, iterations=80
+    measurement(noisy(two_objects(), 0.003)), SUPPORT, tau=0.011, iterations=80
 )
 
 

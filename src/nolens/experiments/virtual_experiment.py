@@ -366,7 +366,7 @@ def solved(
     support: PixelRectangle | None,
     *,
     iterations: int = 300,
-    tau: float = 5e-6,
+    tau: float | None = None,
     progress: ProgressCallback | None = None,
 ) -> Tensor:
     """Scene on the pixels of the support, by ADMM (`nolens.solvers.admm`).
@@ -379,8 +379,10 @@ def solved(
         On its pixels, as large as the sensor or larger, (channels, rows, columns).
     support
         Pixels that light can come from; None for no limit.
-    iterations, tau
-        As `nolens reconstruct` takes them; all iterations are done.
+    iterations
+        All of them are done.
+    tau
+        Weight of the prior; None chooses it by held-out pixels.
     progress
         Called with the fraction that is done.
     """
