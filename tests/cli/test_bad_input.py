@@ -96,12 +96,7 @@ def test_jpeg(bench: Bench) -> None:
 def test_another_size(bench: Bench) -> None:
     save(bench.folder / "small.npy", spots((40, 60)))
     bench.psf = bench.folder / "small.npy"
-    bench.refuses("small.npy has 40×60", "raw.dng has 48×64", "at least as large", "--bin")
-
-
-def test_other_channels(bench: Bench) -> None:
-    bench.raw = save(bench.folder / "grey.npy", measured(spots())[:1])
-    bench.refuses("psf.dng has the channels R, G, B", "grey.npy has grey", "--channels grey")
+    bench.refuses("small.npy has 40×60", "raw.dng has 48×64")
 
 
 def test_another_mosaic(bench: Bench) -> None:
@@ -132,7 +127,7 @@ def test_saturated_everywhere(bench: Bench) -> None:
 
 
 def test_negative_tau(bench: Bench) -> None:
-    bench.refuses("tau is -1", "0 to 1000000", more=("--tau", -1))
+    bench.refuses("tau is", "-1", "0 to 1000000", more=("--tau", -1))
 
 
 def test_unknown_option(bench: Bench) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from browser import Visit, await_text, needs_chromium, picture_of
 from PIL import Image
+from playwright.sync_api import expect
 
 from nolens.camera import srgb_from_linear
 from nolens.capture import chart
@@ -109,7 +110,7 @@ def test_settings_act_at_once_and_freezing_holds_the_frame(visit: Visit) -> None
         "(each) => { each.value = 0.75 * each.max; each.dispatchEvent(new Event('input')); }"
     )
     assert await_text(page, ".verdict", "Clipped")
-    assert not page.get_by_label("Automatic exposure").is_checked()
+    expect(page.get_by_label("Automatic exposure")).not_to_be_checked()
     page.get_by_label("Automatic exposure").check()
     await_text(page, ".verdict", "Exposure right")
     page.keyboard.press("Space")
