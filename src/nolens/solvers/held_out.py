@@ -1,7 +1,7 @@
 r"""The weight of the prior, chosen by pixels of the measurement that are left out of the fit.
 
-Blocks of sensor pixels are left out, the problem is solved for weights from strong to weak, and
-each scene says what it expects on the pixels that it has not seen. Too strong a prior leaves out
+Blocks of sensor pixels are left out, the problem is solved for one weight after the other, and each
+scene says what it expects on the pixels that it has not seen. Too strong a prior leaves out
 detail, too weak a one explains noise: both predict worse. It is cross-validation with one fold
 (`stone1974`), and its one-standard-error rule takes the strongest weight that predicts as well as
 the best as far as one can tell (`hastie2009`, § 7.10).
@@ -170,9 +170,9 @@ def choose_weight(
 ) -> Weight:
     """The weight of the prior with which left-out pixels are predicted best.
 
-    The first weight is the one that the noise asks for; every other one's scene starts from the
-    one before it, weaker by a factor of 2 until the prediction is worse, or stronger where it is
-    so at once. It takes about as long as one reconstruction.
+    The first weight is the one that the noise asks for. From there they go down by factors of 2
+    until the prediction is worse, and from the best of them up until it is worse again; every
+    scene starts from the one before it. It takes about as long as one reconstruction.
 
     Parameters
     ----------
@@ -328,7 +328,7 @@ def _held_out_blocks(valid: Tensor) -> Tensor | None:
 
 
 class _Path:
-    """Weights from strong to weak, each solved from where the one before ended."""
+    """Weights down and up again, each solved from where the one before ended."""
 
     def __init__(
         self,
