@@ -14,7 +14,7 @@ from torch import Tensor
 
 from nolens.camera import develop
 from nolens.evaluate import siemens_star, slanted_edge, star_contrast
-from nolens.experiments.resolution import AngularScale
+from nolens.experiments.resolution import TAU, AngularScale
 from nolens.experiments.virtual_experiment import VirtualExperiment, solved
 from nolens.files import read_camera, read_picture, write_frame, write_png, write_tiff32
 from nolens.operators import PixelRectangle
@@ -54,7 +54,7 @@ def captured(bench: VirtualExperiment, tmp_path_factory: pytest.TempPathFactory)
         frame = bench.exposed(light, 0.9, number)
         write_frame(folder / f"raw{number}.dng", frame)
         seen = develop(frame, channels="grey")
-        picture = solved(seen, psf.mean(0, keepdim=True), SUPPORT, iterations=100)
+        picture = solved(seen, psf.mean(0, keepdim=True), SUPPORT, iterations=100, tau=TAU)
         write_tiff32(folder / f"picture{number}.tif", picture)
     return folder
 
