@@ -10,9 +10,9 @@ PATIENCE_S = 900.0
 """Far longer than anything takes; only what has failed lasts as long."""
 
 
-def until(happens: Callable[[], T], what: str) -> T:
+def until(happens: Callable[[], T], what: str, seconds: float = PATIENCE_S) -> T:
     """What a call gives, once it is true."""
-    end = time.monotonic() + PATIENCE_S
+    end = time.monotonic() + seconds
     while not (found := happens()):
         assert time.monotonic() < end, what
         time.sleep(0.02)

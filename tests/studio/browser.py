@@ -11,14 +11,17 @@ from base64 import b64decode
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import pytest
 from PIL import Image
+from serving import with_the_tests
 
 from patience import PATIENCE_S
+from patience import until as patiently
 
 SHOTS = Path(__file__).parents[2] / "docs" / "studio"
 SHOWN = bool(os.environ.get("NOLENS_SCREENSHOTS"))
@@ -35,6 +38,9 @@ _SHORTER = r"""() => {
   }
 }"""
 _LARGEST_BYTES = 300_000
+_WAIT_S = 60.0
+"""For what the page is to show: the longest of its jobs lasts seconds."""
+until = partial(patiently, seconds=_WAIT_S)
 
 needs_chromium = pytest.mark.skipif(
     shutil.which("chromium") is None, reason="there is no chromium to look at the page with"
@@ -47,7 +53,8 @@ def running_studio(folder: Path) -> Iterator[str]:
     process = subprocess.Popen(
         [sys.executable, "-m", "nolens", "studio", "--no-browser", "--port", "0"],
         cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        start_new_session=True, env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        start_new_session=True, preexec_fn=with_the_tests,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
     try:
         assert process.stdout is not None
@@ -62,7 +69,7 @@ def running_studio(folder: Path) -> Iterator[str]:
     finally:
         process.send_signal(signal.SIGINT)
         try:
-            process.wait(PATIENCE_S)
+            process.wait(_WAIT_S)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
@@ -75,8 +82,9 @@ def running_studio(folder: Path) -> Iterator[str]:
 @contextmanager
 def chromium() -> Iterator[Any]:
     """A browser without a screen, with a webcam that shows a test picture."""
-    from playwright.sync_api import sync_playwright
+    from playwright.sync_api import expect, sync_playwright
 
+    expect.set_options(timeout=1e3 * _WAIT_S)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path=shutil.which("chromium"),
@@ -106,7 +114,7 @@ class Visit:
         context = self.browser.new_context(**settings)
         self._contexts.append(context)
         page = context.new_page()
-        page.set_default_timeout(1e3 * PATIENCE_S)
+        page.set_default_timeout(1e3 * _WAIT_S)
         page.add_init_script(
             "addEventListener('securitypolicyviolation', (e) => console.error('CSP ' + e.blockedURI"
             " + ' ' + e.violatedDirective));"
@@ -147,7 +155,10 @@ class Visit:
     def tell(self, what: str, given: dict[str, Any]) -> Any:
         """Ask something of the server, as the page would."""
         return self.page.request.post(
-            f"{self.address}/api/{what}", data=given, headers={"Origin": self.address}
+            f"{self.address}/api/{what}",
+            data=given,
+            headers={"Origin": self.address},
+            timeout=1e3 * PATIENCE_S,  # The studio ends it.
         )
 
     def jobs(self) -> list[dict[str, Any]]:

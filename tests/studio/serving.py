@@ -1,6 +1,7 @@
 """A studio that runs: in this process, or by its command in one of its own."""
 
 import contextlib
+import ctypes
 import os
 import signal
 import subprocess
@@ -23,6 +24,15 @@ from nolens.studio.workspace import Workspace
 from patience import PATIENCE_S
 
 NOLENS = Path(sys.executable).with_name("nolens")
+_SET_DEATH_SIGNAL = 1
+"""Of prctl(2)."""
+_PRCTL = getattr(ctypes.CDLL(None), "prctl", None)
+
+
+def with_the_tests() -> None:
+    """In a process that starts: end it with the tests, also where those are killed (on Linux)."""
+    if _PRCTL is not None:
+        _PRCTL(_SET_DEATH_SIGNAL, signal.SIGKILL)
 
 
 @dataclass
@@ -98,6 +108,7 @@ def command(*arguments: object) -> "Iterator[subprocess.Popen[str]]":
     with subprocess.Popen(
         [NOLENS, "studio", "--no-browser", *map(str, arguments)], stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"},
+        preexec_fn=with_the_tests,
     ) as process:  # fmt: skip
         try:
             yield process

@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from browser import Visit, await_text, needs_chromium, picture_of
+from browser import Visit, await_text, needs_chromium, picture_of, until
 from PIL import Image
 from playwright.sync_api import expect
 
 from nolens.camera import srgb_from_linear
 from nolens.capture import chart
 from nolens.files import read_frame, read_psf_set
-from patience import until
 
 pytestmark = needs_chromium
 

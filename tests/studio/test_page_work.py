@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
-from browser import Visit, await_text, needs_chromium, picture_of
+from browser import Visit, await_text, needs_chromium, picture_of, until
 from PIL import Image
 
 from nolens.files import read_psf_set
-from patience import until
 
 pytestmark = needs_chromium
 _PANELS = ("viewfinder", "design", "calibrate", "photograph", "measure")
@@ -277,7 +276,6 @@ def test_two_files_are_dropped_and_the_options_reach_the_job(
         "low_frequency": False,
         "iterations": 3,
         "bin": 2,
-        "quality": "photo",
     }
     used_again(visit)
 

@@ -55,7 +55,7 @@ class Photograph {
     this.record = new RecordView((record) => this.again(record));
     this.strip = new Strip((path) => this.swept(path), (settings) => this.take(settings));
     this.mode = segments("View", [["picture", "Picture"], ["compare", "Compare"], ["depths", "Depths"], ["results", "Results"]], "picture", (mode) => this.view(mode));
-    this.picture = h("div", { class: "stage" }, this.tone.viewer.element, this.strip.element, this.record.report, this.tone.controls, this.record.element);
+    this.picture = h("div", { class: "stage" }, this.tone.viewer.element, this.strip.element, this.tone.controls, this.record.report, this.record.element);
     this.previewed.hidden = true;
     this.asked = 0;
     /** @type {string | undefined} of the PSF of the picture */

@@ -2,7 +2,7 @@
 /** Records of results: what went in, what was chosen, and what came of it. */
 
 import { fileUrl, get } from "./api.js";
-import { button, figureTable, fill, h } from "./dom.js";
+import { button, figureTable, fill, group, h } from "./dom.js";
 import { baseName, number } from "./format.js";
 import { label } from "./names.js";
 import { told } from "./notices.js";
@@ -46,12 +46,14 @@ export function mainFigures({ result, parameters }) {
   ].filter(Boolean).join(" · ");
 }
 
-/** A record under the picture that it belongs to, and before it the report of the picture. */
+/** A record under the picture that it belongs to, below the report of the picture. */
 export class RecordView {
   /** @param {(record: RunRecord) => Promise<void>} use takes its settings again */
   constructor(use) {
     this.use = use;
-    this.report = h("div", { class: "group record report", hidden: true });
+    this.lines = h("div", {});
+    this.report = group("Report", this.lines);
+    this.report.classList.add("record", "report");
     this.element = h("details", { class: "group record", hidden: true });
   }
 
@@ -63,7 +65,7 @@ export class RecordView {
     const { inputs, result, parameters, warnings } = record;
     /** @type {[string, string][]} of records since they have it */
     const lines = result.report?.lines ?? [];
-    fill(this.report, figureTable(lines.map(([name, text]) => [name[0].toUpperCase() + name.slice(1), text]), "Report of the picture"));
+    fill(this.lines, figureTable(lines.map(([name, text]) => [name[0].toUpperCase() + name.slice(1), text]), "Report of the picture"));
     this.report.hidden = lines.length === 0;
     const settings = Object.entries(settingsOf(record)).filter(([name]) => !NO_SETTINGS.includes(name) && !(name in inputs))
       .map(([name, value]) => `${label("reconstruct", name)}: ${value}`);
