@@ -45,11 +45,9 @@ def test_one_file_as_both(bench: Bench) -> None:
     bench.refuses("raw.dng and the PSF", "psf.dng hold the same values", "of a point source")
 
 
-@pytest.mark.parametrize("how", [{}, {"cwd": "/"}], ids=["here", "installed"])
-def test_missing_file(bench: Bench, how: dict[str, object]) -> None:
+def test_missing_file(bench: Bench) -> None:
     bench.raw = bench.folder / "rwa.dng"
-    said = f"Did you mean {bench.folder / 'raw.dng'}?"
-    bench.refuses("there is no file", "rwa.dng", said, **how)
+    bench.refuses("there is no file", "rwa.dng", f"Did you mean {bench.folder / 'raw.dng'}?")
 
 
 def obey_permissions() -> None:
@@ -145,10 +143,10 @@ def test_missing_output_folder(bench: Bench) -> None:
     bench.refuses("out.png", "there is no folder", "results", "Make it first")
 
 
-def test_no_cuda(bench: Bench) -> None:
-    hidden = {"CUDA_VISIBLE_DEVICES": ""}
+def test_no_cuda(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     words = ("--device cuda", "no CUDA device", "cpu or auto")
-    bench.refuses(*words, more=("--device", "cuda"), env=hidden)
+    bench.refuses(*words, more=("--device", "cuda"))
 
 
 def test_output_over_an_input(bench: Bench) -> None:
@@ -171,15 +169,14 @@ def test_truncated_tiff(bench: Bench) -> None:
 def test_disk_that_is_full(bench: Bench) -> None:
     """No file can grow beyond 6 kB: the record fits, the float TIFF does not."""
     resource = pytest.importorskip("resource")
-
-    def small_files() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (6000, 6000))
-
     bench.out = bench.folder / "out.tif"
+    quick = ("--tau", 1e-2, "--iterations", 2, "--tiff-bits", 32)
     # Once without a limit: the first run after an installation stores what it compiles.
-    good = command("reconstruct", bench.raw, "--psf", bench.psf, "-o", bench.folder / "good.tif")
+    good = run("reconstruct", bench.raw, "--psf", bench.psf, "-o", bench.folder / "x.tif", *quick)
     assert good.code == 0, good
-    bench.refuses(
-        f"cannot write {bench.out}", "has space",
-        more=("--iterations", 2, "--tiff-bits", 32), preexec_fn=small_files,
-    )  # fmt: skip
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (6000, hard))
+    try:
+        bench.refuses(f"cannot write {bench.out}", "has space", more=quick)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))

@@ -12,7 +12,7 @@ import pytest
 import tifffile
 import torch
 from numpy.typing import NDArray
-from running import check_refused, command, listing, run
+from running import check_refused, listing, run
 
 from nolens.camera import preset, to_toml
 from nolens.errors import OptionError
@@ -217,8 +217,8 @@ def test_a_small_patch_is_continued(heights: Heights, tmp_path: Path) -> None:
 
 def test_text_for_people(heights: Heights, tmp_path: Path) -> None:
     write_tagged(tmp_path / "map.tif", heights.astype(np.float32), PITCH)
-    done = command("camera", "relief", "small", tmp_path / "map.tif", "--unit", "um",
-                   "-o", tmp_path / "made")  # fmt: skip
+    done = run("camera", "relief", "small", tmp_path / "map.tif", "--unit", "um",
+               "-o", tmp_path / "made")  # fmt: skip
     assert done.code == 0 and done.err == ""
     for words in ("TIFF of float32: 440×510 points 1.1 µm apart (the file)", "mrad", "bow of",
                   "measured: 0.482 × 0.56 mm, rms 0.", "tops with a radius of",

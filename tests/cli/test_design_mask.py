@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import tifffile
 import torch
-from running import command, read_terminal, run, start
+from running import read_terminal, run, start
 
 from nolens.camera import RandomLenslets
 from nolens.design.masks import correlation, line_target, random_contours, spread_over
@@ -128,7 +128,7 @@ def test_the_kind_may_follow_options(tmp_path: Path) -> None:
 
 
 def test_the_table_a_person_sees(tmp_path: Path) -> None:
-    done = command("design", "mask", "lenslet-array", *SMALL, "-o", tmp_path / "m")
+    done = run("design", "mask", "lenslet-array", *SMALL, "-o", tmp_path / "m")
     assert done.code == 0 and done.err == ""
     lines = done.out.splitlines()
     assert lines[0].split() == ["this", "mask", "the", "paper's"]

@@ -237,9 +237,3 @@ def test_not_over_its_own_camera(tmp_path: Path) -> None:
     done = run("design", "thickness", "--camera", folder, "--index", "1.47", "-o", folder)
     check_refused(done, "would overwrite the camera")
     assert listing(tmp_path) == before
-
-
-def test_refused_by_the_installed_command(tmp_path: Path) -> None:
-    done = command("design", "thickness", "--film", "0.3", "-o", tmp_path / "made")
-    check_refused(done, "has no unit")
-    assert listing(tmp_path) == {}

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from PIL import Image
-from running import check_refused, command, listing, read_terminal, run, start
+from running import check_refused, listing, read_terminal, run, start
 from torch import Tensor
 
 from nolens.camera import preset, to_toml
@@ -252,12 +252,6 @@ def test_other_refusals(tmp_path: Path, few: Path) -> None:
     binary = tmp_path / "binary.toml"
     binary.write_bytes(b"\xff\xfe")
     refused(tmp_path, "paper", binary, "-o", out, words=("no TOML",))
-
-
-def test_the_installed_command_refuses(tmp_path: Path) -> None:
-    done = command("design", "tolerance", "paper", "--limit", "3", "-o", tmp_path / "out")
-    check_refused(done, "no unit")
-    assert listing(tmp_path) == {}
 
 
 def test_not_measurable_is_said_and_stays_json(

@@ -67,7 +67,7 @@ def test_help_says_how_many_options_it_leaves_out() -> None:
 
 
 def test_help_has_what_two_files_need_and_help_all_the_rest_by_group() -> None:
-    brief, full = command("reconstruct", "-h"), run("reconstruct", "raw.dng", "--help-all")
+    brief, full = run("reconstruct", "-h"), run("reconstruct", "raw.dng", "--help-all")
     assert {"--psf", "--output", "--quality", "--detail", "--support"} <= listed(brief.out)
     assert "MEASUREMENT" in brief.out and "--relaxation" not in brief.out
     assert 2 * len(brief.out.splitlines()) < len(full.out.splitlines())

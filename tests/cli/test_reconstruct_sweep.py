@@ -10,7 +10,7 @@ import pytest
 import torch
 from little_camera import SUPPORT, Camera
 from PIL import Image
-from running import check_refused, command, listing, reconstruct, run
+from running import check_refused, listing, reconstruct, run
 
 from nolens.files import read_frame
 
@@ -48,7 +48,7 @@ def test_pictures_of_a_sweep_are_those_of_its_values_alone(camera: Camera, tmp_p
         "--iterations",
         32,
     )
-    done = command(*asked, "-o", png, "-o", tif, "--sweep", "tau")
+    done = run(*asked, "-o", png, "-o", tif, "--sweep", "tau")
     assert done.code == 0, done.err
     names = ["out", *(f"out-tau-x{factor}" for factor in ("4", "2", "0.5", "0.25"))]
     files = {f"{name}{suffix}" for name in names for suffix in (".png", ".tif")}

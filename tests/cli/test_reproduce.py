@@ -7,7 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from running import check_refused, command, listing, run, start
+from running import check_refused, listing, run, start
 
 from patience import PATIENCE_S, until
 
@@ -26,7 +26,7 @@ def test_a_folder_is_needed() -> None:
 def test_a_folder_that_holds_something_else_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("years of work")
     before = listing(tmp_path)
-    done = command("reproduce", "-o", tmp_path, "--quick")
+    done = run("reproduce", "-o", tmp_path, "--quick")
     check_refused(done, "thesis.tex", "no part of a report", "-o")
     assert listing(tmp_path) == before
 

@@ -235,14 +235,3 @@ def test_no_cuda(tmp_path: Path) -> None:
     done = command("psf", "--device", "cuda", "-o", tmp_path / "x.tif", env=hidden)
     check_refused(done, "--device cuda", "no CUDA device", "cpu or auto")
     assert listing(tmp_path) == before
-
-
-def test_by_the_installed_command(tmp_path: Path) -> None:
-    """A table's row of each command again, in a process of its own."""
-    picture = scene(tmp_path / "s.png")
-    before = listing(tmp_path)
-    done = command("simulate", picture, "--distance", "5mm", "-o", tmp_path / "raw.dng", "--json")
-    check_refused(done, "nearer than the mask's near limit", "10 mm or more")
-    done = command("psf", "--angle", "60deg,0deg", "-o", tmp_path / "psf.tif", "--json")
-    check_refused(done, "60.0 deg off the axis", "holds to 50 deg")
-    assert listing(tmp_path) == before
