@@ -7,6 +7,7 @@ import pytest
 import torch
 from little_camera import (
     BLACK,
+    QUICK,
     SCENE,
     SENSOR,
     SUPPORT,
@@ -41,7 +42,7 @@ def test_dark_frame(files: tuple[Path, Path], out: Path) -> None:
     for path in files:
         save(path, read_frame(path).counts + glow)
     dark = save(out.with_name("dark.png"), glow + BLACK)
-    asked = (raw, "--psf", psf, "--support", SUPPORT)
+    asked = (raw, "--psf", psf, "--support", SUPPORT, *QUICK)
     assert quality(reconstruct(out, *asked, "--dark", dark)) > GOOD
     assert quality(reconstruct(out, *asked, "--black", BLACK)) < 28
 
@@ -53,7 +54,7 @@ def test_flat_field(files: tuple[Path, Path], out: Path) -> None:
         counts = read_frame(path).counts
         save(path, (BLACK + (counts - BLACK) * vignette).round())
     flat = save(out.with_name("flat.png"), (BLACK + 3000 * vignette).round())
-    asked = (raw, "--psf", psf, "--support", SUPPORT, "--black", BLACK)
+    asked = (raw, "--psf", psf, "--support", SUPPORT, "--black", BLACK, *QUICK)
     # The same sensor measured the PSF, but it is not the PSF that the flat field is given for.
     even = save(out.with_name("even.png"), as_counts(spots(), seed=2))
     with_flat = quality(reconstruct(out, raw, "--psf", even, *asked[3:], "--flat", flat))
@@ -63,7 +64,7 @@ def test_flat_field(files: tuple[Path, Path], out: Path) -> None:
 
 def test_black_read_off_the_psf(files: tuple[Path, Path], out: Path) -> None:
     raw, psf = files
-    asked = (raw, "--psf", psf, "--support", SUPPORT)
+    asked = (raw, "--psf", psf, "--support", SUPPORT, *QUICK)
     auto = reconstruct(out, *asked, "--black", "auto")
     assert quality(auto) > GOOD
     assert quality(reconstruct(out, *asked)) < 28
@@ -71,7 +72,7 @@ def test_black_read_off_the_psf(files: tuple[Path, Path], out: Path) -> None:
 
 def test_saturated_pixels_are_left_out(files: tuple[Path, Path], out: Path) -> None:
     raw, psf = files
-    asked = (raw, "--psf", psf, "--support", SUPPORT, "--black", BLACK)
+    asked = (raw, "--psf", psf, "--support", SUPPORT, "--black", BLACK, "--tau", 8e-3)
     good = quality(reconstruct(out, *asked))
     counts = read_frame(raw).counts
     generator = torch.Generator().manual_seed(5)
@@ -87,7 +88,7 @@ def test_saturated_pixels_are_left_out(files: tuple[Path, Path], out: Path) -> N
 
 @pytest.mark.parametrize("channels", ["g", "rb", "bgr", "grey"])
 def test_channels(channels: str, camera: Camera, out: Path) -> None:
-    asked = (camera.raw, "--psf", camera.psf, "--support", SUPPORT)
+    asked = (camera.raw, "--psf", camera.psf, "--support", SUPPORT, *QUICK)
     picture = reconstruct(out, *asked, "--channels", channels)
     scene = truth()
     if channels == "grey":
@@ -101,7 +102,7 @@ def test_channels(channels: str, camera: Camera, out: Path) -> None:
 
 
 def test_bin(camera: Camera, out: Path) -> None:
-    asked = (camera.raw, "--psf", camera.psf, "--bin", 2, "--crop", "12x16")
+    asked = (camera.raw, "--psf", camera.psf, "--bin", 2, "--crop", "12x16", *QUICK)
     picture = reconstruct(out, *asked)
     assert picture.shape == (3, 12, 16)
     assert quality(picture, torch.nn.functional.avg_pool2d(truth()[None], 2)[0]) > 18
@@ -112,7 +113,7 @@ def test_finer_psf(tmp_path: Path, out: Path) -> None:
     psf = torch.nn.functional.avg_pool2d(fine[None], 2)[0]
     raw = expose_dng(tmp_path / "raw.dng", measured(psf), seed=1)
     point = expose_dng(tmp_path / "psf.dng", fine, seed=2)
-    asked = (raw, "--psf", point, "--support", SUPPORT)
+    asked = (raw, "--psf", point, "--support", SUPPORT, *QUICK)
     finer = reconstruct(out, *asked, "--psf-scale", 2)
     assert quality(finer) > GOOD
     assert quality(reconstruct(out, *asked, "--psf-extent", "wide")) < 20
@@ -120,7 +121,7 @@ def test_finer_psf(tmp_path: Path, out: Path) -> None:
     assert "2 times finer (--psf-scale 2): " in without.err and "--psf-extent wide" in without.err
     assert torch.equal(read_frame(out).counts, finer)
     mirrored = expose_dng(tmp_path / "mirrored.dng", fine.flip(-1), seed=2)
-    done = run("reconstruct", raw, "--psf", mirrored, "--support", SUPPORT, "-o", out)
+    done = run("reconstruct", raw, "--psf", mirrored, *asked[3:], "-o", out)
     assert "2 times finer" in done.err and "left to right (--psf-flip horizontal)" in done.err
     assert quality(read_frame(out).counts) > GOOD
     trials = json.loads(out.with_suffix(".json").read_text())["parameters"]["psf"]["trials"]
@@ -133,12 +134,12 @@ def test_wider_psf(tmp_path: Path, out: Path) -> None:
     light = CroppedConvolution(wide, SENSOR, support)(truth()).clamp_min(0)
     raw = expose_dng(tmp_path / "raw.dng", light, seed=1)
     point = expose_dng(tmp_path / "psf.dng", wide, seed=2)
-    asked = (raw, "--psf", point, "--support", SUPPORT)
+    asked = (raw, "--psf", point, "--support", SUPPORT, "--tau", 8e-3)
     wanted = reconstruct(out, *asked, "--psf-extent", "wide")
     right = quality(wanted)
     assert right > GOOD
     cut = expose_dng(tmp_path / "cut.dng", wide[:, 12:60, 16:80], seed=2)
-    assert quality(reconstruct(out, raw, "--psf", cut, "--support", SUPPORT)) < right - 8
+    assert quality(reconstruct(out, raw, "--psf", cut, *asked[3:])) < right - 8
     done = run("reconstruct", *asked, "-o", out, "--tiff-bits", 32)
     assert done.code == 0 and "is taken as extended (--psf-extent wide)" in done.err
     assert torch.equal(read_frame(out).counts, wanted)
@@ -147,7 +148,7 @@ def test_wider_psf(tmp_path: Path, out: Path) -> None:
 
 
 def test_region_in_both_notations(camera: Camera, out: Path) -> None:
-    asked = (camera.raw, "--psf", camera.psf, "--support")
+    asked = (camera.raw, "--psf", camera.psf, *QUICK, "--support")
     middle = reconstruct(out, *asked, "24x32")
     assert torch.equal(reconstruct(out, *asked, "24x32+12+16"), middle)
     assert quality(reconstruct(out, *asked, "24x32+13+16")) < 20
@@ -161,7 +162,7 @@ def history(out: Path) -> list[dict[str, float]]:
 
 
 def test_penalties_balance_and_relaxation(camera: Camera, out: Path) -> None:
-    asked = (camera.raw, "--psf", camera.psf, "--iterations", 9, "--tolerance", 0)
+    asked = (camera.raw, "--psf", camera.psf, "--tau", 8e-3, "--iterations", 9, "--tolerance", 0)
     reconstruct(out, *asked, "--penalties", 0.5, 3, 0.25, "--no-balance")
     for row in history(out):
         assert [row[f"penalty_{k}"] for k in (1, 2, 3)] == [0.5, 3, 0.25]
@@ -179,15 +180,15 @@ def test_tau_iterations_and_tolerance(camera: Camera, out: Path) -> None:
     assert history(out)[-1]["iteration"] == 200
     sharp = reconstruct(out, *asked, "--tau", 1e-4)
     assert soft.diff(dim=-1).abs().sum() < 0.8 * sharp.diff(dim=-1).abs().sum()
-    reconstruct(out, *asked, "--iterations", 3)
+    reconstruct(out, *asked, "--tau", 1e-4, "--iterations", 3)
     assert history(out)[-1]["iteration"] == 3
-    reconstruct(out, *asked, "--tolerance", 0.3)
+    reconstruct(out, *asked, "--tau", 1e-4, "--tolerance", 0.3)
     assert history(out)[-1]["iteration"] < 50
 
 
 @pytest.mark.parametrize("device", ["cpu", "auto"])
 def test_device(device: str, camera: Camera, out: Path) -> None:
-    asked = (camera.raw, "--psf", camera.psf, "-o", out, "--iterations", 2, "--json")
+    asked = (camera.raw, "--psf", camera.psf, "-o", out, "--tau", 1, "--iterations", 2, "--json")
     done = run("reconstruct", *asked, "--device", device)
     expected = "cuda" if device == "auto" and torch.cuda.is_available() else "cpu"
     assert json.loads(done.out)["device"] == expected

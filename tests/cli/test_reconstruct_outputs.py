@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import tifffile
 import torch
-from little_camera import SCENE, SUPPORT, Camera, save
+from little_camera import QUICK, SCENE, SUPPORT, Camera, save
 from PIL import Image
 from running import command, listing, run
 
@@ -70,7 +70,7 @@ def test_one_json_object_is_printed(
 
 
 def test_pictures_agree(camera: Camera, tmp_path: Path) -> None:
-    base = ("reconstruct", camera.raw, "--psf", camera.psf, "--support", SUPPORT)
+    base = ("reconstruct", camera.raw, "--psf", camera.psf, "--support", SUPPORT, *QUICK)
     linear, deep, png = (tmp_path / name for name in ("f.tif", "deep.tiff", "p.PNG"))
     assert run(*base, "-o", linear, "--tiff-bits", 32).code == 0
     assert run(*base, "-o", deep, "-o", png).code == 0
@@ -94,7 +94,7 @@ def test_pictures_agree(camera: Camera, tmp_path: Path) -> None:
 def test_grey_pictures_have_one_channel_and_missing_colours_are_black(
     camera: Camera, tmp_path: Path
 ) -> None:
-    base = ("reconstruct", camera.raw, "--psf", camera.psf, "--support", SUPPORT)
+    base = ("reconstruct", camera.raw, "--psf", camera.psf, "--support", SUPPORT, *QUICK)
     png = tmp_path / "out.png"
     for channels, mode in (("grey", "L"), ("g", "L"), ("rg", "RGB"), ("all", "RGB")):
         assert run(*base, "-o", png, "--channels", channels).code == 0
@@ -157,7 +157,7 @@ def test_record_resolves_what_each_method_takes(
 
 
 def test_warnings_are_said_and_recorded(camera: Camera, tmp_path: Path) -> None:
-    asked = ("--psf", camera.psf, "-o", tmp_path / "o.png", "--iterations", 3)
+    asked = ("--psf", camera.psf, "-o", tmp_path / "o.png", "--tau", 8e-3, "--iterations", 3)
     done = run("reconstruct", camera.raw, *asked, "--white", 2500)
     assert done.code == 0
     assert done.err.startswith("nolens: warning: ") and "saturated" in done.err
@@ -169,7 +169,7 @@ def test_warnings_are_said_and_recorded(camera: Camera, tmp_path: Path) -> None:
 def test_name_that_is_no_utf8(camera: Camera, tmp_path: Path) -> None:
     png = tmp_path / "M\udcfcller.png"
     raw = save(tmp_path / "M\udcfcller.tif", read_frame(camera.raw).counts)
-    asked = ("--mosaic", "RGGB", "--iterations", 2)
+    asked = ("--mosaic", "RGGB", "--tau", 8e-3, "--iterations", 2)
     done = run("reconstruct", raw, "--psf", camera.psf, "-o", png, *asked)
     assert done.code == 0, done.err
     assert png.exists() and "M�ller.png" in done.out.encode().decode()
@@ -182,7 +182,7 @@ def test_earlier_picture_is_replaced(camera: Camera, tmp_path: Path) -> None:
     png = tmp_path / "out.png"
     png.write_bytes(b"old")
     (tmp_path / "out.json").write_text("old")
-    assert run("reconstruct", camera.raw, "--psf", camera.psf, "-o", png).code == 0
+    assert run("reconstruct", camera.raw, "--psf", camera.psf, "-o", png, *QUICK).code == 0
     with Image.open(png) as picture:
         assert picture.size == (64, 48)
     assert sorted(listing(tmp_path)) == ["out.json", "out.png"]

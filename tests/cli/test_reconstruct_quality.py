@@ -78,7 +78,7 @@ def test_preset_against_method(method: str, camera: Camera, tmp_path: Path) -> N
 def _options(camera: Camera, out: Path, **more: object) -> ReconstructOptions:
     return ReconstructOptions.model_validate(
         {"measurement": camera.raw, "psf": camera.psf, "support": SUPPORT, "output": (out,),
-         "iterations": 40, "tolerance": 0.0, "tiff_bits": 32, **more}
+         "iterations": 40, "tolerance": 0.0, "tiff_bits": 32, "psf_flip": "none", **more}
     )  # fmt: skip
 
 

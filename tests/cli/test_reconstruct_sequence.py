@@ -22,6 +22,9 @@ from running import check_refused, listing, run
 
 from nolens.camera import linear_from_srgb
 
+QUICK = ("--support", SUPPORT, "--tau", 8e-3)
+"""With the weight that is chosen for the first frame."""
+
 
 def scenes(count: int) -> list[torch.Tensor]:
     """The scene as it moves to the right, a cell a frame."""
@@ -67,7 +70,7 @@ def test_folder(psf: Path, tmp_path: Path) -> None:
         save(frames / f"take {step}.npy", each)
     (frames / "notes.txt").write_text("none")
     out = tmp_path / "pictures"
-    done = run("reconstruct", frames, "--psf", psf, "-o", out, "--support", SUPPORT, "--json")
+    done = run("reconstruct", frames, "--psf", psf, "-o", out, *QUICK, "--json")
     assert done.code == 0, done.err
     found = pictures(out)
     check_follows([found[f"take {step}"] for step in range(11)])
@@ -90,7 +93,7 @@ def test_stack(kind: str, psf: Path, tmp_path: Path) -> None:
         tifffile.imwrite(path, counts.astype(np.uint16), photometric="rgb")
     else:
         np.save(path, (stack if kind == "npy" else stack.movedim(1, -1)).numpy())
-    asked = ("--psf", psf, "-o", tmp_path / "out", "--support", SUPPORT)
+    asked = ("--psf", psf, "-o", tmp_path / "out", *QUICK)
     done = run("reconstruct", path, *asked)
     assert done.code == 0, done.err
     found = pictures(tmp_path / "out")
@@ -102,7 +105,7 @@ def test_grey_stack_of_many(tmp_path: Path) -> None:
     stack = light(5)[:, 1]
     np.save(tmp_path / "raw.npy", stack.numpy())
     psf = save(tmp_path / "psf.npy", spots()[1:2])
-    asked = ("--psf", psf, "-o", tmp_path / "out", "--support", SUPPORT, "--iterations", 4)
+    asked = ("--psf", psf, "-o", tmp_path / "out", *QUICK, "--iterations", 4)
     assert run("reconstruct", tmp_path / "raw.npy", *asked).code == 0
     assert len(list((tmp_path / "out").glob("*.png"))) == 5
 
@@ -117,7 +120,7 @@ def test_bad_frames_are_dropped(psf: Path, tmp_path: Path) -> None:
     (frames / "0.npy").write_bytes(b"none")
     for number in range(5, 10):
         (frames / f"{number}.npy").write_bytes(b"none")
-    asked = ("--psf", psf, "-o", tmp_path / "out", "--support", SUPPORT)
+    asked = ("--psf", psf, "-o", tmp_path / "out", *QUICK)
     done = run("reconstruct", frames, *asked)
     assert done.code == 0, done.err
     assert "2 frames, 8 dropped" in done.out
@@ -130,7 +133,18 @@ def test_bad_frames_are_dropped(psf: Path, tmp_path: Path) -> None:
 
 def test_latency_bounds_a_frame(psf: Path, tmp_path: Path) -> None:
     np.save(tmp_path / "raw.npy", light(3).numpy())
-    asked = ("--psf", psf, "-o", tmp_path / "out", "--iterations", 100_000, "--latency", "300ms")
+    asked = (
+        "--psf",
+        psf,
+        "-o",
+        tmp_path / "out",
+        "--tau",
+        1,
+        "--iterations",
+        100_000,
+        "--latency",
+        "300ms",
+    )
     assert run("reconstruct", tmp_path / "raw.npy", *asked).code == 0
     rows = json.loads((tmp_path / "out.json").read_text())["history"]
     assert all(row["iterations"] < 100_000 for row in rows)
