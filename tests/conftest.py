@@ -15,8 +15,10 @@ from hypothesis import settings
 settings.register_profile("nolens", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("nolens")
 
+# Threads that wait for one another sleep: they share their cores with the other workers.
 _SHELL = {
-    "LC_ALL": "C.UTF-8", "OMP_NUM_THREADS": "1", "PYTHONUTF8": "1", "TERM": "xterm", "TZ": "UTC",
+    "LC_ALL": "C.UTF-8", "OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "passive", "PYTHONUTF8": "1",
+    "TERM": "xterm", "TZ": "UTC",
 }  # fmt: skip
 _NOT_OURS = (
     "COLUMNS", "LINES", "COLORTERM", "FORCE_COLOR", "NO_COLOR", "TTY_COMPATIBLE",
