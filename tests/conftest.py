@@ -15,7 +15,8 @@ from hypothesis import settings
 settings.register_profile("nolens", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("nolens")
 
-# Threads that wait for one another sleep: they share their cores with the other workers.
+# Workers inherit this before they load torch: threads that wait sleep, and leave a worker's core to
+# the other one.
 _SHELL = {
     "LC_ALL": "C.UTF-8", "OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "passive", "PYTHONUTF8": "1",
     "TERM": "xterm", "TZ": "UTC",

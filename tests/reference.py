@@ -5,7 +5,6 @@ and its ADMM with every split and every multiplier in an array of its own. Only 
 (which cell of the period is which) is taken from the program's `Geometry`.
 """
 
-from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -23,14 +22,13 @@ def direct_sum(v: Array, origin: tuple[int, int], psf: Array, sensor: tuple[int,
     """b[i] = Σ_s v[s] h[i − s + c], c = (height // 2, width // 2), with v[0, 0] at `origin`."""
     centre = (psf.shape[0] // 2, psf.shape[1] // 2)
     b = np.zeros(sensor)
-    for row, column in product(range(v.shape[0]), range(v.shape[1])):
+    for row, column in np.argwhere(v):
         # PSF cell that falls on sensor cell (0, 0).
         top = centre[0] - (origin[0] + row)
         left = centre[1] - (origin[1] + column)
-        for i in range(max(0, -top), min(sensor[0], psf.shape[0] - top)):
-            first, stop = max(0, -left), min(sensor[1], psf.shape[1] - left)
-            if first < stop:
-                b[i, first:stop] += v[row, column] * psf[i + top, left + first : left + stop]
+        i, j = max(0, -top), max(0, -left)
+        lit = psf[i + top : max(sensor[0] + top, 0), j + left : max(sensor[1] + left, 0)]
+        b[i : i + lit.shape[0], j : j + lit.shape[1]] += v[row, column] * lit
     return b
 
 
@@ -177,10 +175,13 @@ class Reference:
             splits, multipliers = new, turned
 
     def minimum(self, penalties: Triple = (0.5, 0.5, 0.5), iterations: int = 3000) -> Array:
-        """Scene over the period after many iterations from zero."""
-        run = self.admm([penalties] * iterations, np.zeros(self.support.size), 1.6)
-        (last,) = deque(run, maxlen=1)
-        return last.splits[2]
+        """Scene over the period, from zero until it stands still: 1e-6 from where it would end."""
+        scene = np.zeros(self.support.size)
+        for each in self.admm([penalties] * iterations, scene, 1.6):
+            before, scene = scene, each.splits[2]
+            if np.linalg.norm(scene - before) < 1e-9 * np.linalg.norm(scene):
+                break
+        return scene
 
     def _proximal(self, arguments: list[Array], mu: Triple) -> list[Array]:
         a, g, s = arguments
