@@ -1,51 +1,21 @@
 """A package of one's own adds formats, cameras and masks, without a change here."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tifffile
-
-NOLENS = Path(sys.executable).with_name("nolens")
-INSTALLED = Path(__file__).parent / "installed"
-Done = subprocess.CompletedProcess[str]
+from plugin_process import Command
 
 
-def nolens(*arguments: object, packages: Path | None = INSTALLED) -> Done:
-    """The installed command, with the example package installed beside it, or others."""
-    paths = (packages and str(packages), os.environ.get("PYTHONPATH"))
-    return subprocess.run(
-        [NOLENS, *map(str, arguments)],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths)), "COLUMNS": "100"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
-def printed(done: Done) -> str:
-    """Standard output of a command that went well."""
-    assert done.returncode == 0, done
-    return done.stdout
-
-
-def refusal(done: Done) -> str:
-    """The one line that a refused command says."""
-    assert done.returncode == 2 and done.stdout == "", done
-    assert done.stderr.startswith("nolens: ") and done.stderr.count("\n") == 1, done.stderr
-    return done.stderr
-
-
-def broken_package(folder: Path, group: str, code: str) -> Path:
-    """A package that adds ``odd`` to a group, by its module of that name."""
+def broken_package(folder: Path, code: str, *groups: str) -> Path:
+    """A package that adds ``odd`` to groups, by its module of that name."""
     about = folder / "nolens_odd-1.0.dist-info"
     about.mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: nolens-odd\nVersion: 1.0\n")
-    (about / "entry_points.txt").write_text(f"[{group}]\nodd = nolens_odd:Odd\n")
+    points = "".join(f"[{group}]\nodd = nolens_odd:Odd\n" for group in groups)
+    (about / "entry_points.txt").write_text(points)
     (folder / "nolens_odd.py").write_text(code)
     return folder
 
@@ -59,8 +29,8 @@ def graymap(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_format(graymap: Path) -> None:
-    found = json.loads(printed(nolens("info", graymap, "--json")))
+def test_a_format(nolens: Command, graymap: Path) -> None:
+    found = json.loads(nolens("info", graymap, "--json").printed)
     assert (found["format"], found["height"], found["width"]) == ("pgm", 2, 3)
     assert (found["channels"], found["stored_as"], found["white"]) == (["grey"], "uint16", 1000)
     about = found["counts"]["grey"]
@@ -70,22 +40,22 @@ def test_a_format(graymap: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", [b"P6\n3 2\n1000\n", b"P5\n3 2\n1000\n\0", b""])
-def test_a_damaged_file_of_that_format(damage: bytes, graymap: Path) -> None:
+def test_a_damaged_file_of_that_format(damage: bytes, nolens: Command, graymap: Path) -> None:
     graymap.write_bytes(damage)
-    assert str(graymap) in refusal(nolens("info", graymap))
+    assert str(graymap) in nolens("info", graymap).refusal
 
 
-def test_a_format_without_its_package(graymap: Path) -> None:
-    said = refusal(nolens("info", graymap, packages=None))
+def test_a_format_without_its_package(nolens: Command, alone: Command, graymap: Path) -> None:
+    said = alone("info", graymap).refusal
     assert "the suffix .pgm is not known" in said and "npy, .pgm" not in said
     other = graymap.rename(graymap.with_suffix(".pgx"))
-    assert ".npy, .pgm" in refusal(nolens("info", other))
+    assert ".npy, .pgm" in nolens("info", other).refusal
 
 
-def test_a_source(tmp_path: Path) -> None:
+def test_a_source(nolens: Command, tmp_path: Path) -> None:
     path = tmp_path / "x.tif"
     told = nolens("capture", "--source", "step-wedge:6", "--exposure", "30ms", "-o", path)
-    assert "step wedge: 1 frame" in printed(told)
+    assert "step wedge: 1 frame" in told.printed
     counts = tifffile.imread(path)
     assert counts.shape == (64, 48) and counts.dtype == np.uint16
     steps = np.repeat(np.linspace(0.1, 1.0, 6), 8)
@@ -99,15 +69,15 @@ def test_a_source(tmp_path: Path) -> None:
         ("wedge", "folder:PATH, or step-wedge"),
     ],
 )
-def test_a_bad_source(source: str, words: str, tmp_path: Path) -> None:
-    said = refusal(nolens("capture", "--source", source, "-o", tmp_path / "x.tif"))
+def test_a_bad_source(source: str, words: str, nolens: Command, tmp_path: Path) -> None:
+    said = nolens("capture", "--source", source, "-o", tmp_path / "x.tif").refusal
     assert words in said and not (tmp_path / "x.tif").exists()
 
 
-def test_a_mask(tmp_path: Path) -> None:
+def test_a_mask(nolens: Command, alone: Command, tmp_path: Path) -> None:
     folder = tmp_path / "ringed"
     asked = ("--camera", "small", "--light", "535nm", "--overhang", "0.2mm", "--height", "1.5um")
-    told = json.loads(printed(nolens("design", "mask", "rings", *asked, "-o", folder, "--json")))
+    told = json.loads(nolens("design", "mask", "rings", *asked, "-o", folder, "--json").printed)
     assert told["kind"] == "rings" and told["figures"]["height_um"] == pytest.approx(1.5, rel=0.01)
 
     heights = tifffile.imread(folder / "relief.tif")
@@ -120,7 +90,7 @@ def test_a_mask(tmp_path: Path) -> None:
     own = {key: record["parameters"][key] for key in ("kind", "spacing", "height", "camera")}
     assert own == {"kind": "rings", "spacing": "80 um", "height": "1.5 um", "camera": "small"}
 
-    shown = json.loads(printed(nolens("camera", "show", folder, "--json", packages=None)))
+    shown = json.loads(alone("camera", "show", folder, "--json").printed)
     assert shown["camera"]["name"] == "small, rings mask"
     assert shown["camera"]["mask"]["relief"] == {
         "kind": "file",
@@ -138,55 +108,55 @@ def test_a_mask(tmp_path: Path) -> None:
         (("--spacing", "3"), "3 has no unit"),
     ],
 )
-def test_a_mask_that_cannot_be(arguments: tuple[str, ...], words: str, tmp_path: Path) -> None:
+def test_a_mask_that_cannot_be(
+    arguments: tuple[str, ...], words: str, nolens: Command, tmp_path: Path
+) -> None:
     asked = ("rings", "--camera", "small", "-o", tmp_path / "m")
-    assert words in refusal(nolens("design", "mask", *asked, *arguments))
+    assert words in nolens("design", "mask", *asked, *arguments).refusal
     assert not (tmp_path / "m").exists()
 
 
-def test_a_mask_is_listed_with_the_others(tmp_path: Path) -> None:
-    listed = printed(nolens("design", "mask", "--help"))
+def test_a_mask_is_listed_with_the_others(nolens: Command, alone: Command, tmp_path: Path) -> None:
+    listed = nolens("design", "mask", "--help").printed
     assert "rings            Concentric rings, round like waves." in listed
     assert "lenslet-array    Lenslets in regular places." in listed
-    shown = printed(nolens("design", "mask", "rings", "--help"))
+    shown = nolens("design", "mask", "rings", "--help").printed
     assert "--spacing" in shown and "--overhang" not in shown
-    shown = printed(nolens("design", "mask", "rings", "--help-all"))
+    shown = nolens("design", "mask", "rings", "--help-all").printed
     assert "--spacing" in shown and "--overhang" in shown and "--pitch" not in shown
-    assert "optimised, rings:" in refusal(nolens("design", "mask"))
-    alone = nolens("design", "mask", "rings", "-o", tmp_path / "m", packages=None)
-    assert "no kind of mask 'rings'" in refusal(alone)
+    assert "optimised, rings:" in nolens("design", "mask").refusal
+    said = alone("design", "mask", "rings", "-o", tmp_path / "m").refusal
+    assert "no kind of mask 'rings'" in said
 
 
-@pytest.mark.parametrize(
-    ("group", "arguments"),
-    [
-        ("nolens.readers", ("info", "a.odd")),
-        ("nolens.sources", ("capture", "--source", "odd", "-o", "x.tif")),
-        ("nolens.masks", ("design", "mask", "odd", "--camera", "small", "-o", "m")),
-        ("nolens.masks", ("design", "mask", "odd", "--help")),
-    ],
-)
-def test_a_package_that_cannot_be_imported(
-    group: str, arguments: tuple[str, ...], tmp_path: Path
-) -> None:
+def test_a_package_that_cannot_be_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "a.odd").touch()
-    placed = [tmp_path / each if each in ("a.odd", "x.tif", "m") else each for each in arguments]
-    packages = broken_package(tmp_path, group, "import nowhere_to_be_found")
-    said = refusal(nolens(*placed, packages=packages))
-    assert f"nolens-odd adds 'odd' to {group}, and cannot be loaded" in said
-    assert "No module named 'nowhere_to_be_found'" in said
+    groups = ("nolens.readers", "nolens.sources", "nolens.masks")
+    packages = broken_package(tmp_path, "import nowhere_to_be_found", *groups)
+    with Command(packages) as nolens:
+        for group, arguments in (
+            ("nolens.readers", ("info", "a.odd")),
+            ("nolens.sources", ("capture", "--source", "odd", "-o", "x.tif")),
+            ("nolens.masks", ("design", "mask", "odd", "--camera", "small", "-o", "m")),
+            ("nolens.masks", ("design", "mask", "odd", "--help")),
+        ):
+            said = nolens(*arguments).refusal
+            assert f"nolens-odd adds 'odd' to {group}, and cannot be loaded" in said
+            assert "No module named 'nowhere_to_be_found'" in said
 
 
 def test_a_broken_mask_leaves_the_others(tmp_path: Path) -> None:
-    packages = broken_package(tmp_path, "nolens.masks", "raise RuntimeError('half installed')")
-    listed = " ".join(printed(nolens("design", "mask", "--help", packages=packages)).split())
-    assert "Lenslets in regular places." in listed and "nolens-odd adds 'odd'" in listed
+    packages = broken_package(tmp_path, "raise RuntimeError('half installed')", "nolens.masks")
     asked = ("lenslet-array", "--camera", "small", "--overhang", "0.2mm", "-o", tmp_path / "m")
-    printed(nolens("design", "mask", *asked, packages=packages))
+    with Command(packages) as nolens:
+        listed = " ".join(nolens("design", "mask", "--help").printed.split())
+        assert "Lenslets in regular places." in listed and "nolens-odd adds 'odd'" in listed
+        assert nolens("design", "mask", *asked).returncode == 0
     assert (tmp_path / "m" / "relief.tif").exists()
 
 
 def test_a_mask_must_be_of_its_class(tmp_path: Path) -> None:
-    packages = broken_package(tmp_path, "nolens.masks", "Odd = dict")
-    said = refusal(nolens("design", "mask", "odd", "-o", tmp_path / "m", packages=packages))
+    with Command(broken_package(tmp_path, "Odd = dict", "nolens.masks")) as nolens:
+        said = nolens("design", "mask", "odd", "-o", tmp_path / "m").refusal
     assert "leads to no class of MaskOptions" in said

@@ -2,34 +2,18 @@
 
 import json
 import math
-import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from plugin_process import INSTALLED, Command
 from scipy.ndimage import gaussian_filter1d
 
 from nolens.files import read_picture
 from nolens.jobs.measuring.resolution import TARGETS
 
-NOLENS = Path(sys.executable).with_name("nolens")
-INSTALLED = Path(__file__).parent / "installed"
 PIXEL_DEG = 0.1
-
-
-def nolens(*arguments: object, packages: Path = INSTALLED) -> "subprocess.CompletedProcess[str]":
-    """The installed command, with packages installed beside it."""
-    paths = os.pathsep.join(filter(None, (str(packages), os.environ.get("PYTHONPATH"))))
-    return subprocess.run(
-        [NOLENS, *map(str, arguments)],
-        env={**os.environ, "PYTHONPATH": paths, "COLUMNS": "100"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
 
 
 def bars(period_cells: float, contrast: float, blur_cells: float = 0.0, side: int = 150) -> object:
@@ -42,18 +26,11 @@ def bars(period_cells: float, contrast: float, blur_cells: float = 0.0, side: in
     return np.tile(wave.reshape(side, fine).mean(1).astype(np.float32), (40, 1))
 
 
-def refusal(done: "subprocess.CompletedProcess[str]") -> str:
-    """The one line that says why a command ended with exit code 2."""
-    assert done.returncode == 2 and done.stdout == "", done
-    assert done.stderr.startswith("nolens: ") and done.stderr.count("\n") == 1, done
-    return done.stderr
-
-
 @pytest.mark.parametrize(
     ("period_cells", "contrast", "blur_cells"), [(9.7, 0.6, 0.0), (12.3, 1.0, 2.0), (7.4, 0.3, 1.0)]
 )
 def test_contrast_of_bars(
-    period_cells: float, contrast: float, blur_cells: float, tmp_path: Path
+    period_cells: float, contrast: float, blur_cells: float, nolens: Command, tmp_path: Path
 ) -> None:
     np.save(tmp_path / "bars.npy", bars(period_cells, contrast, blur_cells))
     cell = math.tan(math.radians(PIXEL_DEG))
@@ -73,7 +50,7 @@ def test_contrast_of_bars(
     assert record["result"] == told and list(record["inputs"]) == ["frame"]
 
 
-def test_bars_of_a_simulated_camera() -> None:
+def test_bars_of_a_simulated_camera(nolens: Command) -> None:
     """The seam has the simulation of the built-in targets: wider bars have more contrast."""
     contrasts = []
     for period in ("0.6deg", "1.2deg"):
@@ -86,7 +63,7 @@ def test_bars_of_a_simulated_camera() -> None:
     assert 0 < contrasts[0] < contrasts[1] < 1.1
 
 
-def test_bars_are_listed_and_drawn(tmp_path: Path) -> None:
+def test_bars_are_listed_and_drawn(nolens: Command, tmp_path: Path) -> None:
     listed = nolens("measure", "resolution", "--help")
     assert listed.returncode == 0
     for words in ("bars", "Measure the contrast of upright bars", "two-points", "siemens", "edge"):
@@ -118,11 +95,15 @@ def test_bars_are_listed_and_drawn(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_bad_input(
-    arguments: tuple[str, ...], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    arguments: tuple[str, ...],
+    words: str,
+    nolens: Command,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     np.save("bars.npy", bars(8.0, 0.6))
-    assert words in refusal(nolens("measure", *arguments))
+    assert words in nolens("measure", *arguments).refusal
     assert [each.name for each in tmp_path.iterdir()] == ["bars.npy"]
 
 
@@ -132,14 +113,13 @@ def test_package_that_cannot_be_loaded(tmp_path: Path) -> None:
     shutil.copytree(INSTALLED, packages)
     (packages / "nolens_example" / "bars.py").write_text("import nowhere\n")
     given = ("bars.npy", "--period", "1deg", "--pixel-angle", "0.1deg")
-    said = refusal(nolens("measure", "resolution", "bars", *given, packages=packages))
-    assert "nolens-example" in said.replace("_", "-") and "No module named 'nowhere'" in said
-    listed = nolens("measure", "resolution", "--help", packages=packages)
-    assert listed.returncode == 0 and "siemens" in listed.stdout and "bars" in listed.stdout
-    done = nolens(
-        "measure", "target", "edge", "-o", tmp_path / "edge.png", "--pixels", 100, packages=packages
-    )
-    assert done.returncode == 0, done
+    edge = ("edge", "-o", tmp_path / "edge.png", "--pixels", 100)
+    with Command(packages) as nolens:
+        said = nolens("measure", "resolution", "bars", *given).refusal
+        assert "nolens-example" in said.replace("_", "-") and "No module named 'nowhere'" in said
+        listed = nolens("measure", "resolution", "--help").printed
+        assert "siemens" in listed and "bars" in listed
+        assert nolens("measure", "target", *edge).returncode == 0
 
 
 def test_built_in_targets() -> None:
