@@ -12,37 +12,24 @@ import argparse
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-
-from skimage import data as photographs
+from typing import Any
 
 import nolens as nl
+from nolens.api.inputs import Raw
 from nolens.errors import NolensError
 from nolens.optics.magnification import magnified
 from results import PAIRS
+from simulated import EXPOSURES, PHOTOGRAPHS, cameras, taken
 
-PIXELS = (380, 506)
-MASKS = ("contour", "diffuser", "lenslet-array")
-PHOTOGRAPHS = ("astronaut", "chelsea", "coffee", "rocket")
-EXPOSURES = (0.9, 0.1, 0.02)
 Problem = tuple[str, nl.SimulatedMeasurement, nl.Psf]
-
-
-def cameras() -> Iterator[tuple[str, nl.Camera]]:
-    """The cameras, by name."""
-    yield "small", nl.Camera("small")
-    paper = nl.Camera("paper", pixels=PIXELS)
-    yield "paper", paper
-    for kind in MASKS:
-        yield kind, nl.design_mask(kind, paper)
 
 
 def simulated() -> Iterator[Problem]:
     """Measurements and their PSFs."""
     for name, camera in cameras():
         for photograph in PHOTOGRAPHS:
-            picture = getattr(photographs, photograph)()
             for fill in EXPOSURES:
-                shot = nl.simulate(picture, camera, angle="30deg", fill=fill, field_points=3)
+                shot = taken(camera, photograph, fill)
                 psf = nl.psf(camera, "300mm", support=shot.support, wavelengths=1)
                 yield f"{name}, {photograph}, {fill:.0%}", shot, psf
 
@@ -60,18 +47,24 @@ def wrong(shot: nl.SimulatedMeasurement, psf: nl.Psf) -> Iterator[tuple[str, tup
         height=support.height * 2 // 3,
         width=support.width * 2 // 3,
     )
-    try:
-        yield "swapped", nl.reconstruct(own, shot.values, channels="g").warnings
-    except NolensError as error:  # It is refused.
-        yield "swapped", (str(error),)
+    yield "swapped", words(own, shot.values)
     for what, other in (
         ("1 % larger PSF", magnified(psf.values, 1.01)),
         ("3 % smaller PSF", magnified(psf.values, 0.97)),
         ("10 % larger PSF", magnified(psf.values, 1.1)),
         ("mirrored PSF", psf.values.flip(-1)),
     ):
-        yield what, nl.reconstruct(shot, other, channels="g").warnings
-    yield "support too small", nl.reconstruct(shot, psf, support=smaller, channels="g").warnings
+        yield what, words(shot, other)
+    yield "support too small", words(shot, psf, support=smaller)
+
+
+def words(measurement: Raw, psf: Raw, **options: Any) -> tuple[str, ...]:
+    """What is said of a reconstruction: warnings, a refusal, that the PSF is turned over."""
+    try:
+        photo = nl.reconstruct(measurement, psf, **{"channels": "g", **options})
+    except NolensError as error:  # It is refused.
+        return (str(error),)
+    return photo.warnings + tuple(each for each in photo.notes if "--psf-flip" in each)
 
 
 def real(data: Path) -> Iterator[tuple[str, tuple[str, ...]]]:
@@ -79,9 +72,9 @@ def real(data: Path) -> Iterator[tuple[str, tuple[str, ...]]]:
     pairs, hand = data / "diffusercam-pairs", data / "diffusercam-hand"
     for name in PAIRS:
         pair = pairs / "diffuser" / f"{name}.npy", pairs / "psf_estimate.npy"
-        yield name, nl.reconstruct(*pair, psf_extended=True, channels="g").warnings
+        yield name, words(*pair, psf_extended=True)
     files = hand / "rawdata_hand_sample.tif", hand / "psf_sample.tif"
-    yield "hand", nl.reconstruct(*files, black="auto").warnings
+    yield "hand", words(*files, black="auto", channels="all")
 
 
 def said(what: str, warnings: tuple[str, ...]) -> bool:
@@ -100,7 +93,7 @@ def main() -> None:
     if data is not None:
         good += [said(*each) for each in real(data)]
     for what, shot, psf in simulated():
-        good.append(said(what, nl.reconstruct(shot, psf, channels="g").warnings))
+        good.append(said(what, words(shot, psf)))
         if PHOTOGRAPHS[0] in what and f"{EXPOSURES[1]:.0%}" in what:
             bad += [said(f"{what}, {fault}", each) for fault, each in wrong(shot, psf)]
     print(f"good problems with a warning: {sum(good)} of {len(good)}")
