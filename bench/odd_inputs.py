@@ -303,9 +303,8 @@ def kinds(cameras: Cameras) -> list[Kind]:
         Kind(
             "colour PSF for a grey measurement",
             lambda pair, files: (
-                files.stated("raw", pair.raw[1:2]), files.raw("psf", pair.point_frame),
+                files.stated("raw", pair.raw), files.raw("psf", pair.point_frame),
             ),
-            colour=True,
         ),
         Kind("JPEG as measurement", jpeg, colour=True),
         Kind("PNG of a developed picture (sRGB) as measurement", gamma, colour=True),
@@ -366,7 +365,11 @@ def psnr_of(path: Path, pair: Pair) -> float | None:
     inside = pair.support
     part = frame[:, rows + inside.top :, columns + inside.left :]
     part = part[:, : inside.height, : inside.width]
-    return nl.psnr(part, pair.truth) if part.shape == pair.truth.shape else None
+    if part.shape != pair.truth.shape:
+        return None
+    # A grey PSF tells nothing of how the colours are balanced.
+    factors = (part * pair.truth).sum((-2, -1)) / part.square().sum((-2, -1))
+    return nl.psnr(part * factors[:, None, None], pair.truth)
 
 
 def cell(text: str) -> str:

@@ -26,6 +26,11 @@ def amount(value: float, unit: str = "", *, digits: int = 3, sign: bool = False)
     return f"{_plain(value, unit, digits, '+' if sign else '')} {unit_text(unit)}".rstrip()
 
 
+def percent(fraction: float) -> str:
+    """A fraction of something in per cent, with two digits; 100 % at most."""
+    return amount(100 * min(fraction, 1.0), "%", digits=2)
+
+
 def unit_text(unit: str) -> str:
     """A unit as people read it: um as µm."""
     return _UNITS.get(unit, unit)

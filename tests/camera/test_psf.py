@@ -256,6 +256,15 @@ def test_black_level_that_was_not_subtracted_is_doubted():
     assert not any("--black" in text for text in prepare_psf(stated, scene(60, 80)).warnings)
 
 
+def test_noisy_psf_is_doubted():
+    """The noise of its spot, of deviation 0.1, has this part of the power."""
+    faint = measurement(spot(60, 80).values + torch.randn(1, 60, 80), source="psf.tif")
+    part = 60 * 80 * 1.01 / float(faint.values.square().sum())
+    (warning,) = prepare_psf(faint, scene(60, 80)).warnings
+    percent = float(re.match(r"(.*) % of the power of the PSF psf\.tif is noise", warning)[1])
+    assert percent == pytest.approx(100 * part, rel=0.1)
+
+
 @needs_data
 def test_real_psfs_are_accepted():
     hand = develop(read_frame(DATA / "diffusercam-hand" / "psf_sample.tif"))

@@ -12,7 +12,7 @@ from nolens.camera import Measurement
 from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.optics.magnification import magnified
 from nolens.solvers import Method, Reconstructor
-from nolens.solvers.explanation import explain, unfinished_warning
+from nolens.solvers.explanation import explain, picture_warnings
 from nolens.solvers.problem import Prior
 from nolens.solvers.result import Stop
 
@@ -59,6 +59,7 @@ def test_good_problems_are_silent(noise: float, support: PixelRectangle | None) 
         (lambda psf: magnified(psf, 0.97), ("3 % larger", "nearer")),
         (lambda psf: psf.flip(-1), ("not explained by the PSF psf", "refocused or moved")),
         (lambda psf: mask_psf(1), ("noise alone would be", "another camera")),
+        (lambda psf: nnf.avg_pool2d(psf, 5, 1, 2), ("sharper", "out of focus")),
     ],
 )
 def test_another_psf(change, words) -> None:  # type: ignore[no-untyped-def]
@@ -101,11 +102,21 @@ def test_what_noise_hides_and_what_is_too_small_to_judge() -> None:
     assert explain(filtered, data, filtered.choose_weight(data), "psf").warnings
 
 
-def test_a_run_that_was_ended_early() -> None:
+def test_what_is_said_of_a_picture() -> None:
+    """A run that was ended early, and a scene that fills the view; silence of a good one."""
     psf = mask_psf()
-    data = measured(psf)
-    early = Reconstructor(psf, None, tau=1e-4, stop=Stop(8, 0.0, 0.0, low_frequency=False))
-    text = unfinished_warning(early.solve(data), supported=False)
-    assert text is not None and "8 iterations" in text and "--support" in text
-    whole = Reconstructor(psf, SUPPORT, tau=1e-4)
-    assert unfinished_warning(whole.solve(data), supported=True) is None
+    early = Stop(8, 0.0, 0.0, low_frequency=False)
+
+    def said_of(support: PixelRectangle | None, data: Tensor, stop: Stop | None = None) -> str:
+        problem = Reconstructor(psf, support, tau=1e-4).problem(data)
+        result = Reconstructor(psf, support, tau=1e-4, stop=stop).solve(problem)
+        assert picture_warnings(problem, result, psf, iterations=8) == ()
+        return " ".join(picture_warnings(problem, result, psf, None))
+
+    values = measured(psf).values
+    text = said_of(None, values, early)
+    assert "8 iterations" in text and "--support" in text
+    assert said_of(None, values) == said_of(SUPPORT, values) == ""
+    wide = CroppedConvolution(psf, SENSOR, None)
+    everywhere = wide(torch.ones(1, *wide.geometry.scene[2:])) + values
+    assert "the scene fills the view" in said_of(None, everywhere)

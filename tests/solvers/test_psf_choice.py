@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
-from nolens.camera import Frame
+from nolens.camera import Frame, PsfGeometry
 from nolens.errors import DataError
 from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.solvers import Development, PsfSettings, choose_psf
@@ -105,6 +105,11 @@ def test_extended_of_sizes_that_finer_would_have_too() -> None:
     assert "extended (--psf-extent wide): " in choice.notes[0] and "2 times" in choice.notes[0]
     both = choose_psf(Development(frame(finer(wide, 2), "psf.tif")), raw).development
     assert both.psf_geometry.extended and both.psf_geometry.scale == 2
+    # Where noise hides what the PSF explains, it is not said to be finer.
+    noise = 40 * NOISE * torch.randn(raw.counts.shape, generator=torch.Generator().manual_seed(6))
+    odd = frame(nnf.pad(wide, (9, 9, 9, 9)), "psf.tif")
+    buried = choose_psf(Development(odd), replace(raw, counts=raw.counts / 9 + noise))
+    assert buried.development.psf_geometry == PsfGeometry(extended=True)
 
 
 @pytest.mark.parametrize("of_both", [True, False])

@@ -27,7 +27,7 @@ from nolens.solvers import (
     stop_of,
 )
 from nolens.solvers import Progress as Iteration
-from nolens.solvers.explanation import explain, unfinished_warning
+from nolens.solvers.explanation import explain, picture_warnings
 from nolens.solvers.inputs import Support, one_of, support_of
 from nolens.solvers.psf_choice import Extent
 from nolens.solvers.reconstructor import SPARE
@@ -196,12 +196,11 @@ def reconstruct(
         seconds=clock.seconds,
         pixel_rad=None if pixel_rad is None else developed.development.bin_by * pixel_rad,
     )
-    unfinished = unfinished_warning(result, supported=solver.support is not None)
     notes = (*choice.notes, *(developed.notes if bin_by is None else ()), *prepared.notes)
     warnings = (
         *prepared.warnings,
         *explanation.warnings,
-        *(() if unfinished is None or iterations is not None else (unfinished,)),
+        *picture_warnings(problem, result, prepared.values, iterations),
     )
     return Photograph(
         result.photograph.cpu(), data.channels, result, problem.weight, report, notes, warnings

@@ -63,6 +63,12 @@ class Measurement:
         """Height and width in pixels, as text for messages."""
         return size_text(self.values)
 
+    @property
+    def brightest(self) -> int:
+        """Number of the channel that carries most, from 0."""
+        values = torch.where(self.valid, self.values, 0)
+        return int(values.square().sum(dim=(-2, -1)).argmax())
+
 
 def develop(
     frame: Frame,

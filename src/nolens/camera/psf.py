@@ -7,6 +7,7 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
+from nolens.amounts import percent
 from nolens.camera.measurement import Measurement, bin_mean, darkest_corner
 from nolens.errors import DataError, OptionError
 
@@ -22,6 +23,7 @@ _FINER = 3.0
 _LEAST_SHARPNESS = 0.01
 _PEAK_SIGMAS = 8.0
 _NOISE_RATIO = 0.5
+_NOISY = 0.01
 
 Flip = Literal["none", "vertical", "horizontal", "both"]
 """How a picture is turned over: upside down, left to right, or both, which is by 180°."""
@@ -302,6 +304,14 @@ def _psf_warnings(psf: Measurement, values: Tensor) -> list[str]:
         texts.append(
             f"{100 * saturated:.2g} % of the PSF {psf.source} is saturated, and its peaks are "
             "cut off there: a shorter exposure of the point source gives a better picture"
+        )
+    # Where no light falls, half of the noise is negative.
+    noise = 2 * float(values.clamp(max=0).square().sum() / values.square().sum())
+    if noise > _NOISY:
+        texts.append(
+            f"{percent(noise)} of the power of the PSF {psf.source} is noise, or its black level "
+            "is too high: expose the point source longer, or take the mean of many frames (nolens "
+            "calibrate)"
         )
     if not black_is_known(psf, values):
         corner, peak = darkest_corner(values), float(values.max())

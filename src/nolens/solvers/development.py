@@ -65,11 +65,15 @@ class Development:
     def prepared(self, measurement: Measurement) -> PreparedPsf:
         """The PSF, developed and made to fit a measurement."""
         prepared = prepare_psf(self.developed_psf(measurement), measurement, self.psf_geometry)
-        grey = measurement.channels == ("grey",) and self.channels != "grey"
-        if grey and self.psf.channels != ("grey",):
-            note = f"the measurement is grey: so is the PSF {self.psf.source} taken"
-            prepared = replace(prepared, notes=(*prepared.notes, note))
-        return prepared
+        source, note = self.psf.source, ""
+        if len(measurement.channels) > 1 and self.psf.channels == ("grey",):
+            note = f"the PSF {source} is grey, so colours are the sensor's: one of white light in "
+            note += "colour balances them"
+        elif measurement.channels == ("grey",) and self.channels != "grey":
+            note = f"the measurement is grey: so is the PSF {source} taken"
+        if not note or self.psf.channels == measurement.channels:
+            return prepared
+        return replace(prepared, notes=(*prepared.notes, note))
 
     def developed_psf(self, measurement: Measurement) -> Measurement:
         """The PSF, developed for the channels of a measurement.

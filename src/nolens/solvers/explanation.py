@@ -8,42 +8,42 @@ and what explains clearly more is named.
 import math
 from dataclasses import dataclass, replace
 
-import torch
+import torch.nn.functional as nnf
 from torch import Tensor
 
-from nolens.amounts import amount
+from nolens.amounts import percent
 from nolens.camera import Measurement
 from nolens.camera.psf import has_finer_detail, reaches_edges
 from nolens.errors import NolensError
-from nolens.operators import PixelRectangle
 from nolens.optics.magnification import magnified
-from nolens.solvers.held_out import Prediction, Weight, predict
+from nolens.solvers.held_out import Prediction, Weight
 from nolens.solvers.inputs import support_of, tensor_of
-from nolens.solvers.problem import Prior
-from nolens.solvers.reconstructor import Method, Reconstructor
+from nolens.solvers.problem import Prior, Problem
+from nolens.solvers.reconstructor import Method, Reconstructor, judged_side
 from nolens.solvers.result import Result, still_to_go
 
-_WELL = 0.9
+_WELL = 0.97
 """Explained fraction of the signal from which nothing is tried."""
 _BADLY = 0.5
 """Explained fraction below which the PSF is not the measurement's."""
-_CLEARLY = 0.1
-"""Explained fraction by which another reading must be better to be named."""
-_EXCHANGED = 0.25
-"""The same for exchanged files."""
-_FAIRLY = 0.8
-"""Explained fraction that another size or support must reach to be named."""
-_BURIED = 0.7
-"""Fraction of the contrast that is noise, above which nothing can be told."""
-_PIXELS = 60_000
-"""Sensor pixels that predictions are made with."""
-_MAGNIFICATIONS = (0.97, 0.99, 1.01, 1.03)
 _ERRORS = 2.0
 """Standard errors by which it must be below that."""
+_EXCHANGED = 0.25
+"""Explained fraction by which exchanged files must be better to be named."""
+_FAIRLY = 0.8
+"""Explained fraction that no support must reach to be named."""
+_BURIED = 0.7
+"""Fraction of the contrast that is noise, above which nothing can be told."""
 _UNKNOWN = (
-    ": was the camera refocused or moved, or is it the PSF of another camera, or mirrored? Take "
-    "the PSF anew with the settings of the measurement"
+    ": was the camera refocused or moved, is it the PSF of another camera, or the measurement a "
+    "picture that a program developed? Give files as the sensor measured them, with the same "
+    "settings"
 )
+_SHARPENINGS = 4
+_DARK = 1e-6
+"""Of the PSF's peak, added against division by zero."""
+_BESIDE = 0.1
+"""Fraction of the light that comes from beside the sensor's frame where a scene fills the view."""
 _MOVES = 0.1
 """Relative distance that a picture still has to go, from which more iterations are advised."""
 _STEP = 1e-3
@@ -95,25 +95,54 @@ def explain(
     return Explanation(prediction, () if cause is None else (cause,))
 
 
-def unfinished_warning(result: Result, *, supported: bool) -> str | None:
-    """What helps where a run reached its limit while the picture still moved; None otherwise.
+def picture_warnings(
+    problem: Problem, result: Result, psf: Tensor, iterations: int | None
+) -> tuple[str, ...]:
+    """What may be better about a picture than it is, in sentences.
 
     Parameters
     ----------
-    result
-        Of the run.
-    supported
-        Whether the scene has a support.
+    problem, result
+        What was solved, and what came of it.
+    psf
+        (channels, height, width), as it was used.
+    iterations
+        The limit that a person set; then, and of a run that was interrupted, nothing is said.
     """
-    if result.stop_reason != "iteration limit" or not result.history:
+    if iterations is not None or not result.history or result.stop_reason == "callback":
+        return ()
+    texts = (_filled_view_warning(problem, result, psf), _unfinished_warning(problem, result))
+    return tuple(text for text in texts if text is not None)
+
+
+def _filled_view_warning(problem: Problem, result: Result, psf: Tensor) -> str | None:
+    # Light that a cut PSF lacks is put beside the sensor's frame, too.
+    if problem.forward.support is not None or reaches_edges(psf, problem.forward.sensor):
+        return None
+    top, left, height, width = problem.frame
+    beside = result.scene.clone()
+    beside[:, top : top + height, left : left + width] = 0
+    fraction = float(problem.forward(beside).sum() / problem.forward(result.scene).sum())
+    if not fraction > _BESIDE:
+        return None
+    return (
+        f"{percent(fraction)} of the light seems to come from beside the sensor's frame, from "
+        "where only a part of the PSF falls on the sensor: the scene fills the view, and comes out "
+        "poor. If it is smaller, say so (--support); otherwise go farther away, or keep light from "
+        "the side out with a hood"
+    )
+
+
+def _unfinished_warning(problem: Problem, result: Result) -> str | None:
+    if result.stop_reason != "iteration limit":
         return None
     step = result.history[-1]["scene_change"]
     if step <= _STEP or still_to_go(result.history) <= _MOVES:
         return None
-    support = "" if supported else "a support of the scene (--support), "
+    support = "" if problem.forward.support else "a support of the scene (--support), "
     return (
         f"the limit of {result.iterations} iterations was reached while the picture still changes "
-        f"by {_percent(step)} in each: {support}larger pixels (--bin 2) or more --iterations help"
+        f"by {percent(step)} in each: {support}larger pixels (--bin 2) or more --iterations help"
     )
 
 
@@ -121,30 +150,26 @@ class _Trials:
     """Predictions on coarse pixels of the brightest channel, with other files and supports."""
 
     def __init__(self, reconstructor: Reconstructor, measurement: Measurement) -> None:
+        self._measurement, self._sensor = measurement, measurement.size
         self._all = replace(
             reconstructor,
             prior=Prior.TV if reconstructor.prior == Prior.NONE else reconstructor.prior,
             method=Method.ADMM,
         )
-        self._measurement = measurement
-        self._sensor = measurement.size
-        self._by = math.ceil(math.sqrt(math.prod(self._sensor) / _PIXELS))
-        power = torch.where(measurement.valid, measurement.values, 0).square().sum((-2, -1))
-        channel = int(power.argmax())
+        channel = measurement.brightest
         psf = tensor_of(reconstructor.psf, "PSF")
         self._psf = psf[channel % len(psf)][None]
+        self._solver = replace(self._all, psf=self._psf)
         self._data = measurement.values[channel : channel + 1]
         self._valid = measurement.valid[channel : channel + 1]
 
     def of_all(self) -> Prediction | None:
         """Of all channels, as they are."""
-        measurement = self._measurement
-        return predict(self._all.coarse_problem(measurement.values, measurement.valid, self._by))
+        return self._all.predict(self._measurement)
 
     def cause(self, psf_source: str) -> str | None:
         """The sentence for a measurement that is badly explained; None where it is not."""
-        support = support_of(self._all.support, self._sensor)
-        now = self._of(self._psf, support)
+        now = self._solver.predict(self._data, self._valid)
         if now is None or now.unexplained_by_noise > _BURIED or now.explained >= _WELL:
             return None
         error = float(now.blocks.std()) / math.sqrt(len(now.blocks))
@@ -153,73 +178,98 @@ class _Trials:
             return None  # It was said with the PSF.
         remedy = (
             self._exchange(now)
-            or self._size(now, support)
-            or self._larger_support(now, support)
+            or self._size(now)
+            or self._sharper(now)
+            or self._larger_support(now)
             or (_UNKNOWN if badly else None)
         )
         if remedy is None:
             return None
         return (
-            f"{_percent(now.unexplained)} of the local contrast of the measurement "
+            f"{percent(now.unexplained)} of the local contrast of the measurement "
             f"{self._measurement.source} is not explained by the PSF {psf_source}, and noise alone "
-            f"would be {_percent(now.unexplained_by_noise)}{remedy}"
+            f"would be {percent(now.unexplained_by_noise)}{remedy}"
         )
 
     def _exchange(self, now: Prediction) -> str | None:
         """What is said where PSF and measurement explain each other better the other way round."""
+        if now.explained + _EXCHANGED > 1:
+            return None
         height, width = self._sensor
         rows, columns = self._psf.shape[-2:]
         top, left = (rows - height) // 2, (columns - width) // 2
         middle = self._psf[:, top : top + height, left : left + width]
-        solver = replace(self._all, psf=self._data.clamp_min(0), support=None)
+        solver = replace(self._solver, psf=self._data.clamp_min(0), support=None)
         try:
-            exchanged = predict(solver.coarse_problem(middle, None, self._by))
+            exchanged = solver.predict(middle)
         except NolensError:  # What is no PSF explains nothing.
             return None
         least = max(_BADLY, now.explained + _EXCHANGED)
         if exchanged is None or exchanged.explained < least:
             return None
-        rest = _percent(exchanged.unexplained)
+        rest = percent(exchanged.unexplained)
         return f". With the two files exchanged it is {rest}: they seem to be swapped"
 
-    def _larger_support(self, now: Prediction, support: PixelRectangle | None) -> str | None:
+    def _larger_support(self, now: Prediction) -> str | None:
         """What is said where light comes from beyond the support."""
+        support = support_of(self._solver.support, self._sensor)
         # Without one, the light that a cut PSF lacks would come from there; and what is missing
         # from another camera's finds some place.
         if support is None or reaches_edges(self._psf, self._sensor):
             return None
-        free = self._of(self._psf, None)
-        least = max(_FAIRLY, now.explained + _CLEARLY)
-        if free is None or free.explained < least:
+        free = replace(self._solver, support=None).predict(self._data, self._valid)
+        if free is None or free.explained < _FAIRLY or not free.is_clearly_better(now):
             return None
         return (
             f". Without the support of {support.height}×{support.width} pixels it is "
-            f"{_percent(free.unexplained)}: light comes from beyond it too. Give a larger one "
+            f"{percent(free.unexplained)}: light comes from beyond it too. Give a larger one "
             "(--support), or none"
         )
 
-    def _size(self, now: Prediction, support: PixelRectangle | None) -> str | None:
+    def _size(self, now: Prediction) -> str | None:
         """What is said where the PSF of another distance explains more."""
-        best, size = max(_FAIRLY, now.explained + _CLEARLY), None
-        for factor in _MAGNIFICATIONS:
-            other = self._of(magnified(self._psf, factor), support)
-            if other is not None and other.explained > best:
-                best, size = other.explained, (factor, other)
-        if size is None:
+        tried = {factor: self._of(magnified(self._psf, factor)) for factor in (0.99, 1.01)}
+        nearest = min(tried, key=lambda each: tried[each].unexplained)
+        further = 1 + 3 * (nearest - 1)
+        tried[further] = self._of(magnified(self._psf, further))
+        factor = min(tried, key=lambda each: tried[each].unexplained)
+        other = tried[factor]
+        if not other.is_clearly_better(now):
             return None
-        factor, other = size
         larger, nearer = ("larger", "nearer") if factor > 1 else ("smaller", "farther")
         return (
-            f". With a PSF that is {_percent(abs(factor - 1))} {larger} it is "
-            f"{_percent(other.unexplained)}: the scene is {nearer} than the point source was, or "
+            f". With a PSF that is {percent(abs(factor - 1))} {larger} it is "
+            f"{percent(other.unexplained)}: the scene is {nearer} than the point source was, or "
             "the camera was refocused. Take the PSF at the distance of the scene, or refocus "
             "(nolens refocus)"
         )
 
-    def _of(self, psf: Tensor, support: PixelRectangle | None) -> Prediction | None:
-        solver = replace(self._all, psf=psf, support=support)
-        return predict(solver.coarse_problem(self._data, self._valid, self._by))
+    def _sharper(self, now: Prediction) -> str | None:
+        """What is said where a PSF with less blur explains more."""
+        other = self._of(_sharpened(self._psf, 2 * judged_side(self._sensor) + 1))
+        if not other.is_clearly_better(now):
+            return None
+        return (
+            f". With a sharper PSF it is {percent(other.unexplained)}: the point source was out of "
+            "focus, or too large, or moved. Take the PSF anew, with a smaller and steady source at "
+            "the distance of the scene"
+        )
+
+    def _of(self, psf: Tensor) -> Prediction:
+        """With another PSF; once there are pixels enough for the PSF as it is."""
+        prediction = replace(self._solver, psf=psf).predict(self._data, self._valid)
+        assert prediction is not None
+        return prediction
 
 
-def _percent(fraction: float) -> str:
-    return amount(100 * min(fraction, 1.0), "%", digits=2)
+def _sharpened(psf: Tensor, side: int) -> Tensor:
+    """Less blurred, by a few of Richardson's iterations (`richardson1972`)."""
+
+    def soft(plane: Tensor) -> Tensor:
+        return nnf.avg_pool2d(nnf.avg_pool2d(plane, side, 1, side // 2), side, 1, side // 2)
+
+    blurred = psf.clamp_min(0) + _DARK * psf.max()
+    sharp = blurred
+    for _ in range(_SHARPENINGS):
+        sharp = sharp * soft(blurred / soft(sharp))
+    return sharp

@@ -49,6 +49,10 @@ values and float32 are no finer."""
 _WIENER_WEIGHTS = tuple(3.0 * 0.3**step for step in range(8))
 _WIENER_FALLBACK = 0.3
 """Weights of the filter, over the mean power of the PSF's transfer."""
+_SURE = 3.0
+"""Standard errors by which a clearly better prediction is better."""
+_BETTER = 0.75
+"""Fraction of what another prediction misses that a clearly better one misses at most."""
 _SAMPLES = 1_000_000
 COARSEN_FROM = 100_000
 """Sensor pixels from which on 2×2 of them are one while a weight is chosen."""
@@ -96,6 +100,11 @@ class Prediction:
     def excess(self, other: "Prediction") -> tuple[float, float]:
         """How much more is unexplained than by another of the same blocks; its standard error."""
         return _apart(self.blocks, other.blocks)
+
+    def is_clearly_better(self, other: "Prediction") -> bool:
+        """Whether it explains the same blocks better, beyond doubt and by more than a little."""
+        excess, error = other.excess(self)
+        return excess > _SURE * error and self.missed < _BETTER * other.missed
 
     @property
     def explained(self) -> float:

@@ -1,38 +1,34 @@
 """How a PSF's file is to be read: finer, extended, mirrored, with a black level; by the data.
 
 Candidates are tried on a coarse grid, and judged by how well the scene that each one gives predicts
-sensor pixels that were left out of the fit (`held_out.predict`).
+sensor pixels that were left out of the fit (`Reconstructor.predict`).
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
+from nolens.amounts import percent
 from nolens.camera import Flip, Frame, Measurement, PsfGeometry, dark_corner, prepare_psf
 from nolens.camera.psf import black_is_known, sizes_text
 from nolens.errors import DataError
 from nolens.solvers.development import Development
-from nolens.solvers.held_out import Prediction, predict
+from nolens.solvers.held_out import Prediction
 from nolens.solvers.reconstructor import Reconstructor
 
 Extent = Literal["auto", "sensor", "wide"]
 
-_COARSE_PIXELS = 60_000
 _BEYOND = 2
 """Times the sensor, of which a PSF is tried."""
 _MISSED = 0.15
 """Of the measurement beside its noise: where a PSF misses more, its mirror images are tried."""
 _PART_MISSED = 0.5
 """Where a PSF of which parts were cut off misses more, it is not one."""
-_BETTER = 0.8
-"""Fraction of what another candidate misses that a better one misses at most."""
-_SURE, _LIKELY = 4.0, 2.0
-"""Standard errors."""
+_LIKELY = 2.0
+"""Standard errors by which a black level predicts better."""
 _AS_DARK = 0.9
 """Of a black level, what nearly all pixels of a frame that has it reach."""
 _DARKEST = 0.01
@@ -171,7 +167,7 @@ def choose_psf(
         if mirrored:
             turned = [replace(each, flip=flip) for each in geometries for flip in _MIRRORED]
             trials += _tried(levels, turned, frame)
-    best = _best(trials, psf, measurement) if trials else None
+    best = _best(trials, len(geometries), psf, measurement) if trials else None
     if doubtful and best is None:
         prepare_psf(psf, measurement)  # Says what sizes would fit.
     if best is not None and part and best.prediction.missed > _PART_MISSED:
@@ -303,7 +299,8 @@ def _tried(
             prediction = _prediction(development, frame)
             if prediction is None:
                 return []
-            if choice is None or _surpasses(prediction, choice.prediction, _LIKELY):
+            excess, error = (0.0, 0.0) if choice is None else choice.prediction.excess(prediction)
+            if choice is None or excess > _LIKELY * error:
                 choice = PsfTrial(development, prediction)
         if choice is not None:
             trials.append(choice)
@@ -314,15 +311,11 @@ def _prediction(development: Development, frame: Frame) -> Prediction | None:
     """How well left-out pixels are predicted, in the measurement's strongest channel."""
     measurement = development.measurement(frame)
     psf = development.prepared(measurement).values
-    values = torch.where(measurement.valid, measurement.values, 0)
-    channel = int(values.square().sum(dim=(-2, -1)).argmax())
+    channel = measurement.brightest
     psf = psf[channel % len(psf)][None]
     height, width = measurement.size
-    by = max(1, round(math.sqrt(height * width / _COARSE_PIXELS)))
-    problem = Reconstructor(_middle(psf, (_BEYOND * height, _BEYOND * width))).coarse_problem(
-        measurement.values[channel], measurement.valid[channel], by
-    )
-    return predict(problem)
+    solver = Reconstructor(_middle(psf, (_BEYOND * height, _BEYOND * width)))
+    return solver.predict(measurement.values[channel], measurement.valid[channel])
 
 
 def _middle(psf: Tensor, most: tuple[int, int]) -> Tensor:
@@ -334,41 +327,37 @@ def _middle(psf: Tensor, most: tuple[int, int]) -> Tensor:
     return nnf.pad(psf, (*sides[1], *sides[0]))
 
 
-def _surpasses(one: Prediction, other: Prediction, errors: float) -> bool:
-    excess, error = other.excess(one)
-    return excess > errors * error
-
-
-def _is_clear(one: PsfTrial, other: PsfTrial) -> bool:
-    """Whether one explains the measurement better beyond doubt."""
-    mine, theirs = one.prediction, other.prediction
-    return _surpasses(mine, theirs, _SURE) and mine.missed < _BETTER * theirs.missed
-
-
-def _best(trials: Sequence[PsfTrial], psf: Measurement, measurement: Measurement) -> PsfTrial:
+def _best(
+    trials: Sequence[PsfTrial], usual: int, psf: Measurement, measurement: Measurement
+) -> PsfTrial:
     """The trial that explains the measurement best; two that do are an error.
 
-    One that is turned over must be clearly better than the one that is not.
+    After the `usual` ones come those that must be clearly better than these: PSFs that are turned
+    over, than the same one upright.
     """
-    upright = {
-        replace(each.geometry, flip="none"): each
-        for each in trials
-        if each.geometry.flip == trials[0].geometry.flip
-    }
+    upright = {replace(each.geometry, flip="none"): each for each in trials[:usual]}
     winners = dict(upright)
-    for each in sorted(trials, key=lambda trial: trial.prediction.unexplained, reverse=True):
+    for each in sorted(trials[usual:], key=_unexplained, reverse=True):
         place = replace(each.geometry, flip="none")
-        if _is_clear(each, upright[place]):
+        rivals = [upright[place]] if place in upright else trials[:usual]
+        if all(each.prediction.is_clearly_better(other.prediction) for other in rivals):
             winners[place] = each
-    best, *others = sorted(winners.values(), key=lambda trial: trial.prediction.unexplained)
+    best, *others = sorted(winners.values(), key=_unexplained)
     for other in others:
-        if not _is_clear(best, other):
+        if not best.prediction.is_clearly_better(other.prediction):
+            unless = (
+                ", if the PSF is this camera's" if best.prediction.missed > _PART_MISSED else ""
+            )
             raise DataError(
                 f"{sizes_text(psf, measurement)}. Taken as {_name(best.geometry)} it leaves "
                 f"{_percent(best)} of the contrast unexplained, as {_name(other.geometry)} "
-                f"{_percent(other)}: too close to tell. Say which"
+                f"{_percent(other)}: too close to tell. Say which{unless}"
             )
     return best
+
+
+def _unexplained(trial: PsfTrial) -> float:
+    return trial.prediction.unexplained
 
 
 def _geometry_stated(settings: PsfSettings) -> PsfGeometry:
@@ -392,7 +381,7 @@ def _geometry_note(
     others = [each for each in others if each is not best]
     if best is None or not others:
         return text
-    other = min(others, key=lambda trial: trial.prediction.unexplained)
+    other = min(others, key=_unexplained)
     return (
         f"{text}: {_percent(best)} of the contrast is unexplained; taken as "
         f"{_name(other.geometry)}, {_percent(other)}"
@@ -400,7 +389,7 @@ def _geometry_note(
 
 
 def _percent(trial: PsfTrial) -> str:
-    return f"{min(100 * trial.prediction.unexplained, 100):.2g} %"
+    return percent(trial.prediction.unexplained)
 
 
 def _name(geometry: PsfGeometry) -> str:

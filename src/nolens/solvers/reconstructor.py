@@ -14,7 +14,14 @@ from nolens.operators import Geometry
 from nolens.solvers.admm import RELAXATION, admm, admm_bytes
 from nolens.solvers.admm_state import AdmmState, Balance, Penalties
 from nolens.solvers.fista import fista, fista_bytes
-from nolens.solvers.held_out import COARSEN_FROM, Weight, choose_weight, choose_wiener_weight
+from nolens.solvers.held_out import (
+    COARSEN_FROM,
+    Prediction,
+    Weight,
+    choose_weight,
+    choose_wiener_weight,
+    predict,
+)
 from nolens.solvers.inputs import (
     Plane,
     Support,
@@ -41,6 +48,8 @@ class Method(StrEnum):
 SPARE = {Method.ADMM: 4, Method.FISTA: 4, Method.WIENER: 1}
 """How many times finer than what the PSF carries the pixels of the scene are worth to be: what is
 assumed of a scene finds edges between what the PSF carries; Wiener's filter does not."""
+_JUDGED_PIXELS = 60_000
+"""Sensor pixels at most with which a PSF is judged."""
 _BYTES = {Method.ADMM: admm_bytes, Method.FISTA: fista_bytes, Method.WIENER: wiener_bytes}
 _STOP = {
     Method.ADMM: STOPS[Quality.PHOTO],
@@ -205,6 +214,27 @@ class Reconstructor:
         coarse = replace(self, psf=_means(psf, by), support=support, tau=0.0)
         return coarse.problem(_means(data, by), _means(mask.float(), by) == 1)
 
+    def predict(
+        self, measured: Measurement | Plane, valid: Plane | None = None
+    ) -> Prediction | None:
+        """How well pixels that are left out are predicted, where pixels are means over many.
+
+        At most 60 000 are left; a PSF that is blurred by a pixel does no harm there. None of too
+        few pixels.
+
+        Parameters
+        ----------
+        measured, valid
+            As `problem` takes them.
+
+        Raises
+        ------
+        NolensError
+            As `Problem.build`.
+        """
+        sensor = channels_of(_parts(measured, valid)[0], "measurement").shape[-2:]
+        return predict(self.coarse_problem(measured, valid, judged_side((sensor[0], sensor[1]))))
+
     def problem(self, measured: Measurement | Plane, valid: Plane | None = None) -> Problem:
         """What is to be solved for a measurement, normalised (`Problem.build`).
 
@@ -306,6 +336,11 @@ class Reconstructor:
     def for_iterations(self, count: int) -> "Reconstructor":
         """The same by ADMM with so many iterations, whatever comes of them."""
         return replace(self, stop=Stop(count, 0.0, 0.0, low_frequency=False))
+
+
+def judged_side(sensor: tuple[int, int]) -> int:
+    """Pixels along each that become one where `Reconstructor.predict` judges a PSF."""
+    return math.ceil(math.sqrt(math.prod(sensor) / _JUDGED_PIXELS))
 
 
 def _means(plane: Tensor, by: int) -> Tensor:

@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from nolens.amounts import amount, duration_text, finite_or_none
+from nolens.amounts import amount, duration_text, finite_or_none, percent
 from nolens.solvers.development import finest_detail
 from nolens.solvers.held_out import Prediction, fit, pixel_noise
 from nolens.solvers.problem import Problem
@@ -166,15 +166,15 @@ class Report:
         prediction = self.prediction
         where = "held-out pixels" if self.held_out else "the pixels of the fit"
         return (
-            f"{_percent(prediction.unexplained)} of the local contrast of {where}; noise alone "
-            f"would be {_percent(prediction.unexplained_by_noise)} "
+            f"{percent(prediction.unexplained)} of the local contrast of {where}; noise alone "
+            f"would be {percent(prediction.unexplained_by_noise)} "
             f"(χ² {amount(self.chi_square, digits=2)})"
         )
 
     @property
     def _resolution(self) -> str:
         pixels, mrad = self.resolution_pixels, self._resolution_mrad
-        bars = f"bars of {_percent(_CONTRAST)} contrast"
+        bars = f"bars of {percent(_CONTRAST)} contrast"
         if pixels is None:
             return f"{bars} drown in the noise"
         angle = ""
@@ -247,7 +247,3 @@ def resolved_frequency(problem: Problem, scene: Tensor, psf: Tensor, noise: floa
         ratio += weight * (_CONTRAST * mean * _PERIODS / frequency).square() * transfer / 2
     visible = (ratio.sqrt() >= _VISIBLE * noise).nonzero()
     return min(float(frequency[visible[-1]]), finest_detail(psf)) if len(visible) else 0.0
-
-
-def _percent(fraction: float) -> str:
-    return amount(100 * min(fraction, 1.0), "%", digits=2)

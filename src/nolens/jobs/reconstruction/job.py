@@ -65,7 +65,7 @@ from nolens.solvers import (
     stop_of,
 )
 from nolens.solvers.admm_state import Balance
-from nolens.solvers.explanation import explain, unfinished_warning
+from nolens.solvers.explanation import explain, picture_warnings
 from nolens.solvers.held_out import Prediction
 from nolens.solvers.inputs import tensor_of
 from nolens.solvers.reconstructor import SPARE
@@ -285,13 +285,12 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: _Setup) -> Product[T
     picture = setup.picture(result.scene)
     white = exposure_white(picture)  # An empty picture is an error before anything is written.
     interrupted = result.stop_reason == "callback"
-    unfinished = unfinished_warning(result, supported=reconstructor.support is not None)
-    if unfinished is not None and options.iterations is None:
-        run.warn(unfinished)
+    psf = tensor_of(reconstructor.psf, "PSF")
+    run.warn(*picture_warnings(problem, result, psf, options.iterations))
     report = Report.of(
         problem,
         result,
-        tensor_of(reconstructor.psf, "PSF"),
+        psf,
         prediction=setup.prediction,
         method=reconstructor.method.value,
         automatic_tau=options.tau == "auto",
