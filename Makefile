@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: env demo test test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading bench-default examples screenshots fuzz kill attack clean
+.PHONY: env demo test test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading bench-default bench-odd examples screenshots fuzz kill attack clean
 
 env: $(STAMP)
 
@@ -77,6 +77,12 @@ bench-stitch: $(STAMP)
 # The default's pictures against the best of a grid, over simulated cameras: about an hour.
 bench-default: $(STAMP)
 	$(BIN)/python bench/default.py
+
+# What is said of wrong and odd files, and falsely of good ones: about 20 minutes.
+bench-odd: $(STAMP)
+	mkdir -p build
+	$(BIN)/python bench/alarms.py --data $(DATA) > build/alarms.txt
+	$(BIN)/python bench/odd_inputs.py
 
 # Memory and time of every reader at its limit.
 bench-reading: $(STAMP)

@@ -3,7 +3,8 @@
 `python bench/alarms.py --data ../shared/data` photographs four scenes at three exposures through
 the paper's camera with four masks and through the small one, adds the five real pairs and the
 hand, reconstructs each as `nl.reconstruct` does by default, and prints every warning. The last two
-lines count good problems with a warning, and wrong ones without. About 15 minutes on two cores.
+lines count good problems with a warning, and wrong ones without; `make bench-odd` writes them into
+`docs/odd-inputs.md`. About 15 minutes on two cores.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from nolens.api.inputs import Raw
 from nolens.errors import NolensError
 from nolens.optics.magnification import magnified
 from results import PAIRS
-from simulated import EXPOSURES, PHOTOGRAPHS, cameras, taken
+from shots import EXPOSURES, PHOTOGRAPHS, cameras, taken
 
 Problem = tuple[str, nl.SimulatedMeasurement, nl.Psf]
 
