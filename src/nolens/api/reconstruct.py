@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import torch
 
@@ -68,7 +69,7 @@ def reconstruct(
     measurement: Raw,
     psf: Raw,
     *,
-    support: Support | None = None,
+    support: Support | Literal["auto", "full"] | None = None,
     dark: Raw | None = None,
     flat: Raw | None = None,
     black: BlackLevel = None,
@@ -97,8 +98,8 @@ def reconstruct(
         level, (channels, height, width).
     support
         Pixels of the sensor's frame that light can come from: (height, width) around the middle,
-        (top, left, height, width), or a `PixelRectangle`; None for no limit, and of a simulated
-        measurement the scene's own.
+        (top, left, height, width), or a `PixelRectangle`. ``"full"`` sets no limit; ``"auto"``
+        takes the smallest rectangle outside which the measurement shows no light.
     dark, flat
         Frames without light and of even light.
     black
@@ -161,10 +162,12 @@ def reconstruct(
     )
     extent: Extent = "auto" if psf_extended is None else ("wide" if psf_extended else "sensor")
     choice = choose_psf(development, frame, PsfSettings(psf_scale, extent, psf_flip or "auto"))
-    support = own if support is None else support
-    developed = choice.development.fitted(frame, spare, coarsen=bin_by is None and support is None)
+    stated = own if support is None else None if isinstance(support, str) else support
+    developed = choice.development.fitted(frame, spare, coarsen=bin_by is None and stated is None)
     data, prepared = developed.measurement, developed.prepared
-    solver = replace(solver, psf=prepared.values, support=support_of(support, data.size))
+    solver = replace(solver, psf=prepared.values, support=support_of(stated, data.size))
+    if support == "auto":
+        solver = replace(solver, support=solver.choose_support(data).support)
     check_solver_memory(solver, data, "a smaller support or larger pixels (bin_by) need less")
     limit = solver.limits.iterations
     chosen = _CHOICE if tau is None else 0.0

@@ -29,6 +29,22 @@ class PixelRectangle:
         """Support of the given size around the centre of the sensor."""
         return cls((sensor[0] - height) // 2, (sensor[1] - width) // 2, height, width)
 
+    @property
+    def text(self) -> str:
+        """HEIGHTxWIDTH+TOP+LEFT, as --support takes it."""
+        return f"{self.height}x{self.width}{self.top:+d}{self.left:+d}"
+
+    def finer(self, by: int) -> "PixelRectangle":
+        """The same where `by`×`by` pixels stand for each of these."""
+        return PixelRectangle(self.top * by, self.left * by, self.height * by, self.width * by)
+
+    def union(self, other: "PixelRectangle") -> "PixelRectangle":
+        """The smallest that holds both."""
+        top, left = min(self.top, other.top), min(self.left, other.left)
+        bottom = max(self.top + self.height, other.top + other.height)
+        right = max(self.left + self.width, other.left + other.width)
+        return PixelRectangle(top, left, bottom - top, right - left)
+
     def coarser(self, by: int) -> "PixelRectangle":
         """Pixels of `by`×`by` of these that cover it, with one more around them.
 

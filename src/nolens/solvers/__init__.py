@@ -9,6 +9,7 @@ from nolens.solvers.problem import Prior, Problem
 from nolens.solvers.psf_choice import PsfChoice, PsfSettings, choose_psf, geometry_row
 from nolens.solvers.reconstructor import Method, Reconstructor, stop_of
 from nolens.solvers.result import STOPS, Progress, Quality, Result, Stop
+from nolens.solvers.scene_support import SupportChoice
 from nolens.solvers.stream import Frame, Live, Stream
 from nolens.solvers.wiener import wiener
 
@@ -30,6 +31,7 @@ __all__ = [
     "Result",
     "Stop",
     "Stream",
+    "SupportChoice",
     "Weight",
     "admm",
     "admm_bytes",

@@ -218,6 +218,47 @@ def weight_by_noise(problem: Problem) -> Weight:
     return Weight(_BY_NOISE.get(problem.prior, 0.0) * noise / problem.tau_unit, noise)
 
 
+@dataclass(frozen=True)
+class PartialFit:
+    """A fit of a problem without the held-out pixels.
+
+    Parameters
+    ----------
+    scene
+        In normalised units.
+    fitted
+        bool, like the data: pixels that took part.
+    prediction
+        Of the others.
+    """
+
+    scene: Tensor
+    fitted: Tensor
+    prediction: Prediction
+
+
+def fit_partially(problem: Problem, steps: int = _FIRST_STEPS) -> PartialFit | None:
+    """So many iterations of ADMM without the held-out pixels, with the noise's own weight.
+
+    None where the problem has too few pixels.
+
+    Parameters
+    ----------
+    problem
+        With a prior; its weight does not matter.
+    steps
+        Iterations.
+    """
+    blocks = _held_out_blocks(problem.valid)
+    if blocks is None:
+        return None
+    noise = pixel_noise(problem)
+    path = _Path(problem, blocks, None, Balance(), RELAXATION, None)
+    errors = path.first(_FROM[problem.prior] * noise, steps)
+    prediction = _prediction(problem, errors, noise, path.held, blocks)
+    return PartialFit(path.scene(), problem.valid & ~path.held, prediction)
+
+
 def predict(problem: Problem) -> Prediction | None:
     """How well pixels that are left out of the fit are predicted, with the noise's own weight.
 
@@ -227,15 +268,10 @@ def predict(problem: Problem) -> Prediction | None:
     Parameters
     ----------
     problem
-        With a prior; its weight does not matter.
+        As `fit_partially` takes it.
     """
-    blocks = _held_out_blocks(problem.valid)
-    if blocks is None:
-        return None
-    noise = pixel_noise(problem)
-    path = _Path(problem, blocks, None, Balance(), RELAXATION, None)
-    errors = path.first(_FROM[problem.prior] * noise)
-    return _prediction(problem, errors, noise, path.held, blocks)
+    fitted = fit_partially(problem)
+    return None if fitted is None else fitted.prediction
 
 
 def fit(problem: Problem, scene: Tensor) -> Prediction:
@@ -251,7 +287,7 @@ def fit(problem: Problem, scene: Tensor) -> Prediction:
     fitted, weights = problem.valid, _channel_weights(problem)
 
     def size(residual: Tensor) -> float:
-        rest = torch.where(fitted, residual - _local_mean(residual, fitted), 0)
+        rest = torch.where(fitted, residual - local_mean(residual, fitted), 0)
         squares = rest.square().sum((-2, -1), dtype=torch.float64).cpu()
         counts = fitted.sum((-2, -1)).cpu().clamp_min(1)
         return math.sqrt(float(weights @ (squares / counts)))
@@ -276,7 +312,7 @@ def choose_wiener_weight(problem: Problem) -> Weight:
     if blocks is None:
         return Weight(_WIENER_FALLBACK / problem.tau_unit, noise)
     held = _pixels_of(blocks, problem)
-    around = _local_mean(problem.data, problem.valid & ~held)
+    around = local_mean(problem.data, problem.valid & ~held)
     fitted = replace(problem, data=torch.where(held, around, problem.data))
     errors: dict[float, Tensor] = {}
     for tau in _WIENER_WEIGHTS:
@@ -296,13 +332,21 @@ def pixel_noise(problem: Problem) -> float:
     problem
         Whose data are measured.
     """
+    noise = [_noise(*each) for each in zip(problem.data, problem.valid, strict=True)]
     weights = _channel_weights(problem)
-    total = 0.0
-    for data, valid, weight in zip(problem.data, problem.valid, weights, strict=True):
-        total += float(weight) * _noise(data, valid) ** 2
+    total = float(weights @ torch.tensor(noise, dtype=weights.dtype).square())
+    return max(math.sqrt(total), _least_noise(problem))
+
+
+def channel_noise(problem: Problem) -> Tensor:
+    """`pixel_noise` of each channel, (channels,)."""
+    noise = [_noise(*each) for each in zip(problem.data, problem.valid, strict=True)]
+    return problem.data.new_tensor(noise).clamp_min(_least_noise(problem))
+
+
+def _least_noise(problem: Problem) -> float:
     # A measurement of root mean square r has the norm r √N = 1.
-    least = _QUIETEST / math.sqrt(problem.data[0].numel())
-    return max(math.sqrt(total), least)
+    return _QUIETEST / math.sqrt(problem.data[0].numel())
 
 
 def _noise(data: Tensor, valid: Tensor) -> float:
@@ -362,9 +406,9 @@ class _Path:
         self.errors: dict[float, Tensor] = {}
         """Squared errors of the blocks, by weight."""
 
-    def first(self, tau: float) -> Tensor:
+    def first(self, tau: float, steps: int = _FIRST_STEPS) -> Tensor:
         """Squared errors of the blocks with one weight."""
-        self._solve(tau, _FIRST_STEPS)
+        self._solve(tau, steps)
         self._note(tau)
         return self.errors[tau]
 
@@ -413,8 +457,11 @@ class _Path:
         return stopped
 
     def _note(self, tau: float) -> None:
-        scene = self._state.scene()
-        self.errors[tau] = _block_errors(self._problem, scene, self.held, self._blocks)
+        self.errors[tau] = _block_errors(self._problem, self.scene(), self.held, self._blocks)
+
+    def scene(self) -> Tensor:
+        """The scene so far, in normalised units."""
+        return self._state.scene()
 
 
 def _pixels_of(blocks: Tensor, problem: Problem) -> Tensor:
@@ -428,14 +475,14 @@ def _pixels_of(blocks: Tensor, problem: Problem) -> Tensor:
 def _block_errors(problem: Problem, scene: Tensor, held: Tensor, blocks: Tensor) -> Tensor:
     """Mean squared error of what a normalised scene predicts of each held-out block; float64."""
     residual = problem.residual(scene)
-    residual -= _local_mean(residual, problem.valid & ~held)
+    residual -= local_mean(residual, problem.valid & ~held)
     rows, columns = blocks.shape
     squares = residual[:, : rows * _SIDE, : columns * _SIDE].square()
     by_block = nnf.avg_pool2d(squares[None], _SIDE)[0].double().cpu()[:, blocks]
     return _channel_weights(problem) @ by_block
 
 
-def _local_mean(residual: Tensor, fitted: Tensor) -> Tensor:
+def local_mean(residual: Tensor, fitted: Tensor) -> Tensor:
     """Mean of a residual over the fitted pixels around each pixel."""
     side = 2 * _AROUND + 1
     weight = fitted.to(residual.dtype)

@@ -33,6 +33,7 @@ from nolens.solvers.inputs import (
 )
 from nolens.solvers.problem import Prior, Problem
 from nolens.solvers.result import STOPS, Callback, Quality, Result, Stop
+from nolens.solvers.scene_support import SupportChoice, choose_support
 from nolens.solvers.stream import FOLLOWING, Stream
 from nolens.solvers.wiener import wiener, wiener_bytes
 
@@ -50,6 +51,8 @@ SPARE = {Method.ADMM: 4, Method.FISTA: 4, Method.WIENER: 1}
 assumed of a scene finds edges between what the PSF carries; Wiener's filter does not."""
 _JUDGED_PIXELS = 60_000
 """Sensor pixels at most with which a PSF is judged."""
+_SUPPORT_PIXELS = 50_000
+"""Pixels of all channels on which a support is chosen, about."""
 _BYTES = {Method.ADMM: admm_bytes, Method.FISTA: fista_bytes, Method.WIENER: wiener_bytes}
 _STOP = {
     Method.ADMM: STOPS[Quality.PHOTO],
@@ -188,6 +191,48 @@ class Reconstructor:
             progress=progress,
         )
 
+    def choose_support(
+        self,
+        measured: Measurement | Plane,
+        valid: Plane | None = None,
+        progress: Callable[[float], bool | None] | None = None,
+    ) -> SupportChoice:
+        """Pixels that a measurement's light comes from (decision 16).
+
+        Found on pixels that are means over so many that some ten thousand are left. The Wiener
+        filter knows no support, and gets none.
+
+        Parameters
+        ----------
+        measured, valid
+            As `problem` takes them.
+        progress
+            Called with the fraction that is done; stops by returning True.
+
+        Raises
+        ------
+        NolensError
+            As `Problem.build`.
+        """
+        if self.method is Method.WIENER:
+            return SupportChoice(None)
+        values, _ = _parts(measured, valid)
+        by = max(1, round(math.sqrt(channels_of(values, "measurement").numel() / _SUPPORT_PIXELS)))
+        psf, data, usable = self._coarse(measured, valid, by)
+        choice = choose_support(
+            psf.to(self.device), data.to(self.device), usable.to(self.device), progress
+        )
+        return choice.finer(by)
+
+    def _coarse(
+        self, measured: Measurement | Plane, valid: Plane | None, by: int
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """PSF, values and valid pixels, as means over by×by pixels."""
+        values, usable = _parts(measured, valid)
+        data = channels_of(values, "measurement")
+        mask = _means(mask_of(usable, data).float(), by) == 1
+        return _means(channels_of(self.psf, "PSF"), by), _means(data, by), mask
+
     def coarse_problem(
         self, measured: Measurement | Plane, valid: Plane | None = None, by: int = 2
     ) -> Problem:
@@ -205,14 +250,12 @@ class Reconstructor:
         NolensError
             As `Problem.build`.
         """
-        values, usable = _parts(measured, valid)
-        psf, data = channels_of(self.psf, "PSF"), channels_of(values, "measurement")
-        mask = mask_of(usable, data)
-        support = support_of(self.support, (data.shape[-2], data.shape[-1]))
+        psf, data, mask = self._coarse(measured, valid, by)
+        sensor = channels_of(_parts(measured, valid)[0], "measurement").shape[-2:]
+        support = support_of(self.support, (sensor[0], sensor[1]))
         if support is not None and by > 1:
             support = support.coarser(by)
-        coarse = replace(self, psf=_means(psf, by), support=support, tau=0.0)
-        return coarse.problem(_means(data, by), _means(mask.float(), by) == 1)
+        return replace(self, psf=psf, support=support, tau=0.0).problem(data, mask)
 
     def predict(
         self, measured: Measurement | Plane, valid: Plane | None = None

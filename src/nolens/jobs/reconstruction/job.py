@@ -59,6 +59,7 @@ from nolens.solvers import (
     Reconstructor,
     Stop,
     Stream,
+    SupportChoice,
     Weight,
     choose_psf,
     geometry_row,
@@ -120,9 +121,8 @@ class _Setup:
     """What the first measurement decides for all of a run.
 
     `options` have the binning that was chosen, `development` has it too. `psf` is how its file
-    is read. `weight` is the choice of
-    τ, where it was the program's. `window` (top, left, height, width) is the part of the scene
-    that is written.
+    is read. `weight` is the choice of τ, where it was the program's, `light` that of the support.
+    `window` (top, left, height, width) is the part of the scene that is written.
     """
 
     options: ReconstructOptions
@@ -132,6 +132,7 @@ class _Setup:
     reconstructor: Reconstructor
     weight: Weight | None
     prediction: Prediction | None
+    light: SupportChoice | None
     problem: Problem
     window: tuple[int, int, int, int]
 
@@ -147,6 +148,9 @@ class _Setup:
         run.warn(*developed.prepared.warnings)
         reconstructor = _reconstructor(options, psf, support, run.device)
         measurement, development = developed.measurement, developed.development
+        light = _light(run, reconstructor, options, measurement)
+        if light is not None:
+            reconstructor = replace(reconstructor, support=light.support)
         needed = check_solver_memory(reconstructor, measurement, LESS_MEMORY)
         announce_memory(needed, run.reporter)
         weight = _weight(run, reconstructor, options, measurement)
@@ -164,6 +168,7 @@ class _Setup:
             reconstructor,
             weight,
             explanation.prediction,
+            light,
             problem,
             window,
         )
@@ -172,7 +177,9 @@ class _Setup:
         self, run: Run[ReconstructOptions], options: ReconstructOptions, psf: Tensor
     ) -> "_Setup":
         """The same measurement and PSF with other options of the model and the solver."""
-        support = _support(options, self.measurement.size, psf)
+        support = self.problem.forward.support
+        if options.support != self.options.support:
+            support = _support(options, self.measurement.size, psf)
         reconstructor = _reconstructor(options, psf, support, run.device)
         weight = _weight(run, reconstructor, options, self.measurement)
         if weight is not None:
@@ -193,6 +200,12 @@ class _Setup:
         top, left, *size = self.window
         origin = self.problem.forward.geometry.origin
         return [top + origin[0], left + origin[1], *size]
+
+    @property
+    def support(self) -> str:
+        """As --support takes it."""
+        support = self.problem.forward.support
+        return "full" if support is None else support.text
 
     @property
     def tau(self) -> float:
@@ -267,6 +280,31 @@ def _weight(
     return reconstructor.choose_weight(measurement, progress=watch)
 
 
+def _light(
+    run: Run[ReconstructOptions],
+    reconstructor: Reconstructor,
+    options: ReconstructOptions,
+    measurement: Measurement,
+) -> SupportChoice | None:
+    """The choice of the support, where the options leave it to the program.
+
+    Light of later frames of a sequence can come from elsewhere than that of the first.
+    """
+    if options.support != "auto" or options.field is not None or options.is_sequence:
+        return None
+
+    def watch(fraction: float) -> bool:
+        return run.reporter.step(
+            "% of the choice of the support", round(100 * fraction), 100, "the picture"
+        )
+
+    choice = reconstructor.choose_support(measurement, progress=watch)
+    if choice.support is None or options.crop in (None, "all"):
+        return choice
+    crop = parse_window(options.crop, measurement.size, "--crop")
+    return replace(choice, support=choice.support.union(crop))
+
+
 def _reconstruct_frame(run: Run[ReconstructOptions], setup: _Setup) -> Product[Tensor]:
     """The picture of one measurement."""
     options, reconstructor, problem = setup.options, setup.reconstructor, setup.problem
@@ -310,6 +348,8 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: _Setup) -> Product[T
         "tau": tau,
         "automatic_tau": options.tau == "auto",
         "report": report.summary(),
+        "support": setup.support,
+        "automatic_support": setup.light is not None,
     }
     if options.sweep is not None and not interrupted:
         settings = sweep_settings(options, None, setup.measurement.size)
@@ -321,6 +361,7 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: _Setup) -> Product[T
         "black": setup.development.black,
         "psf": _psf_row(setup.psf),
         "tau": tau,
+        "supports": [] if setup.light is None else [step.row() for step in setup.light.steps],
         "weights": [] if setup.weight is None else [step.row() for step in setup.weight.steps],
         **asdict(stop),
         "fft_grid": list(problem.forward.geometry.padded),
@@ -455,6 +496,7 @@ def _reconstruct_sequence(run: Run[ReconstructOptions]) -> Product[Tensor]:
         "psf": _psf_row(setup.psf),
         "tau": setup.tau,
         "tau_checks": choices,
+        "support": setup.support,
         "white_radiance": white,
         "names": [name for name in frames.names if (folder / f"{name}.png").exists()],
         "threads": torch.get_num_threads(),
@@ -513,7 +555,7 @@ def _developed(
         measurement = development.measurement(frame)
         return options, Developed(development, measurement, development.prepared(measurement), ())
     # Parts of the scene are in pixels, and would be others.
-    coarsen = options.support is None and options.crop in (None, "all")
+    coarsen = options.support in ("auto", "full") and options.crop in (None, "all")
     result = development.fitted(frame, SPARE[_method(options)], coarsen=coarsen)
     for text in result.notes:
         run.reporter.note(text)
@@ -562,8 +604,11 @@ def _reconstructor(
 def _support(
     options: ReconstructOptions, sensor: tuple[int, int], psf: Tensor
 ) -> PixelRectangle | None:
-    """Pixels that light can come from: --support, or --field through the --camera; None for all."""
-    if options.support is not None and options.field is not None:
+    """Pixels that light can come from: --support, or --field through the --camera.
+
+    None for all, and where the program is to choose them.
+    """
+    if options.support not in ("auto", "full") and options.field is not None:
         raise OptionError(
             f"--support {options.support} and --field {options.field} both say where light can "
             "come from: leave one out"
@@ -574,7 +619,8 @@ def _support(
             "camera's layers. Give both, such as --field 56deg --camera paper"
         )
     if options.field is None or options.camera is None:
-        return None if options.support is None else parse_support(options.support, sensor, psf)
+        unlimited = options.support in ("auto", "full")
+        return None if unlimited else parse_support(options.support, sensor, psf)
     # Most reconstructions need no camera.
     from nolens.files import read_camera
     from nolens.twin import FieldMap, preview_model
@@ -622,6 +668,7 @@ def _about(setup: _Setup, inputs: dict[str, InputFile]) -> dict[str, Any]:
         "psf_scale": geometry.scale,
         "psf_extent": "wide" if geometry.extended else "sensor",
         "psf_flip": geometry.flip,
+        "support": setup.support,
     }
 
 

@@ -17,6 +17,7 @@ from nolens.jobs.fields import (
     Bgr,
     Bin,
     Channels,
+    ChosenSupport,
     ChosenTau,
     Dark,
     Detail,
@@ -34,7 +35,6 @@ from nolens.jobs.fields import (
     PsfScale,
     RawMosaic,
     ScenePrior,
-    Support,
     White,
     Window,
     check_detail,
@@ -122,7 +122,7 @@ class ReconstructOptions(JobOptions):
             label="Compare",
         ),
     ] = None
-    support: Support = None
+    support: ChosenSupport = "full"
     psf_extent: PsfExtent = "auto"
     dark: Dark = None
     flat: Flat = None
@@ -145,7 +145,7 @@ class ReconstructOptions(JobOptions):
             "Average N×N pixels into one.",
             INPUT,
             default="what the PSF carries with draft, a quarter of that otherwise; 1 beside "
-            "--support or --crop",
+            "a --support or --crop in pixels",
             label="Binning",
         ),
     ] = None
@@ -223,7 +223,7 @@ class ReconstructOptions(JobOptions):
         Option(
             "Part of the scene to write, written like --support, or all.",
             PICTURE,
-            default="the support, or without one the sensor's frame",
+            default="the support, or without a limit the sensor's frame",
             label="Part of the scene to write",
         ),
     ] = None
@@ -355,6 +355,6 @@ def parse_support(text: str, sensor: tuple[int, int], psf: Tensor) -> PixelRecta
     if support.height > height or support.width > width:
         raise OptionError(
             f"--support {text} is larger than what the sensor can see through this PSF; give at "
-            f"most {height}x{width}, or leave it out for no limit"
+            f"most {height}x{width}, or full for no limit"
         )
     return support

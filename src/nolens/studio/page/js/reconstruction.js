@@ -18,7 +18,7 @@ const MORE = {
   psf_extent: { words: { auto: "What explains the measurement", sensor: "As large as the sensor, on finer pixels", wide: "Extended: with the light beside the sensor" } },
   psf_scale: { example: "automatic; such as 2" },
   psf_flip: { words: { auto: "What explains the measurement", none: "As it is", vertical: "Upside down", horizontal: "Mirrored", both: "Rotated by 180°" } },
-  support: { example: "no limit; such as 400x400" },
+  support: { example: "auto, full or such as 400x400" },
   field: { example: "such as 40deg" },
   channels: { example: "all; grey, or letters such as rg" },
   bin: { example: "by the PSF" },

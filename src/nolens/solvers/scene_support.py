@@ -1,0 +1,357 @@
+r"""The support of a scene, by where a measurement asks for light.
+
+A first scene without a limit has its detail where the light comes from, and a smooth glow around.
+The rectangle that holds the detail is the limit of a second fit, whose scene has less glow, and so
+on until the rectangle stays. What is left of the measurement, :math:`r`, is correlated with the PSF
+at every pixel outside. With :math:`a_s` what a light at pixel s puts on the sensor, and white noise
+of standard deviation σ,
+
+.. math:: z_s = \frac{\langle a_s, r \rangle}{\sigma \|a_s\|}
+
+is the light's signal-to-noise ratio (matched filter, `turin1960`): a normal number where no light
+comes from. The rectangle grows to where it is far from that, until it is so nowhere.
+
+Residual and PSF are taken without their local means, as in `nolens.solvers.held_out`: the glow of a
+scene is what a few iterations are late with, and says little of where the light comes from.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import torch
+import torch.nn.functional as nnf
+from torch import Tensor
+
+from nolens.operators import CroppedConvolution, PixelRectangle
+from nolens.solvers.held_out import PartialFit, channel_noise, fit_partially, local_mean
+from nolens.solvers.problem import Problem
+
+_DETAIL = (0.1, 0.25, 0.5)
+"""Of the scene's detail where there is most, from which on light comes from there: as little as can
+be told from what the glow has, which varies."""
+_MOST_DETAIL = 0.995
+"""Quantile that is the most."""
+_SPARSE = 0.4
+"""Fraction of the largest that it is at least, where there is light on fewer pixels."""
+_DETAIL_SIDE = 7
+"""Pixels along the squares in which detail is summed."""
+_STAYS = 0.9
+"""Fraction of a rectangle that the next one holds at least, where it is the last."""
+_SURE = 4.0
+"""Standard errors by which the smaller rectangle predicts better than the larger."""
+_CLEAR = 5.5
+"""Signal-to-noise ratio of light beside the rectangle; of 10⁵ normal numbers the largest is 4.3."""
+_CLEAR_AFAR = 8.0
+"""The same of light far from it: what a PSF leaves unexplained has longer tails."""
+_SIDES = (1, 5)
+"""Pixels along the squares of light that are looked for."""
+_STRONG = 0.3
+"""Fraction of the clearest signal from which on others count: side lobes are weaker."""
+_GROWTH = 0.25
+"""Of the rectangle's sides, by which it grows at most at once, to either side."""
+_GROWTH_AT_LEAST = 4
+_SEEN = 0.05
+"""Of the most that a pixel's light puts on the sensor, below which it is not looked for."""
+_MARGIN = 0.05
+"""Of the rectangle's sides, added on either side."""
+_MARGIN_AT_LEAST = 2
+_MOST = 0.5
+"""Fraction of the pixels that can be seen from which on a support is none."""
+_ITERATIONS, _ITERATIONS_TO_COMPARE = 28, 112
+"""Of ADMM in a fit; more where the rectangle is not as good as no limit after the first."""
+_STEPS_AT_MOST = 16
+
+
+@dataclass(frozen=True)
+class SupportStep:
+    """A rectangle that was tried.
+
+    Parameters
+    ----------
+    support
+        In pixels of the sensor's frame.
+    signal
+        Signal-to-noise ratio of the clearest light outside.
+    excess
+        By how much more of the contrast of held-out pixels is unexplained than without a limit.
+    error
+        Standard error of that.
+    """
+
+    support: PixelRectangle
+    signal: float
+    excess: float
+    error: float
+
+    def row(self) -> dict[str, object]:
+        """A row of the run's record."""
+        return {
+            "support": self.support.text,
+            "light_outside": self.signal,
+            "excess": self.excess,
+            "standard_error": self.error,
+        }
+
+
+@dataclass(frozen=True)
+class SupportChoice:
+    """Pixels that light comes from.
+
+    Parameters
+    ----------
+    support
+        None where it comes from everywhere, or from no one can say where.
+    steps
+        Rectangles that were tried, one after the other.
+    interrupted
+        Whether the caller stopped it.
+    """
+
+    support: PixelRectangle | None
+    steps: tuple[SupportStep, ...] = ()
+    interrupted: bool = False
+
+    def finer(self, by: int) -> "SupportChoice":
+        """The same where by×by pixels stand for each of these."""
+        support = None if self.support is None else self.support.finer(by)
+        steps = tuple(replace(step, support=step.support.finer(by)) for step in self.steps)
+        return replace(self, support=support, steps=steps)
+
+
+def choose_support(
+    psf: Tensor,
+    data: Tensor,
+    valid: Tensor,
+    progress: Callable[[float], bool | None] | None = None,
+) -> SupportChoice:
+    """The smallest rectangle beside which a measurement asks for no light, and a margin.
+
+    Held-out pixels must be predicted as well as without a limit, but for one standard error.
+
+    Parameters
+    ----------
+    psf, data, valid
+        As `Problem.build` takes them, on coarse pixels: fifty to a hundred thousand.
+    progress
+        Called with the fraction that is done; stops by returning True.
+    """
+    search = _Search(psf, data, valid, progress)
+    support = search.run()
+    return SupportChoice(support, tuple(search.steps), interrupted=search.interrupted)
+
+
+class _Search:
+    """Rectangles that are tried for a measurement."""
+
+    def __init__(
+        self,
+        psf: Tensor,
+        data: Tensor,
+        valid: Tensor,
+        progress: Callable[[float], bool | None] | None,
+    ) -> None:
+        self._psf, self._data, self._valid, self._progress = psf, data, valid, progress
+        self._full = Problem.build(psf, data, valid=valid)
+        self._light = _Light(self._full, psf)
+        self._iterations = _ITERATIONS
+        self.steps: list[SupportStep] = []
+        self.interrupted = False
+
+    def run(self) -> PixelRectangle | None:
+        """The rectangle that is chosen; None for no limit."""
+        free = fit_partially(self._full, self._iterations)
+        if free is None:
+            return None
+        support = self._with_detail(free)
+        while support is not None and self._goes_on():
+            outside, fitted = self._try(support, free)
+            excess, error = fitted.prediction.excess(free.prediction)
+            explained = excess <= error
+            place = self._light.place(support, outside, _CLEAR_AFAR if explained else _CLEAR)
+            if place is not None:
+                support = support.union(place)
+            elif explained:
+                support = self._light.visible(_wider(support, _MARGIN, _MARGIN_AT_LEAST))
+                return support if self._light.fraction(support) <= _MOST else None
+            elif self._iterations == _ITERATIONS:
+                # Not yet, maybe: both are fitted for longer.
+                self._iterations = _ITERATIONS_TO_COMPARE
+                free = fit_partially(self._full, self._iterations)
+                assert free is not None  # As before.
+            else:
+                return None
+        return None
+
+    def _with_detail(self, free: PartialFit) -> PixelRectangle | None:
+        """The rectangle with all detail, faint as it is, where that is not surely worse."""
+        most = self._light.most_detail(free.scene)
+        support, best = self._light.scene, free
+        for fraction in _DETAIL:
+            smaller, fitted = self._settled(free, fraction * most)
+            excess, error = fitted.prediction.excess(best.prediction)
+            if support == self._light.scene or excess < -_SURE * error:
+                support, best = smaller, fitted
+        return support if self._light.fraction(support) <= _MOST else None
+
+    def _settled(self, free: PartialFit, least: float) -> tuple[PixelRectangle, PartialFit]:
+        """A rectangle that the detail of its own scene fills, and its fit."""
+        fitted, support = free, self._light.scene
+        inner = self._light.with_detail(support, free.scene, least)
+        while _area(inner) < _STAYS * _area(support) and self._goes_on():
+            support, fitted = inner, self._try(inner, free)[1]
+            inner = self._light.with_detail(support, fitted.scene, least)
+        return support, fitted
+
+    def _goes_on(self) -> bool:
+        """Whether another rectangle may be tried."""
+        done = len(self.steps) / _STEPS_AT_MOST
+        if self._progress is not None and not self.interrupted:
+            self.interrupted = bool(self._progress(min(done, 1.0)))
+        return done < 1 and not self.interrupted
+
+    def _try(self, support: PixelRectangle, free: PartialFit) -> tuple[Tensor, PartialFit]:
+        """Signals beside a rectangle, and the fit with it."""
+        problem = Problem.build(self._psf, self._data, valid=self._valid, support=support)
+        fitted = fit_partially(problem, self._iterations)
+        assert fitted is not None  # As without a limit.
+        outside = self._light.signal(problem, fitted, support)
+        excess, error = fitted.prediction.excess(free.prediction)
+        self.steps.append(SupportStep(support, float(outside.max()), excess, error))
+        return outside, fitted
+
+
+class _Light:
+    """Where a measurement asks for light, in the pixels of the scene without a limit."""
+
+    def __init__(self, full: Problem, psf: Tensor) -> None:
+        self._full = full
+        self.scene = PixelRectangle(*full.forward.geometry.origin, *full.scene_shape[1:])
+        noise = channel_noise(full)
+        self._weight = noise.square().reciprocal()[:, None, None]
+        detail = (psf - local_mean(psf, torch.ones_like(psf, dtype=torch.bool))) / full.psf_norm
+        self._correlation = CroppedConvolution(detail, full.forward.sensor, None)
+        self._lengths = [self._length(detail, side) for side in _SIDES]
+        self._seen = self._lengths[0] > _SEEN * self._lengths[0].max()
+
+    def _length(self, detail: Tensor, side: int) -> Tensor:
+        """‖a_s‖/σ of a square of light around each pixel."""
+        square = _sums(detail, side).square()
+        power = CroppedConvolution(square, self._full.forward.sensor, None)
+        seen = power.adjoint(self._full.valid.to(detail.dtype)) * self._weight
+        return seen.sum(0).clamp_min(0).sqrt()
+
+    def _signals(self, residual: Tensor, fitted: Tensor) -> Tensor:
+        """Signal-to-noise ratios, (squares, height, width)."""
+        detail = torch.where(fitted, residual - local_mean(residual, fitted), 0)
+        sums = (self._correlation.adjoint(detail) * self._weight).sum(0)
+        signals = []
+        for side, length in zip(_SIDES, self._lengths, strict=True):
+            seen = length > _SEEN * length.max()
+            signals.append(torch.where(seen, _sums(sums[None], side)[0] / length, 0))
+        return torch.stack(signals)
+
+    def most_detail(self, scene: Tensor) -> float:
+        """Detail of a scene without a limit where it has most."""
+        density = torch.where(self._seen, _detail(scene), 0).flatten()
+        usual = density.kthvalue(math.ceil(_MOST_DETAIL * len(density))).values
+        return max(float(usual), _SPARSE * float(density.max()))
+
+    def with_detail(self, support: PixelRectangle, scene: Tensor, least: float) -> PixelRectangle:
+        """The part of a scene that has so much detail; the glow around it has little."""
+        density = torch.zeros_like(self._seen, dtype=scene.dtype)
+        density[self._slices(support)] = _detail(scene)
+        return self._around(self._seen & (density >= least))
+
+    def signal(self, problem: Problem, confined: PartialFit, support: PixelRectangle) -> Tensor:
+        """The clearest signal of each pixel outside, over what is usual there, (height, width).
+
+        A PSF that is not exactly the measurement's leaves more than noise, everywhere.
+        """
+        signals = self._signals(problem.residual(confined.scene), confined.fitted)
+        inside = torch.zeros_like(signals[0], dtype=torch.bool)
+        inside[self._slices(support)] = True
+        for each in signals:
+            each[inside] = 0
+            usual = each[each != 0].abs()
+            if usual.numel():
+                each /= max(1.0, float(usual.median()) / 0.6745)
+        return signals.amax(0)
+
+    def place(
+        self, support: PixelRectangle, outside: Tensor, clear_afar: float
+    ) -> PixelRectangle | None:
+        """Where clear signals are: near the rectangle, or else far from it; None without any."""
+        near = torch.zeros_like(outside)
+        beside = self._slices(_wider(support, _GROWTH, _GROWTH_AT_LEAST))
+        near[beside] = outside[beside]
+        if float(near.max()) >= _CLEAR:
+            wanted = near >= max(_CLEAR, _STRONG * float(near.max()))
+        elif float(outside.max()) >= clear_afar:
+            wanted = outside == outside.max()
+        else:
+            return None
+        return self._around(wanted)
+
+    def _around(self, wanted: Tensor) -> PixelRectangle:
+        """The smallest rectangle that holds pixels."""
+        rows, columns = wanted.any(1).nonzero(), wanted.any(0).nonzero()
+        top, left = int(rows[0]), int(columns[0])
+        return PixelRectangle(
+            self.scene.top + top,
+            self.scene.left + left,
+            int(rows[-1]) + 1 - top,
+            int(columns[-1]) + 1 - left,
+        )
+
+    def visible(self, support: PixelRectangle) -> PixelRectangle:
+        """The part of it that the sensor can see."""
+        rows, columns = self._slices(support)
+        at = self.scene
+        return PixelRectangle(
+            at.top + rows.start,
+            at.left + columns.start,
+            rows.stop - rows.start,
+            columns.stop - columns.start,
+        )
+
+    def fraction(self, support: PixelRectangle) -> float:
+        """Fraction of the pixels that can be seen."""
+        part = self.visible(support)
+        return part.height * part.width / (self.scene.height * self.scene.width)
+
+    def _slices(self, support: PixelRectangle) -> tuple[slice, slice]:
+        at = self.scene
+        top, left = max(0, support.top - at.top), max(0, support.left - at.left)
+        bottom = min(at.height, support.top + support.height - at.top)
+        right = min(at.width, support.left + support.width - at.left)
+        return slice(top, max(top, bottom)), slice(left, max(left, right))
+
+
+def _wider(support: PixelRectangle, by: float, least: int) -> PixelRectangle:
+    rows, columns = (max(least, math.ceil(by * side)) for side in (support.height, support.width))
+    return PixelRectangle(
+        support.top - rows,
+        support.left - columns,
+        support.height + 2 * rows,
+        support.width + 2 * columns,
+    )
+
+
+def _sums(plane: Tensor, side: int) -> Tensor:
+    """Sums over side×side pixels around each."""
+    if side == 1:
+        return plane
+    sums: Tensor = nnf.avg_pool2d(plane[None], side, 1, side // 2)[0] * side**2
+    return sums
+
+
+def _detail(scene: Tensor) -> Tensor:
+    """Total variation in squares around each pixel, of all channels."""
+    down, right = scene.diff(dim=-2).abs(), scene.diff(dim=-1).abs()
+    steps = nnf.pad(down, (0, 0, 0, 1)) + nnf.pad(right, (0, 1))
+    return _sums(steps, _DETAIL_SIDE).sum(0)
+
+
+def _area(support: PixelRectangle) -> int:
+    return support.height * support.width

@@ -1,0 +1,91 @@
+"""The support that is chosen holds all light, and little else."""
+
+import pytest
+import torch
+from test_held_out import SENSOR, mask_psf, photograph
+from torch import Tensor
+
+from nolens.operators import CroppedConvolution, PixelRectangle
+from nolens.solvers import Method, Reconstructor
+from nolens.solvers.scene_support import choose_support
+
+FRAME = PixelRectangle(0, 0, *SENSOR)
+NOISE = 0.003
+
+
+def picture(objects: dict[tuple[int, int], Tensor]) -> Tensor:
+    """Objects on the sensor's frame, by the row and column of their corner."""
+    scene = torch.zeros(1, *SENSOR)
+    for (top, left), each in objects.items():
+        scene[:, top : top + each.shape[-2], left : left + each.shape[-1]] = each
+    return scene
+
+
+def measured(psf: Tensor, scene: Tensor) -> Tensor:
+    light = CroppedConvolution(psf, SENSOR, FRAME)(scene)
+    light /= light.square().mean().sqrt()
+    return light + NOISE * torch.randn(light.shape)
+
+
+def holds(support: PixelRectangle, top: int, left: int, height: int, width: int) -> bool:
+    return support.union(PixelRectangle(top, left, height, width)) == support
+
+
+def chosen(psf: Tensor, data: Tensor) -> PixelRectangle | None:
+    return choose_support(psf, data, torch.ones_like(data, dtype=torch.bool)).support
+
+
+@pytest.mark.parametrize("corner", [(64, 80), (20, 130)])
+def test_is_the_scene_and_little_more(corner: tuple[int, int]) -> None:
+    psf = mask_psf()
+    support = chosen(psf, measured(psf, picture({corner: photograph()})))
+    assert support is not None and holds(support, *corner, 64, 64)
+    assert support.height * support.width < 0.35 * SENSOR[0] * SENSOR[1]
+
+
+@pytest.mark.parametrize("place", [(2, 3), (2, 110), (184, 214)])
+def test_dim_objects_at_edges_and_corners_stay(place: tuple[int, int]) -> None:
+    psf = mask_psf()
+    bright, dim = torch.ones(1, 6, 6), torch.full((1, 5, 5), 0.02)
+    data = measured(psf, picture({(90, 100): bright, place: dim}))
+    support = chosen(psf, data)
+    assert support is not None and holds(support, *place, 5, 5) and holds(support, 90, 100, 6, 6)
+
+    def radiance(limit: PixelRectangle | None) -> float:
+        result = Reconstructor(psf, limit, tau=1e-5).solve(data)
+        origin = Reconstructor(psf, limit, tau=1e-5).problem(data).forward.geometry.origin
+        top, left = place[0] - origin[0], place[1] - origin[1]
+        return float(result.scene[:, top : top + 5, left : left + 5].sum())
+
+    # It may be brighter than without a limit, where the glow around takes light from it.
+    assert radiance(support) > 0.8 * radiance(None)
+
+
+def test_is_full_where_light_comes_from_everywhere() -> None:
+    psf = mask_psf()
+    scene = torch.rand(1, 17, 19).repeat_interleave(30, -1).repeat_interleave(30, -2)
+    data = CroppedConvolution(psf, SENSOR)
+    full = torch.zeros(1, *data.geometry.padded)
+    height, width = full.shape[-2:]
+    full[:] = scene[:, :height, :width]
+    light = data(full)
+    light /= light.square().mean().sqrt()
+    assert chosen(psf, light + NOISE * torch.randn(light.shape)) is None
+
+
+def test_is_found_on_coarse_pixels_in_all_channels() -> None:
+    psf = mask_psf()
+    scene = picture({(64, 80): photograph()})
+    data = torch.cat([measured(psf, scene), 0.3 * measured(psf, scene)])
+    choice = Reconstructor(psf).choose_support(data)
+    assert choice.support is not None and holds(choice.support, 64, 80, 64, 64)
+    assert choice.steps and choice.steps[-1].support.height <= choice.support.height
+    assert Reconstructor(psf, method=Method.WIENER).choose_support(data).support is None
+
+
+def test_a_caller_can_stop_it() -> None:
+    psf = mask_psf()
+    data = measured(psf, picture({(64, 80): photograph()}))
+    valid = torch.ones_like(data, dtype=torch.bool)
+    stopped = choose_support(psf, data, valid, lambda fraction: True)
+    assert stopped.interrupted and stopped.support is None
