@@ -23,6 +23,7 @@ SUMMARY = {
     "objective",
     "tau",
     "automatic_tau",
+    "automatic_support",
     "report",
     "warnings",
     "seconds",

@@ -147,7 +147,9 @@ def test_whole_domain_has_the_scene_in_it(camera: Camera, out: Path) -> None:
     assert torch.equal(sensor, quick(out, *asked[:-1]))
     part = quick(out, *asked, "5x7+12+20")
     assert torch.equal(part, sensor[:, 12:17, 20:27])
-    beside = quick(out, *asked, "5x7-3-4")
+    everywhere = ("--support", "full")
+    whole = quick(out, *asked, "all", *everywhere)
+    beside = quick(out, *asked, "5x7-3-4", *everywhere)
     top, left = ((whole.shape[k + 1] - SENSOR[k]) // 2 for k in (0, 1))
     assert torch.equal(beside, whole[:, top - 3 : top + 2, left - 4 : left + 3])
 

@@ -77,7 +77,10 @@ def test_pictures_of_a_sweep_are_those_of_its_values_alone(camera: Camera, tmp_p
     ("sweep", "files"),
     [
         ("method", ["out.png", "out-method-fista.png", "out-method-wiener.png"]),
-        ("support", ["out.png", *(f"out-support-x{part}.png" for part in ("1", "0.75", "0.5"))]),
+        (
+            "support",
+            ["out.png", *(f"out-support-{part}.png" for part in ("full", "x1", "x0.75", "x0.5"))],
+        ),
     ],
 )
 def test_other_options_are_swept(
@@ -90,7 +93,7 @@ def test_other_options_are_swept(
     assert [row["file"] for row in rows] == files
     sizes = [opened(tmp_path / name).size for name in files]
     if sweep == "support":
-        assert sizes == [(32, 24), (64, 48), (48, 36), (32, 24)]
+        assert sizes == [(32, 24), (64, 48), (64, 48), (48, 36), (32, 24)]
         assert len({row["tau"] for row in rows}) == 1
     else:
         assert [row["iterations"] for row in rows] == [8, 8, 1]

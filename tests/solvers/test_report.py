@@ -55,6 +55,7 @@ def test_figures_and_lines() -> None:
         return Report.of(
             problem, result, psf, prediction=prediction, method=Method.ADMM.value,
             automatic_tau=False, seconds=0.42, pixel_rad=pixel_rad,
+            automatic_support=False,
         )  # fmt: skip
 
     fitted = report(None, None)

@@ -33,6 +33,7 @@ from nolens.solvers.inputs import Support, one_of, support_of
 from nolens.solvers.psf_choice import Extent
 from nolens.solvers.reconstructor import SPARE
 from nolens.solvers.report import Report
+from nolens.solvers.result import window_of
 
 _CHOICE = 0.2
 """Fraction of the work that the choice of a weight is."""
@@ -69,7 +70,7 @@ def reconstruct(
     measurement: Raw,
     psf: Raw,
     *,
-    support: Support | Literal["auto", "full"] | None = None,
+    support: Support | Literal["auto", "full"] = "auto",
     dark: Raw | None = None,
     flat: Raw | None = None,
     black: BlackLevel = None,
@@ -98,8 +99,9 @@ def reconstruct(
         level, (channels, height, width).
     support
         Pixels of the sensor's frame that light can come from: (height, width) around the middle,
-        (top, left, height, width), or a `PixelRectangle`. ``"full"`` sets no limit; ``"auto"``
-        takes the smallest rectangle outside which the measurement shows no light.
+        (top, left, height, width), or a `PixelRectangle`. ``"auto"`` takes that of a simulated
+        measurement, else the smallest rectangle beside which the measurement shows no light; the
+        photograph is then dark around it. ``"full"`` sets no limit.
     dark, flat
         Frames without light and of even light.
     black
@@ -162,11 +164,12 @@ def reconstruct(
     )
     extent: Extent = "auto" if psf_extended is None else ("wide" if psf_extended else "sensor")
     choice = choose_psf(development, frame, PsfSettings(psf_scale, extent, psf_flip or "auto"))
-    stated = own if support is None else None if isinstance(support, str) else support
+    stated = own if support == "auto" else None if isinstance(support, str) else support
     developed = choice.development.fitted(frame, spare, coarsen=bin_by is None and stated is None)
     data, prepared = developed.measurement, developed.prepared
     solver = replace(solver, psf=prepared.values, support=support_of(stated, data.size))
-    if support == "auto":
+    chosen_support = support == "auto" and own is None
+    if chosen_support:
         solver = replace(solver, support=solver.choose_support(data).support)
     check_solver_memory(solver, data, "a smaller support or larger pixels (bin_by) need less")
     limit = solver.limits.iterations
@@ -196,18 +199,18 @@ def reconstruct(
         prediction=explanation.prediction,
         method=solver.method.value,
         automatic_tau=tau is None,
+        automatic_support=chosen_support,
         seconds=clock.seconds,
         pixel_rad=None if pixel_rad is None else developed.development.bin_by * pixel_rad,
     )
+    picture = window_of(result.scene, problem.sensor_frame) if chosen_support else result.photograph
     notes = (*choice.notes, *(developed.notes if bin_by is None else ()), *prepared.notes)
     warnings = (
         *prepared.warnings,
         *explanation.warnings,
         *picture_warnings(problem, result, prepared.values, iterations),
     )
-    return Photograph(
-        result.photograph.cpu(), data.channels, result, problem.weight, report, notes, warnings
-    )
+    return Photograph(picture.cpu(), data.channels, result, problem.weight, report, notes, warnings)
 
 
 def refocus(

@@ -70,7 +70,7 @@ def exposure_white(radiance: Tensor) -> float:
     if white <= 0:
         raise DataError(
             "the picture is black everywhere: there is nothing to show. A smaller tau "
-            "(--tau), or another PSF, may help"
+            "(--tau), light from everywhere (--support full), or another PSF, may help"
         )
     return white
 

@@ -20,6 +20,8 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     report = summary["report"]["lines"]
     width = max(len(name) for name, _ in report)
     lines = [f"{name:{width}}  {text}" for name, text in report]
+    if summary["automatic_support"] and summary["report"]["limited"]:
+        lines[-2] += ": nowhere else does light show; --support full takes it from everywhere"
     if summary["automatic_tau"]:
         lines[-1] += "; --detail 2 shows more detail, --detail 0.5 less noise"
     return [*lines, *(_sweep_line(row) for row in summary.get("sweep", ()))]

@@ -183,10 +183,15 @@ class Problem:
         The support; without one, the sensor's frame. Around that lies what the sensor sees of its
         surroundings.
         """
-        geometry, sensor = self.forward.geometry, self.forward.sensor
         if self.forward.support is not None:
-            return (0, 0, geometry.scene[2], geometry.scene[3])
-        return (-geometry.origin[0], -geometry.origin[1], *sensor)
+            return (0, 0, *self.forward.geometry.scene[2:])
+        return self.sensor_frame
+
+    @property
+    def sensor_frame(self) -> tuple[int, int, int, int]:
+        """Window (top, left, height, width) of a scene that lies where the sensor does."""
+        origin = self.forward.geometry.origin
+        return (-origin[0], -origin[1], *self.forward.sensor)
 
     def transfer(self, channel: int) -> Tensor:
         """Half spectrum of a channel's PSF; a single PSF serves all channels."""

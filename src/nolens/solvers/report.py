@@ -43,8 +43,8 @@ class Report:
         Angle of a scene pixel in the middle of the view; None where the camera is not known.
     support
         (height, width) in pixels that light was taken to come from.
-    limited
-        Whether that is less than all the sensor can see.
+    limited, automatic_support
+        Whether that is less than all the sensor can see, and was chosen by the program.
     method, iterations, stop_reason
         Of the run.
     tau, automatic_tau
@@ -62,6 +62,7 @@ class Report:
     pixel_rad: float | None
     support: tuple[int, int]
     limited: bool
+    automatic_support: bool
     method: str
     iterations: int
     stop_reason: str
@@ -80,6 +81,7 @@ class Report:
         prediction: Prediction | None,
         method: str,
         automatic_tau: bool,
+        automatic_support: bool,
         seconds: float,
         pixel_rad: float | None = None,
     ) -> "Report":
@@ -93,7 +95,7 @@ class Report:
             (channels, height, width), as it was used.
         prediction
             Of held-out pixels; None takes the residual of the fit.
-        method, automatic_tau, seconds, pixel_rad
+        method, automatic_tau, automatic_support, seconds, pixel_rad
             As the report has them.
         """
         noise = pixel_noise(problem)
@@ -111,6 +113,7 @@ class Report:
             pixel_rad=pixel_rad,
             support=(height, width),
             limited=problem.forward.support is not None,
+            automatic_support=automatic_support,
             method=method,
             iterations=result.iterations,
             stop_reason="interrupted" if result.stop_reason == "callback" else result.stop_reason,
@@ -187,7 +190,7 @@ class Report:
     def _support(self) -> str:
         height, width = self.support
         what = "" if self.limited else ", all that the sensor can see"
-        return f"{height}×{width} pixels{what}"
+        return f"{height}×{width} pixels{what}{' (automatic)' if self.automatic_support else ''}"
 
     @property
     def _run(self) -> str:

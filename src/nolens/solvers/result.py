@@ -134,6 +134,18 @@ class Result:
         )
 
 
+def window_of(scene: Tensor, window: tuple[int, int, int, int]) -> Tensor:
+    """A part (top, left, height, width) of a scene; dark where it reaches beyond."""
+    top, left, height, width = window
+    part = scene[..., max(top, 0) : max(top + height, 0), max(left, 0) : max(left + width, 0)]
+    above, before = max(-top, 0), max(-left, 0)
+    if part.shape[-2:] == (height, width):
+        return part
+    picture = scene.new_zeros(*scene.shape[:-2], height, width)
+    picture[..., above : above + part.shape[-2], before : before + part.shape[-1]] = part
+    return picture
+
+
 def has_converged(history: list[dict[str, float]], tolerance: float) -> bool:
     """Whether the picture has at most tolerance · ‖w‖ still to go, and residuals agree.
 

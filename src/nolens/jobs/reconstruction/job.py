@@ -45,7 +45,7 @@ from nolens.jobs.reconstruction.sweep import (
     swept_options,
 )
 from nolens.jobs.run import Product, Run, Writer, announce_memory, check_solver_memory, job
-from nolens.operators import PixelRectangle
+from nolens.operators import Geometry, PixelRectangle
 from nolens.solvers import (
     AdmmState,
     Developed,
@@ -71,6 +71,7 @@ from nolens.solvers.held_out import Prediction
 from nolens.solvers.inputs import tensor_of
 from nolens.solvers.reconstructor import SPARE
 from nolens.solvers.report import Report
+from nolens.solvers.result import window_of
 from nolens.solvers.stream import CHECK_WEIGHT_EVERY, FOLLOWING, weight_to_follow
 
 _RESUMED = 1e-4
@@ -159,7 +160,7 @@ class _Setup:
         explanation = explain(reconstructor, measurement, weight, development.psf.source)
         run.warn(*explanation.warnings)
         problem = reconstructor.problem(measurement)
-        window = _crop_window(options, problem)
+        window = _crop_window(options, problem, psf)
         return cls(
             options,
             choice,
@@ -191,7 +192,7 @@ class _Setup:
             reconstructor=reconstructor,
             weight=weight,
             problem=problem,
-            window=_crop_window(options, problem),
+            window=_crop_window(options, problem, psf),
         )
 
     @property
@@ -235,9 +236,7 @@ class _Setup:
 
     def picture(self, scene: Tensor) -> Tensor:
         """The part of a scene that is written, as --flip turns it."""
-        top, left, height, width = self.window
-        inside = scene[:, top : top + height, left : left + width].cpu()
-        return flipped(inside, self.options.flip)
+        return flipped(window_of(scene, self.window).cpu(), self.options.flip)
 
 
 def _psf_choice(run: Run[ReconstructOptions], development: Development, frame: Frame) -> PsfChoice:
@@ -298,11 +297,7 @@ def _light(
             "% of the choice of the support", round(100 * fraction), 100, "the picture"
         )
 
-    choice = reconstructor.choose_support(measurement, progress=watch)
-    if choice.support is None or options.crop in (None, "all"):
-        return choice
-    crop = parse_window(options.crop, measurement.size, "--crop")
-    return replace(choice, support=choice.support.union(crop))
+    return reconstructor.choose_support(measurement, progress=watch)
 
 
 def _reconstruct_frame(run: Run[ReconstructOptions], setup: _Setup) -> Product[Tensor]:
@@ -332,6 +327,7 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: _Setup) -> Product[T
         prediction=setup.prediction,
         method=reconstructor.method.value,
         automatic_tau=options.tau == "auto",
+        automatic_support=setup.light is not None,
         seconds=run.clock.seconds,
         pixel_rad=setup.pixel_rad,
     )
@@ -348,7 +344,6 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: _Setup) -> Product[T
         "tau": tau,
         "automatic_tau": options.tau == "auto",
         "report": report.summary(),
-        "support": setup.support,
         "automatic_support": setup.light is not None,
     }
     if options.sweep is not None and not interrupted:
@@ -361,6 +356,7 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: _Setup) -> Product[T
         "black": setup.development.black,
         "psf": _psf_row(setup.psf),
         "tau": tau,
+        "support": setup.support,
         "supports": [] if setup.light is None else [step.row() for step in setup.light.steps],
         "weights": [] if setup.weight is None else [step.row() for step in setup.weight.steps],
         **asdict(stop),
@@ -639,22 +635,29 @@ def _support(
     return parse_support(f"{side[0]}x{side[1]}", sensor, psf)
 
 
-def _crop_window(options: ReconstructOptions, problem: Problem) -> tuple[int, int, int, int]:
-    """Part of the scene that is written, (top, left, height, width)."""
-    geometry = problem.forward.geometry
-    height, width = geometry.scene[2:]
+def _crop_window(
+    options: ReconstructOptions, problem: Problem, psf: Tensor
+) -> tuple[int, int, int, int]:
+    """Part of the scene that is written, (top, left, height, width).
+
+    A support that was chosen gives the picture that none would give, dark around it.
+    """
+    chosen = options.support == "auto" and options.field is None
     if options.crop is None:
-        return problem.frame
-    if options.crop == "all":
-        return 0, 0, height, width
-    crop = parse_window(options.crop, problem.forward.sensor, "--crop")
-    top, left = crop.top - geometry.origin[0], crop.left - geometry.origin[1]
-    if min(top, left) < 0 or top + crop.height > height or left + crop.width > width:
+        return problem.sensor_frame if chosen else problem.frame
+    sensor, geometry = problem.forward.sensor, problem.forward.geometry
+    seen = geometry
+    if chosen:
+        seen = Geometry.build(sensor, (psf.shape[-2], psf.shape[-1]), None)
+    whole = PixelRectangle(*seen.origin, *seen.scene[2:])
+    crop = whole if options.crop == "all" else parse_window(options.crop, sensor, "--crop")
+    if crop.union(whole) != whole:
         raise OptionError(
-            f"--crop {options.crop} reaches beyond the scene, which is {height}×{width} pixels "
-            f"from {geometry.origin[0]:+d}{geometry.origin[1]:+d}; give a part of that, or all"
+            f"--crop {options.crop} reaches beyond the scene, which is {whole.height}×"
+            f"{whole.width} pixels from {whole.top:+d}{whole.left:+d}; give a part of that, or all"
         )
-    return top, left, crop.height, crop.width
+    top, left = geometry.origin
+    return crop.top - top, crop.left - left, crop.height, crop.width
 
 
 def _about(setup: _Setup, inputs: dict[str, InputFile]) -> dict[str, Any]:

@@ -50,7 +50,7 @@ from nolens.solvers import Method, Prior, Quality
 LESS_MEMORY = "a smaller --support or larger pixels (--bin) need less"
 _SWEPT: dict[str, tuple[str | None, ...]] = {
     "tau": ("x4", "x2", None, "x0.5", "x0.25"),
-    "support": (None, "x1", "x0.75", "x0.5"),
+    "support": (None, "full", "x1", "x0.75", "x0.5"),
 }
 """Factors on the weight, and on the sides of the sensor's frame, in the names of files."""
 _Penalty = Annotated[float, Between(1e-9, 1e9)]
@@ -122,7 +122,7 @@ class ReconstructOptions(JobOptions):
             label="Compare",
         ),
     ] = None
-    support: ChosenSupport = "full"
+    support: ChosenSupport = "auto"
     psf_extent: PsfExtent = "auto"
     dark: Dark = None
     flat: Flat = None
@@ -223,7 +223,7 @@ class ReconstructOptions(JobOptions):
         Option(
             "Part of the scene to write, written like --support, or all.",
             PICTURE,
-            default="the support, or without a limit the sensor's frame",
+            default="a support that is stated, otherwise the sensor's frame",
             label="Part of the scene to write",
         ),
     ] = None

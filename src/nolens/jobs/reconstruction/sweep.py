@@ -91,6 +91,8 @@ def sweep_settings(
         return {"prior": options.prior if name is None else Prior(name)}
     if name is None:
         return {"support": options.support}
+    if name == "full":
+        return {"support": name}
     height, width = (max(1, round(_factor(name) * side)) for side in sensor)
     return {"support": f"{height}x{width}"}
 
