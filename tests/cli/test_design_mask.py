@@ -38,6 +38,7 @@ def optimised(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str,
     return folder, designed("optimised", folder, *QUICK, "--levels", 241)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_contour_mask_in_the_twin(tmp_path: Path) -> None:
     """The written camera, simulated anew without its aperture, shows the lines it is to show."""
     told = designed("contour", tmp_path / "c", *QUICK, "--spacing", "0.2mm")
@@ -76,6 +77,7 @@ def test_record_and_files(optimised: tuple[Path, dict[str, Any]]) -> None:
     assert figures["line_um"] == pytest.approx(figures["width_um"] / 2**0.5)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_masks_follow_the_seed(optimised: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
     for seed in (0, 1):
         designed("optimised", tmp_path / str(seed), *QUICK, "--levels", 241, "--seed", seed)
@@ -84,6 +86,7 @@ def test_masks_follow_the_seed(optimised: tuple[Path, dict[str, Any]], tmp_path:
     assert one == again != other
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_random_lenslets_stay_a_description(tmp_path: Path) -> None:
     told = designed("random-lenslets", tmp_path / "r", "--pitch", "60um", "--seed", 7)
     relief = read_camera(tmp_path / "r").camera.mask.relief
@@ -113,6 +116,7 @@ def simulate(folder: Path) -> None:
     assert done.code == 0, done
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_lenslet_array_can_be_simulated(tmp_path: Path) -> None:
     told = designed("lenslet-array", tmp_path / "m", "--arrangement", "square")
     assert told["kind"] == "lenslet-array"
@@ -120,6 +124,7 @@ def test_lenslet_array_can_be_simulated(tmp_path: Path) -> None:
     simulate(tmp_path / "m")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_diffuser_can_be_simulated_and_the_kind_may_follow_options(tmp_path: Path) -> None:
     told = designed("diffuser", tmp_path / "first")
     assert told["kind"] == "diffuser"
@@ -131,6 +136,7 @@ def test_diffuser_can_be_simulated_and_the_kind_may_follow_options(tmp_path: Pat
     assert refused.code == 2 and "no kind is given" in refused.err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_table_a_person_sees(tmp_path: Path) -> None:
     done = run("design", "mask", "lenslet-array", *SMALL, "-o", tmp_path / "m")
     assert done.code == 0 and done.err == ""

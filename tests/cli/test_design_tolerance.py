@@ -93,6 +93,7 @@ def test_files_say_what_was_found(tmp_path: Path, few: Path) -> None:
     assert studied(*QUICK, few, *asked[:4], "-o", out)["yield"]["fraction"] < 0.9
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_more_trials_begin_with_the_same_and_a_seed_changes_them(tmp_path: Path, few: Path) -> None:
     found = []
     for number, more in enumerate(((20,), (50,), (20, "--seed", 1))):
@@ -102,6 +103,7 @@ def test_more_trials_begin_with_the_same_and_a_seed_changes_them(tmp_path: Path,
     assert found[1][:20] == found[0] and found[2] != found[0]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_waves_are_the_default(tmp_path: Path, few: Path) -> None:
     told = studied("design", "tolerance", "paper", few, "--trials", 10, "-o", tmp_path / "a")
     assert told["model"] == "wave" and told["nominal"] == pytest.approx(13.9, abs=0.3)
@@ -113,6 +115,7 @@ def test_waves_are_the_default(tmp_path: Path, few: Path) -> None:
     assert told["unit"] == "%" and told["limit"] == 90 and 60 < told["nominal"] < 200
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_text_for_people(tmp_path: Path) -> None:
     done = run(*QUICK, "--limit", "1.05x", "-o", tmp_path / "out")
     assert done.code == 0 and done.err == ""
@@ -130,6 +133,7 @@ def test_text_for_people(tmp_path: Path) -> None:
         assert words in done.out, words
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_shown_tolerances_can_be_given(tmp_path: Path) -> None:
     done = run("design", "tolerance", "paper", "--show")
     assert done.code == 0 and done.err == ""
@@ -149,6 +153,7 @@ def test_shown_tolerances_can_be_given(tmp_path: Path) -> None:
         ("9x", "any", "any tolerance of resin.thickness up to"),
     ],
 )
+@pytest.mark.usefixtures("undrawn")
 def test_yields_that_no_or_any_tolerance_gives(
     limit: str, verdict: str, words: str, tmp_path: Path, few: Path
 ) -> None:
@@ -254,6 +259,7 @@ def test_other_refusals(tmp_path: Path, few: Path) -> None:
     refused(tmp_path, "paper", binary, "-o", out, words=("no TOML",))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_not_measurable_is_said_and_stays_json(
     tmp_path: Path, few: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
