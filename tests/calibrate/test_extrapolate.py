@@ -41,7 +41,7 @@ def shots(bench: VirtualExperiment) -> list[SimulatedMeasurement]:
 
 
 def quality(shot: SimulatedMeasurement, psf: Tensor) -> float:
-    seen = solved(shot.frame, psf, shot.support, iterations=60)
+    seen = solved(shot.frame, psf, shot.support, iterations=60, tau=5e-6)
     truth = shot.truth * shot.response
     return psnr(scale_fit(seen, truth), truth, 1.0)
 

@@ -95,7 +95,7 @@ def gamma_free() -> Tensor:
 
 def quality(shot: SimulatedMeasurement, psf: Tensor, *, confined: bool = True) -> float:
     """PSNR of the reconstruction, against what each cell of the scene gives."""
-    seen = solved(shot.frame, psf, shot.support if confined else None, iterations=60)
+    seen = solved(shot.frame, psf, shot.support if confined else None, iterations=60, tau=5e-6)
     truth = shot.truth * shot.response
     return psnr(scale_fit(seen, truth), truth, 1.0)
 

@@ -16,8 +16,8 @@ from nolens.reproduction.comparison import PAPER
 
 TINY = sizes.Size(
     pixels=None, field_points=1, iterations=6, papers_iterations=2, films_mm=(1.25, 1.45),
-    films_pixels=(200, 200), point_draws=1, point_iterations=30, angle_steps=8,
-    dot_field_points=1, dot_extent_deg=12.0,
+    films_pixels=(200, 200), point_draws=1, point_iterations=20, angle_steps=8,
+    dot_field_points=1, dot_extent_deg=8.0,
 )  # fmt: skip
 
 
