@@ -137,6 +137,7 @@ def blurred_star(sigma: float = 2.0, spokes: int = 24, side: int = 160) -> Tenso
     return torch.from_numpy(blurred.reshape(side, fine, side, fine).mean((1, 3)))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_siemens_on_a_picture(tmp_path: Path) -> None:
     """A Gaussian blur's contrast of a share c is at the period πσ√(2/ln(1/c))."""
     star, sigma = written(tmp_path / "star.tif", blurred_star()), 2.0
@@ -187,6 +188,7 @@ def test_screen_is_flat_by_snells_law() -> None:
     assert angle == pytest.approx(right * cosine, rel=0.01)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_siemens_simulated(tmp_path: Path) -> None:
     told = measured(
         "siemens", "--simulate", "small", "--light", "535nm", "--angle", "11deg", "--spokes", 18,
@@ -199,6 +201,7 @@ def test_siemens_simulated(tmp_path: Path) -> None:
     assert (tmp_path / "star.png").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_edge_on_a_picture(tmp_path: Path) -> None:
     fine, sigma = 4, 1.5
     sharp = slanted_edge(72 * fine, 6.0).numpy()

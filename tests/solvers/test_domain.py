@@ -33,7 +33,7 @@ def test_solution_is_that_of_the_large_domain(case: Case, prior: str) -> None:
     )  # fmt: skip
     expected = reference.scene(reference.minimum())
     result = admm(
-        posed.problem, iterations=3000, tolerance=1e-7, penalties=(0.5, 0.5, 0.5), balance=None
+        posed.problem, iterations=1500, tolerance=1e-7, penalties=(0.5, 0.5, 0.5), balance=None
     )
     got = (result.scene / posed.problem.scale)[0].double().numpy()
     assert np.linalg.norm(got - expected) <= 1e-4 * np.linalg.norm(expected)

@@ -16,7 +16,7 @@ GEOMETRIES = {
     "odd": replace(BASE, sensor=(7, 5), psf=(7, 5), support=PixelRectangle(-1, 1, 5, 3)),
     "wide psf": replace(BASE, sensor=(5, 6), psf=(9, 8), support=PixelRectangle(-1, -1, 4, 5)),
 }
-FIXED = {"iterations": 3000, "tolerance": 1e-7, "penalties": (0.5, 0.5, 0.5), "balance": None}
+FIXED = {"iterations": 1500, "tolerance": 1e-7, "penalties": (0.5, 0.5, 0.5), "balance": None}
 
 
 def _solve(posed: Posed, **settings: object) -> np.ndarray:

@@ -96,7 +96,7 @@ def test_standing_scene_converges(prior):
         1, *SENSOR, generator=torch.Generator().manual_seed(3)
     )
     problem = Problem.build(psf, data, support=SUPPORT, tau=1e-4, prior=prior)
-    best = admm(problem, iterations=3000, tolerance=0)
+    best = admm(problem, iterations=3000, tolerance=1e-6)
     stream = Stream(problem)
     frames = [stream.solve(data) for _ in range(40)]
     assert problem.objective(frames[-1].scene / problem.scale) < 1.01 * best.objective
