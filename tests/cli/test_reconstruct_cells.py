@@ -99,10 +99,11 @@ def test_photo_keeps_cells_that_the_prior_can_use(files: dict[str, Path], tmp_pa
 
 def test_a_part_of_the_scene_names_cells(files: dict[str, Path], tmp_path: Path) -> None:
     out = tmp_path / "o.tif"
-    told = solved(files, out, "--support", "60x80")
+    quick = ("--support", "60x80", "--tau", 6e-4, "--iterations", 4)
+    told = solved(files, out, *quick)
     assert f"--bin {SIDE}" in told.err
     assert read_frame(out).counts.shape[-2:] == (60, 80)
-    assert "detail" not in solved(files, out, "--support", "60x80", "--bin", 1).err
+    assert "detail" not in solved(files, out, *quick, "--bin", 1).err
 
 
 def test_frames_of_a_sequence_have_the_cells_of_the_first(
@@ -113,7 +114,8 @@ def test_frames_of_a_sequence_have_the_cells_of_the_first(
     np.save(stack, np.stack([data, 0.5 * data]))
     soft = tmp_path / "psf.npy"
     np.save(soft, very_soft())
-    done = run("reconstruct", stack, "--psf", soft, "-o", tmp_path / "pictures")
+    quick = ("--tau", 6e-4, "--iterations", 4)
+    done = run("reconstruct", stack, "--psf", soft, "-o", tmp_path / "pictures", *quick)
     assert done.code == 0, done.err
     shapes = [
         read_frame(path).counts.shape for path in sorted((tmp_path / "pictures").glob("*.png"))
