@@ -14,6 +14,7 @@ import torch
 from nolens.camera import Frame
 from nolens.capture import Limits, Shot
 from nolens.errors import CameraError
+from nolens.studio import live_camera
 from nolens.studio.live_camera import CameraThread, LiveFrame
 from nolens.studio.schemas import Settings
 from patience import PATIENCE_S, until
@@ -129,6 +130,26 @@ def test_frames_that_nobody_takes_are_dropped() -> None:
         second = take().number
     assert second - first > 10
     assert camera.dropped >= second - first - 2
+
+
+def test_no_frame_is_taken_while_nobody_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A frame now and then for a while, then none until somebody looks, or changes a setting."""
+    monkeypatch.setattr(live_camera, "_UNWATCHED_S", 0.01)
+    monkeypatch.setattr(live_camera, "_REST_AFTER_S", 0.05)
+    lamp = Lamp(1e5, pause_s=0.001)
+    with running(lamp, Settings(exposure_s=0.01)) as (camera, _):
+        camera.watch(False)
+        until(lambda: camera.is_resting, "it rests")
+        time.sleep(0.05)  # The frame that was being taken.
+        count = lamp.count
+        time.sleep(0.1)
+        assert lamp.count == count
+        camera.expose(Settings(exposure_s=0.02))
+        until(lambda: lamp.count == count + 1, "a frame as it is set now")
+        time.sleep(0.05)
+        assert (lamp.count, lamp.exposure_s) == (count + 1, 0.02)
+        camera.watch(True)
+        until(lambda: lamp.count > count + 5, "frames again")
 
 
 def test_camera_that_is_unplugged_is_told_and_given_back() -> None:

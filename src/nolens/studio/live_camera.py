@@ -33,6 +33,7 @@ _LONGEST_S = 0.25
 """Automatic exposure is no longer than this: a live view would stand still."""
 _LARGEST_FACTOR = 2.0
 _UNWATCHED_S = 1.0
+_REST_AFTER_S = 10.0
 _SAME = 0.05
 
 
@@ -85,6 +86,7 @@ class CameraThread:
         self.dropped = 0
         self.failure: str | None = None
         self.watched = False
+        self._watched_s = time.monotonic()
         self._source, self._settings, self._changed = source, settings, changed
         self._newest: LiveFrame | None = None
         self._number = 0
@@ -136,9 +138,14 @@ class CameraThread:
         self._wake.set()
 
     def watch(self, watched: bool) -> None:
-        """Say whether anyone looks: otherwise a frame a second will do."""
-        self.watched = watched
+        """Say whether anyone looks: otherwise a frame a second will do, and soon none."""
+        self.watched, self._watched_s = watched, time.monotonic()
         self._wake.set()
+
+    @property
+    def is_resting(self) -> bool:
+        """Whether it takes no frames, since nobody has looked for long."""
+        return not self.watched and time.monotonic() - self._watched_s > _REST_AFTER_S
 
     def close(self) -> None:
         """End the thread and give the source back."""
@@ -191,7 +198,7 @@ class CameraThread:
     def _rest(self) -> None:
         self._wake.clear()
         if not self.watched:
-            self._wake.wait(_UNWATCHED_S)
+            self._wake.wait(None if self.is_resting else _UNWATCHED_S)
         if isinstance(self._source, TwinSource):
             with self._changed:
                 self._changed.wait_for(lambda: self._newest is None or self._ending.is_set())

@@ -21,6 +21,7 @@ from nolens.studio.schemas import Method, Settings
 from nolens.studio.worker import Channel, Message
 
 _FPS_OVER_S = 3.0
+_FRAME_S = 10.0
 _WEBCAM_PIXELS = 4_000_000
 """Of a webcam's frame, which is decoded between two pictures of the live view."""
 _NO_PSF = "no PSF is chosen: take one in Calibrate, or choose one, to see more than the raw frame"
@@ -213,6 +214,7 @@ class LiveView:
         return self._source.twin
 
     def _save(self, formats: list[str], work: str, folder: str) -> dict[str, Any]:
+        self._renew()
         source, displayed = self._source, self._displayed
         if source is None or displayed is None:
             raise OptionError("there is no frame to save yet: start a camera, and try again")
@@ -225,6 +227,17 @@ class LiveView:
             "files": [str(path) for path in files],
             "psf_path": None if source.psf is None else str(source.psf),
         }
+
+    def _renew(self) -> None:
+        """Look again where nobody has looked for long: the frame is as old."""
+        if self._source is None or not self._source.camera.is_resting or self._settings.frozen:
+            return
+        camera = self._source.camera
+        camera.watch(self._watched)
+        with self._changed:
+            self._changed.wait_for(lambda: camera.has_frame or camera.failure, _FRAME_S)
+        if camera.has_frame:
+            self._look()
 
     def _pixel(self, of: str, across: float, down: float) -> dict[str, Any]:
         """A pixel of the displayed frame, at fractions of its width and height."""
