@@ -5,6 +5,7 @@ of the content security policy is told on the console.
 """
 
 import math
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,10 @@ import numpy as np
 import psutil
 import pytest
 from browser import Visit, await_text, needs_chromium
+
+from nolens.files import read_camera
+from nolens.optics import PointSource
+from nolens.twin import preview_model
 
 pytestmark = needs_chromium
 
@@ -33,6 +38,13 @@ def measured(page: Any, name: str) -> list[str]:
     assert plot.evaluate("async (e) => { await e.decode(); return e.naturalWidth; }") > 300
     rows: list[str] = card.locator("tr").all_inner_texts()
     return rows
+
+
+def pictures_of(studio_folder: Path) -> Path:
+    """The workspace's folder of pictures."""
+    pictures = studio_folder / "nolens-studio" / "pictures"
+    pictures.mkdir(parents=True, exist_ok=True)
+    return pictures
 
 
 def figure(rows: list[str], name: str) -> float:
@@ -65,11 +77,30 @@ def test_measurements_show_plots_and_figures(visit: Visit, shot: str) -> None:
     assert page.locator("#jobs").is_hidden()
 
 
-def test_targets_are_measured_in_simulations(visit: Visit) -> None:
+def test_targets_are_measured_in_simulations(visit: Visit, studio_folder: Path) -> None:
+    """With options of "More", and dots in a picture: a simulation of those takes half a minute."""
+    twin, pitch = preview_model(read_camera("small")), 24 / 300
+    at, dots = np.arange(240.0), np.zeros((240, 240), np.float32)
+    for i, j in product(range(-2, 3), repeat=2):
+        shift = twin.shift_um(PointSource((i * pitch, j * pitch)))
+        row, column = (120 + each / twin.pixel_um for each in shift)
+        dots += np.exp(-((at[:, None] - row) ** 2 + (at - column) ** 2) / 4)
+    np.save(pictures_of(studio_folder) / "dots.npy", dots)
     page = visit.show("measure")
     page.wait_for_function("() => document.querySelector('[data-measure=siemens] select')?.value")
-    cell_deg = figure(measured(page, "dots"), "Field angle of a pixel in the middle")
+    card = page.locator("[data-measure=dots]")
+    card.get_by_role("button", name="A picture").click()
+    card.get_by_label("Picture", exact=True).select_option("work/pictures/dots.npy")
+    for label, text in (("dots", "24mm"), ("grid", "300mm")):
+        card.get_by_label(f"Distance of the {label}").fill(text)
+    rows = measured(page, "dots")
+    cell_deg = figure(rows, "Field angle of a pixel in the middle")
+    assert figure(rows, "Measured") == pytest.approx(24, rel=2e-3)
     for name in ("two-points", "siemens"):
+        card = page.locator(f"[data-measure={name}]")
+        assert not card.get_by_label("Iterations").is_visible()
+        card.get_by_text("More", exact=True).click()
+        card.get_by_label("Iterations").fill("60")
         # A pair of a bright and a dark line has at least two pixels.
         resolved = figure(measured(page, name), "Resolved")
         assert (1 if name == "two-points" else 2) * cell_deg * 0.9 < resolved < 20 * cell_deg
@@ -77,13 +108,13 @@ def test_targets_are_measured_in_simulations(visit: Visit) -> None:
 
 
 def test_an_edge_in_a_picture_is_measured(visit: Visit, studio_folder: Path) -> None:
-    pictures = studio_folder / "nolens-studio" / "pictures"
-    pictures.mkdir(parents=True, exist_ok=True)
     rows, columns = np.mgrid[:121, :161] - np.array([60, 80])[:, None, None]
     away = columns * np.cos(0.09) + rows * np.sin(0.09)
     deviation = 2.0
     edge = [0.5 * (1 + math.erf(each / (deviation * math.sqrt(2)))) for each in away.ravel()]
-    np.save(pictures / "edge.npy", np.reshape(edge, away.shape).astype(np.float32))
+    np.save(
+        pictures_of(studio_folder) / "edge.npy", np.reshape(edge, away.shape).astype(np.float32)
+    )
     page = visit.show("measure")
     card = page.locator("[data-measure=edge]")
     card.get_by_role("button", name="A picture").click()

@@ -69,8 +69,13 @@ def test_files_for_the_workshop_can_be_downloaded(visit: Visit) -> None:
     page = visit.show("design")
     page.get_by_label("Description").select_option("small")
     await_text(page, ".figures", "Line width")
+    page.locator("[data-panel=design]").get_by_text("More", exact=True).click()
+    page.get_by_label("Thickness of the wall").fill("2mm")
+    page.get_by_label("Triangles, at most").fill("20000")
     page.get_by_role("button", name="Make the files").click()
     page.get_by_role("link", name="frame.stl").wait_for()
+    options = visit.job(visit.jobs()[0]["id"])["options"]
+    assert options == {"camera": "small", "wall": "2mm", "triangles": 20000}
     with page.expect_download() as download:
         page.get_by_role("link", name="sheet.pdf").click()
     assert Path(download.value.path()).read_bytes().startswith(b"%PDF")
@@ -247,9 +252,10 @@ def test_two_files_are_dropped_and_the_options_reach_the_job(
     page.wait_for_function("() => /door.dng$/.test(document.querySelector('select').value)")
     assert page.get_by_label("PSF", exact=True).input_value() == "work/uploads/door-psf.tif"
     assert page.get_by_label("Turn the picture").is_visible()
-    assert not page.get_by_label("Prior", exact=True).is_visible()
-    page.locator("[data-panel=photograph]").get_by_text("More", exact=True).click()
-    solver = page.get_by_role("region", name="Model and solver")
+    form = reconstruction(page)
+    assert not form.get_by_label("Prior", exact=True).is_visible()
+    form.get_by_text("More", exact=True).click()
+    solver = form.get_by_role("region", name="Model and solver")
     assert solver.get_by_label("Prior", exact=True).is_visible()
     page.get_by_label("Flat field of yours").set_input_files(
         {"name": "flat.dng", "mimeType": "", "buffer": frame}
@@ -258,9 +264,9 @@ def test_two_files_are_dropped_and_the_options_reach_the_job(
         "() => [...document.querySelectorAll('select')].some((e) => /flat.dng$/.test(e.value))"
     )
     page.get_by_label("Turn the picture").select_option("Mirrored")
-    page.get_by_label("Prior", exact=True).select_option("Few bright points (l1)")
+    form.get_by_label("Prior", exact=True).select_option("Few bright points (l1)")
     page.get_by_label("Low-frequency correction").select_option("Off")
-    page.get_by_label("Iterations, at most").fill("3")
+    form.get_by_label("Iterations, at most").fill("3")
     page.get_by_label("Binning").fill("2")
     page.get_by_role("button", name="Reconstruct").click()
     await_text(page, "#main .stage b", r"^door.*\.png$")
@@ -285,7 +291,7 @@ def used_again(visit: Visit) -> None:
     page = visit.page
     page.get_by_role("button", name="Draft").click()
     for label, other in (("Turn the picture", "As it is"), ("Prior", "Total variation")):
-        page.get_by_label(label, exact=True).select_option(other)
+        reconstruction(page).get_by_label(label, exact=True).select_option(other)
     page.get_by_label("Binning").fill("")
     page.get_by_role("button", name="Results").click()
     card = page.locator(".card", has_text="door.png")
@@ -311,11 +317,17 @@ def used_again(visit: Visit) -> None:
     )
 
 
+def reconstruction(page: Any) -> Any:
+    """The form of a reconstruction."""
+    return page.get_by_role("region", name="Reconstruction", exact=True)
+
+
 def refused(page: Any, studio_folder: Path) -> None:
     """A PSF that does not fit is told by the names of the page's fields, beside no picture."""
-    page.locator("[data-panel=photograph]").get_by_text("More", exact=True).click()
+    more = reconstruction(page).get_by_text("More", exact=True)
+    more.click()
     page.get_by_label("PSF pixels finer by").fill("3")
-    page.locator("[data-panel=photograph]").get_by_text("More", exact=True).click()
+    more.click()
     page.get_by_role("button", name="Reconstruct").click()
     said = await_text(page, "[data-panel=photograph] .trouble", "PSF pixels finer by")
     assert "--" not in said and str(studio_folder) in said
@@ -329,6 +341,10 @@ def test_click_focuses_on_a_point(visit: Visit, shot: str) -> None:
     await_text(page, "figcaption [role=status]", r"\d+ × \d+ pixels")
     page.get_by_label("Depths").fill("2")
     page.get_by_label("Nearest").fill("15cm")
+    form = page.get_by_role("region", name="Refocus", exact=True)
+    form.get_by_text("More", exact=True).click()
+    form.get_by_label("τ, weight of the prior").fill("1e-4")
+    form.get_by_label("Iterations, at most").fill("30")
     page.get_by_role("button", name="Make the focal stack").click()
     page.wait_for_selector("#depth-picture")
     await_text(page, "[role=status]", "Sharp everywhere")

@@ -105,17 +105,27 @@ class FabricateOptions(OutputFolderOptions):
             "WIDTHxHEIGHT of the sensor's package, along its rows and across, such as "
             "12.98x11.15mm.",
             default="the camera's sensor.package",
+            label="Package of the sensor",
         ),
     ] = None
     glass_top: Annotated[
         PositiveLength | None,
-        Option("Height from the board up to the top of the package; with --package."),
+        Option(
+            "Height from the board up to the top of the package; with --package.",
+            label="Height of the package",
+        ),
     ] = None
-    wall: Annotated[PositiveLength, Option("Thickness of the frame's wall.", _FRAME)] = Length(
-        "1", "mm"
-    )
+    wall: Annotated[
+        PositiveLength,
+        Option("Thickness of the frame's wall.", _FRAME, label="Thickness of the wall"),
+    ] = Length("1", "mm")
     clearance: Annotated[
-        _NotNegativeLength, Option("Between the package and the frame, on every side.", _FRAME)
+        _NotNegativeLength,
+        Option(
+            "Between the package and the frame, on every side.",
+            _FRAME,
+            label="Clearance around the package",
+        ),
     ] = Length("0.1", "mm")
     rim: Annotated[
         _NotNegativeLength | None,
@@ -123,17 +133,29 @@ class FabricateOptions(OutputFolderOptions):
             "Legs of the 45° cut along the inside top edge, which takes up resin; 0mm for none.",
             _FRAME,
             default="0.3 of the wall",
+            label="Cut along the inside edge",
         ),
     ] = None
     vents: Annotated[
         int,
         Between(0, 1000),
-        Option("Channels across the wall's top, through which air and resin leave.", _FRAME),
+        Option(
+            "Channels across the wall's top, through which air and resin leave.",
+            _FRAME,
+            label="Vents",
+        ),
     ] = 4
-    vent_width: Annotated[PositiveLength, Option("Of a channel.", _FRAME)] = Length("0.8", "mm")
+    vent_width: Annotated[
+        PositiveLength, Option("Of a channel.", _FRAME, label="Width of a vent")
+    ] = Length("0.8", "mm")
     vent_depth: Annotated[
         PositiveLength | None,
-        Option("Of a channel.", _FRAME, default="0.25mm, or a quarter of a thinner resin"),
+        Option(
+            "Of a channel.",
+            _FRAME,
+            default="0.25mm, or a quarter of a thinner resin",
+            label="Depth of a vent",
+        ),
     ] = None
     mark: Annotated[
         _NotNegativeLength | None,
@@ -141,6 +163,7 @@ class FabricateOptions(OutputFolderOptions):
             "Legs of the outer corner that is cut off at pixel (0, 0); 0mm for none.",
             _FRAME,
             default="0.8 of the wall",
+            label="Cut corner",
         ),
     ] = None
     step: Annotated[
@@ -148,17 +171,26 @@ class FabricateOptions(OutputFolderOptions):
     ] = False
     smallest: Annotated[
         PositiveLength,
-        Option("The thinnest wall and narrowest channel that the printer makes.", _PRINTER),
+        Option(
+            "The thinnest wall and narrowest channel that the printer makes.",
+            _PRINTER,
+            label="Smallest feature",
+        ),
     ] = Length("0.4", "mm")
     bed: Annotated[
         _TwoLengths,
-        Option("WIDTHxDEPTH of the printer's bed, such as 120x68mm.", default="120x68mm"),
+        Option(
+            "WIDTHxDEPTH of the printer's bed, such as 120x68mm.",
+            default="120x68mm",
+            label="Bed of the printer",
+        ),
     ] = (Length("120", "mm"), Length("68", "mm"))
     printer_shrinkage: Annotated[
         _Shrinkage,
         Option(
             "Fraction of its lengths that a print loses; the frame's files are larger by it.",
             _PRINTER,
+            label="Shrinkage of the print",
         ),
     ] = Percentage("0", "%")
     crown: Annotated[
@@ -167,12 +199,17 @@ class FabricateOptions(OutputFolderOptions):
             "How high the poured resin's middle stands above the frame, so that the mould meets "
             "it first.",
             _AMOUNTS,
+            label="Height of the resin's crown",
         ),
     ] = Length("0.1", "mm")
     contact_angle: Annotated[
         Angle,
         Between("0.1 deg", "90 deg"),
-        Option("At which the resin runs over the wall's top.", _AMOUNTS),
+        Option(
+            "At which the resin runs over the wall's top.",
+            _AMOUNTS,
+            label="Contact angle of the resin",
+        ),
     ] = Angle("30", "deg")
     dish: Annotated[
         _TwoLengths | None,
@@ -180,21 +217,27 @@ class FabricateOptions(OutputFolderOptions):
             "WIDTHxHEIGHT of the dish that the mould is cast in.",
             _AMOUNTS,
             default="10mm more than the frame on every side",
+            label="Dish of the mould",
         ),
     ] = None
-    mould_thickness: Annotated[PositiveLength, Option("Of the mould.", _AMOUNTS)] = Length(
-        "5", "mm"
-    )
+    mould_thickness: Annotated[
+        PositiveLength, Option("Of the mould.", _AMOUNTS, label="Thickness of the mould")
+    ] = Length("5", "mm")
     surface: Annotated[
         SurfaceName,
         Option(
             "What the mask's files show: the master that the mould is taken from, the mould "
             "(mirrored and inverted), or the replica on the camera.",
+            label="Surface of the mask's files",
         ),
     ] = "master"
     mould_shrinkage: Annotated[
         _Shrinkage,
-        Option("Fraction of its lengths that the mould loses; the master is larger by it.", _MASK),
+        Option(
+            "Fraction of its lengths that the mould loses; the master is larger by it.",
+            _MASK,
+            label="Shrinkage of the mould",
+        ),
     ] = Percentage("0", "%")
     crop: Annotated[
         _TwoLengths | None,
@@ -202,11 +245,17 @@ class FabricateOptions(OutputFolderOptions):
             "WIDTHxHEIGHT of the middle part of the mask that is written, such as 1x1mm.",
             _MASK,
             default="all of it",
+            label="Part of the mask",
         ),
     ] = None
     pitch: Annotated[
         PositiveLength | None,
-        Option("Distance of the points in mask.tif, .gds and .oas.", _MASK, default="the relief's"),
+        Option(
+            "Distance of the points in mask.tif, .gds and .oas.",
+            _MASK,
+            default="the relief's",
+            label="Distance of the points",
+        ),
     ] = None
     levels: Annotated[
         int,
@@ -214,14 +263,21 @@ class FabricateOptions(OutputFolderOptions):
         Option(
             "Heights of the layout, each a layer: layer k is all that is k steps high or higher.",
             _MASK,
+            label="Levels",
         ),
     ] = 16
     triangles: Annotated[
-        int, Between(1, 100_000_000), Option("The most that relief-SURFACE.stl has.", _MASK)
+        int,
+        Between(1, 100_000_000),
+        Option("The most that relief-SURFACE.stl has.", _MASK, label="Triangles, at most"),
     ] = 500_000
     base: Annotated[
         PositiveLength,
-        Option("Thickness under the lowest point of the relief in the STL.", _MASK),
+        Option(
+            "Thickness under the lowest point of the relief in the STL.",
+            _MASK,
+            label="Base under the relief",
+        ),
     ] = Length("1", "mm")
     tolerances: Annotated[
         _Study | None,

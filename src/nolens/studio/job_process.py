@@ -162,17 +162,17 @@ def declarations() -> dict[JobKind, dict[str, dict[str, Any]]]:
     for kind, about in KINDS.items():
         model = _job(kind).options
         declared[kind] = {
-            name: _declaration(model, field) for name, field in model.spellings().items()
+            name: _declaration(model, field, name) for name, field in model.spellings().items()
         } | {
             name: {"label": label, "help": "", "role": "value"} for name, label in about.own.items()
         }
     return declared
 
 
-def _declaration(model: type[JobOptions], field: str) -> dict[str, Any]:
+def _declaration(model: type[JobOptions], field: str, name: str) -> dict[str, Any]:
     option = Option.of(model, field)
     return {
-        "label": option.label,
+        "label": "" if name == option.former else option.label,
         "help": option.help,
         "role": option.role,
         "group": option.group,

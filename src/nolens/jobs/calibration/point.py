@@ -74,6 +74,7 @@ class CalibratePointOptions(NewPsfOptions):
             "Field angles of the point source, to the right and up as the photographer sees it, "
             "such as 20deg,-10deg.",
             default="0deg,0deg",
+            label="Field angles",
         ),
     ] = (Angle("0", "deg"), Angle("0", "deg"))
     dark: Annotated[
@@ -95,6 +96,7 @@ class CalibratePointOptions(NewPsfOptions):
             "Exposure time, such as 10ms: once for all frames, or once for each in their order.",
             _FRAMES,
             default="what the files say",
+            label="Exposure times",
         ),
     ] = ()
     camera: Annotated[
@@ -113,7 +115,10 @@ class CalibratePointOptions(NewPsfOptions):
         ),
     ] = None
     mosaic: Annotated[
-        Mosaic | None, Option("Colour mosaic of frames whose files do not say it.", _FRAMES)
+        Mosaic | None,
+        Option(
+            "Colour mosaic of frames whose files do not say it.", _FRAMES, label="Colour mosaic"
+        ),
     ] = None
     stray_light: Annotated[
         StrayLight,
@@ -121,6 +126,7 @@ class CalibratePointOptions(NewPsfOptions):
             "auto subtracts a smooth background where an aperture leaves a dark area, none "
             "subtracts nothing, floor subtracts the darkest light of the frame.",
             RESULT,
+            label="Stray light",
         ),
     ] = "auto"
     output: Annotated[FilePath, output_folder("calibrate")]

@@ -69,13 +69,16 @@ class MeasurePsfOptions(RecordedOptions):
             role="camera",
         ),
     ] = None
-    channels: Annotated[Word, Option("grey (mean of all), r, g or b.", _PSF)] = "grey"
+    channels: Annotated[Word, Option("grey (mean of all), r, g or b.", _PSF, label="Channels")] = (
+        "grey"
+    )
     black: Annotated[
         BlackLevel,
         Option(
             'Count that stands for no light, or "auto": read off the darkest corner.',
             _PSF,
             default="what the file says",
+            label="Black level",
         ),
     ] = None
     noise: Annotated[

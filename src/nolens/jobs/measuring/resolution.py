@@ -144,21 +144,39 @@ class ResolutionOptions(RecordedOptions):
             label="Camera",
         ),
     ] = None
-    light: Annotated[Word, Option(f"{LIGHTS}.", SIMULATION)] = "white-led"
+    light: Annotated[Word, Option(f"{LIGHTS}.", SIMULATION, label="Light")] = "white-led"
     wavelengths: Annotated[
-        int, Between(1, 64), Option("How many stand for a channel of the sensor.", SIMULATION)
+        int,
+        Between(1, 64),
+        Option(
+            "How many stand for a channel of the sensor.",
+            SIMULATION,
+            label="Wavelengths of a channel",
+        ),
     ] = 1
     fill: Annotated[
         Percentage,
         Between("0.001 %", "100 %"),
-        Option("Fraction of a full pixel that the brightest one is exposed to.", SIMULATION),
+        Option(
+            "Fraction of a full pixel that the brightest one is exposed to.",
+            SIMULATION,
+            label="Exposure of the brightest pixel",
+        ),
     ] = Percentage("90", "%")
     seed: Annotated[Seed, Option("Of the noise.", SIMULATION)] = 0
     iterations: Annotated[
         Iterations | None,
-        Option("Of ADMM; all of them are done.", _SOLVER, default="300; two points 100"),
+        Option(
+            "Of ADMM; all of them are done.",
+            _SOLVER,
+            default="300; two points 100",
+            label="Iterations",
+        ),
     ] = None
-    tau: Annotated[Tau | None, Option("Weight of the prior.", _SOLVER, default="5e-6")] = None
+    tau: Annotated[
+        Tau | None,
+        Option("Weight of the prior.", _SOLVER, default="5e-6", label="τ, weight of the prior"),
+    ] = None
     plot: Annotated[
         FilePath | None,
         Option(

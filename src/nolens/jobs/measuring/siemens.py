@@ -55,7 +55,9 @@ class SiemensOptions(OneFrameOptions):
     ] = ()
     spokes: Annotated[
         _Spokes | None,
-        Option("Bright spokes of the star.", default="from the picture; 36 to simulate"),
+        Option(
+            "Bright spokes of the star.", default="from the picture; 36 to simulate", label="Spokes"
+        ),
     ] = None
     angle: Annotated[
         TargetAngle | None,
@@ -71,6 +73,7 @@ class SiemensOptions(OneFrameOptions):
             "Fraction of the contrast of the widest spokes at which others count as just "
             "resolved. 15.3% is the contrast of lines that dip by Rayleigh's 26.5 %.",
             TARGET,
+            label="Contrast that counts as resolved",
         ),
     ] = Percentage("10", "%")
 

@@ -62,12 +62,20 @@ class TwoPointOptions(ResolutionOptions):
     ] = ()
     dip: Annotated[
         Threshold,
-        Option("Dip of the light between the points that counts as resolved.", TARGET),
+        Option(
+            "Dip of the light between the points that counts as resolved.",
+            TARGET,
+            label="Dip that counts as resolved",
+        ),
     ] = Percentage("26.5", "%")
     direction: Annotated[
         Angle,
         Between("-360 deg", "360 deg"),
-        Option("Of the line through the points, from the right towards up.", SIMULATION),
+        Option(
+            "Of the line through the points, from the right towards up.",
+            SIMULATION,
+            label="Direction of the line",
+        ),
     ] = Angle("0", "deg")
     draws: Annotated[
         int,

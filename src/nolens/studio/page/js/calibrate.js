@@ -5,6 +5,7 @@ import { onDisk, post, upload } from "./api.js";
 import { cameraChoice, cameras } from "./choices.js";
 import { button, field, figureTable, fill, group, h, setOptions } from "./dom.js";
 import { Centring } from "./centring.js";
+import { JobForm } from "./controls.js";
 import { known, psfFigures, psfPlot } from "./figures.js";
 import { folderOf, number } from "./format.js";
 import { exposureAdvice } from "./histogram.js";
@@ -28,6 +29,11 @@ const MOST_SHORTER = 8;
 /** Scenes that cannot be shown again: pictures of the visitor's, which are not kept, and those of the calibration. */
 const PASSING = ["picture", "webcam", "point", "dark"];
 const FIRST = "chart";
+/** @type {Record<string, import("./controls.js").Words>} what the page adds to the declarations */
+const MORE = {
+  mosaic: { words: { "": "As the files say" } },
+  stray_light: { words: { auto: "Subtract it where an aperture leaves a dark area", none: "Subtract nothing", floor: "Subtract the darkest light" } },
+};
 
 /** A set of frames that is taken or chosen. */
 class Take {
@@ -95,6 +101,7 @@ class Calibrate {
     this.pointer = button("Show the simulated camera a point source", told(() => this.show("point")));
     this.frames = new Take("frames", FRAMES, (work) => this.prepared("point", work));
     this.darks = new Take("dark frames", DARKS, (work) => this.prepared("dark", work));
+    this.form = new JobForm("calibrate", { without: ["name", "distance"], more: MORE });
     this.maker = button("Make the PSF", told(() => this.make()), { class: "primary" });
     this.job = new JobView({ keep: "calibrate" });
     this.result = h("div", { class: "stage" });
@@ -115,7 +122,7 @@ class Calibrate {
         step(group("3 Exposure", ...this.light.elements, this.advice)),
         step(group("4 Frames", h("p", {}, "Their mean has less noise. The exposure is held from here on."), ...this.frames.elements)),
         step(group("5 Dark frames", h("p", {}, "Cover the point source, and leave the room and the exposure as they are."), ...this.darks.elements)),
-        step(group("6 PSF", h("div", { class: "row" }, this.maker), this.job.element)),
+        step(group("6 PSF", ...this.form.elements, h("div", { class: "row" }, this.maker), this.job.element)),
         step(this.elsewhere.element))), this.result);
     addEventListener("pagehide", told(() => this.back()));
     /** @type {import("./live.js").Viewer} */
@@ -238,7 +245,7 @@ class Calibrate {
     fill(this.result);
     try {
       const job = await this.job.run("calibrate", {
-        name: this.name.value.trim(), distance: this.distance.value.trim(), camera: this.camera.value,
+        ...this.form.values(), name: this.name.value.trim(), distance: this.distance.value.trim(), camera: this.camera.value,
         frames: this.frames.paths, dark: this.darks.paths.length ? this.darks.paths : undefined,
       });
       if (job) await this.tell(job);

@@ -3,9 +3,10 @@
 
 import { freshId, h, slider, tick } from "./dom.js";
 import { number } from "./format.js";
-import { declared, label, option, worded } from "./names.js";
+import { declared, label, labelled, option, worded } from "./names.js";
 
 /** @typedef {{element: HTMLElement, value: () => unknown, set: (value: unknown) => void}} Control a value is undefined where the option is left out */
+/** @typedef {{words?: Record<string, string>, example?: string}} Words `words`: what the page calls the choices; `example`: of a text */
 
 const LONGEST = 34;
 /** @type {Record<string, unknown>} */
@@ -25,7 +26,7 @@ const value = (input) => {
  *
  * @param {string} kind of the job
  * @param {string} name
- * @param {{words?: Record<string, string>, example?: string}} [more] `words`: what the page calls the choices; `example`: of a text
+ * @param {Words} [more]
  * @returns {Control}
  */
 export function control(kind, name, { words = {}, example } = {}) {
@@ -80,4 +81,22 @@ export function form(kind, fields) {
     return h("section", { class: "fields", "aria-labelledby": id }, h("h3", { id }, title), ...elements);
   });
   return [...basic, h("details", {}, h("summary", {}, "More"), ...sections)];
+}
+
+/** The form of a job: fields that a panel makes itself, and a control for every other value that the page has a name for. */
+export class JobForm {
+  /**
+   * @param {string} kind of the job
+   * @param {{own?: Record<string, HTMLElement[]>, without?: string[], more?: Record<string, Words>}} [given]
+   *   `own`: the panel's fields by option; `without`: options that it has elsewhere, or not at all
+   */
+  constructor(kind, { own = {}, without = [], more = {} } = {}) {
+    const names = labelled(kind).filter((name) => !(name in own) && !without.includes(name));
+    this.controls = Object.fromEntries(names.map((name) => [name, control(kind, name, more[name])]));
+    this.elements = form(kind, { ...own, ...Object.fromEntries(names.map((name) => [name, [this.controls[name].element]])) });
+  }
+
+  values() {
+    return Object.fromEntries(Object.entries(this.controls).map(([name, each]) => [name, each.value()]));
+  }
 }

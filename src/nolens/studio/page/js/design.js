@@ -3,6 +3,7 @@
 
 import { fileUrl } from "./api.js";
 import { cameras } from "./choices.js";
+import { JobForm } from "./controls.js";
 import { button, figureTable, fill, group, h, setOptions, slider } from "./dom.js";
 import { later, mm, number } from "./format.js";
 import { cancel, fileLinks, follow, JobView, start } from "./jobs.js";
@@ -41,6 +42,7 @@ class Design {
     this.autocorrelation = h("div", {}, noCurve());
     this.magnitude = h("div", {}, noCurve());
     this.state = h("p", { class: "job-text", role: "status" });
+    this.form = new JobForm("fabricate", { without: ["thickness"] });
     this.job = new JobView();
     this.outputs = h("div", {});
     this.maker = button("Make the files", told(() => this.fabricate()), { class: "primary" });
@@ -59,7 +61,7 @@ class Design {
           group("Autocorrelation", this.autocorrelation),
           group("Spectral magnitude", this.magnitude)),
         group("Fabrication", h("p", { class: "pale" }, "Frame, mask and process sheet of the camera as it is set here."),
-          h("div", { class: "row" }, this.maker), this.job.element, this.outputs))));
+          h("div", { class: "three spread" }, this.form.elements), h("div", { class: "row" }, this.maker), this.job.element, this.outputs))));
   }
 
   enter() {
@@ -183,7 +185,7 @@ class Design {
     this.maker.disabled = true;
     fill(this.outputs);
     try {
-      const job = await this.job.run("fabricate", { camera: this.camera.value, thickness: this.thickness });
+      const job = await this.job.run("fabricate", { ...this.form.values(), camera: this.camera.value, thickness: this.thickness });
       if (job) fill(this.outputs, fileLinks(job.outputs ?? []));
     } finally {
       this.maker.disabled = false;

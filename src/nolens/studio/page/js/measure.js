@@ -2,7 +2,7 @@
 /** Measure: how good a camera is, as plots and figures. */
 
 import { calibratedCameras, cameras, filesBy, psfChoices } from "./choices.js";
-import { form } from "./controls.js";
+import { JobForm } from "./controls.js";
 import { figureTable, fill, h, segments, setOptions } from "./dom.js";
 import { dotRows, edgeRows, fieldRows, jobPlot, psfFigures, psfPlot, starRows, twoPointRows } from "./figures.js";
 import { Measurement, offerCameras, Target } from "./measurement.js";
@@ -11,6 +11,10 @@ import { told } from "./notices.js";
 
 const POINTS = "measure-two-points";
 const FIELD = "measure-field";
+/** Options of raw frames, which the page measures when they have become pictures. */
+const FRAMES = ["psf_extent"];
+/** @type {Record<string, import("./controls.js").Words>} what the page adds to the declarations */
+const MORE = { distance: { example: "the camera's own" } };
 
 /** Pictures in linear light, as reconstructions are kept. @param {{name: string}} entry */
 const linear = ({ name }) => /\.(tiff?|npy)$/i.test(name);
@@ -24,12 +28,13 @@ const text = (input) => input.value.trim() || undefined;
 /** A PSF that was calibrated. */
 function psfCard() {
   const psf = h("select", {});
+  const form = new JobForm("measure-psf", { own: { psf: [option("measure-psf", "psf", psf)] } });
   const card = new Measurement({
-    title: "PSF", name: "psf", kind: "measure-psf", controls: [option("measure-psf", "psf", psf)],
+    title: "PSF", name: "psf", kind: "measure-psf", controls: form.elements,
     about: "Line width, pitch, autocorrelation and spectrum of a PSF.",
     options: () => {
       if (!psf.value) throw new Error("There is no PSF yet: calibrate the camera (key 3), or save a raw frame on the Viewfinder (key s).");
-      return { psf: psf.value };
+      return { psf: psf.value, ...form.values() };
     },
     found: (job) => [psfPlot(job), figureTable(psfFigures(job.summary), "Figures of the PSF")],
   });
@@ -39,14 +44,14 @@ function psfCard() {
 /** Two point sources, nearer and nearer. */
 function pointsCard() {
   const camera = h("select", {});
-  const distance = typed({ placeholder: "the camera's own" });
   const draws = h("input", { type: "number", min: 1, max: 20, value: 1 });
+  const form = new JobForm(POINTS, { without: FRAMES, more: MORE,
+    own: { simulate: [option(POINTS, "simulate", camera)], draws: [option(POINTS, "draws", draws)] } });
   const card = new Measurement({
     title: "Two points", name: "two-points", kind: "measure-two-points",
     about: "The smallest separation at which two point sources are resolved, in a simulation of the camera.",
-    controls: form(POINTS, { simulate: [option(POINTS, "simulate", camera)],
-      distance: [option(POINTS, "distance", distance)], draws: [option(POINTS, "draws", draws)] }),
-    options: () => ({ simulate: camera.value, distance: text(distance), draws: Number(draws.value) || 1 }),
+    controls: form.elements,
+    options: () => ({ simulate: camera.value, draws: Number(draws.value) || 1, ...form.values() }),
     found: (job) => [jobPlot(job, "Dip between two points by their separation"),
       figureTable(twoPointRows(job.summary), "Resolution of two points")],
   });
@@ -61,11 +66,12 @@ function pointsCard() {
  */
 function targetCard({ title, kind, about, picture, plot, angle, rows }) {
   const wide = typed({ value: angle });
-  const target = new Target({ picture, simulated: [option(kind, "angle", wide)] });
+  const form = new JobForm(kind, { own: { angle: [option(kind, "angle", wide)] }, without: FRAMES, more: MORE });
+  const target = new Target({ picture, simulated: form.elements });
   const card = new Measurement({
     title, kind, about, name: kind.replace("measure-", ""), controls: target.elements,
     options: () => (target.simulated
-      ? { simulate: target.camera.value, angle: text(wide) }
+      ? { simulate: target.camera.value, angle: text(wide), ...form.values() }
       : { frames: [target.path], camera: target.camera.value }),
     found: (job) => [jobPlot(job, plot), figureTable(rows(job.summary), `Resolution of the ${picture}`)],
   });

@@ -32,6 +32,8 @@ export class Measurement {
     fill(this.result);
     try {
       this.show(await this.job.run(this.given.kind, options));
+      // A card with a plot is as wide as the page, and so lies elsewhere.
+      this.result.scrollIntoView({ block: "nearest" });
     } finally {
       this.maker.disabled = false;
     }

@@ -4,7 +4,7 @@
 import { get } from "./api.js";
 import { field } from "./dom.js";
 
-/** @typedef {{label: string, help: string, group: string, default: string, choices: string[]}} Declaration */
+/** @typedef {{label: string, help: string, role: string, group: string, default: string, choices: string[]}} Declaration */
 
 /** @type {Record<string, Record<string, Declaration>>} by kind of job, then by option */
 let known = {};
@@ -15,7 +15,10 @@ export const declarations = get("api/jobs/options").then(({ kinds }) => {
 }, () => {});
 
 /** What a job declares of an option. @param {string} kind @param {string} option @returns {Declaration} */
-export const declared = (kind, option) => known[kind]?.[option] ?? { label: "", help: "", group: "", default: "", choices: [] };
+export const declared = (kind, option) => known[kind]?.[option] ?? { label: "", help: "", role: "value", group: "", default: "", choices: [] };
+
+/** The options of a job that the page has a control for: values with a label. @param {string} kind */
+export const labelled = (kind) => Object.entries(known[kind] ?? {}).filter(([, { label, role }]) => label && role === "value").map(([name]) => name);
 
 /** What the page calls an option. @param {string} kind @param {string} option */
 export const label = (kind, option) => known[kind]?.[option]?.label || option.replaceAll("_", " ");

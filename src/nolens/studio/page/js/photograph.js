@@ -4,6 +4,7 @@
 import { fileUrl, upload } from "./api.js";
 import { calibratedCameras, filesBy, offerFiles, psfChoices, psfOf } from "./choices.js";
 import { Compare } from "./compare.js";
+import { JobForm } from "./controls.js";
 import { Depths } from "./depths.js";
 import { button, field, filePicker, fill, group, h, segments, setOptions } from "./dom.js";
 import { baseName, folderOf, percent } from "./format.js";
@@ -14,7 +15,7 @@ import { option } from "./names.js";
 import { told } from "./notices.js";
 import { curve, noCurve } from "./plots.js";
 import { recordOf, RecordView, settingsOf } from "./record.js";
-import { ReconstructionOptions } from "./reconstruction.js";
+import { MORE, READING, ReconstructionOptions } from "./reconstruction.js";
 import { LazyValues, PixelValues } from "./pixels.js";
 import { Strip } from "./strip.js";
 import { Tone } from "./tone.js";
@@ -49,6 +50,7 @@ class Photograph {
     this.near = h("input", { type: "text", value: "10cm", spellcheck: false });
     this.far = h("input", { type: "text", value: "100cm", spellcheck: false });
     this.steps = h("input", { type: "number", min: 2, max: 60, value: 7 });
+    this.stack = new JobForm("refocus", { without: ["stack", "steps", ...READING], more: { tau: MORE.tau, prior: MORE.prior } });
     this.refocuser = button("Make the focal stack", told(() => this.refocus()));
     this.stackJob = new JobView({ keep: "refocus" });
     this.gallery = new Gallery((result) => this.open(result));
@@ -73,7 +75,7 @@ class Photograph {
       h("div", { class: "side" },
         group("Refocus", option("refocus", "psfs", this.cameras), h("div", { class: "row" },
           h("div", { class: "grow" }, field("Nearest", this.near)), h("div", { class: "grow" }, field("Farthest", this.far)),
-          h("div", { class: "narrow" }, option("refocus", "steps", this.steps))), h("div", { class: "row" }, this.refocuser), this.stackJob.element))));
+          h("div", { class: "narrow" }, option("refocus", "steps", this.steps))), ...this.stack.elements, h("div", { class: "row" }, this.refocuser), this.stackJob.element))));
     this.dropHere();
     told(async () => this.finish(await this.job.again()))();
     told(async () => this.focused(await this.stackJob.again(), false))();
@@ -279,7 +281,7 @@ class Photograph {
     this.depths.age();
     try {
       this.focused(await this.stackJob.run("refocus", {
-        measurement: this.raw.value, psfs: this.cameras.value, ...this.options.reading(),
+        measurement: this.raw.value, psfs: this.cameras.value, ...this.options.reading(), ...this.stack.values(),
         stack: `${this.near.value.trim()},${this.far.value.trim()}`, steps: Number(this.steps.value),
       }), true);
     } finally {

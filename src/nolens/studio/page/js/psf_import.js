@@ -2,7 +2,7 @@
 /** PSFs that were measured elsewhere, as files: into the folder of the camera that is calibrated. */
 
 import { onDisk, upload } from "./api.js";
-import { control } from "./controls.js";
+import { JobForm } from "./controls.js";
 import { button, field, figureTable, fill, group, h } from "./dom.js";
 import { folderOf } from "./format.js";
 import { fileLinks, JobView } from "./jobs.js";
@@ -10,13 +10,12 @@ import { option } from "./names.js";
 import { told } from "./notices.js";
 
 const KIND = "calibrate-import";
-/** @type {Record<string, {words?: Record<string, string>, example?: string}>} what the page adds to the declarations */
+/** @type {Record<string, import("./controls.js").Words>} what the page adds to the declarations */
 const MORE = {
   sensor: { example: "rows x columns, such as 1464x1936" },
   psf_extent: { words: { sensor: "No: as large as the sensor", wide: "Yes: with the light beside the sensor" } },
   centre: { words: { file: "The middle of the file", light: "Where its light is" } },
 };
-const READING = ["pixel", "angle", "sensor", "black", "white", "bin", "channels", "psf_extent", "centre"];
 
 export class PsfImport {
   /** @param {() => {name: string, camera: string}} into the folder, and the description of its camera */
@@ -24,14 +23,13 @@ export class PsfImport {
     this.into = into;
     this.files = h("input", { type: "file", multiple: true });
     this.distance = h("input", { type: "text", value: "300mm", spellcheck: false });
-    this.controls = Object.fromEntries(READING.map((name) => [name, control(KIND, name, MORE[name])]));
+    this.form = new JobForm(KIND, { own: { distance: [option(KIND, "distance", this.distance)] }, without: ["name"], more: MORE });
     this.maker = button("Import", told(() => this.make()));
     this.job = new JobView();
     this.result = h("div", {});
     this.element = h("details", {}, h("summary", {}, "Or import PSFs from elsewhere"), group("PSFs from elsewhere",
       h("p", {}, "Files that others measured or computed. Of several, give the distance of each, with commas between."),
-      field("PSF files", this.files), option(KIND, "distance", this.distance),
-      ...READING.map((name) => this.controls[name].element), h("div", { class: "row" }, this.maker), this.job.element, this.result));
+      field("PSF files", this.files), ...this.form.elements, h("div", { class: "row" }, this.maker), this.job.element, this.result));
   }
 
   async make() {
@@ -44,8 +42,7 @@ export class PsfImport {
       const psfs = [];
       for (const each of files) psfs.push(await upload(each));
       const job = await this.job.run(KIND, {
-        ...Object.fromEntries(READING.map((name) => [name, this.controls[name].value()])), ...this.into(),
-        psfs, distance: this.distance.value.split(",").map((each) => each.trim()),
+        ...this.form.values(), ...this.into(), psfs, distance: this.distance.value.split(",").map((each) => each.trim()),
       });
       if (job) await this.tell(job);
     } finally {

@@ -10,8 +10,8 @@ import { told } from "./notices.js";
 
 const KIND = "reconstruct";
 const FILE_SAYS = "as the file says";
-/** @type {Record<string, {words?: Record<string, string>, example?: string}>} what the page adds to the declarations */
-const MORE = {
+/** @type {Record<string, import("./controls.js").Words>} what the page adds to the declarations */
+export const MORE = {
   black: { example: `${FILE_SAYS}; a number, or auto` },
   white: { example: FILE_SAYS },
   mosaic: { words: Object.fromEntries([["", "As the file says"], ...["RGGB", "BGGR", "GRBG", "GBRG"].map((each) => [each, each])]) },
@@ -30,7 +30,7 @@ const MORE = {
   sweep: { words: { "": "One picture", tau: "With more and less detail", method: "Solvers", prior: "Priors", support: "Supports" } },
 };
 /** Options of how the raw file is read: those that refocusing has too. */
-const READING = ["black", "white", "mosaic", "bgr", "bin", "channels", "support", "flip"];
+export const READING = ["black", "white", "mosaic", "bgr", "bin", "channels", "support", "flip"];
 const SOLVING = ["sweep", "psf_extent", "psf_scale", "psf_flip", "crop", "tau", "method", "prior", "iterations", "tolerance", "low_frequency"];
 
 export class ReconstructionOptions {
