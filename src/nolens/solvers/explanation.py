@@ -229,10 +229,16 @@ class _Trials:
     def _size(self, now: Prediction) -> str | None:
         """What is said where the PSF of another distance explains more."""
         tried = {factor: self._of(magnified(self._psf, factor)) for factor in (0.99, 1.01)}
-        nearest = min(tried, key=lambda each: tried[each].unexplained)
+
+        def rest(factor: float) -> float:
+            return tried[factor].unexplained
+
+        nearest = min(tried, key=rest)
+        if rest(nearest) >= now.unexplained:
+            return None
         further = 1 + 3 * (nearest - 1)
         tried[further] = self._of(magnified(self._psf, further))
-        factor = min(tried, key=lambda each: tried[each].unexplained)
+        factor = min(tried, key=rest)
         other = tried[factor]
         if not other.is_clearly_better(now):
             return None
