@@ -394,7 +394,7 @@ def table(rows: list[tuple[Kind, Outcome, float]], alarms: Path) -> str:
         "|---|---|---|---|",
     ]
     for kind, came, loss in rows:
-        shown = amount(loss, digits=2) if came.psnr_db is not None else ""
+        shown = amount(round(loss, 1)) if came.psnr_db is not None else ""
         said = "; ".join(came.lines)
         lines.append(f"| {kind.name} | {verdict(came, loss)} | {shown} | {cell(said)} |")
     said_of = alarms.read_text().splitlines()

@@ -5,7 +5,6 @@ A scene that is solved for with the camera's PSF predicts pixels that were left 
 and what explains clearly more is named.
 """
 
-import math
 from dataclasses import dataclass, replace
 
 import torch.nn.functional as nnf
@@ -26,13 +25,13 @@ _WELL = 0.97
 """Explained fraction of the signal from which nothing is tried."""
 _BADLY = 0.5
 """Explained fraction below which the PSF is not the measurement's."""
-_ERRORS = 2.0
-"""Standard errors by which it must be below that."""
+_WORTH = 0.02
+"""Explained fraction by which another reading must be better to be named."""
 _EXCHANGED = 0.25
 """Explained fraction by which exchanged files must be better to be named."""
 _FAIRLY = 0.8
 """Explained fraction that no support must reach to be named."""
-_BURIED = 0.7
+_BURIED = 0.5
 """Fraction of the contrast that is noise, above which nothing can be told."""
 _UNKNOWN = (
     ": was the camera refocused or moved, is it the PSF of another camera, or the measurement a "
@@ -172,8 +171,7 @@ class _Trials:
         now = self._solver.predict(self._data, self._valid)
         if now is None or now.unexplained_by_noise > _BURIED or now.explained >= _WELL:
             return None
-        error = float(now.blocks.std()) / math.sqrt(len(now.blocks))
-        badly = now.explained + _ERRORS * error / (1 - now.unexplained_by_noise) < _BADLY
+        badly = now.explains_less(_BADLY)
         if badly and has_finer_detail(self._data, self._psf):
             return None  # It was said with the PSF.
         remedy = (
@@ -218,7 +216,7 @@ class _Trials:
         if support is None or reaches_edges(self._psf, self._sensor):
             return None
         free = replace(self._solver, support=None).predict(self._data, self._valid)
-        if free is None or free.explained < _FAIRLY or not free.is_clearly_better(now):
+        if free is None or free.explained < _FAIRLY or not _is_named(free, now):
             return None
         return (
             f". Without the support of {support.height}×{support.width} pixels it is "
@@ -240,7 +238,7 @@ class _Trials:
         tried[further] = self._of(magnified(self._psf, further))
         factor = min(tried, key=rest)
         other = tried[factor]
-        if not other.is_clearly_better(now):
+        if not _is_named(other, now):
             return None
         larger, nearer = ("larger", "nearer") if factor > 1 else ("smaller", "farther")
         return (
@@ -253,7 +251,7 @@ class _Trials:
     def _sharper(self, now: Prediction) -> str | None:
         """What is said where a PSF with less blur explains more."""
         other = self._of(_sharpened(self._psf, 2 * judged_side(self._sensor) + 1))
-        if not other.is_clearly_better(now):
+        if not _is_named(other, now):
             return None
         return (
             f". With a sharper PSF it is {percent(other.unexplained)}: the point source was out of "
@@ -266,6 +264,10 @@ class _Trials:
         prediction = replace(self._solver, psf=psf).predict(self._data, self._valid)
         assert prediction is not None
         return prediction
+
+
+def _is_named(other: Prediction, now: Prediction) -> bool:
+    return other.is_clearly_better(now) and other.explained > now.explained + _WORTH
 
 
 def _sharpened(psf: Tensor, side: int) -> Tensor:

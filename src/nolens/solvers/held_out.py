@@ -49,8 +49,8 @@ values and float32 are no finer."""
 _WIENER_WEIGHTS = tuple(3.0 * 0.3**step for step in range(8))
 _WIENER_FALLBACK = 0.3
 """Weights of the filter, over the mean power of the PSF's transfer."""
-_SURE = 3.0
-"""Standard errors by which a clearly better prediction is better."""
+_SURE, _LIKELY = 3.0, 2.0
+"""Standard errors by which a clearly better prediction is better, and one that is likely."""
 _BETTER = 0.75
 """Fraction of what another prediction misses that a clearly better one misses at most."""
 _SAMPLES = 1_000_000
@@ -80,6 +80,8 @@ class Prediction:
     blocks: Tensor = field(default_factory=lambda: torch.empty(0), repr=False, compare=False)
     """Squared residual of each block that was left out, over the squared contrast of all; none
     of a fit (`fit`)."""
+    dark_blocks: Tensor = field(default_factory=lambda: torch.empty(0), repr=False, compare=False)
+    """The same where nothing is predicted: each block's squared contrast."""
 
     @property
     def unexplained(self) -> float:
@@ -105,6 +107,13 @@ class Prediction:
         """Whether it explains the same blocks better, beyond doubt and by more than a little."""
         excess, error = other.excess(self)
         return excess > _SURE * error and self.missed < _BETTER * other.missed
+
+    def explains_less(self, fraction: float) -> bool:
+        """Whether it explains less than a fraction of what is not noise, by two standard errors."""
+        noise = self.unexplained_by_noise
+        rest = noise + (1 - fraction) * (1 - noise)
+        excess, error = _apart(self.blocks, rest * self.dark_blocks)
+        return excess > _LIKELY * error
 
     @property
     def explained(self) -> float:
@@ -509,10 +518,10 @@ def _prediction(
     problem: Problem, errors: Tensor, noise: float, held: Tensor, blocks: Tensor
 ) -> Prediction:
     dark = problem.data.new_zeros(problem.scene_shape)
-    contrast = float(_block_errors(problem, dark, held, blocks).mean())
-    return Prediction(
-        math.sqrt(float(errors.mean())), math.sqrt(contrast), noise, errors / contrast
-    )
+    powers = _block_errors(problem, dark, held, blocks)
+    contrast = float(powers.mean())
+    residual = math.sqrt(float(errors.mean()))
+    return Prediction(residual, math.sqrt(contrast), noise, errors / contrast, powers / contrast)
 
 
 def _steps(errors: dict[float, Tensor], noise: float, unit: float) -> tuple[WeightStep, ...]:

@@ -49,7 +49,7 @@ class Method(StrEnum):
 SPARE = {Method.ADMM: 4, Method.FISTA: 4, Method.WIENER: 1}
 """How many times finer than what the PSF carries the pixels of the scene are worth to be: what is
 assumed of a scene finds edges between what the PSF carries; Wiener's filter does not."""
-_JUDGED_PIXELS = 60_000
+_JUDGED_PIXELS = 40_000
 """Sensor pixels at most with which a PSF is judged."""
 _SUPPORT_PIXELS = 50_000
 """Pixels of all channels on which a support is chosen, about."""
@@ -262,7 +262,7 @@ class Reconstructor:
     ) -> Prediction | None:
         """How well pixels that are left out are predicted, where pixels are means over many.
 
-        At most 60 000 are left; a PSF that is blurred by a pixel does no harm there. None of too
+        At most 40 000 are left; a PSF that is blurred by a pixel does no harm there. None of too
         few pixels.
 
         Parameters
