@@ -104,7 +104,7 @@ def test_targets_are_measured_in_simulations(visit: Visit, studio_folder: Path) 
         # A pair of a bright and a dark line has at least two pixels.
         resolved = figure(measured(page, name), "Resolved")
         assert (1 if name == "two-points" else 2) * cell_deg * 0.9 < resolved < 20 * cell_deg
-    visit.keep("measure-targets")
+    visit.keep("measure-targets", scrolled=True)
 
 
 def test_an_edge_in_a_picture_is_measured(visit: Visit, studio_folder: Path) -> None:
