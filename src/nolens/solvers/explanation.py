@@ -86,9 +86,10 @@ def explain(
     prediction = None if weight is None else weight.prediction
     if prediction is None and reconstructor.method is not Method.WIENER:
         prediction = trials.of_all()
-    if prediction is None or prediction.unexplained_by_noise > _BURIED:
+    if prediction is None:
         return Explanation(prediction)
-    if prediction.explained >= _WELL:
+    # What noise buries here may be seen on coarse pixels.
+    if prediction.explained >= _WELL and prediction.unexplained_by_noise <= _BURIED:
         return Explanation(prediction)
     cause = trials.cause(psf_source)
     return Explanation(prediction, () if cause is None else (cause,))
