@@ -127,7 +127,7 @@ def test_record(camera: Camera, tmp_path: Path) -> None:
     assert weights[-1]["tau"] < parameters["tau"] == record["result"]["tau"] <= weights[0]["tau"]
     assert parameters["iterations"] == 12 and parameters["tolerance"] == 0
     assert parameters["method"] == "admm" and parameters["prior"] == "tv"
-    assert parameters["support"] == SUPPORT and parameters["balance"] is True
+    assert parameters["support"] == f"{SUPPORT}+12+16" and parameters["balance"] is True
     assert parameters["relaxation"] == 1.8 and parameters["penalties"] is None
     assert parameters["channel_names"] == ["R", "G", "B"]
     # The version before called it period.
