@@ -37,7 +37,7 @@ from nolens.twin import Plane
 OUT = Path(__file__).parents[1] / "docs" / "results"
 SCENE_DEG, MORE_DEG, OFF_DEG = 56.0, 1.0, 0.5
 DISTANCE_UM = 300e3
-FRAMES, ITERATIONS, TAU = 4, 200, 1e-5
+FRAMES, ITERATIONS, TAU = 4, 200, 5e-6
 PAPERS_ITERATIONS = 300
 
 
