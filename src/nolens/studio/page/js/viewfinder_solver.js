@@ -11,9 +11,21 @@ const SEND_MS = 80;
 export class SolverControls {
   /** @param {(given: Record<string, unknown>) => Promise<void>} set */
   constructor(set) {
-    const send = later(told(set), SEND_MS);
+    /** @type {Record<string, unknown>} */
+    let waiting = {};
+    const flush = async () => {
+      const changes = waiting;
+      waiting = {};
+      if (Object.keys(changes).length) await set(changes);
+    };
+    const soon = later(told(flush), SEND_MS);
+    const send = (/** @type {Record<string, unknown>} */ change) => {
+      Object.assign(waiting, change);
+      soon();
+    };
+    // What is still waiting belongs to the method before.
     this.method = segments("Method", [["wiener", "Wiener"], ["admm", "ADMM"]], "admm",
-      told((method) => set({ method })));
+      told(async (method) => { await flush(); await set({ method }); }));
     this.detail = detailSlider((detail) => send({ detail }));
     this.iterations = slider({
       label: "Iterations per frame", min: 1, max: 40, value: 4, step: 1,
