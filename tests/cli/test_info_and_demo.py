@@ -85,11 +85,11 @@ def test_demo(tmp_path: Path) -> None:
     # The command that it prints asks the same of its files; two iterations show that it runs.
     record = folder / "reconstruction.json"
     asked = json.loads(record.read_text())["parameters"]
-    again = run(*result["command"][1:], "--iterations", 2)
+    again = run(*result["command"][1:], "--iterations", 2, "--tau", asked["tau"])
     assert again.code == 0 and again.err == "", again.err
     there = json.loads(record.read_text())["parameters"]
-    assert there.pop("options_set") == sorted([*asked.pop("options_set"), "iterations"])
-    assert there == {**asked, "iterations": 2}
+    assert there.pop("options_set") == sorted([*asked.pop("options_set"), "iterations", "tau"])
+    assert there == {**asked, "iterations": 2, "weights": []}
     names = ["demo.png", "measurement.dng", "psf.dng", "reconstruction.json", "reconstruction.png"]
     assert sorted(listing(folder)) == names
     assert read_frame(folder / "demo.png").counts.shape[0] == 3

@@ -38,7 +38,7 @@ from numba.extending import intrinsic
 from torch import Tensor
 
 from nolens.kernels.admm import SplitState
-from nolens.kernels.threads import BLOCKS, block_rows, for_each_block
+from nolens.kernels.threads import block_rows, blocks_of, for_each_block
 
 _SUMS = 15
 _SEGMENT = 256
@@ -64,7 +64,7 @@ def solve_normal_equation_(spectrum: Tensor, transfer: Tensor, constants: Tensor
     laplacians = _laplacian(height), _laplacian(width)[: width // 2 + 1]
     arrays = _floats(spectrum), _floats(transfer), *laplacians
     mu = constants[:3].numpy()
-    blocks = min(BLOCKS, height)
+    blocks = blocks_of(height, spectrum.numel())
 
     def solve(block: int) -> None:
         _solve_rows(*arrays, mu, *block_rows(block, blocks, height))
@@ -78,7 +78,7 @@ def update_splits_(
 ) -> list[float] | None:
     """See `nolens.kernels.admm_torch.update_splits_`."""
     height, width = pair.shape
-    blocks = min(BLOCKS, height)
+    blocks = blocks_of(height, pair.numel())
     sums = np.zeros((blocks, _SUMS))
     z = _floats(pair)
     data = state.data.numpy(), state.valid.numpy()

@@ -14,8 +14,7 @@ import torch
 
 _PIXELS_PER_THREAD = 32768
 
-BLOCKS = 32
-"""Blocks of rows that a pass is cut into: fixed, so that no sum depends on the threads."""
+_BLOCKS_AT_MOST, _PIXELS_PER_BLOCK = 32, 8192
 
 _turn = threading.local()
 
@@ -90,6 +89,13 @@ def _next_of(waiting: deque[tuple[int, int]]) -> tuple[int, int] | None:
         return waiting.popleft()
     except IndexError:  # The others are being worked on.
         return None
+
+
+def blocks_of(height: int, pixels: int) -> int:
+    """Blocks of rows that a pass is cut into: by the size alone, so that no sum depends on the
+    threads.
+    """
+    return min(_BLOCKS_AT_MOST, height, 1 + pixels // _PIXELS_PER_BLOCK)
 
 
 def block_rows(block: int, blocks: int, height: int) -> tuple[int, int]:
