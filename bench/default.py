@@ -108,6 +108,7 @@ def table(rows: list[tuple[Case, dict[str, float]]]) -> str:
     losses = [row["psnr_db"] - row["best_db"] for _, row in rows]
     times = [row["seconds"] / row["best_seconds"] for _, row in rows]
     machine = describe()
+    whole = len(CAMERAS) * len(PHOTOGRAPHS) * len(EXPOSURES)
     heads = ["camera", "photograph", "exposure", "default", "best", "loss", "weight/best", "time"]
     lines = [
         "# The default against the best of a grid",
@@ -118,7 +119,7 @@ def table(rows: list[tuple[Case, dict[str, float]]]) -> str:
         "the prior is chosen from the measurement; the grid tries weights by factors of two around",
         "it. Both have the scene's support. PSNR in dB.",
         "",
-        f"**{len(losses)} cases: {statistics.mean(losses):+.2f} dB in the mean, "
+        f"**{len(losses)} of {whole} cases: {statistics.mean(losses):+.2f} dB in the mean, "
         f"{min(losses):+.2f} dB at worst. Time of one run with the best weight: "
         f"{statistics.median(times):.2f} times (median; at most {max(times):.2f}).** Times on",
         f"{machine['cpu']}, {machine['cores']} cores.",
