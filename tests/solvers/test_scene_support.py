@@ -73,6 +73,11 @@ def test_is_full_where_light_comes_from_everywhere() -> None:
     assert chosen(psf, light + NOISE * torch.randn(light.shape)) is None
 
 
+def test_noise_alone_has_no_support() -> None:
+    psf = mask_psf()
+    assert chosen(psf, 1 + 0.1 * torch.randn(1, *SENSOR)) is None
+
+
 def test_is_found_on_coarse_pixels_in_all_channels() -> None:
     psf = mask_psf()
     scene = picture({(64, 80): photograph()})

@@ -258,10 +258,11 @@ class _Light:
         return max(float(usual), _SPARSE * float(density.max()))
 
     def with_detail(self, support: PixelRectangle, scene: Tensor, least: float) -> PixelRectangle:
-        """The part of a scene that has so much detail; the glow around it has little."""
+        """The part of a scene that has so much detail, or all of it where none has."""
         density = torch.zeros_like(self._seen, dtype=scene.dtype)
         density[self._slices(support)] = _detail(scene)
-        return self._around(self._seen & (density >= least))
+        wanted = self._seen & (density >= least)
+        return self._around(wanted) if bool(wanted.any()) else support
 
     def signal(self, problem: Problem, confined: PartialFit, support: PixelRectangle) -> Tensor:
         """The clearest signal of each pixel outside, over what is usual there, (height, width).
