@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: env demo test test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading bench-default bench-odd examples screenshots fuzz kill attack clean
+.PHONY: env demo test tests test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading bench-default bench-odd examples screenshots fuzz kill attack clean
 
 env: $(STAMP)
 
@@ -25,8 +25,12 @@ browser:
 	    || echo "chromium cannot be installed: the tests of the page are skipped"; \
 	fi
 
+# Lint needs one core for half a minute: the tests begin beside it.
+test: $(STAMP) browser
+	$(MAKE) --no-print-directory -j2 lint tests
+
 # One worker for each core, each on one thread; who is done takes tests from the other.
-test: lint browser
+tests: $(STAMP)
 	$(BIN)/pytest -n logical --dist worksteal
 
 # The tests where machines differ: in workers, in order, and in how their processors round.
