@@ -27,7 +27,7 @@ from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.solvers.held_out import PartialFit, channel_noise, fit_partially, local_mean
 from nolens.solvers.problem import Problem
 
-_DETAIL = (0.1, 0.25, 0.5)
+_DETAIL = (0.04, 0.1, 0.25, 0.5)
 """Of the scene's detail where there is most, from which on light comes from there: as little as can
 be told from what the glow has, which varies."""
 _MOST_DETAIL = 0.995
