@@ -2,6 +2,9 @@
 
 import ctypes
 import gc
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 _OBJECTS_BETWEEN_SEARCHES = 50_000
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
@@ -29,3 +32,17 @@ def prepare() -> None:
 def leave() -> None:
     """Let the process end without a last search for garbage, which takes a third of a second."""
     gc.freeze()
+
+
+@contextmanager
+def without_ctrl_c() -> Iterator[None]:
+    """What is started here never sees the terminal's Ctrl-C: its parent ends it."""
+    block = getattr(signal, "pthread_sigmask", None)
+    if block is None:  # Windows
+        yield
+        return
+    before = block(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        block(signal.SIG_SETMASK, before)

@@ -9,14 +9,14 @@ import signal
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import Any
 
 from nolens.errors import NolensError
 from nolens.files.input import read_limit, set_read_limit
-from nolens.process import prepare
+from nolens.process import prepare, without_ctrl_c
 from nolens.studio.workspace import confine
 
 Message = tuple[Any, ...]
@@ -80,7 +80,7 @@ class Worker:
             name=name,
             daemon=True,
         )
-        with _without_ctrl_c():
+        with without_ctrl_c():
             self._process.start()
         theirs.close()
         their_stderr.close()
@@ -287,20 +287,6 @@ def _begin(
     set_read_limit(limit)
     module, name = target.split(":")
     getattr(importlib.import_module(module), name)(Channel(connection))
-
-
-@contextmanager
-def _without_ctrl_c() -> Iterator[None]:
-    """What is started here never sees the terminal's Ctrl-C: the server ends it."""
-    block = getattr(signal, "pthread_sigmask", None)
-    if block is None:  # Windows
-        yield
-        return
-    before = block(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        block(signal.SIG_SETMASK, before)
 
 
 def _line(data: bytes) -> str:

@@ -1,0 +1,75 @@
+"""Items through workers: each once, bounded in number, whatever becomes of a worker."""
+
+import importlib.metadata
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import pytest
+from distributed import LocalCluster
+from squares import FAILS, KILLS, Squares
+
+from nolens.engine import Outcome, run_items
+from nolens.engine.items import AHEAD, ATTEMPTS
+from nolens.errors import OptionError
+
+COUNT = 9
+
+
+def _checked(outcomes: Iterator[Outcome]) -> dict[str, Outcome]:
+    """Outcomes by key, where every item has one and all but one are right."""
+    found = list(outcomes)
+    by_key = {each.key: each for each in found}
+    assert len(found) == len(by_key) == COUNT
+    for number in range(COUNT):
+        each = by_key[str(number)]
+        if number == FAILS:
+            assert each.error == "ValueError: three is refused"
+            assert each.attempts == ATTEMPTS
+        else:
+            assert each.value == number * number
+    return by_key
+
+
+def test_processes_are_replaced_and_hold_few_items(tmp_path: Path) -> None:
+    loaded: list[int] = []
+
+    def load(number: int) -> int:
+        loaded.append(number)
+        return number
+
+    def watched() -> Iterator[Outcome]:
+        items = ((str(number), partial(load, number)) for number in range(COUNT))
+        for done, outcome in enumerate(run_items(items, Squares(tmp_path / "killed"), workers=1)):
+            assert len({*loaded}) <= done + 1 + AHEAD
+            yield outcome
+
+    by_key = _checked(watched())
+    assert by_key[str(KILLS)].attempts == 2
+
+
+@pytest.fixture(scope="module")
+def scheduler() -> Iterator[str]:
+    """Address of a cluster with one worker, in this process."""
+    with LocalCluster(
+        n_workers=1,
+        threads_per_worker=1,
+        processes=False,
+        protocol="tcp",
+        dashboard_address=None,
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+def test_cluster_gives_the_same(scheduler: str) -> None:
+    items = ((str(number), partial(int, number)) for number in range(COUNT))
+    by_key = _checked(run_items(items, Squares(), scheduler=scheduler))
+    assert by_key[str(KILLS)].attempts == 1
+
+
+def test_workers_of_another_version(scheduler: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    here = importlib.metadata.version("nolens")
+    versions = iter((here, "0.0.9"))  # The command's, then the worker's.
+    monkeypatch.setattr(importlib.metadata, "version", lambda _: next(versions))
+    with pytest.raises(OptionError, match=rf"has nolens 0\.0\.9, and this is {here}"):
+        list(run_items([], Squares(), scheduler=scheduler))
