@@ -95,12 +95,15 @@ WAYS = [
     {"compression": "zstd", "predictor": True, "tile": (16, 16)},
     {"compression": "packbits"},
     {"compression": "lzma"},
+    {"compression": "jpeg2000", "tile": (16, 16)},
 ]
 
 
 @pytest.mark.parametrize("planar", [False, True])
 @pytest.mark.parametrize(("array", "way"), [(a, w) for a in TIFFS for w in WAYS])
 def test_tiff(tmp_path, array, planar, way):
+    if way.get("compression") == "jpeg2000" and array.dtype.kind == "f":
+        return
     stored = np.moveaxis(array, -1, 0) if planar and array.ndim == 3 else array
     kind = {"photometric": "rgb" if array.ndim == 3 else "minisblack"}
     if array.ndim == 3:
@@ -124,8 +127,7 @@ def test_tiff_alpha_is_dropped(tmp_path):
 @pytest.mark.parametrize(
     ("array", "options", "message"),
     [
-        (np.zeros((3, 20, 20), np.uint16), {"photometric": "minisblack"}, "3 pages"),
-        (np.zeros((3, 20, 20), np.uint16), {"imagej": True}, "3 pages"),
+        (np.zeros((3, 20, 20), np.uint16), {"photometric": "minisblack"}, r"3 frames.*a\.tif#1"),
         (GREY16.astype(np.complex64), {}, "complex64"),
         (GREY16.astype(np.int64), {}, "int64"),
         (GREY16.astype(np.uint32), {}, "uint32"),
@@ -146,7 +148,7 @@ def test_tiff_refused(tmp_path, array, options, message):
         read_frame(tmp_path / "a.tif")
 
 
-@pytest.mark.parametrize("coding", ["jpeg", "webp", "jpeg2000", "png"])
+@pytest.mark.parametrize("coding", ["jpeg", "webp", "png"])
 def test_codings_that_cannot_be_read_are_named(tmp_path, coding):
     tifffile.imwrite(tmp_path / "a.tif", GREY8 if coding == "jpeg" else RGB8, compression=coding)
     with pytest.raises(FileError, match=rf"compressed with {coding.upper()}.*LZW.*tiffcp"):
@@ -178,7 +180,7 @@ def test_npy(tmp_path_factory, array, order):
     [
         (np.zeros(5), r"shape \(5,\)"),
         (np.zeros((2, 4, 6)), r"shape \(2, 4, 6\)"),
-        (np.zeros((1, 4, 6, 3)), "shape"),
+        (np.zeros((2, 4, 6, 3)), r"2 frames.*a\.npy#1"),
         (np.zeros((3, 4, 3)), "first axis or the last"),
         (np.zeros((4, 6), bool), "bool"),
         (np.zeros((4, 6), np.int64), "int64"),

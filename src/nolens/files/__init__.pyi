@@ -10,16 +10,8 @@ from .cameras import (
     write_camera,
     write_psfs,
 )
-from .frames import (
-    FRAME_SUFFIXES,
-    check_holds,
-    describe,
-    frame_suffixes,
-    is_sequence,
-    open_sequence,
-    read_frame,
-    write_frame,
-)
+from .formats import Address, FrameSequence, frame_suffixes
+from .frames import FRAME_SUFFIXES, check_holds, describe, read_frame, write_frame
 from .height_maps import HeightMap, read_height_map
 from .input import read_text, readable
 from .pictures import (
@@ -32,6 +24,7 @@ from .pictures import (
 )
 from .raw import write_dng
 from .record import InputFile, RunRecord, read_record, versions, with_former_keys, write_record
+from .sequences import is_sequence, open_sequence
 from .state import read_state, write_state
 from .tolerances import read_tolerances, write_trials
 from .workshop import check_height_map, check_step, workpiece_writers
@@ -41,6 +34,8 @@ __all__ = [
     "FRAME_SUFFIXES",
     "PICTURE_SUFFIXES",
     "PSFS_FILE",
+    "Address",
+    "FrameSequence",
     "HeightMap",
     "InputFile",
     "RunRecord",

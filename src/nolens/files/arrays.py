@@ -1,6 +1,8 @@
 """Frames of arrays, and the formats that hold nothing else: npy and PNG."""
 
 import struct
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,6 +13,8 @@ from numpy.typing import NDArray
 
 from nolens.camera import Frame
 from nolens.errors import FileError
+from nolens.files.axes import Layout, Part
+from nolens.files.formats import FrameSequence, refuse_dataset, single
 from nolens.files.input import check_bytes, check_size, decoding, quiet_stderr
 
 _CHANNELS = {1: ("grey",), 3: ("R", "G", "B")}
@@ -54,25 +58,25 @@ def frame_from_array(array: NDArray[np.generic], source: str) -> Frame:
     )
 
 
-def read_npy(path: Path) -> Frame:
-    """Read H×W, H×W×C or C×H×W (C of 1 or 3) of 8/16-bit counts or 16/32/64-bit floats.
+def open_npy(path: Path, dataset: str | None) -> FrameSequence:
+    """Open H×W or H×W×C or C×H×W (C of 1 or 3), or many of them, of counts or floats.
 
     Raises
     ------
     FileError
         If the file is damaged or holds something else.
     """
-    return frame_of_npy(open_npy(path), str(path))
+    refuse_dataset(path, dataset)
+    array = _map(path)
+    return frames_of_array(path, array.shape, array.dtype, partial(_part_of_npy, path))
 
 
-def open_npy(path: Path) -> NDArray[Any]:
-    """Map an npy file into memory.
+def _part_of_npy(path: Path, part: Part) -> NDArray[Any]:
+    return _map(path)[part]
 
-    Raises
-    ------
-    FileError
-        If the file is damaged.
-    """
+
+def _map(path: Path) -> NDArray[Any]:
+    """Map an npy file into memory."""
     try:
         # A map of the file is refused where the file is shorter than its header says.
         with np.errstate(all="ignore"):
@@ -87,30 +91,60 @@ def open_npy(path: Path) -> NDArray[Any]:
     return array
 
 
-def frame_of_npy(array: NDArray[Any], source: str) -> Frame:
-    """Frame of an array that came from `source`.
+def frames_of_array(
+    path: Path,
+    shape: Sequence[int],
+    dtype: np.dtype[Any],
+    take: Callable[[Part], NDArray[Any]],
+    *,
+    axes: str | None = None,
+    dataset: str | None = None,
+) -> FrameSequence:
+    """Frames of an array in a file, of which a part is read at a time.
+
+    Parameters
+    ----------
+    path
+        The file.
+    shape, dtype
+        Of the array.
+    take
+        Reads a part of it.
+    axes
+        A letter for each axis, where the file says what they are: Y, X, C or S for channels, and
+        others for frames. None finds them by the shape.
+    dataset
+        Its name in the file, where that has several.
 
     Raises
     ------
     FileError
-        If it is too large, or its shape or its kind of numbers is not that of a frame.
+        If one frame is too large, or the shape or the kind of numbers is not that of frames.
     """
-    check_size(array.shape, array.dtype.itemsize, source)
-    if array.ndim == 2:
-        return frame_from_array(array[None], source)
-    if array.ndim == 3:
-        first, last = array.shape[0] in _CHANNELS, array.shape[2] in _CHANNELS
-        if first and last:
-            raise FileError(
-                f"{source} has the shape {array.shape}, whose channels can be the first axis or "
-                "the last: save it as (height, width)"
-            )
-        if first or last:
-            return frame_from_array(array if first else np.moveaxis(array, -1, 0), source)
-    raise FileError(
-        f"{source} has the shape {array.shape}; accepted are (height, width), "
-        "(height, width, 1 or 3) and (1 or 3, height, width)"
-    )
+    source = str(path) if dataset is None else f"{path}:/{dataset}"
+    layout = Layout.of(tuple(shape), source, axes)
+    check_size(layout.frame_shape, dtype.itemsize, source)
+    return FrameSequence(layout.names, (path,), partial(_frame_of_part, layout, take, source))
+
+
+def _frame_of_part(
+    layout: Layout, take: Callable[[Part], NDArray[Any]], source: str, number: int
+) -> Frame:
+    if len(layout.names) > 1:
+        source += f"#{number + 1}"
+    return frame_from_array(layout.channels_first(take(layout.part(number))), source)
+
+
+def open_png(path: Path, dataset: str | None) -> FrameSequence:
+    """Open grey, colour or palette PNG.
+
+    Raises
+    ------
+    FileError
+        If a data set is named, which it has none of.
+    """
+    refuse_dataset(path, dataset)
+    return single(path, read_png)
 
 
 def read_png(path: Path) -> Frame:

@@ -1,10 +1,11 @@
-"""Frames of a camera: files of any accepted format, sequences of them, and what is in them."""
+"""Frames of a camera: files of any accepted format, and what is in them."""
 
 import math
-import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,16 @@ from torch import Tensor
 from nolens.camera import MOSAICS, Frame, Sensor, dark_corner
 from nolens.camera.measurement import colour_planes
 from nolens.errors import DataError, FileError, OptionError
-from nolens.files.arrays import frame_of_npy, open_npy, read_npy, read_png
 from nolens.files.atomic import atomic_write
+from nolens.files.formats import (
+    READERS,
+    Address,
+    FrameSequence,
+    refuse_dataset,
+    several_frames,
+    single,
+)
 from nolens.files.input import (
-    RAW_SUFFIXES,
     check_bytes,
     check_content,
     check_exists,
@@ -25,27 +32,15 @@ from nolens.files.input import (
     readable,
     system_errors,
 )
-from nolens.files.raw import read_raw, write_dng
-from nolens.files.tiff import count_pages, read_tiff, write_tiff
+from nolens.files.raw import write_dng
+from nolens.files.tiff import write_tiff
 from nolens.plugins import load_plugin, plugin_names
 
 FRAME_SUFFIXES = (".dng", ".tif", ".tiff", ".npy")
 """Suffixes of the files that a frame can be written to."""
 
-_TIFF_SUFFIXES = (".tif", ".tiff")
-_READERS = {".png": read_png, ".tif": read_tiff, ".tiff": read_tiff, ".npy": read_npy}
-_READERS |= dict.fromkeys(RAW_SUFFIXES, read_raw)
-
-_CONTENT = {".png": ("PNG",), ".tif": ("TIFF",), ".tiff": ("TIFF",), ".npy": ("npy",)}
 _NOT_LINEAR = (".jpg", ".jpeg", ".webp", ".gif", ".bmp", ".heic", ".avif", ".jp2", ".mp4")
-_NARROWEST = 16
-"""Columns of a frame: a shorter last axis is channels, which one picture has too many of."""
 _LARGEST_COUNT = 65535
-
-
-def frame_suffixes() -> tuple[str, ...]:
-    """Suffixes of the files that can be read, those that other packages add among them."""
-    return (*_READERS, *(f".{name}" for name in plugin_names("nolens.readers")))
 
 
 def read_frame(path: str | Path, *, mosaic: str | None = None, bgr: bool = False) -> Frame:
@@ -69,30 +64,55 @@ def read_frame(path: str | Path, *, mosaic: str | None = None, bgr: bool = False
     OptionError
         If `mosaic` or `bgr` do not fit the file.
     """
-    path = Path(path)
+    address = Address.of(path)
+    frames = open_file(address, mosaic=mosaic, bgr=bgr)
+    if address.number is None and len(frames) != 1:
+        raise several_frames(address.file, len(frames))
+    number = address.number or 1
+    if number > len(frames):
+        raise FileError(f"{path}: {address.file} has {len(frames)} frames, counted from 1")
+    return frames.read(number - 1)
+
+
+def open_file(address: Address, *, mosaic: str | None = None, bgr: bool = False) -> FrameSequence:
+    """Open all frames of one file, or of a data set in it.
+
+    Raises
+    ------
+    FileError
+        As `read_frame` says it.
+    OptionError
+        If there is no such mosaic.
+    """
+    path, suffix = address.file, address.file.suffix.lower()
     if mosaic is not None and mosaic not in MOSAICS:
         raise OptionError(f"unknown mosaic {mosaic!r}; accepted are {', '.join(MOSAICS)}")
-    check_exists(path, _accepted())
-    suffix = path.suffix.lower()
+    reader = READERS.get(suffix)
+    if not (reader is not None and reader.is_folder and path.is_dir()):
+        check_exists(path, _accepted())
     if suffix in _NOT_LINEAR:
         raise FileError(
             f"{path} is a {suffix[1:]} file, whose values are not proportional to light. "
             f"{_accepted()}"
         )
-    if suffix not in _READERS:
-        frame = _read_by_plugin(path, suffix)
-        if frame is not None:
-            return _declared(frame, mosaic=mosaic, bgr=bgr)
+    if reader is not None:
+        if reader.kinds and path.is_file():
+            check_content(path, reader.kinds, _accepted())
+        found: FrameSequence = resolve_name(reader.opens)(path, address.dataset)
+    elif suffix.removeprefix(".") in plugin_names("nolens.readers"):
+        refuse_dataset(path, address.dataset)
+        found = single(path, _read_by_plugin)
+    else:
         raise FileError(f"{path}: the suffix {suffix or '(none)'} is not known. {_accepted()}")
-    check_content(path, _CONTENT.get(suffix, ("TIFF", None)), _accepted())
-    return _declared(_READERS[suffix](path), mosaic=mosaic, bgr=bgr)
+    if mosaic is None and not bgr:
+        return found
+    return replace(found, read=partial(_read_declared, found.read, mosaic, bgr))
 
 
-def _read_by_plugin(path: Path, suffix: str) -> Frame | None:
-    """Frame by the reader of another package; None where there is none."""
-    read: Callable[[Path], Frame] | None = load_plugin("nolens.readers", suffix.removeprefix("."))
-    if read is None:
-        return None
+def _read_by_plugin(path: Path) -> Frame:
+    """Frame by the reader of another package."""
+    suffix = path.suffix.lower()
+    read: Callable[[Path], Frame] = load_plugin("nolens.readers", suffix.removeprefix("."))
     check_bytes(path)
     try:
         with system_errors(path):
@@ -101,6 +121,12 @@ def _read_by_plugin(path: Path, suffix: str) -> Frame | None:
         raise FileError(f"{path} cannot be read as {suffix}: {error}") from error
     check_size(frame.counts.shape, frame.counts.element_size(), path)
     return frame
+
+
+def _read_declared(
+    read: Callable[[int], Frame], mosaic: str | None, bgr: bool, number: int
+) -> Frame:
+    return _declared(read(number), mosaic=mosaic, bgr=bgr)
 
 
 def _declared(frame: Frame, *, mosaic: str | None, bgr: bool) -> Frame:
@@ -139,112 +165,6 @@ def _declare_mosaic(frame: Frame, mosaic: str) -> Frame:
     return replace(frame, channels=("mosaic",), mosaic=mosaic)
 
 
-@dataclass(frozen=True)
-class FrameSequence:
-    """Frames in the order in which they were taken, read one at a time.
-
-    Parameters
-    ----------
-    names
-        One for each frame, for messages and files.
-    sources
-        The files they are in: one for each frame of a folder, or the stack's.
-    read
-        Gives a frame by its number, from 0.
-    """
-
-    names: tuple[str, ...]
-    sources: tuple[Path, ...]
-    read: Callable[[int], Frame]
-
-
-def is_sequence(path: Path) -> bool:
-    """Whether a path is a folder, or a file with more than one frame."""
-    if path.is_dir():
-        return True
-    if not path.is_file():
-        return False
-    suffix = path.suffix.lower()
-    if suffix == ".npy":
-        shape = open_npy(path).shape
-        frames = len(shape) == 3 and not {shape[0], shape[2]} & {1, 3}
-        return len(shape) == 4 or (frames and shape[2] >= _NARROWEST)
-    return suffix in _TIFF_SUFFIXES and count_pages(path) > 1
-
-
-def open_sequence(path: Path, *, mosaic: str | None = None, bgr: bool = False) -> FrameSequence:
-    """Find the frames of a folder or a stack.
-
-    A folder's frames are its files that `read_frame` knows, sorted by name with numbers in them
-    counted as such; other files are passed over. A stack is a TIFF of many pages, or an npy of
-    (frames, height, width), (frames, height, width, 1 or 3) or (frames, 1 or 3, height, width).
-
-    Parameters
-    ----------
-    path
-        The folder or file.
-    mosaic, bgr
-        As `read_frame` takes them.
-
-    Raises
-    ------
-    FileError
-        If there is none, or it holds no frames.
-    """
-    if path.is_dir():
-        return _of_folder(path, mosaic, bgr)
-    check_exists(path, "Accepted are a folder of frames, and a .tif or .npy of many")
-    suffix = path.suffix.lower()
-    if suffix == ".npy":
-        stack = open_npy(path)
-        count = len(stack)
-
-        def read(number: int) -> Frame:
-            return frame_of_npy(stack[number], f"{path}, frame {number + 1}")
-    else:
-        count = count_pages(path)
-
-        def read(number: int) -> Frame:
-            return read_tiff(path, number)
-
-    if count == 0:
-        raise FileError(f"{path} holds no frame: give a stack of one or more")
-    digits = len(str(count))
-    return FrameSequence(
-        tuple(f"frame-{number + 1:0{digits}}" for number in range(count)),
-        (path,),
-        lambda number: _declared(read(number), mosaic=mosaic, bgr=bgr),
-    )
-
-
-def _of_folder(folder: Path, mosaic: str | None, bgr: bool) -> FrameSequence:
-    with system_errors(folder):
-        files = sorted(
-            (
-                each
-                for each in folder.iterdir()
-                if each.suffix.lower() in frame_suffixes() and not each.name.startswith(".")
-            ),
-            key=lambda each: [
-                (int(part), "") if part.isdigit() else (-1, part)
-                for part in re.split(r"(\d+)", each.name)
-                if part
-            ],
-        )
-    if not files:
-        raise FileError(
-            f"the folder {folder} holds no frame; its files can be "
-            f"{', '.join(sorted(frame_suffixes()))}"
-        )
-    stems = [each.stem for each in files]
-    names = tuple(
-        each.stem if stems.count(each.stem) == 1 else each.name.replace(".", "-") for each in files
-    )
-    return FrameSequence(
-        names, tuple(files), lambda number: read_frame(files[number], mosaic=mosaic, bgr=bgr)
-    )
-
-
 def describe(frame: Frame) -> dict[str, Any]:
     """Describe a frame for a person or a program, in values that JSON has.
 
@@ -263,7 +183,7 @@ def describe(frame: Frame) -> dict[str, Any]:
         corner = math.nan
     return {
         "file": readable(frame.source),
-        "format": Path(frame.source).suffix.lstrip(".").lower(),
+        "format": Address.of(frame.source).file.suffix.lstrip(".").lower(),
         "height": frame.counts.shape[-2],
         "width": frame.counts.shape[-1],
         "channels": list(frame.channels),

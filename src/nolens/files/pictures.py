@@ -14,8 +14,9 @@ from torch import Tensor
 from nolens.camera import exposure_white, linear_from_srgb, srgb_from_linear
 from nolens.camera.values import all_finite, unusable
 from nolens.errors import DataError, FileError
-from nolens.files.arrays import read_npy, read_png_samples
+from nolens.files.arrays import read_png_samples
 from nolens.files.atomic import atomic_write
+from nolens.files.frames import read_frame
 from nolens.files.input import check_bytes, check_content, check_exists, check_size, decoding
 from nolens.files.tiff import read_tiff_samples, write_tiff
 
@@ -71,7 +72,7 @@ def read_picture(path: str | Path) -> Picture:
     check_content(path, (kind,), _ACCEPTED)
     multiplied = False
     if kind == "npy":
-        frame = read_npy(path)
+        frame = read_frame(path)
         if frame.white is not None:
             raise FileError(
                 f"{path} holds {frame.stored_as}, of which it is not known what white is: save "
@@ -79,12 +80,12 @@ def read_picture(path: str | Path) -> Picture:
             )
         return Picture(_three(_finite(frame.counts, path)))
     if kind == "TIFF":
-        array, alphas, _ = read_tiff_samples(path)
-        multiplied = alphas == (True,)
+        samples = read_tiff_samples(path)
+        array, alphas, multiplied = samples.values, samples.alphas, samples.alphas == (True,)
     else:
-        samples = read_png_samples(path) if kind == "PNG" else _read_jpeg(path)
-        array = np.moveaxis(samples, -1, 0)
-        alphas = (False,) * (samples.shape[-1] in (2, 4))
+        values = read_png_samples(path) if kind == "PNG" else _read_jpeg(path)
+        array = np.moveaxis(values, -1, 0)
+        alphas = (False,) * (values.shape[-1] in (2, 4))
     if len(alphas) > 1 or len(array) - len(alphas) not in (1, 3) or 0 in array.shape:
         raise FileError(
             f"{path} has (channels, height, width) {array.shape}: a picture has one channel "

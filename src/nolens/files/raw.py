@@ -14,6 +14,7 @@ from torch import Tensor
 from nolens.camera import MOSAICS, Frame
 from nolens.errors import DataError, FileError, OptionError
 from nolens.files.atomic import atomic_write
+from nolens.files.formats import FrameSequence, refuse_dataset, single
 from nolens.files.input import check_bytes, check_size, decoding, quiet_stderr
 from nolens.files.tiff import SOFTWARE, check_directories, open_tiff
 
@@ -28,6 +29,18 @@ _SRGB_FROM_XYZ = (
     (-0.9689, 1.8758, 0.0415),
     (0.0557, -0.2040, 1.0570),
 )
+
+
+def open_raw(path: Path, dataset: str | None) -> FrameSequence:
+    """Open camera raw.
+
+    Raises
+    ------
+    FileError
+        If a data set is named, which it has none of.
+    """
+    refuse_dataset(path, dataset)
+    return single(path, read_raw)
 
 
 def read_raw(path: Path) -> Frame:

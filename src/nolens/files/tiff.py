@@ -4,12 +4,14 @@ import json
 import logging
 import math
 import os
+import re
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple, cast
 
 import numpy as np
 import tifffile
@@ -18,8 +20,10 @@ from numpy.typing import NDArray
 from nolens.camera import MOSAICS, Frame
 from nolens.documents import parse_json
 from nolens.errors import DataError, FileError
-from nolens.files.arrays import frame_from_array
+from nolens.files.arrays import frame_from_array, frames_of_array
 from nolens.files.atomic import atomic_write
+from nolens.files.axes import Part
+from nolens.files.formats import FrameSequence, numbered, refuse_dataset, several_frames
 from nolens.files.input import check_part, check_size, decoding
 
 SOFTWARE = "nolens"
@@ -30,6 +34,7 @@ HEIGHTS_IN_UM = "heights in um"
 _PICTURES = (tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.RGB)
 _RAW = (tifffile.PHOTOMETRIC.CFA, tifffile.PHOTOMETRIC.LINEAR_RAW)
 _ALPHA = (tifffile.EXTRASAMPLE.ASSOCALPHA, tifffile.EXTRASAMPLE.UNASSALPHA)
+_JPEG2000 = (tifffile.COMPRESSION.JPEG2000, tifffile.COMPRESSION.JPEG_2000_LOSSY)
 _CODINGS = (
     tifffile.COMPRESSION.NONE,
     tifffile.COMPRESSION.LZW,
@@ -38,8 +43,13 @@ _CODINGS = (
     tifffile.COMPRESSION.PACKBITS,
     tifffile.COMPRESSION.LZMA,
     tifffile.COMPRESSION.ZSTD,
+    *_JPEG2000,
 )
-"""Lossless codings whose decoders stop at the size of a strip."""
+"""Codings that keep values proportional to light, and whose decoders stop at the size of a strip;
+that of JPEG-2000 is checked before."""
+_JPEG2000_HEAD = 4096
+"""Bytes in which its first segment begins."""
+_IMAGEJ_AXES = ("frames", "slices", "channels")
 _LARGE = 2**28
 # Far above what any lossless coding reaches on a picture: more is a damaged header.
 _MOST_COMPRESSED = 10_000
@@ -52,47 +62,71 @@ _SIZES = np.array([0, 1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8, 4, 0, 0, 8, 8, 8], np.
 """Bytes of a value, by its type."""
 
 
-def read_tiff(path: Path, page: int | None = None) -> Frame:
-    """Read one page of grey or colour, in strips or tiles, interleaved or planar.
+def open_tiff_frames(path: Path, dataset: str | None) -> FrameSequence:
+    """Open grey or colour, in strips or tiles, interleaved or planar, of one page or many.
 
-    Pages are counted from 0; None is for a file that is to have one.
+    Every page is a frame, or a channel of one where OME-TIFF's or ImageJ's metadata say so.
 
     Raises
     ------
     FileError
-        If the file is damaged or incomplete, has several pages, or holds values or a coding
-        that cannot be read.
+        If the file has too many pages.
     """
-    samples = read_tiff_samples(path, page)
-    values = samples.values[: len(samples.values) - len(samples.alphas)]
-    return _apply_note(frame_from_array(values, str(path)), samples.note)
+    refuse_dataset(path, dataset)
+    check_directories(path)
+    try:
+        with open_tiff(path) as tiff:
+            behind = _behind_first_page(path, tiff)
+            frames = [] if behind is not None else _frames_of_pages(path, tiff)
+    except FileError:
+        raise
+    except Exception:  # Damaged tags can raise nearly anything; reading says what is wrong.
+        behind, frames = None, [(0,)]
+    if behind is not None:
+        return behind
+    return FrameSequence(numbered(len(frames)), (path,), partial(_read_frame, path, frames))
+
+
+def _read_frame(path: Path, frames: Sequence[tuple[int, ...]], number: int) -> Frame:
+    samples = [read_tiff_samples(path, each) for each in frames[number]]
+    values = [each.values[: len(each.values) - len(each.alphas)] for each in samples]
+    source = str(path) if len(frames) == 1 else f"{path}#{number + 1}"
+    frame = frame_from_array(values[0] if len(values) == 1 else np.concatenate(values), source)
+    if frame.white is not None:
+        frame = replace(frame, white=2.0 ** samples[0].bits - 1)
+    return _apply_note(frame, samples[0].note)
 
 
 class _Samples(NamedTuple):
     """A page of TIFF: values (channels, height, width), whose last channels are alpha.
 
     `alphas` says for each of those whether the colours are multiplied by it; `note` is that of
-    `own_note`.
+    `own_note`. `bits` of a value are stored.
     """
 
     values: NDArray[np.generic]
     alphas: tuple[bool, ...]
     note: dict[str, Any]
+    bits: int
 
 
 def read_tiff_samples(path: Path, number: int | None = None) -> _Samples:
-    """Read all channels of a page, alpha included.
+    """Read all channels of a page, alpha included; None is for a file that is to have one.
 
     Raises
     ------
     FileError
-        As `read_tiff` does, but for the kind of the values.
+        If the file is damaged or incomplete, has several pages where it is to have one, or holds
+        a coding that cannot be read.
     """
-    check_directories(path)
+    if number is None:
+        frames = open_tiff_frames(path, None)
+        if len(frames) != 1:
+            raise several_frames(path, len(frames))
+        number = 0
     with decoding(path, "a TIFF"), open_tiff(path) as tiff:
-        page = _page(path, tiff, number)
-        _check_kind(path, page)
-        _check_complete(path, page)
+        page = cast(tifffile.TiffPage, tiff.pages[number])
+        _check_complete(path, page, _check_kind(path, page).itemsize)
         # Every worker holds parts of its own beside the picture.
         workers = 1 if page.nbytes > _LARGE else None
         alphas = (extra for extra in page.extrasamples if extra in _ALPHA)
@@ -100,51 +134,113 @@ def read_tiff_samples(path: Path, number: int | None = None) -> _Samples:
             _channels_first(page.asarray(squeeze=False, maxworkers=workers)),
             tuple(extra == tifffile.EXTRASAMPLE.ASSOCALPHA for extra in alphas),
             own_note(page),
+            page.bitspersample,
         )
 
 
-def count_pages(path: Path) -> int:
-    """Pictures in a TIFF; 1 where it cannot be read, as `read_tiff` says why.
-
-    Raises
-    ------
-    FileError
-        If it has too many to be counted.
-    """
-    check_directories(path)
-    try:
-        with open_tiff(path) as tiff:
-            return len(_pages(tiff))
-    except Exception:  # Damaged tags can raise nearly anything.
-        return 1
-
-
-def _pages(tiff: tifffile.TiffFile) -> list[tifffile.TiffPage]:
+def _frames_of_pages(path: Path, tiff: tifffile.TiffFile) -> list[tuple[int, ...]]:
+    """Numbers of the pages of every frame: one, or one for each channel."""
     # Counting walks the chain of directories, and raises where damage makes it endless;
     # iterating alone would follow it for ever.
-    every = tiff.pages[: len(tiff.pages)]
-    return [p for p in every if isinstance(p, tifffile.TiffPage) and not p.is_reduced]
+    pages = tiff.pages[: len(tiff.pages)]
+    description = pages[0].description if isinstance(pages[0], tifffile.TiffPage) else ""
+    if tiff.is_imagej:
+        # Channels of other numbers are what programs call frames that they know nothing of.
+        sizes = _imagej_sizes(description)
+        if sizes["C"] == 3 and math.prod(sizes.values()) == len(pages):
+            return _by_channels(list(range(len(pages))), "TZC", sizes)
+    elif tiff.is_ome:
+        return _ome_frames(path, description, pages)
+    return [
+        (number,)
+        for number, page in enumerate(pages)
+        if isinstance(page, tifffile.TiffPage) and not page.is_reduced
+    ]
 
 
-def _page(path: Path, tiff: tifffile.TiffFile, number: int | None) -> tifffile.TiffPage:
-    pages = _pages(tiff)
-    if not pages:
-        raise FileError(f"{path} is a TIFF without a picture in it")
-    if number is not None:
-        return pages[number]
-    count = max(len(pages), pages[0].imagedepth)
-    if count == 1 and tiff.is_imagej:
-        # ImageJ writes a whole stack behind the directory of its first page.
-        count = int((tiff.imagej_metadata or {}).get("images", 1))
-    if count > 1:
+def _imagej_sizes(description: str) -> dict[str, int]:
+    """Lengths of the axes T, Z and C that ImageJ notes of a stack."""
+    noted = dict(re.findall(r"^(frames|slices|channels|images)=(\d{1,9})$", description, re.M))
+    return {axis: int(noted.get(name, 1)) for axis, name in zip("TZC", _IMAGEJ_AXES, strict=True)}
+
+
+def _behind_first_page(path: Path, tiff: tifffile.TiffFile) -> FrameSequence | None:
+    """Frames of a stack that ImageJ wrote behind the directory of its first page, where that is so.
+
+    It does for more than 4 GB.
+    """
+    page = tiff.pages.first
+    found = re.search(r"^images=(\d{1,9})$", page.description, re.M) if tiff.is_imagej else None
+    count = int(found[1]) if found is not None else 1
+    if count == 1 or len(tiff.pages) > 1:
+        return None
+    stored = _check_kind(path, page).newbyteorder(tiff.byteorder)
+    if count * page.nbytes > path.stat().st_size - page.dataoffsets[0] or not page.is_contiguous:
         raise FileError(
-            f"{path} has {count} pages, and which one to take is not said: save the one page (or "
-            "the mean of all) as a file of its own"
+            f"{path} is incomplete: it announces {count} pages, which are not in its bytes. Copy "
+            "it again from where it was made"
         )
-    return pages[0]
+    shape = (count, *page.shape)
+    take = partial(_part_of_map, path, shape, stored, page.dataoffsets[0])
+    return frames_of_array(path, shape, stored, take, axes="T" + page.axes)
 
 
-def _check_kind(path: Path, page: tifffile.TiffPage) -> None:
+def _part_of_map(
+    path: Path, shape: tuple[int, ...], stored: np.dtype[Any], offset: int, part: Part
+) -> NDArray[Any]:
+    return np.memmap(path, stored, "r", offset, shape)[part]
+
+
+def _ome_frames(path: Path, description: str, pages: Sequence[Any]) -> list[tuple[int, ...]]:
+    """Frames by the axes of OME-TIFF: those of one time after another, each from its first depth.
+
+    https://docs.openmicroscopy.org/ome-model/latest/ome-tiff/specification.html
+    """
+    pixels = _attributes(description, "Pixels")[0]
+    order = pixels["DimensionOrder"][:1:-1]
+    sizes = {axis: int(pixels[f"Size{axis}"]) for axis in "TZC"}
+    # Colours that are stored together are one plane.
+    sizes["C"] = max(1, sizes["C"] // pages[0].samplesperpixel)
+    lengths = [sizes[axis] for axis in order]
+    count = math.prod(lengths)
+    if sorted(order) != ["C", "T", "Z"] or not 0 < count <= _MOST_PAGES or sizes["C"] not in (1, 3):
+        raise FileError(
+            f"{path} is an OME-TIFF of {sizes['T']} times, {sizes['Z']} depths and {sizes['C']} "
+            f"channels; accepted are 1 or 3 channels, and {_MOST_PAGES} planes in all"
+        )
+    planes: list[int | None] = [None] * count
+    for block in _attributes(description, "TiffData") or [{}]:
+        first = int(
+            np.ravel_multi_index([int(block.get(f"First{axis}", 0)) for axis in order], lengths)
+        )
+        long = int(block.get("PlaneCount", 1 if "IFD" in block else count - first))
+        page = int(block.get("IFD", 0))
+        for step in range(min(long, count - first, len(pages) - page)):
+            planes[first + step] = page + step
+    found = [each for each in planes if each is not None]
+    if len(found) < count:
+        raise FileError(
+            f"{path} is an OME-TIFF of {count} planes, of which {len(found)} are in it: the others "
+            "are in files beside it. Save all in one file, or as a folder of frames"
+        )
+    return _by_channels(found, order, sizes)
+
+
+def _attributes(description: str, element: str) -> list[dict[str, str]]:
+    """Attributes of the elements of a name in OME's XML, in their order."""
+    starts = re.findall(rf"<(?:\w+:)?{element}\b([^>]*)>", description)
+    return [dict(re.findall(r'(\w+)="([^"]*)"', each)) for each in starts]
+
+
+def _by_channels(planes: list[int], order: str, sizes: Mapping[str, int]) -> list[tuple[int, ...]]:
+    """Pages of each frame, of planes in an order of T, Z and C whose last axis runs fastest."""
+    grid = np.array(planes).reshape([sizes[axis] for axis in order])
+    frames = grid.transpose([order.index(axis) for axis in "TZC"]).reshape(-1, sizes["C"])
+    return [tuple(each) for each in frames.tolist()]
+
+
+def _check_kind(path: Path, page: tifffile.TiffPage) -> np.dtype[Any]:
+    """Refuse what cannot be read; the type of what can."""
     if page.photometric in _RAW:
         raise FileError(
             f"{path} is camera raw in a TIFF (it is a DNG, or made like one): rename it to "
@@ -158,20 +254,43 @@ def _check_kind(path: Path, page: tifffile.TiffPage) -> None:
     if page.compression not in _CODINGS:
         raise FileError(
             f"{path} is compressed with {_name(page.compression)}, which cannot be read here. "
-            "Uncompressed, LZW, Deflate, PackBits, LZMA and ZSTD work: save it again without "
-            "compression, for example by: tiffcp -c none in.tif out.tif"
+            "Uncompressed, LZW, Deflate, PackBits, LZMA, ZSTD and JPEG-2000 work: save it again "
+            "without compression, for example by: tiffcp -c none in.tif out.tif"
         )
-    if page.dtype is None or page.bitspersample != 8 * page.dtype.itemsize:
+    packed = page.dtype == np.uint16 and 8 < page.bitspersample < 16
+    if page.dtype is None or (page.bitspersample != 8 * page.dtype.itemsize and not packed):
         raise FileError(
-            f"{path} stores {page.bitspersample} bits for a value; accepted are 8 or 16-bit "
-            "counts and 16, 32 or 64-bit floats"
+            f"{path} stores {page.bitspersample} bits for a value; accepted are counts of 8 to 16 "
+            "bits and floats of 16, 32 or 64"
         )
     # A tile may be larger than the picture, and is decoded whole.
     for shape in (page.shape, page.chunks):
         check_size(shape, page.dtype.itemsize, path)
+    if page.compression in _JPEG2000:
+        _check_jpeg2000(path, page)
+    return page.dtype
 
 
-def _check_complete(path: Path, page: tifffile.TiffPage) -> None:
+def _check_jpeg2000(path: Path, page: tifffile.TiffPage) -> None:
+    """Refuse codestreams that announce more than their strip or tile: they are decoded whole.
+
+    ITU-T T.800, A.5.1: the segment SIZ.
+    """
+    with path.open("rb") as file:
+        for offset, length in zip(page.dataoffsets, page.databytecounts, strict=True):
+            file.seek(offset)
+            head = file.read(min(length, _JPEG2000_HEAD))
+            at = head.find(b"\xff\x4f\xff\x51") + 8
+            width, height = struct.unpack(">2I", head[at : at + 8])
+            (channels,) = struct.unpack(">H", head[at + 32 : at + 34])
+            if at < 8 or width * height * channels > math.prod(page.chunks):
+                raise FileError(
+                    f"{path} is damaged: a strip or tile says that it has "
+                    f"{height}×{width}×{channels} values. Copy it again from where it was made"
+                )
+
+
+def _check_complete(path: Path, page: tifffile.TiffPage, itemsize: int) -> None:
     """Refuse missing data, for which tifffile fills in zeros."""
     size = path.stat().st_size
     offsets, lengths = page.dataoffsets, page.databytecounts
@@ -181,15 +300,15 @@ def _check_complete(path: Path, page: tifffile.TiffPage) -> None:
         min(len(offsets), len(lengths)) < parts
         or 0 in lengths[:parts]
         or any(at + long > size for at, long in zip(offsets, lengths, strict=False))
-        or (not coded and sum(lengths) < page.nbytes)
+        or (not coded and sum(lengths) < page.nbytes * page.bitspersample // 8 // itemsize)
         or page.nbytes > _MOST_COMPRESSED * size
     ):
         raise FileError(
             f"{path} is incomplete: parts of the picture that it announces are not in its "
             f"{size} bytes. Copy it again from where it was made"
         )
-    if coded and page.dtype is not None:
-        check_part(math.prod(page.chunks) * page.dtype.itemsize, max(lengths[:parts]), path)
+    if coded:
+        check_part(math.prod(page.chunks) * itemsize, max(lengths[:parts]), path)
     if sum(lengths[:parts]) > size:
         raise FileError(
             f"{path} is damaged: {parts} parts of its picture share the same bytes of the file. "

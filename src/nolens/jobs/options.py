@@ -30,6 +30,7 @@ from pydantic import (
 
 from nolens.documents import parse_toml
 from nolens.errors import OptionError
+from nolens.files.formats import Address
 from nolens.files.input import read_text
 from nolens.printable import quoted
 from nolens.quantities import Quantity
@@ -277,7 +278,8 @@ class JobOptions(BaseModel):
                 role, paths = option.what or name, value if isinstance(value, tuple) else (value,)
                 for number, path in enumerate(paths, start=1):
                     if path is not None:
-                        files[f"{role} {number}" if len(paths) > 1 else role] = path
+                        file = Address.of(path).file
+                        files[f"{role} {number}" if len(paths) > 1 else role] = file
         return files
 
     @property

@@ -71,9 +71,9 @@ class ReconstructOptions(JobOptions):
     measurement: Annotated[
         FilePath,
         Option(
-            "What the sensor measured of the scene: camera raw, .png, .tif or .npy; or a sequence "
-            "of frames: a folder of such files, a .tif of many pages, a .npy of (frames, height, "
-            "width[, 1 or 3]).",
+            "What the sensor measured of the scene: camera raw, .png, .tif, .npy or another file "
+            "of docs/formats.md; or a sequence of frames: a folder of such files, a pattern "
+            "('raw/*.png'), a .txt that lists them, a file with many (FILE#3 is its third).",
             needed="the measurement (nolens reconstruct RAW --psf PSF -o out.png)",
             role="input",
             positional=True,
@@ -259,7 +259,7 @@ class ReconstructOptions(JobOptions):
 
     @property
     def is_sequence(self) -> bool:
-        """Whether the measurement is a folder or stack of frames."""
+        """Whether the measurement is a folder, pattern, list or stack of frames."""
         return is_sequence(self.measurement)
 
     @property
@@ -267,7 +267,7 @@ class ReconstructOptions(JobOptions):
         """Files that are read, by role; the frames of a stack have theirs."""
         files = super().inputs
         files.pop("resume", None)  # A state says what it belongs to.
-        if self.is_sequence and self.measurement.is_file():
+        if self.is_sequence and not self.measurement.is_dir():
             del files["measurement"]
         return files
 
