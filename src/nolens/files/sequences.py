@@ -17,7 +17,10 @@ _LIST = ".txt"
 
 
 def is_sequence(path: Path) -> bool:
-    """Whether a path is a folder, a pattern or a list of frames, or a file with more than one."""
+    """Whether a path is a folder, a pattern or a list of frames, or a file with more than one.
+
+    What cannot be opened is none: those who read it say why.
+    """
     if _is_folder(path) or _is_pattern(path):
         return True
     address = Address.of(path)
@@ -26,7 +29,10 @@ def is_sequence(path: Path) -> bool:
         return path.is_file()
     if address.number is not None or suffix not in frame_suffixes() or not address.file.exists():
         return False
-    return len(open_file(address)) > 1
+    try:
+        return len(open_file(address)) > 1
+    except FileError:
+        return False
 
 
 def open_sequence(path: Path, *, mosaic: str | None = None, bgr: bool = False) -> FrameSequence:
