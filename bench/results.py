@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from machine import describe
-from nolens.evaluate import affine_fit, psnr, ssim
+from nolens.evaluate import compare_pictures
 from nolens.files import write_png
 from nolens.jobs import ReconstructOptions, Reporter, Result, reconstruct
 
@@ -84,9 +84,9 @@ def pair(
 
 
 def judged(picture: Tensor, truth: Tensor) -> tuple[Tensor, dict[str, float]]:
-    """A picture as bright as the truth, and how near it is."""
-    fitted = affine_fit(picture, truth).clamp(0, 1)
-    return fitted, {"psnr_db": psnr(fitted, truth, 1.0), "ssim": ssim(fitted, truth, 1.0)}
+    """A picture as bright as the truth, and how near it is: as `nolens compare` says it."""
+    found = compare_pictures(picture, truth)
+    return found.picture, {name: found.figures[name] for name in ("psnr_db", "ssim")}
 
 
 def main() -> None:

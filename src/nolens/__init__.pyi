@@ -24,6 +24,7 @@ from .api.inputs import load, save_frame
 from .api.measure import (
     FieldOfView,
     Resolution,
+    compare,
     measure_field,
     measure_psf,
     measure_resolution,
@@ -57,6 +58,7 @@ __all__ = [
     "calibrate",
     "calibrate_psf",
     "capture",
+    "compare",
     "design",
     "design_mask",
     "design_thickness",

@@ -77,6 +77,8 @@ def test_from_scene_to_photograph(
 ) -> None:
     assert nl.psnr(photo, shot.expected) > 22
     assert nl.ssim(photo, shot.expected) > 0.6
+    expected = np.asarray(shot.expected) / np.max(np.asarray(shot.expected))
+    assert nl.compare(photo, expected).figures["psnr_db"] > nl.psnr(photo, shot.expected)
     assert photo.result.stop_reason == "converged" and photo.tau == 1e-5
     assert capfd.readouterr() == ("", "")
 

@@ -9,9 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from torch import Tensor
-from torchmetrics.image import StructuralSimilarityIndexMeasure
+from torchmetrics.image import (
+    MultiScaleStructuralSimilarityIndexMeasure,
+    StructuralSimilarityIndexMeasure,
+)
 
-from nolens.evaluate import affine_fit, psnr, scale_fit, ssim
+from nolens.evaluate import affine_fit, ms_ssim, psnr, scale_fit, ssim
 
 SEEDS = st.integers(0, 10_000)
 
@@ -60,6 +63,16 @@ def test_ssim_is_that_of_torchmetrics() -> None:
     # Its own mean takes in the margin, for which it reflects the picture.
     inside = float(every[..., 5:-5, 5:-5].mean())
     assert ssim(picture, truth, 1.0) == pytest.approx(inside, abs=1e-6)
+
+
+def test_ms_ssim_is_that_of_torchmetrics() -> None:
+    """Its windows reach over the edge, by reflection: with even edges that is no difference."""
+    picture, truth = (torch.nn.functional.pad(each, (90,) * 4) for each in pair(3, (1, 40, 56)))
+    measure = MultiScaleStructuralSimilarityIndexMeasure(data_range=1.0, normalize="relu")
+    expected = float(measure(picture[None].double(), truth[None].double()))
+    assert ms_ssim(picture, truth, 1.0) == pytest.approx(expected, abs=0.01)
+    assert ms_ssim(truth, truth, 1.0) == pytest.approx(1)
+    assert math.isnan(ms_ssim(picture[..., :175], truth[..., :175], 1.0))
 
 
 @pytest.mark.parametrize("seed", range(5))

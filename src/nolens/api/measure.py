@@ -16,12 +16,16 @@ from nolens.api.simulate import Camera, twin_of
 from nolens.camera import Frame, develop
 from nolens.errors import DataError, OptionError
 from nolens.evaluate import (
+    Comparison,
     EdgeResolution,
+    Fit,
     FlatPicture,
+    Motion,
     ObservedPair,
     PsfFigures,
     StarResolution,
     TwoPoints,
+    compare_pictures,
     point_pair,
     psf_figures,
     scale_fit,
@@ -31,8 +35,9 @@ from nolens.evaluate import (
 )
 from nolens.evaluate import psnr as _psnr
 from nolens.evaluate import ssim as _ssim
-from nolens.experiments.off_axis import CORRELATIONS, FieldTarget, compare
+from nolens.experiments.off_axis import CORRELATIONS, FieldTarget
 from nolens.experiments.off_axis import FieldOfView as _FieldOfView
+from nolens.experiments.off_axis import compare as _compare_frames
 from nolens.experiments.resolution import (
     POINT_ITERATIONS,
     TARGET_ITERATIONS,
@@ -88,6 +93,43 @@ def ssim(picture: Image | Plane, truth: Image | Plane) -> float:
     """
     fitted, values = _fitted(picture, truth)
     return _ssim(fitted, values, float(values.max()))
+
+
+def compare(
+    picture: Image | Plane,
+    truth: Image | Plane,
+    *,
+    register: Motion = "none",
+    fit: Fit = "affine",
+    white: float = 1.0,
+) -> Comparison:
+    """PSNR, SSIM and MS-SSIM in linear light and as shown, as `nolens compare` has them.
+
+    Parameters
+    ----------
+    picture, truth
+        Linear, (channels, height, width).
+    register
+        What may differ between their places: ``"none"``, ``"shift"``, ``"similarity"`` or
+        ``"homography"``.
+    fit
+        What of the picture's brightness is free: ``"affine"`` (gain and offset of each channel),
+        ``"scale"`` (one factor) or ``"none"``.
+    white
+        Radiance of the truth that is white: the peak.
+
+    Returns
+    -------
+    Comparison
+        `figures`, `registration`, and both pictures on the same pixels.
+
+    Raises
+    ------
+    DataError
+        If their sizes or channels do not fit, or they do not show the same.
+    """
+    one, other = _values(picture, "picture"), _values(truth, "truth")
+    return compare_pictures(one, other, register=register, fit=fit, white=white)
 
 
 def measure_psf(psf: Image | Frame | Plane, pixel: str | Length, *, channel: int = 0) -> PsfFigures:
@@ -375,7 +417,7 @@ def _of_captured(
     pixel_um = length_um(pixel or "") if camera is None else camera.pixel_um
     twin = None if camera is None else camera.preview
     measured = [
-        compare(
+        _compare_frames(
             planes[0.0],
             planes[angle_deg],
             source_of(distance, (f"{angle_deg}deg", "0deg"), "0um"),

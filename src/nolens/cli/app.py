@@ -28,6 +28,7 @@ COMMANDS = {
     "calibrate:calibrate": "Make a PSF of "
     "pictures of one point source, and add it to a camera's folder.",
     "measure:measure": "Measure how good a camera is: PSF, resolution, field of view.",
+    "compare:compare": "Say how near pictures come to the truth: PSNR, SSIM, MS-SSIM and LPIPS.",
     "simulate:simulate": "Simulate what a lensless camera measures of a scene.",
     "simulate:psf": "Simulate what a lensless camera shows of a point source.",
     "camera:camera": "Descriptions of cameras.",

@@ -52,10 +52,18 @@ class Picture:
     opacity: Tensor | None = None
 
 
-def read_picture(path: str | Path) -> Picture:
+def read_picture(path: str | Path, *, signed: bool = False) -> Picture:
     """Read grey or colour: sRGB of 8 or 16 bits, or linear radiance as floats.
 
-    An alpha channel is the opacity. Grey counts as white light of that strength.
+    A .tif that this program wrote says that its 16 bits are linear. An alpha channel is the
+    opacity. Grey counts as white light of that strength.
+
+    Parameters
+    ----------
+    path
+        The file.
+    signed
+        Whether values may be negative, as those of a filter are, which is no scene's light.
 
     Raises
     ------
@@ -70,7 +78,7 @@ def read_picture(path: str | Path) -> Picture:
         raise FileError(f"{path}: the suffix {suffix or '(none)'} is not known. {_ACCEPTED}")
     kind = _KINDS[suffix]
     check_content(path, (kind,), _ACCEPTED)
-    multiplied = False
+    multiplied, per_count = False, None
     if kind == "npy":
         frame = read_frame(path)
         if frame.white is not None:
@@ -78,10 +86,13 @@ def read_picture(path: str | Path) -> Picture:
                 f"{path} holds {frame.stored_as}, of which it is not known what white is: save "
                 "linear radiance as floats, 1 is white"
             )
-        return Picture(_three(_finite(frame.counts, path)))
+        return Picture(_three(_finite(frame.counts, path, signed)))
     if kind == "TIFF":
         samples = read_tiff_samples(path)
         array, alphas, multiplied = samples.values, samples.alphas, samples.alphas == (True,)
+        note = samples.note
+        if note.get("linear") is True and isinstance(note.get("per_count"), float):
+            per_count = note["per_count"]
     else:
         values = read_png_samples(path) if kind == "PNG" else _read_jpeg(path)
         array = np.moveaxis(values, -1, 0)
@@ -91,17 +102,27 @@ def read_picture(path: str | Path) -> Picture:
             f"{path} has (channels, height, width) {array.shape}: a picture has one channel "
             "(grey) or three (R, G, B), and alpha or none"
         )
-    return _picture(array, bool(alphas), multiplied, path)
+    if per_count is not None:
+        values = torch.from_numpy(array.astype(np.float32)).mul_(per_count)
+        return Picture(_three(_finite(values, path, signed)))
+    return _picture(array, bool(alphas), multiplied, path, signed)
 
 
-def _picture(array: NDArray[np.generic], alpha: bool, multiplied: bool, path: Path) -> Picture:
+def picture_of_samples(samples: NDArray[np.generic], source: str) -> Tensor:
+    """Radiance (3, height, width) of (height, width, 1 or 3) sRGB samples of 8 or 16 bits."""
+    return _picture(np.moveaxis(samples, -1, 0), False, False, Path(source)).radiance
+
+
+def _picture(
+    array: NDArray[np.generic], alpha: bool, multiplied: bool, path: Path, signed: bool = False
+) -> Picture:
     whites = {"uint8": 255.0, "uint16": 65535.0, "float16": 1.0, "float32": 1.0, "float64": 1.0}
     name = array.dtype.name
     if name not in whites:
         raise FileError(f"{path} holds {name}. {_ACCEPTED}")
     with np.errstate(over="ignore"):
         values = torch.from_numpy(np.require(array, np.float32, ["C", "W"])).div_(whites[name])
-    values = _finite(values, path)
+    values = _finite(values, path, signed)
     colours, opacity = (values[:-1], values[-1].clamp_(max=1)) if alpha else (values, None)
     if opacity is not None and multiplied:
         colours.div_(opacity.clamp_min(1e-6))
@@ -112,8 +133,8 @@ def _picture(array: NDArray[np.generic], alpha: bool, multiplied: bool, path: Pa
     return Picture(_three(colours), opacity)
 
 
-def _finite(values: Tensor, path: Path) -> Tensor:
-    if not all_finite(values) or float(values.min()) < 0:
+def _finite(values: Tensor, path: Path, signed: bool = False) -> Tensor:
+    if not all_finite(values) or (float(values.min()) < 0 and not signed):
         raise FileError(
             f"{path} holds NaN, infinity or negative values: the light of a scene is finite and "
             "not negative"

@@ -10,6 +10,7 @@ from .calibration.stitch import (
     calibrate_stitch,
 )
 from .capturing import CaptureOptions, CaptureReporter, capture_frames
+from .comparing import Compared, CompareOptions, compare
 from .demo import DemoOptions, run_demo
 from .designing.look import look_at_design
 from .designing.mask import MASK_KINDS, MaskOptions, design_mask
@@ -43,6 +44,8 @@ __all__ = [
     "CalibrateStitchOptions",
     "CaptureOptions",
     "CaptureReporter",
+    "CompareOptions",
+    "Compared",
     "DemoOptions",
     "EdgeOptions",
     "FabricateOptions",
@@ -70,6 +73,7 @@ __all__ = [
     "calibrate_point",
     "calibrate_stitch",
     "capture_frames",
+    "compare",
     "design_mask",
     "design_thickness",
     "expand_home",
