@@ -103,8 +103,8 @@ def read_picture(path: str | Path, *, signed: bool = False) -> Picture:
             "(grey) or three (R, G, B), and alpha or none"
         )
     if per_count is not None:
-        values = torch.from_numpy(array.astype(np.float32)).mul_(per_count)
-        return Picture(_three(_finite(values, path, signed)))
+        linear = torch.from_numpy(array.astype(np.float32)).mul_(per_count)
+        return Picture(_three(_finite(linear, path, signed)))
     return _picture(array, bool(alphas), multiplied, path, signed)
 
 
