@@ -53,7 +53,7 @@ class Frame:
     @property
     def is_linear(self) -> bool:
         """Whether it is finished: floats of which somebody says that 0 is no light."""
-        return self.black_stated and not any(self.black) and self.stored_as == "float32"
+        return self.black_stated and not any(self.black) and self.stored_as.startswith("float")
 
     @property
     def size(self) -> tuple[int, int]:

@@ -18,7 +18,8 @@ from nolens.files.formats import FrameSequence, refuse_dataset, single
 from nolens.files.input import check_bytes, check_size, decoding, quiet_stderr
 
 _CHANNELS = {1: ("grey",), 3: ("R", "G", "B")}
-_WHITE = {"uint8": 255.0, "uint16": 65535.0, "float16": None, "float32": None, "float64": None}
+STORED = {"uint8": 255.0, "uint16": 65535.0, "float16": None, "float32": None, "float64": None}
+"""Types that frames are stored as, and the count from which a pixel is saturated."""
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 4, 4: 2, 6: 4}
@@ -35,9 +36,9 @@ def frame_from_array(array: NDArray[np.generic], source: str) -> Frame:
         If its type is another one, or it does not have one or three channels.
     """
     stored_as = array.dtype.name
-    if stored_as not in _WHITE:
+    if stored_as not in STORED:
         raise FileError(
-            f"{source} holds {stored_as}; accepted are {', '.join(_WHITE)}. Convert it, "
+            f"{source} holds {stored_as}; accepted are {', '.join(STORED)}. Convert it, "
             'for example with numpy: array.astype("float32")'
         )
     if array.ndim != 3 or array.shape[0] not in _CHANNELS or 0 in array.shape:
@@ -52,7 +53,7 @@ def frame_from_array(array: NDArray[np.generic], source: str) -> Frame:
         channels=_CHANNELS[array.shape[0]],
         mosaic=None,
         black=(0.0,),
-        white=_WHITE[stored_as],
+        white=STORED[stored_as],
         stored_as=stored_as,
         source=source,
     )

@@ -104,5 +104,14 @@ def _guessed(shape: tuple[int, ...], source: str) -> str:
     )
 
 
+def matlab_axes(shape: tuple[int, ...]) -> str:
+    """Axes of an array of MATLAB: rows, columns, colours, frames; or as Python saves it."""
+    if len(shape) == 3 and shape[2] not in _CHANNELS:
+        return "CYX" if shape[0] in _CHANNELS else "YXT"
+    if len(shape) == 4 and shape[2] not in _CHANNELS and shape[3] in _CHANNELS:
+        return "TYXC"
+    return "YXC".ljust(len(shape), "T")[: len(shape)]
+
+
 def _text(shape: tuple[int, ...]) -> str:
     return "×".join(map(str, shape))

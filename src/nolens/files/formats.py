@@ -39,12 +39,20 @@ class Reader(NamedTuple):
 
 _RAW = Reader("nolens.files.raw:open_raw", ("TIFF", None))
 _TIFF = Reader("nolens.files.tiff:open_tiff_frames", ("TIFF",))
+_HDF5 = Reader("nolens.files.hdf5:open_hdf5", ("HDF5", None))
 READERS: dict[str, Reader] = {
     **dict.fromkeys(RAW_SUFFIXES, _RAW),
     ".png": Reader("nolens.files.arrays:open_png", ("PNG",)),
     ".tif": _TIFF,
     ".tiff": _TIFF,
     ".npy": Reader("nolens.files.arrays:open_npy", ("npy",)),
+    ".npz": Reader("nolens.files.npz:open_npz", ("zip",)),
+    ".mat": Reader("nolens.files.mat:open_mat"),
+    ".h5": _HDF5,
+    ".hdf5": _HDF5,
+    ".zarr": Reader("nolens.files.zarr_store:open_zarr", is_folder=True),
+    ".zip": Reader("nolens.files.zarr_store:open_zarr", ("zip",)),
+    ".exr": Reader("nolens.files.exr:open_exr", ("EXR",)),
 }
 """By suffix. A new format is a function and a line here."""
 

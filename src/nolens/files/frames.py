@@ -20,11 +20,13 @@ from nolens.files.formats import (
     READERS,
     Address,
     FrameSequence,
+    frame_suffixes,
     refuse_dataset,
     several_frames,
     single,
 )
 from nolens.files.input import (
+    RAW_SUFFIXES,
     check_bytes,
     check_content,
     check_exists,
@@ -49,8 +51,9 @@ def read_frame(path: str | Path, *, mosaic: str | None = None, bgr: bool = False
     Parameters
     ----------
     path
-        Camera raw (.dng, .cr2, .nef and others), .tif, .png or .npy; or with a suffix that another
-        package adds (entry point ``nolens.readers``, named like the suffix without its dot).
+        A file of one of the formats in `READERS`; or with a suffix that another package adds (entry
+        point ``nolens.readers``, named like the suffix without its dot). ``take.h5:/raw#3`` is the
+        third frame of a data set.
     mosaic
         Says that the single channel of a TIFF, PNG or npy file is a colour mosaic: the colours
         of its 2×2 superpixel row by row, ``"RGGB"``, ``"BGGR"``, ``"GRBG"`` or ``"GBRG"``.
@@ -144,10 +147,8 @@ def _declared(frame: Frame, *, mosaic: str | None, bgr: bool) -> Frame:
 
 
 def _accepted() -> str:
-    return (
-        "Accepted are camera raw (.dng, .cr2, .nef and others), 8 or 16-bit .png and .tif, "
-        "float .tif, and .npy" + "".join(f", .{name}" for name in plugin_names("nolens.readers"))
-    )
+    others = (each for each in frame_suffixes() if each not in RAW_SUFFIXES)
+    return f"Accepted are camera raw (.dng, .cr2, .nef and others), {', '.join(others)}"
 
 
 def _declare_mosaic(frame: Frame, mosaic: str) -> Frame:

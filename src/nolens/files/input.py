@@ -49,7 +49,11 @@ _SIGNATURES = (
     (b"MM\0*", "TIFF"),
     (b"II+\0", "TIFF"),
     (b"MM\0+", "TIFF"),
+    (b"PK\3\4", "zip"),
+    (b"\x89HDF\r\n\x1a\n", "HDF5"),
+    (b"\x76\x2f\x31\x01", "EXR"),
 )
+_KNOWN = ("PNG", "TIFF", "npy", "HDF5", "EXR")
 _LEAST, _MOST = 10**6, 10**15
 _FLOAT = 4
 _LONGEST_REASON = 160
@@ -123,7 +127,7 @@ def check_content(path: Path, expected: tuple[str | None, ...], accepted: str) -
         )
     raise FileError(
         f"{path} has the suffix {suffix}, but it is a {kind} file"
-        + (": give it the suffix that fits" if kind in ("PNG", "TIFF", "npy") else "")
+        + (": give it the suffix that fits" if kind in _KNOWN else "")
         + f". {accepted}"
     )
 

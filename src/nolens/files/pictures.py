@@ -16,6 +16,7 @@ from nolens.camera.values import all_finite, unusable
 from nolens.errors import DataError, FileError
 from nolens.files.arrays import read_png_samples
 from nolens.files.atomic import atomic_write
+from nolens.files.formats import Address
 from nolens.files.frames import read_frame
 from nolens.files.input import check_bytes, check_content, check_exists, check_size, decoding
 from nolens.files.tiff import read_tiff_samples, write_tiff
@@ -26,13 +27,13 @@ _KINDS = {
     ".jpeg": "JPEG",
     ".tif": "TIFF",
     ".tiff": "TIFF",
-    ".npy": "npy",
+    **dict.fromkeys((".npy", ".npz", ".mat", ".h5", ".hdf5", ".zarr", ".exr"), "floats"),
 }
 PICTURE_SUFFIXES = tuple(_KINDS)
 """Suffixes of the files that `read_picture` reads."""
 _ACCEPTED = (
-    "A scene is a .png, .jpg or .tif of 8 or 16 bits (sRGB), or a float .tif or .npy (linear, "
-    "1 is white)"
+    "A scene is a .png, .jpg or .tif of 8 or 16 bits (sRGB), or floats (linear, 1 is "
+    "white): .exr, .tif, .npy, .npz, .mat, .h5, .zarr"
 )
 _MOST_SCANS = 200
 _BLOCK = 2**22
@@ -72,14 +73,9 @@ def read_picture(path: str | Path, *, signed: bool = False) -> Picture:
         or negative.
     """
     path = Path(path)
-    check_exists(path, _ACCEPTED)
-    suffix = path.suffix.lower()
-    if suffix not in _KINDS:
-        raise FileError(f"{path}: the suffix {suffix or '(none)'} is not known. {_ACCEPTED}")
-    kind = _KINDS[suffix]
-    check_content(path, (kind,), _ACCEPTED)
-    multiplied, per_count = False, None
-    if kind == "npy":
+    suffix = Address.of(path).file.suffix.lower()
+    kind = _KINDS.get(suffix)
+    if kind == "floats":
         frame = read_frame(path)
         if frame.white is not None:
             raise FileError(
@@ -87,6 +83,11 @@ def read_picture(path: str | Path, *, signed: bool = False) -> Picture:
                 "linear radiance as floats, 1 is white"
             )
         return Picture(_three(_finite(frame.counts, path, signed)))
+    check_exists(path, _ACCEPTED)
+    if kind is None:
+        raise FileError(f"{path}: the suffix {suffix or '(none)'} is not known. {_ACCEPTED}")
+    check_content(path, (kind,), _ACCEPTED)
+    multiplied, per_count = False, None
     if kind == "TIFF":
         samples = read_tiff_samples(path)
         array, alphas, multiplied = samples.values, samples.alphas, samples.alphas == (True,)
