@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
@@ -11,10 +10,10 @@ from numpy.typing import NDArray
 from scipy import fft, ndimage
 from torch import Tensor
 
+from nolens.evaluate.registration import FREEDOMS, Plane, alike, refined
 from nolens.kernels import irfft2, rfft2
 from nolens.progress import ProgressCallback
 
-Plane = NDArray[np.float64]
 Shift = tuple[float, float]
 """(row, column), in pixels."""
 
@@ -29,9 +28,6 @@ _LEAST_OVERLAP = 24
 _LONGEST = 800
 """Pixels along the longer side; finer PSFs are averaged, as parts of a pixel are found anyway."""
 _BLURS = (6.0, 3.0, 1.5, 0.7)
-_STEPS = 12
-_CONVERGED = 1e-3
-_EDGE = 4
 _SCALE_STEP = 0.005
 """Of the logarithm of the magnification, in the search."""
 _SEARCH_FRACTION = 0.5
@@ -233,27 +229,34 @@ def register(
     for number, log_scale in enumerate(scales):
         if progress is not None:
             progress(_SEARCH_FRACTION * number / len(scales))
-        height, shift = _correlation_peak(spectrum, _warped(other, np.array([0, 0, log_scale])))
-        peaks.append((height, *shift, log_scale))
-    warp = np.array(max(peaks)[1:], dtype=float)
+        matrix = _magnifying(one.shape, log_scale)
+        warped = ndimage.affine_transform(other, matrix[:2, :2], offset=matrix[:2, 2], order=3)
+        peaks.append((*_correlation_peak(spectrum, warped), log_scale))
+    _, start, log_scale = max(peaks)
+    matrix = _magnifying(one.shape, log_scale)
+    matrix[:2, 2] -= matrix[0, 0] * np.array(start)
     blurred = [[ndimage.gaussian_filter(each, blur) for each in (one, other)] for blur in _BLURS]
     pairs = zip(blurred, [*blurred[1:], blurred[-1]], strict=True)
     for number, (this, finer) in enumerate(pairs):
         if progress is not None:
             progress(_SEARCH_FRACTION + (1 - _SEARCH_FRACTION) * number / len(blurred))
-        refined = _refined(this[0], this[1], warp)
-        if _alike(finer[0], finer[1], refined) >= _alike(finer[0], finer[1], warp):
-            warp = refined
-    scale = math.exp(warp[2])
+        better, _ = refined(this[0], this[1], matrix, FREEDOMS["magnified"], offset=False)
+        if alike(finer[0], finer[1], better) >= alike(finer[0], finer[1], matrix):
+            matrix = better
+    scale = 1 / float(matrix[0, 0])
+    moved = [
+        ((count - 1) / 2 - at) * scale - (count - 1) / 2
+        for count, at in zip(one.shape, matrix[:2, 2], strict=True)
+    ]
     # Both were magnified about the middle of the averaged pixels.
     beside = [
         whole // 2 - (bin_by * count - 1) / 2
         for whole, count in zip(psf.shape[-2:], one.shape, strict=True)
     ]
     row, column = (
-        float(by) * bin_by + off * (scale - 1) for by, off in zip(warp[:2], beside, strict=True)
+        float(by) * bin_by + off * (scale - 1) for by, off in zip(moved, beside, strict=True)
     )
-    return Registration((row, column), scale, _alike(one, other, warp))
+    return Registration((row, column), scale, alike(one, other, matrix))
 
 
 def _landmarks(psf: Tensor, bin_by: int) -> Plane:
@@ -280,59 +283,8 @@ def _correlation_peak(spectrum: Tensor, reference: Plane) -> tuple[float, tuple[
     return float(correlation.max()), shift
 
 
-def _warped(reference: Plane, warp: NDArray[Any]) -> Plane:
-    """The reference magnified about its middle, and moved: (row, column, log magnification)."""
-    scale = math.exp(-warp[2])
-    middle = (np.array(reference.shape) - 1) / 2
-    warped: Plane = ndimage.affine_transform(
-        reference, np.array([scale, scale]), offset=middle - (middle + warp[:2]) * scale, order=3
-    )
-    return warped
-
-
-def _inside(shape: tuple[int, ...], warp: NDArray[Any]) -> NDArray[np.bool_]:
-    """Pixels whose place lies within the warped reference, and not at the picture's edge."""
-    scale = math.exp(-warp[2])
-    lines = []
-    for count, by in zip(shape, warp[:2], strict=True):
-        middle = (count - 1) / 2
-        pixel = np.arange(count)
-        place = (pixel - middle - by) * scale + middle
-        lines.append(
-            (np.minimum(place, pixel) >= _EDGE) & (np.maximum(place, pixel) <= count - 1 - _EDGE)
-        )
-    both: NDArray[np.bool_] = np.logical_and.outer(lines[0], lines[1])
-    return both
-
-
-def _alike(psf: Plane, reference: Plane, warp: NDArray[Any]) -> float:
-    """Correlation of a PSF and the warped reference."""
-    inside = _inside(psf.shape, warp)
-    return _normalised_product(psf[inside], _warped(reference, warp)[inside])
-
-
-def _refined(psf: Plane, reference: Plane, start: NDArray[Any]) -> NDArray[Any]:
-    """Gauss–Newton steps on (row shift, column shift, log magnification) and a gain."""
-    warp = start.copy()
-    middle = [(n - 1) / 2 for n in psf.shape]
-    for _ in range(_STEPS):
-        warped = _warped(reference, warp)
-        inside = _inside(psf.shape, warp)
-        if inside.sum() < 16:
-            break
-        slopes = np.gradient(warped)
-        across = [
-            np.arange(n, dtype=float) - m - s
-            for n, m, s in zip(psf.shape, middle, warp[:2], strict=True)
-        ]
-        outward = across[0][:, None] * slopes[0] + across[1] * slopes[1]
-        columns = [warped, -slopes[0], -slopes[1], -outward]
-        system = np.stack([each[inside] for each in columns], axis=1)
-        solution = np.linalg.lstsq(system, psf[inside], rcond=None)[0]
-        if not solution[0] > 0:
-            break
-        step = solution[1:] / solution[0]
-        warp = warp + step
-        if max(abs(step[0]), abs(step[1]), abs(step[2]) * max(middle)) < _CONVERGED:
-            break
-    return warp
+def _magnifying(shape: tuple[int, ...], log_scale: float) -> Plane:
+    """Homography from a PSF's pixels to those of the reference, magnified about its middle."""
+    by = math.exp(-log_scale)
+    rows, columns = ((count - 1) / 2 * (1 - by) for count in shape)
+    return np.array([[by, 0, rows], [0, by, columns], [0, 0, 1]])

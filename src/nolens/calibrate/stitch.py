@@ -13,10 +13,11 @@ from scipy.sparse.csgraph import connected_components
 from torch import Tensor
 
 from nolens.calibrate.distances import Layers, with_mean_light
-from nolens.calibrate.registration import Match, Plane, Shift, fine_structure, match_overlap
+from nolens.calibrate.registration import Match, Shift, fine_structure, match_overlap
 from nolens.camera import Camera
 from nolens.camera.measurement import bin_mean
 from nolens.errors import DataError, OptionError
+from nolens.evaluate.registration import Plane
 from nolens.progress import ProgressCallback
 from nolens.quantities import Angle
 from nolens.twin import LARGEST_ANGLE_DEG

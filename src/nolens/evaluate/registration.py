@@ -143,7 +143,7 @@ def register_picture(picture: Tensor, truth: Tensor, motion: Motion) -> Registra
     if motion == "none":
         one, other, bins = _landmarks(picture, truth, _LONGEST)
         bent = _binned(scale, bins)
-        return Registration(scale, motion, _alike(one, other, bent), math.nan, sizes[0])
+        return Registration(scale, motion, alike(one, other, bent), math.nan, sizes[0])
     matrix = _coarse(picture, truth, motion)
     longest = _COARSEST
     while True:
@@ -152,7 +152,7 @@ def register_picture(picture: Tensor, truth: Tensor, motion: Motion) -> Registra
         bent, error = refined(one, other, _binned(matrix, bins), FREEDOMS[motion])
         matrix = _unbinned(bent, bins)
         if max(one.shape) >= min(max(sizes[0]), _LONGEST) or longest == _LONGEST:
-            correlation = _alike(one, other, bent)
+            correlation = alike(one, other, bent)
             peak = _peak_height(one, other, bent)
             return Registration(matrix, motion, correlation, error * bins[0], sizes[0], peak)
 
@@ -437,9 +437,9 @@ def _mapped(
     return place, inside
 
 
-def _alike(fixed: Plane, moving: Plane, matrix: Plane) -> float:
+def alike(fixed: Plane, moving: Plane, matrix: Plane) -> float:
     """Correlation of both where they overlap; 0 where they do not."""
-    place, inside = _mapped(matrix, fixed.shape, moving.shape, 0.0)
+    place, inside = _mapped(matrix, fixed.shape, moving.shape, _EDGE)
     if inside.sum() < 16:
         return 0.0
     one = fixed[inside]
