@@ -72,4 +72,4 @@ def test_workers_of_another_version(scheduler: str, monkeypatch: pytest.MonkeyPa
     versions = iter((here, "0.0.9"))  # The command's, then the worker's.
     monkeypatch.setattr(importlib.metadata, "version", lambda _: next(versions))
     with pytest.raises(OptionError, match=rf"has nolens 0\.0\.9, and this is {here}"):
-        list(run_items([], Squares(), scheduler=scheduler))
+        list(run_items([("0", int)], Squares(), scheduler=scheduler))

@@ -50,7 +50,11 @@ def test_nothing_is_lost_or_made_twice(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 def test_another_run_is_refused(tmp_path: Path) -> None:
-    Manifest.open(tmp_path, ABOUT, KEYS).close()
+    manifest = Manifest.open(tmp_path, {}, ["z"])  # Of which nothing comes.
+    manifest.close()
+    manifest = Manifest.open(tmp_path, ABOUT, KEYS)
+    manifest.fail("a", "no light", 3)
+    manifest.close()
     with pytest.raises(OptionError, match=r"another PSF: a\.dng there, b\.dng now"):
         Manifest.open(tmp_path, {**ABOUT, "PSF": "b.dng"}, KEYS)
     with pytest.raises(OptionError, match="'e' is not among them"):

@@ -87,7 +87,9 @@ def command(
         )
         for line in text:
             show(line)
-        return 130 if watching.interrupted else 0
+        if watching.interrupted:
+            return 130
+        return 3 if summary.get("failed") else 0
 
     signature = inspect.Signature(_parameters(model), return_annotation=int)
     run.__annotations__ = {each.name: each.annotation for each in signature.parameters.values()}

@@ -1,4 +1,7 @@
-"""The `nolens` command: exit code 0, 2 for what the user can mend, 1 for a bug, 130 if stopped."""
+"""The `nolens` command, and its exit codes.
+
+0; 2 for what the user can mend; 3 where some items of a set failed; 1 for a bug; 130 if stopped.
+"""
 
 import errno
 import sys

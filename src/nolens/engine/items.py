@@ -2,9 +2,10 @@
 
 import os
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from contextlib import closing
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any, Protocol
 
 import psutil
@@ -85,7 +86,7 @@ def run_items(
     workers: int = 1,
     scheduler: str | None = None,
     note: Callable[[str], None] = lambda text: None,
-) -> Iterator[Outcome]:
+) -> Generator[Outcome]:
     """Do the work with every item, and give what came of each as soon as it is known.
 
     An item is loaded when a worker is free for it, and is gone when its outcome is: memory does
@@ -112,8 +113,12 @@ def run_items(
         If there is no scheduler at that address, its workers have another version of nolens, or
         the work cannot be prepared.
     """
+    fresh, again = iter(items), deque[str]()
+    first = next(fresh, None)
+    if first is None:
+        return
+    fresh = chain((first,), fresh)
     with closing(_executor(work, workers, scheduler, note)) as executor:
-        fresh, again = iter(items), deque[str]()
         loads: dict[str, Load] = {}
         tries: Counter[str] = Counter()
         running = 0

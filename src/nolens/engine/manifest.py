@@ -76,7 +76,12 @@ class Manifest:
         # One file, so that copies of the folder are whole; it survives this process's death.
         self._database.execute("pragma synchronous = normal")
         with self._transaction():
-            if not self._database.execute("select 1 from sqlite_master").fetchone():
+            made = self._database.execute("select 1 from sqlite_master").fetchone()
+            if made and not self._has_results:
+                for table in ("about", "notes", "items"):
+                    self._database.execute(f"drop table {table}")
+                made = None
+            if not made:
                 for statement in _TABLES.split(";"):
                     self._database.execute(statement)
                 self._database.executemany("insert into about values (?, ?)", about.items())
@@ -91,6 +96,12 @@ class Manifest:
             ).fetchall():
                 there = all((self._folder / name).exists() for name in json.loads(text)["files"])
                 self._set(key, "done" if there else "waiting", text)
+
+    @property
+    def _has_results(self) -> bool:
+        """Whether anything came of an item; else the folder is as good as new."""
+        found = self._database.execute("select 1 from items where state != 'waiting' limit 1")
+        return found.fetchone() is not None
 
     def _check(self, about: Mapping[str, str], keys: Iterable[str]) -> None:
         before = dict(self._database.execute("select name, value from about"))
@@ -158,16 +169,15 @@ class Manifest:
         row
             Figures of it, in values that JSON has.
         writers
-            What writes each file, in the folder or one below it.
+            What writes each file.
 
         Raises
         ------
         FileError
             If a file cannot be written; the item is then as if it had not been worked on.
         """
-        text = json.dumps(
-            {**row, "files": [str(path.relative_to(self._folder)) for path in writers]}
-        )
+        files = [os.path.relpath(path, self._folder) for path in writers]
+        text = json.dumps({**row, "files": files})
         with _writing(self._folder / MANIFEST_FILE):
             # One of another run would pass for this one's.
             for path in writers:

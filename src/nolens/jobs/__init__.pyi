@@ -1,3 +1,4 @@
+from .batch.reconstruction import BatchReconstructOptions, batch_reconstruct
 from .calibration.distances import CalibrateDistancesOptions, calibrate_distances
 from .calibration.extrapolate import CalibrateExtrapolateOptions, calibrate_extrapolate
 from .calibration.import_psfs import CalibrateImportOptions, calibrate_import
@@ -35,6 +36,7 @@ from .simulation import SimulateOptions, simulate
 
 __all__ = [
     "MASK_KINDS",
+    "BatchReconstructOptions",
     "CalibrateDistancesOptions",
     "CalibrateExtrapolateOptions",
     "CalibrateImportOptions",
@@ -65,6 +67,7 @@ __all__ = [
     "ThicknessOptions",
     "ToleranceOptions",
     "TwoPointOptions",
+    "batch_reconstruct",
     "calibrate_distances",
     "calibrate_extrapolate",
     "calibrate_import",

@@ -1,6 +1,7 @@
 """Running of a job: its reporter, time, memory and device; what it writes, and the record."""
 
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property, partial, update_wrapper
 from pathlib import Path
@@ -243,6 +244,12 @@ class Run(Generic[Options]):
         self.begin(check_simulation_memory(loaded, working, self.device, remedy))
         self.reporter.advance("mask", 0.0)
         return Twin.of(loaded, device=self.device, fresnel=fresnel)
+
+    def for_options(self, options: Any) -> "Run[Any]":
+        """The same run, with the options of a job that is a part of it."""
+        part = copy(self)
+        part.options = options
+        return part
 
     def begin(self, needed: float = 0.0, remedy: str = "") -> None:
         """Say that all is read and checked: from here on the work takes its time.

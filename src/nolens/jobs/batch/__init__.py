@@ -1,0 +1,1 @@
+"""Jobs of `nolens batch`: one job for every item of a set."""

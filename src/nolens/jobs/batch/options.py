@@ -1,0 +1,122 @@
+"""Options of a batch: those of the job that is done for each item, and those of the whole."""
+
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, TypeVar
+
+from pydantic import create_model
+
+from nolens.jobs.fields import RUN, FilePath, OutputFolderOptions, Word
+from nolens.jobs.options import JobOptions, Option, Written
+from nolens.ranges import Between
+
+One = TypeVar("One", bound=JobOptions)
+_SET = (
+    "a folder, a pattern such as 'raw/*.png', a list of files (.txt, one a line), or a file of "
+    "many frames"
+)
+
+
+class BatchOptions(OutputFolderOptions):
+    """What all batches have in common.
+
+    Attributes
+    ----------
+    single
+        Options of the job for one item.
+    own
+        Fields of the batch that say nothing of an item's result.
+    """
+
+    record_file = "batch.json"
+    single: ClassVar[type[JobOptions]]
+    own: ClassVar[tuple[str, ...]] = ("items", "output", "workers", "scheduler", "device")
+
+    items: Annotated[
+        FilePath,
+        Option(
+            f"What is worked on, item by item: {_SET}.",
+            needed="the frames (a folder, a pattern in quotes, a list or a file of many)",
+            role="input",
+            positional=True,
+            label="Frames",
+        ),
+    ]
+    output: Annotated[
+        FilePath,
+        Option(
+            "Folder for the results, with batch.json (the record, with a row for each item) and "
+            "manifest.sqlite (what is done). The same command again goes on where it ended.",
+            needed="the folder for the results (-o FOLDER)",
+            role="output",
+            flag="-o",
+        ),
+    ]
+    workers: Annotated[
+        Annotated[int, Between(1, 1000)] | None,
+        Option(
+            "Worker processes of this machine, each with one thread.",
+            default="as many as there are cores, and memory for",
+            label="Worker processes",
+        ),
+    ] = None
+    scheduler: Annotated[
+        Word | None,
+        Option(
+            "Workers of a Dask cluster instead: the address of its scheduler, such as "
+            "tcp://host:8786, or a scheduler file. They need the same version of nolens "
+            "(nolens[cluster]), and none of the files.",
+            RUN,
+            label="Dask scheduler",
+        ),
+    ] = None
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Files that all items need; those of the items may be terabytes, and are not hashed."""
+        files = super().inputs
+        del files["items"]
+        return files
+
+    @property
+    def written(self) -> tuple[Written, ...]:
+        """The record; files of the items are named after them."""
+        return self.in_folder({})
+
+    def one(self, model: type[One], **values: Any) -> One:
+        """Options of the job for one item, checked as that checks them."""
+        given = {
+            name: getattr(self, name)
+            for name in self.model_fields_set
+            if name in model.model_fields
+        }
+        options = model.model_validate({**given, **values}, by_name=True)
+        options.check_together()
+        return options
+
+
+def batch_of(
+    model: type[JobOptions], *, without: tuple[str, ...], base: type[BatchOptions], usage: str
+) -> type[BatchOptions]:
+    """Options of a batch: the job's own, as it declares them, and those of the whole.
+
+    Parameters
+    ----------
+    model
+        Options of the job for one item.
+    without
+        Fields that the batch fills in itself, or that make no sense in one.
+    base
+        With the options of the whole; its docstring is the help.
+    usage
+        The shortest way to run it.
+    """
+    fields: dict[str, Any] = {
+        name: (field.annotation, field)
+        for name, field in model.model_fields.items()
+        if name not in without and name not in base.model_fields
+    }
+    made = create_model(
+        f"Batch{model.__name__}", __base__=base, __doc__=base.__doc__, __module__=__name__, **fields
+    )
+    made.single, made.usage = model, usage
+    return made

@@ -1,0 +1,420 @@
+"""What the first frame of a camera decides: how files are read, and what is solved."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from nolens.camera import Frame, Measurement, PsfGeometry, black_level, flipped
+from nolens.errors import NolensError, OptionError
+from nolens.files import CAMERA_FILE, read_frame
+from nolens.jobs.reconstruction.options import (
+    LESS_MEMORY,
+    ReconstructOptions,
+    parse_support,
+    parse_window,
+)
+from nolens.jobs.run import Run, announce_memory, check_solver_memory
+from nolens.operators import Geometry, PixelRectangle
+from nolens.solvers import (
+    Developed,
+    Development,
+    Method,
+    Problem,
+    PsfChoice,
+    PsfSettings,
+    Quality,
+    Reconstructor,
+    SupportChoice,
+    Weight,
+    choose_psf,
+    geometry_row,
+    stop_of,
+)
+from nolens.solvers.admm_state import Balance
+from nolens.solvers.explanation import explain
+from nolens.solvers.held_out import Prediction
+from nolens.solvers.reconstructor import SPARE
+from nolens.solvers.result import window_of
+
+_RESUMED = 1e-4
+"""A weight that stands for the one of a state, until that is read."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What the first measurement decides for all of a run.
+
+    `options` have the binning that was chosen, `development` has it too. `psf` is how its file
+    is read. `weight` is the choice of τ, where it was the program's, `light` that of the support.
+    `window` (top, left, height, width) is the part of the scene that is written.
+    """
+
+    options: ReconstructOptions
+    psf: PsfChoice
+    development: Development
+    measurement: Measurement
+    reconstructor: Reconstructor
+    weight: Weight | None
+    prediction: Prediction | None
+    light: SupportChoice | None
+    problem: Problem
+    window: tuple[int, int, int, int]
+
+    @classmethod
+    def of(
+        cls,
+        run: Run[ReconstructOptions],
+        development: Development,
+        frame: Frame,
+        chosen: Mapping[str, Any] | None = None,
+    ) -> "Setup":
+        """Develop measurement and PSF, and build the problem.
+
+        `chosen` are the `choices` of a run before, in place of new ones.
+        """
+        if chosen is None:
+            choice, options = _psf_choice(run, development, frame), run.options
+        else:
+            choice = PsfChoice(_as_chosen(development, chosen))
+            update = {"bin": chosen["bin"], "tau": chosen["tau"], "detail": 1.0}
+            options = run.options.model_copy(update=update)
+        options, developed = _developed(run, options, choice.development, frame)
+        psf = developed.prepared.values
+        support = _support(options, developed.measurement.size, psf)
+        for text in developed.prepared.notes:
+            run.reporter.note(text)
+        run.warn(*developed.prepared.warnings)
+        reconstructor = _reconstructor(options, psf, support, run.device)
+        measurement, development = developed.measurement, developed.development
+        light = _light(run, reconstructor, options, measurement)
+        if light is not None:
+            reconstructor = replace(reconstructor, support=light.support)
+        needed = check_solver_memory(reconstructor, measurement, LESS_MEMORY)
+        announce_memory(needed, run.reporter)
+        weight = _weight(run, reconstructor, options, measurement)
+        if weight is not None:
+            reconstructor = replace(reconstructor, tau=weight.tau / options.detail)
+        prediction = None
+        if chosen is None:
+            explanation = explain(reconstructor, measurement, weight, development.psf.source)
+            run.warn(*explanation.warnings)
+            prediction = explanation.prediction
+        problem = reconstructor.problem(measurement)
+        window = _crop_window(options, problem, psf)
+        return cls(
+            options,
+            choice,
+            development,
+            measurement,
+            reconstructor,
+            weight,
+            prediction,
+            light,
+            problem,
+            window,
+        )
+
+    def varied(
+        self, run: Run[ReconstructOptions], options: ReconstructOptions, psf: Tensor
+    ) -> "Setup":
+        """The same measurement and PSF with other options of the model and the solver."""
+        support = self.problem.forward.support
+        if options.support != self.options.support:
+            support = _support(options, self.measurement.size, psf)
+        reconstructor = _reconstructor(options, psf, support, run.device)
+        weight = _weight(run, reconstructor, options, self.measurement)
+        if weight is not None:
+            reconstructor = replace(reconstructor, tau=weight.tau / options.detail)
+        problem = reconstructor.problem(self.measurement)
+        return replace(
+            self,
+            options=options,
+            reconstructor=reconstructor,
+            weight=weight,
+            problem=problem,
+            window=_crop_window(options, problem, psf),
+        )
+
+    @property
+    def choices(self) -> dict[str, Any]:
+        """What was chosen by this measurement, in values that JSON has."""
+        development = self.development
+        return {
+            "bin": development.bin_by,
+            "tau": self.tau,
+            "black": development.black,
+            "psf_black": list(development.psf.black),
+            "psf_black_stated": development.psf.black_stated,
+            "psf": asdict(development.psf_geometry),
+        }
+
+    @property
+    def window_on_sensor(self) -> list[int]:
+        """`window` with its top and left counted in the sensor's frame."""
+        top, left, *size = self.window
+        origin = self.problem.forward.geometry.origin
+        return [top + origin[0], left + origin[1], *size]
+
+    @property
+    def support(self) -> str:
+        """As --support takes it."""
+        support = self.problem.forward.support
+        return "full" if support is None else support.text
+
+    @property
+    def tau(self) -> float:
+        """The weight of the prior: that of the options, or the program's choice."""
+        return self.problem.weight if self.options.tau == "auto" else self.options.tau
+
+    @property
+    def pixel_rad(self) -> float | None:
+        """Angle of a scene pixel in the middle of the view; None where no camera is known."""
+        options = self.options
+        camera = options.camera or options.psf.parent / CAMERA_FILE
+        if isinstance(camera, Path) and not camera.is_file():
+            return None
+        # Most reconstructions need no camera.
+        from nolens.calibrate.distances import pixel_angle
+        from nolens.files import read_camera
+
+        try:
+            described = read_camera(camera).camera
+        except NolensError:  # A file beside the PSF may be of another kind.
+            return None
+        side = options.bin_by * (1 if described.sensor.mosaic == "none" else 2)
+        size = described.sensor.rows // side, described.sensor.columns // side
+        if size != self.measurement.size:  # Another camera's.
+            return None
+        return pixel_angle(described, side * described.sensor.pitch.um)
+
+    def picture(self, scene: Tensor) -> Tensor:
+        """The part of a scene that is written, as --flip turns it."""
+        return flipped(window_of(scene, self.window).cpu(), self.options.flip)
+
+
+def _psf_choice(run: Run[ReconstructOptions], development: Development, frame: Frame) -> PsfChoice:
+    """How the PSF's file is read, as the options say or the measurement shows."""
+    options = run.options
+    settings = PsfSettings(options.psf_scale, options.psf_extent, options.psf_flip)
+    choice = choose_psf(development, frame, settings)
+    for text in choice.notes:
+        run.reporter.note(text)
+    return choice
+
+
+def _as_chosen(development: Development, chosen: Mapping[str, Any]) -> Development:
+    """How frames are developed after `Setup.choices`."""
+    psf = replace(
+        development.psf,
+        black=tuple(chosen["psf_black"]),
+        black_stated=chosen["psf_black_stated"],
+    )
+    return replace(
+        development,
+        psf=psf,
+        black=chosen["black"],
+        bin_by=chosen["bin"],
+        psf_geometry=PsfGeometry(**chosen["psf"]),
+    )
+
+
+def psf_row(choice: PsfChoice) -> dict[str, Any]:
+    """How the PSF's file was read, for the record."""
+    development = choice.development
+    return {
+        **geometry_row(development.psf_geometry),
+        "black": list(development.psf.black),
+        "trials": [each.row() for each in choice.trials],
+    }
+
+
+def _weight(
+    run: Run[ReconstructOptions],
+    reconstructor: Reconstructor,
+    options: ReconstructOptions,
+    measurement: Measurement,
+) -> Weight | None:
+    """The choice of τ, where the options leave it to the program."""
+    if options.tau != "auto":
+        return None
+    if options.resume is not None:
+        return Weight(_RESUMED, 0.0)
+
+    def watch(fraction: float) -> bool:
+        return run.reporter.step(
+            "% of the choice of tau", round(100 * fraction), 100, "the picture"
+        )
+
+    return reconstructor.choose_weight(measurement, progress=watch)
+
+
+def _light(
+    run: Run[ReconstructOptions],
+    reconstructor: Reconstructor,
+    options: ReconstructOptions,
+    measurement: Measurement,
+) -> SupportChoice | None:
+    """The choice of the support, where the options leave it to the program.
+
+    Light of later frames of a sequence can come from elsewhere than that of the first.
+    """
+    if options.support != "auto" or options.field is not None or options.is_sequence:
+        return None
+
+    def watch(fraction: float) -> bool:
+        return run.reporter.step(
+            "% of the choice of the support", round(100 * fraction), 100, "the picture"
+        )
+
+    return reconstructor.choose_support(measurement, progress=watch)
+
+
+def read_development(options: ReconstructOptions) -> Development:
+    """Read all but the measurement."""
+    psf = read_frame(options.psf)
+    # Like the measurement as far as its channels allow: it may be grey.
+    if len(psf.channels) == 3 and options.bgr:
+        psf = read_frame(options.psf, bgr=True)
+    elif len(psf.channels) != 3 and options.mosaic is not None and psf.mosaic is None:
+        psf = read_frame(options.psf, mosaic=options.mosaic)
+    dark, flat = (
+        read_frame(path, mosaic=options.mosaic, bgr=options.bgr) if path else None
+        for path in (options.dark, options.flat)
+    )
+    return Development(
+        psf,
+        dark,
+        flat,
+        black_level(options.black, psf),
+        options.white,
+        options.bin_by,
+        options.channels,
+    )
+
+
+def _developed(
+    run: Run[ReconstructOptions],
+    options: ReconstructOptions,
+    development: Development,
+    frame: Frame,
+) -> tuple[ReconstructOptions, Developed]:
+    """A frame and the PSF, on pixels no finer than the PSF carries, unless --bin says otherwise.
+
+    Also the options, with the binning that was chosen.
+    """
+    if options.bin is not None:
+        measurement = development.measurement(frame)
+        return options, Developed(development, measurement, development.prepared(measurement), ())
+    # Parts of the scene are in pixels, and would be others.
+    coarsen = options.support in ("auto", "full") and options.crop in (None, "all")
+    result = development.fitted(frame, SPARE[method_of(options)], coarsen=coarsen)
+    for text in result.notes:
+        run.reporter.note(text)
+    if result.development.bin_by > 1:
+        options = options.model_copy(update={"bin": result.development.bin_by})
+    return options, result
+
+
+def method_of(options: ReconstructOptions) -> Method:
+    """The solver: what --quality or --method say; an error if they contradict each other."""
+    if options.quality is None:
+        return options.method
+    if options.method is not Method.ADMM:
+        raise OptionError(
+            f"--quality {options.quality} chooses how to solve, and so does --method "
+            f"{options.method}: leave one out"
+        )
+    return Method.WIENER if options.quality is Quality.DRAFT else Method.ADMM
+
+
+def _reconstructor(
+    options: ReconstructOptions, psf: Tensor, support: PixelRectangle | None, device: torch.device
+) -> Reconstructor:
+    """The solver with the preset's limits, or the options' in their place."""
+    method = method_of(options)
+    return Reconstructor(
+        psf,
+        support,
+        tau=None if options.tau == "auto" else options.tau,
+        prior=options.prior,
+        method=method,
+        stop=stop_of(
+            method,
+            options.quality,
+            iterations=options.iterations,
+            tolerance=options.tolerance,
+            low_frequency=options.low_frequency,
+        ),
+        penalties=options.penalties,
+        balance=Balance() if options.balance else None,
+        relaxation=options.relaxation,
+        device=device,
+    )
+
+
+def _support(
+    options: ReconstructOptions, sensor: tuple[int, int], psf: Tensor
+) -> PixelRectangle | None:
+    """Pixels that light can come from: --support, or --field through the --camera.
+
+    None for all, and where the program is to choose them.
+    """
+    if options.support not in ("auto", "full") and options.field is not None:
+        raise OptionError(
+            f"--support {options.support} and --field {options.field} both say where light can "
+            "come from: leave one out"
+        )
+    if (options.field is None) != (options.camera is None):
+        raise OptionError(
+            "--field needs --camera, and --camera is for --field: an angle becomes pixels by the "
+            "camera's layers. Give both, such as --field 56deg --camera paper"
+        )
+    if options.field is None or options.camera is None:
+        unlimited = options.support in ("auto", "full")
+        return None if unlimited else parse_support(options.support, sensor, psf)
+    # Most reconstructions need no camera.
+    from nolens.files import read_camera
+    from nolens.twin import FieldMap, preview_model
+
+    camera = preview_model(read_camera(options.camera))
+    size = tuple(count // options.bin_by for count in camera.shape)
+    if size != sensor:
+        raise OptionError(
+            f"the camera {options.camera} has {size[0]}×{size[1]} pixels (height × width), and "
+            f"the measurement {sensor[0]}×{sensor[1]}: give the measurement's camera, or --support"
+        )
+    tangent = math.tan(math.radians(options.field.deg) / 2)
+    whole = FieldMap.covering(camera, (tangent, tangent)).support
+    by = options.bin_by
+    side = -(-whole.height // by), -(-whole.width // by)
+    return parse_support(f"{side[0]}x{side[1]}", sensor, psf)
+
+
+def _crop_window(
+    options: ReconstructOptions, problem: Problem, psf: Tensor
+) -> tuple[int, int, int, int]:
+    """Part of the scene that is written, (top, left, height, width).
+
+    A support that was chosen gives the picture that none would give, dark around it.
+    """
+    chosen = options.support == "auto" and options.field is None
+    if options.crop is None:
+        return problem.sensor_frame if chosen else problem.frame
+    sensor, geometry = problem.forward.sensor, problem.forward.geometry
+    seen = geometry
+    if chosen:
+        seen = Geometry.build(sensor, (psf.shape[-2], psf.shape[-1]), None)
+    whole = PixelRectangle(*seen.origin, *seen.scene[2:])
+    crop = whole if options.crop == "all" else parse_window(options.crop, sensor, "--crop")
+    if crop.union(whole) != whole:
+        raise OptionError(
+            f"--crop {options.crop} reaches beyond the scene, which is {whole.height}×"
+            f"{whole.width} pixels from {whole.top:+d}{whole.left:+d}; give a part of that, or all"
+        )
+    top, left = geometry.origin
+    return crop.top - top, crop.left - left, crop.height, crop.width
