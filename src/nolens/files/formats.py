@@ -42,6 +42,7 @@ _TIFF = Reader("nolens.files.tiff:open_tiff_frames", ("TIFF",))
 _HDF5 = Reader("nolens.files.hdf5:open_hdf5", ("HDF5", None))
 READERS: dict[str, Reader] = {
     **dict.fromkeys(RAW_SUFFIXES, _RAW),
+    **dict.fromkeys((".raw", ".bin"), Reader("nolens.files.packed:open_bare", ())),
     ".png": Reader("nolens.files.arrays:open_png", ("PNG",)),
     ".tif": _TIFF,
     ".tiff": _TIFF,

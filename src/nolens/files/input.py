@@ -39,6 +39,12 @@ RAW_SUFFIXES = (
 )
 """Suffixes of camera raw of all makers."""
 
+DESCRIBE_BARE = (
+    "write a .toml of the same name beside it, or a raw.toml for all of the folder, with width, "
+    'height and format, such as "SRGGB10_CSI2P" or "BayerRG12p" (docs/formats.md)'
+)
+"""What to do about a sensor's bare data that nothing describes."""
+
 _SIGNATURES = (
     (b"\x89PNG\r\n\x1a\n", "PNG"),
     (b"\x93NUMPY", "npy"),

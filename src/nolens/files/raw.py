@@ -15,7 +15,7 @@ from nolens.camera import MOSAICS, Frame
 from nolens.errors import DataError, FileError, OptionError
 from nolens.files.atomic import atomic_write
 from nolens.files.formats import FrameSequence, refuse_dataset, single
-from nolens.files.input import check_bytes, check_size, decoding, quiet_stderr
+from nolens.files.input import DESCRIBE_BARE, check_bytes, check_size, decoding, quiet_stderr
 from nolens.files.tiff import SOFTWARE, check_directories, open_tiff
 
 _MAKE, _DNG_VERSION = 271, 50706
@@ -53,6 +53,8 @@ def read_raw(path: Path) -> Frame:
     """
     check_bytes(path)
     advice = "Copy it again from where it was made, or convert it to DNG"
+    if path.suffix.lower() == ".raw":
+        advice += f"; if it is a sensor's bare data, {DESCRIBE_BARE}"
     with decoding(path, "camera raw of a known kind", advice):
         _check_camera(path)
         with quiet_stderr(), rawpy.imread(str(path)) as raw:
