@@ -16,14 +16,13 @@ from nolens.errors import CameraError, DataError
 from nolens.evaluate import siemens_star
 from nolens.files import read_camera
 from nolens.operators import PixelRectangle
-from nolens.optics import PointSource
 from nolens.twin import (
     FieldMap,
     Light,
-    ShiftInvariantModel,
+    FieldModel,
     Twin,
-    aperture_room_um,
     expose,
+    half_field,
     mosaic,
     photocurrents,
 )
@@ -69,7 +68,7 @@ class TwinSource(CameraSource):
         self._seed = secrets.randbits(32) if seed is None else seed
         self._number = 0
         self._scene = chart()
-        self._prepared: tuple[ShiftInvariantModel, Tensor] | None = None
+        self._prepared: tuple[FieldModel, Tensor] | None = None
         self._rate: tuple[Tensor, Tensor] | None = None
         self._target: tuple[float, float] | None = None
         self._is_open = False
@@ -200,18 +199,18 @@ class TwinSource(CameraSource):
         self._closed.set()
 
     @property
-    def _model(self) -> ShiftInvariantModel:
+    def _model(self) -> FieldModel:
         return self._prepare()[0]
 
-    def _prepare(self) -> tuple[ShiftInvariantModel, Tensor]:
+    def _prepare(self) -> tuple[FieldModel, Tensor]:
         """The camera's model, and electrons of every pixel in a second, to its light."""
         with self._lock:
             if self._prepared is None:
                 twin = Twin.of(self._camera)
                 camera = twin.camera
-                model = ShiftInvariantModel.of(
+                model = FieldModel.of(
                     twin,
-                    FieldMap.covering(twin, _half_field(twin)),
+                    FieldMap.covering(twin, half_field(twin, _ANGLE_DEG)),
                     distance_um=camera.reference_distance.um,
                     light=Light(_LIGHT),
                 )
@@ -232,29 +231,6 @@ class TwinSource(CameraSource):
         if len(self._sensor.channels) == 1:
             scene = scene.mean(dim=0, keepdim=True)
         return self._model.rendered(scene)
-
-
-def _half_field(twin: Twin) -> tuple[float, float]:
-    """Tangents of half the field: 40° along the longer side, or what an aperture leaves of it."""
-    sensor = twin.camera.sensor
-    rows, columns = sensor.rows, sensor.columns
-    longest = math.tan(math.radians(_ANGLE_DEG / 2))
-
-    def tangents(longer: float) -> tuple[float, float]:
-        return longer * rows / max(rows, columns), longer * columns / max(rows, columns)
-
-    room = aperture_room_um(twin)
-    if room is None:
-        return tangents(longest)
-    inside, outside = 0.0, longest
-    for _ in range(40):
-        middle = (inside + outside) / 2
-        shifts = [max(twin.shift_um(PointSource((0.0, tangent)))) for tangent in tangents(middle)]
-        if all(shift <= most for shift, most in zip(shifts, room, strict=True)):
-            inside = middle
-        else:
-            outside = middle
-    return tangents(outside)
 
 
 def _frame(counts: Tensor, sensor: Sensor, exposure_s: float, source: str) -> Frame:

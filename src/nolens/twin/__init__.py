@@ -1,8 +1,8 @@
 """Simulated cameras: from a camera's description and a scene to the counts of its sensor."""
 
 from nolens.twin.expose import expose, mosaic, photocurrents
+from nolens.twin.field_model import FieldModel, half_field
 from nolens.twin.irradiance import (
-    ShiftInvariantModel,
     aperture_room_um,
     check_field_points,
     irradiate,
@@ -36,11 +36,11 @@ __all__ = [
     "LIGHTS",
     "REFERENCE_NM",
     "FieldMap",
+    "FieldModel",
     "Frame",
     "Light",
     "Plane",
     "PlaneView",
-    "ShiftInvariantModel",
     "Twin",
     "aperture_room_um",
     "camera_figures",
@@ -50,6 +50,7 @@ __all__ = [
     "described_lenslets",
     "distance_um",
     "expose",
+    "half_field",
     "in_channels",
     "irradiate",
     "irradiate_bytes",

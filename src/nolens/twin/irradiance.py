@@ -9,7 +9,7 @@ from torch import Tensor
 
 from nolens.camera import Sensor
 from nolens.errors import OptionError
-from nolens.kernels import fast_length, irfft2, irfft2_window_, rfft2, rfft2_window
+from nolens.kernels import fast_length, irfft2, rfft2
 from nolens.optics import Grid
 from nolens.progress import ProgressCallback, part_of
 from nolens.twin.light import Colour, Light
@@ -107,7 +107,7 @@ def irradiate(
     OptionError
         If `field_points` is even or less than 1, or light passes beyond the relief.
     """
-    sums = _Sums(twin, field, field_points)
+    sums = FieldSums(twin, field, field_points)
     sums.add_views(views, light, wavelengths, progress)
     return sums.result()
 
@@ -164,136 +164,6 @@ def check_field_points(field_points: int) -> None:
             f"{field_points} field points: an odd number along each side is needed, such as 5 or "
             "9; 1 is the plain convolution model"
         )
-
-
-@dataclass(frozen=True)
-class ShiftInvariantModel:
-    """What `irradiate` does with one field point, its PSFs computed once and stored as spectra.
-
-    Make one with `ShiftInvariantModel.of`.
-
-    Parameters
-    ----------
-    twin
-        The camera.
-    field
-        Map of the pixels that scenes fill.
-    distance_um
-        Of all scenes.
-    """
-
-    twin: Twin
-    field: FieldMap
-    distance_um: float
-    _weights: Tensor
-    _tangents: tuple[Tensor, Tensor]
-    _sums: "_Sums"
-
-    @classmethod
-    def of(
-        cls,
-        twin: Twin,
-        field: FieldMap,
-        *,
-        distance_um: float,
-        light: Light,
-        wavelengths: int = 3,
-        progress: ProgressCallback | None = None,
-    ) -> "ShiftInvariantModel":
-        """Compute the PSFs, for scenes of one distance and light.
-
-        Raises
-        ------
-        OptionError
-            If the distance is beyond the model, or light passes beyond the relief.
-        """
-        weights = (field.solid_angle() * field.vignetting()).float()
-        middle = field.support.height // 2, field.support.width // 2
-        point = torch.zeros(len(twin.camera.sensor.channels), *weights.shape)
-        point[:, middle[0], middle[1]] = 1 / weights[middle]
-        sums = _Sums(twin, field, 1)
-        sums.add_views((PlaneView(point, distance_um),), light, wavelengths, progress)
-        return cls(twin, field, distance_um, weights, field.tangents(), sums)
-
-    def light(self, radiance: Tensor) -> Tensor:
-        """Light of a scene on every pixel, as `Irradiated.light`.
-
-        Parameters
-        ----------
-        radiance
-            On the pixels of the field's support, (channels, height, width).
-        """
-        padded = self._sums.padded
-        spectra = rfft2_window(radiance * self._weights, (0, 0), padded)[self._channels()]
-        # It is the scene's first pixel that lies at the origin of the FFT grid, not its node.
-        window = (*self._first(self._sums.nodes[0].pixel), *self.twin.shape)
-        planes = irfft2_window_(spectra.mul_(self._sums.spectra[1]), window, padded)
-        step, (rows, columns) = self.twin.superpixel, self.twin.shape
-        out = torch.empty(rows * step, columns * step)
-        for number, plane in enumerate(planes):
-            row, column = divmod(number, 2)
-            torch.clamp_min(plane, 0, out=out[row::step, column::step])
-        return out
-
-    def rendered(self, picture: Tensor) -> Tensor:
-        """A picture on the pixels of the field, as large as it fits in whole.
-
-        Parameters
-        ----------
-        picture
-            Linear radiance, (channels, height, width), channels as the sensor has them.
-
-        Returns
-        -------
-        Tensor
-            (channels, height, width) of the field's support; dark beside the picture.
-        """
-        size = picture.shape[-2:]
-        middle = self.field.support.height // 2, self.field.support.width // 2
-        half = (
-            abs(float(self._tangents[0][0, middle[1]])),
-            abs(float(self._tangents[1][middle[0], 0])),
-        )
-        longer = min(each * max(size) / side for each, side in zip(half, size, strict=True))
-        plane = Plane(picture, 2 * math.degrees(math.atan(longer)), self.distance_um)
-        radiance, opacity = render_plane(plane, self._tangents)
-        return radiance * opacity
-
-    def psf(self) -> Tensor:
-        """PSF of a point source in the middle of the field.
-
-        Returns
-        -------
-        Tensor
-            (channels, rows, columns), green as the mean of its two pixels. With an
-            aperture that leaves room it has the sensor's size, without one as much more as light
-            of the field needs.
-        """
-        sums = self._sums
-        planes = irfft2(sums.spectra[1], sums.padded)
-        if aperture_room_um(self.twin) is None:
-            size = [
-                count + max(edges.before) + max(edges.after)
-                for count, edges in zip(self.twin.shape, sums.edges, strict=True)
-            ]
-            planes = planes[:, : size[0], : size[1]]
-        else:
-            first, shape = self._first((0, 0)), self.twin.shape
-            planes = planes[:, first[0] : first[0] + shape[0], first[1] : first[1] + shape[1]]
-        numbers = torch.tensor(self._channels())
-        return torch.stack(
-            [planes[numbers == each].mean(dim=0) for each in range(int(numbers.max()) + 1)]
-        ).clamp_min_(0)
-
-    def _first(self, pixel: tuple[int, int]) -> tuple[int, int]:
-        """Where the sensor begins in the FFT grid, with a scene pixel at its origin."""
-        edges = self._sums.edges
-        return max(edges[0].before) + pixel[0], max(edges[1].before) + pixel[1]
-
-    def _channels(self) -> list[int]:
-        """Channel of each pixel of a superpixel."""
-        mosaic = self.twin.camera.sensor.mosaic
-        return [0] if mosaic == "none" else ["RGB".index(colour) for colour in mosaic]
 
 
 def aperture_room_um(twin: Twin) -> tuple[float, float] | None:
@@ -367,28 +237,32 @@ def _hat(nodes: list[int], index: int, length: int) -> Tensor:
 
 
 @dataclass(frozen=True)
-class _Node:
+class FieldNode:
     """One field point: its number among the rows and columns of them, and its scene pixel."""
 
     index: tuple[int, int]
     pixel: tuple[int, int]
 
 
-class _Sums:
-    """Spectra of the sum so far: over all field points, and over every second one."""
+class FieldSums:
+    """Spectra of the sum so far: over all field points and, for an estimate of the error, over
+    every second one.
+    """
 
-    def __init__(self, twin: Twin, field: FieldMap, field_points: int) -> None:
+    def __init__(
+        self, twin: Twin, field: FieldMap, field_points: int, *, estimate: bool = True
+    ) -> None:
         check_field_points(field_points)
         self.twin, self.field = twin, field
         self.per_pixel = samples_per_pixel(twin, at_least=_least_samples(twin))
         support = field.support
         self.at = tuple(_nodes(length, field_points) for length in (support.height, support.width))
         self.nodes = [
-            _Node((i, j), (row, column))
+            FieldNode((i, j), (row, column))
             for i, row in enumerate(self.at[0])
             for j, column in enumerate(self.at[1])
         ]
-        self.steps = (1,) if field_points == 1 else (1, 2)
+        self.steps = (1,) if field_points == 1 or not estimate else (1, 2)
         # What a field point's neighbours see of the sensor lies beyond its own frame.
         self.edges = tuple(
             _Edges.of(axis[:: self.steps[-1]], length)
@@ -431,12 +305,12 @@ class _Sums:
                 for channel, colour in enumerate(colours):
                     scene = view.radiance[channel] * weights
                     part = part_of(progress, done, total)
-                    self._add(node, channel, scene, view.distance_um, colour, part)
+                    self.add(node, channel, scene, view.distance_um, colour, part)
                     done += 1
 
-    def _add(
+    def add(
         self,
-        node: _Node,
+        node: FieldNode,
         channel: int,
         scene: Tensor,
         distance_um: float,
@@ -513,22 +387,29 @@ class _Sums:
             out[row::side, column::side] = plane.cpu()
         return out
 
-    def _patch(self, node: _Node, scene: Tensor, step: int) -> Tensor:
-        """The scene times the node's weight, its pixel at the origin of the FFT grid."""
+    def weighted(
+        self, node: FieldNode, scene: Tensor, step: int = 1
+    ) -> tuple[Tensor, tuple[int, int]]:
+        """The part of a scene, (…, height, width), that a node has weight for, and its corner."""
         weights = [
             _hat(axis[::step], index // step, length)
-            for axis, index, length in zip(self.at, node.index, scene.shape, strict=True)
+            for axis, index, length in zip(self.at, node.index, scene.shape[-2:], strict=True)
         ]
-        weighted = scene * weights[0][:, None] * weights[1]
-        nonzero = [each.nonzero().flatten() for each in weights]
-        first = [int(each[0]) for each in nonzero]
-        last = [int(each[-1]) + 1 for each in nonzero]
-        part = weighted[first[0] : last[0], first[1] : last[1]]
+        (top, bottom), (left, right) = (
+            (int(each[0]), int(each[-1]) + 1)
+            for each in (weight.nonzero().flatten() for weight in weights)
+        )
+        part = scene[..., top:bottom, left:right]
+        return part * weights[0][top:bottom, None] * weights[1][left:right], (top, left)
+
+    def _patch(self, node: FieldNode, scene: Tensor, step: int) -> Tensor:
+        """The scene times the node's weight, its pixel at the origin of the FFT grid."""
+        part, corner = self.weighted(node, scene, step)
         placed = scene.new_zeros(self.padded)
         rows, columns = (
             (torch.arange(n) + (start - pixel)) % length
             for n, start, pixel, length in zip(
-                part.shape, first, node.pixel, self.padded, strict=True
+                part.shape, corner, node.pixel, self.padded, strict=True
             )
         )
         placed[rows[:, None], columns] = part
