@@ -18,6 +18,7 @@ from .api.calibrate import (
     import_psf,
     stitch_psfs,
 )
+from .api.dataset import LenslessDataset
 from .api.design import ThicknessDesign, design_mask, design_thickness
 from .api.image import Image
 from .api.inputs import load, save_frame
@@ -44,6 +45,7 @@ __all__ = [
     "Frame",
     "Image",
     "ImportedPsf",
+    "LenslessDataset",
     "Measurement",
     "Photograph",
     "PixelRectangle",

@@ -14,7 +14,7 @@ from nolens.capture import CameraSource, Levels, TwinSource, chart, open_source
 from nolens.errors import CameraError, DataError, NolensError, OptionError
 from nolens.evaluate import psnr, scale_fit
 from nolens.solvers import Problem, admm, wiener
-from nolens.twin import FieldMap, Light, FieldModel, Twin
+from nolens.twin import FieldMap, FieldModel, Light, Twin
 
 
 @pytest.fixture(scope="module")
@@ -106,9 +106,7 @@ def test_light_of_the_whole_field_stays_on_the_sensor() -> None:
     twin = Twin.of(LoadedCamera.of(camera))
     edge = math.tan(math.radians(20.0))
     field = FieldMap.covering(twin, (0.75 * edge, edge))
-    model = FieldModel.of(
-        twin, field, distance_um=300e3, light=Light("white-led"), wavelengths=1
-    )
+    model = FieldModel.of(twin, field, distance_um=300e3, light=Light("white-led"), wavelengths=1)
     weights = field.solid_angle() * field.vignetting()
 
     def caught(row: int, column: int) -> float:

@@ -9,7 +9,7 @@ from cameras import WHITE, cropped, flattened, in_grey, relative_error, twin_of
 from nolens.camera import Camera
 from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
-from nolens.twin import FieldMap, PlaneView, FieldModel, irradiate, point_spread
+from nolens.twin import FieldMap, FieldModel, PlaneView, irradiate, point_spread
 
 FAR_UM = 300e3
 CAMERAS = {
@@ -31,14 +31,15 @@ def model_of(camera: Camera, field_points: int = 1) -> FieldModel:
     ("name", "field_points"), [*((name, 1) for name in CAMERAS), ("colour", 3)]
 )
 def test_light_is_that_of_irradiate(name: str, field_points: int) -> None:
-    model = model_of(CAMERAS[name](), field_points)
+    camera = CAMERAS[name]()
+    model, twin = model_of(camera, field_points), twin_of(camera)
     support = model.field.support
     channels = len(model.twin.camera.sensor.channels)
     generator = torch.Generator().manual_seed(0)
     for _ in range(2):
         scene = torch.rand(channels, support.height, support.width, generator=generator)
         expected = irradiate(
-            model.twin,
+            twin,
             model.field,
             (PlaneView(scene, FAR_UM),),
             field_points=field_points,
@@ -54,12 +55,11 @@ def test_light_is_that_of_irradiate(name: str, field_points: int) -> None:
 
 
 def test_psf_is_that_of_a_point_straight_ahead_at_the_pixels_places() -> None:
-    model = model_of(cropped(144, 176, of="small"))
-    found = model.psf()
-    sensor = model.twin.camera.sensor
-    size = sensor.rows, sensor.columns
+    camera = cropped(144, 176, of="small")
+    found = model_of(camera).psf()
+    size = camera.sensor.rows, camera.sensor.columns
     pixels = point_spread(
-        model.twin, PointSource(distance_um=FAR_UM), size, light=WHITE, wavelengths=2
+        twin_of(camera), PointSource(distance_um=FAR_UM), size, light=WHITE, wavelengths=2
     )
     green = (pixels[1, ::2, 1::2] + pixels[1, 1::2, ::2]) / 2
     expected = torch.stack([pixels[0, ::2, ::2], green, pixels[2, 1::2, 1::2]])

@@ -18,8 +18,8 @@ from nolens.files import read_camera
 from nolens.operators import PixelRectangle
 from nolens.twin import (
     FieldMap,
-    Light,
     FieldModel,
+    Light,
     Twin,
     expose,
     half_field,

@@ -32,6 +32,7 @@ COMMANDS = {
     "compare:compare": "Say how near pictures come to the truth: PSNR, SSIM, MS-SSIM and LPIPS.",
     "simulate:simulate": "Simulate what a lensless camera measures of a scene.",
     "simulate:psf": "Simulate what a lensless camera shows of a point source.",
+    "dataset:dataset": "Make data sets of simulated measurements and their truths.",
     "camera:camera": "Descriptions of cameras.",
     "material:material": "Materials that layers of a camera are made of.",
     "design:design": "Design a camera: thickness, tolerances and masks.",

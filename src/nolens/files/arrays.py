@@ -172,6 +172,12 @@ def read_png_samples(path: Path) -> NDArray[np.generic]:
     check_bytes(path)
     with decoding(path, "a PNG"):
         data = path.read_bytes()
+    return decode_png(data, path)
+
+
+def decode_png(data: bytes, path: Path) -> NDArray[np.generic]:
+    """As `read_png_samples`, of the contents of a file; messages name the path."""
+    with decoding(path, "a PNG"):
         header = _png_header(data)
         if header.bits < 8 and header.colour != _PNG_PALETTE:
             raise FileError(f"{path} is a PNG of {header.bits} bits: it needs 8 or 16")

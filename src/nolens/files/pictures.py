@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tifffile
 import torch
 from numpy.typing import NDArray
 from PIL import Image, ImageOps, PngImagePlugin
@@ -35,6 +36,8 @@ _ACCEPTED = (
     "A scene is a .png, .jpg or .tif of 8 or 16 bits (sRGB), or floats (linear, 1 is "
     "white): .exr, .tif, .npy, .npz, .mat, .h5, .zarr"
 )
+_ORIENTATION = 0x0112
+"""EXIF tag; above 4, rows are columns."""
 _MOST_SCANS = 200
 _BLOCK = 2**22
 
@@ -107,6 +110,30 @@ def read_picture(path: str | Path, *, signed: bool = False) -> Picture:
         linear = torch.from_numpy(array.astype(np.float32)).mul_(per_count)
         return Picture(_three(_finite(linear, path, signed)))
     return _picture(array, bool(alphas), multiplied, path, signed)
+
+
+def picture_size(path: Path) -> tuple[int, int]:
+    """Height and width of a picture, by the first bytes of its file.
+
+    Raises
+    ------
+    FileError
+        If it is missing, of another kind, or damaged there.
+    """
+    check_exists(path, _ACCEPTED)
+    kind = _KINDS.get(path.suffix.lower())
+    if kind not in ("PNG", "JPEG", "TIFF"):
+        return read_frame(path).size
+    check_content(path, (kind,), _ACCEPTED)
+    with decoding(path, f"a {kind}"):
+        if kind == "TIFF":
+            with tifffile.TiffFile(path) as file:
+                page = file.pages.first
+                return page.imagelength, page.imagewidth
+        with Image.open(path, formats=[kind]) as picture:
+            width, height = picture.size
+            turned = kind == "JPEG" and picture.getexif().get(_ORIENTATION, 1) > 4
+            return (width, height) if turned else (height, width)
 
 
 def picture_of_samples(samples: NDArray[np.generic], source: str) -> Tensor:

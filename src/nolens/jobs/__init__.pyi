@@ -12,6 +12,8 @@ from .calibration.stitch import (
 )
 from .capturing import CaptureOptions, CaptureReporter, capture_frames
 from .comparing import Compared, CompareOptions, compare
+from .dataset.job import make_dataset
+from .dataset.options import DatasetOptions
 from .demo import DemoOptions, run_demo
 from .designing.look import look_at_design
 from .designing.mask import MASK_KINDS, MaskOptions, design_mask
@@ -48,6 +50,7 @@ __all__ = [
     "CaptureReporter",
     "CompareOptions",
     "Compared",
+    "DatasetOptions",
     "DemoOptions",
     "EdgeOptions",
     "FabricateOptions",
@@ -82,6 +85,7 @@ __all__ = [
     "expand_home",
     "fabricate",
     "look_at_design",
+    "make_dataset",
     "make_target",
     "measure_edge",
     "measure_field",

@@ -113,6 +113,27 @@ def two_parts(needed: str) -> BeforeValidator:
     return parts(r"([^,]*?)\s*,\s*([^,]*)", needed)
 
 
+def between(needed: str) -> BeforeValidator:
+    """Read one value, or two such as "1,2", as the smallest and the largest."""
+
+    def split(value: Any) -> Any:
+        given = [each.strip() for each in value.split(",")] if isinstance(value, str) else value
+        values = tuple(given) if isinstance(given, list | tuple) else (given,)
+        if len(values) not in (1, 2):
+            raise refusal(needed)
+        return values[0], values[-1]
+
+    return BeforeValidator(split)
+
+
+def ordered(values: tuple[Any, Any]) -> tuple[Any, Any]:
+    """Refuse a smallest value above the largest."""
+    low, high = (getattr(each, "exact", each) for each in values)
+    if low > high:
+        raise refusal(f"{values[0]} is more than {values[1]}: give the smaller value first")
+    return values
+
+
 FilePath = Annotated[Path, AfterValidator(expand_home), AfterValidator(_possible)]
 """Of a file or folder; ~ is the home folder."""
 Files = Annotated[tuple[FilePath, ...], Field(max_length=100_000)]

@@ -246,10 +246,10 @@ class JobOptions(BaseModel):
             several = _takes_several(cls.model_fields[name].annotation)
             if role in ("input", "output"):
                 values[key] = _beside(config, key, value, several=several)
-            elif role in ("camera", "material") and isinstance(value, str):
-                # A name of one there is, unless a file or folder has it.
-                there = config.parent / expand_home(Path(value))
-                values[key] = str(there) if os.path.lexists(there) else value
+            elif role in ("camera", "material"):
+                names = value if several and isinstance(value, list) else [value]
+                there = [_beside_or_known(config, each) for each in names]
+                values[key] = there if names is value else there[0]
         return values
 
     @classmethod
@@ -320,6 +320,14 @@ def _beside(config: Path, name: str, value: Any, *, several: bool) -> Any:
         raise OptionError(f"{name} in {config} is {value!r}; give the path of a file{more}")
     paths = tuple(config.parent / expand_home(Path(each)) for each in files)
     return paths if several else paths[0]
+
+
+def _beside_or_known(config: Path, name: Any) -> Any:
+    """The name of a camera or material that there is, unless a file or folder has it."""
+    if not isinstance(name, str):
+        return name
+    there = config.parent / expand_home(Path(name))
+    return str(there) if os.path.lexists(there) else name
 
 
 def expand_home(path: Path) -> Path:

@@ -52,7 +52,7 @@ _TIFF = (".tif", ".tiff")
 RAW_SUFFIXES = (".dng", *_TIFF)
 FILL = Percentage("90", "%")
 Fill = Annotated[Percentage, Between("0.001 %", "10000 %")]
-_Luminance = Annotated[Luminance, Between("0.000001 cd/m2", "1000000000000 cd/m2")]
+Luminosity = Annotated[Luminance, Between("0.000001 cd/m2", "1000000000000 cd/m2")]
 _REMEDY = (
     "a camera with fewer or larger pixels, a coarser grid of its relief or a smaller --angle needs "
     "less"
@@ -170,7 +170,7 @@ class SimulateOptions(SimulationOptions):
         Option("Exposure time, such as 40ms.", default="fills the brightest pixel to 90 %"),
     ] = None
     luminance: Annotated[
-        _Luminance,
+        Luminosity,
         Option("Of the scene's white.", EXPOSURE, default="200cd/m2, a usual screen"),
     ] = Luminance("200", "cd/m2")
     seed: Annotated[Seed, Option("Of the sensor's noise.", EXPOSURE)] = 0

@@ -8,7 +8,9 @@ from nolens.twin.light import Light
 from nolens.twin.model import Twin
 
 
-def expose(electrons: Tensor, sensor: Sensor, *, seed: int) -> Tensor:
+def expose(
+    electrons: Tensor, sensor: Sensor, *, seed: int, offset_counts: Tensor | float = 0.0
+) -> Tensor:
     r"""Counts of one frame with shot and read noise.
 
     A pixel of mean N electrons gives a Poisson number of them, up to the full well, plus
@@ -21,6 +23,8 @@ def expose(electrons: Tensor, sensor: Sensor, *, seed: int) -> Tensor:
         Mean electrons of every pixel, ≥ 0, any shape. The counts, int32, have the same.
     sensor, seed
         Figures of the sensor, and the seed of the noise.
+    offset_counts
+        Added to the black level: a number, or an array that is broadcast over the pixels.
     """
     generator = torch.Generator().manual_seed(seed)
     # Far beyond the full well more light changes nothing, and might not fit Poisson's numbers.
@@ -30,6 +34,7 @@ def expose(electrons: Tensor, sensor: Sensor, *, seed: int) -> Tensor:
     noise = torch.randn(caught.shape, generator=generator)
     caught.add_(noise, alpha=sensor.read_noise_electrons)
     counts = caught.mul_(sensor.counts_per_electron * sensor.gain).add_(sensor.black_counts)
+    counts.add_(offset_counts)
     return counts.round_().clamp_(0, sensor.white_counts).to(torch.int32)
 
 

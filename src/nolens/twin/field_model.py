@@ -8,7 +8,7 @@ import torch.nn.functional as nnf
 from torch import Tensor
 
 from nolens.kernels import irfft2, irfft2_window_, rfft2, rfft2_window
-from nolens.optics import PointSource
+from nolens.optics import MaskSurface, PointSource, Relief
 from nolens.progress import ProgressCallback, part_of
 from nolens.twin.irradiance import FieldNode, FieldSums, aperture_room_um
 from nolens.twin.light import Light
@@ -26,16 +26,19 @@ class FieldModel:
     Parameters
     ----------
     twin
-        The camera.
+        The camera, without its relief, which is needed no more.
     field
         Map of the pixels that scenes fill.
     distance_um
         Of all scenes.
+    illuminant
+        Spectrum of their white.
     """
 
     twin: Twin
     field: FieldMap
     distance_um: float
+    illuminant: Light
     _weights: Tensor
     _tangents: tuple[Tensor, Tensor]
     _sums: FieldSums
@@ -81,7 +84,12 @@ class FieldModel:
                 sums.add(node, channel, point, distance_um, colour, part_of(progress, done, total))
                 done += 1
             spectra.append(sums.spectra[1] * _shift(node.pixel, sums.padded))
-        return cls(twin, field, distance_um, weights, field.tangents(), sums, tuple(spectra))
+        flat = MaskSurface(Relief(torch.zeros(2, 2), twin.sensor_pitch_um), twin.mask.opening)
+        bare = replace(twin, mask=flat)
+        field = replace(field, twin=bare)
+        sums.twin, sums.field, sums.spectra = bare, field, {}
+        tangents = field.tangents()
+        return cls(bare, field, distance_um, light, weights, tangents, sums, tuple(spectra))
 
     @property
     def response(self) -> Tensor:
@@ -231,9 +239,7 @@ class FieldModel:
                 centre[0] + cosine * rows + sine * columns,
                 centre[1] - sine * rows + cosine * columns,
             )
-            at = [
-                (2 * each + 1) / count - 1 for each, count in zip(source, padded, strict=True)
-            ]
+            at = [(2 * each + 1) / count - 1 for each, count in zip(source, padded, strict=True)]
             resampled.append(
                 nnf.grid_sample(
                     plane[None, None],

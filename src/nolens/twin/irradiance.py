@@ -21,7 +21,7 @@ from nolens.twin.psf import (
     samples_per_pixel,
     shortest_nm,
 )
-from nolens.twin.scene import FieldMap, Plane, PlaneView, render_plane
+from nolens.twin.scene import FieldMap, Plane, PlaneView
 
 _GREY = ("grey",)
 _ARRAYS = 6
