@@ -8,7 +8,7 @@ from cyclopts import App
 from nolens.cli.command import command
 from nolens.jobs import make_dataset
 
-dataset = App(name="dataset", help="Data sets of simulated measurements and their truths.")
+dataset = App(name="dataset", help="Make data sets of simulated measurements and their truths.")
 
 
 def _lines(summary: dict[str, Any]) -> Iterator[str]:

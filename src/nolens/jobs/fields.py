@@ -280,6 +280,24 @@ PsfFlip = Annotated[
     ),
 ]
 Device = Annotated[DeviceName, Option("Where to compute; auto takes CUDA where there is one.", RUN)]
+Workers = Annotated[
+    Annotated[int, Between(1, 1000)] | None,
+    Option(
+        "Worker processes of this machine, each with one thread.",
+        default="as many as there are cores, and memory for",
+        label="Worker processes",
+    ),
+]
+Scheduler = Annotated[
+    Word | None,
+    Option(
+        "Workers of a Dask cluster instead: the address of its scheduler, such as "
+        "tcp://host:8786, or a scheduler file. They need the same version of nolens "
+        "(nolens[cluster]), and none of the files.",
+        RUN,
+        label="Dask scheduler",
+    ),
+]
 ScenePrior = Annotated[
     Prior, Option("What the scene is assumed to be like.", SOLVER, label="Prior")
 ]

@@ -52,6 +52,9 @@ _TIFF = (".tif", ".tiff")
 RAW_SUFFIXES = (".dng", *_TIFF)
 FILL = Percentage("90", "%")
 Fill = Annotated[Percentage, Between("0.001 %", "10000 %")]
+Fresnel = Annotated[
+    bool, Option("Light is lost to reflection at the surfaces between layers.", OPTICS)
+]
 Luminosity = Annotated[Luminance, Between("0.000001 cd/m2", "1000000000000 cd/m2")]
 _REMEDY = (
     "a camera with fewer or larger pixels, a coarser grid of its relief or a smaller --angle needs "
@@ -70,9 +73,7 @@ class SimulationOptions(RecordedOptions):
     wavelengths: Annotated[
         int, Between(1, 100), Option("Wavelengths that stand for a channel.", OPTICS)
     ] = 3
-    fresnel: Annotated[
-        bool, Option("Light is lost to reflection at the surfaces between layers.", OPTICS)
-    ] = True
+    fresnel: Fresnel = True
     device: Device = "auto"
     fill: Fill | None = None
     seed: Seed = 0

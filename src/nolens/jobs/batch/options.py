@@ -5,9 +5,8 @@ from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import create_model
 
-from nolens.jobs.fields import RUN, FilePath, OutputFolderOptions, Word
+from nolens.jobs.fields import FilePath, OutputFolderOptions, Scheduler, Workers
 from nolens.jobs.options import JobOptions, Option, Written
-from nolens.ranges import Between
 
 One = TypeVar("One", bound=JobOptions)
 _SET = (
@@ -51,24 +50,8 @@ class BatchOptions(OutputFolderOptions):
             flag="-o",
         ),
     ]
-    workers: Annotated[
-        Annotated[int, Between(1, 1000)] | None,
-        Option(
-            "Worker processes of this machine, each with one thread.",
-            default="as many as there are cores, and memory for",
-            label="Worker processes",
-        ),
-    ] = None
-    scheduler: Annotated[
-        Word | None,
-        Option(
-            "Workers of a Dask cluster instead: the address of its scheduler, such as "
-            "tcp://host:8786, or a scheduler file. They need the same version of nolens "
-            "(nolens[cluster]), and none of the files.",
-            RUN,
-            label="Dask scheduler",
-        ),
-    ] = None
+    workers: Workers = None
+    scheduler: Scheduler = None
 
     @property
     def inputs(self) -> dict[str, Path]:

@@ -205,7 +205,7 @@ def _make_missing(
     run.begin()
     if not missing:
         return []
-    workers = options.workers or worker_count(recipe.worker_bytes)
+    workers = _workers(recipe)
     if len(shard_of) > _WORTH_A_WORD:
         _announce(run, recipe, work, list(shard_of), workers)
 
@@ -249,6 +249,14 @@ def _make_missing(
     return list(failed.values())
 
 
+def _workers(recipe: Recipe) -> int:
+    """Processes of this machine, as stated or as many as there is room for."""
+    options = recipe.options
+    if options.scheduler is not None:
+        return 0
+    return options.workers or worker_count(recipe.worker_bytes)
+
+
 def _announce(
     run: Run[DatasetOptions], recipe: Recipe, work: DatasetWork, items: list[int], workers: int
 ) -> None:
@@ -265,10 +273,9 @@ def _announce(
     each_s, total = min(seconds), size / len(seconds) * len(items)
     # Every worker computes the PSFs of every camera once, and one of them those that are stored.
     psfs_s = 2 * (max(seconds) - each_s) * len(recipe.views)
-    run.reporter.note(
-        f"{len(items)} items by {workers} {'process' if workers == 1 else 'processes'}: about "
-        f"{duration_text(each_s * len(items) / workers + psfs_s)} and {_size_text(total)}"
-    )
+    by = f"{workers} processes" if workers > 1 else "one process"
+    time_text = duration_text(each_s * len(items) / max(1, workers) + psfs_s)
+    run.reporter.note(f"{len(items)} items: about {time_text} by {by}, and {_size_text(total)}")
     free = psutil.disk_usage(str(recipe.options.output)).free
     if free < total:
         run.warn(
@@ -366,7 +373,7 @@ def _single_items(run: Run[DatasetOptions], recipe: Recipe, work: DatasetWork) -
             f"items 0 to {options.count - 1}"
         )
     run.begin()
-    workers = min(len(numbers), options.workers or worker_count(recipe.worker_bytes))
+    workers = min(len(numbers), _workers(recipe))
     loads = ((str(each), partial(recipe.load, each)) for each in numbers)
     outcomes = run_items(loads, work, workers=workers, scheduler=options.scheduler)
     with closing(outcomes):

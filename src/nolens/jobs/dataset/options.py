@@ -14,19 +14,20 @@ from nolens.files.dataset import Layout
 from nolens.jobs.fields import (
     CAMERAS,
     LIGHTS,
-    RUN,
     Distances,
     Exposure,
     FilePath,
     FullAngle,
     Name,
+    Scheduler,
     Seed,
     Word,
+    Workers,
     between,
     ordered,
 )
 from nolens.jobs.options import JobOptions, Option
-from nolens.jobs.simulation import EXPOSURE, OPTICS, Fill, Luminosity
+from nolens.jobs.simulation import EXPOSURE, OPTICS, Fill, Fresnel, Luminosity
 from nolens.quantities import Angle, Luminance, Percentage
 from nolens.ranges import Between
 from nolens.twin import check_field_points
@@ -119,15 +120,8 @@ class DatasetOptions(JobOptions):
         ),
     ] = ()
     seed: Annotated[Seed, Option("Of all that is drawn.")] = 0
-    workers: Annotated[
-        int | None,
-        Between(1, 1000),
-        Option("Processes.", default="as cores and memory allow"),
-    ] = None
-    scheduler: Annotated[
-        Name | None,
-        Option("Address or file of a Dask cluster, such as tcp://host:8786.", RUN),
-    ] = None
+    workers: Workers = None
+    scheduler: Scheduler = None
     items: Annotated[
         str | None,
         AfterValidator(_selected),
@@ -184,13 +178,12 @@ class DatasetOptions(JobOptions):
     wavelengths: Annotated[
         int, Between(1, 100), Option("Wavelengths that stand for a channel.", OPTICS)
     ] = 3
-    fresnel: Annotated[
-        bool, Option("Light is lost to reflection at the surfaces between layers.", OPTICS)
-    ] = True
+    fresnel: Fresnel = True
     fill: Annotated[
         _Fills | None,
         Option(
-            "Exposes so that the brightest pixel is filled to this fraction of what saturates it.",
+            "Exposes each item so that its brightest pixel is filled to this fraction of what "
+            "saturates it.",
             EXPOSURE,
             default="90%",
         ),
