@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: env demo test tests test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading bench-default bench-odd examples screenshots fuzz kill attack clean
+.PHONY: env demo test tests test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading bench-default bench-odd bench-dataset examples screenshots fuzz kill attack clean
 
 env: $(STAMP)
 
@@ -71,6 +71,10 @@ bench-race: $(STAMP)
 
 bench-twin: $(STAMP)
 	$(BIN)/python bench/twin.py
+
+# Some minutes: 1 000 items by one process, by three, and killed twice.
+bench-dataset: $(STAMP)
+	$(BIN)/python bench/dataset.py
 
 bench-design: $(STAMP)
 	$(BIN)/python bench/design.py

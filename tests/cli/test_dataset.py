@@ -98,6 +98,24 @@ def test_stopped_and_gone_on_by_two_processes_it_has_the_same_bytes(
     check_refused(run("dataset", "make", *recipe, "--seed", 10), "another seed: 9 there, 10 now")
 
 
+def test_where_an_item_fails_the_other_shards_are_there(
+    here: Path, whole: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recipe = (whole / "recipe.toml", "-o", here / "failed")
+
+    def failing(items: Any, work: Any, **about: Any) -> Generator[Outcome]:
+        for outcome in in_this_process(items, work):
+            yield Outcome("4", None, "the lamp went out", 3) if outcome.key == "4" else outcome
+
+    monkeypatch.setattr(job, "run_items", failing)
+    done = run("dataset", "make", *recipe)
+    assert done.code == 3
+    assert "item 4: the lamp went out" in done.err and "1 of 5 shards are missing" in done.out
+    assert sum(name.startswith("data/") for name in contents(here / "failed")) == 4
+    made(monkeypatch, *recipe)
+    assert contents(here / "failed") == contents(whole)
+
+
 def test_an_item_can_be_made_again_alone(
     here: Path, whole: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -194,6 +212,10 @@ def test_what_cannot_be_made_is_refused(here: Path, whole: Path, tmp_path: Path)
     empty.mkdir()
     small.mkdir()
     Image.new("RGB", (9, 6)).save(small / "tiny.png")
+    whole_file = (here / "photos" / "0.png").read_bytes()
+    (tmp_path / "cut").mkdir()
+    (tmp_path / "cut" / "0.png").write_bytes(whole_file[:-20])
+    refused("--scenes", tmp_path / "cut", "-o", out, words=("0.png", "its end is missing"))
     refused("--scenes", empty, "-o", out, words=("has no pictures", ".png"))
     refused("--scenes", small, "-o", out, words=("1 of 1 pictures", "tiny.png", "6×9"))
     refused("--distance", "3mm", "-o", out, words=("3 mm", "10 mm or more"))

@@ -20,6 +20,8 @@ def _lines(summary: dict[str, Any]) -> Iterator[str]:
             f"{summary['missing_shards']} of {summary['shards']} shards are missing: the same "
             "command goes on"
         )
+        if summary["failed"]:
+            yield "a set without the pictures that cannot be used is another one, in another folder"
         return
     splits = ", ".join(f"{count} for {name}" for name, count in summary["splits"].items())
     yield (

@@ -320,9 +320,12 @@ class Models:
 
     def twin(self, view: View) -> Twin:
         """The camera of a view; one is held, with its relief."""
-        if self._twin is None or self._twin[0].camera != view.loaded.camera:
+        before = None if self._twin is None else self._twin[0]
+        now = view.loaded
+        if before is None or before.camera != now.camera or before.relief_um is not now.relief_um:
             self._twin = None
-            self._twin = view.loaded, Twin.of(view.loaded, fresnel=view.fresnel)
+            self._twin = now, Twin.of(now, fresnel=view.fresnel)
+        assert self._twin is not None
         return self._twin[1]
 
     def __getitem__(self, number: int) -> FieldModel:

@@ -38,6 +38,9 @@ _ACCEPTED = (
 )
 _ORIENTATION = 0x0112
 """EXIF tag; above 4, rows are columns."""
+_END = {"PNG": b"IEND", "JPEG": b"\xff\xd9"}
+_END_BYTES = 65536
+"""Some programs add notes behind the end of a picture."""
 _MOST_SCANS = 200
 _BLOCK = 2**22
 
@@ -113,7 +116,7 @@ def read_picture(path: str | Path, *, signed: bool = False) -> Picture:
 
 
 def picture_size(path: Path) -> tuple[int, int]:
-    """Height and width of a picture, by the first bytes of its file.
+    """Height and width of a picture, by the first and last bytes of its file.
 
     Raises
     ------
@@ -130,6 +133,10 @@ def picture_size(path: Path) -> tuple[int, int]:
             with tifffile.TiffFile(path) as file:
                 page = file.pages.first
                 return page.imagelength, page.imagewidth
+        with path.open("rb") as file:
+            file.seek(max(0, path.stat().st_size - _END_BYTES))
+            if _END[kind] not in file.read():
+                raise ValueError("its end is missing")
         with Image.open(path, formats=[kind]) as picture:
             width, height = picture.size
             turned = kind == "JPEG" and picture.getexif().get(_ORIENTATION, 1) > 4

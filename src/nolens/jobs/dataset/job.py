@@ -19,7 +19,7 @@ from torch import Tensor
 from nolens.amounts import duration_text
 from nolens.engine import Manifest, run_items, worker_count
 from nolens.engine.manifest import MANIFEST_FILE
-from nolens.errors import DataError, OptionError
+from nolens.errors import DataError, NolensError, OptionError
 from nolens.experiments.dataset_items import (
     ItemSettings,
     Models,
@@ -82,11 +82,11 @@ class DatasetWork:
         return self._psf(models, item) if isinstance(item, int) else self._item(models, *item)
 
     def _item(
-        self, models: Models, settings: ItemSettings, suffix: str, data: bytes
+        self, models: Models, settings: ItemSettings, name: str, data: bytes
     ) -> dict[str, Any]:
         model = models[settings.view]
         if data:
-            picture = _decoded(data, suffix)
+            picture = _decoded(data, name)
         else:
             support, seed = model.field.support, scene_seed(self.seed, settings.scene)
             picture = dead_leaves(support.height, support.width, seed)
@@ -118,12 +118,15 @@ class DatasetWork:
         }
 
 
-def _decoded(data: bytes, suffix: str) -> Tensor:
+def _decoded(data: bytes, name: str) -> Tensor:
     """Radiance of a picture, from the contents of its file."""
-    with tempfile.NamedTemporaryFile(suffix=suffix) as file:
+    with tempfile.NamedTemporaryFile(suffix=Path(name).suffix) as file:
         file.write(data)
         file.flush()
-        picture = read_picture(file.name)
+        try:
+            picture = read_picture(file.name)
+        except NolensError as error:
+            raise type(error)(str(error).replace(file.name, name)) from None
     return picture.radiance if picture.opacity is None else picture.radiance * picture.opacity
 
 
@@ -196,11 +199,7 @@ def _make_missing(
     """Make PSFs and shards that are not there; why some failed."""
     options, missing = run.options, manifest.missing
     shard_of = {
-        index: name
-        for name in missing
-        if name in recipe.shards
-        # Items of one camera follow each other, whose PSFs are computed once.
-        for index in sorted(recipe.shards[name][1], key=lambda each: recipe.settings(each).view)
+        index: name for name in missing if name in recipe.shards for index in recipe.shards[name][1]
     }
     run.begin()
     if not missing:
@@ -213,8 +212,11 @@ def _make_missing(
         for name in missing:
             if name in views:
                 yield name, partial(int, views[name])
-        for index in shard_of:
-            yield str(index), partial(recipe.load, index)
+                continue
+            # Items of one camera follow each other, whose PSFs are computed once.
+            by_view = sorted(recipe.shards[name][1], key=lambda each: recipe.settings(each).view)
+            for index in by_view:
+                yield str(index), partial(recipe.load, index)
 
     made: dict[str, dict[int, Row]] = {}
     failed: dict[str, str] = {}
@@ -233,8 +235,7 @@ def _make_missing(
             index, done = int(outcome.key), done + 1
             name = shard_of[index]
             if outcome.error:
-                scene = recipe.scenes.names[recipe.scene(index)]
-                reason = f"item {index} ({scene}): {outcome.error}"
+                reason = f"item {index}: {outcome.error}"
                 run.warn(f"{reason}; {name} is not written")
                 manifest.fail(name, reason, outcome.attempts)
                 failed[name] = reason
@@ -273,7 +274,7 @@ def _announce(
     each_s, total = min(seconds), size / len(seconds) * len(items)
     # Every worker computes the PSFs of every camera once, and one of them those that are stored.
     psfs_s = 2 * (max(seconds) - each_s) * len(recipe.views)
-    by = f"{workers} processes" if workers > 1 else "one process"
+    by = f"{workers} workers" if workers > 1 else "one worker"
     time_text = duration_text(each_s * len(items) / max(1, workers) + psfs_s)
     run.reporter.note(f"{len(items)} items: about {time_text} by {by}, and {_size_text(total)}")
     free = psutil.disk_usage(str(recipe.options.output)).free

@@ -259,7 +259,7 @@ class Recipe:
         if self.scenes.folder is None:
             return settings, "", b""
         path = self.scenes.folder / self.scenes.names[settings.scene]
-        return settings, path.suffix, path.read_bytes()
+        return settings, str(path), path.read_bytes()
 
     def row(self, index: int, made: dict[str, Any]) -> Row:
         """Columns of an item."""
