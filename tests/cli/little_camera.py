@@ -10,7 +10,7 @@ import torch
 from PIL import Image
 from torch import Tensor
 
-from nolens.camera import preset
+from nolens.camera import preset, preset_text
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import write_dng
 from nolens.operators import CroppedConvolution, PixelRectangle
@@ -114,3 +114,18 @@ def quality(picture: Tensor, scene: Tensor | None = None) -> float:
     """PSNR in dB after one scale factor over all channels."""
     scene = truth() if scene is None else scene
     return psnr(scale_fit(picture, scene), scene, float(scene.max()))
+
+
+def little_twin(folder: Path) -> Path:
+    """Description of a simulated camera of 96×128 pixels, made in a moment."""
+    text = preset_text("small")
+    for old, new in (
+        ("rows = 256", "rows = 96"), ("columns = 320", "columns = 128"),
+        ('overhang = "0.6 mm"', 'overhang = "0.1 mm"'),
+        ('width = "0.25 mm"', 'width = "0.1 mm"'), ('height = "0.2 mm"', 'height = "0.08 mm"'),
+    ):  # fmt: skip
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "camera.toml"
+    path.write_text(text)
+    return path

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from little_camera import little_twin
 from PIL import Image
 from running import Done, check_refused, listing, read_terminal, run, start
 
 import nolens.jobs.capturing
 from fake_picamera2 import Sensor, module
-from nolens.camera import develop, preset_text
+from nolens.camera import develop
 from nolens.capture import FolderSource, Levels
 from nolens.cli.capture import histogram_text
 from nolens.files import read_frame, read_record, write_frame
@@ -34,17 +35,7 @@ def sensor(monkeypatch: pytest.MonkeyPatch) -> Sensor:
 @pytest.fixture(scope="module")
 def twin(tmp_path_factory: pytest.TempPathFactory) -> str:
     """A simulated camera of few pixels, made in a moment."""
-    text = preset_text("small")
-    for old, new in (
-        ("rows = 256", "rows = 96"), ("columns = 320", "columns = 128"),
-        ('overhang = "0.6 mm"', 'overhang = "0.1 mm"'),
-        ('width = "0.25 mm"', 'width = "0.1 mm"'), ('height = "0.2 mm"', 'height = "0.08 mm"'),
-    ):  # fmt: skip
-        assert old in text
-        text = text.replace(old, new)
-    path = tmp_path_factory.mktemp("camera") / "camera.toml"
-    path.write_text(text)
-    return f"twin:{path}"
+    return f"twin:{little_twin(tmp_path_factory.mktemp('camera'))}"
 
 
 def taken(*arguments: object) -> dict[str, Any]:

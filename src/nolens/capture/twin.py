@@ -96,6 +96,10 @@ class TwinSource(CameraSource):
         """Pixels that light comes from, in the sensor's frame."""
         return self._model.field.support
 
+    def tangents(self) -> tuple[Tensor, Tensor]:
+        """Of the field angles of every pixel of `support`, along rows and columns."""
+        return self._model.field.tangents()
+
     def psf(self) -> Tensor:
         """PSF to reconstruct its frames with, (channels, rows, columns) in pixels.
 

@@ -311,8 +311,24 @@ def _coarse(picture: Tensor, truth: Tensor, motion: Motion) -> Plane:
     return _unbinned(best[1], bins)
 
 
+def coarse_shift(one: Plane, other: Plane, by: int, overlap: float) -> tuple[float, float]:
+    """Shift of planes averaged by `by`, of all that leave so much overlap: one(x), other(x + s)."""
+    small = [
+        nnf.avg_pool2d(torch.from_numpy(each)[None, None], by)[0, 0].numpy()
+        for each in (one, other)
+    ]
+    shape = small[0].shape
+    padded = tuple(2 * count for count in shape)
+    _, shift = _peak(small[0], small[1], np.ones(shape, dtype=bool), padded, overlap)
+    return by * float(shift[0]), by * float(shift[1])
+
+
 def _peak(
-    one: Plane, other: Plane, inside: NDArray[np.bool_], padded: tuple[int, ...]
+    one: Plane,
+    other: Plane,
+    inside: NDArray[np.bool_],
+    padded: tuple[int, ...],
+    overlap: float = _LEAST_OVERLAP,
 ) -> tuple[float, Plane]:
     """Highest normalised correlation of one(x) and other(x + shift), and that shift."""
 
@@ -329,7 +345,7 @@ def _peak(
     energy = correlated(one**2, inside) * correlated(everywhere, other**2)
     floor = 1e-9 * max(float(energy.max()), 1e-300)
     height = correlated(one, other) / np.sqrt(np.maximum(energy, floor))
-    height[count < _LEAST_OVERLAP * min(one.size, int(inside.sum()))] = -1
+    height[count < overlap * min(one.size, int(inside.sum()))] = -1
     at = np.unravel_index(int(height.argmax()), height.shape)
     shift = [(int(i) + n // 2) % n - n // 2 for i, n in zip(at, padded, strict=True)]
     return float(height[at]), np.array(shift, dtype=float)

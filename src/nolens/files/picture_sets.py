@@ -27,8 +27,9 @@ from nolens.errors import FileError, OptionError
 from nolens.files.input import check_exists, check_size, decoding, system_errors
 from nolens.files.pictures import PICTURE_SUFFIXES, picture_of_samples, read_picture
 
-_TRUTHS = ("ground_truth_lensed", "lensed", "orig")
-"""Folders of what a lensed camera saw, or a screen showed, in public data sets."""
+_TRUTHS = ("ground_truth_lensed", "lensed", "orig", "pictures")
+"""Folders of what a lensed camera saw, or a screen showed, in public data sets and in those of
+`nolens collect`."""
 _BGR = {"ground_truth_lensed": "diffuser_images", "lensed": "diffuser"}
 """Those whose .npy are stored as B, G, R where the other folder is beside them."""
 _COLUMN = "lensed"

@@ -11,6 +11,7 @@ from .calibration.stitch import (
     calibrate_stitch,
 )
 from .capturing import CaptureOptions, CaptureReporter, capture_frames
+from .collecting import CollectOptions, CollectReporter, collect
 from .comparing import Compared, CompareOptions, compare
 from .dataset.job import make_dataset
 from .dataset.options import DatasetOptions
@@ -48,6 +49,8 @@ __all__ = [
     "CalibrateStitchOptions",
     "CaptureOptions",
     "CaptureReporter",
+    "CollectOptions",
+    "CollectReporter",
     "CompareOptions",
     "Compared",
     "DatasetOptions",
@@ -79,6 +82,7 @@ __all__ = [
     "calibrate_point",
     "calibrate_stitch",
     "capture_frames",
+    "collect",
     "compare",
     "design_mask",
     "design_thickness",

@@ -1,0 +1,45 @@
+"""`nolens collect`."""
+
+import webbrowser
+from typing import Any
+
+from nolens.capture.screen import Screen
+from nolens.cli.command import command
+from nolens.cli.messages import say
+from nolens.cli.terminal import TerminalReporter
+from nolens.jobs import CollectReporter
+from nolens.jobs import collect as collect_job
+
+
+class CollectTerminal(TerminalReporter, CollectReporter):
+    """Opens the page of the screen in the browser."""
+
+    def screen(self) -> Screen:
+        """The page, which says where it is."""
+        from nolens.studio.screen import ScreenPage
+
+        def opened(address: str) -> None:
+            say(f"open {address} on the screen before the camera, and press its button")
+            webbrowser.open(address)
+
+        return ScreenPage(say, opened)
+
+
+def _lines(summary: dict[str, Any]) -> list[str]:
+    screen = summary["screen"]
+    taken, left = summary["pictures"], summary["left"]
+    lines = [
+        f"{taken} pairs by {summary['source']}"
+        + (f", {summary['failed']} failed" if summary["failed"] else "")
+        + (f", {left} left: the same command goes on" if left else ""),
+        f"screen found to {screen['error_px']:.2f} pixels; it lies in {screen['support']}",
+    ]
+    folder = summary["outputs"][0]
+    lines.append(
+        f"then: nolens calibrate pairs {folder}/measured {folder}/pictures --dark "
+        f"{folder}/dark.tif --distance {summary['distance']} -o mycamera"
+    )
+    return lines
+
+
+collect = command(collect_job, _lines, name="collect", reporter=CollectTerminal)
