@@ -29,7 +29,7 @@ COMMANDS = {
     "calibrate:calibrate": "Make a PSF of "
     "pictures of one point source, and add it to a camera's folder.",
     "measure:measure": "Measure how good a camera is: PSF, resolution, field of view.",
-    "collect:collect": "Show pictures on a screen and take a raw frame of each: pairs of "
+    "collect:collect": "Show pictures on a screen, and take a raw frame of each: pairs of "
     "measurement and picture.",
     "compare:compare": "Say how near pictures come to the truth: PSNR, SSIM, MS-SSIM and LPIPS.",
     "simulate:simulate": "Simulate what a lensless camera measures of a scene.",
