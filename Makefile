@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: env demo test tests test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading bench-default bench-odd bench-dataset examples screenshots fuzz kill attack clean
+.PHONY: env demo test tests test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading bench-default bench-odd bench-dataset bench-batch examples screenshots fuzz kill attack clean
 
 env: $(STAMP)
 
@@ -100,6 +100,10 @@ bench-reading: $(STAMP)
 bench-live: $(STAMP)
 	$(BIN)/python bench/live.py --minutes 10
 	$(BIN)/python bench/live.py --minutes 10 --everywhere
+
+# About half an hour: throughput, kills and cost of batches, for docs/scale.md.
+bench-batch: $(STAMP)
+	$(BIN)/python bench/batch.py
 
 # About ten minutes: 100 SIGKILLs and 100 SIGINTs at random moments over eight commands.
 kill: $(STAMP)

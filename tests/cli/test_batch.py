@@ -137,3 +137,21 @@ def test_refusals(batch: Batch, tmp_path: Path) -> None:
     nobody = run(*batch.arguments(tmp_path / "new", "--scheduler", "tcp://127.0.0.1:1"))
     assert nobody.code == 2
     assert "no scheduler answers at tcp://127.0.0.1:1" in nobody.err
+
+
+def test_any_job_of_an_item(batch: Batch, tmp_path: Path) -> None:
+    """The figures are those of the job alone; a damaged file is named."""
+    psfs = tmp_path / "psfs"
+    psfs.mkdir()
+    shutil.copy(batch.psf, psfs / "good.npy")
+    (psfs / "torn.npy").write_bytes(batch.psf.read_bytes()[:99])
+    out = tmp_path / "out"
+    given = ("--pixel", "30um", "--channels", "g")
+    done = run("batch", "measure", "psf", psfs, "-o", out, *given, "--workers", 1, "--json")
+    assert done.code == 3, done
+    [(name, reason)] = json.loads(done.out)["failed"].items()
+    assert name == "torn" and reason.startswith("torn.npy ")
+    alone = json.loads(run("measure", "psf", batch.psf, *given, "--json").out)
+    rows = json.loads((out / "batch.json").read_text())["parameters"]["rows"]
+    assert rows[0]["item"] == "good"
+    assert rows[0]["fwhm_um"] == pytest.approx(alone["fwhm_um"], rel=1e-4)

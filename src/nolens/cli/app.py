@@ -22,7 +22,7 @@ COMMANDS = {
     "reconstruct:reconstruct": "Reconstruct a photograph "
     "from a measurement and a PSF, or a sequence of them.",
     "refocus:refocus": "Focus a photograph at any depth, after it was taken.",
-    "batch:batch": "Do a job for every frame of a set, on all cores or a cluster.",
+    "batch:batch": "Do a job for every item of a set, on all cores or a cluster.",
     "capture:capture": "Take raw frames with a camera: "
     "one, many, averaged, bracketed, or over a long time.",
     "reconstruct:info": "Say what a file holds: size, channels, mosaic, levels, range.",

@@ -1,3 +1,4 @@
+from .batch.each import batch_each, batch_options
 from .batch.reconstruction import BatchReconstructOptions, batch_reconstruct
 from .calibration.distances import CalibrateDistancesOptions, calibrate_distances
 from .calibration.extrapolate import CalibrateExtrapolateOptions, calibrate_extrapolate
@@ -73,6 +74,8 @@ __all__ = [
     "ThicknessOptions",
     "ToleranceOptions",
     "TwoPointOptions",
+    "batch_each",
+    "batch_options",
     "batch_reconstruct",
     "calibrate_distances",
     "calibrate_extrapolate",

@@ -22,12 +22,15 @@ class BatchOptions(OutputFolderOptions):
     ----------
     single
         Options of the job for one item.
+    kind
+        What the batch does, where it can be several things.
     own
         Fields of the batch that say nothing of an item's result.
     """
 
     record_file = "batch.json"
     single: ClassVar[type[JobOptions]]
+    kind: ClassVar[str] = ""
     own: ClassVar[tuple[str, ...]] = ("items", "output", "workers", "scheduler", "device")
 
     items: Annotated[
@@ -89,7 +92,7 @@ def batch_of(
     without
         Fields that the batch fills in itself, or that make no sense in one.
     base
-        With the options of the whole; its docstring is the help.
+        With the options of the whole; its docstring is the help, after what the job does.
     usage
         The shortest way to run it.
     """
@@ -98,8 +101,13 @@ def batch_of(
         for name, field in model.model_fields.items()
         if name not in without and name not in base.model_fields
     }
+    what = (model.__doc__ or "").partition("\n")[0]
     made = create_model(
-        f"Batch{model.__name__}", __base__=base, __doc__=base.__doc__, __module__=__name__, **fields
+        f"Batch{model.__name__}",
+        __base__=base,
+        __doc__=f"For every item of a set: {what[:1].lower()}{what[1:]}\n\n{base.__doc__}",
+        __module__=__name__,
+        **fields,
     )
     made.single, made.usage = model, usage
     return made

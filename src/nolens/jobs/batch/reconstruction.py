@@ -35,7 +35,7 @@ _STORED = "chunk"
 
 
 class BatchReconstructBase(BatchOptions):
-    """Reconstruct every frame of a set, each on its own, on all cores or a cluster.
+    """Each is solved on its own, on all cores or a cluster.
 
     nolens batch reconstruct frames/ --psf psf.dng -o pictures
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from nolens import __version__
 from nolens.engine import Manifest, Work, run_items, worker_count
+from nolens.errors import FileError
 from nolens.files.formats import FrameSequence
 from nolens.jobs.batch.options import BatchOptions
 from nolens.jobs.options import Option
@@ -18,7 +19,8 @@ from nolens.machine import gigabytes
 
 _FAILURES_TOLD = 5
 """Items that fail with a warning each; of more, the record has all."""
-_DIGITS = 16
+DIGITS = 16
+"""Of a hash that tells one file from another."""
 
 Paths = Callable[[str, str], Path]
 """File of an item, by its key and the name of the result."""
@@ -40,15 +42,17 @@ class Answer:
     row: Mapping[str, Any]
 
 
-def open_manifest(run: Run[Any], frames: FrameSequence) -> Manifest:
-    """The manifest of the output folder, for these frames and options.
+def open_manifest(
+    run: Run[Any], frames: FrameSequence, more: Mapping[str, str] | None = None
+) -> Manifest:
+    """The manifest of the output folder, for these frames and options, and what else matters.
 
     Raises
     ------
     NolensError
         As `Manifest.open`.
     """
-    return Manifest.open(run.options.output, _about(run, frames), frames.names)
+    return Manifest.open(run.options.output, {**_about(run, frames), **(more or {})}, frames.names)
 
 
 def run_batch(
@@ -113,7 +117,12 @@ def run_batch(
                     paths(outcome.key, name): partial(_write_bytes, content)
                     for name, content in answer.files.items()
                 }
-                manifest.keep(outcome.key, answer.row, writers)
+                try:
+                    manifest.keep(outcome.key, answer.row, writers)
+                except FileError as error:
+                    raise FileError(
+                        f"{error}. The {done} that are done are kept; the same command goes on"
+                    ) from error
                 done += 1
             if run.reporter.step("item", done + failed, count, "what is done"):
                 ended = "interrupted"
@@ -175,10 +184,10 @@ def _about(run: Run[Any], frames: FrameSequence) -> dict[str, str]:
     for name in model.model_fields:
         if name not in options.own and Option.of(model, name).role != "input":
             about[model.flag(name)] = str(getattr(options, name))
-    about |= {f"file: {role}": file.sha256[:_DIGITS] for role, file in run.inputs.items()}
+    about |= {f"file: {role}": file.sha256[:DIGITS] for role, file in run.inputs.items()}
     sizes = [_size(path) for path in frames.sources]
     listing = repr([*frames.names, *sizes]).encode()
-    about["set of frames (names and sizes)"] = hashlib.sha256(listing).hexdigest()[:_DIGITS]
+    about["set of frames (names and sizes)"] = hashlib.sha256(listing).hexdigest()[:DIGITS]
     return about
 
 
