@@ -212,7 +212,7 @@ def test_no_camera_is_connected(sensor: Sensor) -> None:
 def test_auto_takes_the_camera_that_is_there(sensor: Sensor) -> None:
     assert isinstance(open_source("auto"), RaspberrySource)
     assert [fact.id for fact in available_sources() if fact.available] == [
-        "raspberry", "twin:live", "folder",
+        "raspberry", "twin:live", "folder", "micromanager", "genicam",
     ]  # fmt: skip
     with pytest.raises(CameraError, match="no camera number 1"):
         open_source("raspberry:1").open()

@@ -172,7 +172,7 @@ def test_listing_the_sources_loads_no_torch() -> None:
         "print([each.id for each in found()], 'torch' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "['raspberry', 'twin:live', 'folder'] False\n"
+    assert done.stdout == "['raspberry', 'twin:live', 'folder', 'micromanager', 'genicam'] False\n"
 
 
 def test_a_camera_that_does_not_exist() -> None:

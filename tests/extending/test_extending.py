@@ -66,7 +66,7 @@ def test_a_source(nolens: Command, tmp_path: Path) -> None:
     ("source", "words"),
     [
         ("step-wedge:many", "give 2 to 64 steps, such as step-wedge:8"),
-        ("wedge", "folder:PATH, or step-wedge"),
+        ("wedge", ", or step-wedge"),
     ],
 )
 def test_a_bad_source(source: str, words: str, nolens: Command, tmp_path: Path) -> None:

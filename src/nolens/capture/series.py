@@ -3,7 +3,7 @@
 import math
 import re
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import count, cycle
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from nolens.capture.exposure import Burst, Levels, fitting_exposure
-from nolens.capture.source import CameraSource, Limits, Shot
+from nolens.capture.source import BurstSource, CameraSource, Limits, Shot
 from nolens.capture.twin import TwinSource
 from nolens.errors import FileError, OptionError
 from nolens.files import FRAME_SUFFIXES, read_picture
@@ -286,6 +286,11 @@ class SeriesCapture:
         """Of the frames of one round, the shortest first; NaN where none can be set."""
         series, limits = self._series, self._source.limits
         if limits is None:
+            if series.exposure_s is not None:
+                raise OptionError(
+                    f"{self._source.name} has no exposure time that can be set: leave out "
+                    "--exposure"
+                )
             return (math.nan,)
         first_s = series.exposure_s
         if first_s is None:
@@ -335,9 +340,9 @@ class SeriesCapture:
     def _burst(self, exposure_s: float) -> bool:
         """Take the frames of one exposure time; True if the watcher ends the series."""
         burst = Burst()
+        shots = self._shots()
         try:
-            for _ in range(self._series.frames):
-                shot = self._shot()
+            for shot in shots:
                 levels = self._check(shot, exposure_s)
                 if self._series.average:
                     burst.add(shot)
@@ -348,10 +353,19 @@ class SeriesCapture:
                     return True
             return False
         finally:
+            shots.close()
             # Also where the camera fails: what was taken is not lost.
             if burst.frames:
                 mean = burst.mean()
                 self._hand_over(mean, Levels.of(mean.frame), exposure_s, burst.frames)
+
+    def _shots(self) -> Generator[Shot]:
+        """Frames of one exposure time."""
+        if self._series.frames > 1 and isinstance(self._source, BurstSource):
+            yield from self._source.burst(self._series.frames)
+            return
+        for _ in range(self._series.frames):
+            yield self._shot()
 
     def _shot(self) -> Shot:
         if self._source.limits is None:  # Files may never come: Ctrl-C is to end that.

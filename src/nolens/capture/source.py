@@ -3,10 +3,10 @@
 import importlib
 import importlib.util
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from datetime import datetime
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 from nolens.errors import CameraError, OptionError
 from nolens.plugins import load_plugin, plugin_names
@@ -128,19 +128,38 @@ class CameraSource(Protocol):
         """Give the camera back; nothing happens where it is closed already."""
 
 
+@runtime_checkable
+class BurstSource(Protocol):
+    """A source whose device keeps frames that follow one another until they are taken."""
+
+    def burst(self, frames: int) -> Generator[Shot]:
+        """So many frames, exposed as set; none is lost unsaid.
+
+        Raises
+        ------
+        CameraError
+            If the camera is not open, or gives no frame any more.
+        """
+        ...
+
+
 class _BuiltIn(NamedTuple):
     """A source of our own.
 
     `path` has its module, beside this one, and its class, which is loaded when a source is opened.
     Its class method ``of(text, **options)`` takes what follows the colon and gives the source, or
     None where the text names none. `usage` says what can be written for it; `listed_as` is the
-    text under which `available_sources` lists it.
+    text under which `available_sources` lists it; `asks` says what follows the colon, for people.
+    `needs` is a package that comes with an extra of ours.
     """
 
     path: str
     label: str
     usage: tuple[str, ...]
     listed_as: str
+    asks: str = ""
+    needs: str = ""
+    extra: str = ""
 
 
 _SOURCES = {
@@ -157,6 +176,24 @@ _SOURCES = {
         "twin:live",
     ),
     "folder": _BuiltIn("folder:FolderSource", "Watched folder", ("folder:PATH",), "folder"),
+    "micromanager": _BuiltIn(
+        "micromanager:MicroManagerSource",
+        "Micro-Manager",
+        ("micromanager:ADAPTER:DEVICE", "micromanager:FILE.cfg"),
+        "micromanager",
+        "Adapter and device, or a .cfg",
+        "pymmcore",
+        "micromanager",
+    ),
+    "genicam": _BuiltIn(
+        "genicam:GenicamSource",
+        "GenICam (GigE, USB3)",
+        ("genicam", "genicam:NAME (a part of its model or serial number)"),
+        "genicam",
+        "Model or serial number",
+        "harvesters",
+        "genicam",
+    ),
 }
 
 
@@ -174,23 +211,22 @@ class SourceFact:
         Whether it can be opened here.
     why
         Why not; empty where it can.
+    asks
+        What may follow a colon, for people; empty where nothing or a folder does.
     """
 
     id: str
     label: str
     available: bool = True
     why: str = ""
+    asks: str = ""
 
 
 def available_sources() -> tuple[SourceFact, ...]:
     """The Raspberry Pi's cameras, or why there are none, then all other sources."""
     return (
         *_raspberry_facts(),
-        *(
-            SourceFact(each.listed_as, each.label)
-            for name, each in _SOURCES.items()
-            if name != "raspberry"
-        ),
+        *(_fact(each) for name, each in _SOURCES.items() if name != "raspberry"),
         *(SourceFact(name, name) for name in plugin_names("nolens.sources")),
     )
 
@@ -208,11 +244,16 @@ def open_source(
     ----------
     text
         ``auto`` (the Raspberry Pi's camera where there is one, else the simulated one),
-        ``raspberry``, ``raspberry:1``, ``twin``, ``twin:CAMERA`` or ``folder:PATH``; or the name
-        under which another package adds one (entry point ``nolens.sources``), which is called
-        with what follows the colon.
-    existing, mosaic, warn
-        For folders, as `FolderSource` takes them.
+        ``raspberry``, ``raspberry:1``, ``twin``, ``twin:CAMERA``, ``folder:PATH``,
+        ``micromanager:ADAPTER:DEVICE`` or ``genicam:NAME``; or the name under which another
+        package adds one (entry point ``nolens.sources``), which is called with what follows the
+        colon.
+    existing
+        For folders, as `FolderSource` takes it.
+    mosaic
+        Of the sensor, where frames do not say it.
+    warn
+        Called with a sentence about a file that cannot be read, or frames that were lost.
 
     Raises
     ------
@@ -239,6 +280,14 @@ def open_source(
             f"{usages[-1]}{more}"
         )
     return source
+
+
+def _fact(source: _BuiltIn) -> SourceFact:
+    """A source, or why it cannot be opened."""
+    why = ""
+    if source.needs and importlib.util.find_spec(source.needs) is None:
+        why = f"{source.needs} is not installed (pip install 'nolens[{source.extra}]')"
+    return SourceFact(source.listed_as, source.label, not why, why, source.asks)
 
 
 def _raspberry_facts() -> list[SourceFact]:

@@ -274,7 +274,7 @@ def write_frame(path: str | Path, frame: Frame, *, model: str = "lensless camera
         return
     note = {
         "mosaic": frame.mosaic,
-        "black": black,
+        "black": black if frame.black_stated or black else None,
         "white": white if whole else frame.white,
         "exposure_s": frame.exposure_s,
     }

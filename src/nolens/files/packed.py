@@ -9,6 +9,7 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from nolens.camera import Frame
 from nolens.camera.part import Part, refusal
@@ -142,7 +143,7 @@ class BareFrames(Part):
 
     width: Annotated[int, Between(1, 100_000)]
     height: Annotated[int, Between(1, 100_000)]
-    format: str
+    format: Annotated[str, Field(max_length=40)]
     stride: Annotated[int, Between(1, 10**6)] | None = None
     offset: Annotated[int, Between(0, 10**9)] = 0
     black: Annotated[float, Between(0, 65535)] | None = None

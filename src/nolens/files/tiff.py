@@ -356,12 +356,12 @@ def own_note(page: tifffile.TiffPage) -> dict[str, Any]:
 def _apply_note(frame: Frame, note: Mapping[str, Any]) -> Frame:
     """The frame with the levels, the mosaic and the exposure time that a note has."""
     black, white = _noted_number(note.get("black")), _noted_number(note.get("white"))
-    if black is None:
+    if black is None and "mosaic" not in note:
         return frame
     frame = replace(
         frame,
-        black=(black,),
-        black_stated=True,
+        black=(black or 0.0,),
+        black_stated=black is not None,
         white=frame.white if white is None else white,
         exposure_s=_noted_number(note.get("exposure_s")),
         sensor=_noted_size(note.get("sensor")),

@@ -117,8 +117,9 @@ class CaptureOptions(JobOptions):
         Name,
         Option(
             "The camera: auto (the Raspberry Pi's, or else a simulated one), raspberry, "
-            "raspberry:1 (the second camera), twin (simulated), twin:CAMERA (preset or folder), or "
-            "folder:PATH (raw files that another camera writes there).",
+            "raspberry:1 (the second camera), twin (simulated), twin:CAMERA (preset or folder), "
+            "folder:PATH (raw files that another camera writes there), micromanager:ADAPTER:DEVICE "
+            "or genicam:NAME (docs/cameras.md).",
         ),
     ] = "auto"
     scene: Annotated[
@@ -137,7 +138,7 @@ class CaptureOptions(JobOptions):
     ] = False
     mosaic: Annotated[
         Mosaic | None,
-        Option("Colours of the 2×2 cell of a watched folder's files that do not say it.", _CAMERA),
+        Option("Colours of the sensor's 2×2 cell, where files or camera do not say it.", _CAMERA),
     ] = None
 
     def check_together(self) -> None:

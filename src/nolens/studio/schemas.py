@@ -81,6 +81,7 @@ class SourceInfo(BaseModel):
     label: str
     available: bool
     why: str
+    asks: str
 
 
 class SceneInfo(BaseModel):

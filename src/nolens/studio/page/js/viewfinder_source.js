@@ -12,13 +12,17 @@ export class SourceControls {
     this.select = h("select", { onchange: () => this.ask() });
     this.folder = h("input", { type: "text", placeholder: "work/uploads", spellcheck: false });
     this.folderField = field("Folder to watch", this.folder);
+    this.device = h("input", { type: "text", spellcheck: false });
+    this.deviceField = field("Which one", this.device);
     this.psf = h("select", {});
     this.psfField = field("PSF", this.psf);
     this.starter = button("Start", told(() => this.start()), { "aria-label": "Start this camera" });
     this.why = h("ul", { class: "files pale" });
     this.missing = h("details", { hidden: true }, h("summary", {}, "Cameras that are not here"), this.why);
     this.element = group("Camera", h("div", { class: "row low" }, h("div", { class: "grow" }, field("Source", this.select)), this.starter),
-      this.folderField, this.psfField, this.missing);
+      this.folderField, this.deviceField, this.psfField, this.missing);
+    /** @type {any[]} */
+    this.sources = [];
     this.listed = false;
     this.ask();
   }
@@ -33,6 +37,7 @@ export class SourceControls {
   /** @param {string | null} running */
   async list(running) {
     const { sources, folders } = await studio();
+    this.sources = sources;
     setOptions(this.select, sources.map((/** @type {any} */ each) =>
       ({ value: each.id, label: each.label, disabled: !each.available })));
     const chosen = sources.find((/** @type {any} */ each) => running === each.id || running?.startsWith(`${each.id}:`));
@@ -48,12 +53,17 @@ export class SourceControls {
   /** Show what the chosen source has to be told. */
   ask() {
     this.folderField.hidden = this.select.value !== "folder";
+    const asks = this.sources.find((each) => each.id === this.select.value)?.asks;
+    this.deviceField.hidden = !asks;
+    this.device.placeholder = asks ?? "";
     this.psfField.hidden = this.select.value.startsWith("twin") || this.select.value === "";
   }
 
   async start() {
     const { value } = this.select;
-    const source = value === "folder" ? `folder:${this.folder.value.trim() || this.folder.placeholder}` : value;
+    const named = value === "folder" ? this.folder.value.trim() || this.folder.placeholder
+      : this.deviceField.hidden ? "" : this.device.value.trim();
+    const source = named ? `${value}:${named}` : value;
     const psf = this.psfField.hidden ? null : this.psf.value || null;
     live.tell(await post("api/live/start", { source, psf }));
   }
