@@ -18,6 +18,7 @@ from nolens.camera.toml import to_toml
 from nolens.engine import Outcome, run_items
 from nolens.errors import DataError, FileError
 from nolens.files.dataset import decode_picture
+from nolens.files.picture_sets import open_pictures
 from nolens.jobs.dataset import job
 
 COUNT = 12
@@ -227,3 +228,15 @@ def test_what_cannot_be_made_is_refused(here: Path, whole: Path, tmp_path: Path)
     assert not out.exists()
     with pytest.raises(FileError, match="finished"):
         nl.LenslessDataset(small)
+
+
+def test_truths_are_what_compare_takes(whole: Path) -> None:
+    """By split and number, times the light of each pixel that reaches the sensor."""
+    found = open_pictures(whole)
+    dataset = nl.LenslessDataset(whole, "train")
+    assert sum(name.startswith("train-") for name in found.names) == len(dataset)
+    assert len(found.names) == COUNT
+    for number in (0, len(dataset) - 1):
+        item = dataset[number]
+        expected = item["truth"] * dataset.response(item["psf"])
+        assert torch.allclose(found.read(f"train-{number:05}"), expected.expand(3, -1, -1))

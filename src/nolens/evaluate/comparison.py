@@ -10,7 +10,7 @@ from torch import Tensor
 
 from nolens.camera import srgb_from_linear
 from nolens.errors import DataError
-from nolens.evaluate.picture import affine_fit, ms_ssim, psnr, scale_fit, ssim
+from nolens.evaluate.picture import affine_fit, psnr, scale_fit, ssim_and_ms_ssim
 from nolens.evaluate.registration import (
     Motion,
     Registration,
@@ -123,11 +123,8 @@ def compare_pictures(
 
 def _figures(picture: Tensor, truth: Tensor, peak: float) -> dict[str, float]:
     """Those of all channels."""
-    return {
-        "psnr_db": psnr(picture, truth, peak),
-        "ssim": ssim(picture, truth, peak),
-        "ms_ssim": ms_ssim(picture, truth, peak),
-    }
+    similar, over_scales = ssim_and_ms_ssim(picture, truth, peak)
+    return {"psnr_db": psnr(picture, truth, peak), "ssim": similar, "ms_ssim": over_scales}
 
 
 def lies_beside(registration: Registration, as_it_is: Registration) -> bool:

@@ -67,8 +67,7 @@ def ssim(picture: Tensor, truth: Tensor, peak: float) -> float:
     peak
         Largest value that the truth can take.
     """
-    luminance, structure = _similarities(picture.double(), truth.double(), peak)
-    return float((luminance * structure).mean())
+    return ssim_and_ms_ssim(picture, truth, peak, scales=1)[0]
 
 
 def ms_ssim(picture: Tensor, truth: Tensor, peak: float) -> float:
@@ -90,18 +89,26 @@ def ms_ssim(picture: Tensor, truth: Tensor, peak: float) -> float:
     float
         NaN where the pictures are too small for the five scales.
     """
+    return ssim_and_ms_ssim(picture, truth, peak)[1]
+
+
+def ssim_and_ms_ssim(
+    picture: Tensor, truth: Tensor, peak: float, scales: int = len(_SCALE_WEIGHTS)
+) -> tuple[float, float]:
+    """Both, the first scale computed once: `ssim` and, with all scales, `ms_ssim`."""
     x, y = picture.double(), truth.double()
-    if min(x.shape[-2:]) // 2 ** (len(_SCALE_WEIGHTS) - 1) < _WINDOW:
-        return math.nan
-    result = torch.ones(len(x), dtype=torch.float64, device=x.device)
-    for number, weight in enumerate(_SCALE_WEIGHTS):
+    large = min(x.shape[-2:]) // 2 ** (len(_SCALE_WEIGHTS) - 1) >= _WINDOW
+    whole, product = math.nan, torch.ones(len(x), dtype=torch.float64, device=x.device)
+    for number, weight in enumerate(_SCALE_WEIGHTS[: scales if large else 1]):
         if number:
             x, y = (nnf.avg_pool2d(each, 2) for each in (x, y))
         luminance, structure = _similarities(x, y, peak)
+        if number == 0:
+            whole = float((luminance * structure).mean())
         last = number == len(_SCALE_WEIGHTS) - 1
         scale = luminance * structure if last else structure
-        result = result * scale.mean(dim=(-2, -1)).clamp_min(0) ** weight
-    return float(result.mean())
+        product = product * scale.mean(dim=(-2, -1)).clamp_min(0) ** weight
+    return whole, float(product.mean()) if large and scales > 1 else math.nan
 
 
 def _similarities(x: Tensor, y: Tensor, peak: float) -> tuple[Tensor, Tensor]:

@@ -20,10 +20,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from PIL import Image
 from torch import Tensor
 
 from nolens.errors import FileError, OptionError
+from nolens.files.dataset import Shard, decode_picture, open_shard, read_dataset
+from nolens.files.frames import read_frame
 from nolens.files.input import check_exists, check_size, decoding, system_errors
 from nolens.files.pictures import PICTURE_SUFFIXES, picture_of_samples, read_picture
 
@@ -78,6 +81,8 @@ def open_pictures(path: Path, *, bgr: bool = False) -> PictureSet:
     """
     suffix = path.suffix.lower()
     if path.is_dir():
+        if (path / "dataset.json").is_file():
+            return _of_own_set(path)
         parquet = sorted(path.glob(_PARQUET)) or sorted(path.glob(f"data/{_PARQUET}"))
         if parquet:
             return _of_parquet(path, parquet, bgr)
@@ -162,6 +167,32 @@ def _of_parquet(source: Path, files: list[Path], bgr: bool) -> PictureSet:
         return radiance.flip(0) if bgr else radiance
 
     return PictureSet(source, tuple(names), read)
+
+
+def _of_own_set(folder: Path) -> PictureSet:
+    """Truths of `nolens dataset make`, times the light of each pixel that reaches the sensor."""
+    about = read_dataset(folder)
+    places = {
+        f"{split}-{number:05}": place
+        for split, each in about.splits.items()
+        for number, place in enumerate(
+            (shard.file, row) for shard in each.shards for row in range(shard.items)
+        )
+    }
+    opened: dict[str, Shard] = {}
+
+    def read(name: str) -> Tensor:
+        file, row = places[name]
+        if file not in opened:
+            opened.clear()
+            opened[file] = open_shard(folder / file)
+        item = opened[file][row]
+        truth = torch.from_numpy(decode_picture(item["truth"], folder / file))
+        response: Tensor = read_frame(folder / about.psfs[item["psf"]].response).counts
+        radiance: Tensor = truth * (item["truth_scale"] * response)
+        return radiance.expand(3, -1, -1)
+
+    return PictureSet(folder, tuple(places), read)
 
 
 class _ParquetPart:
