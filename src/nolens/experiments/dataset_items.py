@@ -476,12 +476,13 @@ def crop_sides(
         If the picture is smaller than the truth.
     """
     width = min(size[1], size[0] / aspect)
-    if width + 1 < support[1] or width * aspect + 1 < support[0]:
+    # Lines of the truth are less dense towards the field's edges: its width stands for both.
+    if width + 1 < support[1]:
         raise DataError(
             f"it has {size[0]}×{size[1]} pixels, and the truth {support[0]}×{support[1]}: give "
             "larger pictures, or a smaller --angle"
         )
-    width = min(width, max(fraction * width, support[1], support[0] / aspect))
+    width = min(width, max(fraction * width, support[1]))
     return min(size[0], round(width * aspect)), min(size[1], round(width))
 
 

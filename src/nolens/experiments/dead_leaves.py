@@ -1,6 +1,9 @@
 """Pictures of random leaves: scenes for data sets, from nothing but a seed."""
 
 import math
+from collections.abc import Iterator
+from itertools import starmap
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -12,11 +15,13 @@ _FINER = 2
 _SMALLEST, _LARGEST = 3.0, 0.5
 """Radius of a leaf: in pixels, and over the picture's shorter side."""
 _MOST = 20_000
+_GAPS = 0.002
+"""Part of the picture between the leaves, through which a backdrop is seen."""
 _TEXTURES = (0.8, 1.2, 1.7)
 """Exponents of their amplitude over spatial frequency."""
 _WHITE = 98.0
 
-Array = NDArray[np.float32]
+Array = NDArray[Any]
 
 
 def dead_leaves(height: int, width: int, seed: int) -> Tensor:
@@ -43,72 +48,89 @@ def dead_leaves(height: int, width: int, seed: int) -> Tensor:
     textures = [_texture(random, rows, columns, exponent) for exponent in _TEXTURES]
     picture = np.zeros((3, rows, columns), np.float32)
     clear = np.ones((rows, columns), dtype=bool)
-    for radius in _radii(random, min(rows, columns)):
-        _add_leaf(random, picture, clear, textures, radius)
-        if not clear.any():
+    left = clear.size
+    for leaf in _leaves(random, rows, columns):
+        left -= _add_leaf(leaf, picture, clear, textures)
+        if left <= _GAPS * clear.size:
             break
-    picture[:, clear] = _colour(random)[:, None]
+    picture[:, clear] = _colours(random, 1).T
     picture *= np.exp(0.5 * _texture(random, rows, columns, 2.5))
     white = np.percentile(picture, _WHITE)
     mean = (picture / white).clip(0, 1).reshape(3, height, _FINER, width, _FINER).mean((2, 4))
     return torch.from_numpy(mean.astype(np.float32))
 
 
-def _radii(random: np.random.Generator, side: int) -> Array:
-    """Of leaves from the nearest to the farthest."""
-    low, high = _SMALLEST * _FINER, max(_LARGEST * side, 2 * _SMALLEST * _FINER)
-    uniform = random.random(_MOST)
+class _Leaf(NamedTuple):
+    """Of one leaf: lengths in samples, angles in radians."""
+
+    row: float
+    column: float
+    radius: float
+    angle: float
+    stretch: float
+    is_box: bool
+    colour: Array
+    texture: int
+    shift: Array
+    contrast: float
+    slope: float
+    towards: float
+
+
+def _leaves(random: np.random.Generator, rows: int, columns: int) -> Iterator[_Leaf]:
+    """From the nearest to the farthest."""
+    low, high = _SMALLEST * _FINER, max(_LARGEST * min(rows, columns), 2 * _SMALLEST * _FINER)
     # The inverse of the distribution function of 1/r³.
-    radii = (low**-2 - uniform * (low**-2 - high**-2)) ** -0.5
-    result: Array = radii.astype(np.float32)
-    return result
+    radii = (low**-2 - random.random(_MOST) * (low**-2 - high**-2)) ** -0.5
+    drawn = (
+        random.uniform(0, rows, _MOST),
+        random.uniform(0, columns, _MOST),
+        radii,
+        random.uniform(0, math.pi, _MOST),
+        random.uniform(0.4, 1, _MOST),
+        random.random(_MOST) < 0.3,
+        _colours(random, _MOST),
+        random.integers(len(_TEXTURES), size=_MOST),
+        random.integers(0, [rows, columns], (_MOST, 2)),
+        random.exponential(0.25, _MOST),
+        random.exponential(0.3, _MOST),
+        random.uniform(0, 2 * math.pi, _MOST),
+    )
+    return starmap(_Leaf, zip(*drawn, strict=True))
 
 
-def _add_leaf(
-    random: np.random.Generator,
-    picture: Array,
-    clear: NDArray[np.bool_],
-    textures: list[Array],
-    radius: float,
-) -> None:
-    """Paint a leaf where no nearer one is."""
+def _add_leaf(leaf: _Leaf, picture: Array, clear: NDArray[np.bool_], textures: list[Array]) -> int:
+    """Paint a leaf where no nearer one is; how many samples it covers."""
     rows, columns = clear.shape
-    row, column = random.uniform(0, rows), random.uniform(0, columns)
-    angle, stretch = random.uniform(0, math.pi), random.uniform(0.4, 1)
-    box = random.random() < 0.3
-    colour, contrast = _colour(random), random.exponential(0.25)
-    texture = textures[random.integers(len(textures))]
-    shift = random.integers(0, [rows, columns])
-    slope, towards = random.exponential(0.3), random.uniform(0, 2 * math.pi)
-    extent = radius * (1.5 if box else 1.0)
-    top, bottom = max(0, math.floor(row - extent)), min(rows, math.ceil(row + extent) + 1)
-    left, right = max(0, math.floor(column - extent)), min(columns, math.ceil(column + extent) + 1)
-    window = np.s_[top:bottom, left:right]
-    if not clear[window].any():
-        return
-    down = ((np.arange(top, bottom) - row) / radius).astype(np.float32)[:, None]
-    aside = ((np.arange(left, right) - column) / radius).astype(np.float32)
-    along = math.cos(angle) * aside + math.sin(angle) * down
-    across = (math.cos(angle) * down - math.sin(angle) * aside) / stretch
-    inside = np.maximum(abs(along), abs(across)) < 1 if box else along**2 + across**2 < 1
-    inside &= clear[window]
-    if not inside.any():
-        return
-    at = np.nonzero(inside)
-    grain = texture[(at[0] + top + shift[0]) % rows, (at[1] + left + shift[1]) % columns]
-    gradient = math.cos(towards) * aside + math.sin(towards) * down
-    light = np.exp(contrast * grain + slope * gradient[at])
-    picture[:, at[0] + top, at[1] + left] = colour[:, None] * light
-    clear[window] &= ~inside
+    extent = leaf.radius * (math.sqrt(2) if leaf.is_box else 1)
+    top, bottom = max(0, int(leaf.row - extent)), min(rows, int(leaf.row + extent) + 2)
+    left, right = max(0, int(leaf.column - extent)), min(columns, int(leaf.column + extent) + 2)
+    at = clear[top:bottom, left:right].nonzero()
+    if not len(at[0]):
+        return 0
+    down = (at[0] + (top - leaf.row)) / leaf.radius
+    aside = (at[1] + (left - leaf.column)) / leaf.radius
+    cosine, sine = math.cos(leaf.angle), math.sin(leaf.angle)
+    along, across = cosine * aside + sine * down, (cosine * down - sine * aside) / leaf.stretch
+    inside = np.maximum(abs(along), abs(across)) < 1 if leaf.is_box else along**2 + across**2 < 1
+    place = at[0][inside] + top, at[1][inside] + left
+    grain = textures[leaf.texture][
+        (place[0] + leaf.shift[0]) % rows, (place[1] + leaf.shift[1]) % columns
+    ]
+    gradient = (math.cos(leaf.towards) * aside + math.sin(leaf.towards) * down)[inside]
+    light = np.exp(leaf.contrast * grain + leaf.slope * gradient)
+    picture[:, place[0], place[1]] = leaf.colour[:, None] * light
+    clear[place] = False
+    return len(place[0])
 
 
-def _colour(random: np.random.Generator) -> Array:
+def _colours(random: np.random.Generator, count: int) -> Array:
     """In linear light: luminance over two decades, and a tint, more between blue and yellow."""
-    luminance = math.exp(random.normal(-1.6, 0.9))
-    warm, green = random.normal(0, 0.35), random.normal(0, 0.15)
-    tint = np.exp([warm - 0.5 * green, green, -warm - 0.5 * green])
-    colour: Array = (luminance * tint / tint.mean()).astype(np.float32)
-    return colour
+    luminance = np.exp(random.normal(-1.6, 0.9, count))
+    warm, green = random.normal(0, 0.35, count), random.normal(0, 0.15, count)
+    tint = np.exp(np.stack([warm - 0.5 * green, green, -warm - 0.5 * green], axis=-1))
+    colours: Array = luminance[:, None] * tint / tint.mean(axis=1, keepdims=True)
+    return colours
 
 
 def _texture(random: np.random.Generator, rows: int, columns: int, exponent: float) -> Array:

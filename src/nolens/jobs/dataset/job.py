@@ -88,8 +88,8 @@ class DatasetWork:
         if data:
             picture = _decoded(data, name)
         else:
-            support, seed = model.field.support, scene_seed(self.seed, settings.scene)
-            picture = dead_leaves(support.height, support.width, seed)
+            width, seed = model.field.support.width, scene_seed(self.seed, settings.scene)
+            picture = dead_leaves(round(width * model.aspect), width, seed)
         item = simulate_item(settings, model, picture, self.luminance_cd_m2)
         measurement, scale, offset = item.stored_measurement(developed=self.developed)
         truth, truth_scale = item.stored_truth()
