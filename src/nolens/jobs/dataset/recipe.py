@@ -15,7 +15,7 @@ import torch
 
 from nolens.camera.psf_set import Depth
 from nolens.camera.toml import PRESETS, preset_text
-from nolens.errors import DataError, FileError
+from nolens.errors import DataError, FileError, OptionError
 from nolens.experiments.dataset_items import (
     HELD_BYTES,
     ItemSettings,
@@ -127,6 +127,8 @@ class Scenes:
         ------
         FileError
             If the folder has none.
+        OptionError
+            If the data set would be written among them.
         """
         options = run.options
         folder = options.scenes
@@ -135,6 +137,10 @@ class Scenes:
             return cls(None, tuple(names), tuple(range(options.count)))
         if not folder.is_dir():
             raise FileError(f"{folder} is no folder: give one with pictures (--scenes)")
+        if folder.resolve() in (options.output.resolve(), *options.output.resolve().parents):
+            raise OptionError(
+                f"{options.output} lies in the folder of the pictures, {folder}: give another (-o)"
+            )
         paths = sorted(
             path
             for path in folder.rglob("*")
@@ -212,9 +218,7 @@ class Recipe:
             tuple(
                 View(
                     each,
-                    each.camera.reference_distance.um
-                    if not isinstance(each.camera.reference_distance, str)
-                    else math.inf,
+                    distance_um(None, each),
                     None if options.angle is None else options.angle.deg,
                     options.light,
                     options.wavelengths,
@@ -320,7 +324,7 @@ class Recipe:
                 name if name in PRESETS else self._from_folder(Path(name))
                 for name in options.camera
             ]
-        return tomli_w.dumps({key: each for key, each in values.items() if each is not None})
+        return tomli_w.dumps(values)
 
     def _from_folder(self, path: Path) -> str:
         return readable(os.path.relpath(path, self.options.output))
