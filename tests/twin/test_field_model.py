@@ -94,6 +94,16 @@ def test_a_picture_is_seen_in_whole_and_upright() -> None:
     assert float(cells[1, :, support.width // 2 + 1 :].max()) < 1e-3
 
 
+def test_a_picture_covers_the_field_to_its_corners() -> None:
+    camera = cropped(144, 176, of="small")
+    field = FieldMap.covering(twin_of(camera), (0.5, 0.6))
+    model = FieldModel.of(twin_of(camera), field, distance_um=FAR_UM, light=WHITE, wavelengths=1)
+    for size in ((40, 60), (60, 40), (round(100 * model.aspect), 100)):
+        covered = model.rendered(torch.ones(3, *size), whole=False)
+        assert float(covered.min()) > 0.999
+    assert float(model.rendered(torch.ones(3, 40, 60)).min()) == 0
+
+
 def test_a_wide_picture_fills_the_width() -> None:
     model = model_of(CAMERAS["grey"]())
     support = model.field.support

@@ -141,7 +141,7 @@ class FieldModel:
             (channels, height, width) of the field's support.
         """
         size = picture.shape[-2:]
-        sides = zip(self._half(), size, strict=True)
+        sides = zip(self._half(whole=whole), size, strict=True)
         longer = (min if whole else max)(each * max(size) / side for each, side in sides)
         plane = Plane(picture, 2 * math.degrees(math.atan(longer)), self.distance_um)
         radiance, opacity = render_plane(plane, self._tangents)
@@ -150,7 +150,7 @@ class FieldModel:
     @property
     def aspect(self) -> float:
         """Height of a picture that fills the field, over its width."""
-        height, width = self._half()
+        height, width = self._half(whole=False)
         return height / width
 
     def altered(
@@ -251,8 +251,10 @@ class FieldModel:
         together = torch.stack(resampled).roll([-each for each in node.pixel], dims=(-2, -1))
         return rfft2(together / scale**2)
 
-    def _half(self) -> tuple[float, float]:
-        """Tangents of half the field's height and width."""
+    def _half(self, *, whole: bool) -> tuple[float, float]:
+        """Tangents of half the height and width of what the field holds, or of what covers it."""
+        if not whole:
+            return float(self._tangents[0].abs().max()), float(self._tangents[1].abs().max())
         middle = self.field.support.height // 2, self.field.support.width // 2
         return (
             abs(float(self._tangents[0][0, middle[1]])),
