@@ -240,13 +240,11 @@ def spawned_by(process: "subprocess.Popen[bytes]") -> list[int]:
 
 
 def kills(folder: Path, count: int) -> list[dict[str, Any]]:
-    """Kill one of three at random moments; run again until all is done."""
+    """Kill one of three when so many pictures are there, at random; run again until all are."""
     frames, psf = make_frames(folder / "small", count, (120, 160))
     quick = ("--iterations", 12)
     good = folder / "good"
-    begun = time.monotonic()
     subprocess.run(command(frames, psf, good, *quick, "--workers", 1), env=ENVIRONMENT, check=True)
-    length = time.monotonic() - begun
     expected, rows = pictures(good), []
     assert len(expected) == count
     chance = random.Random(SEED)
@@ -263,7 +261,10 @@ def kills(folder: Path, count: int) -> list[dict[str, Any]]:
                     time.sleep(4)
                 line = command(frames, psf, out, *quick, *more)
                 process = subprocess.Popen(line, env=ENVIRONMENT, **SILENT)
-                time.sleep(chance.uniform(1.0, length))
+                wanted = chance.randrange(count)
+                while process.poll() is None and sum(1 for _ in out.glob("*.png")) < wanted:
+                    time.sleep(0.01)
+                time.sleep(chance.uniform(0, 0.1))
                 partly.append(len(list(out.glob("*.png"))))
                 victim = process.pid
                 if what == "scheduler" and cluster is not None:

@@ -56,6 +56,11 @@ class Pace:
         gone = fraction - self._from
         return (now - self._begun) * (1 - fraction) / gone if gone > 0 else None
 
+    def per_second(self, fraction: float) -> float:
+        """Fraction of the work that is done in a second; 0 where nothing tells yet."""
+        elapsed = time.perf_counter() - self._begun
+        return (fraction - self._from) / elapsed if elapsed > 0 else 0.0
+
     @property
     def sure(self) -> bool:
         """Whether the work has gone on for long enough that its pace is believed."""

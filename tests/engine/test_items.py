@@ -71,5 +71,5 @@ def test_workers_of_another_version(scheduler: str, monkeypatch: pytest.MonkeyPa
     here = importlib.metadata.version("nolens")
     versions = iter((here, "0.0.9"))  # The command's, then the worker's.
     monkeypatch.setattr(importlib.metadata, "version", lambda _: next(versions))
-    with pytest.raises(OptionError, match=rf"has nolens 0\.0\.9, and this is {here}"):
+    with pytest.raises(OptionError, match=rf"has nolens 0\.0\.9, and the command {here}"):
         list(run_items([("0", int)], Squares(), scheduler=scheduler))

@@ -88,13 +88,15 @@ class TerminalReporter(Reporter):
 
     def _show(self, work: str, text: str, state: str, done: float, total: float) -> None:
         """Move the bar; a new one, with a clock of its own, for other work than before."""
+        left = self._pace.seconds_left(work, done / total)
         if self._bar is None:
-            left = self._pace.seconds_left(work, done / total)
             long = left is not None and left > _LONG_S and self._pace.sure
             if left is not None and long and self._announced != work:
                 self._announced = work
                 say(f"{printable(text)}: about {duration_text(left)} to go")
             return
+        if not state and left is not None:
+            state = _rate_text(total * self._pace.per_second(done / total))
         text = printable(text)
         if self._task is None or work != self._work:
             if self._task is not None:
@@ -120,3 +122,8 @@ class TerminalReporter(Reporter):
             self._before(number, frame)
         else:  # Python started with Ctrl-C switched off, as behind nohup, but it was meant.
             raise KeyboardInterrupt
+
+
+def _rate_text(rate: float) -> str:
+    """Steps in a second, or seconds for a step."""
+    return f"{rate:.3g}/s" if rate >= 1 else f"{1 / rate:.3g} s each" if rate > 0 else ""

@@ -4,6 +4,7 @@ import importlib.metadata
 import json
 import logging
 import socket
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,8 @@ except ImportError:
 
 _SECONDS = 3.0
 """For a scheduler to answer."""
+_COUNT_AGAIN_S = 2.0
+"""After which workers are counted again."""
 _prepared: dict[str, Callable[[Any], Any]] = {}
 """What is called with an item, by run; of this worker."""
 
@@ -58,14 +61,19 @@ class Cluster:
         except BaseException:
             self._client.close()
             raise
+        self._threads, self._counted = 1, -_COUNT_AGAIN_S
         self._running: dict[Future[Any], str] = {}
         self._completed = as_completed(loop=self._client.loop)
 
     @property
     def capacity(self) -> int:
-        """Items that may be with the workers at once."""
-        workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
-        return AHEAD * max(1, sum(int(each["nthreads"]) for each in workers))
+        """Items that may be with the workers at once, of which more may have joined."""
+        now = time.monotonic()
+        if now > self._counted + _COUNT_AGAIN_S:
+            workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
+            self._threads = max(1, sum(int(each["nthreads"]) for each in workers))
+            self._counted = now
+        return AHEAD * self._threads
 
     def submit(self, key: str, item: Any) -> None:
         """Send an item to any worker."""
@@ -97,7 +105,7 @@ class Cluster:
                 f"the scheduler {self._scheduler} has gone. What was written is kept: run the same "
                 "command again when there is one"
             )
-        return key, Failure("the worker ended before it had an answer", begun=False)
+        return key, Failure("the worker ended before it had an answer")
 
     def close(self) -> None:
         """Take back what is under way, and leave the cluster to others."""
@@ -116,16 +124,19 @@ class Cluster:
                     f"the worker {worker} has no nolens, and this is {here}: install "
                     f"nolens=={here} there"
                 )
-            if there != here:
-                raise OptionError(
-                    f"the worker {worker} has nolens {there}, and this is {here}: install the same "
-                    "version on both"
-                )
+            _check_version(f"the worker {worker}", here, there)
 
     def _check_preparation(self) -> None:
         for error in self._client.run(_state, self._run).values():
             if error is not None:
                 raise error
+
+
+def _check_version(worker: str, here: str, there: object) -> None:
+    if there != here:
+        raise OptionError(
+            f"{worker} has nolens {there}, and the command {here}: install the same version on both"
+        )
 
 
 def _connected(scheduler: str) -> Client:
@@ -153,6 +164,7 @@ class _Preparation(WorkerPlugin):
 
     def __init__(self, run: str, work: Work) -> None:
         self._name, self._work = run, work
+        self._version = importlib.metadata.version("nolens")
 
     def setup(self, worker: Any) -> None:
         """Prepare it; an error is kept for whoever asks."""
@@ -161,6 +173,8 @@ class _Preparation(WorkerPlugin):
         # The answers are to be the same, whatever the workers have of cores.
         torch.set_num_threads(1)
         try:
+            # Workers that join later are checked here.
+            _check_version("this worker", self._version, importlib.metadata.version("nolens"))
             _prepared[self._name] = self._work.prepare()
         except Exception as error:
             _prepared[self._name] = _Refusal(error)
