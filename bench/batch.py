@@ -3,8 +3,8 @@
 `.venv/bin/python bench/batch.py` makes frames of 360×480 pixels in colour, and reconstructs them
 with two worker processes and with two workers of a local Dask cluster, in turns; samples the memory
 of all processes; kills command, worker and scheduler at random moments and runs the command again;
-and measures what the command and the scheduler can move when workers do nothing. It writes
-docs/scale.md. `--part` does one of these.
+and measures what the command and the scheduler can move when workers do nothing. It prints the
+tables of docs/scale.md. `--parts` does some of these.
 """
 
 import argparse
@@ -345,18 +345,32 @@ def moved(folder: Path, count: int) -> list[dict[str, Any]]:
                 scheduler = cluster.address
                 time.sleep(8)
             manifest = Manifest.open(out, {}, keys)
-            begun, writing = 0.0, 0.0
+            begun, used, scheduling = 0.0, 0.0, 0.0
             for outcome in run_items(items, Nothing(picture), workers=2, scheduler=scheduler):
-                now = time.monotonic()
-                begun = begun or now
+                if not begun:
+                    begun, used = time.monotonic(), time.process_time()
+                    scheduling = _scheduler_s(cluster) if scheduler else 0.0
                 files = {out / f"{outcome.key}.png": partial(_write, outcome.value.files["png"])}
                 manifest.keep(outcome.key, outcome.value.row, files)
-                writing += time.monotonic() - now
-            rate = (count - 1) / (time.monotonic() - begun)
+            seconds = time.monotonic() - begun
+            used = time.process_time() - used
+            scheduling = _scheduler_s(cluster) - scheduling if scheduler else 0.0
             manifest.close()
-        rows.append({"kind": kind, "rate": rate, "writing_ms": 1e3 * writing / count})
+        each = 1e3 / (count - 1)
+        rows.append(
+            {
+                "kind": kind,
+                "rate": (count - 1) / seconds,
+                "command_ms": each * used,
+                "scheduler_ms": each * scheduling,
+            }
+        )
         print(json.dumps(rows[-1]), flush=True)
     return rows
+
+
+def _scheduler_s(cluster: DaskCluster) -> float:
+    return _used(psutil.Process(cluster.scheduler.pid))
 
 
 def _packed(path: Path) -> PackedFrame:
@@ -365,6 +379,44 @@ def _packed(path: Path) -> PackedFrame:
 
 def _write(content: bytes, path: Path) -> None:
     path.write_bytes(content)
+
+
+def tables(found: dict[str, Any]) -> str:
+    """The tables of docs/scale.md."""
+    lines = [
+        "| workers | frames/s | command, ms | workers and scheduler, ms | other work, cores | "
+        "command, MB | others, MB |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    rows = found["throughput"]
+    for row in rows:
+        mine, rest = (" ".join(map(str, each)) for each in zip(*row["memory_mb"], strict=True))
+        lines.append(
+            f"| {row['kind']} | {row['rate']:.1f} | {row['command_ms']:.1f} | "
+            f"{row['others_ms']:.0f} | {row['other_work_cores']:.1f} | {mine} | {rest} |"
+        )
+    for name, columns in (("rate", ("rate",)), ("cost", ("command_ms", "others_ms"))):
+        mean = {
+            kind: sum(sum(row[c] for c in columns) for row in rows if row["kind"] == kind)
+            for kind in ("dask", "processes")
+        }
+        lines.append(f"dask/processes, {name}: {mean['dask'] / mean['processes']:.3f}")
+    lines += [
+        "",
+        "| killed | times | good | exit codes | pictures there |",
+        "|---|---|---|---|---|",
+    ]
+    for row in found["kills"]:
+        codes = ", ".join(f"{row['exits'].count(code)}× {code}" for code in {*row["exits"]})
+        there = " ".join(map(str, row["there"]))
+        lines.append(f"| {row['what']} | {row['kills']} | {row['good']} | {codes} | {there} |")
+    lines += ["", "| way | frames/s | command, ms | scheduler, ms |", "|---|---|---|---|"]
+    for row in found["moved"]:
+        lines.append(
+            f"| {row['kind']} | {row['rate']:.0f} | {row['command_ms']:.1f} | "
+            f"{row['scheduler_ms']:.1f} |"
+        )
+    return "\n".join([*lines, "", json.dumps(found["apart"])]) + "\n"
 
 
 @contextmanager
@@ -393,6 +445,8 @@ def main() -> None:
         with _folder() as folder:
             found[name] = parts[name](folder)
         options.out.write_text(json.dumps(found, indent=1))
+    if {*parts} <= {*found}:
+        print(tables(found))
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from schemathesis.specs.openapi.checks import (
 )
 from serving import NOLENS, Running, command, serving, stop
 
+from nolens.engine import Manifest
 from nolens.studio import files, serve
 from nolens.studio.schemas import ENDED
 from patience import PATIENCE_S, until
@@ -59,6 +61,20 @@ def test_upload_is_kept_under_a_name_of_its_own(studio: Running) -> None:
     entries = {each["path"]: each for each in studio.get("files?path=work/uploads")["entries"]}
     assert set(names) <= set(entries)
     assert entries[names[0]]["kind"] == "raw" and entries[names[0]]["bytes"] == len(data)
+
+
+def test_progress_of_a_batch(studio: Running) -> None:
+    """While its command writes; what is no manifest is refused."""
+    with closing(Manifest.open(studio.work / "pictures", {}, "abc")) as manifest:
+        manifest.keep("a", {}, {})
+        manifest.fail("c", "no light", 3)
+        found = studio.get("batch?path=work/pictures")
+    assert found["counts"] == {"waiting": 1, "writing": 0, "done": 1, "failed": 1}
+    assert found["failed"] == {"c": "no light"}
+    (studio.work / "other").mkdir()
+    (studio.work / "other" / "manifest.sqlite").write_bytes(b"SQLite format 3\0" * 99)
+    for folder in ("other", "none"):
+        assert httpx.get(f"{studio.url}/api/batch?path=work/{folder}").status_code == 404
 
 
 @pytest.mark.parametrize(

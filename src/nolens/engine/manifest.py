@@ -4,7 +4,7 @@ import json
 import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, Self
 
@@ -20,6 +20,7 @@ create table items (
     place integer primary key, key text unique not null, state text not null, row text not null
 );
 """
+_STATES = ("waiting", "writing", "done", "failed")
 _LONGEST = 80
 
 
@@ -126,7 +127,7 @@ class Manifest:
     def counts(self) -> dict[str, int]:
         """How many items are in each state."""
         found = self._database.execute("select state, count(*) from items group by state")
-        return dict.fromkeys(("waiting", "writing", "done", "failed"), 0) | dict(found.fetchall())
+        return dict.fromkeys(_STATES, 0) | dict(found.fetchall())
 
     @property
     def missing(self) -> list[str]:
@@ -217,6 +218,34 @@ class Manifest:
             self._database.execute("rollback")
             raise
         self._database.execute("commit")
+
+
+def progress(path: Path, most: int) -> tuple[dict[str, int], dict[str, str]]:
+    """How far a manifest is that another process may write: counts by state, and failures.
+
+    Parameters
+    ----------
+    path
+        Its file.
+    most
+        Failed items to name, with their reasons.
+
+    Raises
+    ------
+    FileError
+        If it is none, or cannot be read.
+    """
+    try:
+        address = f"{path.resolve().as_uri()}?mode=ro"
+        with closing(sqlite3.connect(address, uri=True, timeout=1.0)) as database:
+            counts = dict(database.execute("select state, count(*) from items group by state"))
+            failed = database.execute(
+                "select key, row from items where state = 'failed' order by place limit ?", (most,)
+            )
+            reasons = {str(key): str(json.loads(text)["error"]) for key, text in failed}
+            return {state: int(counts.get(state, 0)) for state in _STATES}, reasons
+    except (sqlite3.Error, OSError, ValueError, KeyError, TypeError) as error:
+        raise FileError(f"{path} cannot be read as a manifest: {error}") from None
 
 
 def _locked(folder: Path) -> int | None:

@@ -21,10 +21,11 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
 
 from nolens.documents import parse_json
+from nolens.engine.manifest import MANIFEST_FILE, progress
 from nolens.errors import DataError, FileError, OptionError
-from nolens.files.input import read_text
+from nolens.files.input import read_text, readable
 from nolens.studio.requests import answered
-from nolens.studio.schemas import Entries, Record, Uploaded
+from nolens.studio.schemas import BatchProgress, Entries, Record, Uploaded
 from nolens.studio.workspace import (
     PICTURE_SUFFIXES,
     RAW_SUFFIXES,
@@ -44,6 +45,7 @@ _INLINE = {
 """What a browser may show by itself: nothing that runs scripts in the page's place."""
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _LONGEST = 150
+_FAILED_NAMED = 100
 
 
 def files_router(workspace: Workspace, reading: Executor) -> APIRouter:
@@ -83,6 +85,15 @@ def files_router(workspace: Workspace, reading: Executor) -> APIRouter:
             if not isinstance(values, dict):
                 raise DataError(f"{path} is no record")
             return Record(record=workspace.named(values))
+
+        return await answered(reading, read)
+
+    @router.get("/batch", response_model=BatchProgress)
+    async def batch(path: Annotated[str, Query(max_length=1000)]) -> Response:
+        def read() -> BatchProgress:
+            counts, failed = progress(workspace.resolve(f"{path}/{MANIFEST_FILE}"), _FAILED_NAMED)
+            told = {readable(key): readable(reason) for key, reason in failed.items()}
+            return BatchProgress(counts=counts, failed=told)
 
         return await answered(reading, read)
 

@@ -125,6 +125,13 @@ class Record(BaseModel):
     record: dict[str, Any]
 
 
+class BatchProgress(BaseModel):
+    """How far a batch is: items by state, and why the first of those that failed did."""
+
+    counts: dict[str, int]
+    failed: dict[str, str]
+
+
 class Uploaded(BaseModel):
     """Where an upload was put."""
 
