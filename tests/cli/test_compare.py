@@ -60,7 +60,7 @@ def test_one_picture(folder: Path) -> None:
 def test_methods_side_by_side(folder: Path, tmp_path: Path) -> None:
     done = run(
         "compare", f"tv={folder / 'tv'}", f"wiener={folder / 'wiener'}", "--truth",
-        folder / "truth", "-o", tmp_path / "report", "--json",
+        folder / "truth", "-o", tmp_path / "report", "--worst", 1, "--json",
     )  # fmt: skip
     assert done.code == 0, done.err
     told = json.loads(done.out)

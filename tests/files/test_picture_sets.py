@@ -75,6 +75,17 @@ def test_parquet_of_hugging_face(tmp_path: Path, named: bool) -> None:
         assert torch.allclose(found.read(name), radiance(pixels))
     alone = open_pictures(tmp_path / "data" / "train-00000-of-00001.parquet")
     assert torch.allclose(alone.read(names[4]), radiance(PIXELS[4]))
+    bare = pa.table({"lensed": [png(PIXELS[1])]})
+    parquet.write_table(bare, tmp_path / "bare.parquet")
+    assert torch.allclose(
+        open_pictures(tmp_path / "bare.parquet").read("bare-00000"), radiance(PIXELS[1])
+    )
+    parquet.write_table(pa.table({"lensed": [3]}), tmp_path / "numbers.parquet")
+    with pytest.raises(FileError, match="numbers"):
+        open_pictures(tmp_path / "numbers.parquet").read("numbers-00000")
+    (tmp_path / "damaged.parquet").write_bytes(b"PAR1" + bytes(200))
+    with pytest.raises(FileError, match="cannot be read as Parquet"):
+        open_pictures(tmp_path / "damaged.parquet")
     parquet.write_table(pa.table({"image": [1]}), tmp_path / "other.parquet")
     with pytest.raises(FileError, match="has the columns image, and none lensed"):
         open_pictures(tmp_path / "other.parquet")

@@ -25,9 +25,12 @@ def perceptual_distance() -> "Perceptual | str":
     weights = Path(torch.hub.get_dir()) / "checkpoints" / _WEIGHTS
     if not weights.is_file():
         return f"its weights are not here ({weights})"
-    from torchmetrics.image.lpip import LearnedPerceptualImagePatchSimilarity
+    try:
+        from torchmetrics.image.lpip import LearnedPerceptualImagePatchSimilarity
 
-    network = LearnedPerceptualImagePatchSimilarity(net_type="alex", normalize=True)
+        network = LearnedPerceptualImagePatchSimilarity(net_type="alex", normalize=True)
+    except (ImportError, RuntimeError, OSError) as error:  # Versions that do not fit together.
+        return f"torchvision and torch do not fit together ({error})"
 
     def distance(one: Tensor, other: Tensor) -> float:
         with torch.no_grad():

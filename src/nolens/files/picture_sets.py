@@ -201,8 +201,13 @@ class _ParquetPart:
     def __init__(self, path: Path, file: Any) -> None:
         self._path, self._file = path, file
         self.split = path.name.partition("-")[0].removesuffix(".parquet")
-        paths = file.read(columns=[f"{_COLUMN}.path"]).column(_COLUMN).to_pylist()
-        self.names = [picture_name(Path((each or {}).get("path") or "")) for each in paths]
+        # Pictures are bytes and the name of their file, or bytes alone.
+        self._bare = not hasattr(file.schema_arrow.field(_COLUMN).type, "fields")
+        column = None if self._bare else file.read(columns=[f"{_COLUMN}.path"]).column(_COLUMN)
+        paths = [] if column is None else [(each or {}).get("path") for each in column.to_pylist()]
+        self.names = [picture_name(Path(each or "")) for each in paths] or [""] * (
+            file.metadata.num_rows
+        )
         self._group = -1
         self._rows: Any = None
 
@@ -212,10 +217,14 @@ class _ParquetPart:
         while row >= (count := self._file.metadata.row_group(group).num_rows):
             row, group = row - count, group + 1
         if group != self._group:
+            size = self._file.metadata.row_group(group).total_byte_size
+            check_size((size,), 1, f"row group {group} of {self._path}")
             with decoding(self._path, "Parquet"):
                 self._rows = self._file.read_row_group(group, columns=[_COLUMN]).column(_COLUMN)
             self._group = group
-        content = (self._rows[row].as_py() or {}).get("bytes")
+        content = self._rows[row].as_py()
+        if content is not None and not self._bare:
+            content = content.get("bytes")
         where = f"{self._path}, {name}"
         if not content:
             raise FileError(
@@ -243,4 +252,6 @@ def _parquet_parts(files: list[Path]) -> Iterator[_ParquetPart]:
             raise FileError(
                 f"{path} has the columns {', '.join(file.schema_arrow.names)}, and none {_COLUMN}"
             )
-        yield _ParquetPart(path, file)
+        with decoding(path, "Parquet"):
+            part = _ParquetPart(path, file)
+        yield part
