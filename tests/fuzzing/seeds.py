@@ -4,9 +4,14 @@ import json
 import sys
 from pathlib import Path
 
+import av
+import h5py
 import numpy as np
+import OpenEXR
+import scipy.io
 import tifffile
 import torch
+import zarr
 from PIL import Image
 from readers import JOB
 
@@ -64,6 +69,7 @@ def make_seeds(folder: Path) -> None:
     expose_dng(folder / "psf.dng", psf, seed=2)
     np.save(folder / "frames.npy", np.stack([counts[1].numpy(), counts[1].numpy() + 1]))
     tifffile.imwrite(folder / "frames.tif", np.stack([counts[1].numpy()] * 2).astype(np.uint16))
+    _containers(folder, counts.movedim(0, -1).numpy().astype(np.uint16))
     _pictures(folder)
     _tables(folder)
     _camera(folder / "camera")
@@ -75,6 +81,34 @@ def make_seeds(folder: Path) -> None:
         'measurement = "raw.png"\npsf = "psf.png"\noutput = ["out.png"]\niterations = 3\n'
         'tau = 1e-3\nblack = 256.0\nregion = "24x32"\npenalties = [1e-3, 1e-3, 1e-3]\n'
         'prior = "tv"\nchannels = "all"\nflip = "none"\nbin = 1\n'
+    )
+
+
+def _containers(folder: Path, counts: np.ndarray) -> None:
+    np.savez_compressed(folder / "raw.npz", frame=counts)
+    scipy.io.savemat(folder / "raw.mat", {"frame": counts}, do_compression=True)
+    with h5py.File(folder / "raw.h5", "w") as file:
+        file.create_dataset("frame", data=counts, compression="gzip", shuffle=True)
+    with zarr.storage.ZipStore(folder / "raw.zip", mode="w") as store:
+        zarr.create_array(store, data=counts)
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": counts.astype(np.float32)}).write(
+        str(folder / "raw.exr")
+    )
+    with av.open(str(folder / "raw.mkv"), "w") as container:
+        stream = container.add_stream("ffv1", rate=10)
+        stream.height, stream.width, stream.pix_fmt = *counts.shape[:2], "gray16le"
+        frame = av.VideoFrame.from_ndarray(counts[..., 1], format="gray16le")
+        container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    planes = np.moveaxis(counts, -1, 0)
+    axes = {"axes": "CYX"}
+    tifffile.imwrite(
+        folder / "planes.tif", planes, photometric="minisblack", ome=True, metadata=axes
+    )
+    counts[..., 1].tofile(folder / "bare.bin")
+    (folder / "bare.toml").write_text(
+        f'width = {counts.shape[1]}\nheight = {counts.shape[0]}\nformat = "Mono16"\n'
+        'black = 256\nexposure = "5 ms"\n'
     )
 
 

@@ -56,6 +56,9 @@ def _reads() -> Iterator[FileTarget]:
     for kind in ("png", "tif", "npy", "dng"):
         name = f"frame-{kind}"
         yield FileTarget(name, f"raw.{kind}", ("info", BAD))
+    for kind in ("npz", "mat", "h5", "exr", "mkv", "zip"):
+        yield FileTarget(f"frame-{kind}", f"raw.{kind}", ("info", BAD))
+    yield FileTarget("frame-tif", "planes.tif", ("info", BAD))
     yield FileTarget("frame-png", "grey.png", ("info", BAD))
     yield FileTarget("frame-png", "palette.png", ("info", BAD))
     yield FileTarget("frame-tif", "tiled.tif", ("info", BAD))

@@ -53,6 +53,7 @@ READERS: dict[str, Reader] = {
     ".hdf5": _HDF5,
     ".zarr": Reader("nolens.files.zarr_store:open_zarr", is_folder=True),
     ".zip": Reader("nolens.files.zarr_store:open_zarr", ("zip",)),
+    **dict.fromkeys((".mkv", ".avi", ".mov", ".mp4"), Reader("nolens.files.video:open_video")),
     ".exr": Reader("nolens.files.exr:open_exr", ("EXR",)),
 }
 """By suffix. A new format is a function and a line here."""

@@ -41,7 +41,7 @@ from nolens.plugins import load_plugin, plugin_names
 FRAME_SUFFIXES = (".dng", ".tif", ".tiff", ".npy")
 """Suffixes of the files that a frame can be written to."""
 
-_NOT_LINEAR = (".jpg", ".jpeg", ".webp", ".gif", ".bmp", ".heic", ".avif", ".jp2", ".mp4")
+_NOT_LINEAR = (".jpg", ".jpeg", ".webp", ".gif", ".bmp", ".heic", ".avif", ".jp2")
 _LARGEST_COUNT = 65535
 
 

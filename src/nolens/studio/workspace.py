@@ -17,7 +17,7 @@ from pydantic import BaseModel, ValidationError
 
 from nolens.documents import parse_toml
 from nolens.errors import DataError, FileError, NolensError, OptionError
-from nolens.files.input import RAW_SUFFIXES as CAMERA_RAW
+from nolens.files.formats import READERS
 from nolens.files.input import read_text, readable
 from nolens.studio.schemas import CameraInfo, Entry, EntryKind, Folder, PsfInfo
 
@@ -26,8 +26,8 @@ WORK = "work"
 SHOTS, CAMERAS, PICTURES, UPLOADS, JOBS = "shots", "cameras", "pictures", "uploads", "jobs"
 CALIBRATION = "calibration"
 """Frames of a calibration: of the point source and dark ones. They are no photographs."""
-RAW_SUFFIXES = (*CAMERA_RAW, ".npy")
 PICTURE_SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg")
+RAW_SUFFIXES = tuple(each for each in READERS if each not in PICTURE_SUFFIXES)
 _CAMERA, _PSFS = "camera.toml", "psfs.toml"
 TIFF_SUFFIXES = (".tif", ".tiff")
 _TIFF_HEAD = 4096

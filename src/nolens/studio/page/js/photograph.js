@@ -129,7 +129,7 @@ class Photograph {
       const path = await upload(file);
       await this.list();
       select.value = path;
-      if (!select.value) throw new Error(`${file.name} cannot be used here: bring camera raw, .png, .tif or .npy.`);
+      if (!select.value) throw new Error(`${file.name} cannot be used here: bring camera raw, .png, .tif, .npy or another of docs/formats.md.`);
     } finally {
       this.previewNote.textContent = "";
     }
