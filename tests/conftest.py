@@ -3,6 +3,7 @@
 import os
 import random
 import signal
+import sys
 import time
 
 import numpy as np
@@ -25,6 +26,7 @@ _NOT_OURS = (
     "COLUMNS", "LINES", "COLORTERM", "FORCE_COLOR", "NO_COLOR", "TTY_COMPATIBLE",
     "TTY_INTERACTIVE", "HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY", "http_proxy", "https_proxy",
     "all_proxy",
+    "PYTHONDONTWRITEBYTECODE",  # Hundreds of processes would each compile the same sources.
 )  # fmt: skip
 
 
@@ -40,6 +42,7 @@ def pytest_configure() -> None:
     for name in _NOT_OURS:
         os.environ.pop(name, None)
     os.environ.update(_SHELL)
+    sys.dont_write_bytecode = False
     time.tzset()
     os.umask(0o022)
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # As in a script's background.
