@@ -92,10 +92,16 @@ def test_registration_and_missing_pictures(folder: Path, tmp_path: Path) -> None
         write_tiff32(tmp_path / "moved" / f"{name}.tif", picture.roll((2, -1), (-2, -1)))
     write_tiff32(tmp_path / "moved" / "other.tif", picture)
     arguments = ("compare", tmp_path / "moved", folder / "truth", "--json")
-    laid, left = (run(*arguments, *more) for more in ((), ("--register", "none")))
+    report = ("-o", tmp_path / "report", "--worst", 0)
+    laid, left = (run(*arguments, *more) for more in (report, ("--register", "none")))
     assert "1 of 3 pictures" in laid.err and "left out" in laid.err and "other" in laid.err
     assert "lie beside their truth" in laid.err and "lie beside" not in left.err
     better, worse = (json.loads(each.out)["methods"]["moved"] for each in (laid, left))
+    with (tmp_path / "report" / "compare.csv").open(newline="") as file:
+        row = next(csv.DictReader(file))
+    assert row["register"] == "similarity" and float(row["turn_deg"]) == pytest.approx(0, abs=0.3)
+    middle = [float(row[name]) for name in ("row_in_truth", "column_in_truth")]
+    assert middle == pytest.approx([23.5 - 2, 31.5 + 1], abs=0.2)
     assert better["register"] == "similarity" and better["error_px"] < 0.2
     assert better["psnr_db"]["mean"] > worse["psnr_db"]["mean"] + 8
     upside_down = tmp_path / "cat.png"

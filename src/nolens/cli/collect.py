@@ -37,7 +37,8 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     folder = summary["outputs"][0]
     lines.append(
         f"then: nolens calibrate pairs {folder}/measured {folder}/pictures --dark "
-        f"{folder}/dark.tif --distance {summary['distance']} -o mycamera"
+        f"{folder}/dark.tif --distance {summary['distance']} --pixel PITCH -o mycamera (PITCH: of "
+        "the sensor's pixels, such as 1.55um)"
     )
     return lines
 

@@ -112,7 +112,7 @@ class Registration:
         place, _ = self._local()
         scale, turn = self.scale_and_turn()
         return {
-            "motion": self.motion,
+            "register": self.motion,
             "row_in_truth": float(place[0]),
             "column_in_truth": float(place[1]),
             "scale": scale,

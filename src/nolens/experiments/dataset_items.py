@@ -121,7 +121,7 @@ class ItemSettings:
 
 
 def random_numbers(seed: int, *use: int) -> np.random.Generator:
-    """Random numbers that depend on a seed and their use alone, by counter ."""
+    """Random numbers that depend on a seed and their use alone."""
     return np.random.Generator(np.random.Philox(np.random.SeedSequence(seed, spawn_key=use)))
 
 

@@ -359,8 +359,8 @@ class PsfFolder:
         pixel = known or stated
         if pixel is None:
             raise OptionError(
-                "the distance of the pixels is not known: give it (--pixel 1.55um), or the camera "
-                "(--camera)"
+                "the distance of the pixels is not known: give it (--pixel 1.55um), or the folder "
+                "of a camera, with its camera.toml (-o)"
             )
         if stated is not None and known is not None and stated != known:
             each = "a pixel" if merged == 1 else f"{merged} of its pixels"

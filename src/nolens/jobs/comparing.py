@@ -20,6 +20,7 @@ from nolens.evaluate import (
     Comparison,
     Fit,
     Motion,
+    Registration,
     bootstrap_mean,
     compare_pictures,
     lies_beside,
@@ -201,13 +202,13 @@ class Compared:
 
     motion: Motion
     figures: dict[str, dict[str, float]] = field(default_factory=dict)
-    errors_px: dict[str, float] = field(default_factory=dict)
+    registrations: dict[str, Registration] = field(default_factory=dict)
     worst: list[tuple[float, int, str, Comparison]] = field(default_factory=list)
 
     def add(self, name: str, found: Comparison, keep: int) -> None:
         """Take in a picture."""
         self.figures[name] = found.figures
-        self.errors_px[name] = found.registration.error_px
+        self.registrations[name] = found.registration
         entry = (-found.figures["psnr_db"], len(self.figures), name, found)
         heapq.heappush(self.worst, entry)
         if len(self.worst) > keep:
@@ -381,7 +382,7 @@ def _interval(values: NDArray[np.float64], seed: int) -> dict[str, float | str |
 def _figures(method: Compared, seed: int) -> dict[str, Any]:
     """Means of a method, with their intervals."""
     names = next(iter(method.figures.values()))
-    errors = np.array(list(method.errors_px.values()))
+    errors = np.array([each.error_px for each in method.registrations.values()])
     return {
         "register": method.motion,
         "error_px": _number(float(np.median(errors))),
@@ -428,13 +429,17 @@ def _writers(options: CompareOptions, compared: Mapping[str, Compared]) -> dict[
 
 
 def _write_table(compared: Mapping[str, Compared], path: Path) -> None:
-    """Every figure of every picture, by method."""
-    first = next(iter(next(iter(compared.values())).figures.values()))
+    """Every figure of every picture and where it lies on its truth, by method."""
+    rows = [
+        {"method": method, "picture": name, **figures, **each.registrations[name].figures()}
+        for method, each in compared.items()
+        for name, figures in each.figures.items()
+    ]
     with path.open("w", newline="") as file:
-        table = csv.writer(file)
-        table.writerow(["method", "picture", *first, "register", "error_px"])
-        for method, each in compared.items():
-            for name, figures in each.figures.items():
-                numbers = [f"{value:.6g}" for value in figures.values()]
-                error = f"{each.errors_px[name]:.3g}"
-                table.writerow([method, name, *numbers, each.motion, error])
+        table = csv.DictWriter(file, rows[0].keys())
+        table.writeheader()
+        for row in rows:
+            table.writerow({
+                name: f"{value:.6g}" if isinstance(value, float) else value
+                for name, value in row.items()
+            })  # fmt: skip

@@ -203,6 +203,7 @@ class JobOptions(BaseModel):
             field = cls.model_fields[name]
             if field.is_required() and values.get(name) in (None, "", (), []):
                 one = name.removesuffix("s") if _takes_several(field.annotation) else name
+                one = one.replace("_", " ")
                 raise OptionError(f"no {one} is given; name {Option.of(cls, name).needed}")
         external = {name: field.alias or name for name, field in cls.model_fields.items()}
         try:

@@ -60,7 +60,8 @@ class CalibrateImportOptions(JobOptions):
         Files,
         Field(min_length=1, max_length=1000),
         Option(
-            "A PSF each: .tif, .png, .npy or camera raw, linear. Its middle pixel (row rows // 2, "
+            "A PSF each: camera raw, .tif, .npy, .mat or another file of docs/formats.md, linear; "
+            "one of several by its number, such as psf.npy#2. Its middle pixel (row rows // 2, "
             "column columns // 2) is the zero shift.",
             needed="the files of the PSFs (nolens calibrate import PSF... --distance 300mm -o "
             "FOLDER)",
