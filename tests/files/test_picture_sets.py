@@ -13,8 +13,9 @@ from torch import Tensor
 
 from nolens.camera import linear_from_srgb
 from nolens.errors import FileError
-from nolens.files import read_picture, write_tiff16, write_tiff32
+from nolens.files import read_frame, read_picture, write_tiff16, write_tiff32
 from nolens.files.picture_sets import open_pictures
+from nolens.files.sequences import open_sequence
 
 GENERATOR = np.random.default_rng(2)
 PIXELS = [GENERATOR.integers(0, 255, (12, 18, 3), dtype=np.uint8) for _ in range(5)]
@@ -73,13 +74,29 @@ def test_parquet_of_hugging_face(tmp_path: Path, named: bool) -> None:
     assert list(found.names) == names
     for name, pixels in zip(names, PIXELS, strict=True):
         assert torch.allclose(found.read(name), radiance(pixels))
-    alone = open_pictures(tmp_path / "data" / "train-00000-of-00001.parquet")
+    train = tmp_path / "data" / "train-00000-of-00001.parquet"
+    measured = open_sequence(Path(f"{train}:/lensless"))
+    assert list(measured.names) == names[2:]
+    for number, pixels in enumerate(PIXELS[2:]):
+        counts = measured.read(number).counts
+        assert torch.equal(counts, torch.from_numpy(255.0 - pixels).permute(2, 0, 1))
+    with pytest.raises(FileError, match=r"lensless, lensed. Name the one, such as .*:/lensless"):
+        read_frame(f"{train}#2")
+    with pytest.raises(FileError, match="no pictures in a column 'mask_label'"):
+        read_frame(f"{train}:/mask_label#2")
+    alone = open_pictures(train)
     assert torch.allclose(alone.read(names[4]), radiance(PIXELS[4]))
     bare = pa.table({"lensed": [png(PIXELS[1])]})
     parquet.write_table(bare, tmp_path / "bare.parquet")
     assert torch.allclose(
         open_pictures(tmp_path / "bare.parquet").read("bare-00000"), radiance(PIXELS[1])
     )
+    second = tmp_path / "data" / "train-00001-of-00001.parquet"
+    parquet.write_table(pa.table({"lensless": [png(PIXELS[0]), b"\xff\xd8\xff"]}), second)
+    more = open_sequence(second)
+    assert more.names == ("train-00003", "train-00004") and more.read(0).white == 255
+    with pytest.raises(FileError, match=r"train-00001.* is a JPEG"):
+        more.read(1)
     parquet.write_table(pa.table({"lensed": [3]}), tmp_path / "numbers.parquet")
     with pytest.raises(FileError, match="numbers"):
         open_pictures(tmp_path / "numbers.parquet").read("numbers-00000")
@@ -110,9 +127,12 @@ def test_folder_takes_the_linear_file_of_a_picture(tmp_path: Path) -> None:
     Image.fromarray(PIXELS[1]).save(tmp_path / "a.png")
     write_tiff16(tmp_path / "a.tif", picture)
     write_tiff32(tmp_path / "b.tif", picture - 0.1)
+    Image.fromarray(PIXELS[1]).save(tmp_path / "c.png")
+    np.savez(tmp_path / "c.npz", picture)
     (tmp_path / "a.json").write_text("{}")
     found = open_pictures(tmp_path)
-    assert found.names == ("a", "b")
+    assert found.names == ("a", "b", "c")
+    assert torch.equal(found.read("c"), picture)
     bright = picture < torch.quantile(picture, 0.99)
     assert torch.allclose(found.read("a")[bright], picture[bright], atol=1e-4)
     assert torch.allclose(found.read("b"), picture - 0.1)

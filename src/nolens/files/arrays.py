@@ -156,9 +156,13 @@ def read_png(path: Path) -> Frame:
     FileError
         If the file is damaged, too large, or has fewer than 8 bits.
     """
-    array = read_png_samples(path)
-    colours = 3 if array.shape[-1] >= 3 else 1
-    return frame_from_array(np.moveaxis(array[..., :colours], -1, 0), str(path))
+    return frame_of_samples(read_png_samples(path), str(path))
+
+
+def frame_of_samples(samples: NDArray[np.generic], source: str) -> Frame:
+    """A frame of (height, width, 1 to 4) of grey or colour; alpha is dropped."""
+    colours = 3 if samples.shape[-1] >= 3 else 1
+    return frame_from_array(np.moveaxis(samples[..., :colours], -1, 0), source)
 
 
 def read_png_samples(path: Path) -> NDArray[np.generic]:

@@ -19,6 +19,7 @@ from nolens.documents import parse_json
 from nolens.errors import DataError, FileError, OptionError
 from nolens.files.arrays import decode_png
 from nolens.files.input import decoding, read_text, system_errors
+from nolens.files.parquet import ParquetTable
 
 DATASET_FILE, CARD_FILE, RECIPE_FILE = "dataset.json", "README.md", "recipe.toml"
 Layout = Literal["webdataset", "parquet"]
@@ -330,18 +331,10 @@ def _write_parquet(stream: io.BytesIO, rows: Sequence[Row], developed: bool) -> 
 
 class _ParquetShard:
     def __init__(self, path: Path) -> None:
-        parquet = _parquet()
-        with system_errors(path), decoding(path, "a Parquet file"):
-            self._file = parquet.ParquetFile(path, memory_map=True)
-        self._path = path
-        self._group: tuple[int, list[Row]] = -1, []
+        self._table = ParquetTable(path)
 
     def __getitem__(self, place: int) -> Row:
-        number, within = divmod(place, _ROW_GROUP)
-        if self._group[0] != number:
-            with decoding(self._path, "a Parquet file"):
-                self._group = number, self._file.read_row_group(number).to_pylist()
-        row = dict(self._group[1][within])
+        row = self._table[place]
         return row | {name: row[name]["bytes"] for name in _PICTURES}
 
 

@@ -55,6 +55,7 @@ READERS: dict[str, Reader] = {
     ".zip": Reader("nolens.files.zarr_store:open_zarr", ("zip",)),
     **dict.fromkeys((".mkv", ".avi", ".mov", ".mp4"), Reader("nolens.files.video:open_video")),
     ".exr": Reader("nolens.files.exr:open_exr", ("EXR",)),
+    ".parquet": Reader("nolens.files.parquet:open_parquet"),
 }
 """By suffix. A new format is a function and a line here."""
 
@@ -132,6 +133,11 @@ def numbered(count: int) -> tuple[str, ...]:
     """Names for the frames of a stack: frame-1 and so on, all of one length."""
     digits = len(str(count))
     return tuple(f"frame-{number + 1:0{digits}}" for number in range(count))
+
+
+def picture_name(path: Path) -> str:
+    """Name of a picture, by which it belongs to others: that of its file without the suffixes."""
+    return path.name.partition(".")[0]
 
 
 def refuse_dataset(path: Path, dataset: str | None) -> None:

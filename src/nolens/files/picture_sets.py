@@ -14,20 +14,21 @@ Layouts, and where they are described:
 
 import csv
 import io
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from PIL import Image
 from torch import Tensor
 
-from nolens.errors import FileError, OptionError
+from nolens.errors import FileError
 from nolens.files.dataset import Shard, decode_picture, open_shard, read_dataset
+from nolens.files.formats import picture_name
 from nolens.files.frames import read_frame
 from nolens.files.input import check_exists, check_size, decoding, system_errors
+from nolens.files.parquet import ParquetTable
 from nolens.files.pictures import PICTURE_SUFFIXES, picture_of_samples, read_picture
 
 _TRUTHS = ("ground_truth_lensed", "lensed", "orig", "pictures")
@@ -36,7 +37,7 @@ _TRUTHS = ("ground_truth_lensed", "lensed", "orig", "pictures")
 _BGR = {"ground_truth_lensed": "diffuser_images", "lensed": "diffuser"}
 """Those whose .npy are stored as B, G, R where the other folder is beside them."""
 _COLUMN = "lensed"
-_LINEAR_FIRST = (".npy", ".tif", ".tiff", ".png", ".jpg", ".jpeg")
+_CODED = (".png", ".jpg", ".jpeg")
 _PARQUET = "*.parquet"
 
 
@@ -124,12 +125,9 @@ def _of_folder(source: Path, folder: Path, data_set: bool, bgr: bool) -> Picture
 
 
 def _rank(path: Path) -> int:
-    return _LINEAR_FIRST.index(path.suffix.lower())
-
-
-def picture_name(path: Path) -> str:
-    """Name of a picture, by which it belongs to others: that of its file without the suffixes."""
-    return path.name.partition(".")[0]
+    """Linear files come first."""
+    suffix = path.suffix.lower()
+    return _CODED.index(suffix) + 1 if suffix in _CODED else 0
 
 
 def _listed(path: Path, every: PictureSet) -> PictureSet:
@@ -147,26 +145,34 @@ def _listed(path: Path, every: PictureSet) -> PictureSet:
 
 def _of_parquet(source: Path, files: list[Path], bgr: bool) -> PictureSet:
     """Pictures of the column `lensed`, named by their files, or by split and number."""
-    parts = list(_parquet_parts(files))
-    names: list[str] = []
-    place: dict[str, tuple[Any, int]] = {}
-    stored = [name for part in parts for name in part.names]
-    usable = all(stored) and len(set(stored)) == len(stored)
-    counts: dict[str, int] = {}
-    for part in parts:
-        for row, own in enumerate(part.names):
-            number = counts.get(part.split, 0)
-            counts[part.split] = number + 1
-            name = own if usable else f"{part.split}-{number:05}"
-            names.append(name)
-            place[name] = part, row
+    tables = [_lensed(path) for path in files]
+    names = [name for table in tables for name in table.names(_COLUMN)]
+    if not all(names) or len(set(names)) < len(names):
+        names = [name for table in tables for name in table.numbers()]
+    rows = [(table, row) for table in tables for row in range(len(table))]
+    place = dict(zip(names, rows, strict=True))
 
     def read(name: str) -> Tensor:
-        part, row = place[name]
-        radiance: Tensor = part.read(row, name)
+        table, row = place[name]
+        radiance = _decoded(table.picture(row, _COLUMN), f"{table.path}, {name}")
         return radiance.flip(0) if bgr else radiance
 
     return PictureSet(source, tuple(names), read)
+
+
+def _lensed(path: Path) -> ParquetTable:
+    table = ParquetTable(path, [_COLUMN])
+    if _COLUMN not in table.columns:
+        raise FileError(f"{path} has the columns {', '.join(table.columns)}, and none {_COLUMN}")
+    return table
+
+
+def _decoded(content: bytes, where: str) -> Tensor:
+    """Radiance of the bytes of a picture."""
+    with decoding(Path(where), "a picture"), Image.open(io.BytesIO(content)) as picture:
+        check_size((picture.height, picture.width, len(picture.getbands())), 1, where)
+        samples = np.asarray(picture if picture.mode in ("L", "I;16") else picture.convert("RGB"))
+    return picture_of_samples(samples if samples.ndim == 3 else samples[..., None], where)
 
 
 def _of_own_set(folder: Path) -> PictureSet:
@@ -193,65 +199,3 @@ def _of_own_set(folder: Path) -> PictureSet:
         return radiance.expand(3, -1, -1)
 
     return PictureSet(folder, tuple(places), read)
-
-
-class _ParquetPart:
-    """One Parquet file; the pictures of one row group at a time are held."""
-
-    def __init__(self, path: Path, file: Any) -> None:
-        self._path, self._file = path, file
-        self.split = path.name.partition("-")[0].removesuffix(".parquet")
-        # Pictures are bytes and the name of their file, or bytes alone.
-        self._bare = not hasattr(file.schema_arrow.field(_COLUMN).type, "fields")
-        column = None if self._bare else file.read(columns=[f"{_COLUMN}.path"]).column(_COLUMN)
-        paths = [] if column is None else [(each or {}).get("path") for each in column.to_pylist()]
-        self.names = [picture_name(Path(each or "")) for each in paths] or [""] * (
-            file.metadata.num_rows
-        )
-        self._group = -1
-        self._rows: Any = None
-
-    def read(self, row: int, name: str) -> Tensor:
-        """Radiance of a row."""
-        group = 0
-        while row >= (count := self._file.metadata.row_group(group).num_rows):
-            row, group = row - count, group + 1
-        if group != self._group:
-            size = self._file.metadata.row_group(group).total_byte_size
-            check_size((size,), 1, f"row group {group} of {self._path}")
-            with decoding(self._path, "Parquet"):
-                self._rows = self._file.read_row_group(group, columns=[_COLUMN]).column(_COLUMN)
-            self._group = group
-        content = self._rows[row].as_py()
-        if content is not None and not self._bare:
-            content = content.get("bytes")
-        where = f"{self._path}, {name}"
-        if not content:
-            raise FileError(
-                f"{where} has no bytes in its column {_COLUMN}: save it with its pictures"
-            )
-        with decoding(Path(where), "a picture"), Image.open(io.BytesIO(content)) as picture:
-            check_size((picture.height, picture.width, len(picture.getbands())), 1, where)
-            samples = np.asarray(
-                picture if picture.mode in ("L", "I;16") else picture.convert("RGB")
-            )
-        return picture_of_samples(samples if samples.ndim == 3 else samples[..., None], where)
-
-
-def _parquet_parts(files: list[Path]) -> Iterator[_ParquetPart]:
-    try:
-        from pyarrow import parquet
-    except ImportError:
-        raise OptionError(
-            f"{files[0]} is a Parquet file, which pyarrow reads: pip install 'nolens[parquet]'"
-        ) from None
-    for path in files:
-        with decoding(path, "Parquet"):
-            file = parquet.ParquetFile(path)
-        if _COLUMN not in file.schema_arrow.names:
-            raise FileError(
-                f"{path} has the columns {', '.join(file.schema_arrow.names)}, and none {_COLUMN}"
-            )
-        with decoding(path, "Parquet"):
-            part = _ParquetPart(path, file)
-        yield part
