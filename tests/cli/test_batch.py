@@ -3,6 +3,8 @@
 import json
 import shutil
 import signal
+import socketserver
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -129,14 +131,29 @@ def test_cluster(batch: Batch, tmp_path: Path, scheduler: str) -> None:
     batch.check_same(tmp_path / "out")
 
 
+class Dashboard(socketserver.BaseRequestHandler):
+    """A server of something else, which answers whatever it is asked."""
+
+    def handle(self) -> None:
+        self.request.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+
+
 def test_refusals(batch: Batch, tmp_path: Path) -> None:
     folder = tmp_path / "out"
     shutil.copytree(batch.folder, folder)
     other = run(*batch.arguments(folder, "--store", batch.store, "--bin", 2))
     check_refused(other, "another --bin: None there, 2 now", "another folder (-o)")
-    nobody = run(*batch.arguments(tmp_path / "new", "--scheduler", "tcp://127.0.0.1:1"))
-    assert nobody.code == 2
-    assert "no scheduler answers at tcp://127.0.0.1:1" in nobody.err
+    store = shutil.copytree(batch.store, tmp_path / "older.zarr") / "zarr.json"
+    store.write_text(store.read_text().replace('"0.5"', '"0.4"'))
+    (folder / "manifest.sqlite").unlink()
+    older = run(*batch.arguments(folder, "--store", store.parent))
+    check_refused(older, "by this version of nolens", "another name (--store)")
+    with socketserver.TCPServer(("127.0.0.1", 0), Dashboard) as other_server:
+        threading.Thread(target=other_server.handle_request, daemon=True).start()
+        address = f"tcp://127.0.0.1:{other_server.server_address[1]}"
+        nobody = run(*batch.arguments(tmp_path / "new", "--scheduler", address))
+    check_refused(nobody, f"no Dask scheduler answers at {address}", "not that of its dashboard")
+    assert not (tmp_path / "new").exists()
 
 
 def test_any_job_of_an_item(batch: Batch, tmp_path: Path) -> None:

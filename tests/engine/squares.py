@@ -25,3 +25,14 @@ class Squares:
             self.memory.touch()
             os.kill(os.getpid(), signal.SIGKILL)
         return number * number
+
+
+class Unreadable(int):
+    """A number that no worker can unpack."""
+
+    def __reduce__(self) -> object:
+        return _refuse, ()
+
+
+def _refuse() -> None:
+    raise ValueError("cannot be unpacked")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from distributed import LocalCluster
-from squares import FAILS, KILLS, Squares
+from squares import FAILS, KILLS, Squares, Unreadable
 
 from nolens.engine import Outcome, run_items
 from nolens.engine.items import AHEAD, ATTEMPTS
@@ -65,6 +65,16 @@ def test_cluster_gives_the_same(scheduler: str) -> None:
     items = ((str(number), partial(int, number)) for number in range(COUNT))
     by_key = _checked(run_items(items, Squares(), scheduler=scheduler))
     assert by_key[str(KILLS)].attempts == 1
+
+
+def test_one_item_of_a_task_that_breaks_it(scheduler: str) -> None:
+    # The first makes the tasks larger; the task that has the bad one breaks as a whole.
+    items = [(str(at), partial(Unreadable if at == KILLS else int, at)) for at in range(COUNT)]
+    found = {each.key: each for each in run_items(items, Squares(), scheduler=scheduler)}
+    assert "deserialization" in found.pop(str(KILLS)).error
+    found.pop(str(FAILS))
+    assert {key: each.value for key, each in found.items()} == {key: int(key) ** 2 for key in found}
+    assert {each.attempts for each in found.values()} == {1}
 
 
 def test_workers_of_another_version(scheduler: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,11 +1,12 @@
 """Workers of a Dask cluster."""
 
+import asyncio
 import importlib.metadata
 import json
 import logging
-import socket
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -14,17 +15,29 @@ from nolens.engine.items import AHEAD, Failure, Work, failure
 from nolens.errors import FileError, OptionError
 
 try:
+    import dask
     from distributed import Client, Future, WorkerPlugin, as_completed
+    from distributed.comm.core import connect
     from distributed.scheduler import KilledWorker
+    from distributed.security import Security
 except ImportError:
     raise OptionError(
         "--scheduler needs Dask, which is not installed: pip install 'nolens[cluster]'"
     ) from None
 
-_SECONDS = 3.0
+# Our words say what matters, and frames are sent as they are, however large.
+for _name in ("distributed", "distributed.client"):
+    logging.getLogger(_name).setLevel(logging.CRITICAL)
+dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"})
+
+_SECONDS = 2.5
 """For a scheduler to answer."""
 _COUNT_AGAIN_S = 2.0
 """After which workers are counted again."""
+_TASK_S = 0.5
+"""Work that a task has at least, as the cluster takes 10 ms of processors for each."""
+_MOST_ITEMS = 8
+"""In a task, of which workers hold two."""
 _prepared: dict[str, Callable[[Any], Any]] = {}
 """What is called with an item, by run; of this worker."""
 
@@ -32,7 +45,9 @@ _prepared: dict[str, Callable[[Any], Any]] = {}
 class Cluster:
     """The workers of a scheduler, those that join later among them.
 
-    The work goes to each worker once, as a plugin, which the scheduler keeps for later ones.
+    The work goes to each worker once, as a plugin, which the scheduler keeps for later ones. Items
+    that take a short time are sent several in a task; those whose worker died, one by one, so that
+    it is known which of them ends workers.
 
     Parameters
     ----------
@@ -45,9 +60,8 @@ class Cluster:
     """
 
     def __init__(self, work: Work, scheduler: str, note: Callable[[str], None]) -> None:
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)
         self._scheduler, self._run = scheduler, uuid4().hex
-        self._client = _connected(scheduler)
+        self._client = Client(reached(scheduler), timeout=_SECONDS, set_as_default=False)
         try:
             about = self._client.scheduler_info(n_workers=-1)
             if "dashboard" in about["services"]:
@@ -62,7 +76,11 @@ class Cluster:
             self._client.close()
             raise
         self._threads, self._counted = 1, -_COUNT_AGAIN_S
-        self._running: dict[Future[Any], str] = {}
+        self._items_of_task = 1
+        self._gathered: list[tuple[str, Any]] = []
+        self._alone = set[str]()
+        self._running: dict[Future[Any], list[str]] = {}
+        self._answers = deque[tuple[str, Any]]()
         self._completed = as_completed(loop=self._client.loop)
 
     @property
@@ -73,14 +91,27 @@ class Cluster:
             workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
             self._threads = max(1, sum(int(each["nthreads"]) for each in workers))
             self._counted = now
-        return AHEAD * self._threads
+        return AHEAD * self._threads * self._items_of_task
 
     def submit(self, key: str, item: Any) -> None:
-        """Send an item to any worker."""
+        """Send an item to any worker, with others where there are enough for a task."""
+        if key in self._alone:
+            self._send([(key, item)])
+            return
+        self._gathered.append((key, item))
+        if len(self._gathered) >= self._items_of_task:
+            self._send_gathered()
+
+    def _send_gathered(self) -> None:
+        if self._gathered:
+            self._send(self._gathered)
+            self._gathered = []
+
+    def _send(self, items: Sequence[tuple[str, Any]]) -> None:
         future = self._client.submit(
-            _call, self._run, item, key=f"nolens-{uuid4().hex}", pure=False
+            _call, self._run, [each for _, each in items], key=f"nolens-{uuid4().hex}", pure=False
         )
-        self._running[future] = key
+        self._running[future] = [key for key, _ in items]
         self._completed.add(future)
 
     def next(self) -> tuple[str, Any]:
@@ -91,21 +122,32 @@ class Cluster:
         FileError
             If the scheduler has gone.
         """
-        future = next(self._completed)
-        key = self._running.pop(future)
+        while not self._answers:
+            self._send_gathered()
+            future = next(self._completed)
+            self._answers += self._answers_of(future, self._running.pop(future))
+        return self._answers.popleft()
+
+    def _answers_of(self, future: "Future[Any]", keys: list[str]) -> Iterable[tuple[str, Any]]:
         if future.status == "finished":
-            return key, future.result()
-        if future.status == "error":
-            error = future.exception()
-            if isinstance(error, KilledWorker):
-                return key, Failure("the worker ended before it had an answer")
-            return key, failure(error)
-        if self._client.status != "running":
+            seconds, answers = future.result()
+            self._items_of_task = max(
+                1, min(_MOST_ITEMS, int(_TASK_S * len(keys) / max(seconds, 1e-6)))
+            )
+            return zip(keys, answers, strict=True)
+        error = future.exception() if future.status == "error" else None
+        if error is None and self._client.status != "running":
             raise FileError(
                 f"the scheduler {self._scheduler} has gone. What was written is kept: run the same "
                 "command again when there is one"
             )
-        return key, Failure("the worker ended before it had an answer")
+        self._alone.update(keys)
+        begun = len(keys) == 1
+        if error is None or isinstance(error, KilledWorker):
+            reason = Failure("the worker ended before it had an answer", begun)
+        else:
+            reason = Failure(failure(error).text, begun)
+        return [(key, reason) for key in keys]
 
     def close(self) -> None:
         """Take back what is under way, and leave the cluster to others."""
@@ -139,8 +181,14 @@ def _check_version(worker: str, here: str, there: object) -> None:
         )
 
 
-def _connected(scheduler: str) -> Client:
-    """A client of the scheduler at an address, or of the one that a file describes."""
+def reached(scheduler: str) -> str:
+    """Address of a scheduler that answers, given its address or the file that describes it.
+
+    Raises
+    ------
+    OptionError
+        If there is none.
+    """
     address = scheduler
     if "://" not in scheduler:
         try:
@@ -151,12 +199,18 @@ def _connected(scheduler: str) -> Client:
                 "scheduler file"
             ) from None
     try:
-        return Client(address, timeout=_SECONDS, set_as_default=False)
-    except (OSError, TimeoutError, ValueError, socket.gaierror):
+        asyncio.run(asyncio.wait_for(_greet(address), _SECONDS))
+    except Exception:  # Whatever else listens there may answer anything.
         raise OptionError(
-            f"no scheduler answers at {address} within {_SECONDS:g} s: start one (dask scheduler), "
-            "or give the address that it prints"
+            f"no Dask scheduler answers at {address} within {_SECONDS:g} s: start one (dask "
+            "scheduler), or give the address that it prints (not that of its dashboard)"
         ) from None
+    return address
+
+
+async def _greet(address: str) -> None:
+    greeting = await connect(address, **Security().get_connection_args("client"))
+    await greeting.close()
 
 
 class _Preparation(WorkerPlugin):
@@ -199,8 +253,12 @@ def _state(run: str) -> Exception | None:
     return call.error if isinstance(call, _Refusal) else None
 
 
-def _call(run: str, item: Any) -> Any:
-    try:
-        return _prepared[run](item)
-    except Exception as error:
-        return failure(error)
+def _call(run: str, items: Sequence[Any]) -> tuple[float, list[Any]]:
+    """Seconds that the items took, and their answers."""
+    begun, answers = time.perf_counter(), []
+    for item in items:
+        try:
+            answers.append(_prepared[run](item))
+        except Exception as error:
+            answers.append(failure(error))
+    return time.perf_counter() - begun, answers

@@ -156,6 +156,25 @@ def run_items(
             yield Outcome(key, None if reason else value, reason, tries.pop(key))
 
 
+def check_scheduler(scheduler: str | None) -> None:
+    """Refuse a scheduler that does not answer, before anything is prepared for it.
+
+    Parameters
+    ----------
+    scheduler
+        As for `run_items`.
+
+    Raises
+    ------
+    OptionError
+        If it does not answer within some seconds, or Dask is not installed.
+    """
+    if scheduler is not None:
+        from nolens.engine.cluster import reached
+
+        reached(scheduler)
+
+
 def failure(error: Exception) -> Failure:
     """What is told of an error: its text, and its kind where it is none of ours."""
     known = isinstance(error, NolensError)

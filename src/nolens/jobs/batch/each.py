@@ -16,6 +16,7 @@ from typing import Annotated, Any
 from pydantic import Field
 
 import nolens.jobs
+from nolens.engine import check_scheduler
 from nolens.errors import NolensError, OptionError
 from nolens.files import CAMERA_FILE, PSFS_FILE, open_sequence, read_frame, write_frame
 from nolens.files.formats import FrameSequence
@@ -253,6 +254,7 @@ def batch_each(run: Run[BatchEachOptions]) -> Product[None]:
         else:
             values[name] = value
     run.begin()
+    check_scheduler(options.scheduler)
     about = {f"file: --{name}": each.digest for name, each in files.items()}
     with closing(open_manifest(run, items, about)) as manifest:
         return run_batch(

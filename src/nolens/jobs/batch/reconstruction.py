@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from nolens.camera import Frame, arrange_rgb, exposure_white
-from nolens.engine import Manifest
+from nolens.engine import Manifest, check_scheduler
 from nolens.errors import DataError, FileError, NolensError
 from nolens.files import open_sequence
 from nolens.files.formats import FrameSequence
@@ -179,6 +179,7 @@ def batch_reconstruct(run: Run[BatchReconstructOptions]) -> Product[None]:
     )
     frames = open_sequence(options.items, mosaic=one.mosaic, bgr=one.bgr)
     run.begin()
+    check_scheduler(options.scheduler)
     development = read_development(one)
     with closing(open_manifest(run, frames)) as manifest:
         setup = _set_up(run.for_options(one), manifest, frames, development)
@@ -229,6 +230,8 @@ def _set_up(
             # Ctrl-C ends a choice before its time.
             if run.reporter.step("set-up", 1, 1, "nothing"):
                 return None
+            # From here to the first picture, such as while no worker joins, it ends all at once.
+            run.reporter.advance("set-up", 1.0)
             manifest.note(first=number, choices=setup.choices)
         return setup
     assert reason is not None

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from nolens.amounts import duration_text
-from nolens.engine import Manifest, run_items, worker_count
+from nolens.engine import Manifest, check_scheduler, run_items, worker_count
 from nolens.engine.manifest import MANIFEST_FILE
 from nolens.errors import DataError, NolensError, OptionError
 from nolens.experiments.dataset_items import (
@@ -202,6 +202,7 @@ def _make_missing(
         index: name for name in missing if name in recipe.shards for index in recipe.shards[name][1]
     }
     run.begin()
+    check_scheduler(options.scheduler)
     if not missing:
         return []
     workers = _workers(recipe)
@@ -374,6 +375,7 @@ def _single_items(run: Run[DatasetOptions], recipe: Recipe, work: DatasetWork) -
             f"items 0 to {options.count - 1}"
         )
     run.begin()
+    check_scheduler(options.scheduler)
     workers = min(len(numbers), _workers(recipe))
     loads = ((str(each), partial(recipe.load, each)) for each in numbers)
     outcomes = run_items(loads, work, workers=workers, scheduler=options.scheduler)
