@@ -1,10 +1,11 @@
 """Batches at scale: throughput, memory, kills, workers without a folder in common, and a model.
 
 `.venv/bin/python bench/batch.py` makes frames of 360×480 pixels in colour, and reconstructs them
-with two worker processes and with two workers of a local Dask cluster, in turns; samples the memory
-of all processes; kills command, worker and scheduler at random moments and runs the command again;
-and measures what the command and the scheduler can move when workers do nothing. It prints the
-tables of docs/scale.md. `--parts` does some of these.
+with two worker processes and with two workers of a local Dask cluster, in turns; samples memory and
+processor time of all processes; does the same with other numbers of workers; kills command, worker
+and scheduler at random moments and runs the command again; and measures what command and scheduler
+take for a frame while workers do nothing or wait. It writes the tables of docs/scale.md. `--parts`
+does some of these, and what was measured before stays in `build/batch.json`.
 """
 
 import argparse
@@ -25,6 +26,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +35,7 @@ import psutil
 import tifffile
 
 from cases import synthetic
-from machine import Others, describe
+from machine import busy_seconds, describe
 from nolens.engine import Manifest, run_items
 from nolens.files import read_frame
 from nolens.jobs.batch.reconstruction import PackedFrame
@@ -47,11 +49,17 @@ ENVIRONMENT = {
     "PYTHONPATH": str(Path(__file__).resolve().parents[1] / "src"),
     "PYTHONWARNINGS": "ignore",
 }
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "scale.md"
+MARK = "<!-- make bench-batch -->\n"
+PARTS = ("throughput", "workers", "kills", "apart", "moved")
 SILENT: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
 KINDS = 20
 """Different frames; more are links to these."""
 KILLS = 10
 SEED = 20
+PICTURE_BYTES = 350_000
+FRAME_BYTES = 360 * 480 * 3 * 2
+PROCESSES = ("command_ms", "scheduler_ms", "workers_ms")
 
 
 def make_frames(folder: Path, count: int, size: tuple[int, int]) -> tuple[Path, Path]:
@@ -89,6 +97,7 @@ class DaskCluster:
 
     folder: Path
     workers: int
+    threads: int = 1
     hidden: Path | None = None
     port: int = 0
 
@@ -108,8 +117,8 @@ class DaskCluster:
         return f"tcp://127.0.0.1:{self.port}"
 
     def start_worker(self, number: int) -> subprocess.Popen[bytes]:
-        """Start a worker of one thread."""
-        more = ("--nthreads", 1, "--memory-limit", 0, "--no-dashboard", "--no-nanny")
+        """Start a worker process."""
+        more = ("--nthreads", self.threads, "--memory-limit", 0, "--no-dashboard", "--no-nanny")
         return self._start(f"worker-{number}", "worker", self.address, *more)
 
     def _start(self, name: str, *arguments: object) -> subprocess.Popen[bytes]:
@@ -156,6 +165,7 @@ class Watch:
                         "others_mb": sum(each.memory_info().rss for each in others) / 1e6,
                         "command_s": _used(main),
                         "others_s": sum(map(_used, others)),
+                        "busy_s": busy_seconds() or 0.0,
                     }
                 )
 
@@ -174,8 +184,9 @@ def _used(process: psutil.Process) -> float:
 def timed(line: list[str], pids: list[int], frames: int) -> dict[str, Any]:
     """Run a batch to its end; rate, processor time and memory of its middle."""
     out = Path(line[line.index("-o") + 1])
-    others = Others()
-    process = subprocess.Popen(line, env=ENVIRONMENT, stderr=subprocess.PIPE)
+    process = subprocess.Popen(
+        line, env=ENVIRONMENT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    )
     watch = Watch([process.pid, *pids])
     done: list[tuple[float, int]] = []
     while process.poll() is None:
@@ -185,44 +196,67 @@ def timed(line: list[str], pids: list[int], frames: int) -> dict[str, Any]:
     if process.returncode != 0:
         raise SystemExit(process.stderr.read().decode())
     samples = watch.end()
-    # From a tenth of the frames to nine tenths: neither the start nor the end.
-    begun, first = next(each for each in done if each[1] >= frames // 10)
-    ended, last = next(each for each in done if each[1] >= frames * 9 // 10)
+    # From a tenth of the frames to nine tenths, in four parts: neither the start nor the end.
+    marks = [next(each for each in done if each[1] >= frames * at / 10) for at in (1, 3, 5, 7, 9)]
+    (begun, first), (ended, last) = marks[0], marks[-1]
     middle = [each for each in samples if begun <= each["at"] <= ended]
     count = last - first
-    used = {
-        name: 1e3 * (middle[-1][name] - middle[0][name]) / count
-        for name in ("command_s", "others_s")
-    }
-    marks = [middle[int(part * (len(middle) - 1))] for part in (0, 1 / 3, 2 / 3, 1)]
+    used = {name: middle[-1][name] - middle[0][name] for name in middle[0]}
+    others = used["busy_s"] - used["command_s"] - used["others_s"]
+    at = [middle[int(part * (len(middle) - 1))] for part in (0, 1 / 3, 2 / 3, 1)]
     return {
+        "frames": frames,
         "rate": count / (ended - begun),
-        "command_ms": used["command_s"],
-        "others_ms": used["others_s"],
-        "other_work_cores": others.cores(),
-        "memory_mb": [(round(each["command_mb"]), round(each["others_mb"])) for each in marks],
+        "rates": [
+            (later[1] - before[1]) / max(0.5, later[0] - before[0])
+            for before, later in pairwise(marks)
+        ],
+        "command_ms": 1e3 * used["command_s"] / count,
+        "others_ms": 1e3 * used["others_s"] / count,
+        "other_work_cores": max(0.0, others / used["at"]),
+        "memory_mb": [(round(each["command_mb"]), round(each["others_mb"])) for each in at],
     }
+
+
+def measured(
+    folder: Path, frames: Path, psf: Path, kind: str, workers: int, *more: object
+) -> dict[str, Any]:
+    """A batch by so many processes or Dask workers."""
+    out = folder / "out"
+    with ExitStack() as stack:
+        pids = []
+        where: tuple[object, ...] = ("--workers", workers)
+        if kind == "dask":
+            cluster = stack.enter_context(DaskCluster(folder / "dask", workers))
+            pids = [each.pid for each in cluster.processes]
+            where = ("--scheduler", cluster.address)
+            time.sleep(8)  # All workers are there.
+        line = command(frames, psf, out, *where, *more)
+        row = {"kind": kind, "workers": workers, **timed(line, pids, len(list(frames.iterdir())))}
+    print(json.dumps(row), flush=True)
+    shutil.rmtree(out)
+    return row
 
 
 def throughput(folder: Path, count: int, rounds: int) -> list[dict[str, Any]]:
-    """Two processes and two Dask workers in turns."""
+    """Two processes and two Dask workers in turns, at the quality that takes least time."""
     frames, psf = make_frames(folder / "large", count, (360, 480))
+    return [
+        measured(folder, frames, psf, kind, 2, "--quality", "draft")
+        for number in range(rounds)
+        for kind in (("processes", "dask") if number % 2 == 0 else ("dask", "processes"))
+    ]
+
+
+def workers(folder: Path, counts: tuple[int, ...]) -> list[dict[str, Any]]:
+    """Other numbers of workers and of frames, and the default quality."""
     rows = []
-    for number in range(rounds):
-        for kind in ("processes", "dask") if number % 2 == 0 else ("dask", "processes"):
-            out = folder / f"out-{kind}-{number}"
-            with ExitStack() as stack:
-                more: tuple[object, ...] = ("--workers", 2)
-                pids = []
-                if kind == "dask":
-                    cluster = stack.enter_context(DaskCluster(folder / f"dask-{number}", 2))
-                    more = ("--scheduler", cluster.address)
-                    pids = [each.pid for each in cluster.processes]
-                    time.sleep(8)  # Both workers are there.
-                line = command(frames, psf, out, "--quality", "draft", *more)
-                rows.append({"kind": kind, **timed(line, pids, count)})
-            print(json.dumps(rows[-1]), flush=True)
-            shutil.rmtree(out)
+    for count, quality in ((counts[0], "draft"), (counts[1], "photo")):
+        frames, psf = make_frames(folder / quality, count, (360, 480))
+        for number in (1, 2, 3):
+            for kind in ("processes", "dask"):
+                row = measured(folder, frames, psf, kind, number, "--quality", quality)
+                rows.append({"quality": quality, **row})
     return rows
 
 
@@ -315,62 +349,72 @@ def apart(folder: Path, count: int) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Nothing:
-    """Work of no time with frames and pictures of the usual size."""
+class Waiting:
+    """Work without computing, with frames and pictures of the usual size."""
 
     picture: bytes
+    seconds: float
 
     def prepare(self) -> Callable[[PackedFrame], Answer]:
-        """What answers."""
+        """What answers after that time."""
         return self._answer
 
     def _answer(self, packed: PackedFrame) -> Answer:
-        return Answer({"png": self.picture}, {"seconds": 0.0})
+        time.sleep(self.seconds)
+        return Answer({"png": self.picture}, {"seconds": self.seconds})
 
 
-def moved(folder: Path, count: int) -> list[dict[str, Any]]:
-    """Frames a second that command and scheduler move when workers do nothing."""
+MOVED: tuple[tuple[str, int, int, float, int], ...] = (
+    ("processes", 2, 1, 0.0, 600),
+    ("dask", 2, 1, 0.0, 1200),
+    ("dask", 10, 2, 1.0, 600),
+    ("dask", 10, 10, 4.0, 1000),
+    ("dask", 10, 10, 2.0, 1500),
+    ("dask", 10, 10, 1.0, 1500),
+)
+"""Kind, processes, threads in each, seconds that a frame waits there, frames."""
+
+
+def moved(folder: Path) -> list[dict[str, Any]]:
+    """What command, scheduler and workers take for a frame while workers compute nothing."""
     frames, _ = make_frames(folder / "moved", KINDS, (360, 480))
     paths = sorted(frames.iterdir())
-    picture = np.random.default_rng(SEED).bytes(350_000)
+    picture = np.random.default_rng(SEED).bytes(PICTURE_BYTES)
     rows = []
-    for kind in ("processes", "dask"):
-        out = folder / f"moved-{kind}"
+    for number, (kind, processes, threads, wait_s, count) in enumerate(MOVED):
+        out = folder / f"moved-{number}"
         keys = [f"f{number}" for number in range(count)]
         items = [(key, partial(_packed, paths[at % KINDS])) for at, key in enumerate(keys)]
         with ExitStack() as stack:
-            scheduler = None
+            scheduler, pids = None, list[int]()
             if kind == "dask":
-                cluster = stack.enter_context(DaskCluster(folder / "moved-dask", 2))
+                cluster = DaskCluster(folder / f"moved-dask-{number}", processes, threads)
+                stack.enter_context(cluster)
                 scheduler = cluster.address
-                time.sleep(8)
+                pids = [each.pid for each in cluster.processes]
+                time.sleep(5 + processes)
             manifest = Manifest.open(out, {}, keys)
-            begun, used, scheduling = 0.0, 0.0, 0.0
-            for outcome in run_items(items, Nothing(picture), workers=2, scheduler=scheduler):
-                if not begun:
-                    begun, used = time.monotonic(), time.process_time()
-                    scheduling = _scheduler_s(cluster) if scheduler else 0.0
+            work = Waiting(picture, wait_s)
+            skipped = 2 * processes * threads  # All workers have begun.
+            marks: list[tuple[float, list[float]]] = []
+            for done, outcome in enumerate(
+                run_items(items, work, workers=processes, scheduler=scheduler)
+            ):
                 files = {out / f"{outcome.key}.png": partial(_write, outcome.value.files["png"])}
                 manifest.keep(outcome.key, outcome.value.row, files)
-            seconds = time.monotonic() - begun
-            used = time.process_time() - used
-            scheduling = _scheduler_s(cluster) - scheduling if scheduler else 0.0
+                if done in (skipped, count - skipped):
+                    workers_s = sum(_used(psutil.Process(pid)) for pid in pids[1:])
+                    scheduler_s = _used(psutil.Process(pids[0])) if pids else 0.0
+                    marks.append((time.monotonic(), [time.process_time(), scheduler_s, workers_s]))
             manifest.close()
-        each = 1e3 / (count - 1)
-        rows.append(
-            {
-                "kind": kind,
-                "rate": (count - 1) / seconds,
-                "command_ms": each * used,
-                "scheduler_ms": each * scheduling,
-            }
-        )
+        (begun, first), (ended, last) = marks
+        each = 1e3 / (count - 2 * skipped)
+        spent = [each * (after - before) for before, after in zip(first, last, strict=True)]
+        row = {"kind": kind, "workers": processes * threads, "wait_s": wait_s, "frames": count}
+        row["rate"] = 1e3 / each / (ended - begun)
+        rows.append({**row, **dict(zip(PROCESSES, spent, strict=True))})
         print(json.dumps(rows[-1]), flush=True)
     return rows
-
-
-def _scheduler_s(cluster: DaskCluster) -> float:
-    return _used(psutil.Process(cluster.scheduler.pid))
 
 
 def _packed(path: Path) -> PackedFrame:
@@ -381,42 +425,110 @@ def _write(content: bytes, path: Path) -> None:
     path.write_bytes(content)
 
 
-def tables(found: dict[str, Any]) -> str:
-    """The tables of docs/scale.md."""
+def model(rows: list[dict[str, Any]]) -> list[str]:
+    """Cost of a frame by a line through two measurements, checked with a third; 100 workers.
+
+    A process is busy for b + r·c seconds in each, at r frames a second. W workers that take s
+    for a frame want W/s; no process can be busy for more than a second in each.
+    """
+    few, more, check = rows[-3:]
+    slope, base = {}, {}
     lines = [
-        "| workers | frames/s | command, ms | workers and scheduler, ms | other work, cores | "
-        "command, MB | others, MB |",
-        "|---|---|---|---|---|---|---|",
+        "| process | b, of a core | c, ms | measured at the third rate, of a core | by the model |",
+        "|---|---|---|---|---|",
     ]
-    rows = found["throughput"]
-    for row in rows:
-        mine, rest = (" ".join(map(str, each)) for each in zip(*row["memory_mb"], strict=True))
+    for name in PROCESSES:
+        busy = [row[name] * row["rate"] / 1e3 for row in (few, more, check)]
+        slope[name] = (busy[1] - busy[0]) / (more["rate"] - few["rate"])
+        base[name] = busy[0] - slope[name] * few["rate"]
         lines.append(
-            f"| {row['kind']} | {row['rate']:.1f} | {row['command_ms']:.1f} | "
-            f"{row['others_ms']:.0f} | {row['other_work_cores']:.1f} | {mine} | {rest} |"
+            f"| {name.removesuffix('_ms')} | {base[name]:.2f} | {1e3 * slope[name]:.1f} | "
+            f"{busy[2]:.2f} | {base[name] + slope[name] * check['rate']:.2f} |"
         )
-    for name, columns in (("rate", ("rate",)), ("cost", ("command_ms", "others_ms"))):
-        mean = {
-            kind: sum(sum(row[c] for c in columns) for row in rows if row["kind"] == kind)
-            for kind in ("dask", "processes")
-        }
-        lines.append(f"dask/processes, {name}: {mean['dask'] / mean['processes']:.3f}")
+    limit = min((1 - base[name]) / slope[name] for name in PROCESSES[:2])
     lines += [
         "",
-        "| killed | times | good | exit codes | pictures there |",
+        f"Most frames a second for one command, one frame a task: {limit:.0f}.",
+        "",
+        "| workers | s a frame | frames/s | tasks/s | command, of a core | scheduler, of a core | "
+        "read, MB/s | written, MB/s | through the scheduler, MB/s in and out | workers busy |",
+        "|" + "---|" * 10,
+    ]
+    for count, seconds in ((10, 0.5), (10, 2.0), (100, 0.5), (100, 1.0), (100, 2.0), (100, 10.0)):
+        rate = min(count / seconds, limit)
+        busy = [base[name] + slope[name] * rate for name in PROCESSES[:2]]
+        lines.append(
+            f"| {count} | {seconds:g} | {rate:.0f} | {rate:.0f} | {busy[0]:.2f} | {busy[1]:.2f} | "
+            f"{rate * FRAME_BYTES / 1e6:.0f} | {rate * PICTURE_BYTES / 1e6:.0f} | "
+            f"{rate * (FRAME_BYTES + PICTURE_BYTES) / 1e6:.0f} | "
+            f"{100 * rate * seconds / count:.0f} % |"
+        )
+    return lines
+
+
+def runs(rows: list[dict[str, Any]]) -> list[str]:
+    """Rate, processor time and memory of batches."""
+    lines = [
+        "| workers | quality | frames | frames/s, in four parts | command, ms | workers and "
+        "scheduler, ms | other work, cores | command, MB | others, MB |",
+        "|" + "---|" * 9,
+    ]
+    for row in rows:
+        mine, rest = (" ".join(map(str, each)) for each in zip(*row["memory_mb"], strict=True))
+        rates = " ".join(f"{each:.1f}" for each in row["rates"])
+        lines.append(
+            f"| {row['workers']} {row['kind']} | {row.get('quality', 'draft')} | {row['frames']} | "
+            f"{row['rate']:.1f} ({rates}) | {row['command_ms']:.1f} | {row['others_ms']:.0f} | "
+            f"{row['other_work_cores']:.1f} | {mine} | {rest} |"
+        )
+    return lines
+
+
+def tables(found: dict[str, Any]) -> str:
+    """What docs/scale.md has."""
+    rows = found["throughput"]
+    total = {
+        kind: (
+            sum(row["rate"] for row in rows if row["kind"] == kind),
+            sum(row["command_ms"] + row["others_ms"] for row in rows if row["kind"] == kind),
+        )
+        for kind in ("dask", "processes")
+    }
+    rate, cost = (total["dask"][at] / total["processes"][at] for at in (0, 1))
+    about = found["machine"]
+    lines = [
+        f"{about['cores']} cores of {about['cpu']}, {about['memory_gib']:.0f} GiB.",
+        "",
+        *runs(rows),
+        "",
+        f"Dask's rate is {rate:.2f} of that of processes, its processor time {cost:.2f} of theirs.",
+        "",
+        *runs(found["workers"]),
+        "",
+        "| killed | times | all there, once, equal | exit codes | pictures there when it was |",
         "|---|---|---|---|---|",
     ]
     for row in found["kills"]:
-        codes = ", ".join(f"{row['exits'].count(code)}× {code}" for code in {*row["exits"]})
+        codes = ", ".join(f"{row['exits'].count(code)} × {code}" for code in {*row["exits"]})
         there = " ".join(map(str, row["there"]))
         lines.append(f"| {row['what']} | {row['kills']} | {row['good']} | {codes} | {there} |")
-    lines += ["", "| way | frames/s | command, ms | scheduler, ms |", "|---|---|---|---|"]
+    apart = found["apart"]
+    lines += [
+        "",
+        f"Largest relative difference of {apart['frames']} pictures by three workers in folders of "
+        f"their own: {apart['largest_relative_difference']:.1g}.",
+        "",
+        "| workers | a frame waits, s | frames | frames/s | command, ms | scheduler, ms | "
+        "workers, ms |",
+        "|---|---|---|---|---|---|---|",
+    ]
     for row in found["moved"]:
         lines.append(
-            f"| {row['kind']} | {row['rate']:.0f} | {row['command_ms']:.1f} | "
-            f"{row['scheduler_ms']:.1f} |"
+            f"| {row['workers']} {row['kind']} | {row['wait_s']:g} | {row['frames']} | "
+            f"{row['rate']:.1f} | {row['command_ms']:.1f} | {row['scheduler_ms']:.1f} | "
+            f"{row['workers_ms']:.1f} |"
         )
-    return "\n".join([*lines, "", json.dumps(found["apart"])]) + "\n"
+    return "\n".join([*lines, "", *model(found["moved"])]) + "\n"
 
 
 @contextmanager
@@ -429,7 +541,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--frames", type=int, default=2000)
     parser.add_argument("--rounds", type=int, default=2)
-    parser.add_argument("--parts", nargs="+", default=["throughput", "kills", "apart", "moved"])
+    parser.add_argument("--parts", nargs="+", default=PARTS)
     parser.add_argument("--out", type=Path, default=Path("build/batch.json"))
     options = parser.parse_args()
     options.out.parent.mkdir(exist_ok=True)
@@ -439,14 +551,16 @@ def main() -> None:
         "throughput": lambda at: throughput(at, options.frames, options.rounds),
         "kills": lambda at: kills(at, 24),
         "apart": lambda at: apart(at, 30),
-        "moved": lambda at: moved(at, 600),
+        "moved": moved,
+        "workers": lambda at: workers(at, (options.frames // 5, options.frames // 40)),
     }
     for name in options.parts:
         with _folder() as folder:
             found[name] = parts[name](folder)
         options.out.write_text(json.dumps(found, indent=1))
     if {*parts} <= {*found}:
-        print(tables(found))
+        before, _, _ = PAGE.read_text().partition(MARK)
+        PAGE.write_text(before + MARK + "\n" + tables(found))
 
 
 if __name__ == "__main__":

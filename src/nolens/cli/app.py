@@ -19,8 +19,7 @@ from nolens.files.input import set_read_limit
 from nolens.printable import quoted
 
 COMMANDS = {
-    "reconstruct:reconstruct": "Reconstruct a photograph "
-    "from a measurement and a PSF, or a sequence of them.",
+    "reconstruct:reconstruct": "Reconstruct a photograph from a measurement and a PSF.",
     "refocus:refocus": "Focus a photograph at any depth, after it was taken.",
     "batch:batch": "Do a job for every item of a set, on all cores or a cluster.",
     "capture:capture": "Take raw frames with a camera: "

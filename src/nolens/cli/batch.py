@@ -36,6 +36,6 @@ def __getattr__(name: str) -> App | Callable[..., int]:
 def _lines(summary: dict[str, Any]) -> list[str]:
     failed = f", {len(summary['failed'])} failed" if summary["failed"] else ""
     return [
-        f"{summary['done']} of {summary['items']} done{failed}, {summary['made']} of them now "
-        f"({summary['stop_reason']}), {summary['seconds']:.1f} s"
+        f"{summary['done']} of {summary['items']} done ({summary['made']} of them now){failed}; "
+        f"{summary['stop_reason']}, {summary['seconds']:.1f} s"
     ]

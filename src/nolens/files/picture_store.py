@@ -17,7 +17,7 @@ from zarr.storage import MemoryStore
 from nolens.errors import FileError
 from nolens.files.input import readable, system_errors
 
-_LEVEL = "0"
+_LEVEL, _VERSION = "0", "0.5"
 _AXES = ("t", "c", "y", "x")
 
 
@@ -54,10 +54,10 @@ def create_store(store: Path, names: Sequence[str], shape: tuple[int, ...]) -> N
     whole = (len(names), *shape)
     with system_errors(store):
         if store.exists():
-            if _shape(store) != whole:
+            if not _is_the_same(store, names, shape):
                 raise FileError(
-                    f"{store} is there, and is no Zarr store of {_text(whole)} pictures by this "
-                    "version of nolens: give another name (--store)"
+                    f"{store} is there, and is no Zarr store of these frames, {_text(whole)}, by "
+                    "this version of nolens: give another name (--store)"
                 )
             return
         _create(store, len(names), shape)
@@ -85,12 +85,12 @@ def write_attributes(store: Path, names: Sequence[str], rows: Sequence[dict[str,
         group.attrs.update(
             {
                 "ome": {
-                    "version": "0.5",
+                    "version": _VERSION,
                     "multiscales": [{"name": "radiance", "axes": axes, "datasets": [level]}],
                 },
                 "nolens": {
                     "unit": "counts of the measurement over those of the PSF",
-                    "frames": [readable(name) for name in names],
+                    "frames": _readable(names),
                     "rows": list(rows),
                 },
             }
@@ -114,12 +114,23 @@ def _create(store: Path | MemoryStore, count: int, shape: tuple[int, ...]) -> An
     )
 
 
-def _shape(store: Path) -> tuple[int, ...] | None:
-    """Shape of a store's array; None where it is no such store."""
+def _is_the_same(store: Path, names: Sequence[str], shape: tuple[int, ...]) -> bool:
+    """Whether a store is as it would be made; one that was just begun has no attributes yet."""
+    made = _create(MemoryStore(), len(names), shape)
     try:
-        return tuple(zarr.open_array(store / _LEVEL, mode="r", zarr_format=3).shape)
-    except (OSError, ValueError, KeyError):
-        return None
+        group = zarr.open_group(store, mode="r", zarr_format=3)
+        attributes: Any = group.attrs.asdict()
+        return bool(
+            zarr.open_array(store / _LEVEL, mode="r").metadata == made.metadata
+            and (not attributes or attributes["ome"]["version"] == _VERSION)
+            and (not attributes or attributes["nolens"]["frames"] == _readable(names))
+        )
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
+def _readable(names: Sequence[str]) -> list[str]:
+    return [readable(name) for name in names]
 
 
 def _text(shape: tuple[int, ...]) -> str:

@@ -242,9 +242,9 @@ ChosenSupport = Annotated[
     Window | Literal["auto", "full"],
     Option(
         "Scene pixels that light can come from. auto: the smallest rectangle outside which the "
-        "measurement shows no light, or full where none explains it as well; full for a sequence. "
-        "full: no limit. HEIGHTxWIDTH around the middle of the sensor, or HEIGHTxWIDTH+TOP+LEFT in "
-        "pixels of the sensor's frame.",
+        "measurement shows no light, or full where none explains it as well; full for a sequence "
+        "or batch. full: no limit. HEIGHTxWIDTH around the middle of the sensor, or "
+        "HEIGHTxWIDTH+TOP+LEFT in pixels of the sensor's frame.",
         former="region",
         label="Support of the scene",
     ),

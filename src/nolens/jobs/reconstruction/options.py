@@ -57,7 +57,7 @@ _Penalty = Annotated[float, Between(1e-9, 1e9)]
 
 
 class ReconstructOptions(JobOptions):
-    """Reconstruct a photograph from a measurement and a PSF, or a sequence of them.
+    """Reconstruct a photograph from a measurement and a PSF.
 
     nolens reconstruct raw.dng --psf psf.dng -o out.png
 
@@ -84,8 +84,8 @@ class ReconstructOptions(JobOptions):
     psf: Annotated[
         FilePath,
         Option(
-            "The point spread function: what the sensor measured of a point source. The same kinds "
-            "of file.",
+            "The point spread function: what the sensor measured of a point source. Kinds of file "
+            "as for measurements.",
             needed="the point spread function (--psf FILE)",
             role="input",
             label="PSF",
