@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from running import check_refused, command, run
+from running import check_refused, run
 
 from nolens.camera import PRESETS, Camera, from_toml, preset, preset_text
 
@@ -20,7 +20,7 @@ def test_text_is_the_cameras_file(name: str, tmp_path: Path) -> None:
 
 
 def test_facts_are_beside_it() -> None:
-    done = command("camera", "show", "paper")
+    done = run("camera", "show", "paper")
     assert done.code == 0
     assert from_toml(Camera, done.out, "output") == preset("paper")
     for words in ("4.712 × 6.287 mm", "1520×2028 pixels", "1.277 mm of air", "1.0160 times",

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from running import check_refused, command, listing, run
+from running import check_refused, listing, run
 from skimage import data
 from torch import Tensor
 
@@ -143,4 +143,4 @@ def test_refused(folder: Path, tmp_path: Path) -> None:
     ):
         check_refused(run("compare", *arguments, "-o", tmp_path / "report"), *words)
     assert not (tmp_path / "report").exists()
-    check_refused(command("compare", tv, folder / "nowhere"), "nowhere")
+    check_refused(run("compare", tv, folder / "nowhere"), "nowhere")

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from PIL import Image
-from running import check_refused, command, listing, run
+from running import check_refused, listing, run
 
 from nolens.camera import MATERIALS, to_toml
 from nolens.files import read_camera
@@ -28,8 +28,8 @@ def off(told: dict[str, Any], name: str, of: int = 0) -> float:
 
 
 def test_paper() -> None:
-    """Through the installed command, without a word of its own."""
-    done = command("design", "thickness", "--json")
+    """Without a word of its own."""
+    done = run("design", "thickness", "--json")
     assert done.code == 0 and done.err == ""
     told = json.loads(done.out)
     assert round(told["radius_mm"]["value"], 3) == 0.678

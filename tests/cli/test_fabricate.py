@@ -9,7 +9,7 @@ import pytest
 import tifffile
 import torch
 import trimesh
-from running import check_refused, command, listing, run
+from running import check_refused, listing, run
 
 from nolens.camera import Camera, material, preset
 from nolens.errors import FileError
@@ -219,12 +219,6 @@ def test_resin_that_little_is_known_of(tmp_path: Path) -> None:
 def test_refused(arguments: list[str], words: list[str], tmp_path: Path) -> None:
     out = tmp_path / "out"
     check_refused(run("fabricate", *arguments, "-o", out), *words)
-    assert not out.exists()
-
-
-def test_refused_by_the_installed_command(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    check_refused(command("fabricate", "small", "--wall", "0.2mm", "-o", out), "--smallest")
     assert not out.exists()
 
 

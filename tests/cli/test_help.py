@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 
 from cyclopts import App
-from running import command, run
+from running import run
 
 from nolens.cli.app import COMMANDS
 
@@ -20,7 +20,7 @@ def test_list_says_what_each_command_says_of_itself() -> None:
 
 
 def test_help_names_every_command() -> None:
-    shown = command("--help")
+    shown = run("--help")
     assert shown.code == 0
     for path in COMMANDS:
         assert f" {path.split(':')[1]} " in shown.out

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import torch
 from little_camera import BLACK, SENSOR, WHITE, Camera, save
-from running import command, listing, run
+from running import listing, run
 
+from nolens.experiments import demonstration
 from nolens.files import read_frame
 
 
@@ -74,9 +75,14 @@ def test_help_tells_defaults_and_what_is_needed() -> None:
         assert words in text, words
 
 
-def test_demo(tmp_path: Path) -> None:
+def test_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With half of the pixels, and of the view, in each direction."""
+    for name in ("_SCENE_PIXELS", "_PSF_PIXELS"):
+        rows, columns = getattr(demonstration, name)
+        monkeypatch.setattr(demonstration, name, (rows // 2, columns // 2))
+    monkeypatch.setattr(demonstration, "_ANGLE_DEG", demonstration._ANGLE_DEG / 2)
     folder = tmp_path / "new" / "demo"
-    done = command("demo", "-o", folder, "--json")
+    done = run("demo", "-o", folder, "--json")
     assert done.code == 0, done.err
     assert done.out.count("\n") == 1
     result = json.loads(done.out)

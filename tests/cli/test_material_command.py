@@ -5,7 +5,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from running import check_refused, command, run
+from running import check_refused, run
 
 from nolens.camera import MATERIALS, preset_text
 from nolens.files import read_camera, read_material
@@ -39,7 +39,7 @@ def test_what_is_shown_is_a_material(name: str, tmp_path: Path) -> None:
 
 
 def test_facts_are_beside_it() -> None:
-    done = command("material", "show", "noa61")
+    done = run("material", "show", "noa61")
     assert done.code == 0 and tomllib.loads(done.out)["name"] == "noa61"
     for words in ("n = A + B/λ²", "n_d 1.55974", "V_d 42.44", "535 nm 1.5639",
                   "4.5 % of the volume", "fill 1.047 times",
