@@ -46,6 +46,11 @@ def _plain(value: float, unit: str, digits: int, sign: str) -> str:
     return text.rstrip("0").rstrip(".") if decimals > 0 else text
 
 
+def size_text(size: float) -> str:
+    """Bytes, such as "1.28 MB" or "5 GB"."""
+    return f"{size / 1e9:.3g} GB" if size >= 1e9 else f"{size / 1e6:.3g} MB"
+
+
 def duration_text(seconds: float) -> str:
     """A duration as a person waits it: ``40 s``, ``3 min``, ``1.5 h``."""
     if seconds < 90:

@@ -174,7 +174,7 @@ def test_triggers(camera, monkeypatch):
     source, _ = opened("genicam:Eye,TriggerSource=Line1")
     assert camera.node_map.TriggerMode.value == "On"
     monkeypatch.setattr("nolens.capture.genicam._TRIGGER_S", 0.0)
-    monkeypatch.setattr("nolens.capture.genicam._PATIENCE_S", 0.0)
+    monkeypatch.setattr("nolens.capture.genicam.PATIENCE_S", 0.0)
     camera.waits = True
     with pytest.raises(
         CameraError, match=r"no frame .*after 0 frames: its trigger \(Line1\) did not"

@@ -8,11 +8,17 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+import psutil
 import torch
 from numpy.typing import NDArray
 
 from nolens.camera import MOSAICS, Frame
 from nolens.errors import CameraError, OptionError
+
+PATIENCE_S = 5.0
+"""How long a frame may come after its exposure."""
+_BUFFERED = 0.25
+"""Of the memory that is free."""
 
 
 @dataclass(frozen=True)
@@ -139,6 +145,11 @@ def frame_of_counts(
         exposure_s=exposure_s,
         black_stated=black is not None,
     )
+
+
+def burst_room() -> float:
+    """Bytes that frames of a burst may take which are still to be written."""
+    return _BUFFERED * float(psutil.virtual_memory().available)
 
 
 class FrameCounter:

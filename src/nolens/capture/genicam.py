@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-import psutil
 from numpy.typing import NDArray
 
 from nolens.capture.device import (
+    PATIENCE_S,
     DeviceName,
     FrameCounter,
+    burst_room,
     choose_device,
     frame_of_counts,
     load_driver,
@@ -30,11 +31,8 @@ FOLDERS = "GENICAM_GENTL64_PATH"
 _AUTOMATIC = ("ExposureAuto", "GainAuto", "BlackLevelAuto", "BalanceWhiteAuto")
 _COLOURS = {"RGB8": (0, 1, 2), "BGR8": (2, 1, 0), "RGBa8": (0, 1, 2), "BGRa8": (2, 1, 0)}
 """Places of R, G and B in finished colours, which are taken where there is no other format."""
-_PATIENCE_S = 5.0
 _TRIGGER_S = 3600.0
 _POLL_S = 0.5
-_BUFFERED = 0.25
-"""Of the memory that is free: for frames of a burst that are still to be written."""
 _MOST_BUFFERS, _FEWEST_BUFFERS = 500, 4
 
 
@@ -200,14 +198,14 @@ class GenicamSource(CameraSource):
 
     def _buffers(self, frames: int) -> int:
         size = self._value("PayloadSize")
-        room = _BUFFERED * psutil.virtual_memory().available
+        room = burst_room()
         most = int(room / size) if isinstance(size, int) and size > 0 else _MOST_BUFFERS
         return max(_FEWEST_BUFFERS, min(frames, most, _MOST_BUFFERS))
 
     def _fetch(self, counter: FrameCounter) -> Any:
         exposure_s = 1e-6 * (self._value("ExposureTime") or 0.0)
         waits = self._value("TriggerMode") == "On"
-        patience = exposure_s + (_TRIGGER_S if waits else _PATIENCE_S)
+        patience = exposure_s + (_TRIGGER_S if waits else PATIENCE_S)
         until = time.monotonic() + patience
         while time.monotonic() < until:
             with _trouble(self.name):

@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-import psutil
 
 from nolens.capture.device import (
+    PATIENCE_S,
     DeviceName,
     FrameCounter,
+    burst_room,
     choose_device,
     frame_of_counts,
     load_driver,
@@ -34,10 +35,7 @@ _DEEP = ("16bit", "16-bit", "Mono16", "GREY16", "16bit mono")
 """Values of PixelType that have all bits of a sensor."""
 _INTEGER = 3
 """The kind of a property, MM::Integer."""
-_PATIENCE_S = 5.0
 _POLL_S = 1e-3
-_BUFFERED = 0.25
-"""Of the memory that is free: for frames of a burst that are still to be written."""
 
 
 class MicroManagerSource(CameraSource):
@@ -210,14 +208,14 @@ class MicroManagerSource(CameraSource):
     def _make_room(self, frames: int) -> None:
         core = self._core
         size = core.getImageWidth() * core.getImageHeight() * core.getBytesPerPixel()
-        room = min(2 * frames * size, _BUFFERED * psutil.virtual_memory().available)
+        room = min(2 * frames * size, burst_room())
         megabytes = int(room / 2**20) + 1
         if megabytes > core.getCircularBufferMemoryFootprint():
             core.setCircularBufferMemoryFootprint(megabytes)
 
     def _wait(self, counter: FrameCounter, frames: int) -> None:
         core = self._core
-        until = time.monotonic() + 1e-3 * core.getExposure() + _PATIENCE_S
+        until = time.monotonic() + 1e-3 * core.getExposure() + PATIENCE_S
         while core.getRemainingImageCount() == 0:
             ended = not core.isSequenceRunning(self._label)
             # A frame may have come between the two questions.

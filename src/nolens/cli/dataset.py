@@ -5,6 +5,7 @@ from typing import Any
 
 from cyclopts import App
 
+from nolens.amounts import size_text
 from nolens.cli.command import command
 from nolens.jobs import make_dataset
 
@@ -26,7 +27,7 @@ def _lines(summary: dict[str, Any]) -> Iterator[str]:
     splits = ", ".join(f"{count} for {name}" for name, count in summary["splits"].items())
     yield (
         f"{summary['count']} items ({splits}) in {summary['shards']} shards, "
-        f"{summary['bytes'] / 1e6:.0f} MB, {summary['seconds']:.1f} s"
+        f"{size_text(summary['bytes'])}, {summary['seconds']:.1f} s"
     )
 
 

@@ -15,7 +15,7 @@ import psutil
 from nolens.errors import FileError
 from nolens.interrupt import Unfinished, Uninterrupted
 
-Writer = Callable[[Path], None]
+Writer = Callable[[Path], object]
 """What writes a file when it is given a path."""
 
 _LITTLE_BYTES = 1_000_000
@@ -211,3 +211,8 @@ def write_into(folder: Path, writers: Mapping[Path, Writer]) -> None:
                 with suppress(OSError):
                     each.rmdir()
             raise
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write UTF-8 with the ends of lines that the text has, on any system."""
+    path.write_text(text, encoding="utf-8", newline="\n")

@@ -34,7 +34,7 @@ from nolens.camera import (
 )
 from nolens.camera.toml import explain
 from nolens.errors import DataError, FileError
-from nolens.files.atomic import Writer, write_into
+from nolens.files.atomic import Writer, write_into, write_text
 from nolens.files.frames import read_frame
 from nolens.files.input import read_text, system_errors
 from nolens.files.pictures import write_tiff32
@@ -135,7 +135,7 @@ def write_camera(
 
 def write_description(path: Path, camera: Camera) -> None:
     """Write camera.toml alone, where the files that it names are written beside it."""
-    _write_text(path, to_toml(camera))
+    write_text(path, to_toml(camera))
 
 
 def curve_copies(name: str | Path, loaded: LoadedCamera) -> dict[str, Writer]:
@@ -383,7 +383,7 @@ def write_psfs(
     others = [each for each in before if not any(new.replaces(each) for new in entries)]
     together = from_mapping(PsfSet, {"psf": [*others, *entries]}, str(listed))
     text = to_toml(together)
-    writers: dict[Path, Writer] = {listed: lambda path: _write_text(path, text)}
+    writers: dict[Path, Writer] = {listed: lambda path: write_text(path, text)}
     writers |= {
         folder / each.file: partial(
             write_tiff32, radiance=psfs[each], sensor=_sensor_size(folder, each, psfs[each])
@@ -403,10 +403,6 @@ def _sensor_size(folder: Path, entry: PsfEntry, psf: Tensor) -> tuple[int, int] 
     sensor = read_camera(folder).camera.sensor
     by = max(1, round(entry.pixel.um / sensor.pitch.um))
     return sensor.rows // by, sensor.columns // by
-
-
-def _write_text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8", newline="\n")
 
 
 def read_material(source: str | Path) -> Material:

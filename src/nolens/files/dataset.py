@@ -196,9 +196,7 @@ def decode_picture(data: bytes, source: Path) -> NDArray[np.float32]:
     FileError
         If it is damaged.
     """
-    array = decode_png(data, source)
-    array = array[..., None] if array.ndim == 2 else array
-    return np.ascontiguousarray(np.moveaxis(array, -1, 0), np.float32)
+    return np.ascontiguousarray(np.moveaxis(decode_png(data, source), -1, 0), np.float32)
 
 
 def check_layout(layout: Layout) -> None:

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from nolens.amounts import size_text
 from nolens.documents import LONGEST_JSON
 from nolens.errors import FileError, OptionError
 from nolens.quantities import DataSize
@@ -195,7 +196,7 @@ def check_bytes(path: Path, cost: int = 1) -> None:
     with system_errors(path):
         size = path.stat().st_size
     if size * cost > _limit:
-        raise _too_large(f"{path} has {_size_text(size)}", size * cost)
+        raise _too_large(f"{path} has {size_text(size)}", size * cost)
 
 
 def check_part(decoded: int, coded: int, source: str | Path) -> None:
@@ -207,23 +208,17 @@ def check_part(decoded: int, coded: int, source: str | Path) -> None:
         If it is too large.
     """
     if decoded + coded > _limit:
-        raise _too_large(
-            f"{source} has {_size_text(decoded)} in one strip or tile", decoded + coded
-        )
+        raise _too_large(f"{source} has {size_text(decoded)} in one strip or tile", decoded + coded)
 
 
 def _too_large(what: str, size: int) -> FileError:
     # A little more than it takes, in two digits.
     step = 10 ** max(6, math.floor(math.log10(size)) - 1)
     return FileError(
-        f"{what}, for which {_size_text(size)} are needed; one read may take "
-        f"{_size_text(_limit)}. If the file is what it should be, allow it more with --read-limit "
-        f"{_size_text((size // step + 1) * step).replace(' ', '')}"
+        f"{what}, for which {size_text(size)} are needed; one read may take "
+        f"{size_text(_limit)}. If the file is what it should be, allow it more with --read-limit "
+        f"{size_text((size // step + 1) * step).replace(' ', '')}"
     )
-
-
-def _size_text(size: int) -> str:
-    return f"{size / 1e9:.3g} GB" if size >= 10**9 else f"{size / 1e6:.3g} MB"
 
 
 @contextmanager

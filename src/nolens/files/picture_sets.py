@@ -29,7 +29,7 @@ from nolens.files.formats import picture_name
 from nolens.files.frames import read_frame
 from nolens.files.input import check_exists, check_size, decoding, system_errors
 from nolens.files.parquet import ParquetTable
-from nolens.files.pictures import PICTURE_SUFFIXES, picture_of_samples, read_picture
+from nolens.files.pictures import PICTURE_SUFFIXES, picture_files, picture_of_samples, read_picture
 
 _TRUTHS = ("ground_truth_lensed", "lensed", "orig", "pictures")
 """Folders of what a lensed camera saw, or a screen showed, in public data sets and in those of
@@ -106,16 +106,10 @@ def _of_folder(source: Path, folder: Path, data_set: bool, bgr: bool) -> Picture
     """Pictures of a folder; those of a data set may lie in folders of their own."""
     stored_bgr = data_set and (source / _BGR.get(folder.name, "-")).is_dir()
     files: dict[str, Path] = {}
-    with system_errors(folder):
-        for path in sorted(folder.rglob("*") if data_set else folder.iterdir()):
-            if path.suffix.lower() in PICTURE_SUFFIXES and not path.name.startswith("."):
-                name = picture_name(path)
-                if name not in files or _rank(path) < _rank(files[name]):
-                    files[name] = path
-    if not files:
-        raise FileError(
-            f"the folder {folder} holds no picture; its files can be {', '.join(PICTURE_SUFFIXES)}"
-        )
+    for path in picture_files(folder, below=data_set):
+        name = picture_name(path)
+        if name not in files or _rank(path) < _rank(files[name]):
+            files[name] = path
 
     def read(name: str) -> Tensor:
         path = files[name]

@@ -19,7 +19,14 @@ from nolens.files.arrays import read_png_samples
 from nolens.files.atomic import atomic_write
 from nolens.files.formats import Address
 from nolens.files.frames import read_frame
-from nolens.files.input import check_bytes, check_content, check_exists, check_size, decoding
+from nolens.files.input import (
+    check_bytes,
+    check_content,
+    check_exists,
+    check_size,
+    decoding,
+    system_errors,
+)
 from nolens.files.tiff import read_tiff_samples, write_tiff
 
 _KINDS = {
@@ -213,8 +220,15 @@ def check_scans(data: bytes, source: str | Path) -> None:
         )
 
 
-def picture_files(path: Path) -> list[Path]:
+def picture_files(path: Path, *, below: bool = False) -> list[Path]:
     """A picture's file, or all pictures of a folder by their names.
+
+    Parameters
+    ----------
+    path
+        The file or folder.
+    below
+        Whether those in folders below it count, too.
 
     Raises
     ------
@@ -223,11 +237,13 @@ def picture_files(path: Path) -> list[Path]:
     """
     if not path.is_dir():
         return [path]
-    pictures = sorted(
+    with system_errors(path):
+        there = sorted(path.rglob("*") if below else path.iterdir())
+    pictures = [
         each
-        for each in path.iterdir()
+        for each in there
         if each.suffix.lower() in PICTURE_SUFFIXES and not each.name.startswith(".")
-    )
+    ]
     if not pictures:
         raise FileError(
             f"the folder {path} holds no picture; its files can be {', '.join(PICTURE_SUFFIXES)}"

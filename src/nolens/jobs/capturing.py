@@ -138,7 +138,7 @@ class CaptureOptions(JobOptions):
     ] = False
     mosaic: Annotated[
         Mosaic | None,
-        Option("Colours of the sensor's 2×2 cell, where files or camera do not say it.", _CAMERA),
+        Option("Colours of the sensor's superpixel, where files or camera do not say it.", _CAMERA),
     ] = None
 
     def check_together(self) -> None:

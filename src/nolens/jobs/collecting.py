@@ -1,7 +1,6 @@
 """`nolens collect`: pictures shown on a screen, and what a camera measures of them, as pairs."""
 
 import hashlib
-from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
@@ -390,5 +389,5 @@ def _suffix(frame: Frame) -> str:
     return ".npy" if len(frame.counts) > 1 else ".tif" if frame.mosaic is None else ".dng"
 
 
-def _writer(shot: Shot) -> Callable[[Path], None]:
+def _writer(shot: Shot) -> Writer:
     return partial(write_frame, frame=shot.frame, model=shot.camera)

@@ -218,7 +218,7 @@ def _shape(options: PsfOptions, loaded: LoadedCamera, captured: bool) -> _Shape:
         size = options.pixels or (sensor.rows, sensor.columns)
         if size[0] % 2 or size[1] % 2:
             raise OptionError(
-                f"--pixels {size[0]}x{size[1]} do not make whole 2×2 cells of the mosaic "
+                f"--pixels {size[0]}x{size[1]} do not make whole superpixels of the mosaic "
                 f"{sensor.mosaic}: for a DNG, give even numbers of pixels"
             )
         return _Shape(size, 1, options.frame or "sensor")

@@ -22,6 +22,7 @@ from nolens.files import (
     write_record,
     write_together,
 )
+from nolens.files.atomic import Writer as Writer
 from nolens.jobs.options import JobOptions, check_apart
 from nolens.machine import BYTES_OF_PROGRAM, check_memory, gigabytes, pick_device
 from nolens.progress import Clock
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
     from nolens.camera import LoadedCamera
     from nolens.twin import Twin
 
-Writer = Callable[[Path], None]
-"""Writes one file when it is given a path."""
 Options = TypeVar("Options", bound=JobOptions)
 Value = TypeVar("Value")
 _NOTABLE_BYTES = 1e9

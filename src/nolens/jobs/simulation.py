@@ -55,7 +55,11 @@ Fill = Annotated[Percentage, Between("0.001 %", "10000 %")]
 Fresnel = Annotated[
     bool, Option("Light is lost to reflection at the surfaces between layers.", OPTICS)
 ]
-Luminosity = Annotated[Luminance, Between("0.000001 cd/m2", "1000000000000 cd/m2")]
+SceneLuminance = Annotated[
+    Luminance,
+    Between("0.000001 cd/m2", "1000000000000 cd/m2"),
+    Option("Of the scene's white.", EXPOSURE, default="200cd/m2, a usual screen"),
+]
 _REMEDY = (
     "a camera with fewer or larger pixels, a coarser grid of its relief or a smaller --angle needs "
     "less"
@@ -170,10 +174,7 @@ class SimulateOptions(SimulationOptions):
         Exposure | None,
         Option("Exposure time, such as 40ms.", default="fills the brightest pixel to 90 %"),
     ] = None
-    luminance: Annotated[
-        Luminosity,
-        Option("Of the scene's white.", EXPOSURE, default="200cd/m2, a usual screen"),
-    ] = Luminance("200", "cd/m2")
+    luminance: SceneLuminance = Luminance("200", "cd/m2")
     seed: Annotated[Seed, Option("Of the sensor's noise.", EXPOSURE)] = 0
 
     def check_together(self) -> None:

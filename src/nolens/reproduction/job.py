@@ -240,7 +240,7 @@ def _intro(setup: ExperimentSetup) -> tuple[str, ...]:
 def _report_writers(folder: Path, report: Report, timing: Mapping[str, Any]) -> dict[Path, Writer]:
     """What writes each file of the report, but for the record."""
     writers: dict[Path, Writer] = {
-        folder / _PICTURES / f"{picture.name}.png": partial(_write_bytes, content=picture.png)
+        folder / _PICTURES / f"{picture.name}.png": partial(Path.write_bytes, data=picture.png)
         for section in report.sections
         for picture in section.pictures
     }
@@ -250,7 +250,7 @@ def _report_writers(folder: Path, report: Report, timing: Mapping[str, Any]) -> 
         f"{timing['machine']}; all parts together took {timing['seconds'] / 60:.0f} min.",
     )
     return writers | {
-        folder / "timing.json": partial(_write_bytes, content=to_json(timing, indent=1) + b"\n"),
+        folder / "timing.json": partial(Path.write_bytes, data=to_json(timing, indent=1) + b"\n"),
         folder / "reproduction.md": partial(
             write_report_markdown,
             report=_timed(report, seconds, str(timing["machine"])),
@@ -280,10 +280,6 @@ def _timed(report: Report, seconds: Mapping[str, float], machine: str) -> Report
         for section in report.sections
     )
     return replace(report, sections=sections)
-
-
-def _write_bytes(path: Path, content: bytes) -> None:
-    path.write_bytes(content)
 
 
 def _machine() -> str:

@@ -114,7 +114,7 @@ def run_batch(
             else:
                 answer: Answer = outcome.value
                 writers = {
-                    paths(outcome.key, name): partial(_write_bytes, content)
+                    paths(outcome.key, name): partial(Path.write_bytes, data=content)
                     for name, content in answer.files.items()
                 }
                 try:
@@ -193,7 +193,3 @@ def _about(run: Run[Any], frames: FrameSequence) -> dict[str, str]:
 
 def _size(path: Path) -> int:
     return path.stat().st_size if path.is_file() else 0
-
-
-def _write_bytes(content: bytes, path: Path) -> None:
-    path.write_bytes(content)

@@ -16,7 +16,7 @@ import psutil
 import torch
 from torch import Tensor
 
-from nolens.amounts import duration_text
+from nolens.amounts import duration_text, size_text
 from nolens.engine import Manifest, check_scheduler, run_items, worker_count
 from nolens.engine.manifest import MANIFEST_FILE
 from nolens.errors import DataError, NolensError, OptionError
@@ -28,6 +28,7 @@ from nolens.experiments.dataset_items import (
 )
 from nolens.experiments.dead_leaves import dead_leaves
 from nolens.files import InputFile, read_picture, write_into, write_tiff32
+from nolens.files.atomic import write_text
 from nolens.files.dataset import (
     CARD_FILE,
     DATASET_FILE,
@@ -170,7 +171,7 @@ def make_dataset(run: Run[DatasetOptions]) -> Product[Path]:
         CARD_FILE: card_text(description),
         RECIPE_FILE: recipe.toml(),
     }
-    writers = {folder / name: partial(_write_text, text) for name, text in texts.items()}
+    writers = {folder / name: partial(write_text, text=text) for name, text in texts.items()}
     return Product(folder, figures, writers)
 
 
@@ -277,17 +278,13 @@ def _announce(
     psfs_s = 2 * (max(seconds) - each_s) * len(recipe.views)
     by = f"{workers} workers" if workers > 1 else "one worker"
     time_text = duration_text(each_s * len(items) / max(1, workers) + psfs_s)
-    run.reporter.note(f"{len(items)} items: about {time_text} by {by}, and {_size_text(total)}")
+    run.reporter.note(f"{len(items)} items: about {time_text} by {by}, and {size_text(total)}")
     free = psutil.disk_usage(str(recipe.options.output)).free
     if free < total:
         run.warn(
-            f"there are {_size_text(free)} free in {recipe.options.output}: what is written stays "
+            f"there are {size_text(free)} free in {recipe.options.output}: what is written stays "
             "when the disk is full, and the same command goes on when there is room"
         )
-
-
-def _size_text(size: float) -> str:
-    return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.1f} MB"
 
 
 def _keep_psf(recipe: Recipe, manifest: Manifest, name: str, made: dict[str, Any]) -> None:
@@ -309,15 +306,7 @@ def _keep_shard(recipe: Recipe, manifest: Manifest, name: str, rows: dict[int, R
     in_order = [rows[index] for index in recipe.shards[name][1]]
     data = shard_bytes(options.layout, in_order, options.measurement == "developed")
     about = {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data)}
-    manifest.keep(name, about, {options.output / name: partial(_write_bytes, data)})
-
-
-def _write_bytes(data: bytes, path: Path) -> None:
-    path.write_bytes(data)
-
-
-def _write_text(text: str, path: Path) -> None:
-    path.write_text(text, encoding="utf-8", newline="\n")
+    manifest.keep(name, about, {options.output / name: partial(Path.write_bytes, data=data)})
 
 
 def _description(recipe: Recipe, rows: dict[str, dict[str, Any]]) -> DatasetDescription:
@@ -387,11 +376,10 @@ def _single_items(run: Run[DatasetOptions], recipe: Recipe, work: DatasetWork) -
             stem = options.output / f"{row['index']:08d}"
             pictures = {key: row.pop(key) for key in ("measurement", "truth")}
             writers: dict[Path, Writer] = {
-                stem.with_suffix(f".{key}.png"): partial(_write_bytes, data)
+                stem.with_suffix(f".{key}.png"): partial(Path.write_bytes, data=data)
                 for key, data in pictures.items()
             }
             text = json.dumps(row, indent=2, ensure_ascii=False) + "\n"
-            write_into(
-                options.output, {**writers, stem.with_suffix(".json"): partial(_write_text, text)}
-            )
+            writers[stem.with_suffix(".json")] = partial(write_text, text=text)
+            write_into(options.output, writers)
     return Product(options.output, {"count": len(numbers)}, outputs=(options.output,))

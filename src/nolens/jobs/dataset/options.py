@@ -27,7 +27,7 @@ from nolens.jobs.fields import (
     ordered,
 )
 from nolens.jobs.options import JobOptions, Option
-from nolens.jobs.simulation import EXPOSURE, OPTICS, Fill, Fresnel, Luminosity
+from nolens.jobs.simulation import EXPOSURE, OPTICS, Fill, Fresnel, SceneLuminance
 from nolens.quantities import Angle, Luminance, Percentage
 from nolens.ranges import Between
 from nolens.twin import check_field_points
@@ -192,9 +192,7 @@ class DatasetOptions(JobOptions):
         _Exposures | None,
         Option("Exposure time.", EXPOSURE, default="that of --fill"),
     ] = None
-    luminance: Annotated[
-        Luminosity, Option("Of the scene's white.", EXPOSURE, default="200cd/m2, a usual screen")
-    ] = Luminance("200", "cd/m2")
+    luminance: SceneLuminance = Luminance("200", "cd/m2")
     gain: Annotated[
         _Gains,
         Option("Factor on the sensor's gain.", EXPOSURE, default="1"),

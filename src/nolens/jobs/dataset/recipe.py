@@ -27,7 +27,7 @@ from nolens.experiments.dataset_items import (
 )
 from nolens.files import InputFile, camera_files, readable
 from nolens.files.dataset import COLUMNS, SPLITS, SUFFIXES, DatasetCamera, Row
-from nolens.files.pictures import PICTURE_SUFFIXES, picture_size
+from nolens.files.pictures import picture_files, picture_size
 from nolens.jobs.dataset.options import DatasetOptions
 from nolens.jobs.run import Run
 from nolens.machine import BYTES_OF_PROGRAM
@@ -141,17 +141,7 @@ class Scenes:
             raise OptionError(
                 f"{options.output} lies in the folder of the pictures, {folder}: give another (-o)"
             )
-        paths = sorted(
-            path
-            for path in folder.rglob("*")
-            if path.suffix.lower() in PICTURE_SUFFIXES
-            and not path.name.startswith(".")
-            and path.is_file()
-        )
-        if not paths:
-            raise FileError(
-                f"{folder} has no pictures: give a folder with some ({', '.join(PICTURE_SUFFIXES)})"
-            )
+        paths = [path for path in picture_files(folder, below=True) if path.is_file()]
         contents = []
         for number, path in enumerate(paths):
             run.reporter.advance("pictures", number / len(paths))
