@@ -53,6 +53,12 @@ def test_one_picture(folder: Path) -> None:
     assert figures["psnr_db"]["mean"] == pytest.approx(psnr(fitted, truth, 1.0))
     assert figures["ssim"]["mean"] == pytest.approx(ssim(fitted, truth, 1.0))
     assert figures["ms_ssim"]["mean"] is None and figures["register"] == "none"
+    both = run(
+        "compare", paths[0], folder / "tv" / "man.tif", paths[1], "--register", "none", "--json"
+    )
+    methods = json.loads(both.out)["methods"]
+    assert methods["cat"] == figures
+    assert methods["man"]["psnr_db"]["mean"] < figures["psnr_db"]["mean"]
     same = run("compare", paths[1], paths[1])
     assert "∞    1.000" in same.out and listing(folder) == before
 

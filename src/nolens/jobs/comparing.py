@@ -4,7 +4,7 @@ import csv
 import heapq
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -230,7 +230,9 @@ def compare(run: Run[CompareOptions]) -> Product[dict[str, Compared]]:
     """
     options = run.options
     truth = open_pictures(options.truth_path, bgr=options.bgr)
-    methods = {name: open_pictures(path) for name, path in options.sources.items()}
+    methods = _named_alike(
+        {name: open_pictures(path) for name, path in options.sources.items()}, truth
+    )
     names = _common(run, methods, truth)
     run.begin()
     perceptual = perceptual_distance()
@@ -248,7 +250,7 @@ def compare(run: Run[CompareOptions]) -> Product[dict[str, Compared]]:
     brightest = 0.0
     for done, name in enumerate(names):
         run.reporter.advance("pictures", done / len(names))
-        expected = truth_of(_partner(name, truth))
+        expected = truth_of(name)
         brightest = max(brightest, float(expected.max()))
         for method, pictures in methods.items():
             try:
@@ -274,17 +276,10 @@ def compare(run: Run[CompareOptions]) -> Product[dict[str, Compared]]:
     return Product(compared, figures, _writers(options, compared))
 
 
-def _partner(name: str, truth: PictureSet) -> str:
-    """Name of the truth of a picture: its own, or that of the one file that is given."""
-    return truth.names[0] if len(truth.names) == 1 else name
-
-
 def _common(
     run: Run[CompareOptions], methods: Mapping[str, PictureSet], truth: PictureSet
 ) -> list[str]:
     """Names that all methods and the truth have; what is left out is said."""
-    if len(truth.names) == 1 and all(len(each.names) == 1 for each in methods.values()):
-        return _single(methods)
     sets = {str(each.source): each for each in (truth, *methods.values())}
     known = [set(each.names) for each in sets.values()]
     common = set.intersection(*known)
@@ -301,16 +296,16 @@ def _common(
     return [name for name in truth.names if name in common]
 
 
-def _single(methods: Mapping[str, PictureSet]) -> list[str]:
-    """One picture of each method, whatever the files are called."""
-    first = next(iter(methods.values()))
-    for each in methods.values():
-        if each.names != first.names:
-            raise DataError(
-                f"{each.source} and {first.source} have other names: give one name to the "
-                "pictures of one scene"
-            )
-    return list(first.names)
+def _named_alike(methods: dict[str, PictureSet], truth: PictureSet) -> dict[str, PictureSet]:
+    """With the name of the truth where all have one picture, whatever their files are called."""
+    if any(len(each.names) > 1 for each in (truth, *methods.values())):
+        return methods
+    return {method: _renamed(each, truth.names[0]) for method, each in methods.items()}
+
+
+def _renamed(pictures: PictureSet, name: str) -> PictureSet:
+    own = pictures.names[0]
+    return replace(pictures, names=(name,), read=lambda _: pictures.read(own))
 
 
 def _truth(options: CompareOptions, truth: PictureSet, name: str) -> Tensor:
