@@ -28,3 +28,7 @@ class DivergenceError(NolensError):
 
 class CameraError(NolensError):
     """A camera that is not there, is in use, or stopped giving frames."""
+
+
+class ScreenError(NolensError):
+    """A screen before a camera that shows no pictures."""

@@ -21,7 +21,7 @@ from nolens.camera import develop, linear_from_srgb
 from nolens.capture import Shot, TwinSource
 from nolens.capture.screen import TwinScreen
 from nolens.cli.collect import CollectTerminal
-from nolens.errors import CameraError
+from nolens.errors import CameraError, ScreenError
 from nolens.files import read_frame, read_picture
 from nolens.jobs import CollectOptions, collect
 from nolens.operators import CroppedConvolution, PixelRectangle
@@ -203,7 +203,7 @@ def test_page_of_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
         ask("api/screen/shown", {"number": number})
         showing.join()
         monkeypatch.setattr(nolens.studio.screen, "_ANSWER_S", 0.01)
-        with pytest.raises(CameraError, match="does not show pictures"):
+        with pytest.raises(ScreenError, match="does not show pictures"):
             page.show(picture)
     finally:
         page.close()

@@ -36,7 +36,7 @@ class Screen(Protocol):
 
         Raises
         ------
-        NolensError
+        ScreenError
             If it does not show it.
         """
 

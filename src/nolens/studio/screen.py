@@ -16,7 +16,7 @@ from pydantic import BaseModel, Field
 from torch import Tensor
 
 from nolens.capture.screen import Screen
-from nolens.errors import CameraError
+from nolens.errors import ScreenError
 from nolens.files.pictures import screen_picture
 from nolens.studio.security import Guard, Rules
 from nolens.studio.serve import configuration, listen
@@ -117,12 +117,12 @@ class ScreenPage(Screen):
 
         Raises
         ------
-        CameraError
+        ScreenError
             If nobody opens it in a quarter of an hour.
         """
         with self._changed:
             if not self._changed.wait_for(lambda: self._size is not None, _OPEN_S):
-                raise CameraError(f"the page {self.address} was not opened on a screen")
+                raise ScreenError(f"the page {self.address} was not opened on a screen")
             assert self._size is not None
             return self._size
 
@@ -131,7 +131,7 @@ class ScreenPage(Screen):
 
         Raises
         ------
-        CameraError
+        ScreenError
             If the page does not draw it in half a minute.
         """
         buffer = io.BytesIO()
@@ -140,8 +140,9 @@ class ScreenPage(Screen):
             self._picture = buffer.getvalue()
             self._number += 1
             if not self._changed.wait_for(lambda: self._shown >= self._number, _ANSWER_S):
-                raise CameraError(
-                    f"the page does not show pictures any more: open {self.address} again"
+                raise ScreenError(
+                    f"the page {self.address} does not show pictures any more: give the same "
+                    "command again, and open the page that it names"
                 )
         time.sleep(self._settle_s)
 
