@@ -62,7 +62,12 @@ def test_studio_says_so_and_goes_on_when_there_is_room(disk: Path) -> None:
         random = np.random.default_rng(0).random((64, 80), np.float32)
         np.save(work / "raw.npy", random)
         np.save(work / "psf.npy", (random < 0.01).astype(np.float32))
-        options = {"measurement": "work/raw.npy", "psf": "work/psf.npy", "iterations": 4}
+        options = {
+            "measurement": "work/raw.npy",
+            "psf": "work/psf.npy",
+            "iterations": 4,
+            "tau": 1e-4,
+        }
         ballast = fill(disk, leave=20_000)
 
         refused = studio.post("uploads", None, 507, params={"name": "x.dng"}, content=bytes(10**6))

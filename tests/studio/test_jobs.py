@@ -41,7 +41,7 @@ def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
 RECONSTRUCT = {"measurement": "work/uploads/raw.npy", "psf": "work/uploads/psf.npy"}
 LONG = {
     "measurement": "work/uploads/long.npy", "psf": "work/uploads/long-psf.npy",
-    "iterations": 100_000, "tolerance": 0,
+    "iterations": 100_000, "tolerance": 0, "tau": 1e-4, "support": "480x640",
 }  # fmt: skip
 
 

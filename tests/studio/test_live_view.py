@@ -242,9 +242,6 @@ def test_psf_is_calibrated_of_a_point_of_light(studio: Running) -> None:
         for each in (path, saved["point"]["psf_path"])
     )
     assert float(np.corrcoef(found.ravel(), own.ravel())[0, 1]) > 0.97
-    measured = studio.ended(studio.job("measure-psf", {"psf": path}))
-    assert measured["status"] == "done", measured
-    assert measured["summary"]["line_width_um"] > 0 and measured["outputs"][0].endswith(".png")
 
 
 def test_eight_pages_one_of_which_stops_reading(studio: Running) -> None:
