@@ -6,13 +6,16 @@ from pathlib import Path
 
 import av
 import h5py
+import imagecodecs
 import numpy as np
 import OpenEXR
+import pyarrow as pa
 import scipy.io
 import tifffile
 import torch
 import zarr
 from PIL import Image
+from pyarrow import parquet
 from readers import JOB
 
 from nolens.camera import Camera, PsfEntry, from_toml, preset, to_toml
@@ -94,6 +97,8 @@ def _containers(folder: Path, counts: np.ndarray) -> None:
     OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": counts.astype(np.float32)}).write(
         str(folder / "raw.exr")
     )
+    png = [{"bytes": imagecodecs.png_encode(np.ascontiguousarray(counts)), "path": "a.png"}]
+    parquet.write_table(pa.table({"lensless": png}), folder / "raw.parquet")
     with av.open(str(folder / "raw.mkv"), "w") as container:
         stream = container.add_stream("ffv1", rate=10)
         stream.height, stream.width, stream.pix_fmt = *counts.shape[:2], "gray16le"

@@ -56,7 +56,7 @@ def _reads() -> Iterator[FileTarget]:
     for kind in ("png", "tif", "npy", "dng"):
         name = f"frame-{kind}"
         yield FileTarget(name, f"raw.{kind}", ("info", BAD))
-    for kind in ("npz", "mat", "h5", "exr", "mkv", "zip"):
+    for kind in ("npz", "mat", "h5", "exr", "mkv", "zip", "parquet"):
         yield FileTarget(f"frame-{kind}", f"raw.{kind}", ("info", BAD))
     yield FileTarget("frame-tif", "planes.tif", ("info", BAD))
     yield FileTarget("frame-png", "grey.png", ("info", BAD))
