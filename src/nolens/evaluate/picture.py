@@ -102,31 +102,37 @@ def ssim_and_ms_ssim(
     for number, weight in enumerate(_SCALE_WEIGHTS[: scales if large else 1]):
         if number:
             x, y = (nnf.avg_pool2d(each, 2) for each in (x, y))
-        luminance, structure = _similarities(x, y, peak)
+        # Channel by channel: the maps of all windows are many times the picture.
+        means = [_similarities(one, other, peak) for one, other in zip(x, y, strict=True)]
+        similar, structure = torch.tensor(means, dtype=torch.float64, device=x.device).T
         if number == 0:
-            whole = float((luminance * structure).mean())
+            whole = float(similar.mean())
         last = number == len(_SCALE_WEIGHTS) - 1
-        scale = luminance * structure if last else structure
-        product = product * scale.mean(dim=(-2, -1)).clamp_min(0) ** weight
+        product = product * (similar if last else structure).clamp_min(0) ** weight
     return whole, float(product.mean()) if large and scales > 1 else math.nan
 
 
-def _similarities(x: Tensor, y: Tensor, peak: float) -> tuple[Tensor, Tensor]:
-    """Luminance, and contrast with structure, of every window; (channels, rows, columns)."""
-    offsets = torch.arange(_WINDOW, dtype=torch.float64, device=x.device) - _WINDOW // 2
-    weights = torch.exp(-offsets.square() / (2 * _SIGMA**2))
-    weights = weights / weights.sum()
+def _similarities(x: Tensor, y: Tensor, peak: float) -> tuple[float, float]:
+    """Mean over all windows of two planes: of the similarity, and of contrast with structure."""
+    half = _WINDOW // 2
+    bell = [math.exp(-((place - half) ** 2) / (2 * _SIGMA**2)) for place in range(_WINDOW)]
+    weights = [each / math.fsum(bell) for each in bell]
 
     def local_mean(z: Tensor) -> Tensor:
-        rows = nnf.conv2d(z[:, None], weights[None, None, :, None])
-        return nnf.conv2d(rows, weights[None, None, None, :])[:, 0]
+        for axis in (-2, -1):
+            count = z.shape[axis] - _WINDOW + 1
+            mean = weights[half] * z.narrow(axis, half, count)
+            for place, weight in enumerate(weights[:half]):
+                across = z.narrow(axis, _WINDOW - 1 - place, count)
+                mean.add_(z.narrow(axis, place, count) + across, alpha=weight)
+            z = mean
+        return z
 
     mean_x, mean_y = local_mean(x), local_mean(y)
     variance_x = local_mean(x * x) - mean_x**2
     variance_y = local_mean(y * y) - mean_y**2
     covariance = local_mean(x * y) - mean_x * mean_y
     c1, c2 = (_K1 * peak) ** 2, (_K2 * peak) ** 2
-    return (
-        (2 * mean_x * mean_y + c1) / (mean_x**2 + mean_y**2 + c1),
-        (2 * covariance + c2) / (variance_x + variance_y + c2),
-    )
+    luminance = (2 * mean_x * mean_y + c1) / (mean_x**2 + mean_y**2 + c1)
+    structure = (2 * covariance + c2) / (variance_x + variance_y + c2)
+    return float((luminance * structure).mean()), float(structure.mean())
