@@ -64,6 +64,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory, bright: None) -> Path:
     assert len(before) == 2
     done = again(made)
     assert done.code == 0 and "4 pairs by twin of small" in done.out, done
+    (made / "told.txt").write_text(done.out)
     after = listing(made / "pairs" / "measured")
     assert len(after) == 4 and before.items() <= after.items()
     return made
@@ -123,10 +124,10 @@ def test_pairs_fit_together(bench: Path) -> None:
 
 def test_goes_straight_into_calibrate_and_compare(bench: Path) -> None:
     pairs = bench / "pairs"
-    done = run(
-        "calibrate", "pairs", pairs / "measured", pairs / "pictures", "--dark",
-        pairs / "dark.tif", "--distance", "300mm", "--pixel", "3.1um", "-o", bench / "mycamera",
-    )  # fmt: skip
+    # The command that was printed.
+    words = (bench / "told.txt").read_text().split("then: nolens ")[1].split(" (PITCH")[0].split()
+    change = {"PITCH": "3.1um", "mycamera": bench / "mycamera"}
+    done = run(*(change.get(word, word) for word in words))
     assert done.code == 0 and "solved-300mm.tif" in done.out, done.err
     told = json.loads(run("compare", pairs / "pictures", pairs, "--json").out)
     assert told["pictures"] == 4

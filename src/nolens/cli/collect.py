@@ -34,11 +34,12 @@ def _lines(summary: dict[str, Any]) -> list[str]:
         + (f", {left} left: the same command goes on" if left else ""),
         f"screen found to {screen['error_px']:.2f} pixels; it lies in {screen['support']}",
     ]
-    folder = summary["outputs"][0]
+    folder, dark = summary["outputs"][0], summary["dark"]
     lines.append(
-        f"then: nolens calibrate pairs {folder}/measured {folder}/pictures --dark "
-        f"{folder}/dark.tif --distance {summary['distance']} --pixel PITCH -o mycamera (PITCH: of "
-        "the sensor's pixels, such as 1.55um)"
+        f"then: nolens calibrate pairs {folder}/measured {folder}/pictures "
+        + (f"--dark {folder}/{dark} " if dark else "")
+        + f"--distance {summary['distance']} --pixel PITCH -o mycamera (PITCH: of the sensor's "
+        "pixels, such as 1.55um)"
     )
     return lines
 

@@ -245,8 +245,8 @@ def collect(run: Run[CollectOptions]) -> Product[ScreenPlace]:
             "support": session.support.text,
         },
         "white": session.whites,
+        "dark": session.write_dark(),
     }
-    session.write_dark()
     return Product(place, figures, outputs=(options.output,))
 
 
@@ -360,18 +360,17 @@ class _Session:
         }
         write_into(self._folder, writers)
 
-    def write_dark(self) -> None:
-        """Write the mean of all dark frames of this folder."""
+    def write_dark(self) -> str | None:
+        """Write the mean of all dark frames of this folder; its name, where there are any."""
         paths = sorted((self._folder / PATTERN).glob("dark-*"))
         if not paths:
-            return
+            return None
         first = read_frame(paths[0])
         total = sum((read_frame(path).counts.double() for path in paths[1:]), first.counts.double())
         dark = replace(first, counts=(total / len(paths)).float())
-        suffix = ".npy" if len(dark.counts) > 1 else ".tif"
-        write_into(
-            self._folder, {self._folder / f"{DARK}{suffix}": partial(write_frame, frame=dark)}
-        )
+        name = f"{DARK}{'.npy' if len(dark.counts) > 1 else '.tif'}"
+        write_into(self._folder, {self._folder / name: partial(write_frame, frame=dark)})
+        return name
 
     def _registration(self, matrix: Any = None) -> Registration:
         """From the pixels of the support to those of the screen."""
