@@ -59,6 +59,9 @@ def scheduler() -> Iterator[str]:
         dashboard_address=":0",
     ) as cluster:
         yield cluster.scheduler_address
+        # Dask would keep 1000 messages to each worker, with what was sent.
+        streams = cluster.scheduler.stream_comms.values()
+        assert [each.recent_message_log.maxlen for each in streams] == [1]
 
 
 def test_cluster_gives_the_same(scheduler: str) -> None:

@@ -30,6 +30,9 @@ for _name in ("distributed", "distributed.client"):
     logging.getLogger(_name).setLevel(logging.CRITICAL)
 dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"})
 
+_LOGS = {"distributed.admin.low-level-log-length": 1}
+"""Dask keeps its last 1000 messages below 1 MB to each worker, and the frames with them."""
+
 _SECONDS = 2.5
 """For a scheduler to answer."""
 _COUNT_AGAIN_S = 2.0
@@ -61,7 +64,8 @@ class Cluster:
 
     def __init__(self, work: Work, scheduler: str, note: Callable[[str], None]) -> None:
         self._scheduler, self._run = scheduler, uuid4().hex
-        self._client = Client(reached(scheduler), timeout=_SECONDS, set_as_default=False)
+        with dask.config.set(_LOGS):
+            self._client = Client(reached(scheduler), timeout=_SECONDS, set_as_default=False)
         try:
             about = self._client.scheduler_info(n_workers=-1)
             if "dashboard" in about["services"]:
@@ -69,6 +73,7 @@ class Cluster:
             if not about["workers"]:
                 note(f"waiting for workers of {scheduler}: none has joined yet")
                 self._client.wait_for_workers(1)
+            self._client.run_on_scheduler(_shorten_logs)
             self._check_versions()
             self._client.register_plugin(_Preparation(self._run, work), name=self._run)
             self._check_preparation()
@@ -123,7 +128,9 @@ class Cluster:
             If the scheduler has gone.
         """
         while not self._answers:
-            self._send_gathered()
+            # Small tasks would stay small: they go only where workers would have nothing to do.
+            if len(self._running) < self._threads:
+                self._send_gathered()
             future = next(self._completed)
             self._answers += self._answers_of(future, self._running.pop(future))
         return self._answers.popleft()
@@ -251,6 +258,16 @@ class _Refusal:
 def _state(run: str) -> Exception | None:
     call = _prepared.get(run)
     return call.error if isinstance(call, _Refusal) else None
+
+
+def _shorten_logs(dask_scheduler: Any) -> None:
+    """Let the scheduler keep no frames in its logs of messages, to workers that join later either.
+
+    Only who searches for faults of Dask itself reads these.
+    """
+    dask.config.set(_LOGS)
+    for stream in dask_scheduler.stream_comms.values():
+        stream.recent_message_log = deque(maxlen=1)
 
 
 def _call(run: str, items: Sequence[Any]) -> tuple[float, list[Any]]:
