@@ -190,7 +190,7 @@ def timed(line: list[str], pids: list[int], frames: int) -> dict[str, Any]:
     watch = Watch([process.pid, *pids])
     done: list[tuple[float, int]] = []
     while process.poll() is None:
-        done.append((time.monotonic(), sum(1 for _ in out.glob("*.png"))))
+        done.append((time.monotonic(), len(there(out))))
         time.sleep(0.5)
     assert process.stderr is not None
     if process.returncode != 0:
@@ -239,29 +239,38 @@ def measured(
 
 
 def throughput(folder: Path, count: int, rounds: int) -> list[dict[str, Any]]:
-    """Two processes and two Dask workers in turns, at the quality that takes least time."""
-    frames, psf = make_frames(folder / "large", count, (360, 480))
-    return [
-        measured(folder, frames, psf, kind, 2, "--quality", "draft")
-        for number in range(rounds)
-        for kind in (("processes", "dask") if number % 2 == 0 else ("dask", "processes"))
-    ]
+    """Two processes and two Dask workers in turns, at the quality that takes least time.
 
-
-def workers(folder: Path, counts: tuple[int, ...]) -> list[dict[str, Any]]:
-    """Other numbers of workers and of frames, and the default quality."""
+    After the first round those of an eighth of the frames: other work on the machine changes.
+    """
     rows = []
-    for count, quality in ((counts[0], "draft"), (counts[1], "photo")):
+    for number in range(rounds):
+        some = count if number == 0 else count // 8
+        frames, psf = make_frames(folder / str(number), some, (360, 480))
+        for kind in ("processes", "dask") if number % 2 == 0 else ("dask", "processes"):
+            rows.append(measured(folder, frames, psf, kind, 2, "--quality", "draft"))
+    return rows
+
+
+def workers(folder: Path) -> list[dict[str, Any]]:
+    """Other numbers of workers, and the default quality."""
+    rows = []
+    for quality, count, numbers in (("draft", 240, (1, 3)), ("photo", 24, (2,))):
         frames, psf = make_frames(folder / quality, count, (360, 480))
-        for number in (1, 2, 3):
+        for number in numbers:
             for kind in ("processes", "dask"):
                 row = measured(folder, frames, psf, kind, number, "--quality", quality)
                 rows.append({"quality": quality, **row})
     return rows
 
 
+def there(out: Path) -> list[Path]:
+    """Pictures that are written, without those that are being written."""
+    return list(out.glob("[!.]*.png"))
+
+
 def pictures(out: Path) -> dict[str, str]:
-    return {each.name: hashlib.sha256(each.read_bytes()).hexdigest() for each in out.glob("*.png")}
+    return {each.name: hashlib.sha256(each.read_bytes()).hexdigest() for each in there(out)}
 
 
 def spawned_by(process: "subprocess.Popen[bytes]") -> list[int]:
@@ -276,13 +285,13 @@ def spawned_by(process: "subprocess.Popen[bytes]") -> list[int]:
 def kills(folder: Path, count: int) -> list[dict[str, Any]]:
     """Kill one of three when so many pictures are there, at random; run again until all are."""
     frames, psf = make_frames(folder / "small", count, (120, 160))
-    quick = ("--iterations", 12)
+    quick = ("--quality", "draft")
     good = folder / "good"
     subprocess.run(command(frames, psf, good, *quick, "--workers", 1), env=ENVIRONMENT, check=True)
     expected, rows = pictures(good), []
     assert len(expected) == count
     chance = random.Random(SEED)
-    for what in ("command", "worker", "scheduler"):
+    for what in ("worker", "scheduler", "command"):
         exits, partly, made = [], [], 0
         for number in range(KILLS):
             out = folder / f"{what}-{number}"
@@ -296,10 +305,10 @@ def kills(folder: Path, count: int) -> list[dict[str, Any]]:
                 line = command(frames, psf, out, *quick, *more)
                 process = subprocess.Popen(line, env=ENVIRONMENT, **SILENT)
                 wanted = chance.randrange(count)
-                while process.poll() is None and sum(1 for _ in out.glob("*.png")) < wanted:
+                while process.poll() is None and len(there(out)) < wanted:
                     time.sleep(0.01)
                 time.sleep(chance.uniform(0, 0.1))
-                partly.append(len(list(out.glob("*.png"))))
+                partly.append(len(there(out)))
                 victim = process.pid
                 if what == "scheduler" and cluster is not None:
                     victim = cluster.scheduler.pid
@@ -316,12 +325,13 @@ def kills(folder: Path, count: int) -> list[dict[str, Any]]:
                 except subprocess.TimeoutExpired:
                     process.kill()
                     exits.append("hung")
-            before = {path: path.stat().st_mtime_ns for path in out.glob("*.png")}
-            again = command(frames, psf, out, *quick, "--workers", 2)
+            before = {path: path.stat().st_mtime_ns for path in there(out)}
+            again = command(frames, psf, out, *quick, "--workers", 1)
             subprocess.run(again, env=ENVIRONMENT, check=True, **SILENT)
             rewritten = sum(path.stat().st_mtime_ns != at for path, at in before.items())
             made += pictures(out) == expected and rewritten == 0
             shutil.rmtree(out)
+            print(what, number, exits[-1], partly[-1], made, flush=True)
         rows.append({"what": what, "kills": KILLS, "good": made, "exits": exits, "there": partly})
         print(json.dumps(rows[-1]), flush=True)
     return rows
@@ -365,12 +375,11 @@ class Waiting:
 
 
 MOVED: tuple[tuple[str, int, int, float, int], ...] = (
-    ("processes", 2, 1, 0.0, 600),
-    ("dask", 2, 1, 0.0, 1200),
-    ("dask", 10, 2, 1.0, 600),
-    ("dask", 10, 10, 4.0, 1000),
-    ("dask", 10, 10, 2.0, 1500),
-    ("dask", 10, 10, 1.0, 1500),
+    ("processes", 2, 1, 0.0, 300),
+    ("dask", 2, 1, 0.0, 600),
+    ("dask", 5, 20, 4.0, 600),
+    ("dask", 5, 20, 2.0, 800),
+    ("dask", 5, 20, 1.0, 800),
 )
 """Kind, processes, threads in each, seconds that a frame waits there, frames."""
 
@@ -395,7 +404,7 @@ def moved(folder: Path) -> list[dict[str, Any]]:
                 time.sleep(5 + processes)
             manifest = Manifest.open(out, {}, keys)
             work = Waiting(picture, wait_s)
-            skipped = 2 * processes * threads  # All workers have begun.
+            skipped = processes * threads  # All workers have begun.
             marks: list[tuple[float, list[float]]] = []
             for done, outcome in enumerate(
                 run_items(items, work, workers=processes, scheduler=scheduler)
@@ -540,7 +549,7 @@ def _folder() -> Iterator[Path]:
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--frames", type=int, default=2000)
-    parser.add_argument("--rounds", type=int, default=2)
+    parser.add_argument("--rounds", type=int, default=6)
     parser.add_argument("--parts", nargs="+", default=PARTS)
     parser.add_argument("--out", type=Path, default=Path("build/batch.json"))
     options = parser.parse_args()
@@ -552,7 +561,7 @@ def main() -> None:
         "kills": lambda at: kills(at, 24),
         "apart": lambda at: apart(at, 30),
         "moved": moved,
-        "workers": lambda at: workers(at, (options.frames // 5, options.frames // 40)),
+        "workers": workers,
     }
     for name in options.parts:
         with _folder() as folder:
