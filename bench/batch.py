@@ -375,11 +375,11 @@ class Waiting:
 
 
 MOVED: tuple[tuple[str, int, int, float, int], ...] = (
-    ("processes", 2, 1, 0.0, 300),
-    ("dask", 2, 1, 0.0, 600),
-    ("dask", 5, 20, 4.0, 600),
-    ("dask", 5, 20, 2.0, 800),
-    ("dask", 5, 20, 1.0, 800),
+    ("processes", 2, 1, 0.0, 200),
+    ("dask", 2, 1, 0.0, 400),
+    ("dask", 2, 20, 8.0, 160),
+    ("dask", 2, 20, 4.0, 200),
+    ("dask", 2, 20, 2.0, 280),
 )
 """Kind, processes, threads in each, seconds that a frame waits there, frames."""
 
