@@ -1,5 +1,6 @@
 """GenICam cameras: the simulated one of the package genicam, and a stand-in with what it lacks."""
 
+import signal
 import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -32,7 +33,9 @@ def test_simulated_producer(tmp_path, monkeypatch):
     assert all(frame.size == (100, 100) and frame.channels == ("grey",) for frame in frames)
     assert len({frame.counts.numpy().tobytes() for frame in frames}) == 3
     source = open_source(f"genicam:red,{SMALL}")
+    interrupt = signal.getsignal(signal.SIGINT)
     source.open()
+    assert signal.getsignal(signal.SIGINT) is interrupt
     numbers = [shot.details["frame_number"] for shot in source.burst(5)]
     assert numbers == list(range(numbers[0], numbers[0] + 5))
     source.close()

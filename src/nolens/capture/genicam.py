@@ -3,6 +3,8 @@
 import logging
 import math
 import os
+import signal
+import threading
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import closing, contextmanager, suppress
@@ -111,7 +113,7 @@ class GenicamSource(CameraSource):
             asked = asked.removeprefix(":")
             number = choose_device(asked, names, "GenICam camera", "'genicam:{}'")
             self._name = f"GenICam {names[number]}"
-            with _trouble(self._name):
+            with _trouble(self._name), _interrupt_kept():
                 self._acquirer = self._harvester.create(number)
             self._configure()
         except BaseException:
@@ -345,6 +347,17 @@ def _device_name(info: Any) -> str:
         with suppress(Exception):
             parts.append(str(getattr(info, name)))
     return " ".join(each for each in parts if each and each != "None")
+
+
+@contextmanager
+def _interrupt_kept() -> Generator[None]:
+    """Keep what Ctrl-C does: harvesters takes it for itself, and no longer ends the process."""
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        yield
+    finally:
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGINT, before)
 
 
 @contextmanager
