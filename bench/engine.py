@@ -1,13 +1,14 @@
-"""When a photo is done, and what the low-frequency correction is worth: `docs/decisions/0007`.
+"""When a photo is done, and the measurement in the linear step: `docs/decisions/0017`.
 
 `.venv/bin/python bench/engine.py --data ../shared/data` prints PSNR in dB after one scale factor.
 Photographs as the paper's camera takes them (`nolens.twin`, PSFs that vary over the field; green),
-the same without that error of the model, and full views of `penalties.py`. Counts iterations, not
-seconds; about a quarter of an hour.
+the same without that error of the model, and full views of `penalties.py`. A quarter of an hour.
 """
 
 import argparse
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -24,11 +25,10 @@ from nolens.reproduction.setup import FULL, ExperimentSetup
 from nolens.solvers import Problem, admm
 from nolens.twin import Plane
 from penalties import full_view
-from photo import QUICK, photo, quick
+from photo import photo
 from photographed import linear_light, shot
 
 LONG = 400
-MARKS = (16, 24, 32, 40)
 GREEN = slice(1, 2)
 PICTURES = 4
 TAU = 1e-5
@@ -79,48 +79,28 @@ def judge(truth: Tensor, scene: Tensor) -> float:
     return psnr(scale_fit(scene, truth), truth, float(truth.max()))
 
 
-def course(
-    problem: Problem, seen: Callable[[Tensor], float], low_frequency: bool
-) -> dict[int, float]:
-    """PSNR of the iterate at the marks."""
-    found: dict[int, float] = {}
-
-    def look(progress: object) -> None:
-        if progress.iteration in MARKS:  # type: ignore[attr-defined]
-            found[progress.iteration] = seen(progress.scene())  # type: ignore[attr-defined]
-
-    admm(problem, iterations=MARKS[-1], tolerance=0.0, low_frequency=low_frequency, callback=look)
-    return found
-
-
 def main() -> None:
-    """Print both tables."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
     folder = parser.parse_args().data / "diffusercam-hand"
-    marks = " | ".join(str(mark) for mark in MARKS)
-    print(
-        f"| problem | photo: iterations | PSNR | objective | after {LONG} | objective "
-        f"| ADMM: {marks} | corrected: {marks} | and in the end, {QUICK} iterations |"
-    )
-    print("|---|" + "---|" * (6 + 2 * len(MARKS)))
+    ways = ("data step", "paper's splitting", f"the same, {LONG} iterations")
+    titles = [f"{way}: iterations | PSNR | objective | CPU s" for way in ways]
+    print(f"| problem | {' | '.join(titles)} |")
+    print("|---|" + "---|" * (4 * len(ways)))
     for name, problem, truth in cases(folder):
-        done, long = photo(problem), admm(problem, iterations=LONG, tolerance=0.0)
-        row = [name, str(done.iterations)]
-        if truth is None:
-            row += ["–", f"{done.objective:.4g}", "–", f"{long.objective:.4g}"]
-            row += ["–"] * (2 * len(MARKS) + 1)
-        else:
-
-            def seen(scene: Tensor, truth: Tensor = truth) -> float:
-                return judge(truth, scene)
-
-            for result in (done, long):
-                row += [f"{seen(result.scene):.2f}", f"{result.objective:.4g}"]
-            for low_frequency in (False, True):
-                at = course(problem, seen, low_frequency)
-                row += [f"{at[mark]:.2f}" for mark in MARKS]
-            row.append(f"{seen(quick(problem).scene):.2f}")
+        row = [name]
+        runs = (
+            partial(photo, problem),
+            partial(photo, problem, low_frequency=False),
+            partial(admm, problem, iterations=LONG, tolerance=0.0),
+        )
+        for run in runs:
+            begun = time.process_time()
+            done = run()
+            used = time.process_time() - begun
+            quality = "–" if truth is None else f"{judge(truth, done.scene):.2f}"
+            row += [str(done.iterations), quality, f"{done.objective:.4g}", f"{used:.1f}"]
         print("| " + " | ".join(row) + " |", flush=True)
 
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from nolens.solvers import STOPS, Problem, Quality, Result, admm
 
 QUICK = 24
 """Iterations with which, and the low-frequency correction, a full view is near its end."""
 
 
-def photo(problem: Problem) -> Result:
-    """Solve as `--quality photo` does."""
+def photo(problem: Problem, *, low_frequency: bool | None = None) -> Result:
+    """Solve as `--quality photo` does, or with --low-frequency or --no-low-frequency."""
     stop = STOPS[Quality.PHOTO]
+    if low_frequency is not None:
+        stop = replace(stop, low_frequency=low_frequency)
     return admm(
         problem,
         iterations=stop.iterations,

@@ -128,7 +128,7 @@ def test_record(camera: Camera, tmp_path: Path) -> None:
     assert parameters["iterations"] == 12 and parameters["tolerance"] == 0
     assert parameters["method"] == "admm" and parameters["prior"] == "tv"
     assert parameters["support"] == f"{SUPPORT}+12+16" and parameters["balance"] is True
-    assert parameters["relaxation"] == 1.8 and parameters["penalties"] is None
+    assert parameters["relaxation"] is None and parameters["penalties"] is None
     assert parameters["channel_names"] == ["R", "G", "B"]
     # The version before called it period.
     assert parameters["fft_grid"] == parameters["period"] and min(parameters["fft_grid"]) > 24

@@ -46,7 +46,7 @@ def quality(solver: Reconstructor, data: Tensor, truth: Tensor, weight: float) -
         (Prior.TV, 0.003, 1.0),
         (Prior.TV, 0.03, 0.6),
         (Prior.ISOTROPIC_TV, 0.03, 0.6),
-        (Prior.L1, 0.03, 5.0),
+        (Prior.L1, 0.03, 6.0),
     ],
 )
 def test_is_near_the_best_of_a_grid(prior: Prior, noise: float, loss_db: float) -> None:

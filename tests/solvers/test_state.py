@@ -44,7 +44,7 @@ def test_interrupted_run_ends_like_the_whole_one(case, pause):
     assert rest.history[0]["penalty_1"] == pytest.approx(rows[0]["penalty_1"], rel=1e-4)
 
 
-def test_smooth_part_is_taken_up_again():
+def test_low_frequencies_are_taken_up_again():
     problem = pose(CASES["full view"]).problem
     whole = admm(problem, iterations=40, tolerance=0, low_frequency=True)
     state = AdmmState.cold(problem)

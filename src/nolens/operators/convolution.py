@@ -1,5 +1,6 @@
 """The forward model of a mask-based lensless camera, and the padded shape of its transforms."""
 
+from copy import copy
 from dataclasses import dataclass
 
 import torch
@@ -205,6 +206,18 @@ class CroppedConvolution(LinearOperator):
     def range_shape(self) -> tuple[int, ...]:
         """Size of the measurement; channels first where the PSF fixes their number."""
         return (*self._channel_axis, *self.sensor)
+
+    def single(self, channel: int) -> "CroppedConvolution":
+        """That of one channel, which shares its memory."""
+        single = copy(self)
+        single.channels, single._channel_axis = 1, ()
+        single.transfer = self.transfer[channel : channel + 1]
+        return single
+
+    @property
+    def power(self) -> Tensor:
+        """|H|² of the half spectrum, (channels, height, width // 2 + 1)."""
+        return self.transfer.real.square() + self.transfer.imag.square()
 
     def embed(self, scene: Tensor) -> Tensor:
         """Scene on the whole padded shape, zero outside the support."""

@@ -8,23 +8,24 @@ from torch import Tensor
 from nolens.errors import DataError, DivergenceError, OptionError
 from nolens.kernels import PassSums, Repeater, SplitState, in_large_pages, update_splits_
 from nolens.solvers.admm_state import CHECK_EVERY, AdmmState, Balance, Penalties
-from nolens.solvers.corrections import LowFrequencyCorrection, gain_corrected
+from nolens.solvers.data_step import DATA_STEP_RELAXATION, DataStep, data_step_start
+from nolens.solvers.gain_correction import gain_corrected
 from nolens.solvers.problem import Prior, Problem
 from nolens.solvers.result import Callback, Progress, Result, StopReason, has_converged
 
 RELAXATION = 1.8
 """α where no other is given."""
-_LOW_FREQUENCY_AT = 12
-"""Iterations after which low frequencies are corrected: detail is there, and penalties are still
-small."""
-
+_DATA_STEP_TOLERANCE = 1.5
+"""Residuals at which a photo is done where the measurement is in the linear step, for each of
+`scene_tolerance`: the picture's last steps there are noise that comes to rest."""
 _BYTES_PER_PIXEL = 60
 """Held in the first and the last step, where a run holds most, per pixel of the padded shape."""
+_DATA_STEP_BYTES_PER_PIXEL = 100
 
 
-def admm_bytes(pixels: float) -> float:
+def admm_bytes(pixels: float, *, low_frequency: bool = False) -> float:
     """Most memory that a run holds at once, for so many `Problem.padded_pixels`."""
-    return pixels * _BYTES_PER_PIXEL
+    return pixels * (_DATA_STEP_BYTES_PER_PIXEL if low_frequency else _BYTES_PER_PIXEL)
 
 
 class AdmmRun:
@@ -49,12 +50,7 @@ class AdmmRun:
         self._balance, self._relaxation = balance, relaxation
         transfers = [problem.transfer(channel) for channel in range(problem.channels)]
         self._repeater = Repeater(state.splits, transfers, relaxation)
-        self._pairs: list[Tensor] = []
-        self.restart()
-
-    def restart(self) -> None:
-        """Go on from what the state has become, after it was changed by others."""
-        self._pairs = _first_pairs(self.state)
+        self._pairs = _first_pairs(state)
 
     def measure(self, problem: Problem, penalties: Penalties) -> None:
         """Go on with another measurement of the same sizes, and count anew.
@@ -70,7 +66,7 @@ class AdmmRun:
         self.state.renew(problem, penalties)
         self._problem = problem
         if self.state.penalties != before:
-            self.restart()
+            self._pairs = _first_pairs(self.state)
             return
         for pair, split in zip(self._pairs, self.state.splits, strict=True):
             _measure_again(pair, split, before[0])
@@ -89,9 +85,7 @@ class AdmmRun:
             If an iterate is NaN or infinite.
         """
         state = self.state
-        following = state.penalties
-        if self._balance is not None and state.sums:
-            following = self._balance.next(state.penalties, state.sums, state.iteration)
+        following = _balanced(state, self._balance)
         until_check = CHECK_EVERY - state.iteration % CHECK_EVERY
         count = min(until_check, limit - state.iteration)
         # Penalties change as soon as they can; the last iteration is the one with sums.
@@ -106,6 +100,51 @@ class AdmmRun:
     def end(self) -> None:
         """Free the memory of the iterations."""
         self._pairs = []
+
+
+class DataStepRun:
+    """Advances a state, four iterations at a time, with the measurement in the linear step.
+
+    Parameters
+    ----------
+    problem
+        In normalised units.
+    state
+        Where to start from; advanced in place, but for its split x.
+    balance, relaxation
+        As `AdmmRun` takes them.
+    """
+
+    def __init__(
+        self, problem: Problem, state: AdmmState, *, balance: Balance | None, relaxation: float
+    ) -> None:
+        self._problem, self.state, self._balance = problem, state, balance
+        self._steps = [
+            DataStep(problem.single(channel), split, state.penalties, relaxation)
+            for channel, split in enumerate(state.splits)
+        ]
+
+    def to_check(self, limit: int) -> Progress:
+        """Iterate until the next convergence check, as `AdmmRun.to_check`."""
+        state = self.state
+        state.penalties = _balanced(state, self._balance)
+        count = min(CHECK_EVERY - state.iteration % CHECK_EVERY, limit - state.iteration)
+        state.sums = [step.iterate(count, state.penalties) for step in self._steps]
+        state.iteration += count
+        for step, split in zip(self._steps, state.splits, strict=True):
+            step.write(split)
+        return _progress(self._problem, state)
+
+    def end(self) -> None:
+        """Free the memory of the iterations."""
+        self._steps = []
+
+
+def _balanced(state: AdmmState, balance: Balance | None) -> Penalties:
+    """Penalties of the next iterations."""
+    if balance is None or not state.sums:
+        return state.penalties
+    return balance.next(state.penalties, state.sums, state.iteration)
 
 
 def _first_pairs(state: AdmmState) -> list[Tensor]:
@@ -185,7 +224,7 @@ def admm(
     low_frequency: bool = False,
     penalties: Penalties | None = None,
     balance: Balance | None = Balance(),  # noqa: B008 (frozen)
-    relaxation: float = RELAXATION,
+    relaxation: float | None = None,
     state: AdmmState | None = None,
     callback: Callback | None = None,
 ) -> Result:
@@ -215,15 +254,15 @@ def admm(
         predict (`nolens.solvers.result.still_to_go`), and no residual is above a third of it: the
         steps alone can be short while the penalties grow. 0 never stops for it.
     low_frequency
-        Whether, where the scene fills the view, its low frequencies are solved for directly
-        (`LowFrequencyCorrection`): once on the way, which saves hundreds of iterations, and in the
-        end.
+        Whether, where the scene fills the view, the measurement stays in the linear step
+        (`DataStep`): the low frequencies of the scene are then there with its detail, and not
+        hundreds of iterations later.
     penalties
         μ₁, μ₂, μ₃ to start with, > 0; None leaves the choice to the program.
     balance
         How the penalties are balanced as it runs; None keeps them.
     relaxation
-        α in (0, 2).
+        α in (0, 2); None takes what suits the splitting.
     state
         Where to start from, advanced in place; it has its own penalties. None starts cold.
     callback
@@ -241,9 +280,17 @@ def admm(
     _check(problem, iterations, tolerance, scene_tolerance, penalties, relaxation)
     if state is None:
         state = AdmmState.cold(problem, penalties)
-    corrected = low_frequency and state.fills_view
-    correction = LowFrequencyCorrection(problem) if corrected else None
-    run = AdmmRun(problem, state, balance=balance, relaxation=relaxation)
+    run: AdmmRun | DataStepRun
+    if low_frequency and state.fills_view:
+        if state.iteration == 0 and penalties is None:
+            state.restart(data_step_start(problem, state))
+        run = DataStepRun(
+            problem, state, balance=balance, relaxation=relaxation or DATA_STEP_RELAXATION
+        )
+        tolerance = max(tolerance, _DATA_STEP_TOLERANCE * scene_tolerance)
+        scene_tolerance = 0.0
+    else:
+        run = AdmmRun(problem, state, balance=balance, relaxation=relaxation or RELAXATION)
     history: list[dict[str, float]] = []
     stop_reason: StopReason = "iteration limit"
     while state.iteration < iterations:
@@ -255,18 +302,8 @@ def admm(
         if has_converged(history, scene_tolerance) or progress.residual <= tolerance:
             stop_reason = "converged"
             break
-        if correction is not None and state.iteration == _LOW_FREQUENCY_AT:
-            before = state.scene()
-            after, better = correction.improved(before)
-            if better:
-                state.move_(problem, after - before)
-                run.restart()
-            else:
-                correction = None  # The model is not that exact: ADMM's own way is the better one.
     run.end()  # What follows needs its memory.
     scene = state.scene()
-    if correction is not None:
-        scene, _ = correction.improved(scene)
     if state.fills_view:
         scene, objective = gain_corrected(problem, scene)
     else:
@@ -287,7 +324,7 @@ def _check(
     tolerance: float,
     scene_tolerance: float,
     mu: Penalties | None,
-    relaxation: float,
+    relaxation: float | None,
 ) -> None:
     if problem.data.dtype != torch.float32:
         raise DataError(
@@ -301,5 +338,5 @@ def _check(
             raise OptionError(f"{name} is {value:g}; it must be 0 or more")
     if mu is not None and not all(math.isfinite(each) and each > 0 for each in mu):
         raise OptionError(f"penalties are {mu}; each must be above 0")
-    if not 0 < relaxation < 2:
+    if relaxation is not None and not 0 < relaxation < 2:
         raise OptionError(f"relaxation is {relaxation:g}; it must lie between 0 and 2")

@@ -141,6 +141,10 @@ class AdmmState:
             splits.append(_split(problem, channel, measured, scene))
         return cls(splits, _of_splits(penalties, splits), [], fills_view=min(levels) > 0)
 
+    def restart(self, penalties: Penalties) -> None:
+        """Start with other penalties; the multipliers are still zero."""
+        self.penalties = _of_splits(penalties, self.splits)
+
     def renew(self, problem: Problem, penalties: Penalties) -> None:
         """Go on from here with another measurement of the same sizes, and count anew.
 
@@ -192,31 +196,6 @@ class AdmmState:
             total += float(split.measured.sum())
             on_sensor += float(split.measured[top : top + height, left : left + width].sum())
         return on_sensor / total if total > 0 else 1.0
-
-    def move_(self, problem: Problem, change: Tensor) -> None:
-        """Add to the scene another method's correction: to every split, with its multiplier kept.
-
-        On the sensor x stays: it is held by the measurement, and v comes to it.
-
-        Parameters
-        ----------
-        problem
-            Of this state.
-        change
-            `(channels, height, width)` of the scene's pixels, normalised.
-        """
-        geometry = problem.forward.geometry
-        top, left, height, width = geometry.sensor
-        for channel, split in enumerate(self.splits):
-            scene = problem.forward.embed(change[channel])
-            image = irfft2(rfft2(scene) * problem.transfer(channel), geometry.padded)
-            image[top : top + height, left : left + width] = 0
-            split.measured += image
-            split.scene += scene
-            if split.tv > 0:
-                rows, columns = FiniteDifference(geometry.padded)(scene)
-                split.rows += rows
-                split.columns += columns
 
     def scene(self) -> Tensor:
         """The split w of every channel on the scene's pixels: non-negative; normalised."""

@@ -183,7 +183,7 @@ def choose_weight(
     *,
     penalties: Penalties | None = None,
     balance: Balance | None = Balance(),  # noqa: B008 (frozen)
-    relaxation: float = RELAXATION,
+    relaxation: float | None = None,
     progress: Callable[[float], bool | None] | None = None,
 ) -> Weight:
     """The weight of the prior with which left-out pixels are predicted best.
@@ -208,7 +208,7 @@ def choose_weight(
     by_noise = weight_by_noise(problem)
     if blocks is None:
         return by_noise
-    path = _Path(problem, blocks, penalties, balance, relaxation, progress)
+    path = _Path(problem, blocks, penalties, balance, relaxation or RELAXATION, progress)
     interrupted = path.follow(_FROM[problem.prior] * noise)
     if not path.errors:
         return replace(by_noise, interrupted=interrupted)

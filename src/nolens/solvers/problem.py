@@ -166,6 +166,22 @@ class Problem:
         """Number of channels of the measurement."""
         return self.data.shape[0]
 
+    def single(self, channel: int) -> "Problem":
+        """The problem of one channel."""
+        part = slice(channel, channel + 1)
+        return replace(
+            self,
+            forward=self.forward.single(channel % self.forward.channels),
+            data=self.data[part],
+            valid=self.valid[part],
+            scale=self.scale[part],
+        )
+
+    @property
+    def varied(self) -> bool:
+        """Whether the prior weighs differences of neighbouring pixels."""
+        return self.tau > 0 and self.prior in (Prior.TV, Prior.ISOTROPIC_TV)
+
     @property
     def padded_pixels(self) -> int:
         """Pixels of the padded shape, those of all channels together."""

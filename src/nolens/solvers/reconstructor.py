@@ -11,7 +11,7 @@ from torch import Tensor
 
 from nolens.camera import Measurement
 from nolens.operators import Geometry
-from nolens.solvers.admm import RELAXATION, admm, admm_bytes
+from nolens.solvers.admm import admm, admm_bytes
 from nolens.solvers.admm_state import AdmmState, Balance, Penalties
 from nolens.solvers.fista import fista, fista_bytes
 from nolens.solvers.held_out import (
@@ -53,7 +53,6 @@ _JUDGED_PIXELS = 40_000
 """Sensor pixels at most with which a PSF is judged."""
 _SUPPORT_PIXELS = 50_000
 """Pixels of all channels on which a support is chosen, about."""
-_BYTES = {Method.ADMM: admm_bytes, Method.FISTA: fista_bytes, Method.WIENER: wiener_bytes}
 _STOP = {
     Method.ADMM: STOPS[Quality.PHOTO],
     Method.FISTA: Stop(300, tolerance=1e-4, scene_tolerance=0.0, low_frequency=False),
@@ -130,7 +129,7 @@ class Reconstructor:
     stop: Stop | None = None
     penalties: Penalties | None = None
     balance: Balance | None = Balance()  # noqa: RUF009 (frozen)
-    relaxation: float = RELAXATION
+    relaxation: float | None = None
     device: torch.device | str = "cpu"
 
     @property
@@ -153,7 +152,11 @@ class Reconstructor:
         """
         height, width = tensor_of(self.psf, "PSF").shape[-2:]
         geometry = Geometry.build(sensor, (height, width), support_of(self.support, sensor))
-        return _BYTES[self.method](channels * math.prod(geometry.padded))
+        pixels = channels * math.prod(geometry.padded)
+        if self.method is Method.ADMM:
+            stop = self.stop or _STOP[self.method]
+            return admm_bytes(pixels, low_frequency=stop.low_frequency)
+        return (fista_bytes if self.method is Method.FISTA else wiener_bytes)(pixels)
 
     def choose_weight(
         self,

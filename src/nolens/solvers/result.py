@@ -33,13 +33,12 @@ class Stop:
 
 
 STOPS = {
-    Quality.PHOTO: Stop(200, tolerance=0.0, scene_tolerance=1e-2, low_frequency=False),
+    Quality.PHOTO: Stop(200, tolerance=0.0, scene_tolerance=1e-2, low_frequency=True),
     Quality.EXACT: Stop(5000, tolerance=1e-4, scene_tolerance=0.0, low_frequency=True),
 }
 """A photo is done when it will no longer change visibly: by 1 % of its norm, as its last steps
-predict. Exact means that all relative residuals are at most 1e-4; the low-frequency part of a scene
-that fills the view is then solved for directly. A photo leaves that out: it is where a PSF that is
-not quite the camera's leads furthest astray (decision 7)."""
+predict, or, with the measurement in the linear step, when its residuals are about that (decision
+7). Exact means that all relative residuals are at most 1e-4."""
 
 
 @dataclass(frozen=True)

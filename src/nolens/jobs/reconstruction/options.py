@@ -186,12 +186,12 @@ class ReconstructOptions(JobOptions):
     low_frequency: Annotated[
         bool | None,
         Option(
-            "Low-frequency correction: solve directly for the shading of a scene that fills the "
-            "view. It needs a PSF that is exactly the camera's.",
+            "Where the scene fills the view, fit its low frequencies with its detail. Without it "
+            "they stay behind: faster, and better where the PSF is far from the camera's.",
             SOLVER,
-            default="with exact",
+            default="with ADMM",
             former="smooth_part",
-            label="Low-frequency correction",
+            label="Fit low frequencies",
         ),
     ] = None
     resume: Annotated[
@@ -215,8 +215,13 @@ class ReconstructOptions(JobOptions):
     ] = None
     balance: Annotated[bool, Option("Balance ADMM's penalties while it runs.", SOLVER)] = True
     relaxation: Annotated[
-        float, Between(0.01, 1.99), Option("Over-relaxation of ADMM, between 0 and 2.", SOLVER)
-    ] = 1.8
+        Annotated[float, Between(0.01, 1.99)] | None,
+        Option(
+            "Over-relaxation of ADMM, between 0 and 2.",
+            SOLVER,
+            default="1.8; 1.5 where the scene fills the view",
+        ),
+    ] = None
     device: Device = "auto"
     crop: Annotated[
         Window | Literal["all"] | None,

@@ -1,0 +1,393 @@
+"""ADMM that fits the measurement in its linear step, by preconditioned conjugate gradients."""
+
+import math
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as nnf
+from torch import Tensor
+
+from nolens.kernels import PassSums, SplitState, irfft2, irfft2_window_, rfft2_window
+from nolens.operators import FiniteDifference
+from nolens.solvers.admm_state import AdmmState, Penalties
+from nolens.solvers.problem import Problem
+
+DATA_STEP_RELAXATION = 1.5
+"""α where no other is given."""
+_START_SCENE = 0.02
+_START_VARIATION = 5.0
+"""Penalties to start with: that of the scene, and that of its variation over τ and the scene's
+mean. Small ones let the scene follow the data at once, of whatever sign it becomes."""
+_INNER = 3
+"""Steps of conjugate gradients in each iteration."""
+_MODES = 3
+"""Slow cosines along each side that are solved for exactly."""
+_TINY = 1e-300
+
+
+def data_step_start(problem: Problem, state: AdmmState) -> Penalties:
+    """Penalties of a cold start, whose scene is uniform."""
+    level = max(float(state.scene().mean()), torch.finfo(torch.float32).tiny)
+    variation = _START_VARIATION * problem.tau / level if problem.varied else 1.0
+    return _START_SCENE, variation, _START_SCENE
+
+
+class DataStep:
+    r"""Iterates a channel with two splits, u = Ψv and w = v; the measurement stays with v.
+
+    In the Douglas-Rachford form of `nolens.kernels.admm`, each iteration solves
+
+    .. math:: (A^*A + μ_2 Ψ^*Ψ + μ_3)\, v = A^*b + μ_2 Ψ^* q_u + μ_3 q_w, \qquad A = VCM,
+
+    with V the valid pixels. So the measurement does not have to travel through a split x = Mv of
+    its own, which is slow where a scene fills the view: light beyond the sensor is not measured,
+    and the slow part of a scene hardly changes what is. The matrix is not diagonal in the Fourier
+    domain. A few steps of conjugate gradients go on from the scene before (inexact ADMM,
+    `eckstein2017`), preconditioned by its circulant mean
+    :math:`ρ\,|H|^2 / \overline{|H|^2} + μ_2|D|^2 + μ_3`, where ρ is the fraction of the energy of
+    white noise that A keeps, and an exact solution for the slowest cosines, deflated (A-DEF2 of
+    `tang2009`): the eigenvalue of the scene's mean is ten thousand times that of the others.
+
+    Parameters
+    ----------
+    problem
+        Of one channel, in normalised units.
+    split
+        Where to start from; `write` brings it up to date, but for the split x, which stays.
+    penalties
+        Of the split.
+    relaxation
+        α in (0, 2).
+    """
+
+    def __init__(
+        self, problem: Problem, split: SplitState, penalties: Penalties, relaxation: float
+    ) -> None:
+        self._problem, self._relaxation = problem, relaxation
+        self._penalties = penalties
+        self._frame = _Frame.of(problem)
+        self._difference = FiniteDifference(self._frame.size)
+        self._tv, self._isotropic, self._l1 = split.tv, split.isotropic, split.l1
+        self._a_w = self._frame.scene_of(split.scene)[None].clone()
+        self._a_u = self._frame.differences_of(split)
+        self._v = self._w()
+        self._circulant = _Circulant(problem)
+        self._cosines = _Cosines(problem)
+
+    def iterate(self, count: int, penalties: Penalties) -> PassSums:
+        """Make so many iterations with these penalties; the sums of the last."""
+        self._go_on_with(penalties)
+        self._misfit = self._problem.residual(self._v)
+        for _ in range(count - 1):
+            self._step()
+        u, w = self._u(), self._w()
+        d_u, d_w = self._a_u - u, self._a_w - w
+        self._step()
+        return self._sums(u, d_u, w, d_w)
+
+    def write(self, split: SplitState) -> None:
+        """Write the splits u and w with their multipliers."""
+        split.scene.zero_()
+        self._frame.scene_of(split.scene).copy_(self._a_w[0])
+        self._frame.write_differences_(split, self._a_u)
+
+    def _u(self) -> Tensor:
+        """Proximal map of the variation at `_a_u`."""
+        if self._tv == 0:
+            return self._a_u
+        weight = self._tv / self._penalties[1]
+        if self._isotropic:
+            length = torch.linalg.vector_norm(self._a_u, dim=-3, keepdim=True)
+            shrunk: Tensor = self._a_u * (1 - weight / length.clamp_min(weight))
+            return shrunk
+        return self._a_u - self._a_u.clamp(-weight, weight)
+
+    def _w(self) -> Tensor:
+        """Proximal map of non-negativity, and of the ℓ1 norm, at `_a_w`."""
+        return (self._a_w - self._l1 / self._penalties[2]).clamp_min_(0)
+
+    def _go_on_with(self, penalties: Penalties) -> None:
+        """Keep splits and multipliers μd with other penalties."""
+        if penalties == self._penalties:
+            return
+        _, second, third = (
+            before / after if after > 0 else 1.0
+            for before, after in zip(self._penalties, penalties, strict=True)
+        )
+        self._a_u = torch.lerp(self._u(), self._a_u, second)
+        self._a_w = torch.lerp(self._w(), self._a_w, third)
+        self._penalties = penalties
+
+    def _step(self) -> None:
+        u, w = self._u(), self._w()
+        _, second, third = self._penalties
+        target = (2 * w - self._a_w).mul_(third)
+        if self._tv > 0:
+            target += self._varied_back(2 * u - self._a_u).mul_(second)
+        self._solve(target)
+        self._a_w += (self._v - w).mul_(self._relaxation)
+        if self._tv > 0:
+            self._a_u += (self._varied(self._v) - u).mul_(self._relaxation)
+
+    def _solve(self, target: Tensor) -> None:
+        """Go nearer to the scene with Kv = A*b + target."""
+        cosines, forward = self._cosines, self._problem.forward
+        circulant = self._circulant.inverse(self._penalties)
+        matrix = cosines.matrix(self._penalties)
+        amounts = matrix.solved(
+            cosines.along_image(self._misfit) + cosines.along(target - self._prior_part(self._v))
+        )
+        self._v = self._v + cosines.sum(amounts)
+        self._misfit -= cosines.seen(amounts)
+        direction = image = before = product = None
+        for _ in range(_INNER):
+            left = forward.adjoint(self._misfit) + target - self._prior_part(self._v)
+            ahead = circulant(left)
+            light = self._seen(ahead)
+            missed = cosines.along(left - self._prior_part(ahead)) - cosines.along_image(light)
+            amounts = matrix.solved(missed)
+            ahead += cosines.sum(amounts)
+            light += cosines.seen(amounts)
+            slope = _dot(left, ahead)
+            if direction is None or image is None or before is None or product is None:
+                direction, image = ahead, light
+            else:
+                # Polak-Ribière: the preconditioner need not be exact.
+                turn = float(
+                    ((slope - _dot(before, ahead)) / product.clamp_min(_TINY)).clamp_min(0)
+                )
+                direction, image = ahead.add_(direction, alpha=turn), light.add_(image, alpha=turn)
+            before, product = left, slope
+            bend = _dot(image, image) + _dot(direction, self._prior_part(direction))
+            length = float(_dot(left, direction) / bend.clamp_min(_TINY))
+            self._v.add_(direction, alpha=length)
+            self._misfit.sub_(image, alpha=length)
+
+    def _seen(self, scene: Tensor) -> Tensor:
+        """A v: what the valid pixels see of a scene."""
+        return self._problem.forward(scene).mul_(self._problem.valid)
+
+    def _prior_part(self, scene: Tensor) -> Tensor:
+        """(μ₂Ψ*Ψ + μ₃) v: four times each pixel, less its neighbours; zero around the scene."""
+        _, second, third = self._penalties
+        if self._tv == 0:
+            return third * scene
+        part = (4 * second + third) * scene
+        for axis, around in zip((-2, -1), self._frame.first, strict=True):
+            length = scene.shape[axis]
+            inner = (axis, 0, length - 1), (axis, 1, length - 1)
+            for one, other in (inner, inner[::-1]):
+                part.narrow(*one).sub_(scene.narrow(*other), alpha=second)
+            if around == 0:  # The scene is the whole padded shape, and goes around.
+                part.narrow(axis, 0, 1).sub_(scene.narrow(axis, length - 1, 1), alpha=second)
+                part.narrow(axis, length - 1, 1).sub_(scene.narrow(axis, 0, 1), alpha=second)
+        return part
+
+    def _varied(self, scene: Tensor) -> Tensor:
+        return self._difference(self._frame.framed(scene))
+
+    def _varied_back(self, differences: Tensor) -> Tensor:
+        return self._frame.unframed(self._difference.adjoint(differences))
+
+    def _sums(self, u_before: Tensor, d_u: Tensor, w_before: Tensor, d_w: Tensor) -> PassSums:
+        varied = self._varied(self._v) if self._tv > 0 else self._a_u
+        u, w = self._u(), self._w()
+        return PassSums(
+            primal=(0.0, _squares(varied - u), _squares(self._v - w)),
+            split=(0.0, _squares(u), _squares(w)),
+            change=(0.0, _squares(u - u_before), _squares(w - w_before)),
+            multiplier_change=(0.0, _squares(self._a_u - u - d_u), _squares(self._a_w - w - d_w)),
+            residual=_squares(self._problem.residual(self._v)),
+            variation=_variation(varied, isotropic=self._isotropic),
+            magnitude=float(self._v.abs().sum(dtype=torch.float64)),
+        )
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """The scene's pixels with the zero beside them, which differences need, and their place.
+
+    `first` is where the scene begins in the frame; the frame goes around, as the padded shape does.
+    """
+
+    scene: tuple[int, int, int, int]
+    size: tuple[int, int]
+    first: tuple[int, int]
+    rows: Tensor
+    columns: Tensor
+
+    @classmethod
+    def of(cls, problem: Problem) -> "_Frame":
+        scene, padded = problem.forward.geometry.scene, problem.forward.geometry.padded
+        size = min(scene[2] + 1, padded[0]), min(scene[3] + 1, padded[1])
+        first = size[0] - scene[2], size[1] - scene[3]
+        rows, columns = (
+            (torch.arange(size[axis]) + scene[axis] - first[axis]) % padded[axis] for axis in (0, 1)
+        )
+        device = problem.data.device
+        return cls(scene, size, first, rows.to(device)[:, None], columns.to(device))
+
+    def scene_of(self, array: Tensor) -> Tensor:
+        """The scene's pixels of an array of the padded shape."""
+        top, left, height, width = self.scene
+        return array[..., top : top + height, left : left + width]
+
+    def differences_of(self, split: SplitState) -> Tensor:
+        """The split u, (1, 2, height, width) of the frame; nothing where there is none."""
+        if split.tv == 0:
+            return split.rows.new_empty(1, 2, 0, 0)
+        parts = [each[self.rows, self.columns] for each in (split.rows, split.columns)]
+        return torch.stack(parts)[None]
+
+    def write_differences_(self, split: SplitState, values: Tensor) -> None:
+        """The inverse of `differences_of`; zero beside the frame."""
+        if split.tv > 0:
+            for array, each in zip((split.rows, split.columns), values[0], strict=True):
+                array.zero_()
+                array[self.rows, self.columns] = each
+
+    def framed(self, scene: Tensor) -> Tensor:
+        """A scene on the frame."""
+        framed = scene.new_zeros((*scene.shape[:-2], *self.size))
+        self.unframed(framed).copy_(scene)
+        return framed
+
+    def unframed(self, framed: Tensor) -> Tensor:
+        """The scene's pixels of a frame; the adjoint of `framed`."""
+        (top, left), (_, _, height, width) = self.first, self.scene
+        return framed[..., top : top + height, left : left + width]
+
+
+class _Circulant:
+    """The circulant mean of the matrix, and its inverse on the scene's pixels."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._geometry = problem.forward.geometry
+        height, width = self._geometry.padded
+        rows, columns = (
+            2 - 2 * torch.cos(2 * math.pi * torch.arange(count) / side)
+            for count, side in ((height, height), (width // 2 + 1, width))
+        )
+        self._rows, self._columns = rows.to(problem.data)[:, None], columns.to(problem.data)
+        power = problem.forward.power
+        energy = irfft2(power.to(torch.complex64), self._geometry.padded)[0, 0, 0]
+        self._data = power.mul_(_fraction_on_sensor(problem) / energy)
+        self._penalties: Penalties | None = None
+        self._inverse = self._data
+
+    def inverse(self, penalties: Penalties) -> "_Circulant":
+        """With these penalties."""
+        if penalties != self._penalties:
+            _, second, third = self._penalties = penalties
+            steps = self._rows + self._columns
+            self._inverse = (second * steps + self._data).add_(third).reciprocal_()
+        return self
+
+    def __call__(self, scene: Tensor) -> Tensor:
+        geometry = self._geometry
+        spectrum = rfft2_window(scene, geometry.scene[:2], geometry.padded)
+        return irfft2_window_(spectrum.mul_(self._inverse), geometry.scene, geometry.padded)
+
+
+def _fraction_on_sensor(problem: Problem) -> Tensor:
+    """ρ = E‖An‖² / E‖n‖² for white noise n without a mean."""
+    generator = torch.Generator().manual_seed(0)
+    signs = torch.randint(0, 2, problem.scene_shape, generator=generator) * 2.0 - 1
+    noise = (signs - signs.mean()).to(problem.data)
+    image = problem.forward(noise) * problem.valid
+    return (_dot(image, image) / _dot(noise, noise)).to(noise)
+
+
+class _Cosines:
+    """Slow cosines of the scene, products of `_MODES` along each side, and what A makes of them."""
+
+    def __init__(self, problem: Problem) -> None:
+        height, width = problem.scene_shape[1:]
+        self._rows, self._columns = (_waves(each).to(problem.data) for each in (height, width))
+        modes = (row[:, None] * column for row in self._rows for column in self._columns)
+        self._seen = torch.cat([problem.forward(each[None]) for each in modes])
+        self._seen *= problem.valid
+        self._gram = _gram(self._seen)
+        self._gram_varied = torch.zeros_like(self._gram)
+        if problem.varied:
+            around = _Frame.of(problem).first
+            rows, columns = (
+                (_gram(each), _gram(_steps(each, beyond)))
+                for each, beyond in zip((self._rows, self._columns), around, strict=True)
+            )
+            self._gram_varied = torch.kron(rows[1], columns[0]) + torch.kron(rows[0], columns[1])
+
+    def matrix(self, penalties: Penalties) -> "_Coarse":
+        """The matrix in the space of the cosines."""
+        _, second, third = penalties
+        unit = torch.eye(len(self._gram)).to(self._gram)
+        return _Coarse(
+            torch.linalg.cholesky(self._gram + second * self._gram_varied + third * unit)
+        )
+
+    def along(self, scene: Tensor) -> Tensor:
+        """Inner products with the cosines."""
+        return (self._rows @ scene @ self._columns.T).flatten()
+
+    def along_image(self, image: Tensor) -> Tensor:
+        """Inner products of an image on the sensor with what A makes of the cosines."""
+        return self._seen.flatten(1) @ image.flatten()
+
+    def sum(self, amounts: Tensor) -> Tensor:
+        """The scene of so much of each."""
+        return self._rows.T @ amounts.view(len(self._rows), -1) @ self._columns
+
+    def seen(self, amounts: Tensor) -> Tensor:
+        """What the sensor sees of that."""
+        image: Tensor = (amounts @ self._seen.flatten(1)).view_as(self._seen[0])
+        return image
+
+
+@dataclass(frozen=True)
+class _Coarse:
+    """The Cholesky factor of a small matrix."""
+
+    factor: Tensor
+
+    def solved(self, amounts: Tensor) -> Tensor:
+        """Amounts of the cosines whose products with the matrix these are."""
+        solution: Tensor = torch.cholesky_solve(amounts.double()[:, None], self.factor)
+        return solution[:, 0].to(amounts)
+
+
+def _waves(count: int) -> Tensor:
+    """Cosines of 0, 1, … half waves along `count` pixels, of unit norm."""
+    place = (torch.arange(count, dtype=torch.float64) + 0.5) / count
+    modes = torch.arange(min(_MODES, count), dtype=torch.float64)
+    waves = torch.cos(math.pi * modes[:, None] * place)
+    unit: Tensor = waves / torch.linalg.vector_norm(waves, dim=1, keepdim=True)
+    return unit
+
+
+def _steps(waves: Tensor, beyond: int) -> Tensor:
+    """Differences along waves, to so many zeros beyond them, and around."""
+    padded = nnf.pad(waves, (0, beyond))
+    return padded - padded.roll(1, -1)
+
+
+def _gram(arrays: Tensor) -> Tensor:
+    """Inner products of all pairs; float64."""
+    rows = [
+        torch.stack([(one * other).sum(dtype=torch.float64) for other in arrays]) for one in arrays
+    ]
+    return torch.stack(rows)
+
+
+def _dot(x: Tensor, y: Tensor) -> Tensor:
+    """Inner product; float64."""
+    return torch.dot(x.reshape(-1), y.reshape(-1)).double()
+
+
+def _squares(values: Tensor) -> float:
+    return float(_dot(values, values))
+
+
+def _variation(differences: Tensor, *, isotropic: bool) -> float:
+    if isotropic:
+        differences = torch.linalg.vector_norm(differences, dim=-3)
+    return float(differences.abs().sum(dtype=torch.float64))

@@ -1,0 +1,65 @@
+"""The measurement in the linear step: the same minimum, and the low frequencies long before."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from posed import Case, pose
+
+from nolens.operators import CroppedConvolution, PixelRectangle
+from nolens.solvers import Problem, admm
+
+BASE = Case(view=True, support=PixelRectangle(0, 0, 6, 8))
+CASES = {
+    "region": replace(BASE, saturated=0.1),
+    "region partly off": replace(BASE, psf=(9, 9), support=PixelRectangle(-2, 3, 6, 8)),
+    "a scene of two rows": replace(BASE, support=PixelRectangle(2, 1, 2, 5)),
+    "without a support": replace(BASE, support=None, channels=2, saturated=0.1),
+    "four channels of one psf": replace(BASE, channels=4, psf_channels=1),
+    "isotropic": replace(BASE, sensor=(5, 7), psf=(5, 7), prior="isotropic-tv"),
+    "l1": replace(BASE, channels=3, prior="l1", saturated=0.1),
+    "no prior": replace(BASE, prior="none", support=PixelRectangle(1, 1, 4, 5), seed=3),
+}
+
+
+@pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
+def test_reaches_the_minimum(case):
+    """That of a long run of the plain algorithm."""
+    posed = pose(case)
+    references = [posed.reference(k) for k in range(case.channels)]
+    lowest = [r.minimum() for r in references]
+    objective = np.mean([r.objective(w) for r, w in zip(references, lowest, strict=True)])
+    scenes = np.array([r.scene(w) * r.scale for r, w in zip(references, lowest, strict=True)])
+    result = admm(posed.problem, iterations=1000, tolerance=1e-5, low_frequency=True)
+    assert result.objective == pytest.approx(objective, rel=1e-3, abs=2e-6)
+    assert np.linalg.norm(result.scene.numpy() - scenes) <= 0.05 * np.linalg.norm(scenes)
+
+
+def test_finds_a_shading_at_once():
+    """A shaded scene through a broad PSF, the glow of an open mask, without noise."""
+    generator = torch.Generator().manual_seed(2)
+    sensor, side = (96, 112), 48
+    away = torch.hypot(torch.arange(160)[:, None] - 80.0, torch.arange(176) - 88.0)
+    texture = torch.rand(1, 160, 176, generator=generator) ** 6
+    psf = torch.exp(-((away / 80) ** 2)) * (1 + 0.2 * texture)
+    rows, columns = torch.meshgrid(*[torch.linspace(0, 1, side)] * 2, indexing="ij")
+    truth = (0.3 + 0.7 * rows * columns + 0.2 * torch.cos(6 * rows))[None]
+    support = PixelRectangle.centred(side, side, sensor)
+    problem = Problem.build(
+        psf, CroppedConvolution(psf, sensor, support)(truth), support=support, tau=1e-7
+    )
+
+    def error(iterations: int, low_frequency: bool) -> float:
+        scene = admm(problem, iterations=iterations, tolerance=0, low_frequency=low_frequency).scene
+        return float(torch.linalg.vector_norm(scene - truth))
+
+    assert error(12, low_frequency=True) < 0.2 * error(200, low_frequency=False)
+
+
+def test_is_left_alone_where_the_scene_does_not_fill_the_view():
+    problem = pose(replace(Case(), support=PixelRectangle(1, 2, 4, 5))).problem
+    plain = admm(problem, iterations=30, tolerance=0)
+    assert torch.equal(
+        admm(problem, iterations=30, tolerance=0, low_frequency=True).scene, plain.scene
+    )
