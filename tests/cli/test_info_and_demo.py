@@ -63,7 +63,7 @@ def test_version_and_help() -> None:
 def test_help_tells_defaults_and_what_is_needed() -> None:
     text = " ".join(run("reconstruct", "--help-all").out.replace("│", " ").split())
     for words in (
-        "what the sensor measured of a point source. The same kinds of file. Needed.",
+        "what the sensor measured of a point source. Kinds of file as for measurements. Needed.",
         "means the same at any binning, support and number of channels. [default: auto]",
         "[default: 200; exact 5000; fista 300; in a sequence 8]",
         "[default: photo] [choices: draft, photo, exact]",

@@ -275,7 +275,7 @@ class LiveHub:
             {**state, "fps": before.fps, "dropped": before.dropped}
         )
         if not self._state.running or left != self._left:
-            self._newest, self._left = None, left
+            self._newest, self._left, self._fps_at = None, left, float("-inf")
         if self._state.error and self._state.error != before.error:
             self._say(self._state.error)
 
