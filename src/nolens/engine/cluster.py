@@ -6,7 +6,8 @@ import json
 import logging
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -67,18 +68,11 @@ class Cluster:
         with dask.config.set(_LOGS):
             self._client = Client(reached(scheduler), timeout=_SECONDS, set_as_default=False)
         try:
-            about = self._client.scheduler_info(n_workers=-1)
-            if "dashboard" in about["services"]:
-                note(f"the cluster's dashboard is at {self._client.dashboard_link}")
-            if not about["workers"]:
-                note(f"waiting for workers of {scheduler}: none has joined yet")
-                self._client.wait_for_workers(1)
-            self._client.run_on_scheduler(_shorten_logs)
-            self._check_versions()
-            self._client.register_plugin(_Preparation(self._run, work), name=self._run)
-            self._check_preparation()
+            with self._reaching():
+                self._prepare(work, note)
         except BaseException:
-            self._client.close()
+            with suppress(Exception):
+                self._client.close(timeout=_SECONDS)
             raise
         self._threads, self._counted = 1, -_COUNT_AGAIN_S
         self._items_of_task = 1
@@ -88,12 +82,25 @@ class Cluster:
         self._answers = deque[tuple[str, Any]]()
         self._completed = as_completed(loop=self._client.loop)
 
+    def _prepare(self, work: Work, note: Callable[[str], None]) -> None:
+        about = self._client.scheduler_info(n_workers=-1)
+        if "dashboard" in about["services"]:
+            note(f"the cluster's dashboard is at {self._client.dashboard_link}")
+        if not about["workers"]:
+            note(f"waiting for workers of {self._scheduler}: none has joined yet")
+            self._client.wait_for_workers(1)
+        self._client.run_on_scheduler(_shorten_logs)
+        self._check_versions()
+        self._client.register_plugin(_Preparation(self._run, work), name=self._run)
+        self._check_preparation()
+
     @property
     def capacity(self) -> int:
         """Items that may be with the workers at once, of which more may have joined."""
         now = time.monotonic()
         if now > self._counted + _COUNT_AGAIN_S:
-            workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
+            with self._reaching():
+                workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
             self._threads = max(1, sum(int(each["nthreads"]) for each in workers))
             self._counted = now
         return AHEAD * self._threads * self._items_of_task
@@ -113,11 +120,11 @@ class Cluster:
             self._gathered = []
 
     def _send(self, items: Sequence[tuple[str, Any]]) -> None:
-        future = self._client.submit(
-            _call, self._run, [each for _, each in items], key=f"nolens-{uuid4().hex}", pure=False
-        )
+        name, each = f"nolens-{uuid4().hex}", [item for _, item in items]
+        with self._reaching():
+            future = self._client.submit(_call, self._run, each, key=name, pure=False)
+            self._completed.add(future)
         self._running[future] = [key for key, _ in items]
-        self._completed.add(future)
 
     def next(self) -> tuple[str, Any]:
         """Wait for an answer.
@@ -131,8 +138,9 @@ class Cluster:
             # Small tasks would stay small: they go only where workers would have nothing to do.
             if len(self._running) < self._threads:
                 self._send_gathered()
-            future = next(self._completed)
-            self._answers += self._answers_of(future, self._running.pop(future))
+            with self._reaching():
+                future = next(self._completed)
+                self._answers += self._answers_of(future, self._running.pop(future))
         return self._answers.popleft()
 
     def _answers_of(self, future: "Future[Any]", keys: list[str]) -> Iterable[tuple[str, Any]]:
@@ -144,10 +152,7 @@ class Cluster:
             return zip(keys, answers, strict=True)
         error = future.exception() if future.status == "error" else None
         if error is None and self._client.status != "running":
-            raise FileError(
-                f"the scheduler {self._scheduler} has gone. What was written is kept: run the same "
-                "command again when there is one"
-            )
+            raise ConnectionError
         self._alone.update(keys)
         begun = len(keys) == 1
         if error is None or isinstance(error, KilledWorker):
@@ -156,12 +161,32 @@ class Cluster:
             reason = Failure(failure(error).text, begun)
         return [(key, reason) for key in keys]
 
+    @contextmanager
+    def _reaching(self) -> Iterator[None]:
+        """Say so where the scheduler has gone, which the client shows by errors of many kinds."""
+        try:
+            yield
+        except (Exception, asyncio.CancelledError) as error:
+            if self._client.status == "running" and self._answers_still():
+                raise
+            raise FileError(
+                f"the scheduler {self._scheduler} has gone. What was written is kept: run the same "
+                "command again when there is one"
+            ) from error
+
+    def _answers_still(self) -> bool:
+        try:
+            return bool(reached(self._scheduler))
+        except OptionError:
+            return False
+
     def close(self) -> None:
         """Take back what is under way, and leave the cluster to others."""
-        if self._client.status == "running":
-            self._client.cancel(list(self._running), force=True)
-            self._client.unregister_worker_plugin(self._run)
-        self._client.close(timeout=_SECONDS)
+        with suppress(Exception):  # The scheduler may go at any moment.
+            if self._client.status == "running":
+                self._client.cancel(list(self._running), force=True)
+                self._client.unregister_worker_plugin(self._run)
+            self._client.close(timeout=_SECONDS)
 
     def _check_versions(self) -> None:
         """Refuse workers of another version than this one's."""
