@@ -508,11 +508,9 @@ def tables(found: dict[str, Any]) -> str:
     lines = [
         f"{about['cores']} cores of {about['cpu']}, {about['memory_gib']:.0f} GiB.",
         "",
-        *runs(rows),
+        *runs([*rows, *found.get("workers", [])]),
         "",
         f"Dask's rate is {rate:.2f} of that of processes, its processor time {cost:.2f} of theirs.",
-        "",
-        *runs(found["workers"]),
         "",
         "| killed | times | all there, once, equal | exit codes | pictures there when it was |",
         "|---|---|---|---|---|",
@@ -567,7 +565,7 @@ def main() -> None:
         with _folder() as folder:
             found[name] = parts[name](folder)
         options.out.write_text(json.dumps(found, indent=1))
-    if {*parts} <= {*found}:
+    if {*parts} - {"workers"} <= {*found}:
         before, _, _ = PAGE.read_text().partition(MARK)
         PAGE.write_text(before + MARK + "\n" + tables(found))
 
