@@ -496,14 +496,14 @@ def runs(rows: list[dict[str, Any]]) -> list[str]:
 def tables(found: dict[str, Any]) -> str:
     """What docs/scale.md has."""
     rows = found["throughput"]
-    total = {
-        kind: (
-            sum(row["rate"] for row in rows if row["kind"] == kind),
-            sum(row["command_ms"] + row["others_ms"] for row in rows if row["kind"] == kind),
-        )
-        for kind in ("dask", "processes")
-    }
-    rate, cost = (total["dask"][at] / total["processes"][at] for at in (0, 1))
+    rates, costs = (
+        {kind: [of(row) for row in rows if row["kind"] == kind] for kind in ("dask", "processes")}
+        for of in (lambda row: row["rate"], lambda row: row["command_ms"] + row["others_ms"])
+    )
+    rate, cost = (
+        sum(each["dask"]) / len(each["dask"]) / (sum(each["processes"]) / len(each["processes"]))
+        for each in (rates, costs)
+    )
     about = found["machine"]
     lines = [
         f"{about['cores']} cores of {about['cpu']}, {about['memory_gib']:.0f} GiB.",
