@@ -49,7 +49,7 @@ _FOR_WRITING, _KEEP_IN_SECOND_LEVEL, _DATA = 1, 2, 1
 _compiled = numba.njit(
     cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy"
 )
-# Python never calls these: without what it would call them by they compile in half the time.
+# Python never calls these: what it would call them by takes seconds to compile.
 _inlined = numba.njit(  # type: ignore[call-overload]
     fastmath={"reassoc", "contract", "nsz"},
     error_model="numpy",
