@@ -265,7 +265,7 @@ def test_two_files_are_dropped_and_the_options_reach_the_job(
     )
     page.get_by_label("Turn the picture").select_option("Mirrored")
     form.get_by_label("Prior", exact=True).select_option("Few bright points (l1)")
-    page.get_by_label("Low-frequency correction").select_option("Off")
+    page.get_by_label("Fit low frequencies").select_option("Off")
     form.get_by_label("Iterations, at most").fill("3")
     page.get_by_label("Binning").fill("2")
     page.get_by_role("button", name="Reconstruct").click()

@@ -33,6 +33,8 @@ _LONGEST_S = 0.25
 """Automatic exposure is no longer than this: a live view would stand still."""
 _LARGEST_FACTOR = 2.0
 _UNWATCHED_S = 1.0
+_TWIN_PERIOD_S = 0.05
+"""Shortest time from one frame of the simulated camera to the next; it has no frame rate."""
 _REST_AFTER_S = 10.0
 _SAME = 0.05
 
@@ -86,7 +88,7 @@ class CameraThread:
         self.dropped = 0
         self.failure: str | None = None
         self.watched = False
-        self._watched_s = time.monotonic()
+        self._watched_s = self._offered_s = time.monotonic()
         self._source, self._settings, self._changed = source, settings, changed
         self._newest: LiveFrame | None = None
         self._number = 0
@@ -188,7 +190,7 @@ class CameraThread:
     def _offer(self, shot: Shot) -> None:
         levels = Levels.of(shot.frame)
         raw, (measurement, trouble) = raw_jpeg(shot.frame), _developed(shot.frame)
-        self._number += 1
+        self._number, self._offered_s = self._number + 1, time.monotonic()
         with self._changed:
             self.dropped += self._newest is not None
             self._newest = LiveFrame(self._number, shot, levels, raw, measurement, trouble)
@@ -202,6 +204,7 @@ class CameraThread:
         if isinstance(self._source, TwinSource):
             with self._changed:
                 self._changed.wait_for(lambda: self._newest is None or self._ending.is_set())
+            self._ending.wait(max(self._offered_s + _TWIN_PERIOD_S - time.monotonic(), 0))
 
     def _expose_next(self, shot: Shot, levels: Levels) -> None:
         """Automatic exposure: towards 80 % of the range, by a factor of 2 a frame at most."""
