@@ -29,8 +29,8 @@ def _lines(summary: dict[str, Any]) -> list[str]:
         f"{'method':{width}}  " + "  ".join(f"{_COLUMNS[name][0]:>7}" for name in shown),
     ]
     for method, figures in methods.items():
-        cells = (_text(figures[name]["mean"], _COLUMNS[name][1]) for name in shown)
-        lines.append(f"{method:{width}}  " + "  ".join(f"{each:>7}" for each in cells))
+        texts = (_text(figures[name]["mean"], _COLUMNS[name][1]) for name in shown)
+        lines.append(f"{method:{width}}  " + "  ".join(f"{each:>7}" for each in texts))
     for method, figures in methods.items():
         if figures["register"] != "none":
             error = figures["error_px"]

@@ -9,7 +9,6 @@ from nolens.errors import DataError, DivergenceError, OptionError
 from nolens.kernels import PassSums, Repeater, SplitState, in_large_pages, update_splits_
 from nolens.solvers.admm_state import CHECK_EVERY, AdmmState, Balance, Penalties
 from nolens.solvers.data_step import DATA_STEP_RELAXATION, DataStep, data_step_start
-from nolens.solvers.gain_correction import gain_corrected
 from nolens.solvers.problem import Prior, Problem
 from nolens.solvers.result import Callback, Progress, Result, StopReason, has_converged
 
@@ -305,7 +304,7 @@ def admm(
     run.end()  # What follows needs its memory.
     scene = state.scene()
     if state.fills_view:
-        scene, objective = gain_corrected(problem, scene)
+        scene, objective = problem.gain_corrected(scene)
     else:
         objective = problem.objective(scene)
     return Result(

@@ -77,7 +77,7 @@ class DataStep:
     def iterate(self, count: int, penalties: Penalties) -> PassSums:
         """Make so many iterations with these penalties; the sums of the last."""
         self._go_on_with(penalties)
-        self._misfit = self._problem.residual(self._v)
+        self._residual = self._problem.residual(self._v)
         for _ in range(count - 1):
             self._step()
         u, w = self._u(), self._w()
@@ -134,20 +134,20 @@ class DataStep:
         cosines, forward = self._cosines, self._problem.forward
         circulant = self._circulant.inverse(self._penalties)
         matrix = cosines.matrix(self._penalties)
-        amounts = matrix.solved(
-            cosines.along_image(self._misfit) + cosines.along(target - self._prior_part(self._v))
+        amounts = matrix.solve(
+            cosines.along_image(self._residual) + cosines.along(target - self._prior_part(self._v))
         )
         self._v = self._v + cosines.sum(amounts)
-        self._misfit -= cosines.seen(amounts)
+        self._residual -= cosines.image(amounts)
         direction = image = before = product = None
         for _ in range(_INNER):
-            left = forward.adjoint(self._misfit) + target - self._prior_part(self._v)
+            left = forward.adjoint(self._residual) + target - self._prior_part(self._v)
             ahead = circulant(left)
-            light = self._seen(ahead)
+            light = self._image(ahead)
             missed = cosines.along(left - self._prior_part(ahead)) - cosines.along_image(light)
-            amounts = matrix.solved(missed)
+            amounts = matrix.solve(missed)
             ahead += cosines.sum(amounts)
-            light += cosines.seen(amounts)
+            light += cosines.image(amounts)
             slope = _dot(left, ahead)
             if direction is None or image is None or before is None or product is None:
                 direction, image = ahead, light
@@ -161,9 +161,9 @@ class DataStep:
             bend = _dot(image, image) + _dot(direction, self._prior_part(direction))
             length = float(_dot(left, direction) / bend.clamp_min(_TINY))
             self._v.add_(direction, alpha=length)
-            self._misfit.sub_(image, alpha=length)
+            self._residual.sub_(image, alpha=length)
 
-    def _seen(self, scene: Tensor) -> Tensor:
+    def _image(self, scene: Tensor) -> Tensor:
         """A v: what the valid pixels see of a scene."""
         return self._problem.forward(scene).mul_(self._problem.valid)
 
@@ -305,9 +305,9 @@ class _Cosines:
         height, width = problem.scene_shape[1:]
         self._rows, self._columns = (_waves(each).to(problem.data) for each in (height, width))
         modes = (row[:, None] * column for row in self._rows for column in self._columns)
-        self._seen = torch.cat([problem.forward(each[None]) for each in modes])
-        self._seen *= problem.valid
-        self._gram = _gram(self._seen)
+        self._images = torch.cat([problem.forward(each[None]) for each in modes])
+        self._images *= problem.valid
+        self._gram = _gram(self._images)
         self._gram_varied = torch.zeros_like(self._gram)
         if problem.varied:
             around = _Frame.of(problem).first
@@ -331,15 +331,15 @@ class _Cosines:
 
     def along_image(self, image: Tensor) -> Tensor:
         """Inner products of an image on the sensor with what A makes of the cosines."""
-        return self._seen.flatten(1) @ image.flatten()
+        return self._images.flatten(1) @ image.flatten()
 
     def sum(self, amounts: Tensor) -> Tensor:
         """The scene of so much of each."""
         return self._rows.T @ amounts.view(len(self._rows), -1) @ self._columns
 
-    def seen(self, amounts: Tensor) -> Tensor:
+    def image(self, amounts: Tensor) -> Tensor:
         """What the sensor sees of that."""
-        image: Tensor = (amounts @ self._seen.flatten(1)).view_as(self._seen[0])
+        image: Tensor = (amounts @ self._images.flatten(1)).view_as(self._images[0])
         return image
 
 
@@ -349,7 +349,7 @@ class _Coarse:
 
     factor: Tensor
 
-    def solved(self, amounts: Tensor) -> Tensor:
+    def solve(self, amounts: Tensor) -> Tensor:
         """Amounts of the cosines whose products with the matrix these are."""
         solution: Tensor = torch.cholesky_solve(amounts.double()[:, None], self.factor)
         return solution[:, 0].to(amounts)

@@ -12,7 +12,6 @@ from torch import Tensor
 from nolens.errors import DivergenceError, NolensError, OptionError
 from nolens.solvers.admm import RELAXATION, AdmmRun, admm
 from nolens.solvers.admm_state import CHECK_EVERY, AdmmState, Balance, Penalties
-from nolens.solvers.gain_correction import gain_corrected
 from nolens.solvers.inputs import Plane
 from nolens.solvers.problem import Problem
 from nolens.solvers.result import STOPS, Progress, Quality, has_converged
@@ -208,7 +207,7 @@ class Stream:
                 break
         scene = state.scene()
         if state.fills_view:
-            scene, _ = gain_corrected(problem, scene)
+            scene, _ = problem.gain_corrected(scene)
         return scene, state.iteration
 
 
