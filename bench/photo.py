@@ -7,7 +7,7 @@ from dataclasses import replace
 from nolens.solvers import STOPS, Problem, Quality, Result, admm
 
 QUICK = 24
-"""Iterations with which, and the low-frequency correction, a full view is near its end."""
+"""Iterations after which a full view is near its end."""
 
 
 def photo(problem: Problem, *, low_frequency: bool | None = None) -> Result:
