@@ -62,11 +62,7 @@ def taken() -> Iterator[Case]:
 def cases(folder: Path) -> Iterator[Case]:
     """All of them."""
     yield from taken()
-    for side, tau, picture in (
-        (200, 1e-5, "astronaut"),
-        (200, 1e-4, "coffee"),
-        (380, 1e-5, "astronaut"),
-    ):
+    for side, tau, picture in VIEWS:
         problem, truth = full_view(side, tau, getattr(photographs, picture))
         yield f"full view, {side}×{side}, τ = {tau:g}", problem, truth
     if folder.is_dir():

@@ -93,8 +93,7 @@ def dense_section(found: Json) -> str:
                     f"- Target: from a cold start within {DENSE_NEAR_DB:g} dB of that in at most "
                     f"{DENSE_SECONDS:g} s: {solved(quick)} with `--low-frequency`, {short:.2f} dB "
                     f"short: {met(holds)}.",
-                    "- Quality `photo`: "
-                    f"{solved(found['photo'])}.",
+                    f"- Quality `photo`: {solved(found['photo'])}.",
                 ]
             ),
         ]
