@@ -29,10 +29,9 @@ browser:
 test: $(STAMP) browser
 	$(MAKE) --no-print-directory -j2 lint tests
 
-# A worker for each core, each on one thread, and one more, as tests of pages wait for the browser;
-# who is done takes tests from the others.
+# Workers as tests/conftest.py counts them, each on one thread; who is done takes tests from the others.
 tests: $(STAMP)
-	$(BIN)/pytest -n $$(($$(getconf _NPROCESSORS_ONLN) + 1)) --dist worksteal
+	$(BIN)/pytest -n logical --dist worksteal
 
 # The tests where machines differ: in workers, in order, and in how their processors round.
 test-variants: $(STAMP) browser

@@ -5,12 +5,17 @@ import random
 import signal
 import sys
 import time
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 import psutil
 import pytest
 import torch
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from distributed import LocalCluster
 
 # The first call of a compiled pass takes seconds, and the cores are shared.
 settings.register_profile("nolens", deadline=None, derandomize=True, print_blob=True)
@@ -49,12 +54,31 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+@pytest.fixture(scope="module")
+def cluster() -> Iterator["LocalCluster"]:
+    """A Dask cluster with one worker, in this process."""
+    from distributed import LocalCluster
+
+    with LocalCluster(
+        n_workers=1,
+        threads_per_worker=1,
+        processes=False,
+        protocol="tcp",
+        dashboard_address=":0",
+    ) as started:
+        yield started
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
-    """One for each core that is ours, as far as the memory goes: each grows to 1.6 GB."""
+    """One for each core that is ours, as far as the memory goes: each grows to 1.6 GB.
+
+    And one more, as tests of pages wait for the browser half of the time.
+    """
     memory = psutil.virtual_memory().available // 2_500_000_000
     ours = getattr(os, "sched_getaffinity", None)
-    return max(1, min(len(ours(0)) if ours else os.cpu_count() or 1, memory))
+    cores = len(ours(0)) if ours else os.cpu_count() or 1
+    return max(1, min(cores + 1, memory))
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -6,7 +6,6 @@ import signal
 import socketserver
 import threading
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -112,16 +111,10 @@ def test_killed_and_run_again(batch: Batch, tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def scheduler() -> Iterator[str]:
-    """Address of a cluster with one worker, in this process."""
-    with LocalCluster(
-        n_workers=1,
-        threads_per_worker=1,
-        processes=False,
-        protocol="tcp",
-        dashboard_address=":0",
-    ) as cluster:
-        yield cluster.scheduler_address
+def scheduler(cluster: LocalCluster) -> str:
+    """Its address."""
+    address: str = cluster.scheduler_address
+    return address
 
 
 def test_cluster(batch: Batch, tmp_path: Path, scheduler: str) -> None:

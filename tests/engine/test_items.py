@@ -49,19 +49,12 @@ def test_processes_are_replaced_and_hold_few_items(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def scheduler() -> Iterator[str]:
-    """Address of a cluster with one worker, in this process."""
-    with LocalCluster(
-        n_workers=1,
-        threads_per_worker=1,
-        processes=False,
-        protocol="tcp",
-        dashboard_address=":0",
-    ) as cluster:
-        yield cluster.scheduler_address
-        # Dask would keep 1000 messages to each worker, with what was sent.
-        streams = cluster.scheduler.stream_comms.values()
-        assert [each.recent_message_log.maxlen for each in streams] == [1]
+def scheduler(cluster: LocalCluster) -> Iterator[str]:
+    """Its address."""
+    yield cluster.scheduler_address
+    # Dask would keep 1000 messages to each worker, with what was sent.
+    streams = cluster.scheduler.stream_comms.values()
+    assert [each.recent_message_log.maxlen for each in streams] == [1]
 
 
 def test_cluster_gives_the_same(scheduler: str) -> None:
