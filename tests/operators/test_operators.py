@@ -1,16 +1,30 @@
 """Every operator, through the shared suite."""
 
 import importlib
+import math
 import pkgutil
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 import torch
 from suite import CPU, EVERYWHERE, ONCE, Case
+from torch import Tensor
 
 import nolens.operators
 from nolens.calibrate.known_scenes import ManyScenes
-from nolens.operators import CroppedConvolution, FiniteDifference, LinearOperator, PixelRectangle
+from nolens.operators import (
+    BlockDiagonal,
+    Crop,
+    CroppedConvolution,
+    Diagonal,
+    FiniteDifference,
+    HorizontalStack,
+    Identity,
+    LinearOperator,
+    PixelRectangle,
+    VerticalStack,
+)
 
 Make = Callable[[torch.dtype, torch.device], LinearOperator]
 
@@ -30,8 +44,17 @@ def convolution(
     return make
 
 
-def difference(height: int, width: int) -> Make:
-    return lambda _dtype, _device: FiniteDifference((height, width))
+def difference(*shape: int) -> Make:
+    return lambda _dtype, _device: FiniteDifference(shape)
+
+
+def diagonal(*shape: int) -> Make:
+    weights = torch.rand(shape, generator=torch.Generator().manual_seed(4)).double() - 0.3
+    return lambda dtype, device: Diagonal(weights.to(device, dtype))
+
+
+def combined(combine: Callable[..., LinearOperator], *makes: Make) -> Make:
+    return lambda dtype, device: combine(*(make(dtype, device) for make in makes))
 
 
 def many_scenes(support: tuple[int, int, int, int], psf: tuple[int, int]) -> Make:
@@ -52,6 +75,8 @@ def many_scenes_aslant(support: tuple[int, int, int, int], psf: tuple[int, int])
 
 
 RGB = (3,)
+GREY = convolution((4, 5), (4, 5), (0, 1, 4, 3), channels=1)
+COLOUR = convolution((4, 5), (4, 5), (0, 1, 4, 3))
 TABLE = [
     Case("convolution", convolution((4, 6), (4, 6)), RGB),
     Case("convolution, odd", convolution((5, 7), (5, 7)), RGB),
@@ -74,6 +99,20 @@ TABLE = [
     Case("difference, one row", difference(1, 5)),
     Case("difference, one column", difference(4, 1), (2,)),
     Case("difference, colour", difference(3, 4), RGB),
+    Case("difference, volume", difference(3, 4, 2)),
+    Case("identity", combined(lambda: Identity((4, 3)))),
+    Case("diagonal", diagonal(3, 4, 5)),
+    Case("mask", combined(lambda: Diagonal(torch.arange(12).reshape(3, 4) % 3 > 0))),
+    Case("crop", combined(lambda: Crop((5, 6), (1, 2, 4, 3))), RGB),
+    Case("adjoint", combined(lambda a: a.H, GREY), (1,)),
+    Case("composition", combined(lambda a, b: a @ b, diagonal(3, 4, 5), GREY)),
+    Case("composition, inner has channels", combined(lambda a, b: a @ b, diagonal(4, 5), COLOUR)),
+    Case("gram", combined(LinearOperator.gram, COLOUR)),
+    Case("sum", combined(lambda a, b: a - 2 * b, GREY, convolution((4, 5), (7, 8), (0, 1, 4, 3)))),
+    Case("multiple", combined(lambda a: -a * 0.5, difference(4, 3))),
+    Case("vertical stack", combined(lambda *a: VerticalStack(a), diagonal(4, 3), diagonal(4, 3))),
+    Case("horizontal stack", combined(lambda *a: HorizontalStack(a), GREY, GREY), RGB),
+    Case("block-diagonal", combined(lambda *a: BlockDiagonal(a), COLOUR, COLOUR)),
 ]
 
 
@@ -110,4 +149,47 @@ def test_every_operator_is_in_the_table():
         known.update(found)
         todo.extend(found)
     tried = {type(case.make(torch.float32, CPU)) for case in TABLE}
-    assert {c for c in known if not c.__abstractmethods__} == tried
+    bases = {c for c in known if c.__abstractmethods__ or c.__name__.startswith("_")}
+    assert known - bases == tried
+
+
+def dense(operator: LinearOperator) -> Tensor:
+    """Its matrix, in float64."""
+    size = math.prod(operator.domain_shape)
+    return (
+        operator(torch.eye(size).double().reshape(size, *operator.domain_shape)).reshape(size, -1).T
+    )
+
+
+def test_the_algebra_is_that_of_matrices():
+    """Of the matrices; the norm is the largest singular value, of tensors and adjoints too."""
+    a, b, c = (make(torch.float64, CPU) for make in (COLOUR, difference(4, 3), diagonal(3, 4, 3)))
+    v = torch.arange(36.0).double().reshape(3, 4, 3).sin()
+    torch.testing.assert_close(dense(a.H), dense(a).T)
+    torch.testing.assert_close(dense(a @ c), dense(a) @ dense(c))
+    torch.testing.assert_close(dense(c - np.float64(2) * c.gram()), dense(c) - 2 * dense(c) ** 2)
+    torch.testing.assert_close(a @ v, a(v))
+    torch.testing.assert_close((-b @ c)(v), -b(c(v)))
+    torch.testing.assert_close(VerticalStack([a, 3 * a])(v), torch.stack([a(v), 3 * a(v)]))
+    torch.testing.assert_close(HorizontalStack([a, 3 * a])(torch.stack([v, c(v)])), a(v + 3 * c(v)))
+    assert a.H.H is a
+    for each in (a, a.H, b @ c):
+        largest = float(torch.linalg.matrix_norm(dense(each), 2))
+        assert each.norm(v.new_empty(each.domain_shape), tolerance=1e-9) == pytest.approx(largest)
+        assert each.norm(v.new_empty(each.domain_shape)) == pytest.approx(largest, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("combine", "words"),
+    [
+        (lambda a, d: d @ a, "(3, 3), and CroppedConvolution gives (3, 4, 5)"),
+        (lambda a, d: a + d, "from (3, 4, 3) to (3, 4, 5) and from (3, 3)"),
+        (lambda a, d: VerticalStack([a, d]), "a VerticalStack takes operators of one domain"),
+        (lambda _a, _d: VerticalStack([]), "got []"),
+        (lambda _a, _d: Crop((4, 5), (1, 2, 4, 3)), "(1, 2, 4, 3) (top, left, height, width)"),
+    ],
+)
+def test_operators_that_do_not_fit(combine, words):
+    with pytest.raises(ValueError) as caught:
+        combine(COLOUR(torch.float64, CPU), diagonal(3, 3)(torch.float64, CPU))
+    assert words in str(caught.value)

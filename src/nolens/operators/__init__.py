@@ -3,5 +3,19 @@
 from nolens.operators.base import LinearOperator
 from nolens.operators.convolution import CroppedConvolution, Geometry, PixelRectangle
 from nolens.operators.difference import FiniteDifference
+from nolens.operators.pixelwise import Crop, Diagonal, Identity
+from nolens.operators.stacks import BlockDiagonal, HorizontalStack, VerticalStack
 
-__all__ = ["CroppedConvolution", "FiniteDifference", "Geometry", "LinearOperator", "PixelRectangle"]
+__all__ = [
+    "BlockDiagonal",
+    "Crop",
+    "CroppedConvolution",
+    "Diagonal",
+    "FiniteDifference",
+    "Geometry",
+    "HorizontalStack",
+    "Identity",
+    "LinearOperator",
+    "PixelRectangle",
+    "VerticalStack",
+]

@@ -7,22 +7,22 @@ from nolens.operators.base import LinearOperator
 
 
 class FiniteDifference(LinearOperator):
-    r"""Differences to the next row and to the next column, periodic: Ψ of eq. 7.
+    r"""Differences to the next pixel along each axis, periodic: Ψ of eq. 7.
 
     (Ψv)₀[i, j] = v[i+1, j] − v[i, j] and (Ψv)₁[i, j] = v[i, j+1] − v[i, j].
 
     Parameters
     ----------
     shape
-        (height, width) of the scene.
+        (height, width) of the scene; three numbers for a volume or a video.
 
     Notes
     -----
     Takes `(..., height, width)`, gives `(..., 2, height, width)`.
     """
 
-    def __init__(self, shape: tuple[int, int]) -> None:
-        self.shape = shape
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self.shape = tuple(shape)
 
     @property
     def domain_shape(self) -> tuple[int, ...]:
@@ -31,12 +31,16 @@ class FiniteDifference(LinearOperator):
 
     @property
     def range_shape(self) -> tuple[int, ...]:
-        """Two differences for each pixel."""
-        return (2, *self.shape)
+        """A difference along each axis for each pixel."""
+        return (len(self.shape), *self.shape)
 
     def _forward(self, v: Tensor) -> Tensor:
-        return torch.stack([torch.roll(v, -1, -2) - v, torch.roll(v, -1, -1) - v], dim=-3)
+        axes = range(-len(self.shape), 0)
+        return torch.stack([torch.roll(v, -1, k) - v for k in axes], dim=-len(self.shape) - 1)
 
     def _adjoint(self, y: Tensor) -> Tensor:
-        rows, columns = y.unbind(dim=-3)
-        return torch.roll(rows, 1, -2) - rows + torch.roll(columns, 1, -1) - columns
+        first, *others = (
+            torch.roll(each, 1, k) - each
+            for k, each in enumerate(y.unbind(dim=-len(self.shape) - 1), start=-len(self.shape))
+        )
+        return sum(others, start=first)

@@ -2,8 +2,19 @@
 
 from nolens.solvers.admm import admm, admm_bytes
 from nolens.solvers.admm_state import AdmmState
+from nolens.solvers.data_terms import DataTerm, Gaussian, Poisson
 from nolens.solvers.development import Developed, Development
 from nolens.solvers.fista import fista
+from nolens.solvers.functionals import (
+    L1,
+    Box,
+    Functional,
+    GroupSparsity,
+    NonNegative,
+    Ridge,
+    Support,
+    TotalVariation,
+)
 from nolens.solvers.held_out import Weight
 from nolens.solvers.problem import Prior, Problem
 from nolens.solvers.psf_choice import PsfChoice, PsfSettings, choose_psf, geometry_row
@@ -14,13 +25,21 @@ from nolens.solvers.stream import Frame, Live, Stream
 from nolens.solvers.wiener import wiener
 
 __all__ = [
+    "L1",
     "STOPS",
     "AdmmState",
+    "Box",
+    "DataTerm",
     "Developed",
     "Development",
     "Frame",
+    "Functional",
+    "Gaussian",
+    "GroupSparsity",
     "Live",
     "Method",
+    "NonNegative",
+    "Poisson",
     "Prior",
     "Problem",
     "Progress",
@@ -29,9 +48,12 @@ __all__ = [
     "Quality",
     "Reconstructor",
     "Result",
+    "Ridge",
     "Stop",
     "Stream",
+    "Support",
     "SupportChoice",
+    "TotalVariation",
     "Weight",
     "admm",
     "admm_bytes",

@@ -1,0 +1,387 @@
+"""Convex functionals with proximal maps: what is assumed of a scene."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from nolens.errors import OptionError
+from nolens.operators import Crop, Diagonal, FiniteDifference, LinearOperator
+
+_SAFETY = 1.01
+"""Factor on a norm that power iteration gives from below."""
+
+
+class Functional(ABC):
+    r"""A convex function f of a scene, with its proximal map (`parikh2014`).
+
+    Subclasses write `_value` and `prox`, smooth ones `gradient` and `lipschitz`.
+    ``0.01 * f`` is f with a weight, ``f @ A`` is v ↦ f(Av).
+    """
+
+    lipschitz: float | None = None
+    """Lipschitz constant of the gradient; infinite without a bound, None without a gradient."""
+
+    @abstractmethod
+    def _value(self, v: Tensor) -> Tensor: ...
+
+    def __call__(self, v: Tensor) -> Tensor:
+        """f(v) as a float64 number; infinite where v is not feasible."""
+        return self._value(v)
+
+    @abstractmethod
+    def prox(self, v: Tensor, step: float) -> Tensor:
+        r"""Argmin f(x) + ‖x − v‖² / (2 step) over x.
+
+        Parameters
+        ----------
+        v
+            Of any shape that f takes.
+        step
+            Above 0.
+        """
+
+    def gradient(self, v: Tensor) -> Tensor:
+        """∇f(v), where `lipschitz` is not None."""
+        raise TypeError(f"{type(self).__name__} has no gradient; use its prox")
+
+    def conjugate_prox(self, v: Tensor, step: float) -> Tensor:
+        r"""Proximal map of the conjugate f*, by Moreau's identity: v − s prox_{f/s}(v/s)."""
+        return v - step * self.prox(v / step, 1 / step)
+
+    @property
+    def parts(self) -> "tuple[Functional, LinearOperator | None]":
+        """F and K of f(Kv), for solvers that split; K is None for the identity."""
+        return self, None
+
+    @property
+    def quadratic(self) -> tuple[Tensor | float, Tensor | float] | None:
+        """W and b where f(v) is ½Σ w (v − b)², for solvers with a linear step; else None."""
+        return None
+
+    def __rmul__(self, weight: float) -> "Functional":
+        return Weighted(weight, self)
+
+    def __matmul__(self, operator: LinearOperator) -> "Functional":
+        return Composed(self, operator)
+
+
+class Weighted(Functional):
+    """A number, 0 or more, times a functional.
+
+    Parameters
+    ----------
+    weight, functional
+        The number and the functional.
+
+    Raises
+    ------
+    OptionError
+        If the weight is negative or not finite.
+    """
+
+    def __init__(self, weight: float, functional: Functional) -> None:
+        if not 0 <= weight < math.inf:
+            raise OptionError(f"the weight of a functional is {weight}; it must be 0 or more")
+        self.weight, self.functional = float(weight), functional
+        bound = functional.lipschitz
+        self.lipschitz = None if bound is None else self.weight * bound if weight > 0 else 0.0
+
+    def _value(self, v: Tensor) -> Tensor:
+        return self.weight * self.functional(v) if self.weight > 0 else _indicator(v, True)
+
+    def prox(self, v: Tensor, step: float) -> Tensor:
+        """That of the functional with weight · step."""
+        return self.functional.prox(v, self.weight * step) if self.weight > 0 else v
+
+    def gradient(self, v: Tensor) -> Tensor:
+        """Weight times that of the functional."""
+        return self.weight * self.functional.gradient(v)
+
+    @property
+    def parts(self) -> tuple[Functional, LinearOperator | None]:
+        """The weight goes with f."""
+        functional, operator = self.functional.parts
+        return (self, None) if operator is None else (self.weight * functional, operator)
+
+    @property
+    def quadratic(self) -> tuple[Tensor | float, Tensor | float] | None:
+        """The weight goes with w."""
+        inner = self.functional.quadratic
+        return None if inner is None else (self.weight * inner[0], inner[1])
+
+
+class Composed(Functional):
+    """v ↦ f(Kv). Its proximal map is solved for in the dual (`ProximalSum`).
+
+    Parameters
+    ----------
+    functional, operator
+        f and K.
+    """
+
+    def __init__(self, functional: Functional, operator: LinearOperator) -> None:
+        inner, first = functional.parts
+        self.functional = inner
+        self.operator = operator if first is None else first @ operator
+
+    def _value(self, v: Tensor) -> Tensor:
+        return self.functional(self.operator(v))
+
+    def prox(self, v: Tensor, step: float) -> Tensor:
+        """By up to 1000 iterations, until the result stands to a part in ten million."""
+        return ProximalSum([self], iterations=1000, tolerance=1e-7)(v, step)
+
+    @property
+    def parts(self) -> tuple[Functional, LinearOperator | None]:
+        """F and K."""
+        return self.functional, self.operator
+
+
+class Box(Functional):
+    """0 where lower ≤ v ≤ upper, else infinite.
+
+    Parameters
+    ----------
+    lower, upper
+        Numbers, or tensors that broadcast.
+    """
+
+    def __init__(self, lower: Tensor | float, upper: Tensor | float) -> None:
+        self.lower, self.upper = lower, upper
+
+    def _value(self, v: Tensor) -> Tensor:
+        return _indicator(v, bool(((v >= self.lower) & (v <= self.upper)).all()))
+
+    def prox(self, v: Tensor, step: float) -> Tensor:
+        """The nearest v in the box."""
+        lower, upper = (
+            torch.as_tensor(each, dtype=v.dtype, device=v.device)
+            for each in (self.lower, self.upper)
+        )
+        return v.clamp(lower, upper)
+
+
+class NonNegative(Box):
+    """0 where v ≥ 0, else infinite."""
+
+    def __init__(self) -> None:
+        super().__init__(0.0, math.inf)
+
+
+class Support(Functional):
+    """0 where v is zero outside a support, else infinite.
+
+    Parameters
+    ----------
+    mask
+        bool, True on the support; a shape that broadcasts.
+    """
+
+    def __init__(self, mask: Tensor) -> None:
+        self.mask = mask
+
+    def _value(self, v: Tensor) -> Tensor:
+        return _indicator(v, not bool(torch.where(self.mask, 0, v).any()))
+
+    def prox(self, v: Tensor, step: float) -> Tensor:
+        """Zero outside the support."""
+        return torch.where(self.mask, v, 0)
+
+
+class L1(Functional):
+    """‖v‖₁, for scenes of few bright points."""
+
+    def _value(self, v: Tensor) -> Tensor:
+        return v.abs().sum(dtype=torch.float64)
+
+    def prox(self, v: Tensor, step: float) -> Tensor:
+        """Soft thresholding."""
+        return v - v.clamp(-step, step)
+
+
+class GroupSparsity(Functional):
+    """‖v‖₂,₁: the sum of the lengths of groups, such as the colours of a pixel (`yuan2006`).
+
+    Parameters
+    ----------
+    axis
+        Axes of a group, from the last: ``-3`` for the channels.
+    """
+
+    def __init__(self, axis: int | tuple[int, ...]) -> None:
+        self.axis = axis
+
+    def _value(self, v: Tensor) -> Tensor:
+        length: Tensor = torch.linalg.vector_norm(v, dim=self.axis)
+        return length.sum(dtype=torch.float64)
+
+    def prox(self, v: Tensor, step: float) -> Tensor:
+        """Every group, shorter by the step."""
+        length: Tensor = torch.linalg.vector_norm(v, dim=self.axis, keepdim=True)
+        return v * (1 - step / length.clamp_min(step))
+
+
+class Ridge(Functional):
+    """½‖v‖², Tikhonov's."""
+
+    lipschitz = 1.0
+
+    def _value(self, v: Tensor) -> Tensor:
+        return 0.5 * v.square().sum(dtype=torch.float64)
+
+    def prox(self, v: Tensor, step: float) -> Tensor:
+        """V / (1 + step)."""
+        return v / (1 + step)
+
+    def gradient(self, v: Tensor) -> Tensor:
+        """V."""
+        return v
+
+    @property
+    def quadratic(self) -> tuple[Tensor | float, Tensor | float]:
+        """1 and 0."""
+        return 1.0, 0.0
+
+
+class TotalVariation(Composed):
+    r"""Σ|v[i+1, j] − v[i, j]| + |v[i, j+1] − v[i, j]|, or the lengths of such pairs.
+
+    Parameters
+    ----------
+    shape
+        Trailing axes of the scene, such as `LinearOperator.domain_shape`.
+    isotropic
+        Σ of the lengths √(Δ₀² + Δ₁²) (`rudin1992`), in place of the sum of both.
+    border
+        ``"zero"``: dark around the scene, as eq. 7 of `uvimprint` has it on a support.
+        ``"periodic"``: the first pixel follows the last. ``"free"``: nothing follows it.
+    axes
+        How many of the last axes vary: 3 for a volume or a video.
+
+    Raises
+    ------
+    OptionError
+        If the scene has fewer axes, or the border is another.
+    """
+
+    def __init__(
+        self,
+        shape: Sequence[int],
+        *,
+        isotropic: bool = False,
+        border: Literal["zero", "periodic", "free"] = "zero",
+        axes: int = 2,
+    ) -> None:
+        sizes = tuple(shape)[-axes:]
+        if border not in ("zero", "periodic", "free") or not 0 < axes == len(sizes):
+            raise OptionError(
+                f"the shape is {tuple(shape)}, axes {axes} and border {border!r}; give so many "
+                "axes of the scene or more, and the border 'zero', 'periodic' or 'free'"
+            )
+        self.isotropic, self.border = isotropic, border
+        operator: LinearOperator = FiniteDifference(sizes)
+        if border == "zero":
+            operator = padded_difference(sizes, tuple(size + 1 for size in sizes))
+        if border == "free":
+            follows = torch.ones(operator.range_shape, dtype=torch.bool)
+            for axis in range(axes):
+                follows[axis].select(axis, -1).fill_(False)
+            operator = Diagonal(follows) @ operator
+        super().__init__(GroupSparsity(-axes - 1) if isotropic else L1(), operator)
+
+
+class ProximalSum:
+    r"""argmin Σ fᵢ(Kᵢx) + ‖x − v‖² / (2 step) over x, by the dual (`beck2009tv`).
+
+    One functional without an operator keeps its own proximal map. Each of the others has a dual
+    variable p of its own,
+
+    .. math:: x = \operatorname{prox}_{sf_0}(v - s \sum_i K_i^* p_i), \qquad
+       p_i \leftarrow \operatorname{prox}_{σ_i f_i^*}(p_i + σ_i K_i x), \qquad
+       σ_i = \frac{1}{s m \|K_i\|^2}
+
+    for m of them, with the momentum of FISTA. A call starts from the p of the call before.
+
+    Parameters
+    ----------
+    functionals
+        One or more.
+    iterations, tolerance
+        Limit; ends when ‖x − x_before‖ ≤ tolerance · ‖x‖.
+    """
+
+    def __init__(
+        self, functionals: Sequence[Functional], *, iterations: int, tolerance: float = 0.0
+    ) -> None:
+        parts = [each.parts for each in functionals]
+        plain = next((k for k, (_, operator) in enumerate(parts) if operator is None), None)
+        self._plain = None if plain is None else parts.pop(plain)[0]
+        self._split = parts
+        self._iterations, self._tolerance = iterations, tolerance
+        self._norms: list[float] = []
+        self._duals: list[Tensor] = []
+
+    def __call__(self, v: Tensor, step: float) -> Tensor:
+        """The proximal map at v."""
+        if not self._split:
+            return v if self._plain is None else self._plain.prox(v, step)
+        if not self._duals:
+            self._norms = [squared_norm(operator, v) for _, operator in self._split]
+            self._duals = [torch.zeros_like(applied(k, v)) for _, k in self._split]
+        duals, momentum = self._duals, 1.0
+        ahead = duals
+        x = self._primal(v, step, ahead)
+        for _ in range(self._iterations):
+            before, duals = (
+                duals,
+                [
+                    f.conjugate_prox(p + s * applied(operator, x), s)
+                    for (f, operator), p, s in zip(
+                        self._split, ahead, self._steps(step), strict=True
+                    )
+                ],
+            )
+            following = (1 + math.sqrt(1 + 4 * momentum**2)) / 2
+            factor, momentum = (momentum - 1) / following, following
+            ahead = [p + factor * (p - b) for p, b in zip(duals, before, strict=True)]
+            x_before, x = x, self._primal(v, step, ahead)
+            if self._tolerance > 0 and length(x - x_before) <= self._tolerance * length(x):
+                break
+        self._duals = duals
+        return self._primal(v, step, duals)
+
+    def _steps(self, step: float) -> list[float]:
+        return [1 / (step * len(self._split) * max(norm, 1e-30)) for norm in self._norms]
+
+    def _primal(self, v: Tensor, step: float, duals: list[Tensor]) -> Tensor:
+        for (_, operator), p in zip(self._split, duals, strict=True):
+            v = v - step * (p if operator is None else operator.adjoint(p))
+        return v if self._plain is None else self._plain.prox(v, step)
+
+
+def padded_difference(sizes: tuple[int, ...], padded: tuple[int, ...]) -> LinearOperator:
+    """Differences of a scene on a padded shape, periodic, with zeros around the scene."""
+    return FiniteDifference(padded) @ Crop(padded, (*(0 for _ in sizes), *sizes)).H
+
+
+def applied(operator: LinearOperator | None, v: Tensor) -> Tensor:
+    """Kv, of the identity where there is no operator."""
+    return v if operator is None else operator(v)
+
+
+def squared_norm(operator: LinearOperator | None, like: Tensor) -> float:
+    """‖K‖², not too small."""
+    return 1.0 if operator is None else (_SAFETY * operator.norm(like)) ** 2
+
+
+def length(v: Tensor) -> float:
+    """‖v‖."""
+    return float(torch.linalg.vector_norm(v))
+
+
+def _indicator(v: Tensor, feasible: bool) -> Tensor:
+    return v.new_tensor(0.0 if feasible else math.inf, dtype=torch.float64)
