@@ -131,9 +131,10 @@ def test_gradient(case):
     w = v.detach() * 0.3
     apart = (f.gradient(v.detach()) - f.gradient(w)).norm()
     assert float(apart) <= f.lipschitz * float((v.detach() - w).norm())
-    if f.quadratic is not None:
-        weights, centre = f.quadratic
-        assert float(f(w)) == pytest.approx(float((0.5 * weights * (w - centre) ** 2).sum()))
+    if f.hessian is not None:
+        step = w.sin()
+        parabola = f(w) + (step * f.gradient(w) + 0.5 * f.hessian * step.square()).sum()
+        assert float(f(w + step)) == pytest.approx(float(parabola))
 
 
 def dense(operator: LinearOperator) -> np.ndarray:

@@ -14,6 +14,7 @@ from nolens.errors import DataError
 from nolens.kernels import irfft2, rfft2
 from nolens.operators import FiniteDifference
 from nolens.progress import ProgressCallback, part_of, within
+from nolens.solvers.functionals import GroupSparsity
 
 _TAU = 8e-5
 """Weight of the total variation: of the largest gradient of the residual at p = 0, for each pixel
@@ -120,8 +121,7 @@ class PsfSolver:
             light[0].clamp_min_(0)
             light_dual = light_dual + p - light
             steep = self._difference(p) + edges_dual
-            length = torch.linalg.vector_norm(steep, dim=-3, keepdim=True).clamp_min(1e-30)
-            edges = steep * (1 - self._tau / rho / length).clamp_min(0)
+            edges = GroupSparsity(-3).prox(steep, self._tau / rho)
             edges_dual = steep - edges
             if progress is not None:
                 progress((step + 1) / steps)

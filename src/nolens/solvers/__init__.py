@@ -3,6 +3,7 @@
 from nolens.solvers.admm import admm, admm_bytes
 from nolens.solvers.admm_state import AdmmState
 from nolens.solvers.data_terms import DataTerm, Gaussian, Poisson
+from nolens.solvers.denoiser import Denoiser
 from nolens.solvers.development import Developed, Development
 from nolens.solvers.fista import fista
 from nolens.solvers.functionals import (
@@ -16,11 +17,15 @@ from nolens.solvers.functionals import (
     TotalVariation,
 )
 from nolens.solvers.held_out import Weight
+from nolens.solvers.minimise import minimise
+from nolens.solvers.primal_dual import primal_dual
 from nolens.solvers.problem import Prior, Problem
+from nolens.solvers.proximal_gradient import proximal_gradient
 from nolens.solvers.psf_choice import PsfChoice, PsfSettings, choose_psf, geometry_row
 from nolens.solvers.reconstructor import Method, Reconstructor, stop_of
 from nolens.solvers.result import STOPS, Progress, Quality, Result, Stop
 from nolens.solvers.scene_support import SupportChoice
+from nolens.solvers.split_admm import split_admm
 from nolens.solvers.stream import Frame, Live, Stream
 from nolens.solvers.wiener import wiener
 
@@ -30,6 +35,7 @@ __all__ = [
     "AdmmState",
     "Box",
     "DataTerm",
+    "Denoiser",
     "Developed",
     "Development",
     "Frame",
@@ -60,6 +66,10 @@ __all__ = [
     "choose_psf",
     "fista",
     "geometry_row",
+    "minimise",
+    "primal_dual",
+    "proximal_gradient",
+    "split_admm",
     "stop_of",
     "wiener",
 ]

@@ -1,16 +1,17 @@
 """ADMM for eq. 7 with the paper's splitting: four real transforms an iteration."""
 
 import math
+from collections.abc import Iterator
 
 import torch
 from torch import Tensor
 
-from nolens.errors import DataError, DivergenceError, OptionError
+from nolens.errors import DataError, OptionError
 from nolens.kernels import PassSums, Repeater, SplitState, in_large_pages, update_splits_
 from nolens.solvers.admm_state import CHECK_EVERY, AdmmState, Balance, Penalties
 from nolens.solvers.data_step import DATA_STEP_RELAXATION, DataStep, data_step_start
 from nolens.solvers.problem import Prior, Problem
-from nolens.solvers.result import Callback, Progress, Result, StopReason, has_converged
+from nolens.solvers.result import Callback, Progress, Result, follow, has_converged
 
 RELAXATION = 1.8
 """α where no other is given."""
@@ -174,11 +175,6 @@ def _progress(problem: Problem, state: AdmmState) -> Progress:
         0.5 * each.residual + problem.tau * _regulariser(problem.prior, each) for each in sums
     ]
     objective = sum(values) / len(values)
-    if not math.isfinite(objective + primal + dual):
-        raise DivergenceError(
-            f"the iteration gave NaN or infinity by step {iteration} (penalties "
-            f"{state.penalties}); start from smaller penalties or a relaxation nearer 1"
-        )
     return Progress(
         iteration=iteration,
         objective=objective,
@@ -290,17 +286,12 @@ def admm(
         scene_tolerance = 0.0
     else:
         run = AdmmRun(problem, state, balance=balance, relaxation=relaxation or RELAXATION)
-    history: list[dict[str, float]] = []
-    stop_reason: StopReason = "iteration limit"
-    while state.iteration < iterations:
-        progress = run.to_check(iterations)
-        history.append(progress.row())
-        if callback is not None and callback(progress):
-            stop_reason = "callback"
-            break
-        if has_converged(history, scene_tolerance) or progress.residual <= tolerance:
-            stop_reason = "converged"
-            break
+
+    def has_ended(history: list[dict[str, float]]) -> bool:
+        residual = max(history[-1]["primal_residual"], history[-1]["dual_residual"])
+        return has_converged(history, scene_tolerance) or residual <= tolerance
+
+    history, stop_reason = follow(_checks(run, iterations), has_ended, callback)
     run.end()  # What follows needs its memory.
     scene = state.scene()
     if state.fills_view:
@@ -315,6 +306,11 @@ def admm(
         frame=problem.frame,
         history=history,
     )
+
+
+def _checks(run: AdmmRun | DataStepRun, limit: int) -> Iterator[Progress]:
+    while run.state.iteration < limit:
+        yield run.to_check(limit)
 
 
 def _check(

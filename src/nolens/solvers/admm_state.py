@@ -1,7 +1,7 @@
 """The state of a run of ADMM: what the next iteration needs, its penalties and their balance."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 
 import torch
@@ -57,21 +57,29 @@ class Balance:
 
     def next(self, penalties: Penalties, sums: list[PassSums], iteration: int) -> Penalties:
         """Penalties after `iteration`, from the sums of every channel's last pass."""
+        turned, moved = (
+            [sum(getattr(each, name)[k] for each in sums) for k in range(3)]
+            for name in ("multiplier_change", "change")
+        )
+        first, second, third = self.balanced(penalties, turned, moved, iteration)
+        return first, second, third
+
+    def balanced(
+        self, penalties: Sequence[float], turned: list[float], moved: list[float], iteration: int
+    ) -> list[float]:
+        """Penalties after `iteration`, from ‖Δd‖² and ‖Δx‖² of every split."""
         if iteration > self.span:
-            return penalties
-        turned = [sum(each.multiplier_change[k] for each in sums) for k in range(3)]
-        moved = [sum(each.change[k] for each in sums) for k in range(3)]
+            return list(penalties)
         all_turned = sum(mu * d for mu, d in zip(penalties, turned, strict=True))
         all_moved = sum(mu * x for mu, x in zip(penalties, moved, strict=True))
         if not (all_turned > 0 and all_moved > 0):
-            return penalties
+            return list(penalties)
         ratio = math.sqrt(all_turned / all_moved)
         growth = self.growth if ratio > self.target else 1.0
-        first, second, third = (
+        return [
             mu * growth * self._step(d, x, ratio)
             for mu, d, x in zip(penalties, turned, moved, strict=True)
-        )
-        return first, second, third
+        ]
 
     def _step(self, turned: float, moved: float, ratio: float) -> float:
         if turned == 0 or moved == 0:

@@ -10,6 +10,7 @@ from torch import Tensor
 from nolens.kernels import PassSums, SplitState, irfft2, irfft2_window_, rfft2_window
 from nolens.operators import FiniteDifference
 from nolens.solvers.admm_state import AdmmState, Penalties
+from nolens.solvers.functionals import L1, GroupSparsity
 from nolens.solvers.problem import Problem
 
 DATA_STEP_RELAXATION = 1.5
@@ -97,9 +98,7 @@ class DataStep:
             return self._a_u
         weight = self._tv / self._penalties[1]
         if self._isotropic:
-            length = torch.linalg.vector_norm(self._a_u, dim=-3, keepdim=True)
-            shrunk: Tensor = self._a_u * (1 - weight / length.clamp_min(weight))
-            return shrunk
+            return GroupSparsity(-3).prox(self._a_u, weight)
         return self._a_u - self._a_u.clamp(-weight, weight)
 
     def _w(self) -> Tensor:
@@ -198,7 +197,7 @@ class DataStep:
             change=(0.0, _squares(u - u_before), _squares(w - w_before)),
             multiplier_change=(0.0, _squares(self._a_u - u - d_u), _squares(self._a_w - w - d_w)),
             residual=_squares(self._problem.residual(self._v)),
-            variation=_variation(varied, isotropic=self._isotropic),
+            variation=float((GroupSparsity(-3) if self._isotropic else L1())(varied)),
             magnitude=float(self._v.abs().sum(dtype=torch.float64)),
         )
 
@@ -385,9 +384,3 @@ def _dot(x: Tensor, y: Tensor) -> Tensor:
 
 def _squares(values: Tensor) -> float:
     return float(_dot(values, values))
-
-
-def _variation(differences: Tensor, *, isotropic: bool) -> float:
-    if isotropic:
-        differences = torch.linalg.vector_norm(differences, dim=-3)
-    return float(differences.abs().sum(dtype=torch.float64))

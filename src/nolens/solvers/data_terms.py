@@ -31,6 +31,8 @@ class DataTerm(Functional):
         If shapes, types or values cannot be used.
     """
 
+    separable = True
+
     def __init__(
         self, data: Plane, *, weights: Plane | None = None, valid: Plane | None = None
     ) -> None:
@@ -41,12 +43,17 @@ class DataTerm(Functional):
         for name, factor in (("weights", weights), ("mask of valid pixels", valid)):
             if factor is not None:
                 self.weights = self.weights * _alike(tensor_of(factor, name), values, name)
-        self.data = torch.where(self.weights > 0, values, 0)
-        if not bool(torch.isfinite(self.data).all() & (self.weights >= 0).all()):
+        self._data = torch.where(self.weights > 0, values, 0)
+        if not bool(torch.isfinite(self._data).all() & (self.weights >= 0).all()):
             raise DataError(
                 "the measurement holds NaN or infinity, or a weight is negative: mark such pixels "
                 "as not valid"
             )
+
+    @property
+    def data(self) -> Tensor:
+        """The measurement, 0 where it is not valid."""
+        return self._data
 
     def _value(self, v: Tensor) -> Tensor:
         loss = torch.where(self.weights > 0, self.weights * self._loss(v), 0)
@@ -59,11 +66,6 @@ class DataTerm(Functional):
     def prox(self, v: Tensor, step: float) -> Tensor:
         """That of each pixel; those that are not valid stay."""
         return torch.where(self.weights > 0, self._prox(v, step * self.weights), v)
-
-    @property
-    @abstractmethod
-    def curvature(self) -> float:
-        """About the mean of w ℓ″ near the data, for a solver's first penalty."""
 
     @abstractmethod
     def _loss(self, v: Tensor) -> Tensor: ...
@@ -91,9 +93,9 @@ class Gaussian(DataTerm):
         self.lipschitz = float(self.weights.max())
 
     @property
-    def quadratic(self) -> tuple[Tensor | float, Tensor | float]:
-        """Its weights and data."""
-        return self.weights, self.data
+    def hessian(self) -> Tensor:
+        """The weights."""
+        return self.weights
 
     @property
     def curvature(self) -> float:
@@ -131,6 +133,8 @@ class Poisson(DataTerm):
         If a count or the background is negative.
     """
 
+    lipschitz = math.inf
+
     def __init__(
         self,
         data: Plane,
@@ -149,9 +153,6 @@ class Poisson(DataTerm):
                 f"the least count is {least[0]:g} and the least background {least[1]:g}; both must "
                 "be 0 or more: give counts with their background, and the background beside them"
             )
-        self.lipschitz = math.inf
-        if least[1] > 0:
-            self.lipschitz = float((self.weights * self.data / self.background.square()).max())
 
     @property
     def curvature(self) -> float:

@@ -9,7 +9,15 @@ from torch import Tensor
 
 from nolens.camera.values import all_finite
 from nolens.errors import DataError
-from nolens.operators import CroppedConvolution, FiniteDifference
+from nolens.operators import CroppedConvolution
+from nolens.solvers.data_terms import Gaussian
+from nolens.solvers.functionals import (
+    L1,
+    Functional,
+    GroupSparsity,
+    NonNegative,
+    padded_difference,
+)
 from nolens.solvers.inputs import (
     Plane,
     Support,
@@ -234,25 +242,33 @@ class Problem:
 
     def regulariser(self, scene: Tensor) -> Tensor:
         """R(v) of the whole padded shape, so with the step to zero at a support's edge; float64."""
-        if self.prior is Prior.NONE:
+        prior = self.regularising
+        if prior is None:
             return scene.new_zeros((), dtype=torch.float64)
-        if self.prior is Prior.L1:
-            return scene.abs().sum(dtype=torch.float64)
         # One channel at a time: differences of all of them are the most that a run would hold.
-        channels = [self._variation(channel) for channel in scene]
-        return torch.stack(channels).sum()
+        return torch.stack([prior(channel) for channel in scene]).sum()
 
-    def _variation(self, scene: Tensor) -> Tensor:
+    @property
+    def regularising(self) -> Functional | None:
+        """R as a functional; None without a prior."""
+        if self.prior is Prior.NONE:
+            return None
+        if self.prior is Prior.L1:
+            return L1()
         # Differences of the whole padded shape are zero further than a pixel from the scene.
-        whole = self.forward.geometry.padded
-        size = [min(n + 2, most) for n, most in zip(scene.shape, whole, strict=True)]
-        framed = scene.new_zeros(size)
-        top, left = (int(n < m) for n, m in zip(scene.shape, size, strict=True))
-        framed[top : top + scene.shape[0], left : left + scene.shape[1]] = scene
-        difference = FiniteDifference((size[0], size[1]))(framed)
-        if self.prior is Prior.ISOTROPIC_TV:
-            difference = torch.linalg.vector_norm(difference, dim=-3)
-        return difference.abs().sum(dtype=torch.float64)
+        scene, whole = self.forward.geometry.scene[2:], self.forward.geometry.padded
+        difference = padded_difference(
+            scene, tuple(min(n + 1, most) for n, most in zip(scene, whole, strict=True))
+        )
+        return (GroupSparsity(-3) if self.prior is Prior.ISOTROPIC_TV else L1()) @ difference
+
+    @property
+    def functionals(self) -> list[Functional]:
+        """The objective's, of all channels together, for the solvers of any."""
+        data = Gaussian(self.data, valid=self.valid) @ self.forward
+        prior = self.regularising
+        weighed = [] if prior is None or self.tau == 0 else [self.tau * prior]
+        return [data, *weighed, NonNegative()]
 
     def gain_corrected(self, scene: Tensor) -> tuple[Tensor, float]:
         """Every channel times the factor f that minimises the objective, and the objective.

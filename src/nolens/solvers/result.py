@@ -1,12 +1,14 @@
 """When a solver stops, what it reports while it runs, and what it hands back."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Literal
 
 from torch import Tensor
+
+from nolens.errors import DivergenceError
 
 StopReason = Literal["converged", "iteration limit", "callback", "one shot"]
 
@@ -61,6 +63,11 @@ class Progress:
         μ₁, μ₂, μ₃ of the iteration (ADMM; the step size for FISTA).
     scene
         Call it for the scene so far, feasible, `(channels, height, width)` in normalised units.
+
+    Raises
+    ------
+    DivergenceError
+        If the objective or a residual is NaN or infinite.
     """
 
     iteration: int
@@ -70,6 +77,13 @@ class Progress:
     scene_change: float
     penalties: tuple[float, ...]
     scene: Callable[[], Tensor]
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.objective + self.primal_residual + self.dual_residual):
+            raise DivergenceError(
+                f"the iteration gave NaN or infinity by step {self.iteration} (penalties "
+                f"{self.penalties}); start from smaller penalties or a relaxation nearer 1"
+            )
 
     @property
     def residual(self) -> float:
@@ -90,6 +104,32 @@ class Progress:
 
 Callback = Callable[[Progress], bool | None]
 """Called at every convergence check of a run; returns True to stop."""
+
+
+def follow(
+    steps: Iterable[Progress],
+    has_ended: Callable[[list[dict[str, float]]], bool],
+    callback: Callback | None,
+) -> tuple[list[dict[str, float]], StopReason]:
+    """Follow a run from check to check until it ends; its rows, and why it did.
+
+    Parameters
+    ----------
+    steps
+        The run's convergence checks, up to the limit.
+    has_ended
+        Whether the rows so far are those of a run that has converged.
+    callback
+        Called at every check; stops the run by returning True.
+    """
+    history: list[dict[str, float]] = []
+    for progress in steps:
+        history.append(progress.row())
+        if callback is not None and callback(progress):
+            return history, "callback"
+        if has_ended(history):
+            return history, "converged"
+    return history, "iteration limit"
 
 
 @dataclass(frozen=True)
