@@ -18,6 +18,7 @@ from nolens.operators import (
     Crop,
     CroppedConvolution,
     Diagonal,
+    FieldConvolution,
     FiniteDifference,
     HorizontalStack,
     Identity,
@@ -57,6 +58,21 @@ def combined(combine: Callable[..., LinearOperator], *makes: Make) -> Make:
     return lambda dtype, device: combine(*(make(dtype, device) for make in makes))
 
 
+def field(
+    points: list[tuple[float, float]],
+    support: tuple[int, int, int, int] | None = None,
+    channels: int = 3,
+) -> Make:
+    generator = torch.Generator().manual_seed(4)
+    psfs = torch.rand((len(points), channels, 7, 8), generator=generator).double()
+
+    def make(dtype: torch.dtype, device: torch.device) -> LinearOperator:
+        where = None if support is None else PixelRectangle(*support)
+        return FieldConvolution(psfs.to(device, dtype), torch.tensor(points), (5, 6), where)
+
+    return make
+
+
 def many_scenes(support: tuple[int, int, int, int], psf: tuple[int, int]) -> Make:
     cells = torch.rand((2, *support[2:]), generator=torch.Generator().manual_seed(2)).double()
     return lambda dtype, device: ManyScenes(
@@ -91,6 +107,10 @@ TABLE = [
     Case("convolution, support is larger", convolution((4, 4), (9, 8), (-3, -2, 10, 9)), RGB),
     Case("convolution, support beside", convolution((5, 4), (14, 15), (-5, 6, 3, 2)), RGB),
     Case("convolution, support of a cell", convolution((5, 6), (5, 6), (4, 0, 1, 1), 1), RGB),
+    Case("field", field([(0, 0), (0, 5), (4, 0), (4.5, 5), (2, 2)], (-2, -1, 9, 8)), RGB),
+    Case("field, no support", field([(0, 0), (0, 5), (4, 0)]), RGB),
+    Case("field, one psf for three", field([(1, 1), (3, 4)], (0, 0, 5, 6), 1), RGB),
+    Case("field of a point, grey", field([(2, 2)], (1, -1, 4, 6), 1), (1,)),
     Case("many scenes", many_scenes((1, 2, 4, 5), (6, 7)), (2,)),
     Case("many scenes, wide psf", many_scenes((-1, 2, 5, 6), (11, 12)), (2,)),
     Case("many scenes aslant", many_scenes_aslant((-1, 1, 5, 4), (10, 11))),

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 import torch
 from posed import Case, pose
+from scipy.optimize import minimize
 
-from nolens.operators import CroppedConvolution, PixelRectangle
-from nolens.solvers import Problem, admm
+from nolens.camera import FieldPsf
+from nolens.operators import CroppedConvolution, FieldConvolution, PixelRectangle
+from nolens.solvers import Problem, admm, fista
 
 BASE = Case(view=True, support=PixelRectangle(0, 0, 6, 8))
 CASES = {
@@ -55,6 +57,46 @@ def test_finds_a_shading_at_once():
         return float(torch.linalg.vector_norm(scene - truth))
 
     assert error(12, low_frequency=True) < 0.2 * error(200, low_frequency=False)
+
+
+@pytest.mark.parametrize("prior", ["none", "l1"])
+@pytest.mark.parametrize("level", [0.0, 0.5], ids=["points in the dark", "fills the view"])
+def test_psfs_over_the_field(prior, level):
+    """Against a bounded quasi-Newton method in float64, of the operator written as a matrix."""
+    generator = torch.Generator().manual_seed(5)
+    psfs = torch.rand((3, 1, 13, 15), generator=generator) ** 4
+    field_psf = FieldPsf(psfs, torch.tensor([(-2.0, -3), (2, -3), (1, 3)]))
+    support = PixelRectangle(1, 1, 5, 6)
+    scene = level + torch.rand((1, 5, 6), generator=generator).pow(8)
+    places = field_psf.places + torch.tensor([4, 5])
+    data = FieldConvolution(psfs, places, (8, 10), support)(scene)
+    data += 0.01 * data.max() * torch.randn(data.shape, generator=generator)
+    problem = Problem.build(
+        psfs[0], data, support=support, tau=3e-3, prior=prior, field_psf=field_psf
+    )
+    pixels = torch.eye(30).view(30, 1, 5, 6)
+    matrix = problem.forward(pixels).flatten(1).double().numpy().T
+    b = problem.data.double().flatten().numpy()
+    tau = 0.0 if prior == "none" else 3e-3
+
+    def objective(v):
+        left = matrix @ v - b
+        return 0.5 * left @ left + tau * v.sum(), matrix.T @ left + tau
+
+    lowest = minimize(
+        objective,
+        np.zeros(30),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[(0, None)] * 30,
+        options={"ftol": 1e-15, "gtol": 1e-10, "maxiter": 5000},
+    )
+    result = admm(problem, iterations=2000, tolerance=1e-5)
+    assert result.objective == pytest.approx(lowest.fun, rel=1e-3, abs=2e-6)
+    expected = lowest.x.reshape(5, 6) * float(problem.scale)
+    assert np.linalg.norm(result.scene[0].numpy() - expected) <= 0.02 * np.linalg.norm(expected)
+    other = fista(problem, iterations=3000, tolerance=1e-7)
+    assert other.objective == pytest.approx(lowest.fun, rel=1e-3, abs=2e-6)
 
 
 def test_is_left_alone_where_the_scene_does_not_fill_the_view():

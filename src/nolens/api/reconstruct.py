@@ -9,7 +9,7 @@ import torch
 
 from nolens.api.image import Image
 from nolens.api.inputs import Progress, Raw, distance_um, frame_of, reported
-from nolens.api.simulate import SimulatedMeasurement
+from nolens.api.simulate import Psf, SimulatedMeasurement
 from nolens.camera import BlackLevel, Flip, Frame, black_level
 from nolens.errors import OptionError
 from nolens.jobs.run import check_solver_memory
@@ -18,6 +18,7 @@ from nolens.quantities import Length
 from nolens.refocusing import DepthPsfs, DepthReconstructor, PsfAt, focus, measured_reduced_um
 from nolens.solvers import (
     Development,
+    FieldPoint,
     Method,
     Prior,
     PsfSettings,
@@ -161,6 +162,7 @@ def reconstruct(
         white,
         1 if bin_by is None else bin_by,
         channels,
+        field_points=field_points_of(psf),
     )
     extent: Extent = "auto" if psf_extended is None else ("wide" if psf_extended else "sensor")
     choice = choose_psf(development, frame, PsfSettings(psf_scale, extent, psf_flip or "auto"))
@@ -168,6 +170,7 @@ def reconstruct(
     developed = choice.development.fitted(frame, spare, coarsen=bin_by is None and stated is None)
     data, prepared = developed.measurement, developed.prepared
     solver = replace(solver, psf=prepared.values, support=support_of(stated, data.size))
+    solver = replace(solver, field_psf=developed.development.field_psf(data))
     chosen_support = support == "auto" and own is None
     if chosen_support:
         solver = replace(solver, support=solver.choose_support(data).support)
@@ -308,6 +311,17 @@ def refocus(
         reconstructor.tau,
         warnings=depth_psfs.warnings,
         distance_um=focused.depth_um,
+    )
+
+
+def field_points_of(psf: Raw) -> tuple[FieldPoint, ...]:
+    """Frames and places of a PSF that was computed at several field points."""
+    field_psf = psf.field_psf if isinstance(psf, Psf) else None
+    if field_psf is None:
+        return ()
+    return tuple(
+        FieldPoint(frame_of(values, "PSF"), (float(place[0]), float(place[1])))
+        for values, place in zip(field_psf.values, field_psf.places, strict=True)
     )
 
 

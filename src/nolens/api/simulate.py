@@ -18,7 +18,7 @@ from nolens.api.inputs import (
     source_of,
 )
 from nolens.calibrate.distances import pixel_angle
-from nolens.camera import Frame, LoadedCamera, ReliefFile, develop
+from nolens.camera import FieldPsf, Frame, LoadedCamera, ReliefFile, develop
 from nolens.errors import DataError, OptionError
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import read_camera
@@ -122,11 +122,19 @@ class Camera:
         return f"Camera({self.name!r}, {height}×{width} pixels, {', '.join(self.channels)})"
 
 
+@dataclass(frozen=True, repr=False)
 class Psf(Image):
     """A point spread function: what the sensor sees of a point source, (channels, height, width).
 
     Its middle, the pixel (height // 2, width // 2), is the zero shift.
+
+    Parameters
+    ----------
+    field_psf
+        Those of other directions, too; None of a point source alone.
     """
+
+    field_psf: FieldPsf | None = field(default=None, repr=False, kw_only=True)
 
 
 @dataclass(frozen=True, repr=False)
@@ -169,6 +177,7 @@ def psf(
     diameter: str | Length = "50um",
     light: str = "white-led",
     wavelengths: int = 3,
+    field_points: int = 1,
     progress: Progress = False,
 ) -> Psf:
     """The PSF of a described camera, without noise.
@@ -191,6 +200,9 @@ def psf(
         Its spectrum, such as ``"white-led"`` or ``"535nm"``.
     wavelengths
         How many stand for a channel.
+    field_points
+        PSFs along each side of the `support`, as `reconstruct` uses them where the PSF varies over
+        the field; odd. 1 computes that of `angle` alone.
     progress
         Whether to show a bar, or a function for the fraction that is done.
 
@@ -207,18 +219,30 @@ def psf(
         rows, columns = camera.size
         size = (rows + support.height, columns + support.width)
     source = source_of(distance, angle, diameter)
+    if field_points != 1 and (support is None or source.angle_deg > 0):
+        raise OptionError(
+            f"field_points {field_points} covers a support with PSFs of several angles: give the "
+            "support (such as that of a simulated measurement), and no angle"
+        )
     preview = VirtualExperiment(camera.preview, Light(light), wavelengths)
     working = preview.psf_bytes(source, size)
     twin = twin_of(camera, working, "a smaller size or a camera that reads fewer pixels")
     experiment = replace(preview, twin=twin)
+    field_psf = None
     with reported(progress, "PSF") as report:
-        values = experiment.psf(source, size, report)
+        if support is None or field_points == 1:
+            values = experiment.psf(source, size, report)
+        else:
+            field_psf = experiment.field_psf(
+                support, field_points, source.distance_um, source.diameter_um, report
+            )
+            values = field_psf.on_axis
     if not float(values.max()) > 0:
         raise DataError(
             f"no light from {source.angle_deg:.4g} deg off the axis reaches these pixels: choose a "
             "smaller angle or a larger size"
         )
-    return Psf(values, camera.channels)
+    return Psf(values, camera.channels, field_psf=field_psf)
 
 
 def simulate_point(

@@ -18,6 +18,7 @@ from nolens.camera.description import (
     RandomLenslets,
     ReliefFile,
 )
+from nolens.camera.field_psf import FieldPsf
 from nolens.camera.frame import MOSAICS, Frame
 from nolens.camera.materials import MATERIALS, Material, material
 from nolens.camera.measurement import BlackLevel, Measurement, black_level, dark_corner, develop
@@ -36,6 +37,7 @@ __all__ = [
     "BlackLevel",
     "Camera",
     "CurveFile",
+    "FieldPsf",
     "Flat",
     "Flip",
     "Frame",

@@ -2,24 +2,28 @@
 
 import math
 from dataclasses import dataclass, replace
+from itertools import product
 
 import torch
 from torch import Tensor
 
-from nolens.camera import Frame, LoadedCamera, Measurement, Sensor, develop
+from nolens.camera import FieldPsf, Frame, LoadedCamera, Measurement, Sensor, develop
 from nolens.errors import DataError
 from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
-from nolens.progress import ProgressCallback
+from nolens.progress import ProgressCallback, part_of
 from nolens.solvers import Progress, Reconstructor
 from nolens.twin import (
+    LARGEST_ANGLE_DEG,
     FieldMap,
     Light,
     Plane,
     PlaneView,
     Twin,
+    check_field_points,
     colours_of,
     expose,
+    field_nodes,
     irradiate,
     irradiate_bytes,
     mosaic,
@@ -202,6 +206,45 @@ class VirtualExperiment:
         ).cpu()
         currents = photocurrents(self.twin, self.light, 1.0)
         return pattern * (currents / currents.max())[:, None, None]
+
+    def field_psf(
+        self,
+        support: PixelRectangle,
+        points: int,
+        distance_um: float,
+        diameter_um: float = 0.0,
+        progress: ProgressCallback | None = None,
+    ) -> FieldPsf:
+        """PSFs without noise at a grid of field points.
+
+        Parameters
+        ----------
+        support
+            Pixels of the scene; the outer points are on its edges.
+        points
+            Along each side; odd.
+        distance_um, diameter_um
+            Of the point sources.
+        progress
+            Called with the fraction that is done.
+
+        Raises
+        ------
+        OptionError
+            If the number of points is even or less than 1.
+        """
+        check_field_points(points)
+        field, sensor = FieldMap(self.twin, support), self.twin.shape
+        nodes = [field_nodes(side, points) for side in (support.height, support.width)]
+        size = sensor[0] + support.height, sensor[1] + support.width
+        values, places = [], []
+        for number, (row, column) in enumerate(product(*nodes)):
+            source = field.source(row, column, distance_um).within(LARGEST_ANGLE_DEG)
+            source = replace(source, diameter_um=diameter_um)
+            values.append(self.psf(source, size, part_of(progress, number, points * points)))
+            shift = self.twin.shift_um(source)
+            places.append([each / self.twin.pixel_um for each in shift])
+        return FieldPsf.of(values, torch.tensor(places, dtype=torch.float64))
 
     def point(
         self,

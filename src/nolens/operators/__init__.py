@@ -3,6 +3,7 @@
 from nolens.operators.base import LinearOperator
 from nolens.operators.convolution import CroppedConvolution, Geometry, PixelRectangle
 from nolens.operators.difference import FiniteDifference
+from nolens.operators.field_convolution import FieldConvolution
 from nolens.operators.pixelwise import Crop, Diagonal, Identity
 from nolens.operators.stacks import BlockDiagonal, HorizontalStack, VerticalStack
 
@@ -11,6 +12,7 @@ __all__ = [
     "Crop",
     "CroppedConvolution",
     "Diagonal",
+    "FieldConvolution",
     "FiniteDifference",
     "Geometry",
     "HorizontalStack",

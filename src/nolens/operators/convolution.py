@@ -2,6 +2,7 @@
 
 from copy import copy
 from dataclasses import dataclass
+from typing import Self
 
 import torch
 from torch import Tensor
@@ -207,7 +208,17 @@ class CroppedConvolution(LinearOperator):
         """Size of the measurement; channels first where the PSF fixes their number."""
         return (*self._channel_axis, *self.sensor)
 
-    def single(self, channel: int) -> "CroppedConvolution":
+    def scale_(self, factor: Tensor) -> None:
+        """Multiply the PSF, every channel by its factor, in place.
+
+        Parameters
+        ----------
+        factor
+            `(channels, 1, 1)`.
+        """
+        torch.view_as_real(self.transfer).mul_(factor[..., None])
+
+    def single(self, channel: int) -> Self:
         """That of one channel, which shares its memory."""
         single = copy(self)
         single.channels, single._channel_axis = 1, ()
@@ -218,6 +229,11 @@ class CroppedConvolution(LinearOperator):
     def power(self) -> Tensor:
         """|H|² of the half spectrum, (channels, height, width // 2 + 1)."""
         return self.transfer.real.square() + self.transfer.imag.square()
+
+    @property
+    def norm_bound(self) -> float:
+        """What ‖C M‖ is at most: the largest |H|."""
+        return float(self.transfer.abs().max())
 
     def embed(self, scene: Tensor) -> Tensor:
         """Scene on the whole padded shape, zero outside the support."""
@@ -235,9 +251,13 @@ class CroppedConvolution(LinearOperator):
     def _blurred(self, inside: Tensor, window: Window, transfer: Tensor, target: Window) -> Tensor:
         """A window of the padded shape, blurred, in another window of it."""
         spectrum = rfft2_window(inside, window[:2], self.geometry.padded)
-        channels_alike = spectrum.ndim >= transfer.ndim and spectrum.shape[-3] >= transfer.shape[0]
-        spectrum = spectrum.mul_(transfer) if channels_alike else spectrum * transfer
-        return irfft2_window_(spectrum, target, self.geometry.padded)
+        return irfft2_window_(times_transfer_(spectrum, transfer), target, self.geometry.padded)
+
+
+def times_transfer_(spectrum: Tensor, transfer: Tensor) -> Tensor:
+    """Spectra times a transfer function, in their memory where there is one for each channel."""
+    alike = spectrum.ndim >= transfer.ndim and spectrum.shape[-3] >= transfer.shape[0]
+    return spectrum.mul_(transfer) if alike else spectrum * transfer
 
 
 def _unlimited(sensor: int, psf: int, *, of_rows: bool) -> _Axis:

@@ -4,7 +4,7 @@ from nolens.solvers.admm import admm, admm_bytes
 from nolens.solvers.admm_state import AdmmState
 from nolens.solvers.data_terms import DataTerm, Gaussian, Poisson
 from nolens.solvers.denoiser import Denoiser
-from nolens.solvers.development import Developed, Development
+from nolens.solvers.development import Developed, Development, FieldPoint
 from nolens.solvers.fista import fista
 from nolens.solvers.functionals import (
     L1,
@@ -38,6 +38,7 @@ __all__ = [
     "Denoiser",
     "Developed",
     "Development",
+    "FieldPoint",
     "Frame",
     "Functional",
     "Gaussian",

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from nolens.errors import DataError, OptionError
 from nolens.kernels import PassSums, Repeater, SplitState, in_large_pages, update_splits_
+from nolens.operators import FieldConvolution
 from nolens.solvers.admm_state import CHECK_EVERY, AdmmState, Balance, Penalties
 from nolens.solvers.data_step import DATA_STEP_RELAXATION, DataStep, data_step_start
 from nolens.solvers.problem import Prior, Problem
@@ -276,8 +277,9 @@ def admm(
     if state is None:
         state = AdmmState.cold(problem, penalties)
     run: AdmmRun | DataStepRun
-    if low_frequency and state.fills_view:
-        if state.iteration == 0 and penalties is None:
+    varies = isinstance(problem.forward, FieldConvolution)
+    if varies or (low_frequency and state.fills_view):
+        if state.iteration == 0 and penalties is None and state.fills_view:
             state.restart(data_step_start(problem, state))
         run = DataStepRun(
             problem, state, balance=balance, relaxation=relaxation or DATA_STEP_RELAXATION

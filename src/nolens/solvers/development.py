@@ -5,7 +5,15 @@ from dataclasses import dataclass, field, replace
 import torch
 from torch import Tensor
 
-from nolens.camera import Frame, Measurement, PreparedPsf, PsfGeometry, develop, prepare_psf
+from nolens.camera import (
+    FieldPsf,
+    Frame,
+    Measurement,
+    PreparedPsf,
+    PsfGeometry,
+    develop,
+    prepare_psf,
+)
 from nolens.kernels import rfft2
 
 _FAINTEST = 1e-2
@@ -17,6 +25,23 @@ _CLEAR = 2.0
 _RINGS = 100
 _SMALLEST = 16
 _HIGHEST = 0.5
+
+
+@dataclass(frozen=True)
+class FieldPoint:
+    """The frame of a point source at another angle than the PSF's.
+
+    Parameters
+    ----------
+    frame
+        Its middle follows the ray through the camera's middle.
+    place
+        Rows and columns from the sensor's middle to where that ray falls, in pixels of the
+        developed frame.
+    """
+
+    frame: Frame = field(repr=False)
+    place: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -39,6 +64,8 @@ class Development:
         As `develop` takes them.
     psf_geometry
         How the PSF's pixels lie on the measurement's (`choose_psf`).
+    field_points
+        PSFs at several angles, where it varies over the field; `psf` is one of them.
     """
 
     psf: Frame = field(repr=False)
@@ -49,6 +76,7 @@ class Development:
     bin_by: int = 1
     channels: str = "all"
     psf_geometry: PsfGeometry = PsfGeometry()  # noqa: RUF009 (frozen)
+    field_points: tuple[FieldPoint, ...] = field(default=(), repr=False)
 
     def measurement(self, frame: Frame) -> Measurement:
         """A frame, developed."""
@@ -74,6 +102,17 @@ class Development:
         if not note or self.psf.channels == measurement.channels:
             return prepared
         return replace(prepared, notes=(*prepared.notes, note))
+
+    def field_psf(self, measurement: Measurement) -> FieldPsf | None:
+        """The PSFs of all field points, made to fit a measurement; None of a single one."""
+        if not self.field_points:
+            return None
+        planes = [
+            replace(self, psf=each.frame).prepared(measurement).values for each in self.field_points
+        ]
+        places = torch.tensor([each.place for each in self.field_points], dtype=torch.float64)
+        pixels = self.bin_by * (self.psf_geometry.scale or 1)
+        return FieldPsf.of(planes, places / pixels).flipped_places(self.psf_geometry.flip)
 
     def developed_psf(self, measurement: Measurement) -> Measurement:
         """The PSF, developed for the channels of a measurement.

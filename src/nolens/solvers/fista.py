@@ -26,8 +26,8 @@ def fista(
 ) -> Result:
     r"""Minimise ½‖b − CMv‖² + τ R(v), v ≥ 0, by FISTA (`beck2009`).
 
-    `proximal_gradient` of the problem's functionals, with L = max|H|², the largest eigenvalue of
-    M*M, and without restarts, so that channels do not hang on each other.
+    `proximal_gradient` of the problem's functionals, with L = ‖CM‖² or a little more, and without
+    restarts, so that channels do not hang on each other.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def fista(
         [data.parts],
         others,
         problem.data.new_zeros(problem.scene_shape),
-        float(problem.forward.transfer.abs().max()) ** 2,
+        problem.forward.norm_bound**2,
         restart=False,
         backtracking=False,
     )

@@ -7,9 +7,10 @@ from enum import StrEnum
 import torch
 from torch import Tensor
 
+from nolens.camera import FieldPsf
 from nolens.camera.values import all_finite
 from nolens.errors import DataError
-from nolens.operators import CroppedConvolution
+from nolens.operators import CroppedConvolution, FieldConvolution, Geometry
 from nolens.solvers.data_terms import Gaussian
 from nolens.solvers.functionals import (
     L1,
@@ -80,6 +81,7 @@ class Problem:
         support: Support | None = None,
         tau: float = 1e-4,
         prior: Prior | str = Prior.TV,
+        field_psf: FieldPsf | None = None,
     ) -> "Problem":
         """Normalise PSF and measurement, and transform the PSF.
 
@@ -102,6 +104,9 @@ class Problem:
             Weight of the prior in normalised units, ≥ 0.
         prior
             What the scene is assumed to be like: a `Prior` or its text.
+        field_psf
+            PSFs at several field points, in place of `psf`, which then only sets the units; of
+            the data's channels or one, as large as the data or larger.
 
         Raises
         ------
@@ -117,12 +122,23 @@ class Problem:
         precision = torch.promote_types(psf.dtype, data.dtype)
         psf, data = psf.to(precision), data.to(precision)
         sensor = (data.shape[-2], data.shape[-1])
-        forward = CroppedConvolution(psf, sensor, support_of(support, sensor))
-        top, left, height, width = forward.geometry.psf
+        confined = support_of(support, sensor)
+        if field_psf is None:
+            forward = CroppedConvolution(psf, sensor, confined)
+        else:
+            for each in field_psf.values:
+                _check_fit(each, data, valid)
+            middle = torch.tensor([side // 2 for side in sensor])
+            forward = FieldConvolution(
+                field_psf.values.to(precision), field_psf.places + middle, sensor, confined
+            )
+        top, left, height, width = Geometry.build(
+            sensor, (psf.shape[-2], psf.shape[-1]), confined
+        ).psf
         psf_norm = _norm(psf[:, top : top + height, left : left + width], "the PSF")
         data = torch.where(valid, data, 0)
         data_norm = _norm(data, "the measurement (without saturated pixels)")
-        torch.view_as_real(forward.transfer).div_(psf_norm[..., None])
+        forward.scale_(1 / psf_norm)
         return cls(
             forward=forward,
             data=data / data_norm,

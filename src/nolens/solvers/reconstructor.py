@@ -9,7 +9,7 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
-from nolens.camera import Measurement
+from nolens.camera import FieldPsf, Measurement
 from nolens.operators import Geometry
 from nolens.solvers.admm import admm, admm_bytes
 from nolens.solvers.admm_state import AdmmState, Balance, Penalties
@@ -51,6 +51,8 @@ SPARE = {Method.ADMM: 4, Method.FISTA: 4, Method.WIENER: 1}
 assumed of a scene finds edges between what the PSF carries; Wiener's filter does not."""
 _JUDGED_PIXELS = 40_000
 """Sensor pixels at most with which a PSF is judged."""
+_FIELD_BYTES = 8
+"""Of a field point, per pixel of the padded shape: its PSF and its transfer."""
 _SUPPORT_PIXELS = 50_000
 """Pixels of all channels on which a support is chosen, about."""
 _STOP = {
@@ -119,6 +121,9 @@ class Reconstructor:
         Of ADMM, as `admm` takes them.
     device
         Where to compute.
+    field_psf
+        PSFs at several field points, for the picture; `psf`, that of the axis, is enough to choose
+        weight and support. None where the PSF is the same everywhere.
     """
 
     psf: Plane = field(repr=False)
@@ -131,6 +136,7 @@ class Reconstructor:
     balance: Balance | None = Balance()  # noqa: RUF009 (frozen)
     relaxation: float | None = None
     device: torch.device | str = "cpu"
+    field_psf: FieldPsf | None = field(default=None, repr=False)
 
     @property
     def limits(self) -> Stop:
@@ -153,9 +159,11 @@ class Reconstructor:
         height, width = tensor_of(self.psf, "PSF").shape[-2:]
         geometry = Geometry.build(sensor, (height, width), support_of(self.support, sensor))
         pixels = channels * math.prod(geometry.padded)
+        points = 0 if self.field_psf is None else self.field_psf.points
         if self.method is Method.ADMM:
             stop = self.stop or _STOP[self.method]
-            return admm_bytes(pixels, low_frequency=stop.low_frequency)
+            low_frequency = stop.low_frequency or points > 0
+            return admm_bytes(pixels, low_frequency=low_frequency) + _FIELD_BYTES * points * pixels
         return (fista_bytes if self.method is Method.FISTA else wiener_bytes)(pixels)
 
     def choose_weight(
@@ -258,7 +266,7 @@ class Reconstructor:
         support = support_of(self.support, (sensor[0], sensor[1]))
         if support is not None and by > 1:
             support = support.coarser(by)
-        return replace(self, psf=psf, support=support, tau=0.0).problem(data, mask)
+        return replace(self, psf=psf, support=support, tau=0.0, field_psf=None).problem(data, mask)
 
     def predict(
         self, measured: Measurement | Plane, valid: Plane | None = None
@@ -303,6 +311,7 @@ class Reconstructor:
         )
         values, usable = _parts(measured, valid)
         wiener_filter = self.method is Method.WIENER
+        varied = None if wiener_filter else self.field_psf
         problem = Problem.build(
             tensor_of(self.psf, "PSF").to(self.device),
             tensor_of(values, "measurement").to(self.device),
@@ -310,6 +319,7 @@ class Reconstructor:
             support=self.support,
             # The filter has a prior of its own: what it weighs are squares.
             prior=Prior.TV if wiener_filter else self.prior,
+            field_psf=None if varied is None else varied.to(self.device),
         )
         if wiener_filter:
             problem = replace(problem, tau_unit=problem.tau_unit**2)

@@ -5,6 +5,7 @@ from nolens.twin.field_model import FieldModel, half_field
 from nolens.twin.irradiance import (
     aperture_room_um,
     check_field_points,
+    field_nodes,
     irradiate,
     irradiate_bytes,
 )
@@ -50,6 +51,7 @@ __all__ = [
     "described_lenslets",
     "distance_um",
     "expose",
+    "field_nodes",
     "half_field",
     "in_channels",
     "irradiate",

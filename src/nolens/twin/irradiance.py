@@ -190,7 +190,7 @@ def _least_samples(twin: Twin) -> int:
     return 2 if twin.superpixel == 1 else 1
 
 
-def _nodes(length: int, count: int) -> list[int]:
+def field_nodes(length: int, count: int) -> list[int]:
     """Pixels of the field points along one side: the middle, or from edge to edge."""
     count = min(count, length - 1 + length % 2)
     if count == 1:
@@ -256,7 +256,9 @@ class FieldSums:
         self.twin, self.field = twin, field
         self.per_pixel = samples_per_pixel(twin, at_least=_least_samples(twin))
         support = field.support
-        self.at = tuple(_nodes(length, field_points) for length in (support.height, support.width))
+        self.at = tuple(
+            field_nodes(length, field_points) for length in (support.height, support.width)
+        )
         self.nodes = [
             FieldNode((i, j), (row, column))
             for i, row in enumerate(self.at[0])

@@ -1,0 +1,82 @@
+"""The point spread functions of one camera at several points of its field."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import torch
+import torch.nn.functional as nnf
+from torch import Tensor
+
+from nolens.camera.psf import Flip
+
+
+@dataclass(frozen=True)
+class FieldPsf:
+    """PSFs of point sources of one distance, each about its own chief ray.
+
+    Parameters
+    ----------
+    values
+        (points, channels, height, width): the zero shift is the pixel
+        (height // 2, width // 2) of each.
+    places
+        (points, 2): rows and columns from the sensor's middle, its pixel
+        (height // 2, width // 2), to where the chief ray falls.
+    """
+
+    values: Tensor = field(repr=False)
+    places: Tensor
+
+    @classmethod
+    def of(cls, planes: Sequence[Tensor], places: Tensor) -> "FieldPsf":
+        """PSFs of any sizes and exposures: dark beside what is known, and equally bright.
+
+        The scene is then as bright as its light reaches the sensor, as with one PSF: a PSF that
+        kept the fall of light towards the edges would take it out of the picture.
+
+        Parameters
+        ----------
+        planes
+            (channels, height, width) each.
+        places
+            As above.
+        """
+        size = [max(plane.shape[axis] for plane in planes) for axis in (-2, -1)]
+        values = torch.stack([_around_middle(plane, size) for plane in planes])
+        light = values.mean(dim=(-2, -1), keepdim=True, dtype=torch.float64)
+        middle = light[cls(values, places).middle]
+        least = torch.finfo(values.dtype).tiny
+        return cls(values * (middle / light.clamp_min(least)).to(values), places)
+
+    @property
+    def points(self) -> int:
+        """How many there are."""
+        return self.values.shape[0]
+
+    @property
+    def middle(self) -> int:
+        """The one that is nearest to the axis."""
+        return int(self.places.double().square().sum(dim=1).argmin())
+
+    @property
+    def on_axis(self) -> Tensor:
+        """PSF of the point nearest to the axis, (channels, height, width)."""
+        return self.values[self.middle]
+
+    def flipped_places(self, flip: Flip) -> "FieldPsf":
+        """The same PSFs of a camera whose pictures are turned over, as they are already."""
+        signs = [-1.0 if flip in (axis, "both") else 1.0 for axis in ("vertical", "horizontal")]
+        return replace(self, places=self.places * self.places.new_tensor(signs))
+
+    def to(self, device: torch.device | str) -> "FieldPsf":
+        """The same where it is to be computed with."""
+        return replace(self, values=self.values.to(device))
+
+
+def _around_middle(plane: Tensor, size: Sequence[int]) -> Tensor:
+    """The same with dark pixels around it, its zero shift in the new middle."""
+    sides: list[int] = []
+    for each, most in zip(plane.shape[:-3:-1], size[::-1], strict=True):
+        before = most // 2 - each // 2
+        sides += [before, most - each - before]
+    return nnf.pad(plane, sides)

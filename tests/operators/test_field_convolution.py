@@ -1,0 +1,88 @@
+"""The sum of convolutions over field points, against the sum written out, pixel by pixel."""
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from nolens.errors import OptionError
+from nolens.operators import CroppedConvolution, FieldConvolution, PixelRectangle
+from nolens.operators.field_convolution import interpolation_weights
+
+SCENE = PixelRectangle(-2, -3, 9, 11)
+
+
+def dense(places: torch.Tensor, scene: PixelRectangle) -> torch.Tensor:
+    """Weights on every pixel, (points, height, width)."""
+    out = torch.zeros((len(places), scene.height, scene.width))
+    for plane, weight in zip(out, interpolation_weights(places, scene), strict=True):
+        if weight is not None:
+            plane[weight.window] = weight.values
+    return out
+
+
+@given(
+    st.lists(
+        st.tuples(st.floats(-6, 12), st.floats(-6, 12)).map(
+            lambda place: (round(place[0], 2), round(place[1], 2))
+        ),
+        min_size=1,
+        max_size=9,
+        unique=True,
+    )
+)
+def test_weights_share_every_pixel_out(places):
+    weights = dense(torch.tensor(places), SCENE)
+    assert float(weights.min()) >= 0
+    torch.testing.assert_close(weights.sum(0), torch.ones(9, 11), rtol=0, atol=1e-5)
+
+
+def test_weights_reproduce_what_is_linear_between_the_points():
+    places = torch.tensor([(-2.0, -3), (-2, 7), (6, -3), (6, 7), (1.5, 2.5), (2, -3), (6, 3)])
+    weights = dense(places, SCENE)
+    rows, columns = torch.arange(9.0) - 2, torch.arange(11.0) - 3
+    for axis, truth in ((0, rows[:, None].expand(9, 11)), (1, columns.expand(9, 11))):
+        mean = (weights * places[:, axis, None, None]).sum(0)
+        torch.testing.assert_close(mean, truth, rtol=0, atol=1e-4)
+
+
+def test_beyond_the_points_the_nearest_ones_go_on():
+    weights = dense(torch.tensor([(2.0, 1), (2, 4)]), SCENE)
+    assert torch.equal(weights[0, :, :5], torch.ones(9, 5))
+    assert torch.equal(weights[1, :, 7:], torch.ones(9, 4))
+    torch.testing.assert_close(weights[1, 0, 4:8], torch.tensor([0, 1 / 3, 2 / 3, 1]))
+
+
+def test_it_is_the_sum_of_convolutions_of_parts():
+    generator = torch.Generator().manual_seed(1)
+    psfs = torch.rand((5, 3, 8, 9), generator=generator, dtype=torch.float64)
+    places = torch.tensor([(-2.0, -3), (-2, 7), (6, -3), (6.5, 7), (1.0, 2.5)])
+    operator = FieldConvolution(psfs, places, (5, 6), SCENE)
+    v = torch.rand((3, 9, 11), generator=generator, dtype=torch.float64)
+    parts = [
+        CroppedConvolution(psf, (5, 6), SCENE)(weight * v)
+        for psf, weight in zip(psfs, dense(places, SCENE).double(), strict=True)
+    ]
+    torch.testing.assert_close(operator(v), torch.stack(parts).sum(0))
+    one = operator.single(1)
+    torch.testing.assert_close(one(v[1:2]), operator(v)[1:2])
+    factor = torch.tensor([2.0, 3, 4], dtype=torch.float64)[:, None, None]
+    before = operator(v)
+    operator.scale_(factor)
+    torch.testing.assert_close(operator(v), factor * before)
+
+
+def test_the_same_psf_everywhere_is_one_convolution():
+    psf = torch.rand((1, 8, 9), generator=torch.Generator().manual_seed(2))
+    places = torch.tensor([(0.0, 0), (0, 5), (4, 0), (4, 5)])
+    single = CroppedConvolution(psf, (5, 6), SCENE)
+    operator = FieldConvolution(psf.expand(4, 1, 8, 9), places, (5, 6), SCENE)
+    v = torch.rand((1, 9, 11), generator=torch.Generator().manual_seed(3))
+    torch.testing.assert_close(operator(v), single(v))
+    torch.testing.assert_close(operator.transfer, single.transfer)
+    torch.testing.assert_close(operator.power, single.power)
+
+
+def test_every_psf_needs_a_place():
+    with pytest.raises(OptionError, match="2 PSFs and 3 places"):
+        FieldConvolution(torch.rand(2, 1, 4, 4), torch.zeros(3, 2), (4, 4))
