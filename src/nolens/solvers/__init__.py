@@ -3,6 +3,7 @@
 from nolens.solvers.admm import admm, admm_bytes
 from nolens.solvers.admm_state import AdmmState
 from nolens.solvers.data_terms import DataTerm, Gaussian, Poisson
+from nolens.solvers.deepinv import deepinv_denoiser, deepinv_physics
 from nolens.solvers.denoiser import Denoiser
 from nolens.solvers.development import Developed, Development, FieldPoint
 from nolens.solvers.fista import fista
@@ -65,6 +66,8 @@ __all__ = [
     "admm",
     "admm_bytes",
     "choose_psf",
+    "deepinv_denoiser",
+    "deepinv_physics",
     "fista",
     "geometry_row",
     "minimise",

@@ -8,7 +8,7 @@ from nolens.solvers.problem import Problem
 from nolens.solvers.proximal_gradient import ProximalGradientRun
 from nolens.solvers.result import Callback, Progress, Result
 
-_BYTES_PER_PIXEL = 120
+_BYTES_PER_PIXEL = 170
 """Held in the proximal map of the total variation, per pixel of the padded shape."""
 
 

@@ -39,15 +39,24 @@ def first_scene(functionals: Sequence[Functional]) -> Tensor:
     )
 
 
-def gain(term: Term, like: Tensor) -> float:
-    """‖Kn‖² / ‖n‖² for white noise n without a mean, weighted where the term is quadratic."""
+def energy(terms: Sequence[Term], like: Tensor) -> float:
+    """What the data terms keep of white noise: Σ curvature · ‖Kn‖² / ‖n‖²; 1 without any.
+
+    That is the mean eigenvalue of the data's Hessian but for the scene's mean, and the unit of a
+    penalty. The largest, its Lipschitz constant, is thousands of times that of a positive PSF.
+    """
+    kept = sum(_gain(each, like) * each.functional.curvature for each in terms)
+    return kept or 1.0
+
+
+def _gain(term: Term, like: Tensor) -> float:
+    if term.functional.curvature == 0:
+        return 0.0
     generator = torch.Generator().manual_seed(0)
     noise = torch.randint(0, 2, like.shape, generator=generator).to(like) * 2 - 1
     noise -= noise.mean()
     image = term.image(noise)
-    weights = term.functional.hessian
-    weights = 1.0 if weights is None else weights
-    return float((weights * image.square()).sum() / noise.square().sum().clamp_min(1e-30))
+    return float(image.square().sum() / noise.square().sum().clamp_min(1e-30))
 
 
 def solve(

@@ -8,14 +8,14 @@ from torch import Tensor
 
 from nolens.solvers.admm_state import CHECK_EVERY
 from nolens.solvers.functionals import Functional, Term, length, pop_plain, terms_of
-from nolens.solvers.objective import first_scene, objective, ratio, solve
+from nolens.solvers.objective import energy, first_scene, objective, ratio, solve
 from nolens.solvers.result import Callback, Progress, Result
 
 
 def primal_dual(
     *functionals: Functional,
     start: Tensor | None = None,
-    balance: float = 1.0,
+    balance: float = 30.0,
     iterations: int = 1000,
     tolerance: float = 1e-5,
     callback: Callback | None = None,
@@ -38,8 +38,8 @@ def primal_dual(
     start
         Scene to start from; None for zero, or a uniform one where that is infinite.
     balance
-        c over the curvature of all data terms: a larger one takes shorter steps of v and longer
-        ones of p.
+        c over what the data terms keep of white noise: a larger one takes shorter steps of v and
+        longer ones of p.
     iterations
         Limit, ≥ 1.
     tolerance
@@ -61,10 +61,7 @@ def primal_dual(
     proximal = pop_plain(rest)
     norms = [term.squared_norm(v) for term in rest]
     steep = sum((_bound(term) or 0.0) * term.squared_norm(v) for term in smooth)
-    curved = steep + sum(
-        term.functional.curvature * norm for term, norm in zip(rest, norms, strict=True)
-    )
-    c = balance * (curved or 1.0) if rest else 0.5 * steep
+    c = balance * energy(terms, v) if rest else 0.5 * steep
     run = _Run(smooth, proximal, rest, v, 1 / (steep / 2 + c), [c / (len(rest) * n) for n in norms])
     return solve(
         run.checks(functionals, iterations),

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from nolens.errors import OptionError
 from nolens.solvers.functionals import Functional, ProximalSum, Term, length
-from nolens.solvers.objective import first_scene, gain, objective, ratio, solve
+from nolens.solvers.objective import energy, first_scene, objective, ratio, solve
 from nolens.solvers.result import Callback, Progress, Result
 
 _INNER = 10
@@ -67,7 +67,7 @@ def proximal_gradient(
     bounds = [(term.functional.lipschitz or 0.0) for term in smooth]
     backtracking = lipschitz is None and math.inf in bounds
     if backtracking:
-        lipschitz = sum(term.functional.curvature * gain(term, v) for term in smooth)
+        lipschitz = energy(smooth, v)
     elif lipschitz is None:
         pairs = zip(bounds, smooth, strict=True)
         lipschitz = sum(bound * term.squared_norm(v) for bound, term in pairs)

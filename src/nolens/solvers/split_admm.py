@@ -10,10 +10,10 @@ from torch import Tensor
 from nolens.errors import OptionError
 from nolens.solvers.admm_state import CHECK_EVERY, Balance
 from nolens.solvers.functionals import Functional, length, terms_of
-from nolens.solvers.objective import first_scene, gain, objective, ratio, solve
+from nolens.solvers.objective import energy, first_scene, objective, ratio, solve
 from nolens.solvers.result import Callback, Progress, Result
 
-_START = 0.1
+_START = 0.5
 """Penalties to start with, over the energy that the data terms keep of white noise."""
 _CLOSER = 0.1
 """Factor by which conjugate gradients reduce what the last iteration left, if the limit allows."""
@@ -147,11 +147,8 @@ class _Run:
 
     def _first_penalties(self) -> list[float]:
         """Of a data term its curvature, of others a fraction of what all data terms keep."""
-        curved = [term.functional.curvature for term in self._split]
-        energy = sum(gain(term, self._v) for term in self._fitted) + sum(
-            c * gain(term, self._v) for term, c in zip(self._split, curved, strict=True) if c > 0
-        )
-        return [c or _START * (energy or 1.0) for c in curved]
+        fraction = _START * energy([*self._fitted, *self._split], self._v)
+        return [term.functional.curvature or fraction for term in self._split]
 
     def _z(self) -> list[Tensor]:
         return [
