@@ -86,14 +86,14 @@ class PackedFrame:
 
     Parameters
     ----------
-    frame
-        With nothing but the type of the counts.
     counts
-        These.
+        Of the frame.
+    others
+        Its other fields. A frame with an empty tensor would take longer to pickle than all else.
     """
 
-    frame: Frame
     counts: NDArray[Any]
+    others: Mapping[str, Any]
 
     @classmethod
     def of(cls, frame: Frame) -> "PackedFrame":
@@ -101,12 +101,13 @@ class PackedFrame:
         counts = frame.counts.numpy()
         small = counts.astype(frame.stored_as) if frame.stored_as in _SMALL else counts
         exact = np.array_equal(small, counts)
-        return cls(replace(frame, counts=torch.empty(0)), small if exact else counts)
+        others = {name: value for name, value in vars(frame).items() if name != "counts"}
+        return cls(small if exact else counts, others)
 
     @property
     def unpacked(self) -> Frame:
         """The frame."""
-        return replace(self.frame, counts=torch.from_numpy(self.counts.astype(np.float32)))
+        return Frame(torch.from_numpy(self.counts.astype(np.float32)), **self.others)
 
 
 @dataclass(frozen=True)
