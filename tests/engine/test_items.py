@@ -1,8 +1,10 @@
 """Items through workers: each once, bounded in number, whatever becomes of a worker."""
 
 import importlib.metadata
+from collections import defaultdict
 from collections.abc import Iterator
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -50,16 +52,23 @@ def test_processes_are_replaced_and_hold_few_items(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def scheduler(cluster: LocalCluster) -> Iterator[str]:
-    """Its address."""
+    """Its address; the worker measures itself as before when all commands have left."""
+    timers = cluster.workers[0].periodic_callbacks
+    before = {name: timers[name].callback_time for name in ("tick", "profile", "profile-cycle")}
     yield cluster.scheduler_address
+    assert {name: timers[name].callback_time for name in before} == before
     # Dask would keep 1000 messages to each worker, with what was sent.
     streams = cluster.scheduler.stream_comms.values()
     assert [each.recent_message_log.maxlen for each in streams] == [1]
 
 
-def test_cluster_gives_the_same(scheduler: str) -> None:
+def test_cluster_gives_the_same(cluster: LocalCluster, scheduler: str) -> None:
     items = ((str(number), partial(int, number)) for number in range(COUNT))
-    by_key = _checked(run_items(items, Squares(), scheduler=scheduler))
+    timer = cluster.workers[0].periodic_callbacks["profile"]
+    outcomes = run_items(items, Squares(), scheduler=scheduler)
+    first = next(outcomes)
+    assert timer.callback_time == 1000
+    by_key = _checked(chain((first,), outcomes))
     assert by_key[str(KILLS)].attempts == 1
 
 
@@ -79,3 +88,15 @@ def test_workers_of_another_version(scheduler: str, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(importlib.metadata, "version", lambda _: next(versions))
     with pytest.raises(OptionError, match=rf"has nolens 0\.0\.9, and the command {here}"):
         list(run_items([("0", int)], Squares(), scheduler=scheduler))
+
+
+def test_a_worker_that_joins_and_cannot_work(
+    scheduler: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    items = ((str(number), partial(int, number)) for number in range(COUNT))
+    outcomes = run_items(items, Squares(), scheduler=scheduler)
+    next(outcomes)
+    prepared = defaultdict(lambda: OptionError("the worker has nolens 0.0.9"))
+    monkeypatch.setattr("nolens.engine.cluster._prepared", prepared)
+    with pytest.raises(OptionError, match=r"has nolens 0\.0\.9"):
+        list(outcomes)

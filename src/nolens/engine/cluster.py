@@ -13,7 +13,8 @@ from typing import Any
 from uuid import uuid4
 
 from nolens.engine.items import AHEAD, Failure, Work, failure
-from nolens.errors import FileError, OptionError
+from nolens.errors import FileError, NolensError, OptionError
+from nolens.process import prepare
 
 try:
     import dask
@@ -38,12 +39,15 @@ _SECONDS = 2.5
 """For a scheduler to answer."""
 _COUNT_AGAIN_S = 2.0
 """After which workers are counted again."""
-_TASK_S = 0.5
+_TASK_S = 1.0
 """Work that a task has at least, as the cluster takes 10 ms of processors for each."""
 _MOST_ITEMS = 8
 """In a task, of which workers hold two."""
-_prepared: dict[str, Callable[[Any], Any]] = {}
-"""What is called with an item, by run; of this worker."""
+_MEASUREMENTS = {"tick": 1e3, "profile": 1e3, "profile-cycle": 60e3}
+"""Milliseconds, at least, from one look of Dask at its event loop, or at the functions that run, to
+the next, and between entries of their history: 20, 10 and 1000 ms are a twentieth of two cores."""
+_prepared: dict[str, Callable[[Any], Any] | Exception] = {}
+"""What is called with an item, by run, or why it could not be prepared; of this worker."""
 
 
 class Cluster:
@@ -89,7 +93,7 @@ class Cluster:
         if not about["workers"]:
             note(f"waiting for workers of {self._scheduler}: none has joined yet")
             self._client.wait_for_workers(1)
-        self._client.run_on_scheduler(_shorten_logs)
+        self._client.run_on_scheduler(_relieve)
         self._check_versions()
         self._client.register_plugin(_Preparation(self._run, work), name=self._run)
         self._check_preparation()
@@ -133,6 +137,8 @@ class Cluster:
         ------
         FileError
             If the scheduler has gone.
+        NolensError
+            If a worker joined that cannot do the work, such as one of another version.
         """
         while not self._answers:
             # Small tasks would stay small: they go only where workers would have nothing to do.
@@ -153,6 +159,8 @@ class Cluster:
         error = future.exception() if future.status == "error" else None
         if error is None and self._client.status != "running":
             raise ConnectionError
+        if isinstance(error, NolensError):  # Of a worker that joined: it would fail all items.
+            raise error
         self._alone.update(keys)
         begun = len(keys) == 1
         if error is None or isinstance(error, KilledWorker):
@@ -258,38 +266,48 @@ class _Preparation(WorkerPlugin):
 
         # The answers are to be the same, whatever the workers have of cores.
         torch.set_num_threads(1)
+        prepare()
+        self._timers = _measure_less(worker)
         try:
             # Workers that join later are checked here.
-            _check_version("this worker", self._version, importlib.metadata.version("nolens"))
+            there = importlib.metadata.version("nolens")
+            _check_version(f"the worker {worker.address}", self._version, there)
             _prepared[self._name] = self._work.prepare()
         except Exception as error:
-            _prepared[self._name] = _Refusal(error)
+            _prepared[self._name] = error
 
     def teardown(self, worker: Any) -> None:
         """Let go of it."""
+        for timer, before_ms in self._timers.items():
+            timer.callback_time = before_ms
         _prepared.pop(self._name, None)
-
-
-class _Refusal:
-    """Stands for work that could not be prepared."""
-
-    def __init__(self, error: Exception) -> None:
-        self.error = error
-
-    def __call__(self, item: Any) -> Any:
-        raise self.error
 
 
 def _state(run: str) -> Exception | None:
     call = _prepared.get(run)
-    return call.error if isinstance(call, _Refusal) else None
+    return call if isinstance(call, Exception) else None
 
 
-def _shorten_logs(dask_scheduler: Any) -> None:
+def _measure_less(server: Any) -> dict[Any, float]:
+    """Let a scheduler or worker measure itself less often; its timers, with the times before."""
+    timers = server.periodic_callbacks
+    slower = {
+        timers[name]: ms
+        for name, ms in _MEASUREMENTS.items()
+        if name in timers and timers[name].callback_time < ms
+    }
+    before = {timer: timer.callback_time for timer in slower}
+    for timer, ms in slower.items():
+        timer.callback_time = ms
+    return before
+
+
+def _relieve(dask_scheduler: Any) -> None:
     """Let the scheduler keep no frames in its logs of messages, to workers that join later either.
 
-    Only who searches for faults of Dask itself reads these.
+    Only who searches for faults of Dask itself reads these, and what it measures of itself.
     """
+    _measure_less(dask_scheduler)
     dask.config.set(_LOGS)
     for stream in dask_scheduler.stream_comms.values():
         stream.recent_message_log = deque(maxlen=1)
@@ -297,10 +315,13 @@ def _shorten_logs(dask_scheduler: Any) -> None:
 
 def _call(run: str, items: Sequence[Any]) -> tuple[float, list[Any]]:
     """Seconds that the items took, and their answers."""
+    call = _prepared[run]
+    if isinstance(call, Exception):
+        raise call
     begun, answers = time.perf_counter(), []
     for item in items:
         try:
-            answers.append(_prepared[run](item))
+            answers.append(call(item))
         except Exception as error:
             answers.append(failure(error))
     return time.perf_counter() - begun, answers
