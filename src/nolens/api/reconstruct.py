@@ -3,7 +3,8 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from pathlib import Path
+from typing import Literal, NamedTuple
 
 import torch
 
@@ -11,7 +12,9 @@ from nolens.api.image import Image
 from nolens.api.inputs import Progress, Raw, distance_um, frame_of, reported
 from nolens.api.simulate import Psf, SimulatedMeasurement
 from nolens.camera import BlackLevel, Flip, Frame, black_level
+from nolens.camera.field_psf import spread
 from nolens.errors import OptionError
+from nolens.files.psf_folder import PsfFolder
 from nolens.jobs.run import check_solver_memory
 from nolens.progress import Clock
 from nolens.quantities import Length
@@ -71,6 +74,8 @@ def reconstruct(
     measurement: Raw,
     psf: Raw,
     *,
+    distance: str | Length | None = None,
+    field_points: int | None = None,
     support: Support | Literal["auto", "full"] = "auto",
     dark: Raw | None = None,
     flat: Raw | None = None,
@@ -97,7 +102,13 @@ def reconstruct(
     ----------
     measurement, psf
         Files, frames of `load`, pictures of `simulate` and `psf`, or linear values without black
-        level, (channels, height, width).
+        level, (channels, height, width). A PSF may be the folder of a camera, whose PSFs at several
+        angles are used together.
+    distance
+        Of the scene, where the PSF is a folder with those of several distances.
+    field_points
+        How many PSFs of a folder, or of one that was computed at several field points, to use at
+        most; 1 takes the one straight ahead for all of the scene, None all there are.
     support
         Pixels of the sensor's frame that light can come from: (height, width) around the middle,
         (top, left, height, width), or a `PixelRectangle`. ``"auto"`` takes that of a simulated
@@ -153,7 +164,9 @@ def reconstruct(
     solver, spare = _solver(method, quality, tau, prior, iterations, tolerance, device)
     frame, own = _measured(measurement)
     pixel_rad = measurement.pixel_rad if isinstance(measurement, SimulatedMeasurement) else None
-    point = frame_of(psf, "PSF")
+    folder = PsfFolder(Path(psf)) if isinstance(psf, (str, Path)) and Path(psf).is_dir() else None
+    psfs = _psfs_of(psf, folder, distance, field_points)
+    point = psfs.ahead
     development = Development(
         point,
         None if dark is None else frame_of(dark, "dark frame"),
@@ -162,7 +175,7 @@ def reconstruct(
         white,
         1 if bin_by is None else bin_by,
         channels,
-        field_points=field_points_of(psf),
+        field_points=psfs.field_points,
     )
     extent: Extent = "auto" if psf_extended is None else ("wide" if psf_extended else "sensor")
     choice = choose_psf(development, frame, PsfSettings(psf_scale, extent, psf_flip or "auto"))
@@ -179,6 +192,11 @@ def reconstruct(
     chosen = _CHOICE if tau is None else 0.0
     clock = Clock()
     weight = None
+    uncovered: list[str] = []
+    if folder is not None:
+        scene = support_of(solver.support, data.size)
+        merged = developed.development.merged
+        uncovered = folder.coverage_warnings(solver.field_psf, scene, data.size, merged)
     with reported(progress, "photograph") as advance:
         if tau is None:
 
@@ -207,9 +225,15 @@ def reconstruct(
         pixel_rad=None if pixel_rad is None else developed.development.bin_by * pixel_rad,
     )
     picture = window_of(result.scene, problem.sensor_frame) if chosen_support else result.photograph
-    notes = (*choice.notes, *(developed.notes if bin_by is None else ()), *prepared.notes)
+    notes = (
+        *psfs.notes,
+        *choice.notes,
+        *(developed.notes if bin_by is None else ()),
+        *prepared.notes,
+    )
     warnings = (
         *prepared.warnings,
+        *uncovered,
         *explanation.warnings,
         *picture_warnings(problem, result, prepared.values, iterations),
     )
@@ -314,15 +338,37 @@ def refocus(
     )
 
 
-def field_points_of(psf: Raw) -> tuple[FieldPoint, ...]:
-    """Frames and places of a PSF that was computed at several field points."""
+class _Psfs(NamedTuple):
+    """The PSF straight ahead, those over the field, and notes on what is left out."""
+
+    ahead: Frame
+    field_points: tuple[FieldPoint, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def _psfs_of(
+    psf: Raw, folder: PsfFolder | None, distance: str | Length | None, most: int | None
+) -> _Psfs:
+    """What a PSF holds: a file or an array one, a folder or a computed one perhaps several."""
+    if most is not None and most < 1:
+        raise OptionError(f"field_points is {most}: give a whole number from 1 on")
+    if folder is not None:
+        found = folder.for_scene(None if distance is None else distance_um(distance), most)
+        return _Psfs(found.ahead, found.field_points, (found.note,) if found.note else ())
     field_psf = psf.field_psf if isinstance(psf, Psf) else None
-    if field_psf is None:
-        return ()
-    return tuple(
-        FieldPoint(frame_of(values, "PSF"), (float(place[0]), float(place[1])))
-        for values, place in zip(field_psf.values, field_psf.places, strict=True)
-    )
+    if distance is not None or (field_psf is None and most not in (None, 1)):
+        raise OptionError(
+            "distance and field_points choose from a camera's folder, field_points also from the "
+            "PSFs of psf(field_points=3); this is a single PSF: leave them out"
+        )
+    ahead = frame_of(psf, "PSF")
+    if field_psf is None or most == 1:
+        return _Psfs(ahead)
+    places = [(float(row), float(column)) for row, column in field_psf.places]
+    chosen = spread(places, len(places) if most is None else most)
+    frames = [frame_of(field_psf.values[number], "PSF") for number in chosen]
+    at = [places[number] for number in chosen]
+    return _Psfs(ahead, tuple(map(FieldPoint, frames, at)))
 
 
 def _measured(measurement: Raw) -> tuple[Frame, Support | None]:

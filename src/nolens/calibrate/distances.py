@@ -79,6 +79,17 @@ class Layers:
         shift = float(self.before.then(self.after).displacement_um(p))
         return shift * tangents[0] / size, shift * tangents[1] / size
 
+    def angle_at(self, shift_um: tuple[float, float]) -> tuple[Angle, Angle]:
+        """Field angles whose ray falls there, to 0.01 deg: the inverse of `shift_um`."""
+        size = math.hypot(*shift_um)
+        if size == 0:
+            return Angle("0", "deg"), Angle("0", "deg")
+        p = float(self.before.then(self.after).ray(torch.tensor(size, dtype=torch.float64)))
+        tangent = p / math.sqrt(1 - p * p) / size
+        degrees = [math.degrees(math.atan(each * tangent)) for each in shift_um]
+        right, up = (Angle.of(round(each, 2) + 0.0, "deg") for each in degrees)
+        return right, up
+
     def on_sensor(self, mask_um: Tensor, distance_um: float) -> Tensor:
         """Where a ray falls that passes the mask at some distances from the axis, float64.
 

@@ -42,7 +42,7 @@ class FieldPsf:
             As above.
         """
         size = [max(plane.shape[axis] for plane in planes) for axis in (-2, -1)]
-        values = torch.stack([_around_middle(plane, size) for plane in planes])
+        values = torch.stack([around_middle(plane, size) for plane in planes])
         light = values.mean(dim=(-2, -1), keepdim=True, dtype=torch.float64)
         middle = light[cls(values, places).middle]
         least = torch.finfo(values.dtype).tiny
@@ -73,7 +73,21 @@ class FieldPsf:
         return replace(self, values=self.values.to(device))
 
 
-def _around_middle(plane: Tensor, size: Sequence[int]) -> Tensor:
+def spread(places: Sequence[tuple[float, float]], most: int) -> list[int]:
+    """Numbers of at most so many places, evenly spread: the one nearest to the axis first.
+
+    Each further one is the farthest from all that are chosen.
+    """
+    at = torch.tensor(places, dtype=torch.float64)
+    chosen = [int(at.square().sum(dim=1).argmin())]
+    away = (at - at[chosen[0]]).norm(dim=1)
+    while len(chosen) < min(most, len(at)):
+        chosen.append(int(away.argmax()))
+        away = torch.minimum(away, (at - at[chosen[-1]]).norm(dim=1))
+    return chosen
+
+
+def around_middle(plane: Tensor, size: Sequence[int]) -> Tensor:
     """The same with dark pixels around it, its zero shift in the new middle."""
     sides: list[int] = []
     for each, most in zip(plane.shape[:-3:-1], size[::-1], strict=True):

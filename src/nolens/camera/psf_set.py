@@ -13,10 +13,19 @@ PsfKind = Literal["captured", "stitched", "extended", "scaled", "solved"]
 """Captured by the sensor; stitched of several captured ones; extended beyond the sensor by ordinary
 pictures; scaled from another distance's; solved from pictures of known scenes."""
 
+BEST_FIRST: tuple[PsfKind, ...] = ("stitched", "extended", "captured", "solved", "scaled")
+"""Those that extend beyond the sensor first, and measured ones before computed ones."""
 
 Distance = Annotated[Length, Between("0.1 µm", "1000000 m")]
 """Of a scene or a point source from the camera."""
 Depth = Distance | Literal["infinity"]
+
+
+def depth_um(depth: Depth) -> float:
+    """A distance as the optics take it: the word is infinity."""
+    return depth.um if isinstance(depth, Length) else math.inf
+
+
 FieldAngle = Annotated[Angle, Between("-89.9 deg", "89.9 deg")]
 """Off the camera's axis; at 90 deg no light reaches it."""
 
@@ -65,7 +74,7 @@ class PsfEntry(Part):
     @property
     def distance_um(self) -> float:
         """Distance of the point source; may be infinite."""
-        return self.distance.um if isinstance(self.distance, Length) else math.inf
+        return depth_um(self.distance)
 
     @property
     def on_axis(self) -> bool:

@@ -20,6 +20,14 @@ def _scene_lines(summary: dict[str, Any]) -> list[str]:
 
 
 def _psf_lines(summary: dict[str, Any]) -> list[str]:
+    if "psfs" in summary:
+        rows, columns = summary["pixels"]
+        return [
+            f"{len(summary['psfs'])} PSFs of {rows}×{columns} pixels, to "
+            f"{summary['largest_angle_deg']:.1f}° off the axis, {summary['seconds']:.1f} s on "
+            f"{summary['device']}",
+            f"reconstruct with --support {summary['support']} and this folder (--psf FOLDER)",
+        ]
     right, up = summary["shift_um"]
     return [
         f"{summary['angle_deg']:.4g}° off the axis: the pattern moves {right:z.1f} µm to the right "

@@ -215,7 +215,7 @@ class VirtualExperiment:
         diameter_um: float = 0.0,
         progress: ProgressCallback | None = None,
     ) -> FieldPsf:
-        """PSFs without noise at a grid of field points.
+        """PSFs without noise at a grid of field points, as large as the support needs.
 
         Parameters
         ----------
@@ -234,9 +234,10 @@ class VirtualExperiment:
             If the number of points is even or less than 1.
         """
         check_field_points(points)
-        field, sensor = FieldMap(self.twin, support), self.twin.shape
+        field, size = FieldMap(self.twin, support), self.twin.psf_shape(support)
         nodes = [field_nodes(side, points) for side in (support.height, support.width)]
-        size = sensor[0] + support.height, sensor[1] + support.width
+        for side, pixels in zip((support.height, support.width), nodes, strict=True):
+            pixels[len(pixels) // 2] = side // 2  # On the axis, where the support is around it.
         values, places = [], []
         for number, (row, column) in enumerate(product(*nodes)):
             source = field.source(row, column, distance_um).within(LARGEST_ANGLE_DEG)

@@ -5,6 +5,7 @@ import difflib
 import io
 import shutil
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -19,6 +20,7 @@ from nolens.camera import (
     AngularCurve,
     Camera,
     CurveFile,
+    Frame,
     LoadedCamera,
     Material,
     PsfEntry,
@@ -68,7 +70,18 @@ def read_camera(source: str | Path) -> LoadedCamera:
     if str(source) in PRESETS:
         return _load(preset(str(source)), Path())
     path = _find(source)
-    return _load(from_toml(Camera, read_text(path), str(path)), path.parent)
+    return _load(read_description(path), path.parent)
+
+
+def read_description(path: Path) -> Camera:
+    """Read camera.toml alone, without the files that it names.
+
+    Raises
+    ------
+    NolensError
+        As `read_camera`.
+    """
+    return from_toml(Camera, read_text(path), str(path))
 
 
 def camera_files(source: str | Path, camera: Camera) -> dict[str, Path]:
@@ -338,6 +351,17 @@ def read_psf(folder: str | Path, entry: PsfEntry) -> Tensor:
 
     Raises
     ------
+    NolensError
+        As `read_psf_frame`.
+    """
+    return read_psf_frame(folder, entry).counts
+
+
+def read_psf_frame(folder: str | Path, entry: PsfEntry) -> Frame:
+    """Read one PSF of a folder, with the size of the sensor where its file says it.
+
+    Raises
+    ------
     FileError
         If its file is missing or cannot be read.
     DataError
@@ -349,7 +373,9 @@ def read_psf(folder: str | Path, entry: PsfEntry) -> Tensor:
             f"{frame.source} has the channels {', '.join(frame.channels)}, but {PSFS_FILE} says "
             f"{', '.join(entry.channels)}: calibrate again, or put back the file that was there"
         )
-    return frame.counts
+    return replace(
+        frame, black=(0.0,), white=None, stored_as="float32", black_stated=True, mosaic=None
+    )
 
 
 def write_psfs(
@@ -357,6 +383,7 @@ def write_psfs(
     psfs: Mapping[PsfEntry, Tensor],
     *,
     more: Mapping[str, Writer] | None = None,
+    sensor: tuple[int, int] | None = None,
 ) -> None:
     """Add PSFs to a folder and to its list; all are written, or none.
 
@@ -368,6 +395,8 @@ def write_psfs(
         (channels, rows, columns) for each entry, channels grey or R, G, B.
     more
         Further files, by name in the folder, with what writes each when it is given a path.
+    sensor
+        (rows, columns) of the sensor in pixels of the PSFs; None takes what the folder says.
 
     Raises
     ------
@@ -386,7 +415,9 @@ def write_psfs(
     writers: dict[Path, Writer] = {listed: lambda path: write_text(path, text)}
     writers |= {
         folder / each.file: partial(
-            write_tiff32, radiance=psfs[each], sensor=_sensor_size(folder, each, psfs[each])
+            write_tiff32,
+            radiance=psfs[each],
+            sensor=sensor or sensor_size(folder, each, psfs[each]),
         )
         for each in entries
     }
@@ -394,13 +425,13 @@ def write_psfs(
     write_into(folder, writers)
 
 
-def _sensor_size(folder: Path, entry: PsfEntry, psf: Tensor) -> tuple[int, int] | None:
+def sensor_size(folder: Path, entry: PsfEntry, psf: Tensor) -> tuple[int, int] | None:
     """(rows, columns) of the folder's sensor in pixels of a PSF, where that is known."""
     if entry.kind == "captured":
         return psf.shape[-2], psf.shape[-1]
     if not (folder / CAMERA_FILE).is_file():
         return None
-    sensor = read_camera(folder).camera.sensor
+    sensor = read_description(folder / CAMERA_FILE).sensor
     by = max(1, round(entry.pixel.um / sensor.pitch.um))
     return sensor.rows // by, sensor.columns // by
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +12,10 @@ from torch import Tensor
 
 from nolens.calibrate.centring import ReferencePsf
 from nolens.calibrate.distances import Layers
-from nolens.camera import Frame, LoadedCamera, PsfEntry, PsfKind
+from nolens.calibrate.field_coverage import coverage_warnings
+from nolens.camera import FieldPsf, Frame, LoadedCamera, PsfEntry, PsfKind
+from nolens.camera.field_psf import around_middle, spread
+from nolens.camera.psf_set import BEST_FIRST
 from nolens.errors import DataError, FileError, OptionError
 from nolens.files.atomic import Writer
 from nolens.files.cameras import (
@@ -20,14 +24,41 @@ from nolens.files.cameras import (
     camera_copies,
     camera_files,
     read_camera,
+    read_description,
     read_psf,
+    read_psf_frame,
     read_psf_set,
+    sensor_size,
 )
+from nolens.operators import PixelRectangle
 from nolens.quantities import Length
+from nolens.solvers import FieldPoint
 
 Distance = Length | Literal["infinity"]
 _CLOSE = 0.01
 _PLAN = "nolens calibrate plan CAMERA --angle 56deg lists the angles for a scene of 56°"
+
+
+@dataclass(frozen=True)
+class ScenePsfs:
+    """PSFs of one distance, as a scene there is reconstructed with them.
+
+    Parameters
+    ----------
+    entries
+        How the folder lists them, the one straight ahead first.
+    ahead
+        The PSF straight ahead.
+    field_points
+        All of them; none where there is only that one.
+    note
+        Which are left out, and why; empty where none are.
+    """
+
+    entries: tuple[PsfEntry, ...]
+    ahead: Frame = field(repr=False)
+    field_points: tuple[FieldPoint, ...] = field(repr=False)
+    note: str
 
 
 class PsfFolder:
@@ -135,16 +166,112 @@ class PsfFolder:
         NolensError
             If its file cannot be read.
         """
-        return Frame(
-            counts=read_psf(self.path, entry),
-            channels=entry.channels,
-            mosaic=None,
-            black=(0.0,),
-            white=None,
-            stored_as="float32",
-            source=str(self.path / entry.file),
-            black_stated=True,
+        frame = read_psf_frame(self.path, entry)
+        return replace(frame, sensor=frame.sensor or sensor_size(self.path, entry, frame.counts))
+
+    def for_scene(self, distance_um: float | None, most: int | None = None) -> ScenePsfs:
+        """PSFs for a scene at a distance: the best at each angle, about its chief ray.
+
+        Parameters
+        ----------
+        distance_um
+            Of the scene; None takes that of the PSFs straight ahead, if it is the only one.
+        most
+            How many PSFs, spread evenly; None takes all there are.
+
+        Raises
+        ------
+        NolensError
+            If there is none, the distance is none of theirs or not clear, or a file is bad.
+        """
+        listed = self.ahead(*BEST_FIRST)
+        have = ", ".join(str(each.distance) for each in listed)
+        if distance_um is None and len(listed) > 1:
+            raise OptionError(
+                f"{self.path} has PSFs of several distances ({have}): say which is nearest to the "
+                f"scene's (--distance {str(listed[0].distance).replace(' ', '')})"
+            )
+        ahead = next((e for e in listed if distance_um in (None, e.distance_um)), None)
+        if ahead is None:
+            raise OptionError(
+                f"{self.path} has no PSF of the distance that is asked for, but those of {have}: "
+                "choose one (--distance)"
+            )
+        aside, note = ([], "") if most == 1 else self._aside(ahead)
+        if not aside:
+            return ScenePsfs((ahead,), self.frame(ahead), (), note)
+        entries = [ahead, *aside]
+        places = [self._place(each) for each in entries]
+        chosen = spread(places, len(places) if most is None else most)
+        frames = [self.frame(entries[number]) for number in chosen]
+        size = max(each.size[0] for each in frames), max(each.size[1] for each in frames)
+        # What the file says of the sensor holds for the largest; the others are made as large.
+        sensor = next((each.sensor for each in frames if each.size == size), None)
+        frames = [
+            replace(each, counts=around_middle(each.counts, size), sensor=sensor) for each in frames
+        ]
+        points = tuple(
+            FieldPoint(frame, places[number]) for frame, number in zip(frames, chosen, strict=True)
         )
+        return ScenePsfs(tuple(entries[number] for number in chosen), frames[0], points, note)
+
+    def _aside(self, ahead: PsfEntry) -> tuple[list[PsfEntry], str]:
+        """The best PSF at each angle of one's distance; and why, if there are only useless ones."""
+        at_angles = [e for e in self.psfs if e.distance == ahead.distance and not e.on_axis]
+        best = {
+            each.angle: each
+            for kind in reversed(BEST_FIRST)
+            for each in at_angles
+            if each.kind == kind and each.frame == "chief-ray"
+        }
+        if at_angles and not best:
+            return [], (
+                f"{len(at_angles)} PSFs of {self.path} are left out, as they show the sensor as it "
+                f"was, and their angles are not exact: nolens calibrate stitch {self.path} makes "
+                "PSFs over the field of them"
+            )
+        if best and not (self.path / CAMERA_FILE).is_file():
+            return [], (
+                f"{len(best)} PSFs of {self.path} are left out: where the light of their angles "
+                f"falls follows from the layers of a {CAMERA_FILE}, which is not there"
+            )
+        return [*best.values()], ""
+
+    def coverage_warnings(
+        self,
+        field_psf: FieldPsf | None,
+        support: PixelRectangle | None,
+        sensor: tuple[int, int],
+        merged: int,
+    ) -> list[str]:
+        """Warn of a scene that goes on far beyond the PSFs over the field (`coverage_warnings`).
+
+        Parameters
+        ----------
+        field_psf
+            PSFs of this folder, on a measurement's pixels; None of a single one.
+        support
+            Of the scene; None takes the sensor's frame.
+        sensor
+            (height, width) of the measurement.
+        merged
+            Pixels of the folder's PSFs along one of the measurement's.
+        """
+        if field_psf is None:
+            return []
+        scene = support or PixelRectangle(0, 0, *sensor)
+        pixel_um = merged * self.psfs[0].pixel.um
+        return coverage_warnings(field_psf.places, scene, sensor, pixel_um, self._described_layers)
+
+    @cached_property
+    def _described_layers(self) -> Layers:
+        """The layers of its camera, whose other files are not read."""
+        return Layers.of_camera(read_description(self.path / CAMERA_FILE))
+
+    def _place(self, entry: PsfEntry) -> tuple[float, float]:
+        """Row and column from the sensor's middle to where a PSF's chief ray falls."""
+        right, up = self._described_layers.shift_um(entry.angle)
+        return -up / entry.pixel.um, right / entry.pixel.um
 
     def captured_ahead(self, distance: Distance | None) -> PsfEntry:
         """The captured PSF of a source straight ahead; without a distance, the only one.

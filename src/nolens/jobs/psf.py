@@ -3,16 +3,21 @@
 import math
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
 from torch import Tensor
 
-from nolens.camera import LoadedCamera
+from nolens.calibrate.distances import Layers
+from nolens.camera import LoadedCamera, PsfEntry
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
-from nolens.files import write_png, write_tiff32
-from nolens.jobs.fields import RESULT, Bin, FieldAngles, FilePath, Seed, parts
-from nolens.jobs.options import Option
+from nolens.experiments.virtual_experiment import VirtualExperiment
+from nolens.files import PSFS_FILE, write_png, write_tiff32
+from nolens.files.psf_folder import PsfFolder
+from nolens.jobs.calibration.folder import added, distance_name, place_name
+from nolens.jobs.fields import RESULT, Bin, FieldAngles, FilePath, FullAngle, Seed, parts
+from nolens.jobs.options import Option, Written
 from nolens.jobs.run import Product, Run, job
 from nolens.jobs.simulation import (
     EXPOSURE,
@@ -28,12 +33,22 @@ from nolens.jobs.simulation import (
 from nolens.optics import PointSource
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
-from nolens.twin import Frame, distance_um, mosaic, photocurrents
+from nolens.twin import (
+    LARGEST_ANGLE_DEG,
+    FieldMap,
+    Frame,
+    check_field_points,
+    distance_um,
+    mosaic,
+    photocurrents,
+)
 
 _POINT = "Point source"
 _SIZE = r"([1-9][0-9]{0,5})x([1-9][0-9]{0,5})"
 _Side = Annotated[int, Between(1, 65535)]
 _REMEDY = "fewer --pixels, a camera with fewer pixels or a coarser grid of its relief needs less"
+_BYTES_OF_FIELD = 12
+"""Of each pixel of the PSFs over the field: as they are computed, and made equally bright."""
 _DIAMETER_UM = 50.0
 """Of the paper's point source, a pinhole."""
 _LUX = 1.0
@@ -46,6 +61,8 @@ class PsfOptions(SimulationOptions):
     nolens psf --camera paper -o psf.tif
 
     nolens psf --camera paper --angle 20deg,0deg --distance 80mm -o psf.tif
+
+    nolens psf --camera paper --field 60deg --field-points 3 -o mycamera
     """
 
     usage = "psf -o psf.tif"
@@ -56,7 +73,7 @@ class PsfOptions(SimulationOptions):
             "File to write: .tif (linear floats without noise), .dng (every pixel, exposed, with "
             "noise) or .png (for looking at). The record of the run goes beside it, as .json. A "
             ".dng states the exposure time that a source needs which gives 1 lx at the camera, "
-            "straight ahead.",
+            "straight ahead. With --field-points, the folder of the camera.",
             needed="the file to write (-o raw.dng, -o x.tif)",
             role="output",
             suffixes=(*RAW_SUFFIXES, ".png"),
@@ -79,6 +96,18 @@ class PsfOptions(SimulationOptions):
             default="the camera's reference_distance",
             former="depth",
         ),
+    ] = None
+    field_points: Annotated[
+        int,
+        Between(1, 101),
+        Option(
+            "PSFs along each side of a scene, an odd number, into a camera's folder (-o FOLDER): "
+            "reconstruct --psf FOLDER uses all of them. Needs --field.",
+        ),
+    ] = 1
+    field: Annotated[
+        FullAngle | None,
+        Option("For --field-points: the angle that the scene fills from side to side."),
     ] = None
     size: Annotated[
         Annotated[Length, Between("0 µm", "10 m")] | None,
@@ -121,6 +150,47 @@ class PsfOptions(SimulationOptions):
     ] = None
     seed: Annotated[Seed, Option("For .dng, of the sensor's noise.", EXPOSURE)] = 0
 
+    def check_together(self) -> None:
+        """Refuse a scene without field points, or the other way, and what is of one PSF alone."""
+        if (self.field is not None) != (self.field_points > 1):
+            raise OptionError(
+                "--field and --field-points belong together: PSFs at so many points along each "
+                "side of a scene. Give both, such as --field 60deg --field-points 3, or none"
+            )
+        if self.field is None:
+            return
+        for name in ("angle", "pixels", "bin", "frame", "fill", "seed"):
+            if name in self.model_fields_set:
+                raise OptionError(
+                    f"--{name} is of one point source, and --field-points {self.field_points} "
+                    "chooses those of a whole scene: leave one out"
+                )
+        if self.output.suffix.lower() in (*RAW_SUFFIXES, ".png"):
+            raise OptionError(
+                f"{self.output} would be a file, and --field-points {self.field_points} fills a "
+                "camera's folder: give the name of a folder, such as -o mycamera"
+            )
+
+    @property
+    def files(self) -> tuple[Written, ...]:
+        """The PSF's file, or the list of a folder's; the names there follow from the angles."""
+        if self.field is None:
+            return super().files
+        return (Written("list of PSFs", self.output / PSFS_FILE),)
+
+    @property
+    def record(self) -> Path | None:
+        """File of the run's record; in a folder, named after the distance once that is known."""
+        if self.field is None:
+            return super().record
+        distance = self.distance
+        return None if distance is None else self.output / f"psf-{distance_name(distance)}.json"
+
+    @property
+    def output_folder(self) -> Path | None:
+        """The camera's, with field points."""
+        return None if self.field is None else self.output
+
 
 class _Shape(NamedTuple):
     """What is computed: (rows, columns) of so many sensor pixels each, in one of the frames."""
@@ -143,6 +213,8 @@ def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
     """
     options, reporter = run.options, run.reporter
     loaded, preview = read_simulated_camera(run)
+    if options.field is not None:
+        return _simulate_field(run, options.field, loaded, preview)
     captured = options.output.suffix.lower() == ".dng"
     shape = _shape(options, loaded, captured)
     source = _source(options, loaded)
@@ -191,6 +263,54 @@ def simulate_psf(run: Run[PsfOptions]) -> Product[Tensor]:
         sensor = experiment.sensor.rows // shape.pixels, experiment.sensor.columns // shape.pixels
         write = partial(write_tiff32, radiance=psf, sensor=sensor)
     return Product(psf, figures, {options.output: write}, camera_parameters(loaded))
+
+
+def _simulate_field(
+    run: Run[PsfOptions], angle: Angle, loaded: LoadedCamera, preview: VirtualExperiment
+) -> Product[Tensor]:
+    """PSFs at the field points of a scene, into the camera's folder."""
+    check_field_points(run.options.field_points)
+    distance = run.options.distance or loaded.camera.reference_distance
+    options = run.options = run.options.model_copy(update={"distance": distance})
+    folder = PsfFolder(options.output)
+    copies = folder.take(options.camera)
+    source, tangent = _source(options, loaded), math.tan(angle.rad / 2)
+    support = FieldMap.covering(preview.twin, (tangent, tangent)).support
+    size = preview.twin.psf_shape(support)
+    corner = replace(source, tangent=(tangent, tangent)).within(LARGEST_ANGLE_DEG)
+    channels = loaded.camera.sensor.channels
+    folder.check_channels(tuple(channels))
+    points = options.field_points**2 * len(channels) * math.prod(size)
+    working = preview.psf_bytes(corner, size) + _BYTES_OF_FIELD * points
+    twin = run.twin(loaded, working, _REMEDY, fresnel=options.fresnel)
+    psfs = replace(preview, twin=twin).field_psf(
+        support,
+        options.field_points,
+        source.distance_um,
+        source.diameter_um,
+        partial(run.reporter.advance, "point sources"),
+    )
+    layers, sensor = Layers.of_camera(loaded.camera), loaded.camera.sensor
+    made: dict[PsfEntry, Tensor] = {}
+    for values, (row, column) in zip(psfs.values, psfs.places.tolist(), strict=True):
+        place = layers.angle_at((column * twin.pixel_um, -row * twin.pixel_um))
+        entry = PsfEntry(
+            file=f"psf-{place_name(distance, place)}.tif",
+            pixel=folder.pitch(sensor.pitch, sensor.superpixel),
+            channels=tuple(channels),
+            distance=distance,
+            angle=place,
+            kind="captured" if size == twin.shape else "extended",
+        )
+        made[entry] = values
+    figures = {
+        "camera": loaded.camera.name,
+        "psfs": [entry.model_dump(mode="json") for entry in made],
+        "pixels": list(size),
+        "support": f"{support.height}x{support.width}",
+        "largest_angle_deg": round(corner.angle_deg, 3),
+    }
+    return added(psfs.on_axis, figures, options.output, made, copies, twin.shape)
 
 
 def _source(options: PsfOptions, loaded: LoadedCamera) -> PointSource:

@@ -1,6 +1,5 @@
 """`nolens refocus`: pictures at any depth of one measurement."""
 
-import math
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,9 +9,9 @@ import torch
 from pydantic import AfterValidator
 from torch import Tensor
 
-from nolens.camera import Measurement, PsfKind, arrange_rgb, develop, exposure_white, flipped
+from nolens.camera import Measurement, arrange_rgb, develop, exposure_white, flipped
 from nolens.camera.part import refusal
-from nolens.camera.psf_set import Depth
+from nolens.camera.psf_set import BEST_FIRST, Depth, depth_um
 from nolens.errors import DataError, OptionError
 from nolens.files import (
     CAMERA_FILE,
@@ -49,7 +48,6 @@ from nolens.jobs.fields import (
 from nolens.jobs.options import Option, Written
 from nolens.jobs.reconstruction.options import LESS_MEMORY, parse_support
 from nolens.jobs.run import Product, Run, Writer, check_solver_memory, job
-from nolens.quantities import Length
 from nolens.ranges import Between
 from nolens.refocusing import (
     AllInFocus,
@@ -67,24 +65,17 @@ from nolens.solvers import Prior
 _FOCUSED_FILES = ("focused.png", "focused.tif")
 _PLACE = r"([0-9]{1,6})\s*,\s*([0-9]{1,6})"
 _MOST_STEPS = 200
-_KINDS: tuple[PsfKind, ...] = ("stitched", "extended", "captured", "solved", "scaled")
-"""Those that extend beyond the sensor first, and measured ones before computed ones."""
 _WINDOW_LINES = 1.5
 """Width of the smallest window that tells depths, in lines of the PSF."""
 _DEPTH = "Depth"
 
 
-def _in_um(depth: Depth) -> float:
-    """A depth as the optics take it: the word is infinity."""
-    return depth.um if isinstance(depth, Length) else math.inf
-
-
 def _range_um(depths: tuple[Depth, Depth]) -> tuple[float, float]:
-    return _in_um(depths[0]), _in_um(depths[1])
+    return depth_um(depths[0]), depth_um(depths[1])
 
 
 def _near_first(depths: tuple[Depth, Depth]) -> tuple[Depth, Depth]:
-    if not _in_um(depths[0]) < _in_um(depths[1]):
+    if not depth_um(depths[0]) < depth_um(depths[1]):
         raise refusal("the first depth must be nearer than the second, such as 8cm,50cm")
     return depths
 
@@ -350,7 +341,7 @@ def _read_psfs(run: Run[RefocusOptions], measurement: Measurement) -> DepthPsfs:
     """Read the PSFs of points straight ahead that fit a measurement."""
     options = run.options
     folder = options.psfs
-    entries = read_psf_set(folder).by_distance(_KINDS)
+    entries = read_psf_set(folder).by_distance(BEST_FIRST)
     if not entries:
         raise DataError(
             f"the PSFs in {folder} are all of point sources beside the axis: refocusing "
@@ -376,7 +367,7 @@ def _depth_or_search(
     if not options.focused:
         return None
     if options.depth is not None:
-        return _in_um(options.depth)
+        return depth_um(options.depth)
     if options.search is not None:
         return _range_um(options.search)
     near_um, far_um = psfs.distances_um[0], psfs.distances_um[-1]

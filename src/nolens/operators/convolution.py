@@ -226,6 +226,11 @@ class CroppedConvolution(LinearOperator):
         return single
 
     @property
+    def field_points(self) -> int:
+        """How many PSFs it has for parts of the scene."""
+        return 1
+
+    @property
     def power(self) -> Tensor:
         """|H|² of the half spectrum, (channels, height, width // 2 + 1)."""
         return self.transfer.real.square() + self.transfer.imag.square()

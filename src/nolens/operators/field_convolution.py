@@ -203,6 +203,11 @@ class FieldConvolution(CroppedConvolution):
         self.terms = tuple(terms)
 
     @property
+    def field_points(self) -> int:
+        """How many PSFs it has that count for a pixel of the scene."""
+        return len(self.terms)
+
+    @property
     def power(self) -> Tensor:
         """Mean of |H|² of the half spectra, each by the pixels that its PSF counts for."""
         total = torch.zeros_like(self.transfer.real)

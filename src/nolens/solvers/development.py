@@ -103,6 +103,11 @@ class Development:
             return prepared
         return replace(prepared, notes=(*prepared.notes, note))
 
+    @property
+    def merged(self) -> int:
+        """Pixels of the PSF, as it was captured, along one of the measurement's."""
+        return self.bin_by * (self.psf_geometry.scale or 1)
+
     def field_psf(self, measurement: Measurement) -> FieldPsf | None:
         """The PSFs of all field points, made to fit a measurement; None of a single one."""
         if not self.field_points:
@@ -111,8 +116,7 @@ class Development:
             replace(self, psf=each.frame).prepared(measurement).values for each in self.field_points
         ]
         places = torch.tensor([each.place for each in self.field_points], dtype=torch.float64)
-        pixels = self.bin_by * (self.psf_geometry.scale or 1)
-        return FieldPsf.of(planes, places / pixels).flipped_places(self.psf_geometry.flip)
+        return FieldPsf.of(planes, places / self.merged).flipped_places(self.psf_geometry.flip)
 
     def developed_psf(self, measurement: Measurement) -> Measurement:
         """The PSF, developed for the channels of a measurement.

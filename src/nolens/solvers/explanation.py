@@ -77,13 +77,15 @@ def explain(
     measurement
         What is to be solved.
     weight
-        The choice of τ, whose prediction is taken; without one it costs a few tens of
-        iterations on coarse pixels.
+        The choice of τ, whose prediction is taken; without one, and with PSFs over the field,
+        it costs a few tens of iterations on coarse pixels.
     psf_source
         Where the PSF comes from, for messages.
     """
     trials = _Trials(reconstructor, measurement)
-    prediction = None if weight is None else weight.prediction
+    # A weight is chosen with the PSF of the axis alone.
+    single = reconstructor.field_psf is None
+    prediction = weight.prediction if weight is not None and single else None
     if prediction is None and reconstructor.method is not Method.WIENER:
         prediction = trials.of_all()
     if prediction is None:
@@ -159,7 +161,12 @@ class _Trials:
         channel = measurement.brightest
         psf = tensor_of(reconstructor.psf, "PSF")
         self._psf = psf[channel % len(psf)][None]
-        self._solver = replace(self._all, psf=self._psf)
+        field_psf = reconstructor.field_psf
+        if field_psf is not None:
+            channels = field_psf.values.shape[1]
+            field_psf = replace(field_psf, values=field_psf.values[:, channel % channels, None])
+        self._single = field_psf is None
+        self._solver = replace(self._all, psf=self._psf, field_psf=field_psf)
         self._data = measurement.values[channel : channel + 1]
         self._valid = measurement.valid[channel : channel + 1]
 
@@ -176,13 +183,11 @@ class _Trials:
         if badly and has_finer_detail(self._data, self._psf):
             return None  # It was said with the PSF.
         remedy = (
-            self._exchange(now)
-            or self._size(now)
-            or self._sharper(now)
+            (self._single and (self._exchange(now) or self._size(now) or self._sharper(now)))
             or self._larger_support(now)
             or (_UNKNOWN if badly else None)
         )
-        if remedy is None:
+        if not remedy:
             return None
         return (
             f"{percent(now.unexplained)} of the local contrast of the measurement "

@@ -191,7 +191,7 @@ class Reconstructor:
         """
         height, width = channels_of(_parts(measured, valid)[0], "measurement").shape[-2:]
         by = 2 if height * width >= COARSEN_FROM else 1
-        problem = self.coarse_problem(measured, valid, by)
+        problem = replace(self, field_psf=None).coarse_problem(measured, valid, by)
         if self.method is Method.WIENER:
             return choose_wiener_weight(problem)
         return choose_weight(
@@ -266,7 +266,12 @@ class Reconstructor:
         support = support_of(self.support, (sensor[0], sensor[1]))
         if support is not None and by > 1:
             support = support.coarser(by)
-        return replace(self, psf=psf, support=support, tau=0.0, field_psf=None).problem(data, mask)
+        field_psf = self.field_psf
+        if field_psf is not None:
+            planes = torch.stack([_means(each, by) for each in field_psf.values])
+            field_psf = FieldPsf(planes, field_psf.places / by)
+        coarse = replace(self, psf=psf, support=support, tau=0.0, field_psf=field_psf)
+        return coarse.problem(data, mask)
 
     def predict(
         self, measured: Measurement | Plane, valid: Plane | None = None

@@ -43,6 +43,8 @@ class Report:
         Angle of a scene pixel in the middle of the view; None where the camera is not known.
     support
         (height, width) in pixels that light was taken to come from.
+    field_points
+        PSFs over the field.
     limited, automatic_support
         Whether that is less than all the sensor can see, and was chosen by the program.
     method, iterations, stop_reason
@@ -61,6 +63,7 @@ class Report:
     frequency: float
     pixel_rad: float | None
     support: tuple[int, int]
+    field_points: int
     limited: bool
     automatic_support: bool
     method: str
@@ -112,6 +115,7 @@ class Report:
             frequency=resolved_frequency(problem, result.scene, psf, noise),
             pixel_rad=pixel_rad,
             support=(height, width),
+            field_points=problem.forward.field_points,
             limited=problem.forward.support is not None,
             automatic_support=automatic_support,
             method=method,
@@ -197,9 +201,10 @@ class Report:
         automatic = " (automatic)" if self.automatic_tau else ""
         seconds = self.seconds
         time = duration_text(seconds) if seconds >= 90 else amount(seconds, "s", digits=2)
+        points = f"{self.field_points} PSFs over the field, " if self.field_points > 1 else ""
         return (
-            f"{self.method}, {self.iterations} iterations ({self.stop_reason}), τ {self.tau:.3g}"
-            f"{automatic}, {time} on {self.device}"
+            f"{self.method}, {points}{self.iterations} iterations ({self.stop_reason}), "
+            f"τ {self.tau:.3g}{automatic}, {time} on {self.device}"
         )
 
 

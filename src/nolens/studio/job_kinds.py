@@ -80,6 +80,12 @@ def _refocused(options: Mapping[str, Any], place: Place) -> Outputs:
     return {"output": folder / unused(folder, f"{_measurement(options).stem}-refocus")}
 
 
+def _psf(options: Mapping[str, Any], place: Place) -> Outputs:
+    """A file, or a camera's folder of PSFs over the field."""
+    several = options.get("field_points", 1) != 1
+    return {"output": place.folder / ("camera" if several else "psf.tif")}
+
+
 def _measurement(options: Mapping[str, Any]) -> Path:
     return Path(str(options.get("measurement", "picture")))
 
@@ -120,7 +126,7 @@ KINDS: dict[JobKind, Kind] = {
     "reconstruct": Kind("Reconstruct", "reconstruct", _MEASUREMENT, _picture),
     "refocus": Kind("Refocus", "refocus", _MEASUREMENT, _refocused),
     "simulate": Kind("Simulate", "simulate", ("scenes",), _shot),
-    "psf": Kind("PSF of", "simulate_psf", _CAMERA, _in_job("output", "psf.tif")),
+    "psf": Kind("PSF of", "simulate_psf", _CAMERA, _psf),
     "calibrate": Kind(
         "Calibrate",
         "calibrate_point",

@@ -3,7 +3,6 @@
 from nolens.twin.expose import expose, mosaic, photocurrents
 from nolens.twin.field_model import FieldModel, half_field
 from nolens.twin.irradiance import (
-    aperture_room_um,
     check_field_points,
     field_nodes,
     irradiate,
@@ -43,7 +42,6 @@ __all__ = [
     "Plane",
     "PlaneView",
     "Twin",
-    "aperture_room_um",
     "camera_figures",
     "check_field_points",
     "check_simulation_memory",

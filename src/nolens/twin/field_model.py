@@ -10,7 +10,7 @@ from torch import Tensor
 from nolens.kernels import irfft2, irfft2_window_, rfft2, rfft2_window
 from nolens.optics import MaskSurface, PointSource, Relief
 from nolens.progress import ProgressCallback, part_of
-from nolens.twin.irradiance import FieldNode, FieldSums, aperture_room_um
+from nolens.twin.irradiance import FieldNode, FieldSums
 from nolens.twin.light import Light
 from nolens.twin.model import Twin
 from nolens.twin.psf import sampled, shortest_nm
@@ -199,7 +199,7 @@ class FieldModel:
         sums, number = self._sums, len(self._sums.nodes) // 2
         node = sums.nodes[number]
         planes = irfft2(self._spectra[number], sums.padded).roll(node.pixel, dims=(-2, -1))
-        if aperture_room_um(self.twin) is None:
+        if self.twin.aperture_room_um is None:
             size = [
                 count + max(edges.before) + max(edges.after)
                 for count, edges in zip(self.twin.shape, sums.edges, strict=True)
@@ -289,7 +289,7 @@ def half_field(twin: Twin, angle_deg: float) -> tuple[float, float]:
     def tangents(longer: float) -> tuple[float, float]:
         return longer * rows / max(rows, columns), longer * columns / max(rows, columns)
 
-    room = aperture_room_um(twin)
+    room = twin.aperture_room_um
     if room is None:
         return tangents(longest)
     inside, outside = 0.0, longest

@@ -166,25 +166,6 @@ def check_field_points(field_points: int) -> None:
         )
 
 
-def aperture_room_um(twin: Twin) -> tuple[float, float] | None:
-    """How far the PSF behind an aperture may move before it leaves the sensor.
-
-    Returns
-    -------
-    tuple
-        Along the rows' and the columns' direction; None where there is no aperture, or one that
-        is as large as the sensor.
-    """
-    opening, sensor = twin.mask.opening, twin.camera.sensor
-    if opening is None:
-        return None
-    room = (
-        (sensor.rows * twin.sensor_pitch_um - opening.height_um) / 2,
-        (sensor.columns * twin.sensor_pitch_um - opening.width_um) / 2,
-    )
-    return room if min(room) > 0 else None
-
-
 def _least_samples(twin: Twin) -> int:
     """Samples along a sensor pixel at least: one is enough where a mosaic makes superpixels."""
     return 2 if twin.superpixel == 1 else 1

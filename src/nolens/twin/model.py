@@ -131,13 +131,29 @@ class Twin:
         sensor = self.camera.sensor
         return sensor.rows // self.superpixel, sensor.columns // self.superpixel
 
+    @property
+    def aperture_room_um(self) -> tuple[float, float] | None:
+        """How far the PSF behind an aperture may move before it leaves the sensor.
+
+        Along the rows' and the columns' direction; None where there is no aperture, or one that is
+        as large as the sensor.
+        """
+        opening, sensor, pitch = self.mask.opening, self.camera.sensor, self.sensor_pitch_um
+        if opening is None:
+            return None
+        room = (
+            (sensor.rows * pitch - opening.height_um) / 2,
+            (sensor.columns * pitch - opening.width_um) / 2,
+        )
+        return room if min(room) > 0 else None
+
     def psf_shape(self, support: PixelRectangle) -> tuple[int, int]:
         """(rows, columns) of the PSF that a reconstruction of a support needs, in its pixels.
 
         Without an aperture light from the side passes mask that the sensor's own PSF does not show.
         """
         rows, columns = self.shape
-        if self.mask.opening is not None:
+        if self.aperture_room_um is not None:
             return rows, columns
         return rows + support.height, columns + support.width
 

@@ -179,9 +179,9 @@ def batch_reconstruct(run: Run[BatchReconstructOptions]) -> Product[None]:
         ReconstructOptions, measurement=options.items, output=(options.output / "picture.png",)
     )
     frames = open_sequence(options.items, mosaic=one.mosaic, bgr=one.bgr)
+    development = read_development(run.for_options(one))
     run.begin()
     check_scheduler(options.scheduler)
-    development = read_development(one)
     with closing(open_manifest(run, frames)) as manifest:
         setup = _set_up(run.for_options(one), manifest, frames, development)
         if setup is None:

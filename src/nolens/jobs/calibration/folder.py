@@ -126,6 +126,7 @@ def added(
     folder: Path,
     psfs: Mapping[PsfEntry, Tensor],
     more: Mapping[str, Writer] | None = None,
+    sensor: tuple[int, int] | None = None,
 ) -> Product[Value]:
     """What a job hands over that adds PSFs, and more files by name, to a folder and to its list."""
     writers = {folder / name: write for name, write in (more or {}).items()}
@@ -136,5 +137,5 @@ def added(
         figures,
         writers,
         outputs=outputs,
-        commit=lambda files: write_psfs(folder, psfs, more=files),
+        commit=lambda files: write_psfs(folder, psfs, more=files, sensor=sensor),
     )

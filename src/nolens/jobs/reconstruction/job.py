@@ -70,7 +70,7 @@ def reconstruct(run: Run[ReconstructOptions]) -> Product[Tensor]:
             "frames"
         )
     method_of(run.options)  # A contradiction is an error before anything is read.
-    development = read_development(run.options)
+    development = read_development(run)
     frame = read_frame(run.options.measurement, mosaic=run.options.mosaic, bgr=run.options.bgr)
     return _reconstruct_frame(run, Setup.of(run, development, frame))
 
@@ -119,6 +119,7 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: Setup) -> Product[Te
         "tau": tau,
         "automatic_tau": options.tau == "auto",
         "report": report.summary(),
+        "field_points": problem.forward.field_points,
         "automatic_support": setup.light is not None,
     }
     if options.sweep is not None and not interrupted:
@@ -196,6 +197,7 @@ def _about(setup: Setup, inputs: dict[str, InputFile]) -> dict[str, Any]:
         "psf_extent": "wide" if geometry.extended else "sensor",
         "psf_flip": geometry.flip,
         "support": setup.support,
+        "field_points": setup.problem.forward.field_points,
     }
 
 
@@ -246,4 +248,5 @@ def _in_present_names(stored: Mapping[str, Any]) -> dict[str, Any]:
         about["psf_extent"] = "wide" if about.pop("psf_wider") else "sensor"
     about.setdefault("detail", 1.0)
     about.setdefault("psf_flip", "none")
+    about.setdefault("field_points", 1)
     return about

@@ -3,12 +3,14 @@
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 from torch import Tensor
 
 from nolens.camera import BlackLevel
+from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
-from nolens.files import is_sequence
+from nolens.files import PSFS_FILE, is_sequence
+from nolens.files.formats import READERS
 from nolens.jobs.fields import (
     CAMERAS,
     INPUT,
@@ -53,6 +55,13 @@ _SWEPT: dict[str, tuple[str | None, ...]] = {
     "support": (None, "full", "x1", "x0.75", "x0.5"),
 }
 """Factors on the weight, and on the sides of the sensor's frame, in the names of files."""
+
+
+def _list_of_folder(path: Path) -> Path:
+    """A camera's folder stands for its list of PSFs; other folders may be files of many frames."""
+    return path / PSFS_FILE if path.is_dir() and path.suffix.lower() not in READERS else path
+
+
 _Penalty = Annotated[float, Between(1e-9, 1e9)]
 
 
@@ -83,10 +92,12 @@ class ReconstructOptions(JobOptions):
     ]
     psf: Annotated[
         FilePath,
+        AfterValidator(_list_of_folder),
         Option(
             "The point spread function: what the sensor measured of a point source. Kinds of file "
-            "as for measurements.",
-            needed="the point spread function (--psf FILE)",
+            f"as for measurements; or a camera's folder ({PSFS_FILE}), whose PSFs at several "
+            "angles are used together.",
+            needed="the point spread function (--psf FILE or FOLDER)",
             role="input",
             label="PSF",
         ),
@@ -113,6 +124,25 @@ class ReconstructOptions(JobOptions):
         ),
     ] = None
     detail: Detail = 1.0
+    distance: Annotated[
+        Depth | None,
+        Option(
+            "Of the scene, such as 300mm, or infinity, where --psf is a folder: that of its PSFs "
+            "to take.",
+            INPUT,
+            default="the only one that the folder has",
+            label="Distance of the PSF",
+        ),
+    ] = None
+    field_points: Annotated[
+        Annotated[int, Between(1, 1000)] | Literal["auto"],
+        Option(
+            "How many PSFs of a folder to take at most, spread over the field; 1 takes the one "
+            "straight ahead for all of the scene. auto: all there are at that distance.",
+            SOLVER,
+            label="PSFs over the field",
+        ),
+    ] = "auto"
     sweep: Annotated[
         Literal["tau", "method", "prior", "support"] | None,
         Option(
@@ -241,6 +271,7 @@ class ReconstructOptions(JobOptions):
         """Refuse a factor on an automatic τ beside a τ that is stated, and an unfit sweep."""
         check_detail(self.detail, self.tau)
         self._check_sweep()
+        self._check_folder()
 
     def _check_sweep(self) -> None:
         sweep, draft = self.sweep, self.quality is Quality.DRAFT
@@ -261,6 +292,28 @@ class ReconstructOptions(JobOptions):
             )
         if sweep == "tau" and self.tau == 0:
             raise OptionError("--sweep tau multiplies --tau, which is 0: give another, or auto")
+
+    def _check_folder(self) -> None:
+        """Refuse what chooses from a folder beside a file, and PSFs that a solver leaves out."""
+        several = self.field_points not in ("auto", 1)
+        if self.psf_folder is None and (self.distance is not None or several):
+            name, given = "distance", str(self.distance)
+            if self.distance is None:
+                name, given = "field-points", str(self.field_points)
+            raise OptionError(
+                f"--{name} {given} chooses from a folder, and --psf {self.psf} is one PSF: give a "
+                f"camera's folder with a {PSFS_FILE}, or leave it out"
+            )
+        if several and (self.quality is Quality.DRAFT or self.method is Method.WIENER):
+            raise OptionError(
+                f"--field-points {self.field_points}: the Wiener filter (draft) takes one PSF. "
+                "Leave it out, or choose another --quality or --method"
+            )
+
+    @property
+    def psf_folder(self) -> Path | None:
+        """The camera's folder, where `psf` is its list of PSFs."""
+        return self.psf.parent if self.psf.name == PSFS_FILE else None
 
     @property
     def is_sequence(self) -> bool:

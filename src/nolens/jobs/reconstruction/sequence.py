@@ -1,5 +1,6 @@
 """A sequence of frames, each reconstructed from where the one before it ended."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -30,8 +31,11 @@ def reconstruct_sequence(run: Run[ReconstructOptions]) -> Product[Tensor]:
     folder = _sequence_folder(options)
     frames = open_sequence(options.measurement, mosaic=options.mosaic, bgr=options.bgr)
     run.reads({f"frame {path.name}": path for path in frames.sources})
+    development = read_development(run)
     run.begin()
-    development = read_development(options)
+    if development.field_points:
+        reporter.note("frames of a sequence are reconstructed with the PSF straight ahead alone")
+        development = replace(development, field_points=())
     setup: Setup | None = None
     stream: Stream | None = None
     picture: Tensor | None = None

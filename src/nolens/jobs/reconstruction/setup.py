@@ -9,7 +9,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from nolens.camera import Frame, Measurement, PsfGeometry, black_level, flipped
+from nolens.camera import FieldPsf, Frame, Measurement, PsfGeometry, black_level, flipped
+from nolens.camera.psf_set import depth_um
 from nolens.errors import NolensError, OptionError
 from nolens.files import CAMERA_FILE, read_frame
 from nolens.jobs.reconstruction.options import (
@@ -23,6 +24,7 @@ from nolens.operators import Geometry, PixelRectangle
 from nolens.solvers import (
     Developed,
     Development,
+    FieldPoint,
     Method,
     Problem,
     PsfChoice,
@@ -38,6 +40,7 @@ from nolens.solvers import (
 from nolens.solvers.admm_state import Balance
 from nolens.solvers.explanation import explain
 from nolens.solvers.held_out import Prediction
+from nolens.solvers.inputs import support_of
 from nolens.solvers.reconstructor import SPARE
 from nolens.solvers.result import window_of
 
@@ -89,11 +92,21 @@ class Setup:
         for text in developed.prepared.notes:
             run.reporter.note(text)
         run.warn(*developed.prepared.warnings)
-        reconstructor = _reconstructor(options, psf, support, run.device)
         measurement, development = developed.measurement, developed.development
+        field_psf = development.field_psf(measurement)
+        reconstructor = _reconstructor(options, psf, support, run.device, field_psf)
         light = _light(run, reconstructor, options, measurement)
         if light is not None:
             reconstructor = replace(reconstructor, support=light.support)
+        if options.psf_folder is not None and field_psf is not None:
+            # Most reconstructions need no camera.
+            from nolens.files.psf_folder import PsfFolder
+
+            scene = support_of(reconstructor.support, measurement.size)
+            folder = PsfFolder(options.psf_folder)
+            run.warn(
+                *folder.coverage_warnings(field_psf, scene, measurement.size, development.merged)
+            )
         needed = check_solver_memory(reconstructor, measurement, LESS_MEMORY)
         announce_memory(needed, run.reporter)
         weight = _weight(run, reconstructor, options, measurement)
@@ -109,7 +122,7 @@ class Setup:
         return cls(
             options,
             choice,
-            development,
+            replace(development, field_points=()),
             measurement,
             reconstructor,
             weight,
@@ -126,7 +139,8 @@ class Setup:
         support = self.problem.forward.support
         if options.support != self.options.support:
             support = _support(options, self.measurement.size, psf)
-        reconstructor = _reconstructor(options, psf, support, run.device)
+        field_psf = self.reconstructor.field_psf
+        reconstructor = _reconstructor(options, psf, support, run.device, field_psf)
         weight = _weight(run, reconstructor, options, self.measurement)
         if weight is not None:
             reconstructor = replace(reconstructor, tau=weight.tau / options.detail)
@@ -274,14 +288,36 @@ def _light(
     return reconstructor.choose_support(measurement, progress=watch)
 
 
-def read_development(options: ReconstructOptions) -> Development:
-    """Read all but the measurement."""
+def _read_psf(run: Run[ReconstructOptions]) -> tuple[Frame, tuple[FieldPoint, ...]]:
+    """The PSF, and those over the field that a folder has."""
+    options = run.options
+    if options.psf_folder is not None:
+        # Most reconstructions need no camera.
+        from nolens.files.psf_folder import PsfFolder
+
+        folder = PsfFolder(options.psf_folder)
+        distance = None if options.distance is None else depth_um(options.distance)
+        most = None if options.field_points == "auto" else options.field_points
+        psfs = folder.for_scene(distance, most)
+        run.reads({f"PSF {each.file}": folder.path / each.file for each in psfs.entries})
+        if psfs.field_points:
+            run.reads({"camera": folder.path / CAMERA_FILE})
+        if psfs.note:
+            run.reporter.note(psfs.note)
+        return psfs.ahead, psfs.field_points
     psf = read_frame(options.psf)
     # Like the measurement as far as its channels allow: it may be grey.
     if len(psf.channels) == 3 and options.bgr:
         psf = read_frame(options.psf, bgr=True)
     elif len(psf.channels) != 3 and options.mosaic is not None and psf.mosaic is None:
         psf = read_frame(options.psf, mosaic=options.mosaic)
+    return psf, ()
+
+
+def read_development(run: Run[ReconstructOptions]) -> Development:
+    """Read all but the measurement."""
+    options = run.options
+    psf, field_points = _read_psf(run)
     dark, flat = (
         read_frame(path, mosaic=options.mosaic, bgr=options.bgr) if path else None
         for path in (options.dark, options.flat)
@@ -294,6 +330,7 @@ def read_development(options: ReconstructOptions) -> Development:
         options.white,
         options.bin_by,
         options.channels,
+        field_points=field_points,
     )
 
 
@@ -333,7 +370,11 @@ def method_of(options: ReconstructOptions) -> Method:
 
 
 def _reconstructor(
-    options: ReconstructOptions, psf: Tensor, support: PixelRectangle | None, device: torch.device
+    options: ReconstructOptions,
+    psf: Tensor,
+    support: PixelRectangle | None,
+    device: torch.device,
+    field_psf: FieldPsf | None,
 ) -> Reconstructor:
     """The solver with the preset's limits, or the options' in their place."""
     method = method_of(options)
@@ -354,6 +395,7 @@ def _reconstructor(
         balance=Balance() if options.balance else None,
         relaxation=options.relaxation,
         device=device,
+        field_psf=field_psf,
     )
 
 

@@ -61,10 +61,16 @@ export const cameraChoice = ({ id, name, trouble }) => ({
   label: `${id.includes("/") ? `${name} (${id})` : name}${trouble ? " – cannot be read" : ""}`,
 });
 
+const isAside = (/** @type {string[]} */ angle) => angle.some((each) => Number.parseFloat(each) !== 0);
+
+/** Lists of PSFs at several angles, which are used together. @returns {Promise<Choice[]>} */
+export const fieldPsfChoices = async () => (await cameras()).filter(({ psfs }) => psfs.some(({ angle }) => isAside(angle)))
+  .map(({ id, psfs }) => ({ value: `${id}/psfs.toml`, label: `${id.split("/").pop()}: ${psfs.length} PSFs over the field` }));
+
 /** PSFs in the folders of cameras. @returns {Promise<Choice[]>} */
 export const psfChoices = async () => (await cameras()).flatMap((camera) =>
   camera.psfs.map(({ path, distance, angle }) => {
-    const aside = angle.some((each) => Number.parseFloat(each) !== 0) ? ` at ${angle.join(", ")}` : "";
+    const aside = isAside(angle) ? ` at ${angle.join(", ")}` : "";
     return { value: path, label: `${camera.id.split("/").pop()}: ${distance}${aside}` };
   }));
 

@@ -2,7 +2,7 @@
 /** Photograph: from a raw file to a picture that is kept. */
 
 import { fileUrl, upload } from "./api.js";
-import { calibratedCameras, filesBy, offerFiles, psfChoices, psfOf } from "./choices.js";
+import { calibratedCameras, fieldPsfChoices, filesBy, offerFiles, psfChoices, psfOf } from "./choices.js";
 import { Compare } from "./compare.js";
 import { JobForm } from "./controls.js";
 import { Depths } from "./depths.js";
@@ -92,8 +92,9 @@ class Photograph {
   }
 
   async list() {
-    const [files, darks, psfFiles, psfs, cameras] = await Promise.all([
-      filesBy(raw), filesBy(raw, ["calibration", "shots", "uploads"]), filesBy(psfFile, ["uploads"]), psfChoices(), calibratedCameras()]);
+    const [files, darks, psfFiles, several, single, cameras] = await Promise.all([
+      filesBy(raw), filesBy(raw, ["calibration", "shots", "uploads"]), filesBy(psfFile, ["uploads"]), fieldPsfChoices(), psfChoices(), calibratedCameras()]);
+    const psfs = [...several, ...single];
     offerFiles(this.raw, files, "Choose a raw file");
     this.options.offer(darks);
     offerFiles(this.psf, psfFiles, psfs.length || psfFiles.length ? "Choose a PSF" : "None yet: calibrate, or bring a file", psfs);

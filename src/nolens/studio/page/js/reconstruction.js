@@ -18,6 +18,8 @@ export const MORE = {
   psf_extent: { words: { auto: "What explains the measurement", sensor: "As large as the sensor, on finer pixels", wide: "Extended: with the light beside the sensor" } },
   psf_scale: { example: "automatic; such as 2" },
   psf_flip: { words: { auto: "What explains the measurement", none: "As it is", vertical: "Upside down", horizontal: "Mirrored", both: "Rotated by 180°" } },
+  distance: { example: "such as 300mm" },
+  field_points: { example: "all there are; such as 9" },
   support: { example: "auto, full or such as 400x400" },
   field: { example: "such as 40deg" },
   channels: { example: "all; grey, or letters such as rg" },
@@ -31,7 +33,7 @@ export const MORE = {
 };
 /** Options of how the raw file is read: those that refocusing has too. */
 export const READING = ["black", "white", "mosaic", "bgr", "bin", "channels", "support", "flip"];
-const SOLVING = ["sweep", "psf_extent", "psf_scale", "psf_flip", "crop", "tau", "method", "prior", "iterations", "tolerance", "low_frequency"];
+const SOLVING = ["sweep", "distance", "field_points", "psf_extent", "psf_scale", "psf_flip", "crop", "tau", "method", "prior", "iterations", "tolerance", "low_frequency"];
 
 export class ReconstructionOptions {
   /** @param {(file: File, select: HTMLSelectElement) => Promise<void>} bring stores a file of the visitor's and chooses it */

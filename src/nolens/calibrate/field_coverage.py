@@ -1,0 +1,58 @@
+"""Whether PSFs at several angles cover the field of a scene."""
+
+from torch import Tensor
+
+from nolens.calibrate.distances import Layers
+from nolens.operators import PixelRectangle
+
+_FARTHER = 1.3
+"""How many times farther out than the outermost PSF a scene may go on."""
+_NARROW_DEG = 5.0
+"""Half a scene's angle up to which the PSF of the axis is enough."""
+
+
+def coverage_warnings(
+    places: Tensor,
+    scene: PixelRectangle,
+    sensor: tuple[int, int],
+    pixel_um: float,
+    layers: Layers,
+) -> list[str]:
+    """Warn of a scene that goes on far beyond the outermost PSFs.
+
+    Parameters
+    ----------
+    places
+        (points, 2): where the chief rays of the PSFs fall, as `FieldPsf` has them.
+    scene
+        Pixels of the scene, in the sensor's frame.
+    sensor
+        (height, width) of the sensor.
+    pixel_um
+        Pitch of the pixels.
+    layers
+        Of the camera.
+    """
+    top, left = scene.top - sensor[0] // 2, scene.left - sensor[1] // 2
+    bottom, right = top + scene.height - 1, left + scene.width - 1
+    low, high = places.amin(dim=0).tolist(), places.amax(dim=0).tolist()
+    sides = {
+        "to the right": (right, high[1]),
+        "to the left": (-left, -low[1]),
+        "up": (-top, -low[0]),
+        "down": (bottom, high[0]),
+    }
+    missing = []
+    for side, pixels in sides.items():
+        edge, outermost = (
+            layers.angle_at((max(0.0, each) * pixel_um, 0.0))[0].deg for each in pixels
+        )
+        if edge > max(_FARTHER * outermost, _NARROW_DEG):
+            missing.append(f"{edge:.0f}° {side} (the PSFs to {outermost:.0f}°)")
+    if not missing:
+        return []
+    return [
+        f"the scene goes on to {', '.join(missing)}: the PSF there is taken for that of the "
+        "outermost angle. Add PSFs at the angles that are missing: nolens calibrate plan lists "
+        "those to capture, nolens psf --field --field-points computes them"
+    ]

@@ -1,0 +1,204 @@
+"""`nolens psf --field-points` fills a camera's folder, and `nolens reconstruct --psf FOLDER` uses
+its PSFs over the field.
+"""
+
+import json
+import re
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from little_camera import little_twin
+from PIL import Image
+from running import check_refused, listing, reconstruct, run
+
+import nolens as nl
+from nolens.camera import FieldPsf, PsfEntry, develop
+from nolens.errors import OptionError
+from nolens.experiments.virtual_experiment import VirtualExperiment
+from nolens.files import read_camera, read_frame, read_psf, read_psf_set, write_psfs
+from nolens.jobs import ReconstructOptions
+from nolens.jobs import reconstruct as job
+from nolens.jobs.run import Reporter
+from nolens.operators import PixelRectangle
+from nolens.optics import PointSource
+from nolens.solvers import Method, Progress, Reconstructor, stop_of
+from nolens.twin import FieldMap, Light, Twin
+
+GREEN, SIDE = "535nm", 146
+QUICK = ("--support", f"{SIDE}x{SIDE}", "--tau", 1e-4, "--iterations", 8, "--channels", "g",
+         "--bin", 1)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Open:
+    """A camera without an aperture, its folder of 9 PSFs, and what it measured of 20°."""
+
+    camera: Path
+    folder: Path
+    raw: Path
+
+    def copy(self, path: Path) -> Path:
+        return Path(shutil.copytree(self.folder, path))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Open:
+    base = tmp_path_factory.mktemp("open")
+    camera = little_twin(base)
+    text = re.sub(r"\[mask\.aperture\][^\[]*", "", camera.read_text())
+    camera.write_text(text.replace('overhang = "0.1 mm"', 'overhang = "0.5 mm"'))
+    scene = np.zeros((146, 146, 3), np.uint8)
+    scene[8::26, 5::27] = 255
+    Image.fromarray(scene).save(base / "scene.png")
+    asked = ("--camera", camera, "--light", GREEN, "--distance", "80mm", "--field-points", 3)
+    done = run("psf", *asked, "--field", "20deg", "-o", base / "mine")
+    assert done.code == 0 and "9 PSFs of 194×210 pixels" in done.out, done
+    done = run("simulate", base / "scene.png", *asked, "--wavelengths", 1, "--angle", "20deg",
+               "-o", base / "raw.dng")  # fmt: skip
+    assert done.code == 0, done
+    return Open(camera, base / "mine", base / "raw.dng")
+
+
+def test_psfs_of_the_folder_are_the_cameras(made: Open) -> None:
+    entries = read_psf_set(made.folder).psf
+    assert {each.kind for each in entries} == {"extended"}
+    assert {each.frame for each in entries} == {"chief-ray"}
+    assert (made.folder / "psf-80mm.tif").is_file() and (made.folder / "camera.toml").is_file()
+    record = json.loads((made.folder / "psf-80mm.json").read_text())
+    assert record["result"]["support"] == f"{SIDE}x{SIDE}"
+    twin = Twin.of(read_camera(made.camera))
+    corner = next(each for each in entries if min(angle.deg for angle in each.angle) > 5)
+    right, up = (np.tan(each.rad) for each in corner.angle)
+    source = PointSource((-up, right), 80e3, 50.0)
+    expected = VirtualExperiment(twin, Light(GREEN), 3).psf(source, (194, 210))
+    psf = read_psf(made.folder, corner)
+    assert torch.allclose(psf / psf.mean(), expected / expected.mean(), atol=2e-2)
+
+
+def direct(made: Open) -> torch.Tensor:
+    """Green, by the solver itself: the folder's PSFs at the places of a grid over the scene."""
+    twin = Twin.of(read_camera(made.camera))
+    field = FieldMap(twin, PixelRectangle.centred(SIDE, SIDE, twin.shape))
+    nodes = [0, SIDE // 2, SIDE - 1]
+    places = [field.place_um(row, column) for row in nodes for column in nodes]
+    planes = [read_psf(made.folder, each)[1:2] for each in read_psf_set(made.folder).psf]
+    psfs = FieldPsf.of(planes, torch.tensor(places) / twin.pixel_um)
+    stop = stop_of(Method.ADMM, iterations=8)
+    solver = Reconstructor(psfs.on_axis, field.support, 1e-4, stop=stop, field_psf=psfs)
+    return solver.solve(develop(read_frame(made.raw), channels="g")).photograph
+
+
+def test_picture_is_that_of_all_psfs(made: Open, out: Path) -> None:
+    """By the command and in Python; with one PSF it is another."""
+    expected = direct(made)
+    size = float(expected.norm())
+    asked = (made.raw, "--psf", made.folder, *QUICK)
+    picture = reconstruct(out, *asked)[:1]
+    assert float((picture - expected).norm()) < 5e-3 * size
+    record = json.loads(out.with_suffix(".json").read_text())
+    assert record["result"]["field_points"] == 9
+    assert "9 PSFs over the field" in record["result"]["report"]["lines"][-1][1]
+    assert len(record["inputs"]) == 12 and "camera" in record["inputs"]
+    assert record["inputs"]["psf"]["path"] == str(made.folder / "psfs.toml")
+    given = {"support": (SIDE, SIDE), "tau": 1e-4, "iterations": 8, "channels": "g", "bin_by": 1}
+    both = nl.reconstruct(made.raw, made.folder, **given)
+    assert torch.allclose(both.values, picture, atol=1e-4 * float(picture.max()))
+    one = reconstruct(out, *asked, "--field-points", 1)[:1]
+    assert float((one - expected).norm()) > 0.03 * size
+    alone = nl.reconstruct(made.raw, made.folder, field_points=1, **given)
+    assert torch.allclose(alone.values, one, atol=1e-4 * float(one.max()))
+
+
+def test_few_psfs_are_spread_and_a_sweep_has_them_too(made: Open, out: Path) -> None:
+    done = run("reconstruct", made.raw, "--psf", made.folder, *QUICK, "--field-points", 5,
+               "--sweep", "prior", "-o", out, "--json")  # fmt: skip
+    assert done.code == 0, done
+    record = json.loads(out.with_suffix(".json").read_text())
+    used = sorted(name for name in record["inputs"] if name.startswith("PSF "))
+    assert "PSF psf-80mm.tif" in used and record["result"]["field_points"] == 5
+    assert all(name.count("deg") == 2 and "0deg" not in name.split("-") for name in used[:-1])
+    assert len(record["result"]["sweep"]) == 4
+
+
+class Ended(Reporter):
+    def progress(self, progress: Progress, limit: int) -> bool:
+        return True
+
+
+def test_state_of_other_psfs_is_refused(made: Open, tmp_path: Path) -> None:
+    options = ReconstructOptions(
+        measurement=made.raw, psf=made.folder, support=f"{SIDE}x{SIDE}", tau=1e-4, channels="g",
+        bin=1, output=(tmp_path / "out.tif",),
+    )  # fmt: skip
+    job(options, Ended())
+    asked = ("reconstruct", made.raw, "--psf", made.folder, *QUICK, "-o", tmp_path / "x.tif",
+             "--resume", tmp_path / "out.state.npz")  # fmt: skip
+    done = run(*asked, "--field-points", 5)
+    assert done.code == 2 and "state of a run with another field_points" in done.err
+    assert run(*asked).code == 0
+
+
+def test_what_a_folder_lacks_is_said(made: Open, tmp_path: Path) -> None:
+    """The picture is made with what there is."""
+
+    def notes(folder: Path, *more: object) -> str:
+        done = run("reconstruct", made.raw, "--psf", folder, *QUICK[2:], *(more or QUICK[:2]),
+                   "-o", tmp_path / "out.png", "--json")  # fmt: skip
+        assert done.code == 0, done
+        used = json.loads(done.out)["field_points"]
+        return f"{used} used; {done.err}"
+
+    bare = made.copy(tmp_path / "bare")
+    (bare / "camera.toml").unlink()
+    assert "1 used; nolens: 8 PSFs" in (said := notes(bare)) and "no camera.toml" not in said
+    assert "camera.toml, which is not there" in said
+    moved = made.copy(tmp_path / "moved")
+    listed = (moved / "psfs.toml").read_text()
+    (moved / "psfs.toml").write_text(listed.replace("angle =", 'frame = "sensor"\nangle ='))
+    assert "calibrate stitch" in notes(moved)
+    said = notes(made.folder, "--support", "210x210")
+    assert "9 used" in said and "the scene goes on to 14° to the right (the PSFs to 10°)" in said
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    shutil.copy(made.raw, frames)
+    done = run("reconstruct", frames, "--psf", made.folder, *QUICK, "-o", tmp_path / "pictures")
+    assert done.code == 0 and "with the PSF straight ahead alone" in done.err, done
+
+
+def test_refused(made: Open, tmp_path: Path) -> None:
+    one = made.folder / "psf-80mm.tif"
+    two = made.copy(tmp_path / "two")
+    entry = PsfEntry.model_validate(
+        {"file": "near.tif", "pixel": "3.1 um", "channels": ["R", "G", "B"], "distance": "50 mm"}
+    )
+    write_psfs(two, {entry: torch.ones(3, 4, 4)})
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    before = listing(tmp_path)
+    for psf, more, words in (
+        (one, ("--field-points", 9), ("--field-points 9", "one PSF", "psfs.toml")),
+        (one, ("--distance", "80mm"), ("--distance 80 mm", "one PSF")),
+        (empty, (), ("psfs.toml", "nolens calibrate")),
+        (two, (), ("several distances (50 mm, 80 mm)", "--distance 50mm")),
+        (two, ("--distance", "1m"), ("50 mm, 80 mm", "choose one")),
+        (made.folder, ("--field-points", 4, "--quality", "draft"), ("--field-points 4", "draft")),
+        (made.folder, ("--field-points", 0), ("--field-points", "1")),
+    ):
+        asked = ("--psf", psf, *more, "-o", tmp_path / "out.png")
+        check_refused(run("reconstruct", made.raw, *asked), *words)
+    with pytest.raises(OptionError, match="single PSF"):
+        nl.reconstruct(made.raw, one, field_points=9)
+    asked = ("psf", "--camera", made.camera, "-o", tmp_path / "new")
+    for more, words in (
+        (("--field-points", 3), ("--field 60deg",)),
+        (("--field", "20deg"), ("--field-points 3",)),
+        (("--field", "20deg", "--field-points", 4), ("4",)),
+        (("--field", "20deg", "--field-points", 3, "--angle", "2deg,0deg"), ("--angle",)),
+        (("--field", "20deg", "--field-points", 3, "-o", tmp_path / "a.tif"), ("a.tif", "folder")),
+    ):
+        check_refused(run(*(asked[:3] if "-o" in more else asked), *more), *words)
+    assert listing(tmp_path) == before
