@@ -160,3 +160,30 @@ def test_a_mask_must_be_of_its_class(tmp_path: Path) -> None:
     with Command(broken_package(tmp_path, "Odd = dict", "nolens.masks")) as nolens:
         said = nolens("design", "mask", "odd", "-o", tmp_path / "m").refusal
     assert "leads to no class of MaskOptions" in said
+
+
+def test_a_prior(nolens: Command, alone: Command, tmp_path: Path) -> None:
+    """It brings back a hill that total variation makes steps of."""
+    rng = np.random.default_rng(5)
+    psf, scene = np.zeros((48, 64)), np.zeros((48, 64))
+    psf[rng.integers(14, 34, 30), rng.integers(20, 44, 30)] = 1
+    truth = np.outer(*(np.sin(np.pi * (np.arange(side) + 0.5) / side) for side in (20, 30)))
+    scene[14:34, 17:47] = truth
+    light = np.fft.irfft2(np.fft.rfft2(scene) * np.fft.rfft2(np.roll(psf, (24, 32), (0, 1))))
+    counts = 30000 * light / light.max() + rng.normal(0, 1500, light.shape) + 9000
+    for name, values in (("psf", 50000 * psf + 9000), ("raw", counts)):
+        tifffile.imwrite(tmp_path / f"{name}.tif", values.round().astype(np.uint16))
+    asked = (tmp_path / "raw.tif", "--psf", tmp_path / "psf.tif", "--support", "20x30")
+    asked = ("reconstruct", *asked, "--black", 9000, "--bin", 1, "--tau", 1e-2)
+    errors = {}
+    for prior in ("tv", "smooth"):
+        path = tmp_path / f"{prior}.tif"
+        assert nolens(*asked, "--prior", prior, "-o", path).returncode == 0
+        found = tifffile.imread(path).astype(float).reshape(20, 30, -1)[..., 0]
+        factor = (found * truth).sum() / (found**2).sum()
+        errors[prior] = np.sqrt(((factor * found - truth) ** 2).mean())
+        record = json.loads((tmp_path / f"{prior}.json").read_text())
+        assert record["parameters"]["prior"] == prior
+    assert errors["smooth"] < 0.8 * errors["tv"] and errors["smooth"] < 0.1, errors
+    assert "smooth" in alone(*asked, "--prior", "smooth", "-o", tmp_path / "x.tif").refusal
+    assert "smooth" in nolens("reconstruct", "--help-all").printed

@@ -305,7 +305,7 @@ def test_settings_of_admm_that_cannot_be(settings, words) -> None:
 def test_the_page_runs() -> None:
     """docs/solvers.md: its problem has a result of its own shape, its functional a proximal map."""
     page = (Path(__file__).parents[2] / "docs" / "solvers.md").read_text()
-    problem, functional, _ = (part.split("```")[0] for part in page.split("```python")[1:])
+    problem, functional, *_ = (part.split("```")[0] for part in page.split("```python")[1:])
     names: dict[str, Any] = {"Functional": Functional}
     exec(problem.replace("tolerance=1e-4", "iterations=40"), names)
     beads, found = names["beads"], names["result"].scene

@@ -38,6 +38,7 @@ from nolens.solvers.psf_choice import Extent
 from nolens.solvers.reconstructor import SPARE
 from nolens.solvers.report import Report
 from nolens.solvers.result import window_of
+from nolens.solvers.scene_prior import ScenePrior
 
 _CHOICE = 0.2
 """Fraction of the work that the choice of a weight is."""
@@ -90,7 +91,7 @@ def reconstruct(
     quality: Quality | str | None = None,
     tau: float | None = None,
     detail: float = 1.0,
-    prior: Prior | str = Prior.TV,
+    prior: Prior | str | ScenePrior = Prior.TV,
     iterations: int | None = None,
     tolerance: float | None = None,
     device: torch.device | str = "cpu",
@@ -141,7 +142,9 @@ def reconstruct(
     detail
         What the automatic `tau` is divided by: 2 shows more detail and more noise.
     prior
-        ``"tv"``, ``"isotropic-tv"``, ``"l1"`` or ``"none"``.
+        ``"tv"``, ``"isotropic-tv"``, ``"l1"`` or ``"none"``; or one of your own: a function from a
+        first photograph, by total variation with a white of 1, to the functional −ln p(v), or the
+        name that a package adds.
     iterations, tolerance
         Limits in place of the method's own.
     device
@@ -382,7 +385,7 @@ def _solver(
     method: Method | str | None,
     quality: Quality | str | None,
     tau: float | None,
-    prior: Prior | str,
+    prior: Prior | str | ScenePrior,
     iterations: int | None,
     tolerance: float | None,
     device: torch.device | str,

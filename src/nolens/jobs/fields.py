@@ -14,6 +14,7 @@ from nolens.camera.psf_set import Depth, FieldAngle
 from nolens.errors import OptionError
 from nolens.jobs.options import RECORD, JobOptions, Option, Written, expand_home
 from nolens.machine import DeviceName
+from nolens.plugins import plugin_names
 from nolens.quantities import Angle, Duration, Percentage
 from nolens.ranges import Between
 from nolens.solvers import Prior
@@ -298,9 +299,14 @@ Scheduler = Annotated[
         label="Dask scheduler",
     ),
 ]
-ScenePrior = Annotated[
-    Prior, Option("What the scene is assumed to be like.", SOLVER, label="Prior")
-]
+_PRIOR = Option("What the scene is assumed to be like.", SOLVER, label="Prior")
+ScenePrior = Annotated[Prior, _PRIOR]
+PRIORS = (*(each.value for each in Prior), *plugin_names("nolens.priors"))
+"""Names of those of nolens, and of those that other packages add."""
+if TYPE_CHECKING:
+    AnyPrior = str
+else:
+    AnyPrior = Annotated[Literal[PRIORS], _PRIOR]
 Flip = Annotated[
     TurnOver,
     Option(

@@ -10,6 +10,7 @@ import torch.nn.functional as nnf
 from torch import Tensor
 
 from nolens.camera import FieldPsf, Measurement
+from nolens.errors import OptionError
 from nolens.operators import Geometry
 from nolens.solvers.admm import admm, admm_bytes
 from nolens.solvers.admm_state import AdmmState, Balance, Penalties
@@ -33,6 +34,7 @@ from nolens.solvers.inputs import (
 )
 from nolens.solvers.problem import Prior, Problem
 from nolens.solvers.result import STOPS, Callback, Quality, Result, Stop
+from nolens.solvers.scene_prior import ScenePrior, scene_prior, solve_with
 from nolens.solvers.scene_support import SupportChoice, choose_support
 from nolens.solvers.stream import FOLLOWING, Stream
 from nolens.solvers.wiener import wiener, wiener_bytes
@@ -53,6 +55,8 @@ _JUDGED_PIXELS = 40_000
 """Sensor pixels at most with which a PSF is judged."""
 _FIELD_BYTES = 8
 """Of a field point, per pixel of the padded shape: its PSF and its transfer."""
+_OWN_PRIOR_BYTES = 160
+"""Held in a run with a prior of one's own, per pixel of the padded shape."""
 _SUPPORT_PIXELS = 50_000
 """Pixels of all channels on which a support is chosen, about."""
 _STOP = {
@@ -112,7 +116,10 @@ class Reconstructor:
         number of channels (`Problem.weight`); None chooses it by pixels of the measurement that
         are left out of the fit (`choose_weight`).
     prior
-        What the scene is assumed to be like; the Wiener filter has its own.
+        What the scene is assumed to be like: a `Prior` or its text, or a prior of one's own
+        (`ScenePrior`), as a function or the name that a package adds to ``nolens.priors``. That
+        follows a photograph by total variation, which `tau` is then the weight of. The Wiener
+        filter has its own.
     method
         The solver.
     stop
@@ -129,7 +136,7 @@ class Reconstructor:
     psf: Plane = field(repr=False)
     support: Support | None = None
     tau: float | None = None
-    prior: Prior | str = Prior.TV
+    prior: Prior | str | ScenePrior = Prior.TV
     method: Method = Method.ADMM
     stop: Stop | None = None
     penalties: Penalties | None = None
@@ -163,7 +170,9 @@ class Reconstructor:
         if self.method is Method.ADMM:
             stop = self.stop or _STOP[self.method]
             low_frequency = stop.low_frequency or points > 0
-            return admm_bytes(pixels, low_frequency=low_frequency) + _FIELD_BYTES * points * pixels
+            fused = admm_bytes(pixels, low_frequency=low_frequency)
+            own = _OWN_PRIOR_BYTES * pixels if callable(scene_prior(self.prior)) else 0.0
+            return max(fused, own) + _FIELD_BYTES * points * pixels
         return (fista_bytes if self.method is Method.FISTA else wiener_bytes)(pixels)
 
     def choose_weight(
@@ -315,6 +324,7 @@ class Reconstructor:
             self.choose_weight(measured, valid).tau if self.tau is None else weight_of(self.tau)
         )
         values, usable = _parts(measured, valid)
+        prior = scene_prior(self.prior)
         wiener_filter = self.method is Method.WIENER
         varied = None if wiener_filter else self.field_psf
         problem = Problem.build(
@@ -323,7 +333,7 @@ class Reconstructor:
             valid=None if usable is None else tensor_of(usable, "mask").to(self.device),
             support=self.support,
             # The filter has a prior of its own: what it weighs are squares.
-            prior=Prior.TV if wiener_filter else self.prior,
+            prior=Prior.TV if wiener_filter or callable(prior) else prior,
             field_psf=None if varied is None else varied.to(self.device),
         )
         if wiener_filter:
@@ -359,21 +369,26 @@ class Reconstructor:
         if self.method is Method.WIENER:
             return wiener(problem)
         if self.method is Method.FISTA:
-            return fista(
+            result = fista(
                 problem, iterations=stop.iterations, tolerance=stop.tolerance, callback=callback
             )
-        return admm(
-            problem,
-            iterations=stop.iterations,
-            tolerance=stop.tolerance,
-            scene_tolerance=stop.scene_tolerance,
-            low_frequency=stop.low_frequency,
-            penalties=self.penalties,
-            balance=self.balance,
-            relaxation=self.relaxation,
-            state=state,
-            callback=callback,
-        )
+        else:
+            result = admm(
+                problem,
+                iterations=stop.iterations,
+                tolerance=stop.tolerance,
+                scene_tolerance=stop.scene_tolerance,
+                low_frequency=stop.low_frequency,
+                penalties=self.penalties,
+                balance=self.balance,
+                relaxation=self.relaxation,
+                state=state,
+                callback=callback,
+            )
+        prior = scene_prior(self.prior)
+        if callable(prior) and result.stop_reason != "callback":
+            return solve_with(prior, problem, result, stop.iterations, callback)
+        return result
 
     def stream(
         self,
@@ -390,7 +405,14 @@ class Reconstructor:
             A measurement like all that follow; it is not solved for yet.
         iterations, latency_s
             As `Stream` takes them.
+
+        Raises
+        ------
+        OptionError
+            If the prior is one's own.
         """
+        if callable(scene_prior(self.prior)):
+            raise OptionError(f"a stream has no prior of one's own; give one of {', '.join(Prior)}")
         problem = first if isinstance(first, Problem) else self.problem(first)
         return Stream(problem, iterations=iterations, latency_s=latency_s)
 

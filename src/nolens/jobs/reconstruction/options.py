@@ -15,7 +15,9 @@ from nolens.jobs.fields import (
     CAMERAS,
     INPUT,
     PICTURE,
+    PRIORS,
     SOLVER,
+    AnyPrior,
     Bgr,
     Bin,
     Channels,
@@ -36,7 +38,6 @@ from nolens.jobs.fields import (
     PsfFlip,
     PsfScale,
     RawMosaic,
-    ScenePrior,
     White,
     Window,
     check_detail,
@@ -47,7 +48,7 @@ from nolens.jobs.options import JobOptions, Option, Written
 from nolens.operators import PixelRectangle
 from nolens.printable import quoted
 from nolens.ranges import Between
-from nolens.solvers import Method, Prior, Quality
+from nolens.solvers import Method, Quality
 
 LESS_MEMORY = "a smaller --support or larger pixels (--bin) need less"
 _SWEPT: dict[str, tuple[str | None, ...]] = {
@@ -194,7 +195,7 @@ class ReconstructOptions(JobOptions):
     ] = None
     method: Annotated[Method, Option("How to solve.", SOLVER, label="Method")] = Method.ADMM
     tau: ChosenTau = "auto"
-    prior: ScenePrior = Prior.TV
+    prior: AnyPrior = "tv"
     iterations: Annotated[
         Iterations | None,
         Option(
@@ -370,7 +371,7 @@ class ReconstructOptions(JobOptions):
         if self.sweep == "method":
             return tuple(None if each is self.method else each.value for each in Method)
         if self.sweep == "prior":
-            return tuple(None if each is self.prior else each.value for each in Prior)
+            return tuple(None if each == self.prior else each for each in PRIORS)
         return _SWEPT[self.sweep or "tau"]
 
     def swept_path(self, output: Path, name: str) -> Path:

@@ -11,7 +11,7 @@ from torch import Tensor
 from nolens.files.contact_sheet import SheetPicture, write_contact_sheet
 from nolens.jobs.reconstruction.options import ReconstructOptions
 from nolens.jobs.run import Writer
-from nolens.solvers import Method, Prior, Result
+from nolens.solvers import Method, Result
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def sweep_settings(
     if options.sweep == "method":
         return {"method": options.method if name is None else Method(name)}
     if options.sweep == "prior":
-        return {"prior": options.prior if name is None else Prior(name)}
+        return {"prior": name or options.prior}
     if name is None:
         return {"support": options.support}
     if name == "full":
