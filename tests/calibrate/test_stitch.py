@@ -36,7 +36,8 @@ def captures(
         stated = (Angle.of(light.stated_deg[0], "deg"), Angle.of(light.stated_deg[1], "deg"))
         right, up = layers.shift_um(stated)
         psf = captured(bench, light)
-        found.append(Capture(psf, (-up / CELL_UM, right / CELL_UM), 30.0 if right or up else 0.0))
+        expected, search = (-up / CELL_UM, right / CELL_UM), 30.0 if right or up else 0.0
+        found.append(Capture(psf, expected, search, pixel_um=CELL_UM))
         shift = bench.twin.shift_um(light.source)
         truth.append((shift[0] / CELL_UM, shift[1] / CELL_UM))
     return found, truth
@@ -86,6 +87,26 @@ def test_is_the_wide_psf(
     off = (found.psf / scale - wide)[inner]
     assert float(off.square().mean().sqrt()) < 0.05 * float(wide[inner].square().mean().sqrt())
     assert 0.9 < found.known_fraction < 1
+
+
+def test_psf_of_a_corner_is_its_own(
+    made: tuple[Stitched, list[tuple[float, float]]], bench: VirtualExperiment
+) -> None:
+    """At the angle where the light really was, by the PSF of the simulated camera there."""
+    found, truth = made
+    corner = lights(SCENE_DEG / 2 + 1, 0.5)[0]
+    layers = Layers.of_camera(bench.twin.camera)
+    for angle, actual in zip(found.angle(0, layers), corner.actual_deg, strict=True):
+        assert angle.deg == pytest.approx(actual, abs=0.01)
+    psf = found.at_capture(0)
+    rows, columns = psf.shape[-2:]
+    expected = bench.psf(corner.source, (rows, columns))
+    top = (rows - ROWS) // 2 - round(truth[0][0])
+    left = (columns - COLUMNS) // 2 - round(truth[0][1])
+    own = (..., slice(top, top + ROWS), slice(left, left + COLUMNS))
+    assert correlation(psf[own], expected[own]) > 0.9995
+    off = psf[own] / psf[own].mean() - expected[own] / expected[own].mean()
+    assert float(off.square().mean().sqrt()) < 0.03
 
 
 def gamma_free() -> Tensor:
@@ -164,6 +185,10 @@ def test_views_count_by_their_angle() -> None:
     # Both of the others fade: their edges are half as far as they fade along.
     assert at[0] == pytest.approx((1 + 4 * aside) / (1 + aside), rel=5e-3)
     assert 1.3 < at[-40] < at[-50] < 3 and 1.3 < at[40] < at[50] < 5
+    # At a view's own angle only that one, but where it was not seen; no seam between.
+    own = found.at_capture(1)[0, 50]
+    assert torch.allclose(own[10:110], torch.tensor(3.0)) and torch.equal(own[120:], line[120:])
+    assert float((own[119] - line[119]).abs()) < 0.1 * float((3 - line[119]).abs())
 
 
 def test_nothing_is_seen_in_the_corners() -> None:

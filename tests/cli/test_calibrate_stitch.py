@@ -9,8 +9,9 @@ import torch
 from running import Done, check_refused, listing, run
 from torch import Tensor
 
-from nolens.camera import PsfEntry
-from nolens.files import read_psf, read_psf_set, write_psfs
+from nolens.calibrate.distances import Layers
+from nolens.camera import Camera, PsfEntry, preset
+from nolens.files import read_psf, read_psf_set, write_camera, write_psfs
 from nolens.files.pictures import write_tiff32
 
 SENSOR = (96, 120)
@@ -107,19 +108,39 @@ def test_added_to_the_folder(tmp_path: Path) -> None:
 
 
 def test_text_and_reconstruction(tmp_path: Path) -> None:
-    """What it writes is taken by nolens reconstruct as it says."""
+    """What it writes is taken by nolens reconstruct as it says: with a camera, all angles."""
     made = folder(tmp_path / "made")
-    done = stitch(made, "--reduced", "1.28mm")
-    assert done.code == 0 and done.err == "", done
-    for words in ("to the right", "overlaps agree to 0.0", "--support 86x86", "psfs.toml"):
+    camera = as_the_layers(made)
+    for again in (1, 2):
+        done = stitch(made)
+        assert done.code == 0 and done.err == "", (again, done)
+    for words in ("to the right", "overlaps agree to 0.0", "--support 86x86", "psfs.toml",
+                  "9 PSFs over the field, 1.3 MB"):  # fmt: skip
         assert words in done.out, words
+    stitched = [each for each in read_psf_set(made).psf if each.kind == "stitched"]
+    assert len(stitched) == len(ANGLES)  # The second time they replaced those of the first.
+    layers = Layers.of_camera(camera)
+    places = {tuple(round(um / CELL_UM) for um in layers.shift_um(e.angle)) for e in stitched}
+    assert places == {(moved_by(*each)[1], -moved_by(*each)[0]) for each in ANGLES}
     write_tiff32(tmp_path / "raw.tif", view(wide(), 0, 0))
     out = tmp_path / "out.png"
-    done = run(
-        "reconstruct", tmp_path / "raw.tif", "--psf", made / "stitched-300mm.tif",
-        "--psf-extent", "wide", "--support", "86x86", "--iterations", 5, "-o", out,
-    )  # fmt: skip
-    assert done.code == 0 and out.exists(), done
+    done = run("reconstruct", tmp_path / "raw.tif", "--psf", made, "--support", "86x86",
+               "--tau", 1e-4, "--iterations", 2, "--json", "-o", out)  # fmt: skip
+    assert done.code == 0 and json.loads(done.out)["field_points"] == 9, done
+
+
+def as_the_layers(made: Path) -> Camera:
+    """Give a folder a camera behind as much air as `REDUCED_UM`."""
+    small = preset("small")
+    green = small.sensor.quantum_efficiency.values["G"]
+    fields = small.model_dump(mode="json", exclude_none=True)
+    fields["layers"] = [{"name": "gap", "thickness": "1.28 mm", "material": "air"}]
+    fields["sensor"] |= {"rows": SENSOR[0], "columns": SENSOR[1], "pitch": "3.1 um"}
+    fields["sensor"] |= {"mosaic": "none"}
+    fields["sensor"]["quantum_efficiency"]["values"] = {"grey": list(green)}
+    camera = Camera.model_validate(fields)
+    write_camera(made, camera)
+    return camera
 
 
 def test_signs_are_the_photographers(tmp_path: Path) -> None:

@@ -49,6 +49,8 @@ _NEAR = 0.4
 """How far a view may be from the best one, as a fraction of the largest shift, to count much."""
 _KNOWN = 0.99
 """Fraction of a line at the edge that must be known."""
+_SEAM = 0.1
+"""Width over which a capture fades into the merged PSF, as a fraction of the sensor's."""
 _EVEN = 1e-9
 """Weight of a view that is far from the best one: enough where it is the only one."""
 
@@ -331,6 +333,25 @@ class Stitched:
     known_fraction: float
     support: tuple[int, int]
 
+    def at_capture(self, number: int) -> Tensor:
+        """PSF of the angle of one capture, about its chief ray: its own light where the sensor
+        saw it, as bright as the reference's, and without a seam the merged PSF beyond.
+        """
+        capture, gain = self.captures[number], torch.tensor(self.gains[number])
+        middle = self.psf.shape[-2] // 2, self.psf.shape[-1] // 2
+        moved, window = _about_chief_ray(capture.psf, self.placement.shifts[number], middle)
+        psf = self.psf.clone()
+        merged = psf[:, *window]
+        size = merged.shape[-2], merged.shape[-1]
+        merged += _fade(size, _SEAM * min(size)) * (moved / gain[:, None, None] - merged)
+        return psf
+
+    def angle(self, number: int, layers: Layers) -> tuple[Angle, Angle]:
+        """Field angles of one capture, by where its light falls."""
+        row, column = self.placement.shifts[number]
+        pixel_um = self.captures[number].pixel_um
+        return layers.angle_at((column * pixel_um, -row * pixel_um))
+
     def figures(self) -> dict[str, Any]:
         """Figures in values that JSON has; lengths and angles to the right and up."""
         return {
@@ -416,22 +437,17 @@ def stitch(
     for number, (capture, shift, gain) in enumerate(zip(captures, shifts, gains, strict=True)):
         if progress is not None:
             progress(number / len(captures))
-        whole = round(shift[0]), round(shift[1])
-        moved = _shifted(capture.psf, (whole[0] - shift[0], whole[1] - shift[1]))
-        top, left = (
-            middle - by - count // 2 for middle, by, count in zip(half, whole, sensor, strict=True)
-        )
+        moved, (rows, columns) = _about_chief_ray(capture.psf, shift, (half[0], half[1]))
         lines = [
             torch.exp(
                 -(((_best_shift(count, first, middle, far) - by) / (_NEAR * max(far, 1.0))) ** 2)
                 / 2
             )
             for count, first, middle, far, by in zip(
-                sensor, (top, left), half, extent, shift, strict=True
+                sensor, (rows.start, columns.start), half, extent, shift, strict=True
             )
         ]
         weight = (lines[0][:, None] * lines[1] + _EVEN) * _fade(sensor, fade)
-        rows, columns = slice(top, top + sensor[0]), slice(left, left + sensor[1])
         total[:, rows, columns] += moved * weight / torch.tensor(gain)[:, None, None]
         weights[rows, columns] += weight
     known = weights > 0
@@ -502,6 +518,18 @@ def _fade(size: tuple[int, int], along: float) -> Tensor:
     """Weight that rises from nothing at a capture's edge to 1."""
     lines = [torch.minimum(torch.arange(n), torch.arange(n).flip(0)).float() for n in size]
     return ((torch.minimum(lines[0][:, None], lines[1]) + 0.5) / along).clamp(0, 1)
+
+
+def _about_chief_ray(
+    psf: Tensor, shift: Shift, middle: tuple[int, int]
+) -> tuple[Tensor, tuple[slice, slice]]:
+    """A capture by whole pixels of a PSF about its chief ray, and its rows and columns there."""
+    whole = round(shift[0]), round(shift[1])
+    rows, columns = (
+        slice(first := half - by - count // 2, first + count)
+        for half, by, count in zip(middle, whole, psf.shape[-2:], strict=True)
+    )
+    return _shifted(psf, (whole[0] - shift[0], whole[1] - shift[1])), (rows, columns)
 
 
 def _shifted(psf: Tensor, part: Shift) -> Tensor:

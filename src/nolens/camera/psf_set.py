@@ -87,8 +87,10 @@ class PsfEntry(Part):
         return PsfEntry(file=file, pixel=self.pixel, channels=self.channels, kind=kind, **fields)
 
     def replaces(self, other: "PsfEntry") -> bool:
-        """Whether both are of the same kind and the same point source."""
-        return (self.kind, self.distance, self.angle) == (other.kind, other.distance, other.angle)
+        """Whether both are of the same kind, and of the same point source or one file."""
+        place = self.distance, self.angle
+        same = place == (other.distance, other.angle) or self.file == other.file
+        return same and self.kind == other.kind
 
 
 def _one_camera(entries: tuple[PsfEntry, ...]) -> tuple[PsfEntry, ...]:

@@ -123,6 +123,10 @@ def _stitch(summary: dict[str, Any]) -> list[str]:
         f"the captures suffice for scenes of up to --support {height}x{width}, "
         "with --psf-extent wide; give the scene's own support (nolens calibrate plan) where that "
         "is smaller",
+        f"{summary['field_points']} PSFs over the field, {summary['megabytes']:g} MB: reconstruct "
+        "with this folder (--psf FOLDER)"
+        if summary["field_points"] > 1
+        else "the folder has no camera.toml: with it there would be a PSF of each angle",
     ]
 
 

@@ -6,12 +6,13 @@ from typing import Annotated, Any, ClassVar
 from pydantic import BeforeValidator
 from torch import Tensor
 
-from nolens.calibrate.stitch import Capture, CapturePlan, stitch_at_angles
+from nolens.calibrate.stitch import Capture, CapturePlan, Stitched, stitch_at_angles
+from nolens.camera import PsfEntry
 from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth
 from nolens.files import read_camera, read_psf, readable
 from nolens.files.psf_folder import PsfFolder
-from nolens.jobs.calibration.folder import FolderOptions, Reduced, added, psf_folder
+from nolens.jobs.calibration.folder import FolderOptions, Reduced, added, place_name, psf_folder
 from nolens.jobs.fields import CAMERAS, FilePath, FullAngle, Name
 from nolens.jobs.options import JobOptions, Option
 from nolens.jobs.run import Product, Run, job
@@ -74,12 +75,13 @@ class CalibrateStitchOptions(FolderOptions):
 
     nolens calibrate stitch mycamera
 
-    nolens reconstruct raw.dng --psf mycamera/stitched-300mm.tif --psf-extent wide --support 414x414
+    nolens reconstruct raw.dng --psf mycamera --support 414x414
 
     A camera without an aperture sees light through parts of the mask that the PSF from straight
     ahead does not show. Point sources from the side move the PSF, so that the sensor sees its
     other parts: nolens calibrate plan lists the angles. They need to be right only to within 3°:
-    each PSF is placed by its overlap with the others.
+    each PSF is placed by its overlap with the others. Where the folder has a camera.toml, a PSF of
+    each angle is written too, which reconstruct --psf FOLDER uses over the field.
     """
 
     names: ClassVar = ("stitched", "stitch")
@@ -135,10 +137,36 @@ def calibrate_stitch(run: Run[CalibrateStitchOptions]) -> Product[Tensor]:
         options.psf_file, "stitched", usable_per_mm=min(usable, default=None)
     )
     run.warn(*stitched.warnings())
+    made = {entry: stitched.psf, **_over_field(entries, entry, stitched, folder)}
     figures = {
         "folder": readable(options.folder),
         "distance": str(distance),
         "file": entry.file,
+        "field_points": len(made),
+        "megabytes": round(len(made) * 4e-6 * stitched.psf.numel(), 1),
         **stitched.figures(),
     }
-    return added(stitched.psf, figures, options.folder, {entry: stitched.psf})
+    return added(stitched.psf, figures, options.folder, made)
+
+
+def _over_field(
+    captured: list[PsfEntry], merged: PsfEntry, stitched: Stitched, folder: PsfFolder
+) -> dict[PsfEntry, Tensor]:
+    """A PSF of each angle beside the axis; none without a camera, as their places need its layers.
+
+    Their files are named after the stated angles, and so replaced when captures are stitched again.
+    """
+    if folder.camera is None:
+        return {}
+    layers = folder.layers(None)
+    return {
+        merged.model_copy(
+            update={
+                "file": f"stitched-{place_name(each.distance, each.angle)}.tif",
+                "angle": stitched.angle(number, layers),
+                "usable_per_mm": each.usable_per_mm,
+            }
+        ): stitched.at_capture(number)
+        for number, each in enumerate(captured)
+        if not each.on_axis
+    }
