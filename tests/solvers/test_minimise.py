@@ -49,10 +49,13 @@ Solve = Callable[..., Result]
 
 
 def convolution(
-    dtype: torch.dtype = torch.float64, seed: int = 1, support: PixelRectangle | None = SUPPORT
+    dtype: torch.dtype = torch.float64,
+    seed: int = 1,
+    support: PixelRectangle | None = SUPPORT,
+    device: str = "cpu",
 ) -> CroppedConvolution:
     psf = torch.rand((1, *SENSOR), generator=torch.Generator().manual_seed(seed)) ** 8
-    return CroppedConvolution(psf.to(dtype), SENSOR, support)
+    return CroppedConvolution(psf.to(device, dtype), SENSOR, support)
 
 
 def scene_of(*shape: int) -> Tensor:
@@ -314,3 +317,30 @@ def test_the_page_runs() -> None:
     exec(functional, names)
     x = names["Logarithmic"]().prox(torch.tensor([2.0, -1.0]), 0.5)
     torch.testing.assert_close(x - torch.tensor([2.0, -1.0]), 0.5 / x)
+
+
+def test_restarts_save_iterations() -> None:
+    """A momentum that points uphill begins anew."""
+    a = convolution()
+    terms = [Gaussian(data_of(a, scene_of(1))) @ a, 1e-3 * Ridge()]
+    with_restart, without = (
+        proximal_gradient(*terms, restart=restart, tolerance=1e-9, iterations=4000)
+        for restart in (True, False)
+    )
+    assert with_restart.stop_reason == "converged"
+    assert with_restart.iterations < 0.7 * without.iterations
+    assert with_restart.objective <= without.objective * (1 + 1e-9)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device here")
+@pytest.mark.parametrize("solve", SOLVERS, ids=lambda solve: solve.__name__)
+def test_on_cuda(solve: Solve) -> None:
+    """What the processor computes, where the data are."""
+    a = convolution()
+    b = data_of(a, scene_of(1))
+    other = convolution(device="cuda")
+    priors = [*COMPOSED["isotropic variation, box"], Support(torch.arange(20).reshape(4, 5) > 4)]
+    here = solve(Gaussian(b) @ a, *priors, iterations=40, tolerance=0).scene
+    there = solve(Gaussian(b.cuda()) @ other, *priors, iterations=40, tolerance=0).scene
+    assert there.is_cuda
+    torch.testing.assert_close(there.cpu(), here, rtol=0, atol=1e-6)

@@ -291,6 +291,8 @@ class _Apply(Function):
 
 
 def _apply(v: Tensor, operator: LinearOperator, adjoint: bool) -> Tensor:
+    if not v.requires_grad:  # A node costs more than an operator on few pixels.
+        return operator._adjoint(v) if adjoint else operator._forward(v)
     out: Tensor = _Apply.apply(v, operator, adjoint)  # type: ignore[no-untyped-call]
     return out
 

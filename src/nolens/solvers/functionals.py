@@ -131,6 +131,12 @@ class Weighted(Functional):
         """That of the functional with weight · step."""
         return self.functional.prox(v, self.weight * step) if self.weight > 0 else v
 
+    def conjugate_prox(self, v: Tensor, step: float) -> Tensor:
+        """Weight times that of the functional at v over the weight."""
+        if self.weight == 0:
+            return 0 * v
+        return self.weight * self.functional.conjugate_prox(v / self.weight, step / self.weight)
+
     def gradient(self, v: Tensor) -> Tensor:
         """Weight times that of the functional."""
         return self.weight * self.functional.gradient(v) if self.weight > 0 else 0 * v
@@ -229,11 +235,11 @@ class Support(Functional):
         self.mask = mask
 
     def _value(self, v: Tensor) -> Tensor:
-        return _indicator(v, not bool(torch.where(self.mask, 0, v).any()))
+        return _indicator(v, not bool(torch.where(self.mask.to(v.device), 0, v).any()))
 
     def prox(self, v: Tensor, step: float) -> Tensor:
         """Zero outside the support."""
-        return torch.where(self.mask, v, 0)
+        return torch.where(self.mask.to(v.device), v, 0)
 
 
 class L1(Functional):
@@ -247,6 +253,10 @@ class L1(Functional):
     def prox(self, v: Tensor, step: float) -> Tensor:
         """Soft thresholding."""
         return v - v.clamp(-step, step)
+
+    def conjugate_prox(self, v: Tensor, step: float) -> Tensor:
+        """The nearest v between −1 and 1."""
+        return v.clamp(-1, 1)
 
 
 class GroupSparsity(Functional):
@@ -267,6 +277,10 @@ class GroupSparsity(Functional):
     def prox(self, v: Tensor, step: float) -> Tensor:
         """Every group, shorter by the step."""
         return v * (1 - step / lengths(v, self.axis).clamp_min(step))
+
+    def conjugate_prox(self, v: Tensor, step: float) -> Tensor:
+        """Every group, no longer than 1."""
+        return v / lengths(v, self.axis).clamp_min(1)
 
 
 class Ridge(Functional):

@@ -55,7 +55,7 @@ _JUDGED_PIXELS = 40_000
 """Sensor pixels at most with which a PSF is judged."""
 _FIELD_BYTES = 8
 """Of a field point, per pixel of the padded shape: its PSF and its transfer."""
-_OWN_PRIOR_BYTES = 160
+_OWN_PRIOR_BYTES = 170
 """Held in a run with a prior of one's own, per pixel of the padded shape."""
 _SUPPORT_PIXELS = 50_000
 """Pixels of all channels on which a support is chosen, about."""
