@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: env demo test tests test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading bench-default bench-odd bench-dataset bench-batch examples screenshots fuzz kill attack clean
+.PHONY: env demo test tests test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading bench-default bench-model bench-odd bench-dataset bench-batch examples screenshots fuzz kill attack clean
 
 env: $(STAMP)
 
@@ -85,6 +85,10 @@ bench-stitch: $(STAMP)
 # The default's pictures against the best of a grid, over simulated cameras: about an hour.
 bench-default: $(STAMP)
 	$(BIN)/python bench/default.py
+
+# PSFs at several field points against one, in quality and cost: about half an hour.
+bench-model: $(STAMP)
+	$(BIN)/python bench/model.py
 
 # What is said of wrong and odd files, and falsely of good ones: about 20 minutes.
 bench-odd: $(STAMP)

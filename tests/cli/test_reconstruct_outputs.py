@@ -22,6 +22,8 @@ SUMMARY = {
     "stop_reason",
     "objective",
     "tau",
+    "prior",
+    "field_points",
     "automatic_tau",
     "automatic_support",
     "report",
@@ -126,7 +128,8 @@ def test_record(camera: Camera, tmp_path: Path) -> None:
     assert min(each["excess"] for each in weights) == 0
     assert weights[-1]["tau"] < parameters["tau"] == record["result"]["tau"] <= weights[0]["tau"]
     assert parameters["iterations"] == 12 and parameters["tolerance"] == 0
-    assert parameters["method"] == "admm" and parameters["prior"] == "tv"
+    assert parameters["method"] == "admm" and parameters["prior"] == "auto"
+    assert record["result"]["prior"] == "tv"
     assert parameters["support"] == f"{SUPPORT}+12+16" and parameters["balance"] is True
     assert parameters["relaxation"] is None and parameters["penalties"] is None
     assert parameters["channel_names"] == ["R", "G", "B"]

@@ -100,7 +100,7 @@ def test_studio_has_what_the_jobs_declare() -> None:
     assert found["calibrate"]["name"]["label"] == "Folder of its PSFs"
     reconstruct = found["reconstruct"]
     assert reconstruct["quality"]["choices"] == ["draft", "photo", "exact"]
-    assert reconstruct["prior"]["default"] == "tv" and "l1" in reconstruct["prior"]["choices"]
+    assert reconstruct["prior"]["default"] == "auto" and "l1" in reconstruct["prior"]["choices"]
     assert reconstruct["low_frequency"]["choices"] == ["on", "off"]
     assert (reconstruct["detail"]["group"], reconstruct["tau"]["group"]) == ("", "Model and solver")
     assert reconstruct["crop"]["choices"] == []  # A window is taken beside "all".

@@ -59,7 +59,7 @@ class Posed:
             "valid": torch.from_numpy(self.valid),
             "support": self.case.support,
             "tau": self.case.tau,
-            "prior": Prior(self.case.prior),
+            "prior": self.case.prior,
             **changed,
         }
         return Problem.build(**given)  # type: ignore[arg-type]

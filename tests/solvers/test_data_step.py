@@ -9,8 +9,9 @@ from posed import Case, pose
 from scipy.optimize import minimize
 
 from nolens.camera import FieldPsf
+from nolens.errors import OptionError
 from nolens.operators import CroppedConvolution, FieldConvolution, PixelRectangle
-from nolens.solvers import Problem, admm, fista
+from nolens.solvers import Prior, Problem, admm, fista, split_admm
 
 BASE = Case(view=True, support=PixelRectangle(0, 0, 6, 8))
 CASES = {
@@ -36,6 +37,24 @@ def test_reaches_the_minimum(case):
     result = admm(posed.problem, iterations=1000, tolerance=1e-5, low_frequency=True)
     assert result.objective == pytest.approx(objective, rel=1e-3, abs=2e-6)
     assert np.linalg.norm(result.scene.numpy() - scenes) <= 0.05 * np.linalg.norm(scenes)
+
+
+def test_colours_together_against_the_generic_solver():
+    """And the start: the solver takes the colours together where they fill the view."""
+    posed = pose(replace(BASE, channels=3, saturated=0.1))
+    problem = posed.pose(prior="auto")
+    assert problem.prior is Prior.COLOUR_TV
+    other = split_admm(*problem.functionals, iterations=300, tolerance=1e-7)
+    result = admm(problem, iterations=200, tolerance=1e-5)
+    assert result.objective == pytest.approx(other.objective / 3, rel=1e-3)
+    error = torch.linalg.vector_norm(result.scene / problem.scale - other.scene)
+    assert error <= 0.02 * torch.linalg.vector_norm(other.scene)
+    _, lower = problem.gain_corrected(1.1 * other.scene)
+    assert lower == pytest.approx(other.objective / 3, rel=1e-3)
+    apart = pose(replace(Case(), channels=3)).pose(prior="auto")
+    assert apart.prior is Prior.TV
+    with pytest.raises(OptionError, match="three colours, and the measurement has 1 channel"):
+        pose(BASE).pose(prior="colour-tv")
 
 
 def test_finds_a_shading_at_once():

@@ -19,6 +19,7 @@ from nolens.solvers import (
     Gaussian,
     GroupSparsity,
     NonNegative,
+    OpponentL1,
     Poisson,
     Ridge,
     Support,
@@ -55,12 +56,22 @@ def of_poisson(p: Tensor) -> Tensor:
     return where(inside, -(0.3 * p * MASK).sum() - (w * COUNTS * q.log()).sum())
 
 
+def of_opponents(p: Tensor) -> Tensor:
+    red, green, blue = p.unbind(-1)
+    mean, colour = (red + green + blue) / 3**0.5, (red - blue) / 2**0.5
+    other = (red + blue - 2 * green) / 6**0.5
+    return where(
+        (mean.abs() <= 0.5 + 1e-9) & (torch.maximum(colour.abs(), other.abs()) <= 2 + 1e-9)
+    )
+
+
 CASES = [
     Case(NonNegative(), lambda p: where(p <= 1e-9)),
     Case(Box(-0.5, WEIGHTS), lambda p: torch.maximum(-0.5 * p, WEIGHTS * p).sum()),
     Case(Support(MASK), lambda p: where((p * MASK).abs() < 1e-9)),
     Case(0.7 * L1(), lambda p: where(p.abs() <= 0.7 + 1e-9)),
     Case(GroupSparsity(-3), lambda p: where(torch.linalg.vector_norm(p, dim=-3) <= 1 + 1e-9)),
+    Case(OpponentL1(-1, mean=0.5, colour=2.0), of_opponents),
     Case(2.0 * Ridge(), lambda p: p.square().sum() / 4),
     Case(
         Gaussian(COUNTS, weights=WEIGHTS, valid=MASK),

@@ -81,7 +81,7 @@ def test_what_a_prior_can_be() -> None:
     first = torch.ones(1, 2, 2)
     assert scene_prior(norm)(first) is norm  # type: ignore[operator]
     assert scene_prior(smooth) is smooth
-    with pytest.raises(OptionError, match="prior is 'tvv'; give one of tv, isotropic-tv, l1, none"):
+    with pytest.raises(OptionError, match="prior is 'tvv'; give one of auto, tv, "):
         scene_prior("tvv")
     solver, data = reconstructor(lambda _: "smooth")
     with pytest.raises(OptionError, match="the prior gave str; it must give a Functional"):

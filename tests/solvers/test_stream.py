@@ -89,7 +89,7 @@ def test_another_scene_is_there_within_three_frames(before):
     assert first < 0.45 and third < 0.2
 
 
-@pytest.mark.parametrize("prior", list(Prior))
+@pytest.mark.parametrize("prior", [Prior.TV, Prior.ISOTROPIC_TV, Prior.L1, Prior.NONE])
 def test_standing_scene_converges(prior):
     psf, blur = camera()
     data = blur(scene(0)) + 0.02 * torch.rand(

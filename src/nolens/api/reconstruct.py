@@ -91,7 +91,7 @@ def reconstruct(
     quality: Quality | str | None = None,
     tau: float | None = None,
     detail: float = 1.0,
-    prior: Prior | str | ScenePrior = Prior.TV,
+    prior: Prior | str | ScenePrior = Prior.AUTO,
     iterations: int | None = None,
     tolerance: float | None = None,
     device: torch.device | str = "cpu",
@@ -142,9 +142,10 @@ def reconstruct(
     detail
         What the automatic `tau` is divided by: 2 shows more detail and more noise.
     prior
-        ``"tv"``, ``"isotropic-tv"``, ``"l1"`` or ``"none"``; or one of your own: a function from a
-        first photograph, by total variation with a white of 1, to the functional −ln p(v), or the
-        name that a package adds.
+        ``"tv"``, ``"colour-tv"``, ``"isotropic-tv"``, ``"l1"`` or ``"none"``; ``"auto"`` is total
+        variation, of the colours together where the scene fills the view. Or one of your own: a
+        function from a first photograph, by total variation with a white of 1, to the functional
+        −ln p(v), or the name that a package adds.
     iterations, tolerance
         Limits in place of the method's own.
     device

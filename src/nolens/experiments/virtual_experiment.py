@@ -190,18 +190,21 @@ class VirtualExperiment:
         progress
             Called with the fraction that is done.
         pixels
-            Sensor pixels along one of the result; None takes those of the reconstruction.
+            Sensor pixels along one of the result; None takes those of the reconstruction, of which
+            each channel has its own pixels of the mosaic.
         frame
             See `point_spread`.
         """
+        pixels = pixels or self.twin.superpixel
         pattern = point_spread(
             self.twin,
             source,
             size or self.twin.shape,
-            superpixel=pixels or self.twin.superpixel,
+            superpixel=pixels,
             light=self.light,
             wavelengths=self.wavelengths,
             frame=frame,
+            mosaic=self.sensor.mosaic if pixels == self.sensor.superpixel > 1 else None,
             progress=progress,
         ).cpu()
         currents = photocurrents(self.twin, self.light, 1.0)

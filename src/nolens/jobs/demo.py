@@ -6,11 +6,22 @@ from typing import Annotated
 
 from torch import Tensor
 
-from nolens.camera import develop
+from nolens.camera import LoadedCamera, develop
 from nolens.evaluate import psnr, scale_fit
-from nolens.experiments.demonstration import demonstrate, side_by_side
-from nolens.files import read_frame, readable, write_frame, write_into, write_png
+from nolens.experiments.demonstration import DISTANCE, Demonstration, demonstrate, side_by_side
+from nolens.files import (
+    PSFS_FILE,
+    read_frame,
+    readable,
+    write_frame,
+    write_into,
+    write_png,
+    write_psfs,
+)
+from nolens.files.cameras import camera_copies
+from nolens.files.psf_folder import PsfFolder
 from nolens.files.sample_pictures import sample_picture
+from nolens.jobs.calibration.folder import field_entries
 from nolens.jobs.fields import FilePath
 from nolens.jobs.options import JobOptions, Option, Written
 from nolens.jobs.reconstruction.job import reconstruct
@@ -41,9 +52,9 @@ class DemoOptions(JobOptions):
         return self.output / "measurement.dng"
 
     @property
-    def psf(self) -> Path:
-        """What it measures of a point source."""
-        return self.output / "psf.dng"
+    def camera(self) -> Path:
+        """Folder of the camera, with what it measures of point sources."""
+        return self.output / "camera"
 
     @property
     def picture(self) -> Path:
@@ -54,8 +65,7 @@ class DemoOptions(JobOptions):
         """How the camera's files are reconstructed."""
         return ReconstructOptions(
             measurement=self.measurement,
-            psf=self.psf,
-            psf_extent="wide",
+            psf=self.camera,
             support=support,
             output=(self.output / "reconstruction.png",),
         )
@@ -65,7 +75,7 @@ class DemoOptions(JobOptions):
         """Files of the camera, and the picture; those of the reconstruction are named by it."""
         return (
             Written("measurement", self.measurement),
-            Written("PSF", self.psf),
+            Written("list of PSFs", self.camera / PSFS_FILE),
             Written("picture", self.picture),
         )
 
@@ -88,9 +98,9 @@ def run_demo(run: Run[DemoOptions]) -> Product[Tensor]:
         options.output,
         {
             options.measurement: partial(write_frame, frame=demonstration.scene, model=_MODEL),
-            options.psf: partial(write_frame, frame=demonstration.point, model=_MODEL),
         },
     )
+    psfs = _write_camera(options.camera, demonstration)
     truth = demonstration.truth
     support = f"{demonstration.support.height}x{demonstration.support.width}"
     reconstruction = options.reconstruction(support)
@@ -103,9 +113,7 @@ def run_demo(run: Run[DemoOptions]) -> Product[Tensor]:
         "reconstruct",
         str(options.measurement),
         "--psf",
-        str(options.psf),
-        "--psf-extent",
-        "wide",
+        str(options.camera),
         "--support",
         support,
         "-o",
@@ -117,10 +125,25 @@ def run_demo(run: Run[DemoOptions]) -> Product[Tensor]:
         "picture": readable(options.picture),
         "command": command,
     }
-    files = [options.measurement, options.psf, *map(Path, solved.summary["outputs"])]
+    files = [options.measurement, *psfs, *map(Path, solved.summary["outputs"])]
     return Product(
         solved.value,
         figures,
         {options.picture: partial(write_png, radiance=panels)},
         outputs=(*files, options.picture),
     )
+
+
+def _write_camera(folder: Path, demonstration: Demonstration) -> list[Path]:
+    """The description and the PSFs of the camera, and what was written."""
+    camera = demonstration.camera
+    writers = camera_copies(camera.name, LoadedCamera.of(camera))
+    entries = field_entries(
+        demonstration.psfs,
+        camera,
+        PsfFolder(folder).pitch(camera.sensor.pitch, camera.sensor.superpixel),
+        DISTANCE,
+        "extended",
+    )
+    write_psfs(folder, entries, more=writers)
+    return [folder / name for name in (*writers, PSFS_FILE, *(each.file for each in entries))]

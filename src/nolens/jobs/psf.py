@@ -8,14 +8,13 @@ from typing import Annotated, Literal, NamedTuple
 
 from torch import Tensor
 
-from nolens.calibrate.distances import Layers
-from nolens.camera import LoadedCamera, PsfEntry
+from nolens.camera import LoadedCamera
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import PSFS_FILE, write_png, write_tiff32
 from nolens.files.psf_folder import PsfFolder
-from nolens.jobs.calibration.folder import added, distance_name, place_name
+from nolens.jobs.calibration.folder import added, distance_name, field_entries
 from nolens.jobs.fields import RESULT, Bin, FieldAngles, FilePath, FullAngle, Seed, parts
 from nolens.jobs.options import Option, Written
 from nolens.jobs.run import Product, Run, job
@@ -290,19 +289,14 @@ def _simulate_field(
         source.diameter_um,
         partial(run.reporter.advance, "point sources"),
     )
-    layers, sensor = Layers.of_camera(loaded.camera), loaded.camera.sensor
-    made: dict[PsfEntry, Tensor] = {}
-    for values, (row, column) in zip(psfs.values, psfs.places.tolist(), strict=True):
-        place = layers.angle_at((column * twin.pixel_um, -row * twin.pixel_um))
-        entry = PsfEntry(
-            file=f"psf-{place_name(distance, place)}.tif",
-            pixel=folder.pitch(sensor.pitch, sensor.superpixel),
-            channels=tuple(channels),
-            distance=distance,
-            angle=place,
-            kind="captured" if size == twin.shape else "extended",
-        )
-        made[entry] = values
+    sensor = loaded.camera.sensor
+    made = field_entries(
+        psfs,
+        loaded.camera,
+        folder.pitch(sensor.pitch, sensor.superpixel),
+        distance,
+        "captured" if size == twin.shape else "extended",
+    )
     figures = {
         "camera": loaded.camera.name,
         "psfs": [entry.model_dump(mode="json") for entry in made],

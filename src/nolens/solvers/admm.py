@@ -120,25 +120,22 @@ class DataStepRun:
         self, problem: Problem, state: AdmmState, *, balance: Balance | None, relaxation: float
     ) -> None:
         self._problem, self.state, self._balance = problem, state, balance
-        self._steps = [
-            DataStep(problem.single(channel), split, state.penalties, relaxation)
-            for channel, split in enumerate(state.splits)
-        ]
+        self._step: DataStep | None = DataStep(problem, state.splits, state.penalties, relaxation)
 
     def to_check(self, limit: int) -> Progress:
         """Iterate until the next convergence check, as `AdmmRun.to_check`."""
+        assert self._step is not None
         state = self.state
         state.penalties = _balanced(state, self._balance)
         count = min(CHECK_EVERY - state.iteration % CHECK_EVERY, limit - state.iteration)
-        state.sums = [step.iterate(count, state.penalties) for step in self._steps]
+        state.sums = self._step.iterate(count, state.penalties)
         state.iteration += count
-        for step, split in zip(self._steps, state.splits, strict=True):
-            step.write(split)
+        self._step.write(state.splits)
         return _progress(self._problem, state)
 
     def end(self) -> None:
         """Free the memory of the iterations."""
-        self._steps = []
+        self._step = None
 
 
 def _balanced(state: AdmmState, balance: Balance | None) -> Penalties:
@@ -195,7 +192,7 @@ def _regulariser(prior: Prior, sums: PassSums) -> float:
 
 def _residuals(problem: Problem, sums: list[PassSums]) -> tuple[float, float]:
     """Largest relative residual of any split, over all channels together."""
-    splits = (0, 1, 2) if problem.prior in (Prior.TV, Prior.ISOTROPIC_TV) else (0, 2)
+    splits = (0, 1, 2) if problem.varied else (0, 2)
     primal = dual = 0.0
     for k in splits:
         split = sum(each.split[k] for each in sums)
@@ -277,8 +274,8 @@ def admm(
     if state is None:
         state = AdmmState.cold(problem, penalties)
     run: AdmmRun | DataStepRun
-    varies = isinstance(problem.forward, FieldConvolution)
-    if varies or (low_frequency and state.fills_view):
+    together = problem.prior is Prior.COLOUR_TV or isinstance(problem.forward, FieldConvolution)
+    if together or (low_frequency and state.fills_view):
         if state.iteration == 0 and penalties is None and state.fills_view:
             state.restart(data_step_start(problem, state))
         run = DataStepRun(

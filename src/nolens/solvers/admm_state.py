@@ -21,8 +21,6 @@ CHECK_EVERY = 4
 
 _START: Penalties = (0.02, 2.0, 1.0)
 
-_UNIFORM_START = 0.9
-"""Fraction of the data that a uniform scene must explain for the iteration to start from it."""
 _ARRAYS = ("measured", "rows", "columns", "scene")
 _SUMS = tuple(field.name for field in fields(PassSums))
 _SUM_COUNT = 15
@@ -118,7 +116,7 @@ class AdmmState:
     @classmethod
     def cold(cls, problem: Problem, penalties: Penalties | None = None) -> "AdmmState":
         """Start of a run: the uniform scene that fits best where that explains most, or zero."""
-        levels = _uniform_levels(problem)
+        levels = problem.uniform_levels()
         scenes = [problem.data.new_full(problem.scene_shape[1:], level) for level in levels]
         return cls._at(problem, scenes, _START if penalties is None else penalties, levels)
 
@@ -135,7 +133,7 @@ class AdmmState:
         penalties
             To start with.
         """
-        return cls._at(problem, list(scene), penalties, _uniform_levels(problem))
+        return cls._at(problem, list(scene), penalties, problem.uniform_levels())
 
     @classmethod
     def _at(
@@ -287,7 +285,7 @@ def _size(array: Tensor) -> str:
 
 def _split(problem: Problem, channel: int, measured: Tensor, scene: Tensor) -> SplitState:
     geometry = problem.forward.geometry
-    tv = problem.tau if problem.prior in (Prior.TV, Prior.ISOTROPIC_TV) else 0.0
+    tv = problem.tau if problem.varied else 0.0
     gradient = FiniteDifference(geometry.padded)(scene) if tv > 0 else scene.new_empty(2, 0, 0)
     data, valid = _measurement(problem, channel)
     return SplitState(
@@ -314,13 +312,3 @@ def _of_splits(penalties: Penalties, splits: list[SplitState]) -> Penalties:
 def _measurement(problem: Problem, channel: int) -> tuple[Tensor, Tensor]:
     valid = problem.valid[channel].to(torch.uint8)
     return problem.data[channel].contiguous(), valid.contiguous()
-
-
-def _uniform_levels(problem: Problem) -> list[float]:
-    """Level c of each channel that minimises ‖b − c·CM1‖², or zeros where that explains little."""
-    ones = problem.data.new_ones(problem.scene_shape)
-    glow = torch.where(problem.valid, problem.forward(ones), 0).double()
-    overlap = (glow * problem.data).sum(dim=(-2, -1))
-    levels = overlap / glow.square().sum(dim=(-2, -1)).clamp_min(1e-300)
-    explained = float((levels * overlap).mean())  # of ‖b‖² = 1
-    return levels.tolist() if explained > _UNIFORM_START else [0.0] * problem.channels

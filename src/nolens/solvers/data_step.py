@@ -1,6 +1,7 @@
 """ADMM that fits the measurement in its linear step, by preconditioned conjugate gradients."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
@@ -10,7 +11,7 @@ from torch import Tensor
 from nolens.kernels import PassSums, SplitState, irfft2, irfft2_window_, rfft2_window
 from nolens.operators import FiniteDifference
 from nolens.solvers.admm_state import AdmmState, Penalties
-from nolens.solvers.functionals import L1, GroupSparsity
+from nolens.solvers.functionals import OpponentL1
 from nolens.solvers.problem import Problem
 
 DATA_STEP_RELAXATION = 1.5
@@ -34,9 +35,9 @@ def data_step_start(problem: Problem, state: AdmmState) -> Penalties:
 
 
 class DataStep:
-    r"""Iterates a channel with two splits, u = Ψv and w = v; the measurement stays with v.
+    r"""Iterates with two splits, u = Ψv and w = v; the measurement stays with v.
 
-    In the Douglas-Rachford form of `nolens.kernels.admm`, each iteration solves
+    In the Douglas-Rachford form of `nolens.kernels.admm`, each iteration solves, for each channel,
 
     .. math:: (A^*A + μ_2 Ψ^*Ψ + μ_3)\, v = A^*b + μ_2 Ψ^* q_u + μ_3 q_w, \qquad A = VCM,
 
@@ -49,61 +50,88 @@ class DataStep:
     white noise that A keeps, and an exact solution for the slowest cosines, deflated (A-DEF2 of
     `tang2009`): the eigenvalue of the scene's mean is ten thousand times that of the others.
 
+    The forward model may vary over the field; :math:`|H|^2` is then the mean of its terms'.
+
     Parameters
     ----------
     problem
-        Of one channel, in normalised units.
-    split
-        Where to start from; `write` brings it up to date, but for the split x, which stays.
+        In normalised units.
+    splits
+        Of every channel, where to start from; `write` brings them up to date, but for the split x,
+        which stays.
     penalties
-        Of the split.
+        Of the splits.
     relaxation
         α in (0, 2).
     """
 
     def __init__(
-        self, problem: Problem, split: SplitState, penalties: Penalties, relaxation: float
+        self,
+        problem: Problem,
+        splits: list[SplitState],
+        penalties: Penalties,
+        relaxation: float,
     ) -> None:
-        self._problem, self._relaxation = problem, relaxation
-        self._penalties = penalties
-        self._frame = _Frame.of(problem)
-        self._difference = FiniteDifference(self._frame.size)
-        self._tv, self._isotropic, self._l1 = split.tv, split.isotropic, split.l1
-        self._a_w = self._frame.scene_of(split.scene)[None].clone()
-        self._a_u = self._frame.differences_of(split)
-        self._v = self._w()
-        self._circulant = _Circulant(problem)
-        self._cosines = _Cosines(problem)
+        self._penalties, self._relaxation = penalties, relaxation
+        self._norm = problem.norm_of_differences if problem.varied else None
+        self._tau = problem.tau
+        self._l1 = splits[0].l1
+        self._channels = [
+            _Channel(problem.single(number), split) for number, split in enumerate(splits)
+        ]
+        for channel in self._channels:
+            channel.v = self._w(channel)
 
-    def iterate(self, count: int, penalties: Penalties) -> PassSums:
-        """Make so many iterations with these penalties; the sums of the last."""
+    def iterate(self, count: int, penalties: Penalties) -> list[PassSums]:
+        """Make so many iterations with these penalties; the sums of every channel's last."""
         self._go_on_with(penalties)
-        self._residual = self._problem.residual(self._v)
+        for channel in self._channels:
+            channel.measure()
         for _ in range(count - 1):
             self._step()
-        u, w = self._u(), self._w()
-        d_u, d_w = self._a_u - u, self._a_w - w
+        before = [(u, self._w(each)) for each, u in zip(self._channels, self._u(), strict=True)]
+        multipliers = [
+            (each.a_u - u, each.a_w - w)
+            for each, (u, w) in zip(self._channels, before, strict=True)
+        ]
         self._step()
-        return self._sums(u, d_u, w, d_w)
+        variation = self._variation()
+        return [
+            each.sums((u, self._w(each)), splits, turned, variation)
+            for each, u, splits, turned in zip(
+                self._channels, self._u(), before, multipliers, strict=True
+            )
+        ]
 
-    def write(self, split: SplitState) -> None:
+    def write(self, splits: list[SplitState]) -> None:
         """Write the splits u and w with their multipliers."""
-        split.scene.zero_()
-        self._frame.scene_of(split.scene).copy_(self._a_w[0])
-        self._frame.write_differences_(split, self._a_u)
+        for channel, split in zip(self._channels, splits, strict=True):
+            channel.write(split)
 
-    def _u(self) -> Tensor:
-        """Proximal map of the variation at `_a_u`."""
-        if self._tv == 0:
-            return self._a_u
-        weight = self._tv / self._penalties[1]
-        if self._isotropic:
-            return GroupSparsity(-3).prox(self._a_u, weight)
-        return self._a_u - self._a_u.clamp(-weight, weight)
+    def _u(self) -> Iterator[Tensor]:
+        """Proximal map of the variation at `a_u`, of one channel after the other."""
+        step = self._tau / self._penalties[1] if self._norm is not None else 0.0
+        if isinstance(self._norm, OpponentL1):
+            together = torch.cat([each.a_u for each in self._channels])
+            yield from torch.split(self._norm.prox(together, step), 1)
+            return
+        for each in self._channels:
+            yield each.a_u if self._norm is None else self._norm.prox(each.a_u, step)
 
-    def _w(self) -> Tensor:
-        """Proximal map of non-negativity, and of the ℓ1 norm, at `_a_w`."""
-        return (self._a_w - self._l1 / self._penalties[2]).clamp_min_(0)
+    def _w(self, channel: "_Channel") -> Tensor:
+        """Proximal map of non-negativity, and of the ℓ1 norm, at `a_w`."""
+        return (channel.a_w - self._l1 / self._penalties[2]).clamp_min_(0)
+
+    def _variation(self) -> float:
+        """R(v) of the differences, mean over channels."""
+        if self._norm is None:
+            return 0.0
+        varied = (each.varied(each.v) for each in self._channels)
+        if isinstance(self._norm, OpponentL1):
+            total = float(self._norm(torch.cat(list(varied))))
+        else:
+            total = sum(float(self._norm(each)) for each in varied)
+        return total / len(self._channels)
 
     def _go_on_with(self, penalties: Penalties) -> None:
         """Keep splits and multipliers μd with other penalties."""
@@ -113,37 +141,96 @@ class DataStep:
             before / after if after > 0 else 1.0
             for before, after in zip(self._penalties, penalties, strict=True)
         )
-        self._a_u = torch.lerp(self._u(), self._a_u, second)
-        self._a_w = torch.lerp(self._w(), self._a_w, third)
+        for each, u in zip(self._channels, self._u(), strict=True):
+            each.a_u = torch.lerp(u, each.a_u, second)
+            each.a_w = torch.lerp(self._w(each), each.a_w, third)
         self._penalties = penalties
 
     def _step(self) -> None:
-        u, w = self._u(), self._w()
-        _, second, third = self._penalties
-        target = (2 * w - self._a_w).mul_(third)
-        if self._tv > 0:
-            target += self._varied_back(2 * u - self._a_u).mul_(second)
-        self._solve(target)
-        self._a_w += (self._v - w).mul_(self._relaxation)
-        if self._tv > 0:
-            self._a_u += (self._varied(self._v) - u).mul_(self._relaxation)
+        for each, u in zip(self._channels, self._u(), strict=True):
+            each.step(u, self._w(each), self._penalties, self._relaxation)
 
-    def _solve(self, target: Tensor) -> None:
+
+class _Channel:
+    """One channel: its scene, and its splits with their multipliers."""
+
+    def __init__(self, problem: Problem, split: SplitState) -> None:
+        self._problem = problem
+        self._frame = _Frame.of(problem)
+        self._difference = FiniteDifference(self._frame.size)
+        self._tv = problem.varied
+        self.a_w = self._frame.scene_of(split.scene)[None].clone()
+        self.a_u = self._frame.differences_of(split, varied=self._tv)
+        self.v = self.a_w
+        self._residual = problem.data
+        self._circulant = _Circulant(problem)
+        self._cosines = _Cosines(problem)
+
+    def measure(self) -> None:
+        """Compute the residual anew, of which steps lose a little each."""
+        self._residual = self._problem.residual(self.v)
+
+    def write(self, split: SplitState) -> None:
+        """Write the splits u and w with their multipliers."""
+        split.scene.zero_()
+        self._frame.scene_of(split.scene).copy_(self.a_w[0])
+        if self._tv:
+            self._frame.write_differences_(split, self.a_u)
+
+    def step(self, u: Tensor, w: Tensor, penalties: Penalties, relaxation: float) -> None:
+        """One iteration, from the proximal maps at `a_u` and `a_w`."""
+        _, second, third = penalties
+        target = (2 * w - self.a_w).mul_(third)
+        if self._tv:
+            target += self._varied_back(2 * u - self.a_u).mul_(second)
+        self._solve(target, penalties)
+        self.a_w += (self.v - w).mul_(relaxation)
+        if self._tv:
+            self.a_u += (self.varied(self.v) - u).mul_(relaxation)
+
+    def varied(self, scene: Tensor) -> Tensor:
+        """Ψv of a scene, (1, 2, height, width)."""
+        return self._difference(self._frame.framed(scene))
+
+    def sums(
+        self,
+        splits: tuple[Tensor, Tensor],
+        before: tuple[Tensor, Tensor],
+        turned: tuple[Tensor, Tensor],
+        variation: float,
+    ) -> PassSums:
+        """Sums of an iteration: u and w after and before it, and the multipliers before it."""
+        varied = self.varied(self.v) if self._tv else self.a_u
+        (u, w), (d_u, d_w) = splits, turned
+        return PassSums(
+            primal=(0.0, _squares(varied - u), _squares(self.v - w)),
+            split=(0.0, _squares(u), _squares(w)),
+            change=(0.0, _squares(u - before[0]), _squares(w - before[1])),
+            multiplier_change=(0.0, _squares(self.a_u - u - d_u), _squares(self.a_w - w - d_w)),
+            residual=_squares(self._problem.residual(self.v)),
+            variation=variation,
+            magnitude=float(self.v.abs().sum(dtype=torch.float64)),
+        )
+
+    def _solve(self, target: Tensor, penalties: Penalties) -> None:
         """Go nearer to the scene with Kv = A*b + target."""
         cosines, forward = self._cosines, self._problem.forward
-        circulant = self._circulant.inverse(self._penalties)
-        matrix = cosines.matrix(self._penalties)
+        circulant = self._circulant.inverse(penalties)
+        matrix = cosines.matrix(penalties)
         amounts = matrix.solve(
-            cosines.along_image(self._residual) + cosines.along(target - self._prior_part(self._v))
+            cosines.along_image(self._residual)
+            + cosines.along(target - self._prior_part(penalties, self.v))
         )
-        self._v = self._v + cosines.sum(amounts)
+        self.v = self.v + cosines.sum(amounts)
         self._residual -= cosines.image(amounts)
         direction = image = before = product = None
         for _ in range(_INNER):
-            left = forward.adjoint(self._residual) + target - self._prior_part(self._v)
+            left = forward.adjoint(self._residual) + target - self._prior_part(penalties, self.v)
             ahead = circulant(left)
             light = self._image(ahead)
-            missed = cosines.along(left - self._prior_part(ahead)) - cosines.along_image(light)
+            missed = cosines.along(left - self._prior_part(penalties, ahead)) - cosines.along_image(
+                light
+            )
             amounts = matrix.solve(missed)
             ahead += cosines.sum(amounts)
             light += cosines.image(amounts)
@@ -157,19 +244,19 @@ class DataStep:
                 )
                 direction, image = ahead.add_(direction, alpha=turn), light.add_(image, alpha=turn)
             before, product = left, slope
-            bend = _dot(image, image) + _dot(direction, self._prior_part(direction))
+            bend = _dot(image, image) + _dot(direction, self._prior_part(penalties, direction))
             length = float(_dot(left, direction) / bend.clamp_min(_TINY))
-            self._v.add_(direction, alpha=length)
+            self.v.add_(direction, alpha=length)
             self._residual.sub_(image, alpha=length)
 
     def _image(self, scene: Tensor) -> Tensor:
         """A v: what the valid pixels see of a scene."""
         return self._problem.forward(scene).mul_(self._problem.valid)
 
-    def _prior_part(self, scene: Tensor) -> Tensor:
+    def _prior_part(self, penalties: Penalties, scene: Tensor) -> Tensor:
         """(μ₂Ψ*Ψ + μ₃) v: four times each pixel, less its neighbours; zero around the scene."""
-        _, second, third = self._penalties
-        if self._tv == 0:
+        _, second, third = penalties
+        if not self._tv:
             return third * scene
         part = (4 * second + third) * scene
         for axis, around in zip((-2, -1), self._frame.first, strict=True):
@@ -182,24 +269,8 @@ class DataStep:
                 part.narrow(axis, length - 1, 1).sub_(scene.narrow(axis, 0, 1), alpha=second)
         return part
 
-    def _varied(self, scene: Tensor) -> Tensor:
-        return self._difference(self._frame.framed(scene))
-
     def _varied_back(self, differences: Tensor) -> Tensor:
         return self._frame.unframed(self._difference.adjoint(differences))
-
-    def _sums(self, u_before: Tensor, d_u: Tensor, w_before: Tensor, d_w: Tensor) -> PassSums:
-        varied = self._varied(self._v) if self._tv > 0 else self._a_u
-        u, w = self._u(), self._w()
-        return PassSums(
-            primal=(0.0, _squares(varied - u), _squares(self._v - w)),
-            split=(0.0, _squares(u), _squares(w)),
-            change=(0.0, _squares(u - u_before), _squares(w - w_before)),
-            multiplier_change=(0.0, _squares(self._a_u - u - d_u), _squares(self._a_w - w - d_w)),
-            residual=_squares(self._problem.residual(self._v)),
-            variation=float((GroupSparsity(-3) if self._isotropic else L1())(varied)),
-            magnitude=float(self._v.abs().sum(dtype=torch.float64)),
-        )
 
 
 @dataclass(frozen=True)
@@ -231,19 +302,18 @@ class _Frame:
         top, left, height, width = self.scene
         return array[..., top : top + height, left : left + width]
 
-    def differences_of(self, split: SplitState) -> Tensor:
+    def differences_of(self, split: SplitState, *, varied: bool) -> Tensor:
         """The split u, (1, 2, height, width) of the frame; nothing where there is none."""
-        if split.tv == 0:
+        if not varied:
             return split.rows.new_empty(1, 2, 0, 0)
         parts = [each[self.rows, self.columns] for each in (split.rows, split.columns)]
         return torch.stack(parts)[None]
 
     def write_differences_(self, split: SplitState, values: Tensor) -> None:
         """The inverse of `differences_of`; zero beside the frame."""
-        if split.tv > 0:
-            for array, each in zip((split.rows, split.columns), values[0], strict=True):
-                array.zero_()
-                array[self.rows, self.columns] = each
+        for array, each in zip((split.rows, split.columns), values[0], strict=True):
+            array.zero_()
+            array[self.rows, self.columns] = each
 
     def framed(self, scene: Tensor) -> Tensor:
         """A scene on the frame."""

@@ -48,6 +48,9 @@ _MOVES = 0.1
 _STEP = 1e-3
 """Relative change of the picture in an iteration, below which it stands still."""
 
+_OTHERS = (Prior.NONE, Prior.COLOUR_TV)
+"""Priors that say nothing of one channel."""
+
 
 @dataclass(frozen=True)
 class Explanation:
@@ -155,7 +158,7 @@ class _Trials:
         self._measurement, self._sensor = measurement, measurement.size
         self._all = replace(
             reconstructor,
-            prior=Prior.TV if reconstructor.prior == Prior.NONE else reconstructor.prior,
+            prior=Prior.TV if reconstructor.prior in _OTHERS else reconstructor.prior,
             method=Method.ADMM,
         )
         channel = measurement.brightest

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from nolens.camera import FieldPsf
 from nolens.camera.values import all_finite
-from nolens.errors import DataError
+from nolens.errors import DataError, OptionError
 from nolens.operators import CroppedConvolution, FieldConvolution, Geometry
 from nolens.solvers.data_terms import Gaussian
 from nolens.solvers.functionals import (
@@ -17,6 +17,7 @@ from nolens.solvers.functionals import (
     Functional,
     GroupSparsity,
     NonNegative,
+    OpponentL1,
     padded_difference,
 )
 from nolens.solvers.inputs import (
@@ -29,6 +30,12 @@ from nolens.solvers.inputs import (
     weight_of,
 )
 
+_COLOURS = ("R", "G", "B")
+_COLOUR_TV, _COLOUR = 0.8, 1.6
+"""Of the total variation of the colours together: its weight beside that of each by itself, and
+how much more differences of colours weigh than their mean."""
+_UNIFORM = 0.9
+"""Fraction of the data that a uniform scene explains where the scene fills the view."""
 _UNIT_SIDE = 1000
 """Pixels along a square sensor on which a weight of 1 is a `Problem.tau` of 1."""
 
@@ -36,10 +43,16 @@ _UNIT_SIDE = 1000
 class Prior(StrEnum):
     """Regularising term R(v) of the objective."""
 
+    AUTO = "auto"
+    """Total variation: of the colours together where the scene fills the view of a colour sensor or
+    the PSF varies over the field, of each channel otherwise."""
     TV = "tv"
     """Anisotropic total variation ‖Ψv‖₁, as in the paper."""
     ISOTROPIC_TV = "isotropic-tv"
     """Isotropic total variation Σ‖(Ψv)[i]‖₂."""
+    COLOUR_TV = "colour-tv"
+    """Anisotropic total variation of the colours together, for colour sensors: of their mean, and
+    1.6 times as much of how colours differ."""
     L1 = "l1"
     """‖v‖₁, for scenes of few bright points."""
     NONE = "none"
@@ -139,7 +152,7 @@ class Problem:
         data = torch.where(valid, data, 0)
         data_norm = _norm(data, "the measurement (without saturated pixels)")
         forward.scale_(1 / psf_norm)
-        return cls(
+        problem = cls(
             forward=forward,
             data=data / data_norm,
             valid=valid,
@@ -149,6 +162,34 @@ class Problem:
             psf_norm=psf_norm,
             tau_unit=_tau_unit(psf, psf_norm, sensor, prior),
         )
+        if prior is Prior.COLOUR_TV and problem.channels != len(_COLOURS):
+            raise OptionError(
+                f"prior {prior} is for three colours, and the measurement has "
+                f"{problem.channels} channels: give tv"
+            )
+        if prior is not Prior.AUTO:
+            return problem
+        together = problem.channels == len(_COLOURS) and (
+            field_psf is not None or min(problem.uniform_levels()) > 0
+        )
+        return replace(problem, prior=Prior.COLOUR_TV if together else Prior.TV)
+
+    @property
+    def by_channel(self) -> "Problem":
+        """The same with a prior of each channel by itself."""
+        return replace(self, prior=Prior.TV) if self.prior is Prior.COLOUR_TV else self
+
+    def uniform_levels(self) -> list[float]:
+        """Level c of each channel that minimises ‖b − c·CM1‖²; zeros where that explains little.
+
+        Where it explains most of the measurement, the scene fills the view.
+        """
+        ones = self.data.new_ones(self.scene_shape)
+        glow = torch.where(self.valid, self.forward(ones), 0).double()
+        overlap = (glow * self.data).sum(dim=(-2, -1))
+        levels = overlap / glow.square().sum(dim=(-2, -1)).clamp_min(1e-300)
+        explained = float((levels * overlap).mean())  # of ‖b‖² = 1
+        return levels.tolist() if explained > _UNIFORM else [0.0] * self.channels
 
     @property
     def weight(self) -> float:
@@ -204,7 +245,7 @@ class Problem:
     @property
     def varied(self) -> bool:
         """Whether the prior weighs differences of neighbouring pixels."""
-        return self.tau > 0 and self.prior in (Prior.TV, Prior.ISOTROPIC_TV)
+        return self.tau > 0 and self.prior not in (Prior.L1, Prior.NONE)
 
     @property
     def padded_pixels(self) -> int:
@@ -261,6 +302,8 @@ class Problem:
         prior = self.regularising
         if prior is None:
             return scene.new_zeros((), dtype=torch.float64)
+        if self.prior is Prior.COLOUR_TV:
+            return prior(scene)
         # One channel at a time: differences of all of them are the most that a run would hold.
         return torch.stack([prior(channel) for channel in scene]).sum()
 
@@ -276,7 +319,14 @@ class Problem:
         difference = padded_difference(
             scene, tuple(min(n + 1, most) for n, most in zip(scene, whole, strict=True))
         )
-        return (GroupSparsity(-3) if self.prior is Prior.ISOTROPIC_TV else L1()) @ difference
+        return self.norm_of_differences @ difference
+
+    @property
+    def norm_of_differences(self) -> Functional:
+        """Of (channels, 2, height, width): what makes them a total variation."""
+        if self.prior is Prior.COLOUR_TV:
+            return OpponentL1(-4, mean=_COLOUR_TV, colour=_COLOUR_TV * _COLOUR)
+        return GroupSparsity(-3) if self.prior is Prior.ISOTROPIC_TV else L1()
 
     @property
     def functionals(self) -> list[Functional]:
@@ -289,6 +339,8 @@ class Problem:
     def gain_corrected(self, scene: Tensor) -> tuple[Tensor, float]:
         """Every channel times the factor f that minimises the objective, and the objective.
 
+        Colours that are taken together have one factor.
+
         The iterate's mean is held by all pixels that it lights, and comes to rest last: it can
         be some per cent off, each channel in its own way, when the picture has long been there. As
         all priors are homogeneous, R(fv) = f R(v), the best factor is
@@ -300,15 +352,18 @@ class Problem:
             `(channels, height, width)` in normalised units, non-negative.
         """
         fit = torch.where(self.valid, self.data - self.residual(scene), 0).double()
-        priors = [self.tau * self.regulariser(channel[None]) for channel in scene]
-        prior = torch.stack(priors)
-        power = fit.square().sum(dim=(-2, -1)).clamp_min(1e-300)
-        factor = ((fit * self.data).sum(dim=(-2, -1)) - prior) / power
+        overlap, power = (fit * self.data).sum(dim=(-2, -1)), fit.square().sum(dim=(-2, -1))
+        if self.prior is Prior.COLOUR_TV:
+            prior = self.tau * self.regulariser(scene)
+            overlap, power = overlap.sum(dim=0, keepdim=True), power.sum(dim=0, keepdim=True)
+        else:
+            prior = self.tau * torch.stack([self.regulariser(each[None]) for each in scene])
+        factor = ((overlap - prior) / power.clamp_min(1e-300))[:, None, None]
         if not bool((factor > 0).all()):
             factor = torch.ones_like(factor)
-        residual = (self.data - factor[:, None, None] * fit).square().sum(dim=(-2, -1))
-        objective = float((0.5 * residual + factor * prior).mean())
-        return factor.to(scene.dtype)[:, None, None] * scene, objective
+        left = torch.where(self.valid, self.data - factor * fit, 0)
+        scene = factor.to(scene.dtype) * scene
+        return scene, self.objective(scene, left)
 
     def unscale(self, scene: Tensor) -> Tensor:
         """Scene in units of measurement over PSF, from one in normalised units."""

@@ -136,7 +136,7 @@ class Reconstructor:
     psf: Plane = field(repr=False)
     support: Support | None = None
     tau: float | None = None
-    prior: Prior | str | ScenePrior = Prior.TV
+    prior: Prior | str | ScenePrior = Prior.AUTO
     method: Method = Method.ADMM
     stop: Stop | None = None
     penalties: Penalties | None = None
@@ -149,6 +149,12 @@ class Reconstructor:
     def limits(self) -> Stop:
         """When it stops: the parameter's value or the method's own."""
         return stop_of(self.method) if self.stop is None else self.stop
+
+    @property
+    def _prior(self) -> Prior | str | ScenePrior:
+        """Colours are taken together only where the low frequencies are fitted."""
+        fitted = self.limits.low_frequency or self.field_psf is not None
+        return Prior.TV if self.prior == Prior.AUTO and not fitted else self.prior
 
     def working_bytes(self, channels: int, sensor: tuple[int, int]) -> float:
         """Most memory that a solve holds at once, before any of it is allocated.
@@ -275,12 +281,8 @@ class Reconstructor:
         support = support_of(self.support, (sensor[0], sensor[1]))
         if support is not None and by > 1:
             support = support.coarser(by)
-        field_psf = self.field_psf
-        if field_psf is not None:
-            planes = torch.stack([_means(each, by) for each in field_psf.values])
-            field_psf = FieldPsf(planes, field_psf.places / by)
-        coarse = replace(self, psf=psf, support=support, tau=0.0, field_psf=field_psf)
-        return coarse.problem(data, mask)
+        alike = replace(self, psf=psf, support=support, tau=0.0, field_psf=None)
+        return alike.problem(data, mask).by_channel
 
     def predict(
         self, measured: Measurement | Plane, valid: Plane | None = None
@@ -324,7 +326,7 @@ class Reconstructor:
             self.choose_weight(measured, valid).tau if self.tau is None else weight_of(self.tau)
         )
         values, usable = _parts(measured, valid)
-        prior = scene_prior(self.prior)
+        prior = scene_prior(self._prior)
         wiener_filter = self.method is Method.WIENER
         varied = None if wiener_filter else self.field_psf
         problem = Problem.build(

@@ -115,7 +115,7 @@ class Stream:
             raise OptionError(f"iterations is {iterations}; a frame needs 1 or more")
         if latency_s is not None and not latency_s > 0:
             raise OptionError(f"latency_s is {latency_s:g}; it must be above 0")
-        self._problem = problem
+        self._problem = problem.by_channel
         self._run: AdmmRun | None = None
         self._iterations = iterations
         self._latency_s = latency_s

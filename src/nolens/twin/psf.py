@@ -35,6 +35,7 @@ def point_spread(
     light: Light,
     wavelengths: int = 3,
     frame: Frame = "chief-ray",
+    mosaic: str | None = None,
     progress: ProgressCallback | None = None,
 ) -> Tensor:
     """Irradiance of one point source, integrated over superpixels, channel by channel.
@@ -56,6 +57,9 @@ def point_spread(
     frame
         ``"chief-ray"``: the middle of the result follows the ray through the camera's middle;
         ``"sensor"``: it stays on the sensor's.
+    mosaic
+        Colours of a superpixel of 2×2, row by row: each channel is integrated over its own pixels,
+        as a developed frame has it; None integrates over all.
     progress
         Called with the fraction that is done, 0 to 1.
 
@@ -96,8 +100,11 @@ def point_spread(
             grid.finer(per_pixel * superpixel),
             colour,
             part_of(progress, number, len(colours)),
-            average=per_pixel * superpixel,
+            average=per_pixel * (superpixel if mosaic is None else 1),
         )
+        if mosaic is not None:
+            own = (divmod(at, 2) for at, each in enumerate(mosaic) if "RGB".index(each) == number)
+            plane = torch.stack([plane[row::2, column::2] for row, column in own]).mean(dim=0)
         if source.diameter_um > 0:
             plane = _blurred(twin, source, plane, grid)
         planes.append(plane[edge : edge + shape[0], edge : edge + shape[1]])

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from torch import Tensor
 
-from nolens.camera import PsfEntry
+from nolens.calibrate.distances import Layers
+from nolens.camera import Camera, FieldPsf, PsfEntry, PsfKind
 from nolens.camera.part import PositiveLength
 from nolens.camera.psf_set import Depth
 from nolens.files import PSFS_FILE, write_psfs
@@ -57,6 +58,42 @@ def place_name(distance: Length | Literal["infinity"], angle: tuple[Angle, Angle
     if any(each.deg != 0 for each in angle):
         text += "".join(f"-{each.deg:.6g}deg" for each in angle)
     return text
+
+
+def field_entries(
+    psfs: FieldPsf,
+    camera: Camera,
+    pixel: Length,
+    distance: Length | Literal["infinity"],
+    kind: PsfKind,
+) -> dict[PsfEntry, Tensor]:
+    """PSFs over the field as entries of a folder, each at the angle whose ray falls at its place.
+
+    Parameters
+    ----------
+    psfs
+        On the camera's superpixels.
+    camera
+        With the layers between mask and sensor.
+    pixel
+        Pitch of the superpixels.
+    distance, kind
+        Of all of them.
+    """
+    layers = Layers.of_camera(camera)
+    made: dict[PsfEntry, Tensor] = {}
+    for values, (row, column) in zip(psfs.values, psfs.places.tolist(), strict=True):
+        angle = layers.angle_at((column * pixel.um, -row * pixel.um))
+        entry = PsfEntry(
+            file=f"psf-{place_name(distance, angle)}.tif",
+            pixel=pixel,
+            channels=tuple(camera.sensor.channels),
+            distance=distance,
+            angle=angle,
+            kind=kind,
+        )
+        made[entry] = values
+    return made
 
 
 class NewPsfOptions(JobOptions):

@@ -48,7 +48,7 @@ from nolens.jobs.options import JobOptions, Option, Written
 from nolens.operators import PixelRectangle
 from nolens.printable import quoted
 from nolens.ranges import Between
-from nolens.solvers import Method, Quality
+from nolens.solvers import Method, Prior, Quality
 
 LESS_MEMORY = "a smaller --support or larger pixels (--bin) need less"
 _SWEPT: dict[str, tuple[str | None, ...]] = {
@@ -56,6 +56,8 @@ _SWEPT: dict[str, tuple[str | None, ...]] = {
     "support": (None, "full", "x1", "x0.75", "x0.5"),
 }
 """Factors on the weight, and on the sides of the sensor's frame, in the names of files."""
+_UNSWEPT = (Prior.AUTO, Prior.COLOUR_TV)
+"""Priors that are another one, or for colours alone."""
 
 
 def _list_of_folder(path: Path) -> Path:
@@ -195,7 +197,7 @@ class ReconstructOptions(JobOptions):
     ] = None
     method: Annotated[Method, Option("How to solve.", SOLVER, label="Method")] = Method.ADMM
     tau: ChosenTau = "auto"
-    prior: AnyPrior = "tv"
+    prior: AnyPrior = "auto"
     iterations: Annotated[
         Iterations | None,
         Option(
@@ -371,7 +373,9 @@ class ReconstructOptions(JobOptions):
         if self.sweep == "method":
             return tuple(None if each is self.method else each.value for each in Method)
         if self.sweep == "prior":
-            return tuple(None if each == self.prior else each for each in PRIORS)
+            others = [each for each in PRIORS if each not in _UNSWEPT]
+            own = [] if self.prior in others else [None]
+            return (*own, *(None if each == self.prior else each for each in others))
         return _SWEPT[self.sweep or "tau"]
 
     def swept_path(self, output: Path, name: str) -> Path:
