@@ -1,6 +1,7 @@
 """PSFs from captures at angles: against the wide PSF, and by the picture they give."""
 
 import math
+from dataclasses import replace
 from itertools import combinations
 
 import pytest
@@ -98,7 +99,7 @@ def test_psf_of_a_corner_is_its_own(
     layers = Layers.of_camera(bench.twin.camera)
     for angle, actual in zip(found.angle(0, layers), corner.actual_deg, strict=True):
         assert angle.deg == pytest.approx(actual, abs=0.01)
-    psf = found.at_capture(0)
+    psf = next(found.at_captures())
     rows, columns = psf.shape[-2:]
     expected = bench.psf(corner.source, (rows, columns))
     top = (rows - ROWS) // 2 - round(truth[0][0])
@@ -169,6 +170,22 @@ def test_brightness_and_places_are_exact() -> None:
     assert torch.allclose(found.psf[inner], wide[:, 30:170, 30:210][inner], rtol=2e-3)
 
 
+def test_uneven_light_of_an_angle_is_its_own() -> None:
+    """One capture gets brighter along the columns: so does its PSF beyond, and no other one."""
+    shifts = [(0.0, 0.0), (20.0, 30.0), (-20.0, -30.0), (20.0, -30.0), (-20.0, 30.0)]
+    given = flat_captures([1.0, 0.5, 0.8, 1.7, 0.3], shifts)
+    leaning = torch.exp(2e-3 * (torch.arange(120) - 60 - 30))
+    given[1] = replace(given[1], psf=given[1].psf * leaning)
+    found = [*stitch(given, placement(shifts), 0).at_captures()]
+    generator = torch.Generator().manual_seed(0)
+    wide = (1 + torch.rand((2, 200, 240), generator=generator))[:, 30:170, 30:210]
+    inner = (..., slice(2, -2), slice(2, -2))
+    expected = wide * torch.exp(2e-3 * (torch.arange(180) - 90))
+    for number, psf in enumerate(found):
+        truth = expected if number == 1 else wide
+        assert torch.allclose(psf[inner], truth[inner], rtol=1e-2), number
+
+
 def test_views_count_by_their_angle() -> None:
     """Off the sensor's edge only the view whose light passes there; in the middle the one ahead."""
     shifts = [(0.0, 0.0), (0.0, 40.0), (0.0, -40.0)]
@@ -186,8 +203,8 @@ def test_views_count_by_their_angle() -> None:
     assert at[0] == pytest.approx((1 + 4 * aside) / (1 + aside), rel=5e-3)
     assert 1.3 < at[-40] < at[-50] < 3 and 1.3 < at[40] < at[50] < 5
     # At a view's own angle only that one, but where it was not seen; no seam between.
-    own = found.at_capture(1)[0, 50]
-    assert torch.allclose(own[10:110], torch.tensor(3.0)) and torch.equal(own[120:], line[120:])
+    own = [*found.at_captures()][1][0, 50]
+    assert torch.allclose(own[10:110], torch.tensor(3.0)) and torch.allclose(own[120:], line[120:])
     assert float((own[119] - line[119]).abs()) < 0.1 * float((3 - line[119]).abs())
 
 

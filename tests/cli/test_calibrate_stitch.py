@@ -115,12 +115,12 @@ def test_text_and_reconstruction(tmp_path: Path) -> None:
         done = stitch(made)
         assert done.code == 0 and done.err == "", (again, done)
     for words in ("to the right", "overlaps agree to 0.0", "--support 86x86", "psfs.toml",
-                  "9 PSFs over the field, 1.3 MB"):  # fmt: skip
+                  "9 PSFs over the field, 1.5 MB"):  # fmt: skip
         assert words in done.out, words
-    stitched = [each for each in read_psf_set(made).psf if each.kind == "stitched"]
-    assert len(stitched) == len(ANGLES)  # The second time they replaced those of the first.
+    points = [each for each in read_psf_set(made).psf if each.kind == "field-point"]
+    assert len(points) == len(ANGLES)  # The second time they replaced those of the first.
     layers = Layers.of_camera(camera)
-    places = {tuple(round(um / CELL_UM) for um in layers.shift_um(e.angle)) for e in stitched}
+    places = {tuple(round(um / CELL_UM) for um in layers.shift_um(e.angle)) for e in points}
     assert places == {(moved_by(*each)[1], -moved_by(*each)[0]) for each in ANGLES}
     write_tiff32(tmp_path / "raw.tif", view(wide(), 0, 0))
     out = tmp_path / "out.png"

@@ -102,7 +102,7 @@ def test_picture_is_that_of_all_psfs(made: Open, out: Path) -> None:
     record = json.loads(out.with_suffix(".json").read_text())
     assert record["result"]["field_points"] == 9
     assert "9 PSFs over the field" in record["result"]["report"]["lines"][-1][1]
-    assert len(record["inputs"]) == 12 and "camera" in record["inputs"]
+    assert len(record["inputs"]) == 12 and "layers of the camera" in record["inputs"]
     assert record["inputs"]["psf"]["path"] == str(made.folder / "psfs.toml")
     given = {"support": (SIDE, SIDE), "tau": 1e-4, "iterations": 8, "channels": "g", "bin_by": 1}
     both = nl.reconstruct(made.raw, made.folder, **given)

@@ -1,13 +1,14 @@
 """One extended PSF of several that were captured at angles: where, how bright, and merged."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 import torch
+import torch.nn.functional as nnf
 from scipy import ndimage
 from scipy.sparse.csgraph import connected_components
 from torch import Tensor
@@ -51,6 +52,10 @@ _KNOWN = 0.99
 """Fraction of a line at the edge that must be known."""
 _SEAM = 0.1
 """Width over which a capture fades into the merged PSF, as a fraction of the sensor's."""
+_BLOCKS = 8
+"""Along each side of an overlap, by whose means brightness is compared."""
+_FIRMLY, _LOOSELY = 1e3, 0.1
+"""Weights of a block's, with which the reference's brightness is 1 and slopes are small."""
 _EVEN = 1e-9
 """Weight of a view that is far from the best one: enough where it is the only one."""
 
@@ -316,8 +321,8 @@ class Stitched:
     ----------
     psf
         (channels, rows, columns), zero shift in the pixel (rows // 2, columns // 2).
-    captures, placement
-        What it was merged from, and where they lie.
+    captures, placement, reference
+        What it was merged from, where they lie, and the number of the one from straight ahead.
     gains
         Brightness of each capture beside the reference's, by channel, in what both show.
     known_fraction
@@ -329,22 +334,33 @@ class Stitched:
     psf: Tensor
     captures: list[Capture]
     placement: Placement
+    reference: int
     gains: tuple[tuple[float, ...], ...]
     known_fraction: float
     support: tuple[int, int]
 
-    def at_capture(self, number: int) -> Tensor:
-        """PSF of the angle of one capture, about its chief ray: its own light where the sensor
-        saw it, as bright as the reference's, and without a seam the merged PSF beyond.
+    def at_captures(self) -> Iterator[Tensor]:
+        r"""PSFs of the angles of all captures, each about its chief ray, as bright as each other.
+
+        Each is its own light where the sensor saw it, and without a seam that of the others beyond.
+        A near source at an angle lights the sensor unevenly, by some per cent: in the logarithm of
+        the brightness a plane over the PSF, of which overlaps tell the differences. The others are
+        merged with their planes taken away, and get that of the angle.
         """
-        capture, gain = self.captures[number], torch.tensor(self.gains[number])
-        middle = self.psf.shape[-2] // 2, self.psf.shape[-1] // 2
-        moved, window = _about_chief_ray(capture.psf, self.placement.shifts[number], middle)
-        psf = self.psf.clone()
-        merged = psf[:, *window]
-        size = merged.shape[-2], merged.shape[-1]
-        merged += _fade(size, _SEAM * min(size)) * (moved / gain[:, None, None] - merged)
-        return psf
+        planes = _planes(self.captures, self.placement, self.reference)
+        shifts = self.placement.shifts
+        level = with_mean_light(*_merged(self.captures, shifts, planes))
+        middle = level.shape[-2] // 2, level.shape[-1] // 2
+        everywhere = slice(0, level.shape[-2]), slice(0, level.shape[-1])
+        for capture, shift, plane in zip(self.captures, shifts, planes, strict=True):
+            moved, window = _about_chief_ray(capture.psf, shift, middle)
+            slope = plane * torch.tensor([0.0, 1.0, 1.0])
+            psf = level * _brightness(slope, everywhere, middle)
+            own = psf[:, *window]
+            size = own.shape[-2], own.shape[-1]
+            gain = plane[:, 0].exp().float()[:, None, None]
+            own += _fade(size, _SEAM * min(size)) * (moved / gain - own)
+            yield psf
 
     def angle(self, number: int, layers: Layers) -> tuple[Angle, Angle]:
         """Field angles of one capture, by where its light falls."""
@@ -427,33 +443,57 @@ def stitch(
     straight ahead.
     """
     sensor = (captures[0].psf.shape[-2], captures[0].psf.shape[-1])
-    shifts = placement.shifts
-    extent = [max(abs(shift[axis]) for shift in shifts) for axis in (0, 1)]
-    half = [math.ceil(count / 2) + round(far) for count, far in zip(sensor, extent, strict=True)]
     gains = _gains(captures, placement, reference)
+    planes = nnf.pad(torch.tensor(gains, dtype=torch.float64).log()[..., None], (0, 2))
+    total, known = _merged(captures, placement.shifts, planes, progress)
+    psf = with_mean_light(total, known)
+    fraction = float(known.double().mean())
+    return Stitched(psf, captures, placement, reference, gains, fraction, _support(known, sensor))
+
+
+def _merged(
+    captures: list[Capture],
+    shifts: tuple[Shift, ...],
+    planes: Tensor,
+    progress: ProgressCallback | None = None,
+) -> tuple[Tensor, Tensor]:
+    """Captures, each divided by its brightness, as one PSF; and which of its pixels are known."""
+    sensor = (captures[0].psf.shape[-2], captures[0].psf.shape[-1])
+    extent = [max(abs(shift[axis]) for shift in shifts) for axis in (0, 1)]
+    rows_half, columns_half = (
+        math.ceil(count / 2) + round(far) for count, far in zip(sensor, extent, strict=True)
+    )
+    half = rows_half, columns_half
     total = torch.zeros((captures[0].psf.shape[0], 2 * half[0], 2 * half[1]))
     weights = torch.zeros(total.shape[-2:])
     fade = min([far for far in extent if far >= 1], default=1.0)
-    for number, (capture, shift, gain) in enumerate(zip(captures, shifts, gains, strict=True)):
+    for number, (capture, shift, plane) in enumerate(zip(captures, shifts, planes, strict=True)):
         if progress is not None:
             progress(number / len(captures))
-        moved, (rows, columns) = _about_chief_ray(capture.psf, shift, (half[0], half[1]))
+        moved, window = _about_chief_ray(capture.psf, shift, half)
         lines = [
             torch.exp(
-                -(((_best_shift(count, first, middle, far) - by) / (_NEAR * max(far, 1.0))) ** 2)
-                / 2
+                -(((_best_shift(count, first, middle, far) - by) / (_NEAR * max(far, 1))) ** 2) / 2
             )
             for count, first, middle, far, by in zip(
-                sensor, (rows.start, columns.start), half, extent, shift, strict=True
+                sensor, (window[0].start, window[1].start), half, extent, shift, strict=True
             )
         ]
         weight = (lines[0][:, None] * lines[1] + _EVEN) * _fade(sensor, fade)
-        total[:, rows, columns] += moved * weight / torch.tensor(gain)[:, None, None]
-        weights[rows, columns] += weight
-    known = weights > 0
-    psf = with_mean_light(total / weights.clamp_min(1e-30), known)
-    fraction = float(known.double().mean())
-    return Stitched(psf, captures, placement, gains, fraction, _support(known, sensor))
+        total[:, *window] += moved * weight / _brightness(plane, window, half)
+        weights[window] += weight
+    return total / weights.clamp_min(1e-30), weights > 0
+
+
+def _brightness(plane: Tensor, window: tuple[slice, slice], middle: tuple[int, int]) -> Tensor:
+    """Brightness on rows and columns of a PSF, by the plane of its logarithm in each channel."""
+    rows, columns = (
+        torch.arange(part.start, part.stop, dtype=torch.float64) - half
+        for part, half in zip(window, middle, strict=True)
+    )
+    constant, down, right = plane.double().mT[..., None, None]
+    logarithm: Tensor = constant + down * rows[:, None] + right * columns
+    return logarithm.exp().float()
 
 
 def stitch_at_angles(
@@ -555,11 +595,58 @@ def _gains(
     return tuple(tuple(gain) for gain in solution.tolist())
 
 
+def _planes(captures: list[Capture], placement: Placement, reference: int) -> Tensor:
+    """Logarithm of the brightness of each capture beside the reference's, as a plane over the PSF.
+
+    (captures, channels, 3): at the PSF's middle, and per row and column. From the means of blocks
+    of all overlaps; slopes that these leave open are small.
+    """
+    count, channels = len(captures), captures[0].psf.shape[0]
+    sides = captures[0].psf.shape[-2:]
+    systems, ratios = [], []
+    for (first, second), match in placement.overlaps.items():
+        shift = round(match.shift[0]), round(match.shift[1])
+        parts = _overlap(captures[first].psf, captures[second].psf, shift)
+        height, width = parts[0].shape[-2:]
+        blocks = min(_BLOCKS, height), min(_BLOCKS, width)
+        one, other = (
+            nnf.adaptive_avg_pool2d(each.double(), blocks).clamp_min(1e-300) for each in parts
+        )
+        rows, columns = (
+            ((torch.arange(n, dtype=torch.float64) + 0.5) * (length / n) + max(0, -by) - at) / side
+            - 0.5
+            for n, length, by, at, side in zip(
+                blocks, (height, width), shift, placement.shifts[first], sides, strict=True
+            )
+        )
+        place = nnf.pad(torch.cartesian_prod(rows, columns), (1, 0), value=1.0)
+        system = torch.zeros(len(place), count, 3, dtype=torch.float64)
+        system[:, first], system[:, second] = -place, place
+        systems.append(system.flatten(1))
+        ratios.append((other / one).log().flatten(1).T)
+    weights = torch.tensor([0.0, _LOOSELY, _LOOSELY], dtype=torch.float64).repeat(count, 1)
+    weights[reference] = _FIRMLY
+    solved, *_ = np.linalg.lstsq(
+        torch.cat([*systems, weights.flatten().diag()]).numpy(),
+        torch.cat([*ratios, torch.zeros(3 * count, channels)]).numpy(),
+        rcond=None,
+    )
+    planes = torch.from_numpy(solved).view(count, 3, channels).mT
+    return planes / torch.tensor([1.0, *sides], dtype=torch.float64)
+
+
 def _mean_light(one: Tensor, other: Tensor, shift: tuple[int, int]) -> tuple[Tensor, Tensor]:
     """Mean light of two captures in their overlap, by channel; float64."""
+    means = [
+        each.double().mean(dim=(-2, -1)).clamp_min(1e-300) for each in _overlap(one, other, shift)
+    ]
+    return means[0], means[1]
+
+
+def _overlap(one: Tensor, other: Tensor, shift: tuple[int, int]) -> tuple[Tensor, Tensor]:
+    """What two captures show of the same part of the PSF."""
     for axis, by in zip((-2, -1), shift, strict=True):
         count = one.shape[axis] - abs(by)
         one = one.narrow(axis, max(0, -by), count)
         other = other.narrow(axis, max(0, by), count)
-    means = [each.double().mean(dim=(-2, -1)).clamp_min(1e-300) for each in (one, other)]
-    return means[0], means[1]
+    return one, other

@@ -9,9 +9,10 @@ from nolens.camera.part import ChannelName, Part, PixelPitch, TiffFile, refusal
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
 
-PsfKind = Literal["captured", "stitched", "extended", "scaled", "solved"]
-"""Captured by the sensor; stitched of several captured ones; extended beyond the sensor by ordinary
-pictures; scaled from another distance's; solved from pictures of known scenes."""
+PsfKind = Literal["captured", "stitched", "field-point", "extended", "scaled", "solved"]
+"""Captured by the sensor; stitched of several captured ones, for all of the scene; of one field
+point, stitched beyond what the sensor saw; extended beyond the sensor by ordinary pictures; scaled
+from another distance's; solved from pictures of known scenes."""
 
 BEST_FIRST: tuple[PsfKind, ...] = ("stitched", "extended", "captured", "solved", "scaled")
 """Those that extend beyond the sensor first, and measured ones before computed ones."""

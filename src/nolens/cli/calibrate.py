@@ -125,7 +125,7 @@ def _stitch(summary: dict[str, Any]) -> list[str]:
         "is smaller",
         f"{summary['field_points']} PSFs over the field, {summary['megabytes']:g} MB: reconstruct "
         "with this folder (--psf FOLDER)"
-        if summary["field_points"] > 1
+        if summary["field_points"]
         else "the folder has no camera.toml: with it there would be a PSF of each angle",
     ]
 

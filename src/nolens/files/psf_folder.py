@@ -197,10 +197,9 @@ class PsfFolder:
                 f"{self.path} has no PSF of the distance that is asked for, but those of {have}: "
                 "choose one (--distance)"
             )
-        aside, note = ([], "") if most == 1 else self._aside(ahead)
-        if not aside:
+        entries, note = ([], "") if most == 1 else self._over_field(ahead)
+        if not entries:
             return ScenePsfs((ahead,), self.frame(ahead), (), note)
-        entries = [ahead, *aside]
         places = [self._place(each) for each in entries]
         chosen = spread(places, len(places) if most is None else most)
         frames = [self.frame(entries[number]) for number in chosen]
@@ -215,15 +214,24 @@ class PsfFolder:
         )
         return ScenePsfs(tuple(entries[number] for number in chosen), frames[0], points, note)
 
-    def _aside(self, ahead: PsfEntry) -> tuple[list[PsfEntry], str]:
-        """The best PSF at each angle of one's distance; and why, if there are only useless ones."""
-        at_angles = [e for e in self.psfs if e.distance == ahead.distance and not e.on_axis]
+    def _over_field(self, ahead: PsfEntry) -> tuple[list[PsfEntry], str]:
+        """Those of field points, or the best at each angle, of the distance of one straight ahead.
+
+        None where that is the only one that can be used; and why others cannot.
+        """
+        there = [each for each in self.psfs if each.distance == ahead.distance]
+        at_angles = [each for each in there if not each.on_axis]
         best = {
             each.angle: each
             for kind in reversed(BEST_FIRST)
             for each in at_angles
             if each.kind == kind and each.frame == "chief-ray"
         }
+        made = {each.angle: each for each in there if each.kind == "field-point"}
+        if any(each.on_axis for each in made.values()):
+            best = made
+        elif best:
+            best[ahead.angle] = ahead
         if at_angles and not best:
             return [], (
                 f"{len(at_angles)} PSFs of {self.path} are left out, as they show the sensor as it "
@@ -232,7 +240,7 @@ class PsfFolder:
             )
         if best and not (self.path / CAMERA_FILE).is_file():
             return [], (
-                f"{len(best)} PSFs of {self.path} are left out: where the light of their angles "
+                f"{len(at_angles)} PSFs of {self.path} are left out: where light of their angles "
                 f"falls follows from the layers of a {CAMERA_FILE}, which is not there"
             )
         return [*best.values()], ""

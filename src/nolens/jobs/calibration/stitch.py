@@ -142,7 +142,7 @@ def calibrate_stitch(run: Run[CalibrateStitchOptions]) -> Product[Tensor]:
         "folder": readable(options.folder),
         "distance": str(distance),
         "file": entry.file,
-        "field_points": len(made),
+        "field_points": len(made) - 1,
         "megabytes": round(len(made) * 4e-6 * stitched.psf.numel(), 1),
         **stitched.figures(),
     }
@@ -152,7 +152,7 @@ def calibrate_stitch(run: Run[CalibrateStitchOptions]) -> Product[Tensor]:
 def _over_field(
     captured: list[PsfEntry], merged: PsfEntry, stitched: Stitched, folder: PsfFolder
 ) -> dict[PsfEntry, Tensor]:
-    """A PSF of each angle beside the axis; none without a camera, as their places need its layers.
+    """A PSF of each angle; none without a camera, as their places need its layers.
 
     Their files are named after the stated angles, and so replaced when captures are stitched again.
     """
@@ -162,11 +162,11 @@ def _over_field(
     return {
         merged.model_copy(
             update={
-                "file": f"stitched-{place_name(each.distance, each.angle)}.tif",
+                "file": f"field-point-{place_name(each.distance, each.angle)}.tif",
+                "kind": "field-point",
                 "angle": stitched.angle(number, layers),
                 "usable_per_mm": each.usable_per_mm,
             }
-        ): stitched.at_capture(number)
-        for number, each in enumerate(captured)
-        if not each.on_axis
+        ): psf
+        for number, (each, psf) in enumerate(zip(captured, stitched.at_captures(), strict=True))
     }

@@ -301,7 +301,7 @@ def _read_psf(run: Run[ReconstructOptions]) -> tuple[Frame, tuple[FieldPoint, ..
         psfs = folder.for_scene(distance, most)
         run.reads({f"PSF {each.file}": folder.path / each.file for each in psfs.entries})
         if psfs.field_points:
-            run.reads({"camera": folder.path / CAMERA_FILE})
+            run.reads({"layers of the camera": folder.path / CAMERA_FILE})
         if psfs.note:
             run.reporter.note(psfs.note)
         return psfs.ahead, psfs.field_points

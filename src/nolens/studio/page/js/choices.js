@@ -65,7 +65,7 @@ const isAside = (/** @type {string[]} */ angle) => angle.some((each) => Number.p
 
 /** Lists of PSFs at several angles, which are used together. @returns {Promise<Choice[]>} */
 export const fieldPsfChoices = async () => (await cameras()).filter(({ psfs }) => psfs.some(({ angle }) => isAside(angle)))
-  .map(({ id, psfs }) => ({ value: `${id}/psfs.toml`, label: `${id.split("/").pop()}: ${psfs.length} PSFs over the field` }));
+  .map(({ id }) => ({ value: `${id}/psfs.toml`, label: `${id.split("/").pop()}: PSFs over the field` }));
 
 /** PSFs in the folders of cameras. @returns {Promise<Choice[]>} */
 export const psfChoices = async () => (await cameras()).flatMap((camera) =>
