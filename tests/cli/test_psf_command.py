@@ -46,13 +46,23 @@ def test_defaults(tmp_path: Path) -> None:
     assert record["inputs"] == {}
 
 
+ALL = ("--pixels", "700x700", "--bin", 1)
+
+
+@pytest.fixture(scope="module")
+def middle(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("middle") / "psf.tif"
+    pattern(*ALL, "--frame", "sensor", "-o", out)
+    return out
+
+
 @pytest.mark.parametrize(("at", "signs"), [("8deg,0deg", (0, 1)), ("0deg,8deg", (-1, 0)),
                                            ("-6deg,-6deg", (1, -1))])  # fmt: skip
-def test_angles_are_the_photographers(at: str, signs: tuple[int, int], tmp_path: Path) -> None:
+def test_angles_are_the_photographers(
+    at: str, signs: tuple[int, int], tmp_path: Path, middle: Path
+) -> None:
     """To the right and up: the pattern moves to the right and up in the picture."""
-    out, middle = tmp_path / "psf.tif", tmp_path / "middle.tif"
-    asked = ("--pixels", "700x700", "--bin", 1)
-    pattern(*asked, "--frame", "sensor", "-o", middle)
+    out, asked = tmp_path / "psf.tif", ALL
     told = pattern(*asked, "--frame", "sensor", "--angle", at, "-o", out)
     moved = [
         (there - here) * 1.55
