@@ -12,6 +12,7 @@ from posed import Case, pose
 from nolens.errors import DataError, DivergenceError, OptionError
 from nolens.operators import PixelRectangle
 from nolens.solvers import Prior, Problem, Progress, admm, fista, wiener
+from nolens.solvers.result import expected_end
 
 CASE = Case(channels=2, support=PixelRectangle(1, 2, 4, 5), saturated=0.1)
 FIXED = {"penalties": (0.5, 0.5, 0.5), "balance": None}
@@ -262,3 +263,14 @@ def test_admm_refuses_double_precision():
     problem = Problem.build(_ones(1, 4, 5).double(), _ones(1, 4, 5).double())
     with pytest.raises(DataError, match="float64"):
         admm(problem)
+
+
+def test_the_end_is_expected_where_residuals_fall_evenly():
+    rows = [
+        {"iteration": k, "primal_residual": 0.2 * 0.9**k, "dual_residual": 0.1 * 0.9**k}
+        for k in (4, 8, 12)
+    ]
+    end = expected_end(rows, 1e-3)
+    assert end == math.ceil(math.log(1e-3 / 0.2) / math.log(0.9))
+    assert expected_end(rows[:1], 1e-3) is None and expected_end(rows[::-1], 1e-3) is None
+    assert expected_end(rows, 1.0) == 12 and expected_end(rows, 0.0) is None

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -12,7 +13,7 @@ from nolens.operators import FieldConvolution
 from nolens.solvers.admm_state import CHECK_EVERY, AdmmState, Balance, Penalties
 from nolens.solvers.data_step import DATA_STEP_RELAXATION, DataStep, data_step_start
 from nolens.solvers.problem import Prior, Problem
-from nolens.solvers.result import Callback, Progress, Result, follow, has_converged
+from nolens.solvers.result import Callback, Progress, Result, expected_end, follow, has_converged
 
 RELAXATION = 1.8
 """α where no other is given."""
@@ -290,7 +291,8 @@ def admm(
         residual = max(history[-1]["primal_residual"], history[-1]["dual_residual"])
         return has_converged(history, scene_tolerance) or residual <= tolerance
 
-    history, stop_reason = follow(_checks(run, iterations), has_ended, callback)
+    checks = _checks(run, iterations, max(tolerance, scene_tolerance / 3))
+    history, stop_reason = follow(checks, has_ended, callback)
     run.end()  # What follows needs its memory.
     scene = state.scene()
     if state.fills_view:
@@ -307,9 +309,14 @@ def admm(
     )
 
 
-def _checks(run: AdmmRun | DataStepRun, limit: int) -> Iterator[Progress]:
+def _checks(run: AdmmRun | DataStepRun, limit: int, tolerance: float) -> Iterator[Progress]:
+    """The run, with where it will end."""
+    history: list[dict[str, float]] = []
     while run.state.iteration < limit:
-        yield run.to_check(limit)
+        progress = run.to_check(limit)
+        history.append(progress.row())
+        end = expected_end(history, tolerance)
+        yield progress if end is None else replace(progress, expected=min(end, limit))
 
 
 def _check(

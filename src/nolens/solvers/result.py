@@ -63,6 +63,8 @@ class Progress:
         μ₁, μ₂, μ₃ of the iteration (ADMM; the step size for FISTA).
     scene
         Call it for the scene so far, feasible, `(channels, height, width)` in normalised units.
+    expected
+        Iteration at which the run will end, as its last checks predict; None where they do not.
 
     Raises
     ------
@@ -77,6 +79,7 @@ class Progress:
     scene_change: float
     penalties: tuple[float, ...]
     scene: Callable[[], Tensor]
+    expected: int | None = None
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.objective + self.primal_residual + self.dual_residual):
@@ -222,3 +225,30 @@ def still_to_go(history: list[dict[str, float]]) -> float:
     span = now["iteration"] - before["iteration"]
     rate = math.pow(now["scene_change"] / before["scene_change"], 1 / span)
     return now["scene_change"] * rate / (1 - rate)
+
+
+def expected_end(history: list[dict[str, float]], tolerance: float) -> int | None:
+    """Iteration at which residuals come down to the tolerance, if they go on as they did.
+
+    Parameters
+    ----------
+    history
+        Rows of the convergence checks (`Progress.row`).
+    tolerance
+        Relative; 0 is never reached.
+
+    Returns
+    -------
+    int
+        None where the residual does not fall, or fewer than two checks were made.
+    """
+    if len(history) < 2 or tolerance <= 0:
+        return None
+    (first, before), (last, now) = (
+        (row["iteration"], max(row["primal_residual"], row["dual_residual"]))
+        for row in (history[0], history[-1])
+    )
+    if not 0 < now < before:
+        return None
+    left = math.log(max(now / tolerance, 1.0)) / math.log(before / now) * (last - first)
+    return math.ceil(last + left)

@@ -86,7 +86,7 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: Setup) -> Product[Te
     about["tau"] = tau = setup.tau
 
     def watch(progress: Progress) -> bool:
-        return run.reporter.progress(progress, stop.iterations)
+        return run.reporter.progress(progress, progress.expected or stop.iterations)
 
     result = reconstructor.solve(problem, state=state, callback=watch)
     picture = setup.picture(result.scene)

@@ -13,19 +13,26 @@ export class SolverControls {
   constructor(set) {
     /** @type {Record<string, unknown>} */
     let waiting = {};
-    const flush = async () => {
+    // One request after the other: a later one could overtake what is on its way.
+    let last = Promise.resolve();
+    const flush = (/** @type {Record<string, unknown>} */ more = {}) => {
       const changes = waiting;
       waiting = {};
-      if (Object.keys(changes).length) await set(changes);
+      const sent = last.then(async () => {
+        if (Object.keys(changes).length) await set(changes);
+        if (Object.keys(more).length) await set(more);
+      });
+      last = sent.catch(() => {});
+      return sent;
     };
-    const soon = later(told(flush), SEND_MS);
+    const soon = later(told(() => flush()), SEND_MS);
     const send = (/** @type {Record<string, unknown>} */ change) => {
       Object.assign(waiting, change);
       soon();
     };
     // What is still waiting belongs to the method before.
     this.method = segments("Method", [["wiener", "Wiener"], ["admm", "ADMM"]], "admm",
-      told(async (method) => { await flush(); await set({ method }); }));
+      told((method) => flush({ method })));
     this.detail = detailSlider((detail) => send({ detail }));
     this.iterations = slider({
       label: "Iterations per frame", min: 1, max: 40, value: 4, step: 1,
