@@ -7,6 +7,7 @@ import re
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -167,7 +168,7 @@ def test_what_a_folder_lacks_is_said(made: Open, tmp_path: Path) -> None:
     assert done.code == 0 and "with the PSF straight ahead alone" in done.err, done
 
 
-def test_refused(made: Open, tmp_path: Path) -> None:
+def test_refused(made: Open, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one = made.folder / "psf-80mm.tif"
     two = made.copy(tmp_path / "two")
     entry = PsfEntry.model_validate(
@@ -199,4 +200,6 @@ def test_refused(made: Open, tmp_path: Path) -> None:
         (("--field", "20deg", "--field-points", 3, "-o", tmp_path / "a.tif"), ("a.tif", "folder")),
     ):
         check_refused(run(*(asked[:3] if "-o" in more else asked), *more), *words)
+    monkeypatch.setattr("psutil.virtual_memory", lambda: SimpleNamespace(total=2e8))
+    check_refused(run(*asked, "--field", "20deg", "--field-points", 3), "0.2 GB", "--field-points")
     assert listing(tmp_path) == before

@@ -46,6 +46,7 @@ _POINT = "Point source"
 _SIZE = r"([1-9][0-9]{0,5})x([1-9][0-9]{0,5})"
 _Side = Annotated[int, Between(1, 65535)]
 _REMEDY = "fewer --pixels, a camera with fewer pixels or a coarser grid of its relief needs less"
+_FIELD_REMEDY = "fewer --field-points, a smaller --field or a camera with fewer pixels needs less"
 _BYTES_OF_FIELD = 12
 """Of each pixel of the PSFs over the field: as they are computed, and made equally bright."""
 _DIAMETER_UM = 50.0
@@ -281,7 +282,7 @@ def _simulate_field(
     folder.check_channels(tuple(channels))
     points = options.field_points**2 * len(channels) * math.prod(size)
     working = preview.psf_bytes(corner, size) + _BYTES_OF_FIELD * points
-    twin = run.twin(loaded, working, _REMEDY, fresnel=options.fresnel)
+    twin = run.twin(loaded, working, _FIELD_REMEDY, fresnel=options.fresnel)
     psfs = replace(preview, twin=twin).field_psf(
         support,
         options.field_points,
