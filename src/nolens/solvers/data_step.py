@@ -80,7 +80,7 @@ class DataStep:
             _Channel(problem.single(number), split) for number, split in enumerate(splits)
         ]
         for channel in self._channels:
-            channel.v = self._w(channel)
+            channel.v = self._w(channel.a_w)
 
     def iterate(self, count: int, penalties: Penalties) -> list[PassSums]:
         """Make so many iterations with these penalties; the sums of every channel's last."""
@@ -89,17 +89,15 @@ class DataStep:
             channel.measure()
         for _ in range(count - 1):
             self._step()
-        before = [(u, self._w(each)) for each, u in zip(self._channels, self._u(), strict=True)]
-        multipliers = [
-            (each.a_u - u, each.a_w - w)
-            for each, (u, w) in zip(self._channels, before, strict=True)
-        ]
+        before = [(each.a_u.clone(), each.a_w.clone()) for each in self._channels]
         self._step()
         variation = self._variation()
+        after = self._u(self._multiplied)
+        earlier = self._u([a_u for a_u, _ in before])
         return [
-            each.sums((u, self._w(each)), splits, turned, variation)
-            for each, u, splits, turned in zip(
-                self._channels, self._u(), before, multipliers, strict=True
+            each.sums((u, self._w(each.a_w)), (a_u, u_before), (a_w, self._w(a_w)), variation)
+            for each, u, u_before, (a_u, a_w) in zip(
+                self._channels, after, earlier, before, strict=True
             )
         ]
 
@@ -108,19 +106,18 @@ class DataStep:
         for channel, split in zip(self._channels, splits, strict=True):
             channel.write(split)
 
-    def _u(self) -> Iterator[Tensor]:
-        """Proximal map of the variation at `a_u`, of one channel after the other."""
+    def _u(self, multiplied: list[Tensor]) -> Iterator[Tensor]:
+        """Proximal map of the variation, of one channel after the other."""
         step = self._tau / self._penalties[1] if self._norm is not None else 0.0
         if isinstance(self._norm, OpponentL1):
-            together = torch.cat([each.a_u for each in self._channels])
-            yield from torch.split(self._norm.prox(together, step), 1)
+            yield from torch.split(self._norm.prox(torch.cat(multiplied), step), 1)
             return
-        for each in self._channels:
-            yield each.a_u if self._norm is None else self._norm.prox(each.a_u, step)
+        for each in multiplied:
+            yield each if self._norm is None else self._norm.prox(each, step)
 
-    def _w(self, channel: "_Channel") -> Tensor:
-        """Proximal map of non-negativity, and of the ℓ1 norm, at `a_w`."""
-        return (channel.a_w - self._l1 / self._penalties[2]).clamp_min_(0)
+    def _w(self, multiplied: Tensor) -> Tensor:
+        """Proximal map of non-negativity, and of the ℓ1 norm."""
+        return (multiplied - self._l1 / self._penalties[2]).clamp_min_(0)
 
     def _variation(self) -> float:
         """R(v) of the differences, mean over channels."""
@@ -141,14 +138,19 @@ class DataStep:
             before / after if after > 0 else 1.0
             for before, after in zip(self._penalties, penalties, strict=True)
         )
-        for each, u in zip(self._channels, self._u(), strict=True):
+        for each, u in zip(self._channels, self._u(self._multiplied), strict=True):
             each.a_u = torch.lerp(u, each.a_u, second)
-            each.a_w = torch.lerp(self._w(each), each.a_w, third)
+            each.a_w = torch.lerp(self._w(each.a_w), each.a_w, third)
         self._penalties = penalties
 
     def _step(self) -> None:
-        for each, u in zip(self._channels, self._u(), strict=True):
-            each.step(u, self._w(each), self._penalties, self._relaxation)
+        for each, u in zip(self._channels, self._u(self._multiplied), strict=True):
+            each.step(u, self._w(each.a_w), self._penalties, self._relaxation)
+
+    @property
+    def _multiplied(self) -> list[Tensor]:
+        """Of every channel, u with its multipliers."""
+        return [each.a_u for each in self._channels]
 
 
 class _Channel:
@@ -195,18 +197,22 @@ class _Channel:
     def sums(
         self,
         splits: tuple[Tensor, Tensor],
-        before: tuple[Tensor, Tensor],
-        turned: tuple[Tensor, Tensor],
+        u_before: tuple[Tensor, Tensor],
+        w_before: tuple[Tensor, Tensor],
         variation: float,
     ) -> PassSums:
-        """Sums of an iteration: u and w after and before it, and the multipliers before it."""
+        """Sums of an iteration: splits after it; each before it, with its multipliers and alone."""
         varied = self.varied(self.v) if self._tv else self.a_u
-        (u, w), (d_u, d_w) = splits, turned
+        (u, w), (a_u, u_then), (a_w, w_then) = splits, u_before, w_before
         return PassSums(
             primal=(0.0, _squares(varied - u), _squares(self.v - w)),
             split=(0.0, _squares(u), _squares(w)),
-            change=(0.0, _squares(u - before[0]), _squares(w - before[1])),
-            multiplier_change=(0.0, _squares(self.a_u - u - d_u), _squares(self.a_w - w - d_w)),
+            change=(0.0, _squares(u - u_then), _squares(w - w_then)),
+            multiplier_change=(
+                0.0,
+                _squares((self.a_u - u) - (a_u - u_then)),
+                _squares((self.a_w - w) - (a_w - w_then)),
+            ),
             residual=_squares(self._problem.residual(self.v)),
             variation=variation,
             magnitude=float(self.v.abs().sum(dtype=torch.float64)),

@@ -11,6 +11,8 @@ from torch import Tensor
 from nolens.errors import OptionError
 from nolens.operators import Crop, Diagonal, FiniteDifference, LinearOperator
 
+_ROWS = 64
+"""Rows or columns of a part."""
 _SAFETY = 1.01
 """Factor on a norm that power iteration gives from below."""
 
@@ -311,13 +313,19 @@ class OpponentL1(Functional):
 
     def prox(self, v: Tensor, step: float) -> Tensor:
         """Soft thresholding of the opponent colours."""
-        opponents = self._turned(v, self._matrix)
-        most = step * self._weights(v)
-        return self._turned(opponents - opponents.clamp(-most, most), self._matrix.T)
+        out = torch.empty_like(v)
+        axis = -1 if self.axis != -1 else -2
+        # A part after the other: what is held between is several times as large.
+        parts = (torch.split(each, _ROWS, axis) for each in (v, out))
+        for part, shrunk in zip(*parts, strict=True):
+            opponents = self._turned(part, self._matrix)
+            most = step * self._weights(v)
+            shrunk.copy_(self._turned(opponents - opponents.clamp(-most, most), self._matrix.T))
+        return out
 
     def _turned(self, v: Tensor, matrix: Tensor) -> Tensor:
         mixed: Tensor = torch.tensordot(matrix.to(v), v, dims=([1], [v.ndim + self.axis]))
-        return mixed.movedim(0, self.axis).contiguous()
+        return mixed.movedim(0, self.axis)
 
     def _weights(self, v: Tensor) -> Tensor:
         weights = v.new_tensor([self.mean, self.colour, self.colour])

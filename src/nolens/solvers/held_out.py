@@ -18,8 +18,10 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
-from nolens.solvers.admm import RELAXATION, AdmmRun
+from nolens.operators import FieldConvolution
+from nolens.solvers.admm import RELAXATION, AdmmRun, DataStepRun
 from nolens.solvers.admm_state import CHECK_EVERY, AdmmState, Balance, Penalties
+from nolens.solvers.data_step import DATA_STEP_RELAXATION
 from nolens.solvers.problem import Prior, Problem
 from nolens.solvers.wiener import wiener
 
@@ -454,7 +456,13 @@ class _Path:
         state = self._state
         weighted = replace(self._fitted, tau=tau)
         state.weigh(weighted)
-        run = AdmmRun(weighted, state, balance=self._balance, relaxation=self._relaxation)
+        run: AdmmRun | DataStepRun
+        if isinstance(weighted.forward, FieldConvolution):
+            run = DataStepRun(
+                weighted, state, balance=self._balance, relaxation=DATA_STEP_RELAXATION
+            )
+        else:
+            run = AdmmRun(weighted, state, balance=self._balance, relaxation=self._relaxation)
         stopped = False
         while state.iteration < steps and not stopped:
             run.to_check(steps)

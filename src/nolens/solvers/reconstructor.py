@@ -53,7 +53,7 @@ SPARE = {Method.ADMM: 4, Method.FISTA: 4, Method.WIENER: 1}
 assumed of a scene finds edges between what the PSF carries; Wiener's filter does not."""
 _JUDGED_PIXELS = 40_000
 """Sensor pixels at most with which a PSF is judged."""
-_FIELD_BYTES = 8
+_FIELD_BYTES = 10
 """Of a field point, per pixel of the padded shape: its PSF and its transfer."""
 _OWN_PRIOR_BYTES = 170
 """Held in a run with a prior of one's own, per pixel of the padded shape."""
@@ -281,7 +281,11 @@ class Reconstructor:
         support = support_of(self.support, (sensor[0], sensor[1]))
         if support is not None and by > 1:
             support = support.coarser(by)
-        alike = replace(self, psf=psf, support=support, tau=0.0, field_psf=None)
+        field_psf = self.field_psf
+        if field_psf is not None:
+            planes = torch.stack([_means(each, by) for each in field_psf.values])
+            field_psf = FieldPsf(planes, field_psf.places / by)
+        alike = replace(self, psf=psf, support=support, tau=0.0, field_psf=field_psf)
         return alike.problem(data, mask).by_channel
 
     def predict(
