@@ -190,7 +190,9 @@ def test_pytorch_and_hugging_face_read_the_same_values(
     row, frame = dataset[0], dataset.frame(0)
     psf, support = dataset.psf(row["psf"]), dataset.support(row["psf"])
     assert row["truth"].shape[-2:] == (support.height, support.width)
-    assert frame.size == (48, 64) and psf.size == (24, 32)
+    assert frame.size == (48, 64)
+    # The aperture is wider than the sensor: light of the whole support falls beside it.
+    assert psf.size == (24 + support.height, 32 + support.width)
 
 
 def test_developed_measurements_are_those_of_the_frames(
