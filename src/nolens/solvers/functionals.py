@@ -316,10 +316,10 @@ class OpponentL1(Functional):
         out = torch.empty_like(v)
         axis = -1 if self.axis != -1 else -2
         # A part after the other: what is held between is several times as large.
+        most = step * self._weights(v)
         parts = (torch.split(each, _ROWS, axis) for each in (v, out))
         for part, shrunk in zip(*parts, strict=True):
             opponents = self._turned(part, self._matrix)
-            most = step * self._weights(v)
             shrunk.copy_(self._turned(opponents - opponents.clamp(-most, most), self._matrix.T))
         return out
 
