@@ -4,6 +4,7 @@ import importlib
 import math
 import pkgutil
 from collections.abc import Callable
+from copy import copy
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from nolens.operators import (
     Identity,
     LinearOperator,
     PixelRectangle,
+    StackConvolution,
     VerticalStack,
 )
 
@@ -90,6 +92,21 @@ def many_scenes_aslant(support: tuple[int, int, int, int], psf: tuple[int, int])
     return make
 
 
+def stack(masks: tuple[int, ...] | None, *makes: Make) -> Make:
+    """Rows of the masks without light, and a slice without any."""
+    weights = None
+    if masks is not None:
+        weights = torch.rand(masks, generator=torch.Generator().manual_seed(5)).double()
+        weights[0, ..., :2, :], weights[1] = 0, 0
+
+    def make(dtype: torch.dtype, device: torch.device) -> StackConvolution:
+        parts = [make(dtype, device) for make in makes]
+        assert all(isinstance(part, CroppedConvolution) for part in parts)
+        return StackConvolution(parts, None if weights is None else weights.to(device, dtype))
+
+    return make
+
+
 RGB = (3,)
 GREY = convolution((4, 5), (4, 5), (0, 1, 4, 3), channels=1)
 COLOUR = convolution((4, 5), (4, 5), (0, 1, 4, 3))
@@ -111,6 +128,9 @@ TABLE = [
     Case("field, no support", field([(0, 0), (0, 5), (4, 0)]), RGB),
     Case("field, one psf for three", field([(1, 1), (3, 4)], (0, 0, 5, 6), 1), RGB),
     Case("field of a point, grey", field([(2, 2)], (1, -1, 4, 6), 1), (1,)),
+    Case("stack of depths", stack(None, *2 * [field([(0, 0), (4, 5)], (-1, 0, 6, 5))])),
+    Case("stack of bands", stack((3, 5, 6), *3 * [convolution((5, 6), (7, 8), None, 1)]), (1,)),
+    Case("stack of instants", stack((4, 3, 5, 6), convolution((5, 6), (5, 6), (1, -1, 3, 5)))),
     Case("many scenes", many_scenes((1, 2, 4, 5), (6, 7)), (2,)),
     Case("many scenes, wide psf", many_scenes((-1, 2, 5, 6), (11, 12)), (2,)),
     Case("many scenes aslant", many_scenes_aslant((-1, 1, 5, 4), (10, 11))),
@@ -192,6 +212,16 @@ def test_the_algebra_is_that_of_matrices():
     torch.testing.assert_close((-b @ c)(v), -b(c(v)))
     torch.testing.assert_close(VerticalStack([a, 3 * a])(v), torch.stack([a(v), 3 * a(v)]))
     torch.testing.assert_close(HorizontalStack([a, 3 * a])(torch.stack([v, c(v)])), a(v + 3 * c(v)))
+    masks = torch.rand((2, 4, 5), generator=torch.Generator().manual_seed(6)).double()
+    for mask in (None, masks):
+        parts = [a, 3 * a] if mask is None else [Diagonal(mask[0]) @ a, Diagonal(mask[1]) @ a]
+        scenes = torch.stack([v, c(v)], dim=-3)
+        other = copy(a)
+        other.transfer = (3 if mask is None else 1) * a.transfer
+        torch.testing.assert_close(
+            StackConvolution([a, other], mask)(scenes),
+            HorizontalStack(parts)(scenes.transpose(0, 1)),
+        )
     assert a.H.H is a
     for each in (a, a.H, b @ c):
         largest = float(torch.linalg.matrix_norm(dense(each), 2))

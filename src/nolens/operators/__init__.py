@@ -5,6 +5,7 @@ from nolens.operators.convolution import CroppedConvolution, Geometry, PixelRect
 from nolens.operators.difference import FiniteDifference
 from nolens.operators.field_convolution import FieldConvolution
 from nolens.operators.pixelwise import Crop, Diagonal, Identity
+from nolens.operators.stack_convolution import StackConvolution
 from nolens.operators.stacks import BlockDiagonal, HorizontalStack, VerticalStack
 
 __all__ = [
@@ -19,5 +20,6 @@ __all__ = [
     "Identity",
     "LinearOperator",
     "PixelRectangle",
+    "StackConvolution",
     "VerticalStack",
 ]

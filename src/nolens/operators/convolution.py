@@ -9,7 +9,6 @@ from torch import Tensor
 
 from nolens.errors import OptionError
 from nolens.kernels import fast_length, irfft2_window_, rfft2_window
-from nolens.kernels.fft import Window
 from nolens.operators.base import LinearOperator
 
 
@@ -247,16 +246,23 @@ class CroppedConvolution(LinearOperator):
         padded[..., top : top + height, left : left + width] = scene
         return padded
 
+    def light_spectrum(self, v: Tensor) -> Tensor:
+        """Half spectrum of Mv on the padded shape: what operators of one geometry can add up."""
+        spectrum = rfft2_window(v, self.geometry.scene[:2], self.geometry.padded)
+        return times_transfer_(spectrum, self.transfer)
+
+    def scene_of(self, spectrum: Tensor) -> Tensor:
+        """M*y on the scene's pixels, from the half spectrum of y on the padded shape, which stays."""
+        product = spectrum * self.transfer.conj()
+        return irfft2_window_(product, self.geometry.scene, self.geometry.padded)
+
     def _forward(self, v: Tensor) -> Tensor:
-        return self._blurred(v, self.geometry.scene, self.transfer, self.geometry.sensor)
+        geometry = self.geometry
+        return irfft2_window_(self.light_spectrum(v), geometry.sensor, geometry.padded)
 
     def _adjoint(self, y: Tensor) -> Tensor:
-        return self._blurred(y, self.geometry.sensor, self.transfer.conj(), self.geometry.scene)
-
-    def _blurred(self, inside: Tensor, window: Window, transfer: Tensor, target: Window) -> Tensor:
-        """A window of the padded shape, blurred, in another window of it."""
-        spectrum = rfft2_window(inside, window[:2], self.geometry.padded)
-        return irfft2_window_(times_transfer_(spectrum, transfer), target, self.geometry.padded)
+        geometry = self.geometry
+        return self.scene_of(rfft2_window(y, geometry.sensor[:2], geometry.padded))
 
 
 def times_transfer_(spectrum: Tensor, transfer: Tensor) -> Tensor:

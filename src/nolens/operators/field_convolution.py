@@ -235,7 +235,8 @@ class FieldConvolution(CroppedConvolution):
         for term in self.terms:
             torch.view_as_real(term.transfer).mul_(factor[..., None])
 
-    def _forward(self, v: Tensor) -> Tensor:
+    def light_spectrum(self, v: Tensor) -> Tensor:
+        """Half spectrum of the sum of all terms on the padded shape."""
         total: Tensor | None = None
         for term in self.terms:
             part = v[..., *term.weight.window] * term.weight.values
@@ -245,10 +246,10 @@ class FieldConvolution(CroppedConvolution):
             else:
                 total.addcmul_(spectrum, term.transfer)
         assert total is not None
-        return irfft2_window_(total, self.geometry.sensor, self.geometry.padded)
+        return total
 
-    def _adjoint(self, y: Tensor) -> Tensor:
-        spectrum = rfft2_window(y, self.geometry.sensor[:2], self.geometry.padded)
+    def scene_of(self, spectrum: Tensor) -> Tensor:
+        """Adjoint of all terms, from the half spectrum of y on the padded shape, which stays."""
         scene: Tensor | None = None
         for term in self.terms:
             part = irfft2_window_(
