@@ -252,7 +252,7 @@ class CroppedConvolution(LinearOperator):
         return times_transfer_(spectrum, self.transfer)
 
     def scene_of(self, spectrum: Tensor) -> Tensor:
-        """M*y on the scene's pixels, from the half spectrum of y on the padded shape, which stays."""
+        """M*y on the scene's pixels, from the half spectrum of y, which stays as it is."""
         product = spectrum * self.transfer.conj()
         return irfft2_window_(product, self.geometry.scene, self.geometry.padded)
 
