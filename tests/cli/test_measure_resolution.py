@@ -268,7 +268,7 @@ CELL = ("--pixel-angle", "0.1deg")
         (("siemens", "--simulate", "small", "--psf", "star.tif"), ("--psf goes with frames",)),
         (("siemens", "--simulate", "small", "--angle", "89deg"), ("beyond the model",)),
         (("siemens", "--simulate", "small", "--distance", "300"), ("has no unit",)),
-        (("siemens", "--simulate", "small", "--distance", "5mm"), ("nearer than",)),
+        (("siemens", "--simulate", "small", "--distance", "0.5mm"), ("nearer than",)),
         (("siemens", "--simulate", "nowhere"), ("nowhere",)),
         (("siemens", "--simulate", "small", "--light", "blue"), ("unknown light",)),
         (("edge", "noise.tif", *CELL), ("no straight edge",)),

@@ -10,7 +10,7 @@ import torch
 
 from nolens.camera import Camera, LoadedCamera, from_mapping, preset, preset_text, to_toml
 from nolens.errors import DataError, FileError
-from nolens.files import read_camera, write_camera
+from nolens.files import read_camera, read_light, write_camera
 
 QE = "wavelength_nm,R,G,B\n400,0.1,0.2,0.3\n700,0.4,0.5,0.6\n"
 ACCEPTANCE = "angle_deg,response\n0,1\n45,0.25\n"
@@ -197,3 +197,19 @@ def test_what_cannot_be_written(tmp_path):
     with pytest.raises(FileError, match="file"):
         write_camera(tmp_path / "file", small())
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_an_emission_spectrum(tmp_path):
+    path = tmp_path / "gfp.csv"
+    path.write_text("wavelength_nm,power\n480,0\n510,40\n560,10\n")
+    light = read_light(str(path))
+    assert light.name == "gfp.csv"
+    assert light.power(np.array([470.0, 495, 510, 560])).tolist() == [0, 0.5, 1, 0.25]
+    for power, words in (
+        ("0", "holds no light"),
+        ("nan", "holds no light"),
+        ("-1\n510,1", "line 2"),
+    ):
+        path.write_text(f"wavelength_nm,power\n480,{power}\n520,0\n")
+        with pytest.raises(DataError, match=words):
+            read_light(str(path))

@@ -87,13 +87,14 @@ def _pixels(pattern: Tensor, samples: int) -> Tensor:
 # --- brightness
 
 
-@pytest.mark.parametrize("distance_um", [1e4, 3e5, INFINITE])
+@pytest.mark.parametrize("distance_um", [1e3, 3e5, INFINITE])
 @pytest.mark.parametrize("way", [Way(0), Way(30, 37), Way(50, -120)], ids=str)
 def test_flat_mask(way, distance_um):
     """cos³ of the local ray, spread over the sensor as the rays diverge: to 4e-4 everywhere."""
-    grid = Grid(120, 180, PITCH_UM, (100.0, -50.0))
+    grid = Grid(120, 180, PITCH_UM / 2, (100.0, -50.0))
     light = way.light(distance_um)
-    got = monochromatic_psf(light, FLAT, MEDIA, grid).double()
+    flat = MaskSurface(Relief(torch.zeros(2, 2), PITCH_UM / 2))
+    got = monochromatic_psf(light, flat, MEDIA, grid).double()
     if math.isinf(distance_um):
         expected = torch.full_like(got, math.cos(math.radians(way.angle_deg)) ** 3)
     else:
@@ -187,6 +188,22 @@ def test_near_source_magnifies_the_pattern(distance_um, before):
     spots = [centroid_um(pattern, grid, (0.0, side * 200 * expected), 60.0) for side in (-1, 1)]
     assert (spots[1][1] - spots[0][1]) / 400 == pytest.approx(expected, rel=2e-4)
     assert [spot[0] for spot in spots] == pytest.approx([0, 0], abs=0.02)
+
+
+@pytest.mark.parametrize("distance_um", [2e3, INFINITE])
+def test_source_in_a_medium(distance_um, mask):
+    """Optical paths in wavelengths say it all: indices times n are a wavelength n times longer."""
+    n, source, grid = 1.33, PointSource((0.2, -0.3), distance_um), Grid(48, 64, PITCH_UM)
+
+    def pattern(scale: float) -> Tensor:
+        before, after = (
+            Stack(each.thicknesses_um, tuple(scale * index for index in each.indices))
+            for each in (FILM, PAPER)
+        )
+        media = Media(WAVELENGTH_UM * scale, scale * RESIN, scale * GLASS)
+        return monochromatic_psf(Illumination(source, before, after, scale), mask, media, grid)
+
+    assert relative_error(pattern(n), pattern(1.0)) < 1e-4
 
 
 @pytest.mark.parametrize("slope", [0.01, -0.01])

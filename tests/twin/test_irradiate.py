@@ -76,7 +76,7 @@ def _by_hand(twin: Twin, field: FieldMap, scene: Tensor, distance_um: float) -> 
 @pytest.fixture
 def sampled_alike(monkeypatch: pytest.MonkeyPatch) -> None:
     """As many samples to the pixel as `point_spread` takes: two, where `irradiate` takes one."""
-    monkeypatch.setattr("nolens.twin.irradiance.samples_per_pixel", lambda twin, at_least: 2)
+    monkeypatch.setattr("nolens.twin.irradiance.samples_per_pixel", lambda twin, **_: 2)
 
 
 # Middle, a corner, and the middles of two sides, as cells of a support of 2n × 2m: field points.

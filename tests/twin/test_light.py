@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from nolens.camera import SpectralCurve, preset
 from nolens.errors import OptionError
-from nolens.twin import LIGHTS, Light
+from nolens.twin import LIGHTS, POWER, Light
 
 PLANCK, SPEED = 6.62607015e-34, 2.99792458e8
 LUMENS_PER_WATT = 683.0
@@ -188,3 +188,13 @@ def test_the_table_s_reach_does_not_change_how_bright_the_light_is(name):
     )
     got = Light(name).electrons(short, "grey", 100.0)
     assert got == pytest.approx(Light(name).electrons(long, "grey", 100.0), rel=0.01)
+
+
+def test_a_spectrum_of_ones_own_is_that_of_its_table():
+    """A table of daylight is daylight, whatever its unit."""
+    nm = np.arange(400.0, 701.0, 5)
+    daylight = Light("daylight").power(nm)
+    values = {POWER: tuple((daylight / daylight.max()).tolist())}
+    table = SpectralCurve(source="table", wavelength_nm=tuple(nm.tolist()), values=values)
+    own = np.array(Light("table", table).wavelengths(CURVE, "G", 3))
+    assert own == pytest.approx(np.array(Light("daylight").wavelengths(CURVE, "G", 3)), rel=1e-4)

@@ -205,7 +205,7 @@ def test_half_the_pitch_changes_nothing(monkeypatch):
     source = toward(18, 20, 300e3)
     usual = point_spread(twin, source, (200, 200), light=WHITE, wavelengths=1)
 
-    def twice(twin: Twin, *, at_least: int) -> int:
+    def twice(twin: Twin, *, at_least: int, **_: float) -> int:
         return 2 * at_least
 
     def as_it_is(twin: Twin, pitch_um: float, **_: float) -> Twin:

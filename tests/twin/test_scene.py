@@ -214,7 +214,7 @@ def test_no_opacity(value):
 
 
 def test_no_distance():
-    _refused((Plane(_picture(4, 4), 20.0, math.nan),), OptionError, "10 mm or more")
+    _refused((Plane(_picture(4, 4), 20.0, math.nan),), OptionError, "1 mm or more")
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, -10.0, 180.0, 200.0, math.nan])
@@ -226,9 +226,9 @@ def test_beyond_the_model():
     _refused((Plane(_picture(4, 4), 101.0, FAR_UM),), OptionError, "choose an angle of at most")
 
 
-@pytest.mark.parametrize("distance_um", [9.9e3, 0.0, -1e5])
+@pytest.mark.parametrize("distance_um", [0.99e3, 0.0, -1e5])
 def test_too_near(distance_um):
     far = Plane(_picture(4, 4), 20.0, FAR_UM)
     near = Plane(_picture(4, 4), 20.0, distance_um)
-    _refused((far, near), OptionError, "choose 10 mm or more")
-    render_planes(TWIN, (far, Plane(_picture(4, 4), 20.0, 10e3)))
+    _refused((far, near), OptionError, "choose 1 mm or more")
+    render_planes(TWIN, (far, Plane(_picture(4, 4), 20.0, 1e3)))

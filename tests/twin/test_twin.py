@@ -139,9 +139,9 @@ def test_sources_beyond_the_model():
         spread(toward(50, azimuth))
         with pytest.raises(OptionError, match=r"50\.1 deg off the axis is beyond the model"):
             spread(toward(50.1, azimuth))
-    spread(PointSource(distance_um=10e3))
-    with pytest.raises(OptionError, match=r"a distance of 9\.99 mm .* choose 10 mm or more"):
-        spread(PointSource(distance_um=9.99e3))
+    spread(PointSource(distance_um=1e3))
+    with pytest.raises(OptionError, match=r"a distance of 0\.99 mm .* choose 1 mm or more"):
+        spread(PointSource(distance_um=0.99e3))
     with pytest.raises(OptionError, match="a source at infinity has no diameter"):
         spread(PointSource(diameter_um=50.0))
     with pytest.raises(OptionError, match="must be 0 µm"):

@@ -21,12 +21,12 @@ from nolens.calibrate.distances import pixel_angle
 from nolens.camera import FieldPsf, Frame, LoadedCamera, ReliefFile, develop
 from nolens.errors import DataError, OptionError
 from nolens.experiments.virtual_experiment import VirtualExperiment
-from nolens.files import read_camera
+from nolens.files import read_camera, read_light
 from nolens.operators import PixelRectangle
 from nolens.quantities import Angle, Length
 from nolens.solvers.inputs import Plane, channels_of
-from nolens.twin import Light, Twin, check_simulation_memory, in_channels, preview_model
 from nolens.twin import Plane as ScenePlane
+from nolens.twin import Twin, check_simulation_memory, in_channels, preview_model
 
 
 class Camera:
@@ -197,7 +197,8 @@ def psf(
     diameter
         Of the point source.
     light
-        Its spectrum, such as ``"white-led"`` or ``"535nm"``.
+        Its spectrum, such as ``"white-led"`` or ``"535nm"``, or a .csv with the columns
+        ``wavelength_nm,power``.
     wavelengths
         How many stand for a channel.
     field_points
@@ -224,7 +225,7 @@ def psf(
             f"field_points {field_points} covers a support with PSFs of several angles: give the "
             "support (such as that of a simulated measurement), and no angle"
         )
-    preview = VirtualExperiment(camera.preview, Light(light), wavelengths)
+    preview = VirtualExperiment(camera.preview, read_light(light), wavelengths)
     working = preview.psf_bytes(source, size)
     twin = twin_of(camera, working, "a smaller size or a camera that reads fewer pixels")
     experiment = replace(preview, twin=twin)
@@ -273,7 +274,7 @@ def simulate_point(
     OptionError
         If a quantity or the light cannot be used.
     """
-    experiment = VirtualExperiment(camera.twin, Light(light), wavelengths)
+    experiment = VirtualExperiment(camera.twin, read_light(light), wavelengths)
     with reported(progress, "point source") as report:
         return experiment.point(
             source_of(distance, angle, diameter), fill=fill, seed=seed, progress=report
@@ -332,7 +333,7 @@ def simulate(
         distance_um(distance),
         opacity,
     )
-    preview = VirtualExperiment(camera.preview, Light(light), wavelengths, field_points)
+    preview = VirtualExperiment(camera.preview, read_light(light), wavelengths, field_points)
     working = preview.scene_bytes((plane,))
     twin = twin_of(camera, working, "a smaller angle or a camera that reads fewer pixels")
     experiment = replace(preview, twin=twin)

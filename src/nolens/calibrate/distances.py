@@ -37,10 +37,13 @@ class Layers:
         Layers between the air in front of the camera and the mask.
     after
         Layers between mask and sensor.
+    outside
+        Refractive index of the space that the scene is in.
     """
 
     before: Stack
     after: Stack
+    outside: float = 1.0
 
     @classmethod
     def of_camera(cls, camera: Camera) -> "Layers":
@@ -50,6 +53,7 @@ class Layers:
         return cls(
             Stack(thicknesses[:surface], indices[:surface]),
             Stack(thicknesses[surface:], indices[surface:]),
+            camera.outside,
         )
 
     @classmethod
@@ -67,7 +71,7 @@ class Layers:
 
         D and b are the reduced thicknesses behind and before the mask (`uvimprint`, sec. 3.5).
         """
-        return 1 + self.after.reduced_um / (distance_um + self.before.reduced_um)
+        return 1 + self.after.reduced_um / self._front(distance_um).reduced_um
 
     def shift_um(self, angle: tuple[Angle, Angle]) -> tuple[float, float]:
         """Place of the ray through the middle, to the right and up, by Snell's law."""
@@ -75,7 +79,7 @@ class Layers:
         size = math.hypot(*tangents)
         if size == 0:
             return 0.0, 0.0
-        p = torch.tensor(size / math.sqrt(1 + size * size), dtype=torch.float64)
+        p = torch.tensor(self.outside * size / math.sqrt(1 + size * size), dtype=torch.float64)
         shift = float(self.before.then(self.after).displacement_um(p))
         return shift * tangents[0] / size, shift * tangents[1] / size
 
@@ -85,7 +89,7 @@ class Layers:
         if size == 0:
             return Angle("0", "deg"), Angle("0", "deg")
         p = float(self.before.then(self.after).ray(torch.tensor(size, dtype=torch.float64)))
-        tangent = p / math.sqrt(1 - p * p) / size
+        tangent = p / math.sqrt(self.outside**2 - p * p) / size
         degrees = [math.degrees(math.atan(each * tangent)) for each in shift_um]
         right, up = (Angle.of(round(each, 2) + 0.0, "deg") for each in degrees)
         return right, up
@@ -109,7 +113,7 @@ class Layers:
         return front.displacement_um(ray)
 
     def _front(self, distance_um: float) -> Stack:
-        return Stack((distance_um,), (1.0,)).then(self.before)
+        return Stack((distance_um,), (self.outside,)).then(self.before)
 
 
 @dataclass(frozen=True)
@@ -255,4 +259,4 @@ def pixel_angle(camera: Camera, pixel_um: float) -> float:
     pixel_um
         Pitch of the measurement's pixels.
     """
-    return pixel_um / Layers.of_camera(camera).after.reduced_um
+    return pixel_um / (camera.outside * Layers.of_camera(camera).after.reduced_um)

@@ -165,6 +165,8 @@ class Camera(Part):
         What else is to be said.
     reference_distance
         From the camera to the scene it is described for.
+    outside
+        Refractive index of the space that the scene is in: 1 is air, 1.33 water.
     sensor
         The sensor.
     layers
@@ -179,6 +181,7 @@ class Camera(Part):
     name: Text
     note: Annotated[str, Field(max_length=10_000)] = ""
     reference_distance: Distance
+    outside: Annotated[Number, Between(1, 4)] = 1.0
     sensor: Sensor
     layers: tuple[Layer, ...] = Field(min_length=1, max_length=20)
     materials: tuple[Material, ...] = Field((), max_length=100)
@@ -233,6 +236,10 @@ class Camera(Part):
             If the index of a layer's material is not known at this wavelength.
         """
         return tuple(self._index_of(layer, wavelength_nm) for layer in self.layers)
+
+    def media(self, wavelength_nm: float) -> tuple[float, ...]:
+        """Index of the space that the scene is in, and `indices`."""
+        return (self.outside, *self.indices(wavelength_nm))
 
     def _index_of(self, layer: Layer, wavelength_nm: float) -> float:
         substance = self.material_of(layer)

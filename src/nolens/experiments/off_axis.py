@@ -414,7 +414,7 @@ def _by_rays(twin: Twin, source: PointSource, height_um: float, width_um: float)
         shift_um=shift,
         overlap_width=max(0.0, 1 - shift / width_um),
         overlap_height=max(0.0, 1 - shift / height_um),
-        light=float(twin.vignetting(torch.tensor(source.p, dtype=torch.float64))),
+        light=float(twin.vignetting(torch.tensor(twin.p_of(source), dtype=torch.float64))),
     )
 
 

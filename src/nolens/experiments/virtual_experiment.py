@@ -152,7 +152,7 @@ class VirtualExperiment:
         twin, size, pixels = self.twin, size or self.twin.shape, pixels or self.twin.superpixel
         twin.check_source(source)
         # Around the result as much is computed as the image of the source is wide.
-        image = source.diameter_um * float(twin.stack().spread_um(torch.tensor(source.p)))
+        image = source.diameter_um * float(twin.stack().spread_um(torch.tensor(twin.p_of(source))))
         edge = math.ceil(image / source.distance_um / (pixels * twin.sensor_pitch_um))
         colours = colours_of(twin, self.light, self.wavelengths)
         working = polychromatic_psf_bytes(

@@ -195,7 +195,7 @@ def expected_lines(loaded: LoadedCamera, thicknesses_mm: tuple[float, ...]) -> t
 def _media(camera: Camera) -> tuple[float, Stack]:
     """Index in front of the mask's surface, and the layers from there to the sensor."""
     surface = camera.mask.surface
-    indices = (1.0, *camera.indices(REFERENCE_NM))
+    indices = camera.media(REFERENCE_NM)
     thicknesses = tuple(layer.thickness.um for layer in camera.layers[surface:])
     return indices[surface], Stack(thicknesses, indices[surface + 1 :])
 

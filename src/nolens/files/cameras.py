@@ -3,12 +3,13 @@
 import csv
 import difflib
 import io
+import math
 import shutil
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import torch
 from pydantic import ValidationError
@@ -41,6 +42,9 @@ from nolens.files.frames import read_frame
 from nolens.files.input import read_text, system_errors
 from nolens.files.pictures import write_tiff32
 from nolens.files.tiff import HEIGHTS_IN_UM, write_tiff
+
+if TYPE_CHECKING:
+    from nolens.twin import Light
 
 CAMERA_FILE = "camera.toml"
 """Name of a camera's description in its folder."""
@@ -251,6 +255,30 @@ def _read_spectral_curve(path: Path, sensor: Sensor) -> SpectralCurve:
     wavelengths = columns.pop("wavelength_nm")
     fields = {"source": path.name, "wavelength_nm": wavelengths, "values": columns}
     return _check_curve(SpectralCurve, fields, path, lines)
+
+
+def read_light(name: str) -> "Light":
+    """The spectrum that a name stands for, or that a .csv with ``wavelength_nm,power`` has.
+
+    Raises
+    ------
+    NolensError
+        If there is neither.
+    """
+    # Most of what reads cameras needs no simulation.
+    from nolens.twin import POWER, Light
+
+    path = Path(name)
+    if path.suffix.lower() != ".csv":
+        return Light(name)
+    columns, lines = _read_table(path, ("wavelength_nm", POWER))
+    power = columns.pop(POWER)
+    peak = max(power)
+    if not 0 < peak < math.inf:
+        raise DataError(f"{path} holds no light: give a {POWER} above 0, and no negative one")
+    values = {POWER: [each / peak for each in power]}
+    fields = {"source": path.name, **columns, "values": values}
+    return Light(path.name, _check_curve(SpectralCurve, fields, path, lines))
 
 
 def _read_angular_curve(path: Path) -> AngularCurve:

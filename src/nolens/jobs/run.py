@@ -30,7 +30,7 @@ from nolens.solvers import Progress, Reconstructor
 
 if TYPE_CHECKING:
     from nolens.camera import LoadedCamera
-    from nolens.twin import Twin
+    from nolens.twin import Light, Twin
 
 Options = TypeVar("Options", bound=JobOptions)
 Value = TypeVar("Value")
@@ -203,6 +203,21 @@ class Run(Generic[Options]):
         loaded = read_camera(name)
         self.reads(camera_files(name, loaded.camera))
         return loaded
+
+    def light(self, name: str) -> "Light":
+        """The light of a name, or of a file, which is added to those that are read.
+
+        Raises
+        ------
+        NolensError
+            As `camera`.
+        """
+        from nolens.files import read_light
+
+        light = read_light(name)
+        if light.spectrum is not None:
+            self.reads({"spectrum of the light": Path(name)})
+        return light
 
     def camera_beside(self, name: str | None, folder: Path | None) -> "LoadedCamera | None":
         """The camera of a name, or without one that of a folder; None where there is neither.

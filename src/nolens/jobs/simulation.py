@@ -27,7 +27,6 @@ from nolens.jobs.fields import (
     Name,
     RecordedOptions,
     Seed,
-    Word,
 )
 from nolens.jobs.options import Option
 from nolens.jobs.run import Product, Run, Writer, job
@@ -36,7 +35,6 @@ from nolens.optics import PointSource
 from nolens.quantities import Angle, Luminance, Percentage
 from nolens.ranges import Between
 from nolens.twin import (
-    Light,
     Plane,
     PlaneView,
     check_field_points,
@@ -73,7 +71,10 @@ class SimulationOptions(RecordedOptions):
     camera: Annotated[
         Name, Option(f"Camera to simulate: {CAMERAS}.", role="camera", label="Camera")
     ] = "paper"
-    light: Annotated[Word, Option(f"{LIGHTS}.", OPTICS)] = "white-led"
+    light: Annotated[
+        Name,
+        Option(f"{LIGHTS}; or a .csv with wavelength_nm,power: an emission spectrum.", OPTICS),
+    ] = "white-led"
     wavelengths: Annotated[
         int, Between(1, 100), Option("Wavelengths that stand for a channel.", OPTICS)
     ] = 3
@@ -208,7 +209,7 @@ def read_simulated_camera(
     check_holds_sensor(options.output, loaded.camera.sensor)
     preview = preview_model(loaded, fresnel=options.fresnel)
     return loaded, VirtualExperiment(
-        preview, Light(options.light), options.wavelengths, field_points
+        preview, run.light(options.light), options.wavelengths, field_points
     )
 
 

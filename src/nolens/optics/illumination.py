@@ -84,23 +84,30 @@ class Illumination:
     Parameters
     ----------
     source
-        Where the light comes from; in air.
+        Where the light comes from.
     before
-        Layers between air and mask; none if the mask is the outermost surface.
+        Layers between the source's medium and the mask; none if the mask is the outermost surface.
     after
         Layers between mask and sensor.
+    outside
+        Refractive index of the medium that the source is in.
     """
 
     source: PointSource
     before: Stack
     after: Stack
+    outside: float = 1.0
+
+    @property
+    def p(self) -> float:
+        """N sin θ of the source's field angle."""
+        return self.outside * self.source.p
 
     def chief_ray(self, sensor_um: tuple[float, float]) -> ChiefRay:
         """The ray to a place on the sensor, (row, column) direction from its middle."""
         if math.isinf(self.source.distance_um):
-            tangent = math.hypot(*self.source.tangent)
             unit = _unit(self.source.tangent)
-            p = tangent / math.sqrt(1 + tangent * tangent)
+            p = self.p
             back = -float(self.after.displacement_um(torch.tensor(p, dtype=torch.float64)))
             start = sensor_um
         else:
@@ -114,11 +121,18 @@ class Illumination:
         mask = (start[0] + unit[0] * back, start[1] + unit[1] * back)
         return ChiefRay((unit[0] * p, unit[1] * p), mask)
 
+    def magnification(self, ray: ChiefRay) -> float:
+        """How much larger the mask's shadow is than the mask, around a ray; 1 far away."""
+        if math.isinf(self.source.distance_um):
+            return 1.0
+        p = torch.tensor(ray.squared, dtype=torch.float64).sqrt()
+        return 1 + float(self.after.spread_um(p) / self._to_mask().spread_um(p))
+
     def direction(self, rows_um: Tensor, columns_um: Tensor) -> tuple[Tensor, Tensor]:
         """The light's p at places on the mask, float64: (row part, column part)."""
         if math.isinf(self.source.distance_um):
             squared = self.source.tangent[0] ** 2 + self.source.tangent[1] ** 2
-            scale = 1 / math.sqrt(1 + squared)
+            scale = self.outside / math.sqrt(1 + squared)
             one = torch.ones_like(rows_um + columns_um)
             return one * (self.source.tangent[0] * scale), one * (self.source.tangent[1] * scale)
         start = self.source.origin_um()
@@ -131,13 +145,14 @@ class Illumination:
         r"""Light on the mask's plane from a source of the same power in all directions; float64.
 
         1 straight ahead of a source far away. A cone of rays has the power :math:`\sin θ\,dθ` and
-        meets a ring of radius r: :math:`z^2 p\,/\,(\cos θ\,r\,dr/dp)`, in air alone cos³θ.
+        meets a ring of radius r: :math:`z^2 p\,/\,(n^2\cos θ\,r\,dr/dp)`, in one medium cos³θ.
         """
         p = self.direction(rows_um, columns_um)
         squared = p[0].square() + p[1].square()
+        cosine = (1 - squared / self.outside**2).sqrt()
         distance = self.source.distance_um
         if math.isinf(distance):
-            return (1 - squared).pow(1.5)
+            return cosine.pow(3)
         stack = self._to_mask()
         start = self.source.origin_um()
         radius = (rows_um - start[0]).square() + (columns_um - start[1]).square()
@@ -145,7 +160,8 @@ class Illumination:
         p_per_um = torch.where(
             radius > 1e-9, squared.sqrt() / radius.clamp_min(1e-9), 1 / stack.reduced_um
         )
-        return distance**2 * p_per_um / ((1 - squared).sqrt() * stack.spread_um(squared.sqrt()))
+        spread = stack.spread_um(squared.sqrt())
+        return (distance / self.outside) ** 2 * p_per_um / (cosine * spread)
 
     def path_um(self, rows_um: Tensor, columns_um: Tensor, chief: ChiefRay) -> Tensor:
         r"""Optical path from the source, less the plane wave of the chief ray; float64.
@@ -166,7 +182,7 @@ class Illumination:
         return path - central - stack.axial_um(squared) - carrier
 
     def _to_mask(self) -> Stack:
-        return Stack((self.source.distance_um,), (1.0,)).then(self.before)
+        return Stack((self.source.distance_um,), (self.outside,)).then(self.before)
 
 
 def _unit(vector: tuple[float, float]) -> tuple[float, float]:

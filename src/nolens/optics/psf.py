@@ -62,11 +62,14 @@ class Margin:
         """All of it, on each side."""
         return self.geometric_um + 2 * self.diffraction_um
 
-    def fading(self, samples: int, pitch_um: float) -> Tensor:
-        """Weights along one side of a window: 1 inside, falling smoothly to 0 at the edges."""
+    def fading(self, samples: int, pitch_um: float, dark_um: float = 0.0) -> Tensor:
+        """Weights along one side of a window: 1 inside, falling smoothly to 0 at the edges.
+
+        Or, on both sides, so far before them.
+        """
         width = max(1.0, self.diffraction_um / pitch_um)
         place = torch.arange(samples, dtype=torch.float64)
-        inside = torch.minimum(place, samples - 1 - place) / width
+        inside = (torch.minimum(place, samples - 1 - place) - dark_um / pitch_um) / width
         return (0.5 - 0.5 * torch.cos(math.pi * inside.clamp(0, 1))).float()
 
 
@@ -89,9 +92,16 @@ def windows(rows: int, columns: int, pitch_um: float, distance_um: float) -> Ite
             yield Window((top, bottom), (left, right))
 
 
-def window_length(samples: int, margin: Margin, pitch_um: float, *, of_rows: bool) -> int:
-    """Length of a transform that holds so many samples and the margin on both sides."""
-    return fast_length(samples + 2 * math.ceil(margin.total_um / pitch_um) + 2, of_rows=of_rows)
+def window_length(
+    samples: int, margin: Margin, pitch_um: float, *, of_rows: bool, magnification: float = 1.0
+) -> int:
+    """Length of a transform that holds so many samples and the margin on both sides.
+
+    The light of a near source is spread out behind the margins, too, and wraps around no farther
+    than to the samples.
+    """
+    around = math.ceil((1 + magnification) * margin.total_um / pitch_um)
+    return fast_length(samples + around + 2, of_rows=of_rows)
 
 
 def _cut(count: int, largest: int) -> list[tuple[int, int]]:
@@ -186,7 +196,7 @@ def monochromatic_psf_bytes(
     field behind the relief.
     """
     pitch = step * grid.pitch_um
-    turned, spread = _turns(light, mask, media, light.source.p**2)
+    turned, spread = _turns(light, mask, media, light.p**2)
     margin = Margin.needed(turned, spread, media.wavelength_um)
     around = 2 * math.ceil(margin.total_um / pitch) * step
     rows, columns = (
@@ -228,9 +238,18 @@ def _window(
     turned, spread = _turns(light, mask, media, chief.squared)
     margin = Margin.needed(turned, spread, media.wavelength_um)
     sides = [stop - start for start, stop in (part.rows, part.columns)]
+    magnification = light.magnification(chief)
     size = [
-        window_length(-(-side // finer), margin, pitch, of_rows=axis == 1)
+        window_length(
+            -(-side // finer), margin, pitch, of_rows=axis == 1, magnification=magnification
+        )
         for axis, side in enumerate(sides)
+    ]
+    # What the samples see of the mask is so many times smaller.
+    dark = [
+        (1 - 1 / magnification) * side / finer * pitch / 2
+        + (magnification - 1) * margin.total_um / 2
+        for side in sides
     ]
 
     nearest, offset, place = [], [], []
@@ -243,7 +262,7 @@ def _window(
         place.append(at + steps * pitch)
     heights = _block(relief.height_um, nearest[0], nearest[1])
 
-    field, divergence = _field(light, mask, media, chief, response, margin, place, heights)
+    field, divergence = _field(light, mask, media, chief, response, margin, place, heights, dark)
     lateral = turned + divergence + 2 * margin.diffraction_um / spread
     field = propagate(
         field,
@@ -286,6 +305,7 @@ def _field(
     margin: Margin,
     place: list[Tensor],
     heights: Tensor,
+    dark: list[float],
 ) -> tuple[Tensor, float]:
     """Field behind the relief without the chief ray's plane wave, and how far its rays diverge.
 
@@ -302,7 +322,10 @@ def _field(
     if response is not None:
         power = power * response(squared)
 
-    fading = [margin.fading(len(each), mask.relief.grid_um) for each in place]
+    fading = [
+        margin.fading(len(each), mask.relief.grid_um, beside)
+        for each, beside in zip(place, dark, strict=True)
+    ]
 
     def everywhere(values: Tensor, faded: bool = False) -> Tensor:
         if plane and not faded:

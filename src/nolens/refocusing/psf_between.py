@@ -416,9 +416,12 @@ def _explained_by(reduced_um: float, known: Sequence[PsfAt], measured_um: float)
 
 
 def reduced_um(camera: Camera, first: int) -> float:
-    """Σ thickness / index of a camera's layers from one of them down to the sensor, at 550 nm."""
+    """Σ thickness / index of a camera's layers from one of them down to the sensor, at 550 nm.
+
+    Times the index of the space that the scene is in: a source at z has its image at z / n.
+    """
     layers = zip(camera.layers[first:], camera.indices(550.0)[first:], strict=True)
-    return sum(layer.thickness.um / index for layer, index in layers)
+    return camera.outside * sum(layer.thickness.um / index for layer, index in layers)
 
 
 def _factor(reduced_um: float, from_um: float, to_um: float) -> float:

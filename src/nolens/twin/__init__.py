@@ -8,7 +8,7 @@ from nolens.twin.irradiance import (
     irradiate,
     irradiate_bytes,
 )
-from nolens.twin.light import LIGHTS, Light
+from nolens.twin.light import LIGHTS, POWER, Light
 from nolens.twin.model import (
     LARGEST_ANGLE_DEG,
     REFERENCE_NM,
@@ -34,6 +34,7 @@ from nolens.twin.scene import FieldMap, Plane, PlaneView, in_channels, render_pl
 __all__ = [
     "LARGEST_ANGLE_DEG",
     "LIGHTS",
+    "POWER",
     "REFERENCE_NM",
     "FieldMap",
     "FieldModel",

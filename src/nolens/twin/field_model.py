@@ -67,7 +67,7 @@ class FieldModel:
             along a side are an even number.
         """
         weights = (field.solid_angle() * field.vignetting()).float()
-        sums = FieldSums(twin, field, field_points, estimate=False)
+        sums = FieldSums(twin, field, field_points, nearest_um=distance_um, estimate=False)
         colours = light.colours(twin.quantum_efficiency, twin.camera.sensor.channels, wavelengths)
         sums.twin = sampled(
             twin,

@@ -107,7 +107,8 @@ def irradiate(
     OptionError
         If `field_points` is even or less than 1, or light passes beyond the relief.
     """
-    sums = FieldSums(twin, field, field_points)
+    nearest = min(view.distance_um for view in views)
+    sums = FieldSums(twin, field, field_points, nearest_um=nearest)
     sums.add_views(views, light, wavelengths, progress)
     return sums.result()
 
@@ -231,11 +232,19 @@ class FieldSums:
     """
 
     def __init__(
-        self, twin: Twin, field: FieldMap, field_points: int, *, estimate: bool = True
+        self,
+        twin: Twin,
+        field: FieldMap,
+        field_points: int,
+        *,
+        nearest_um: float,
+        estimate: bool = True,
     ) -> None:
         check_field_points(field_points)
         self.twin, self.field = twin, field
-        self.per_pixel = samples_per_pixel(twin, at_least=_least_samples(twin))
+        self.per_pixel = samples_per_pixel(
+            twin, at_least=_least_samples(twin), distance_um=nearest_um
+        )
         support = field.support
         self.at = tuple(
             field_nodes(length, field_points) for length in (support.height, support.width)
@@ -326,10 +335,12 @@ class FieldSums:
         grid = Grid(size[0], size[1], twin.pixel_um, (centre[0], centre[1]))
         grid = grid.finer(twin.superpixel * self.per_pixel)
         twin.check_extent(source, grid)
-        vignetting = float(twin.vignetting(torch.tensor(source.p, dtype=torch.float64)))
+        vignetting = float(twin.vignetting(torch.tensor(twin.p_of(source), dtype=torch.float64)))
         if vignetting == 0:  # No pixel sees this point, but some may see scene pixels beside it.
             twin = twin.accepting_all()
-            vignetting = float(twin.vignetting(torch.tensor(source.p, dtype=torch.float64)))
+            vignetting = float(
+                twin.vignetting(torch.tensor(twin.p_of(source), dtype=torch.float64))
+            )
         fine_psf = polychromatic_psf(
             twin, source, grid, colour, progress, average=self.per_pixel
         ).div_(vignetting)

@@ -13,6 +13,8 @@ Colour = tuple[tuple[float, float], ...]
 """Wavelengths in nm that stand for a channel of a sensor, each with its weight."""
 LIGHTS = ("white-led", "daylight", "equal-energy")
 """Spectra with a name."""
+POWER = "power"
+"""Name of the values of a spectrum."""
 _STEP_NM = 1.0
 _VISIBLE_NM = np.arange(360.0, 831.0, _STEP_NM)
 _DAYLIGHT_K = 6504.0
@@ -28,10 +30,13 @@ class Light:
     Parameters
     ----------
     name
-        One of `LIGHTS`, or one wavelength such as ``"535nm"``. ``white-led`` is a placeholder:
+        One of `LIGHTS`, one wavelength such as ``"535nm"``, or with a `spectrum` what that is
+        called. ``white-led`` is a placeholder:
         a blue line at 450 nm (20 nm wide at half height) and a phosphor at 560 nm (120 nm wide)
         of half its height, a usual shape without a public source. ``daylight`` is Planck's law
         at 6504 K, ``equal-energy`` the same power at all wavelengths.
+    spectrum
+        Power to the nm over wavelength, of `POWER`, 1 at most: such as an emission spectrum.
 
     Raises
     ------
@@ -40,9 +45,10 @@ class Light:
     """
 
     name: str
+    spectrum: SpectralCurve | None = None
 
     def __post_init__(self) -> None:
-        if self.name not in LIGHTS and self.single_nm is None:
+        if self.spectrum is None and self.name not in LIGHTS and self.single_nm is None:
             raise OptionError(
                 f"unknown light {self.name!r}; accepted are {', '.join(LIGHTS)}, or one "
                 "wavelength of 350 to 1100 nm such as 535nm"
@@ -51,6 +57,8 @@ class Light:
     @property
     def single_nm(self) -> float | None:
         """The wavelength of monochromatic light; None for a spectrum."""
+        if self.spectrum is not None:
+            return None
         match = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)\s*nm", self.name)
         if match is None or not 350 <= float(match[1]) <= 1100:
             return None
@@ -58,6 +66,8 @@ class Light:
 
     def power(self, wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Power to the nm at some wavelengths, in any unit; for spectra."""
+        if self.spectrum is not None:
+            return self.spectrum.at(POWER, wavelength_nm)
         if self.name == "white-led":
             blue, phosphor = (
                 _line(wavelength_nm, at, width) for at, width in ((450, 20), (560, 120))

@@ -41,7 +41,7 @@ REFERENCE_NM = 550.0
 """Wavelength whose chief rays say where a field angle lies on the sensor."""
 LARGEST_ANGLE_DEG = 50.0
 """Field angle to which the model holds; beyond, the paper's camera sees nothing either."""
-_NEAREST_MM = 10.0
+_NEAREST_MM = 1.0
 """Distance from which on the relief may be taken as thin against the curvature of the wave."""
 _ANGLES_DEG = (10, 30, 50)
 _NEAR_MM = 80.0
@@ -165,14 +165,14 @@ class Twin:
         """
         if shortest_nm is None:
             shortest_nm = self.quantum_efficiency.wavelength_nm[0]
-        steep = math.sin(math.radians(LARGEST_ANGLE_DEG)) ** 2
+        steep = (self.camera.outside * math.sin(math.radians(LARGEST_ANGLE_DEG))) ** 2
         coupling = float(self.media(shortest_nm).coupling(torch.tensor(steep, dtype=torch.float64)))
         return self.mask.coarsest_pitch_um(shortest_nm * 1e-3, coupling, divergence)
 
     def media(self, wavelength_nm: float) -> Media:
         """What lies on the two sides of the mask at a wavelength."""
         surface = self.camera.mask.surface
-        indices = (1.0, *self.camera.indices(wavelength_nm))
+        indices = self.camera.media(wavelength_nm)
         return Media(
             wavelength_nm * 1e-3,
             indices[surface],
@@ -191,7 +191,12 @@ class Twin:
             source,
             _stack(self.camera, 0, surface, wavelength_nm),
             _stack(self.camera, surface, len(self.camera.layers), wavelength_nm),
+            self.camera.outside,
         )
+
+    def p_of(self, source: PointSource) -> float:
+        """N sin θ of a source's field angle, in the space that the scene is in."""
+        return self.camera.outside * source.p
 
     def response(self) -> Callable[[Tensor], Tensor]:
         """Fraction of the light that a pixel accepts, by p² = sin² of the field angle."""
@@ -213,7 +218,8 @@ class Twin:
         cos³θ (see `monochromatic_psf`), the pixels' acceptance, and Fresnel's losses if they count.
         """
         squared = p.square()
-        power = (1 - squared).pow(1.5) * self.response()(squared)
+        cosine = (1 - squared / self.camera.outside**2).sqrt()
+        power = cosine.pow(3) * self.response()(squared)
         surfaces = self.media(REFERENCE_NM).surfaces
         if surfaces:
             power = power * transmittance(surfaces, squared)
@@ -222,7 +228,7 @@ class Twin:
 
     def shift_um(self, source: PointSource) -> tuple[float, float]:
         """Where the chief ray through the middle of the camera falls, (row, column) direction."""
-        p = source.p
+        p = self.p_of(source)
         if p == 0:
             return 0.0, 0.0
         shift = float(self.stack().displacement_um(torch.tensor(p, dtype=torch.float64)))
@@ -235,13 +241,18 @@ class Twin:
         Raises
         ------
         OptionError
-            If its angle is beyond ±50° or it is nearer than 10 mm.
+            If its angle is beyond ±50°, its light is totally reflected, or it is nearer than 1 mm.
         """
         if source.angle_deg > LARGEST_ANGLE_DEG + 1e-6:
             raise OptionError(
                 f"light from {source.angle_deg:.1f} deg off the axis is beyond the model, which "
                 f"holds to {LARGEST_ANGLE_DEG:g} deg (a corner counts by its own angle): choose a "
                 "smaller angle"
+            )
+        if self.p_of(source) >= self.stack().critical:
+            raise OptionError(
+                f"light from {source.angle_deg:.1f} deg off the axis is totally reflected on its "
+                "way to the sensor: choose a smaller angle"
             )
         if not source.distance_um >= _NEAREST_MM * 1e3:
             raise OptionError(
@@ -303,7 +314,7 @@ def described_lenslets(camera: Camera, size_um: tuple[float, float]) -> Relief:
         seed=relief.seed,
     )
     number = camera.mask.surface
-    above, below = (1.0, *camera.indices(REFERENCE_NM))[number : number + 2]
+    above, below = camera.media(REFERENCE_NM)[number : number + 2]
     return surface if above <= below else Relief(-surface.height_um, surface.grid_um)
 
 

@@ -12,6 +12,7 @@ from nolens.errors import OptionError
 from nolens.kernels import irfft2, rfft2
 from nolens.optics import (
     Grid,
+    Margin,
     MaskSurface,
     PointSource,
     Relief,
@@ -76,7 +77,7 @@ def point_spread(
     """
     twin.check_source(source)
     _check_size(source)
-    per_pixel = samples_per_pixel(twin, at_least=2)
+    per_pixel = samples_per_pixel(twin, at_least=2, distance_um=source.distance_um)
     edge = math.ceil(_image_um(twin, source) / (superpixel * twin.sensor_pitch_um))
     grid = Grid(
         shape[0] + 2 * edge,
@@ -163,7 +164,7 @@ def polychromatic_psf_bytes(
     shortest
         Shortest wavelength, in nm.
     """
-    per_pixel = samples_per_pixel(twin, at_least=at_least)
+    per_pixel = samples_per_pixel(twin, at_least=at_least, distance_um=source.distance_um)
     grid = Grid(*shape, twin.sensor_pitch_um * superpixel).finer(per_pixel * superpixel)
     step = field_step(twin, grid.pitch_um, shortest_nm=shortest, distance_um=source.distance_um)
     light = twin.illumination(source, REFERENCE_NM)
@@ -175,17 +176,27 @@ def shortest_nm(colours: list[Colour]) -> float:
     return min(wavelength_nm for colour in colours for wavelength_nm, _ in colour)
 
 
-def samples_per_pixel(twin: Twin, *, at_least: int) -> int:
-    """Samples along a pixel, so that the light behind the relief is carried."""
-    return max(at_least, math.ceil(twin.sensor_pitch_um / twin.coarsest_pitch_um()))
+def samples_per_pixel(twin: Twin, *, at_least: int, distance_um: float = math.inf) -> int:
+    """Samples along a pixel, so that the light of a source behind the relief is carried."""
+    limit = twin.coarsest_pitch_um(divergence=_divergence(twin, twin.sensor_pitch_um, distance_um))
+    return max(at_least, math.ceil(twin.sensor_pitch_um / limit))
 
 
 def field_step(twin: Twin, pitch_um: float, *, shortest_nm: float, distance_um: float) -> int:
     """Samples of the intensity, 1, 2 or 4, for one of the field behind the relief."""
-    limit = twin.coarsest_pitch_um(shortest_nm, divergence(pitch_um, distance_um))
+    limit = twin.coarsest_pitch_um(shortest_nm, _divergence(twin, pitch_um, distance_um))
     if twin.mask.opening is not None:
         limit = min(limit, twin.mask.relief.grid_um)
     return max(m for m in (1, 2, 4) if m == 1 or m * pitch_um <= limit * (1 + 1e-9))
+
+
+def _divergence(twin: Twin, pitch_um: float, distance_um: float) -> float:
+    """How far light spreads, in p, from the middle of a window to the end of its margin."""
+    after = twin.illumination(PointSource(), REFERENCE_NM).after
+    coupling = float(twin.media(REFERENCE_NM).coupling(torch.zeros((), dtype=torch.float64)).abs())
+    turned = coupling * twin.mask.relief.steepest
+    margin = Margin.needed(turned, after.reduced_um, REFERENCE_NM * 1e-3)
+    return divergence(pitch_um, distance_um) + margin.total_um / distance_um
 
 
 def sampled(twin: Twin, pitch_um: float, *, shortest_nm: float, distance_um: float) -> Twin:
@@ -222,9 +233,11 @@ def _scales(twin: Twin, source: PointSource) -> tuple[float, float]:
     the layers behind it and t the tangent of the angle.
     """
     after = twin.illumination(source, REFERENCE_NM).after
-    p = torch.tensor(source.p, dtype=torch.float64)
-    radial = float(after.spread_um(p) * (1 - p * p).pow(1.5))
-    across = after.reduced_um
+    p = torch.tensor(twin.p_of(source), dtype=torch.float64)
+    outside = twin.camera.outside
+    # dp/dt = n cos³θ, with t the tangent of the angle.
+    radial = float(after.spread_um(p) * (1 - (p / outside) ** 2).pow(1.5)) * outside
+    across = after.reduced_um * outside
     if source.p > 0:
         across = float(after.displacement_um(p)) / math.hypot(*source.tangent)
     return radial / source.distance_um, across / source.distance_um

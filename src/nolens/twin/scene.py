@@ -71,8 +71,9 @@ class FieldMap:
         pixel's area. Times `Twin.vignetting` this is the pixel's irradiance to its radiance.
         """
         p = self._sines()
-        cosine = (1 - p * p).sqrt()
-        slope = cosine.pow(-3) / self.twin.stack().spread_um(p)
+        outside = self.twin.camera.outside
+        cosine = (1 - (p / outside).square()).sqrt()
+        slope = cosine.pow(-3) / outside / self.twin.stack().spread_um(p)
         return cosine * self._tangent_per_um(p) * slope * self.twin.pixel_um**2
 
     def vignetting(self) -> Tensor:
@@ -94,7 +95,7 @@ class FieldMap:
         if displacement == 0:
             return PointSource((0.0, 0.0), distance_um)
         p = float(self.twin.stack().ray(torch.tensor(displacement, dtype=torch.float64)))
-        tangent = p / math.sqrt(1 - p * p) / displacement
+        tangent = p / math.sqrt(self.twin.camera.outside**2 - p * p) / displacement
         return PointSource((place[0] * tangent, place[1] * tangent), distance_um)
 
     def _displacements(self) -> tuple[Tensor, Tensor]:
@@ -116,8 +117,9 @@ class FieldMap:
     def _tangent_per_um(self, p: Tensor) -> Tensor:
         """Tan θ over the displacement; on the axis its limit."""
         displacement = self._displacement()
-        tangent = p / (1 - p * p).sqrt()
-        straight = self.twin.stack().reduced_um
+        outside = self.twin.camera.outside
+        tangent = p / (outside**2 - p * p).sqrt()
+        straight = self.twin.stack().reduced_um * outside
         return torch.where(displacement > 0, tangent / displacement.clamp_min(1e-9), 1 / straight)
 
 

@@ -244,7 +244,7 @@ def _transfer(
     twin: Twin, side: int, grid_um: float, view: View, device: torch.device | str
 ) -> Tensor:
     """Transfer function from the mask to the sensor, (side, side)."""
-    p = PointSource(view.tangent).p
+    p = twin.p_of(PointSource(view.tangent))
     size = math.hypot(*view.tangent)
     carrier = tuple(part / size * p if size > 0 else 0.0 for part in view.tangent)
     light = twin.illumination(PointSource(view.tangent), view.wavelength_nm)
@@ -256,6 +256,6 @@ def _transfer(
 
 def _turns_per_um(twin: Twin, view: View) -> float:
     """Radians that a µm of relief turns the light by."""
-    squared = torch.tensor(PointSource(view.tangent).p ** 2, dtype=torch.float64)
+    squared = torch.tensor(twin.p_of(PointSource(view.tangent)) ** 2, dtype=torch.float64)
     coupling = float(twin.media(view.wavelength_nm).coupling(squared))
     return 2 * math.pi / (view.wavelength_nm * 1e-3) * coupling

@@ -274,9 +274,9 @@ class WaveModel:
             surface = twin.camera.mask.surface
             before = Stack(stack.thicknesses_um[:surface], stack.indices[:surface])
             after = Stack(stack.thicknesses_um[surface:], stack.indices[surface:])
-            media = (1.0, *stack.indices)
+            media = (twin.camera.outside, *stack.indices)
             psf = monochromatic_psf(
-                Illumination(PointSource(distance_um=distance), before, after),
+                Illumination(PointSource(distance_um=distance), before, after, media[0]),
                 mask,
                 Media(
                     wavelength_nm * 1e-3,

@@ -151,7 +151,7 @@ class Patch:
 def _margin_um(loaded: LoadedCamera, side: list[float]) -> float:
     """What a patch needs around it: light that the relief turns, and diffraction."""
     camera = loaded.camera
-    surface, indices = camera.mask.surface, (1.0, *camera.indices(REFERENCE_NM))
+    surface, indices = camera.mask.surface, camera.media(REFERENCE_NM)
     layers = zip(camera.layers[surface:], indices[surface + 1 :], strict=True)
     spread = sum(layer.thickness.um / index for layer, index in layers)
     relief = camera.mask.relief
