@@ -25,6 +25,7 @@ from nolens.camera.measurement import BlackLevel, Measurement, black_level, dark
 from nolens.camera.psf import Flip, PreparedPsf, PsfGeometry, check_psf, flipped, prepare_psf
 from nolens.camera.psf_set import PsfEntry, PsfKind, PsfSet
 from nolens.camera.sensor import AngularCurve, CurveFile, Package, Sensor, SpectralCurve
+from nolens.camera.shutter import Shutter, developed_rows
 from nolens.camera.toml import PRESETS, from_mapping, from_toml, preset, preset_text, to_toml
 from nolens.camera.values import arrange_rgb, exposure_white, linear_from_srgb, srgb_from_linear
 
@@ -55,12 +56,14 @@ __all__ = [
     "RandomLenslets",
     "ReliefFile",
     "Sensor",
+    "Shutter",
     "SpectralCurve",
     "arrange_rgb",
     "black_level",
     "check_psf",
     "dark_corner",
     "develop",
+    "developed_rows",
     "exposure_white",
     "flipped",
     "from_mapping",

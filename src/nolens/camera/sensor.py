@@ -202,6 +202,13 @@ class Sensor(Part):
         Counts for one electron at gain 1.
     gain
         Factor on the counts per electron.
+    line_time_us
+        From the start of one line's exposure to that of the next; None where all lines are exposed
+        at once, or nobody said it.
+    rolling
+        In what order lines are exposed: ``"down"`` from the first row, ``"up"`` from the last,
+        ``"out"`` from the middle, ``"in"`` from both edges. The last two expose a line of
+        the upper and one of the lower half at a time.
     quantum_efficiency
         Electrons per photon over wavelength, for each of `channels`.
     acceptance
@@ -221,6 +228,8 @@ class Sensor(Part):
     read_noise_electrons: Annotated[Number, Between(0, 1e6)]
     counts_per_electron: Annotated[Number, Between(1e-6, 1e6)]
     gain: Annotated[Number, Between(1e-3, 1e4)] = 1.0
+    line_time_us: Annotated[Number, Between(1e-3, 1e9)] | None = None
+    rolling: Literal["down", "up", "out", "in"] | None = None
     quantum_efficiency: _QuantumEfficiency
     acceptance: _Acceptance
     package: Package | None = None
@@ -236,6 +245,13 @@ class Sensor(Part):
             raise refusal(
                 f"black_counts is {self.black_counts:g}, but the largest count of {self.bits} bits "
                 f"is {self.white_counts}: give a smaller one"
+            )
+        if (self.line_time_us is None) != (self.rolling is None):
+            missing = "rolling" if self.rolling is None else "line_time_us"
+            raise refusal(
+                f"{missing} is missing: a rolling shutter has both, such as line_time_us = 28.571 "
+                'and rolling = "down" (or "up", "out", "in"); leave out both where all lines are '
+                "exposed at once"
             )
         curve = self.quantum_efficiency
         if isinstance(curve, SpectralCurve) and set(curve.values) != set(self.channels):
