@@ -94,7 +94,7 @@ def developed_rows(
         (frames, channels, height, width); columns are views of one.
     """
     by = lines.shape[-1] // size[0]
-    tall = lines[:, : by * size[0]].unflatten(-1, (size[0], by))
+    tall = lines[:, : by * size[0]].reshape(len(lines), size[0], by)
     rows = []
     for name in channels:
         phases = [n for n in (0, 1) if mosaic and name in mosaic[2 * n : 2 * n + 2]]

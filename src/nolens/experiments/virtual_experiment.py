@@ -7,7 +7,7 @@ from itertools import product
 import torch
 from torch import Tensor
 
-from nolens.camera import FieldPsf, Frame, LoadedCamera, Measurement, Sensor, develop
+from nolens.camera import FieldPsf, Frame, LoadedCamera, Measurement, Sensor, Shutter, develop
 from nolens.errors import DataError
 from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
@@ -16,6 +16,7 @@ from nolens.solvers import Progress, Reconstructor
 from nolens.twin import (
     LARGEST_ANGLE_DEG,
     FieldMap,
+    FieldModel,
     Light,
     Plane,
     PlaneView,
@@ -50,7 +51,8 @@ class SimulatedMeasurement:
     support
         Pixels that light came from.
     truth
-        Radiance on them, (channels, height, width).
+        Radiance on them, (channels, height, width); of a moving scene (frames, channels, height,
+        width).
     response
         How much of it each pixel gives, (height, width), 1 for the brightest.
     exposure_s
@@ -347,17 +349,80 @@ class VirtualExperiment:
         if exposure_s is None:
             exposure_s = self.exposure_of(rate, fill)
         electrons = rate * exposure_s
-        response = field.solid_angle() * field.vignetting()
         return SimulatedMeasurement(
             self._frame(electrons, seed),
             field.support,
             torch.stack([plane.radiance for plane in views]).sum(dim=0),
-            (response / response.max()).float(),
+            _response(field),
             exposure_s,
             luminance_cd_m2,
             float(electrons.max()),
             self.field_points,
             irradiance.relative_error(rate.double() * exposure_s, self.sensor),
+        )
+
+    def measure_motion(
+        self,
+        field: FieldMap,
+        scenes: Tensor,
+        distance_um: float,
+        *,
+        exposure_s: float,
+        frame_s: float | None = None,
+        luminance_cd_m2: float = 1.0,
+        seed: int = 0,
+        progress: ProgressCallback | None = None,
+    ) -> SimulatedMeasurement:
+        """The sensor's frame of a moving scene, line by line as its shutter exposes them.
+
+        Each frame of the scene stands still for `frame_s`, and the last one to the end.
+
+        Parameters
+        ----------
+        field
+            Map of the pixels.
+        scenes
+            Radiance on them, (frames, channels, height, width).
+        distance_um
+            Of all of them.
+        exposure_s
+            Exposure time of a line.
+        frame_s
+            Time of a frame of the scene; None divides the whole exposure of the sensor.
+        luminance_cd_m2, seed, progress
+            As `measure_views` takes them.
+        """
+        shutter = Shutter.of(self.sensor, exposure_s)
+        times = shutter.frames(len(scenes))
+        if frame_s is not None:
+            times = torch.arange(len(scenes) + 1, dtype=torch.float64) * frame_s
+            times[-1] = max(float(times[-1]), shutter.duration_s)
+        model = FieldModel.of(
+            self.twin,
+            replace(field, twin=self.twin),
+            distance_um=distance_um,
+            light=self.light,
+            wavelengths=self.wavelengths,
+            field_points=self.field_points,
+            progress=progress,
+        )
+        light = torch.zeros(self.sensor.rows, self.sensor.columns)
+        for scene, fractions in zip(scenes, shutter.fractions(times), strict=True):
+            if bool(fractions.any()):
+                light += fractions[:, None] * model.light(scene)
+        currents = photocurrents(self.twin, self.light, luminance_cd_m2)[:, None, None]
+        rate = light * mosaic(currents.expand(-1, *light.shape), self.sensor.mosaic)
+        electrons = rate * exposure_s
+        return SimulatedMeasurement(
+            self._frame(electrons, seed),
+            field.support,
+            scenes,
+            _response(field),
+            exposure_s,
+            luminance_cd_m2,
+            float(electrons.max()),
+            self.field_points,
+            None,
         )
 
     def exposed(self, image: Tensor, fill: float, seed: int) -> Frame:
@@ -388,6 +453,11 @@ class VirtualExperiment:
             f"simulated by {self.twin.camera.name}",
             black_stated=True,
         )
+
+
+def _response(field: FieldMap) -> Tensor:
+    response = field.solid_angle() * field.vignetting()
+    return (response / response.max()).float()
 
 
 def brightest(light: Tensor) -> float:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps, PngImagePlugin
 from torch import Tensor
 
-from nolens.camera import exposure_white, linear_from_srgb, srgb_from_linear
+from nolens.camera import Frame, exposure_white, linear_from_srgb, srgb_from_linear
 from nolens.camera.values import all_finite, unusable
 from nolens.errors import DataError, FileError
 from nolens.files.arrays import read_png_samples
@@ -27,6 +27,7 @@ from nolens.files.input import (
     decoding,
     system_errors,
 )
+from nolens.files.sequences import open_sequence
 from nolens.files.tiff import read_tiff_samples, write_tiff
 
 _KINDS = {
@@ -120,6 +121,38 @@ def read_picture(path: str | Path, *, signed: bool = False) -> Picture:
         linear = torch.from_numpy(array.astype(np.float32)).mul_(per_count)
         return Picture(_three(_finite(linear, path, signed)))
     return _picture(array, bool(alphas), multiplied, path, signed)
+
+
+def read_moving_picture(path: Path) -> tuple[list[Picture], tuple[Path, ...]]:
+    """Read the frames of a folder, a pattern, a list or a file of many, and name their files.
+
+    Files of one picture each are read by `read_picture`; of others whole numbers are sRGB, and
+    floats linear.
+
+    Raises
+    ------
+    FileError
+        As `read_picture` and `open_sequence`, and if the frames differ in size.
+    """
+    frames = open_sequence(path)
+    if len(frames.sources) == len(frames):
+        pictures = [read_picture(each) for each in frames.sources]
+    else:
+        pictures = [_picture_of(frames.read(number)) for number in range(len(frames))]
+    sizes = sorted({tuple(each.radiance.shape[-2:]) for each in pictures})
+    if len(sizes) > 1:
+        raise FileError(
+            f"the frames of {path} are of {len(sizes)} sizes, such as {sizes[0][0]}×{sizes[0][1]} "
+            f"and {sizes[1][0]}×{sizes[1][1]}: give frames of one size"
+        )
+    return pictures, frames.sources
+
+
+def _picture_of(frame: Frame) -> Picture:
+    values = frame.counts if frame.white is None else frame.counts / frame.white
+    linear = frame.stored_as.startswith("float")
+    radiance = values if linear else linear_from_srgb(values)
+    return Picture(_three(_finite(radiance, Path(frame.source), False)))
 
 
 def picture_size(path: Path) -> tuple[int, int]:

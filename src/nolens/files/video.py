@@ -1,4 +1,4 @@
-"""Video: frames that were recorded without loss, and others whose curve is stated (PyAV)."""
+"""Video (PyAV): frames without loss, or whose curve is stated; and MP4 files of pictures."""
 
 import re
 import threading
@@ -11,14 +11,17 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from torch import Tensor
 
 from nolens.camera import Frame, linear_from_srgb
 from nolens.camera.part import Part
 from nolens.camera.toml import from_toml
 from nolens.errors import FileError
 from nolens.files.arrays import frame_from_array
+from nolens.files.atomic import atomic_write
 from nolens.files.formats import FrameSequence, numbered, refuse_dataset
 from nolens.files.input import check_size, decoding, read_text
+from nolens.files.pictures import screen_picture
 
 _DEMUXERS = {".mkv": "matroska", ".avi": "avi", ".mov": "mov", ".mp4": "mov"}
 _LOSSLESS = ("ffv1", "rawvideo", "huffyuv", "ffvhuff", "utvideo", "magicyuv", "png", "tiff")
@@ -26,6 +29,8 @@ _BAYER = re.compile(r"bayer_([rgb]{4})(?:8|16le)")
 _PLAIN = re.compile(r"(?:gray(?:\d+le)?|rgb24|rgb48le|gbrp(?:\d+le)?)")
 _REVERSED = {"bgr24": 3, "bgr0": 4, "bgra": 4}
 """Formats of B, G, R in bytes, and how many bytes a pixel has."""
+_MP4_ROWS = 480
+"""About the rows of a video to which small pictures are enlarged."""
 _RECORD = (
     "record without loss, for example by ffmpeg -c:v ffv1 -pix_fmt gray16le (or gbrp12le) take.mkv"
 )
@@ -60,6 +65,52 @@ def open_video(path: Path, dataset: str | None) -> FrameSequence:
     count = _count(path, changed, about is None)
     read = partial(_read, path, changed, None if about is None else about.curve, count)
     return FrameSequence((path.stem,) if count == 1 else numbered(count), (path,), read)
+
+
+def write_mp4(path: str | Path, pictures: Tensor, *, white: float, per_second: int) -> None:
+    """Write pictures as H.264 video in sRGB; small ones enlarged by a whole number.
+
+    Parameters
+    ----------
+    pictures
+        Linear radiance, (frames, 1 or 3, height, width).
+    white
+        Radiance that is white in all of them.
+    per_second
+        Frames in a second.
+
+    Raises
+    ------
+    FileError
+        If PyAV is not installed, or the file cannot be written.
+    """
+    library = _av()
+    frames = [np.asarray(screen_picture(each, white).convert("RGB")) for each in pictures]
+    by = max(1, round(_MP4_ROWS / frames[0].shape[0]))
+    with (
+        atomic_write(path) as temporary,
+        library.open(str(temporary), "w", format="mp4") as container,
+    ):
+        stream = container.add_stream("libx264", rate=per_second, options={"crf": "16"})
+        stream.pix_fmt = "yuv420p"
+        for pixels in frames:
+            large = pixels.repeat(by, axis=0).repeat(by, axis=1)
+            # The colours of 2×2 pixels are one: sides have to be even.
+            large = np.pad(large, [(0, n % 2) for n in large.shape[:2]] + [(0, 0)], "edge")
+            stream.height, stream.width = large.shape[:2]
+            container.mux(stream.encode(library.VideoFrame.from_ndarray(large, "rgb24")))
+        container.mux(stream.encode())
+
+
+def check_video_support() -> None:
+    """Refuse before any work where PyAV is not installed.
+
+    Raises
+    ------
+    FileError
+        If it is not.
+    """
+    _av()
 
 
 def _av() -> Any:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import partial
 from itertools import cycle
+from pathlib import Path
 from typing import Annotated, Any
 
 import torch
@@ -12,8 +13,10 @@ from torch import Tensor
 from nolens.camera import Frame, LoadedCamera, Sensor
 from nolens.errors import DataError, OptionError
 from nolens.experiments.virtual_experiment import VirtualExperiment, brightest
-from nolens.files import read_picture, write_frame, write_tiff32
+from nolens.files import is_sequence, read_picture, write_frame, write_tiff32
 from nolens.files.frames import check_holds_sensor
+from nolens.files.ome import write_ome_tiff
+from nolens.files.pictures import Picture, read_moving_picture
 from nolens.jobs.fields import (
     CAMERAS,
     LIGHTS,
@@ -24,6 +27,7 @@ from nolens.jobs.fields import (
     FilePath,
     Files,
     FullAngle,
+    Interval,
     Name,
     RecordedOptions,
     Seed,
@@ -100,7 +104,9 @@ class SimulateOptions(SimulationOptions):
         Option(
             "Pictures of the scene: .png, .jpg or .tif of 8 or 16 bits (sRGB; alpha is opacity), "
             "or float .tif and .npy (linear, 1 is white). Of several ones, nearer ones hide "
-            "farther ones.",
+            "farther ones. Or one moving scene: a folder of such pictures, a pattern "
+            "('scene/*.png'), a video or another file of many frames; the sensor's lines are "
+            "exposed one after another, as its line_time_us and rolling say.",
             needed="the scene (nolens simulate SCENE -o raw.dng)",
             role="input",
             what="scene",
@@ -123,7 +129,7 @@ class SimulateOptions(SimulationOptions):
         FilePath | None,
         Option(
             "Writes what a reconstruction is to show: the scene's radiance on its pixels, as "
-            "linear float .tif.",
+            "linear float .tif; of a moving scene all frames, as OME-TIFF.",
             role="output",
             suffixes=_TIFF,
         ),
@@ -176,6 +182,14 @@ class SimulateOptions(SimulationOptions):
         Option("Exposure time, such as 40ms.", default="fills the brightest pixel to 90 %"),
     ] = None
     luminance: SceneLuminance = Luminance("200", "cd/m2")
+    frame_duration: Annotated[
+        Interval | None,
+        Option(
+            "Of each frame of a moving scene, such as 1ms; the last one stays to the end.",
+            EXPOSURE,
+            default="the frames share the time from the first line's exposure to the last one's",
+        ),
+    ] = None
     seed: Annotated[Seed, Option("Of the sensor's noise.", EXPOSURE)] = 0
 
     def check_together(self) -> None:
@@ -185,6 +199,16 @@ class SimulateOptions(SimulationOptions):
                 f"--fill {self.fill} and --exposure {self.exposure} are both given, and each "
                 "says how long to expose: leave one out"
             )
+        if self.is_moving and self.exposure is None:
+            raise OptionError(
+                f"{self.scenes[0]} is a moving scene, and how long a line is exposed decides what "
+                "it sees of the motion: say it (--exposure 2ms)"
+            )
+        if self.frame_duration is not None and not self.is_moving:
+            raise OptionError(
+                f"--frame-duration {self.frame_duration} is for a moving scene: give one folder, "
+                "pattern or file of many frames, or leave it out"
+            )
         count = len(self.scenes)
         for name, values in (("distance", self.distance), ("angle", self.angle)):
             if len(values) not in (0, 1, count):
@@ -192,6 +216,16 @@ class SimulateOptions(SimulationOptions):
                     f"--{name} is given {len(values)} times for {count} scenes: give it once, for "
                     "all of them, or once for each in their order"
                 )
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the scene is a folder, pattern or file of many frames."""
+        return len(self.scenes) == 1 and is_sequence(self.scenes[0])
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Files that are read, by role; those of a moving scene when it is opened."""
+        return {} if self.is_moving else super().inputs
 
 
 def read_simulated_camera(
@@ -244,23 +278,45 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
     options = run.options
     loaded, preview = read_simulated_camera(run, options.field_points)
     check_field_points(options.field_points)
-    planes = _planes(options, loaded)
-    working = preview.scene_bytes(planes)
+    if options.is_moving:
+        pictures, sources = read_moving_picture(options.scenes[0])
+        run.reads({f"frame {path.name}": path for path in sources})
+    else:
+        pictures = [read_picture(path) for path in options.scenes]
+    planes = _planes(options, loaded, pictures)
+    working = preview.scene_bytes(planes[:1] if options.is_moving else planes)
     # The views take memory too, and refuse a scene that is too near: before the relief.
     check_simulation_memory(loaded, working, run.device, _REMEDY)
-    field, views = render_planes(preview.twin, planes)
-    if options.exposure is None:
-        _check_light(views)
-    twin = run.twin(loaded, working, _REMEDY, fresnel=options.fresnel)
-    shot = replace(preview, twin=twin).measure_views(
-        field,
-        views,
-        fill=(options.fill or FILL).value,
-        exposure_s=None if options.exposure is None else options.exposure.s,
-        luminance_cd_m2=options.luminance.cd_m2,
-        seed=options.seed,
-        progress=partial(run.reporter.advance, "scene"),
-    )
+    common: dict[str, Any] = {
+        "luminance_cd_m2": options.luminance.cd_m2,
+        "seed": options.seed,
+        "progress": partial(run.reporter.advance, "scene"),
+    }
+    exposure_s = None if options.exposure is None else options.exposure.s
+    if options.is_moving and exposure_s is not None:
+        rendered = [render_planes(preview.twin, (plane,)) for plane in planes]
+        field = rendered[0][0]
+        twin = run.twin(loaded, working, _REMEDY, fresnel=options.fresnel)
+        shot = replace(preview, twin=twin).measure_motion(
+            field,
+            torch.stack([views[0].radiance for _, views in rendered]),
+            planes[0].distance_um,
+            exposure_s=exposure_s,
+            frame_s=None if options.frame_duration is None else options.frame_duration.s,
+            **common,
+        )
+    else:
+        field, views = render_planes(preview.twin, planes)
+        if exposure_s is None:
+            _check_light(views)
+        twin = run.twin(loaded, working, _REMEDY, fresnel=options.fresnel)
+        shot = replace(preview, twin=twin).measure_views(
+            field,
+            views,
+            fill=(options.fill or FILL).value,
+            exposure_s=exposure_s,
+            **common,
+        )
     run.warn(*shot.warnings)
     largest_angle = max(PointSource(plane.tangents).angle_deg for plane in planes)
     figures = {
@@ -277,23 +333,28 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
     }
     writers = {options.output: raw_writer(shot.frame, shot.exposure_s)}
     for path, picture in ((options.truth, shot.truth), (options.response, shot.response[None])):
-        if path is not None:
+        if path is not None and picture.ndim == 4:
+            channels = loaded.camera.sensor.channels
+            writers[path] = partial(
+                write_ome_tiff, stack=picture, axis="T", channels=channels, pixels={}
+            )
+        elif path is not None:
             writers[path] = partial(write_tiff32, radiance=picture)
     return Product(shot.truth, figures, writers, camera_parameters(loaded))
 
 
-def _planes(options: SimulateOptions, loaded: LoadedCamera) -> tuple[Plane, ...]:
+def _planes(
+    options: SimulateOptions, loaded: LoadedCamera, pictures: list[Picture]
+) -> tuple[Plane, ...]:
     """The pictures, in the sensor's channels, where they stand."""
     channels = len(loaded.camera.sensor.channels)
     distances = [distance_um(each, loaded) for each in options.distance or (None,)]
-    planes = []
     # Of distances and angles there is one, or one for each picture.
-    places = zip(options.scenes, cycle(options.angle), cycle(distances), strict=False)
-    for path, angle, distance in places:
-        picture = read_picture(path)
-        radiance = in_channels(picture.radiance, channels)
-        planes.append(Plane(radiance, angle.deg, distance, picture.opacity))
-    return tuple(planes)
+    places = zip(pictures, cycle(options.angle), cycle(distances), strict=False)
+    return tuple(
+        Plane(in_channels(picture.radiance, channels), angle.deg, distance, picture.opacity)
+        for picture, angle, distance in places
+    )
 
 
 def _check_light(views: tuple[PlaneView, ...]) -> None:
