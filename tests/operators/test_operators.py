@@ -26,6 +26,7 @@ from nolens.operators import (
     LinearOperator,
     PixelRectangle,
     StackConvolution,
+    StackDifference,
     VerticalStack,
 )
 
@@ -140,6 +141,7 @@ TABLE = [
     Case("difference, one column", difference(4, 1), (2,)),
     Case("difference, colour", difference(3, 4), RGB),
     Case("difference, volume", difference(3, 4, 2)),
+    Case("difference, stack", combined(lambda: StackDifference((3, 4, 2), 0.7)), RGB),
     Case("identity", combined(lambda: Identity((4, 3)))),
     Case("diagonal", diagonal(3, 4, 5)),
     Case("mask", combined(lambda: Diagonal(torch.arange(12).reshape(3, 4) % 3 > 0))),

@@ -308,12 +308,14 @@ def test_settings_of_admm_that_cannot_be(settings, words) -> None:
 def test_the_page_runs() -> None:
     """docs/solvers.md: its problem has a result of its own shape, its functional a proximal map."""
     page = (Path(__file__).parents[2] / "docs" / "solvers.md").read_text()
-    problem, functional, *_ = (part.split("```")[0] for part in page.split("```python")[1:])
+    problem, stack, functional, *_ = (part.split("```")[0] for part in page.split("```python")[1:])
     names: dict[str, Any] = {"Functional": Functional}
     exec(problem.replace("tolerance=1e-4", "iterations=40"), names)
     beads, found = names["beads"], names["result"].scene
     assert found.shape == beads.shape
     assert float((found * beads).sum() / (found.norm() * beads.norm())) > 0.95
+    exec(stack, names)
+    assert float((names["result"].scene * beads).sum() / beads.square().sum()) > 0.5
     exec(functional, names)
     x = names["Logarithmic"]().prox(torch.tensor([2.0, -1.0]), 0.5)
     torch.testing.assert_close(x - torch.tensor([2.0, -1.0]), 0.5 / x)

@@ -2,7 +2,7 @@
 
 from nolens.operators.base import LinearOperator
 from nolens.operators.convolution import CroppedConvolution, Geometry, PixelRectangle
-from nolens.operators.difference import FiniteDifference
+from nolens.operators.difference import FiniteDifference, StackDifference
 from nolens.operators.field_convolution import FieldConvolution
 from nolens.operators.pixelwise import Crop, Diagonal, Identity
 from nolens.operators.stack_convolution import StackConvolution
@@ -21,5 +21,6 @@ __all__ = [
     "LinearOperator",
     "PixelRectangle",
     "StackConvolution",
+    "StackDifference",
     "VerticalStack",
 ]

@@ -93,15 +93,25 @@ class StackConvolution(LinearOperator):
                 spectrum += operator.light_spectrum(self._slice(v, number))
             return irfft2_window_(spectrum, geometry.sensor, geometry.padded)
         image = v.new_zeros((*v.shape[:-3], *self.sensor))
-        top, left, _, width = geometry.sensor
-        for number, (operator, rows) in enumerate(zip(self.operators, self._rows, strict=True)):
-            if rows.start == rows.stop:
-                continue
-            spectrum = operator.light_spectrum(self._slice(v, number))
-            window = top + rows.start, left, rows.stop - rows.start, width
-            part = irfft2_window_(spectrum, window, geometry.padded)
-            image[..., rows, :] += part * self._mask(number, v)
+        for number in range(self.slices):
+            self._add_image_(image, number, self._slice(v, number))
         return image
+
+    def image_of(self, number: int, scene: Tensor) -> Tensor:
+        """What the sensor sees of one slice, (..., rows, columns), from (..., height, width)."""
+        image = scene.new_zeros((*scene.shape[:-2], *self.sensor))
+        self._add_image_(image, number, scene)
+        return image
+
+    def _add_image_(self, image: Tensor, number: int, scene: Tensor) -> None:
+        geometry, rows = self.geometry, self._rows[number]
+        if rows.start == rows.stop:
+            return
+        top, left, _, width = geometry.sensor
+        window = top + rows.start, left, rows.stop - rows.start, width
+        spectrum = self.operators[number].light_spectrum(scene)
+        part = irfft2_window_(spectrum, window, geometry.padded)
+        image[..., rows, :] += part if self.masks is None else part * self._mask(number, part)
 
     def _adjoint(self, y: Tensor) -> Tensor:
         geometry = self.geometry

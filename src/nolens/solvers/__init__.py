@@ -28,6 +28,7 @@ from nolens.solvers.reconstructor import Method, Reconstructor, stop_of
 from nolens.solvers.result import STOPS, Progress, Quality, Result, Stop
 from nolens.solvers.scene_support import SupportChoice
 from nolens.solvers.split_admm import split_admm
+from nolens.solvers.stack import StackPrior, StackProblem, stack_bytes
 from nolens.solvers.stream import Frame, Live, Stream
 from nolens.solvers.wiener import wiener
 
@@ -59,6 +60,8 @@ __all__ = [
     "Reconstructor",
     "Result",
     "Ridge",
+    "StackPrior",
+    "StackProblem",
     "Stop",
     "Stream",
     "Support",
@@ -76,6 +79,7 @@ __all__ = [
     "primal_dual",
     "proximal_gradient",
     "split_admm",
+    "stack_bytes",
     "stop_of",
     "wiener",
 ]

@@ -378,7 +378,9 @@ class _Cosines:
 
     def __init__(self, problem: Problem) -> None:
         height, width = problem.scene_shape[1:]
-        self._rows, self._columns = (_waves(each).to(problem.data) for each in (height, width))
+        self._rows, self._columns = (
+            slow_cosines(each).to(problem.data) for each in (height, width)
+        )
         modes = (row[:, None] * column for row in self._rows for column in self._columns)
         self._images = torch.cat([problem.forward(each[None]) for each in modes])
         self._images *= problem.valid
@@ -387,7 +389,7 @@ class _Cosines:
         if problem.varied:
             around = _Frame.of(problem).first
             rows, columns = (
-                (_gram(each), _gram(_steps(each, beyond)))
+                (_gram(each), _gram(steps_along(each, beyond)))
                 for each, beyond in zip((self._rows, self._columns), around, strict=True)
             )
             self._gram_varied = torch.kron(rows[1], columns[0]) + torch.kron(rows[0], columns[1])
@@ -430,7 +432,7 @@ class _Coarse:
         return solution[:, 0].to(amounts)
 
 
-def _waves(count: int) -> Tensor:
+def slow_cosines(count: int) -> Tensor:
     """Cosines of 0, 1, … half waves along `count` pixels, of unit norm."""
     place = (torch.arange(count, dtype=torch.float64) + 0.5) / count
     modes = torch.arange(min(_MODES, count), dtype=torch.float64)
@@ -439,7 +441,7 @@ def _waves(count: int) -> Tensor:
     return unit
 
 
-def _steps(waves: Tensor, beyond: int) -> Tensor:
+def steps_along(waves: Tensor, beyond: int) -> Tensor:
     """Differences along waves, to so many zeros beyond them, and around."""
     padded = nnf.pad(waves, (0, beyond))
     return padded - padded.roll(1, -1)

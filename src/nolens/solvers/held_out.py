@@ -13,6 +13,7 @@ fills the view is what ADMM is late with, and would drown the rest.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import torch
 import torch.nn.functional as nnf
@@ -58,6 +59,33 @@ _BETTER = 0.75
 _SAMPLES = 1_000_000
 COARSEN_FROM = 100_000
 """Sensor pixels from which on 2×2 of them are one while a weight is chosen."""
+
+
+class Predicting(Protocol):
+    """What is asked of a problem, of one scene or a stack, whose weight is to be chosen."""
+
+    @property
+    def data(self) -> Tensor:
+        """(channels, rows, columns)."""
+
+    @property
+    def valid(self) -> Tensor:
+        """Like the data."""
+
+    @property
+    def scene_shape(self) -> tuple[int, ...]:
+        """Of a scene, channels first."""
+
+    @property
+    def tau_unit(self) -> float:
+        """See `Problem.tau_unit`."""
+
+    @property
+    def channel_weights(self) -> Tensor:
+        """See `Problem.channel_weights`."""
+
+    def residual(self, scene: Tensor) -> Tensor:
+        """See `Problem.residual`."""
 
 
 @dataclass(frozen=True)
@@ -206,7 +234,7 @@ def choose_weight(
     noise = pixel_noise(problem)
     if problem.prior is Prior.NONE:
         return Weight(0.0, noise)
-    blocks = _held_out_blocks(problem.valid)
+    blocks = held_out_blocks(problem.valid)
     by_noise = weight_by_noise(problem)
     if blocks is None:
         return by_noise
@@ -214,7 +242,9 @@ def choose_weight(
     interrupted = path.follow(_FROM[problem.prior] * noise)
     if not path.errors:
         return replace(by_noise, interrupted=interrupted)
-    return replace(_weight(problem, path.errors, noise, path.held, blocks), interrupted=interrupted)
+    return replace(
+        weight_of_errors(problem, path.errors, noise, path.held, blocks), interrupted=interrupted
+    )
 
 
 def weight_by_noise(problem: Problem) -> Weight:
@@ -260,7 +290,7 @@ def fit_partially(problem: Problem, steps: int = _FIRST_STEPS) -> PartialFit | N
     steps
         Iterations.
     """
-    blocks = _held_out_blocks(problem.valid)
+    blocks = held_out_blocks(problem.valid)
     if blocks is None:
         return None
     noise = pixel_noise(problem)
@@ -295,7 +325,7 @@ def fit(problem: Problem, scene: Tensor) -> Prediction:
     scene
         In units of measurement over PSF.
     """
-    fitted, weights = problem.valid, _channel_weights(problem)
+    fitted, weights = problem.valid, problem.channel_weights
 
     def size(residual: Tensor) -> float:
         rest = torch.where(fitted, residual - local_mean(residual, fitted), 0)
@@ -319,20 +349,20 @@ def choose_wiener_weight(problem: Problem) -> Weight:
         Whose weight does not matter.
     """
     noise = pixel_noise(problem)
-    blocks = _held_out_blocks(problem.valid)
+    blocks = held_out_blocks(problem.valid)
     if blocks is None:
         return Weight(_WIENER_FALLBACK / problem.tau_unit, noise)
-    held = _pixels_of(blocks, problem)
+    held = pixels_of(blocks, problem.forward.sensor).to(problem.data.device)
     around = local_mean(problem.data, problem.valid & ~held)
     fitted = replace(problem, data=torch.where(held, around, problem.data))
     errors: dict[float, Tensor] = {}
     for tau in _WIENER_WEIGHTS:
         scene = wiener(replace(fitted, tau=tau)).scene / problem.scale
-        errors[tau] = _block_errors(problem, scene, held, blocks)
-    return _weight(problem, errors, noise, held, blocks)
+        errors[tau] = prediction_errors(problem, scene, held, blocks)
+    return weight_of_errors(problem, errors, noise, held, blocks)
 
 
-def pixel_noise(problem: Problem) -> float:
+def pixel_noise(problem: Predicting) -> float:
     """Standard deviation of a pixel's white noise in normalised units, of all channels together.
 
     Mixed second differences know no shading, and little of a PSF's detail: half the median of
@@ -344,7 +374,7 @@ def pixel_noise(problem: Problem) -> float:
         Whose data are measured.
     """
     noise = [_noise(*each) for each in zip(problem.data, problem.valid, strict=True)]
-    weights = _channel_weights(problem)
+    weights = problem.channel_weights
     total = float(weights @ torch.tensor(noise, dtype=weights.dtype).square())
     return max(math.sqrt(total), _least_noise(problem))
 
@@ -355,7 +385,7 @@ def channel_noise(problem: Problem) -> Tensor:
     return problem.data.new_tensor(noise).clamp_min(_least_noise(problem))
 
 
-def _least_noise(problem: Problem) -> float:
+def _least_noise(problem: Predicting) -> float:
     # A measurement of root mean square r has the norm r √N = 1.
     return _QUIETEST / math.sqrt(problem.data[0].numel())
 
@@ -371,13 +401,7 @@ def _noise(data: Tensor, valid: Tensor) -> float:
     return max(float(sizes.median()) / 0.6745, float(sizes.mean()) * math.sqrt(math.pi / 8)) / 2
 
 
-def _channel_weights(problem: Problem) -> Tensor:
-    """Power of each channel in the measurement, of 1: errors count as they are in counts."""
-    power = (problem.scale * problem.psf_norm).double().square().flatten().cpu()
-    return power / power.sum()
-
-
-def _held_out_blocks(valid: Tensor) -> Tensor | None:
+def held_out_blocks(valid: Tensor) -> Tensor | None:
     """Blocks to leave out, bool (rows, columns) of blocks; None where they are too few."""
     rows, columns = (count // _SIDE for count in valid.shape[-2:])
     generator = torch.Generator().manual_seed(0)
@@ -389,6 +413,50 @@ def _held_out_blocks(valid: Tensor) -> Tensor | None:
     usable = whole.view(rows, _SIDE, columns, _SIDE).all(-1).all(1).cpu()
     chosen &= usable
     return chosen if int(chosen.sum()) >= _FEWEST_BLOCKS else None
+
+
+def search_weight(
+    first: float, errors: Callable[[float, float], Tensor | None]
+) -> tuple[dict[float, Tensor], bool]:
+    """Weights down from the first until the prediction is worse, and from the best of them up.
+
+    Parameters
+    ----------
+    first
+        In normalised units.
+    errors
+        From a weight, and the fraction that is done, to the squared errors of the blocks; None
+        ends the search.
+
+    Returns
+    -------
+    tuple
+        The errors by weight, and whether the search was ended.
+    """
+    tried: dict[float, Tensor] = {}
+
+    def try_weight(tau: float) -> bool:
+        found = errors(tau, min((1 + len(tried)) / (2 + _WEIGHTS_AT_MOST), 1.0))
+        if found is not None:
+            tried[tau] = found
+        return found is not None
+
+    def best() -> float:
+        return min(tried, key=lambda each: float(tried[each].sum()))
+
+    if not try_weight(first):
+        return tried, True
+    for factor in (1 / _RATIO, _RATIO):
+        # On the way back what was slow to converge has had its time: it counts anew.
+        tau = best()
+        for _ in range(_WEIGHTS_AT_MOST):
+            tau *= factor
+            if not try_weight(tau):
+                return tried, True
+            excess, error = _apart(tried[tau], tried[best()])
+            if tau != best() and excess > error:
+                break
+    return tried, False
 
 
 class _Path:
@@ -404,7 +472,7 @@ class _Path:
         progress: Callable[[float], bool | None] | None,
     ) -> None:
         self._problem, self._blocks = problem, blocks
-        self.held = _pixels_of(blocks, problem)
+        self.held = pixels_of(blocks, problem.forward.sensor).to(problem.data.device)
         self._fitted = replace(
             problem,
             data=torch.where(self.held, 0, problem.data),
@@ -425,26 +493,16 @@ class _Path:
 
     def follow(self, first: float) -> bool:
         """Try weights until the best one is known; True where the caller stopped it."""
-        if self._solve(first, _FIRST_STEPS):
-            return True
-        self._note(first)
-        for factor in (1 / _RATIO, _RATIO):
-            # On the way back what was slow to converge has had its time: it counts anew.
-            tau = self._best()
-            for _ in range(_WEIGHTS_AT_MOST):
-                tau *= factor
-                self._loosen()
-                if self._solve(tau, _STEPS):
-                    return True
-                self._note(tau)
-                best = self._best()
-                excess, error = _apart(self.errors[tau], self.errors[best])
-                if tau != best and excess > error:
-                    break
-        return False
 
-    def _best(self) -> float:
-        return min(self.errors, key=lambda each: float(self.errors[each].sum()))
+        def errors(tau: float, _: float) -> Tensor | None:
+            if self.errors:
+                self._loosen()
+            if self._solve(tau, _STEPS if self.errors else _FIRST_STEPS):
+                return None
+            self._note(tau)
+            return self.errors[tau]
+
+        return search_weight(first, errors)[1]
 
     def _loosen(self) -> None:
         state = self._state
@@ -474,29 +532,29 @@ class _Path:
         return stopped
 
     def _note(self, tau: float) -> None:
-        self.errors[tau] = _block_errors(self._problem, self.scene(), self.held, self._blocks)
+        self.errors[tau] = prediction_errors(self._problem, self.scene(), self.held, self._blocks)
 
     def scene(self) -> Tensor:
         """The scene so far, in normalised units."""
         return self._state.scene()
 
 
-def _pixels_of(blocks: Tensor, problem: Problem) -> Tensor:
+def pixels_of(blocks: Tensor, sensor: tuple[int, int]) -> Tensor:
     """Sensor pixels of blocks, bool (height, width)."""
-    held = torch.zeros(problem.forward.sensor, dtype=torch.bool)
+    held = torch.zeros(sensor, dtype=torch.bool)
     rows, columns = (count * _SIDE for count in blocks.shape)
     held[:rows, :columns] = blocks.repeat_interleave(_SIDE, 0).repeat_interleave(_SIDE, 1)
-    return held.to(problem.data.device)
+    return held
 
 
-def _block_errors(problem: Problem, scene: Tensor, held: Tensor, blocks: Tensor) -> Tensor:
+def prediction_errors(problem: Predicting, scene: Tensor, held: Tensor, blocks: Tensor) -> Tensor:
     """Mean squared error of what a normalised scene predicts of each held-out block; float64."""
     residual = problem.residual(scene)
     residual -= local_mean(residual, problem.valid & ~held)
     rows, columns = blocks.shape
     squares = residual[:, : rows * _SIDE, : columns * _SIDE].square()
     by_block = nnf.avg_pool2d(squares[None], _SIDE)[0].double().cpu()[:, blocks]
-    return _channel_weights(problem) @ by_block
+    return problem.channel_weights @ by_block
 
 
 def local_mean(residual: Tensor, fitted: Tensor) -> Tensor:
@@ -513,8 +571,8 @@ def _apart(errors: Tensor, best: Tensor) -> tuple[float, float]:
     return float(apart.mean()), float(apart.std()) / math.sqrt(len(apart))
 
 
-def _weight(
-    problem: Problem, errors: dict[float, Tensor], noise: float, held: Tensor, blocks: Tensor
+def weight_of_errors(
+    problem: Predicting, errors: dict[float, Tensor], noise: float, held: Tensor, blocks: Tensor
 ) -> Weight:
     """The choice, from the squared errors of the blocks by `Problem.tau`."""
     steps = _steps(errors, noise, problem.tau_unit)
@@ -523,10 +581,10 @@ def _weight(
 
 
 def _prediction(
-    problem: Problem, errors: Tensor, noise: float, held: Tensor, blocks: Tensor
+    problem: Predicting, errors: Tensor, noise: float, held: Tensor, blocks: Tensor
 ) -> Prediction:
     dark = problem.data.new_zeros(problem.scene_shape)
-    powers = _block_errors(problem, dark, held, blocks)
+    powers = prediction_errors(problem, dark, held, blocks)
     contrast = float(powers.mean())
     residual = math.sqrt(float(errors.mean()))
     return Prediction(residual, math.sqrt(contrast), noise, errors / contrast, powers / contrast)

@@ -243,6 +243,12 @@ class Problem:
         )
 
     @property
+    def channel_weights(self) -> Tensor:
+        """Power of each channel in the measurement, of 1: errors count as they are in counts."""
+        power = (self.scale * self.psf_norm).double().square().flatten().cpu()
+        return power / power.sum()
+
+    @property
     def varied(self) -> bool:
         """Whether the prior weighs differences of neighbouring pixels."""
         return self.tau > 0 and self.prior not in (Prior.L1, Prior.NONE)

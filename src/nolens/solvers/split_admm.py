@@ -1,7 +1,7 @@
 """ADMM with a split for every term and any operator; conjugate gradients in its linear step."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 import torch
@@ -19,6 +19,8 @@ _CLOSER = 0.1
 """Factor by which conjugate gradients reduce what the last iteration left, if the limit allows."""
 _TINY = 1e-30
 
+LinearStep = Callable[[Tensor, Tensor, Sequence[float]], Tensor]
+
 
 def split_admm(
     *functionals: Functional,
@@ -27,6 +29,7 @@ def split_admm(
     balance: Balance | None = Balance(),  # noqa: B008 (frozen)
     relaxation: float = 1.5,
     inner: int = 20,
+    linear_step: LinearStep | None = None,
     iterations: int = 1000,
     tolerance: float = 1e-5,
     callback: Callback | None = None,
@@ -57,6 +60,9 @@ def split_admm(
         α in (0, 2).
     inner
         Steps of conjugate gradients in an iteration, at most.
+    linear_step
+        What solves the linear step in their place: from the scene before, the right side and the
+        penalties to a scene.
     iterations
         Limit, ≥ 1.
     tolerance
@@ -73,7 +79,7 @@ def split_admm(
         If an iterate is NaN or infinite.
     """
     v = first_scene(functionals) if start is None else start
-    run = _Run(functionals, v, penalties, relaxation, inner)
+    run = _Run(functionals, v, penalties, relaxation, inner, linear_step)
     return solve(
         run.checks(iterations, balance),
         partial(objective, functionals),
@@ -93,6 +99,7 @@ class _Run:
         penalties: Sequence[float] | None,
         relaxation: float,
         inner: int,
+        linear_step: LinearStep | None,
     ) -> None:
         if not 0 < relaxation < 2 or inner < 1:
             raise OptionError(
@@ -114,6 +121,7 @@ class _Run:
                 "functionals that are not quadratic"
             )
         self._a = [term.image(v) for term in self._split]
+        self._linear_step = linear_step or self._solve
 
     def checks(self, iterations: int, balance: Balance | None) -> Iterator[Progress]:
         """Iterate to the limit."""
@@ -161,7 +169,7 @@ class _Run:
         target = self._target
         for term, new, a, mu in zip(self._split, z, self._a, self._mu, strict=True):
             target = target + mu * term.back(2 * new - a)
-        self._v = self._solve(target)
+        self._v = self._linear_step(self._v, target, self._mu)
         images = [term.image(self._v) for term in self._split]
         self._a = [
             a + self._relaxation * (image - new)
@@ -169,9 +177,8 @@ class _Run:
         ]
         return images
 
-    def _solve(self, target: Tensor) -> Tensor:
+    def _solve(self, v: Tensor, target: Tensor, _penalties: Sequence[float]) -> Tensor:
         """Conjugate gradients from the scene before."""
-        v = self._v
         left = target - self._matrix(v)
         direction, size = left, float(left.square().sum())
         enough = _CLOSER**2 * size
