@@ -89,6 +89,7 @@ bench-default: $(STAMP)
 # PSFs at several field points against one, in quality and cost: about half an hour.
 bench-model: $(STAMP)
 	$(BIN)/python bench/model.py
+	$(BIN)/python bench/volume.py
 
 # What is said of wrong and odd files, and falsely of good ones: about 20 minutes.
 bench-odd: $(STAMP)

@@ -30,14 +30,19 @@ def check_memory(needed: float, device: torch.device, remedy: str) -> None:
     OptionError
         If the machine has less memory than that.
     """
-    where, there = "machine", float(psutil.virtual_memory().total)
-    if device.type == "cuda":
-        where, there = "CUDA device", float(torch.cuda.mem_get_info(device)[1])
+    where, there = "CUDA device" if device.type == "cuda" else "machine", memory_bytes(device)
     if needed > there:
         raise OptionError(
             f"this needs about {gigabytes(needed)} of memory, and the {where} has "
             f"{gigabytes(there)}: {remedy}"
         )
+
+
+def memory_bytes(device: torch.device) -> float:
+    """All memory that a device has."""
+    if device.type == "cuda":
+        return float(torch.cuda.mem_get_info(device)[1])
+    return float(psutil.virtual_memory().total)
 
 
 def gigabytes(number: float) -> str:

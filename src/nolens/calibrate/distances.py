@@ -66,12 +66,22 @@ class Layers:
         """Reduced thickness of all layers."""
         return self.before.reduced_um + self.after.reduced_um
 
-    def magnification(self, distance_um: float) -> float:
+    def magnification(self, distance_um: float, shift_um: float = 0.0) -> float:
         """How large the PSF of a source is beside that of a far one: 1 + D / (z + b).
 
-        D and b are the reduced thicknesses behind and before the mask (`uvimprint`, sec. 3.5).
+        D and b are the reduced thicknesses behind and before the mask (`uvimprint`, sec. 3.5). For
+        a source whose ray through the middle falls so far beside the axis it is the root of the
+        product of what rays do along that shift, and across.
         """
-        return 1 + self.after.reduced_um / self._front(distance_um).reduced_um
+        if math.isinf(distance_um):
+            return 1.0
+        front = self._front(distance_um)
+        if shift_um == 0:
+            return 1 + self.after.reduced_um / front.reduced_um
+        p = self.before.then(self.after).ray(torch.tensor(shift_um, dtype=torch.float64))
+        along = 1 + float(self.after.spread_um(p) / front.spread_um(p))
+        across = 1 + float(self.after.displacement_um(p) / front.displacement_um(p))
+        return math.sqrt(along * across)
 
     def shift_um(self, angle: tuple[Angle, Angle]) -> tuple[float, float]:
         """Place of the ray through the middle, to the right and up, by Snell's law."""

@@ -17,6 +17,15 @@ def _lines(summary: dict[str, Any]) -> list[str]:
         end = f"{summary['seconds']:.1f} s on {summary['device']}"
         dropped = f", {len(summary['dropped'])} dropped" if summary["dropped"] else ""
         return [f"{summary['frames']} frames{dropped} ({summary['stop_reason']}), {end}"]
+    if "depths_mm" in summary:
+        depths = [at if isinstance(at, str) else f"{at:g} mm" for at in summary["depths_mm"]]
+        light = zip(depths, summary["light_of_depths"], strict=True)
+        end = f"{summary['iterations']} iterations ({summary['stop_reason']})"
+        return [
+            "light at " + ", ".join(f"{at} {100 * part:.0f} %" for at, part in light),
+            f"tau {summary['tau']:.3g}, {end}, {summary['seconds']:.1f} s on {summary['device']}",
+            summary["occlusion"],
+        ]
     report = summary["report"]["lines"]
     width = max(len(name) for name, _ in report)
     lines = [f"{name:{width}}  {text}" for name, text in report]

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from nolens.camera import exposure_white
 from nolens.files.atomic import atomic_write
+from nolens.files.ome import write_ome_tiff
 from nolens.files.pictures import screen_picture, write_png
 from nolens.files.plots import plot_figure
 from nolens.files.reports import html_page
@@ -77,6 +78,41 @@ def stack_writers(
         "depths": partial(write_depths, per_m=together.per_m),
     }
     return {folder / STACK_FILES[what]: write for what, write in writers.items()}
+
+
+VOLUME_FILES = {
+    "volume": "volume.ome.tif",
+    "page that turns": "volume.html",
+    **{what: name for what, name in STACK_FILES.items() if what != "stack"},
+}
+"""Files of planes that were solved together, by what they hold."""
+
+
+def volume_writers(
+    folder: Path,
+    stack: FocalStack,
+    together: AllInFocus,
+    title: str,
+    channels: Sequence[str],
+) -> dict[Path, Callable[[Path], None]]:
+    """What writes each file of planes that were solved together: see `stack_writers`."""
+    of_stack = stack_writers(folder, stack, together, title)
+    del of_stack[folder / STACK_FILES["stack"]]
+    numbers = [each * 1e-3 for each in stack.depths_um for _ in channels]
+    pixels: dict[str, Any] = {
+        "Description": "depths_mm=" + ",".join(_number(each) for each in stack.depths_um)
+    }
+    if all(map(math.isfinite, numbers)):  # Readers of OME know no infinite number.
+        pixels["Plane"] = {"PositionZ": numbers, "PositionZUnit": [_MM] * len(numbers)}
+    return {
+        folder / VOLUME_FILES["volume"]: partial(
+            write_ome_tiff, stack=stack.pages, axis="Z", channels=channels, pixels=pixels
+        ),
+        folder / VOLUME_FILES["page that turns"]: partial(
+            write_turning, title=title, stack=stack, white=exposure_white(together.picture)
+        ),
+        **of_stack,
+    }
 
 
 def depth_text(depth_um: float) -> str:
@@ -296,6 +332,53 @@ def write_slider(
         scheme="dark",
         head=_POLICY,
         end=f"<script>\nconst stack = {data};\n{script}</script>\n",
+    )
+    with atomic_write(path) as temporary:
+        temporary.write_text(html, encoding="utf-8", newline="\n")
+
+
+def write_turning(path: str | Path, *, title: str, stack: FocalStack, white: float) -> None:
+    """Write planes as a page that turns them: dragged to a side, near ones move past far ones.
+
+    The planes' light adds up. The page needs no other file and no network.
+
+    Parameters
+    ----------
+    title
+        Over all.
+    stack
+        The planes.
+    white
+        Radiance that is white.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    script = (files("nolens.files") / "turning.js").read_text(encoding="utf-8")
+    rows, columns = stack.pages.shape[-2:]
+    planes = "\n".join(
+        f'<img class="plane" data-place="{place:.4f}" src="{_embedded(page, white)}" '
+        f'alt="{escape(depth_text(depth))}">'
+        for page, depth, place in zip(stack.pages, stack.depths_um, stack.places, strict=True)
+    )
+    depths = ", ".join(depth_text(each) for each in stack.depths_um)
+    body = f"""<h1>{escape(title)}</h1>
+<div class="frame" id="volume" tabindex="0" role="group" aria-label="The planes, one behind another"
+ style="max-width:calc(72vh * {columns} / {rows});aspect-ratio:{columns}/{rows}">
+{planes}
+</div>
+<p id="help">Planes at {depths}. Drag, or use the arrow keys, to look from another side; a double
+click looks straight ahead. Planes stand where 1/distance has them.</p>
+"""
+    html = html_page(
+        title,
+        body,
+        style="slider.css",
+        scheme="dark",
+        head=_POLICY,
+        end=f"<script>\n{script}</script>\n",
     )
     with atomic_write(path) as temporary:
         temporary.write_text(html, encoding="utf-8", newline="\n")

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import torch
 from pydantic import AfterValidator
@@ -272,7 +272,9 @@ def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
         bin_by=options.bin,
         channels=options.channels,
     )
-    psfs = _read_psfs(run, measurement)
+    psfs = read_depth_psfs(
+        run, options.psfs, measurement, bin_by=options.bin, channels=options.channels
+    )
     farthest = psfs.at(psfs.distances_um[-1])
     support = None
     if options.support is not None:
@@ -337,10 +339,16 @@ def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
     return Product(result, figures, writers)
 
 
-def _read_psfs(run: Run[RefocusOptions], measurement: Measurement) -> DepthPsfs:
-    """Read the PSFs of points straight ahead that fit a measurement."""
-    options = run.options
-    folder = options.psfs
+def read_depth_psfs(
+    run: Run[Any], folder: Path, measurement: Measurement, *, bin_by: int, channels: str
+) -> DepthPsfs:
+    """Read the PSFs of points straight ahead that fit a measurement.
+
+    Raises
+    ------
+    NolensError
+        If there is none, or one does not fit.
+    """
     entries = read_psf_set(folder).by_distance(BEST_FIRST)
     if not entries:
         raise DataError(
@@ -355,8 +363,8 @@ def _read_psfs(run: Run[RefocusOptions], measurement: Measurement) -> DepthPsfs:
         measurement,
         None if psfs.camera is None else psfs.camera.camera,
         where=str(folder),
-        bin_by=options.bin,
-        channels=options.channels,
+        bin_by=bin_by,
+        channels=channels,
     )
 
 

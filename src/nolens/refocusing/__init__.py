@@ -2,7 +2,8 @@
 
 `PsfBetween` gives the PSF of any depth from those of a few, `DepthPsfs` those of a measurement,
 `Autofocus` finds the sharpest depth, `focus` reconstructs one and `focal_stack` many, and
-`all_in_focus` makes one picture and a depth map of them.
+`all_in_focus` makes one picture and a depth map of them. `transparent` does so for planes that were
+solved together, `spacing_warnings` looks at their depths.
 """
 
 from nolens.refocusing.autofocus import Autofocus, AutofocusResult, Focused, focus
@@ -30,6 +31,7 @@ from nolens.refocusing.psf_between import (
     measured_reduced_um,
     reduced_um,
 )
+from nolens.refocusing.volume import photon_variance, spacing_warnings, transparent
 
 __all__ = [
     "AllInFocus",
@@ -52,6 +54,9 @@ __all__ = [
     "lit_pixels",
     "measured_reduced_um",
     "per_m",
+    "photon_variance",
     "reduced_um",
     "sharpness",
+    "spacing_warnings",
+    "transparent",
 ]

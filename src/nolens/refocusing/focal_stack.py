@@ -170,9 +170,9 @@ class FocalStack:
 
     def nearest_pages(self, vergence_per_m: Tensor) -> Tensor:
         """Numbers of the pages whose depths are next to some 1/z, in 1/m."""
-        first, span = self._range_per_m
-        last = len(self.depths_um) - 1
-        return ((first - vergence_per_m) / span * max(1, last)).round().long().clamp(0, last)
+        depths = [per_m(each) for each in self.depths_um]
+        apart = vergence_per_m[None] - vergence_per_m.new_tensor(depths)[:, None, None]
+        return apart.abs().argmin(dim=0)
 
     @property
     def _range_per_m(self) -> tuple[float, float]:

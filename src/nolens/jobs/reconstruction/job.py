@@ -60,6 +60,10 @@ def reconstruct(run: Run[ReconstructOptions]) -> Product[Tensor]:
     NolensError
         If an input, an option or an output cannot be used; then nothing is written.
     """
+    if run.options.depths is not None:
+        from nolens.jobs.reconstruction.volume import reconstruct_volume
+
+        return reconstruct_volume(run)
     if run.options.is_sequence:
         return reconstruct_sequence(run)
     if run.options.latency is not None:

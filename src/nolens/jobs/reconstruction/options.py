@@ -3,11 +3,12 @@
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 from torch import Tensor
 
 from nolens.camera import BlackLevel
-from nolens.camera.psf_set import Depth
+from nolens.camera.part import refusal
+from nolens.camera.psf_set import Depth, depth_um
 from nolens.errors import OptionError
 from nolens.files import PSFS_FILE, is_sequence
 from nolens.files.formats import READERS
@@ -65,6 +66,34 @@ def _list_of_folder(path: Path) -> Path:
     return path / PSFS_FILE if path.is_dir() and path.suffix.lower() not in READERS else path
 
 
+_OF_ONE_DEPTH = {
+    *("quality", "sweep", "psf_extent", "psf_scale", "psf_flip", "field", "method", "resume"),
+    *("low_frequency", "latency", "penalties", "balance", "relaxation", "crop", "tiff_bits"),
+}
+"""Options that planes of several depths do not have."""
+
+
+def _split_depths(value: object) -> object:
+    """A text such as "8cm,12cm,inf", given once or in parts, as a tuple."""
+    texts = (value,) if isinstance(value, str) else value
+    if not isinstance(texts, list | tuple) or not all(isinstance(each, str) for each in texts):
+        return value
+    names = [name.strip() for each in texts for name in each.split(",")]
+    return tuple("infinity" if name in ("inf", "infinite") else name for name in names)
+
+
+def _apart(depths: tuple[Depth, ...]) -> tuple[Depth, ...]:
+    if len({depth_um(each) for each in depths}) != len(depths) or len(depths) == 1:
+        raise refusal("give two depths or more, each once, such as 8cm,12cm,20cm,inf")
+    return depths
+
+
+_Depths = Annotated[
+    tuple[Depth, ...],
+    BeforeValidator(_split_depths),
+    Field(max_length=1000),
+    AfterValidator(_apart),
+]
 _Penalty = Annotated[float, Between(1e-9, 1e9)]
 
 
@@ -76,6 +105,8 @@ class ReconstructOptions(JobOptions):
     nolens reconstruct raw.png --psf psf.png --black auto --tau 3e-5 -o out.png -o out.tif
 
     nolens reconstruct frames/ --psf psf.dng -o pictures
+
+    nolens reconstruct raw.dng --psf mycamera --depths 8cm,12cm,20cm,inf -o volume
     """
 
     usage = "reconstruct RAW --psf PSF -o out.png (-o again for each further picture)"
@@ -111,7 +142,9 @@ class ReconstructOptions(JobOptions):
         Option(
             "Picture to write: .png (8-bit sRGB; the 99.5th percentile is white) or .tif (linear); "
             "may be given several times. The record of the run goes beside the first, as .json. "
-            "For a sequence, a folder: a .png for every frame, with one white for all.",
+            "For a sequence, a folder: a .png for every frame, with one white for all. For "
+            "--depths, a folder: volume.ome.tif (float), volume.html and sweep.html (pages to turn "
+            "it and to go through it), sweep.png, all-in-focus.png, depth.png, depth.tif (mm).",
             needed="the picture to write (-o out.png)",
             role="output",
             flag="-o",
@@ -127,11 +160,21 @@ class ReconstructOptions(JobOptions):
         ),
     ] = None
     detail: Detail = 1.0
+    depths: Annotated[
+        _Depths | None,
+        Option(
+            "Planes that are solved together, such as 8cm,12cm,20cm,inf: all of the measurement "
+            "is the sum of their light. That near objects hide far ones is not modelled. --psf is "
+            "a camera's folder, or the PSF of a source at --distance by --camera.",
+            default="one plane",
+            label="Depths",
+        ),
+    ] = None
     distance: Annotated[
         Depth | None,
         Option(
             "Of the scene, such as 300mm, or infinity, where --psf is a folder: that of its PSFs "
-            "to take.",
+            "to take. For --depths, of the point source of a single PSF.",
             INPUT,
             default="the only one that the folder has",
             label="Distance of the PSF",
@@ -193,11 +236,21 @@ class ReconstructOptions(JobOptions):
         ),
     ] = None
     camera: Annotated[
-        Name | None, Option(f"For --field: {CAMERAS}.", SOLVER, role="camera", label="PSF")
+        Name | None,
+        Option(f"For --field and --depths: {CAMERAS}.", SOLVER, role="camera", label="PSF"),
     ] = None
     method: Annotated[Method, Option("How to solve.", SOLVER, label="Method")] = Method.ADMM
     tau: ChosenTau = "auto"
     prior: AnyPrior = "auto"
+    noise: Annotated[
+        Literal["auto", "even", "shot"],
+        Option(
+            "For --depths, noise of the pixels: even, or more where there is more light (shot: "
+            "Poisson's). auto: that of the camera's sensor where --psf's folder or --camera "
+            "describes it, else even.",
+            SOLVER,
+        ),
+    ] = "auto"
     iterations: Annotated[
         Iterations | None,
         Option(
@@ -273,8 +326,28 @@ class ReconstructOptions(JobOptions):
     def check_together(self) -> None:
         """Refuse a factor on an automatic τ beside a τ that is stated, and an unfit sweep."""
         check_detail(self.detail, self.tau)
+        if self.depths is not None:
+            self._check_volume()
+            return
+        if self.noise != "auto":
+            raise OptionError(f"--noise {self.noise} is for --depths: leave it out")
         self._check_sweep()
         self._check_folder()
+
+    def _check_volume(self) -> None:
+        """Refuse what pictures of one depth have alone, and a file in place of a folder."""
+        others = sorted(self.model_fields_set & _OF_ONE_DEPTH)
+        if others or self.is_sequence:
+            name = f"--{others[0].replace('_', '-')}" if others else f"{self.measurement}"
+            raise OptionError(
+                f"{name} is not for planes of several depths (--depths), of which one frame is "
+                "solved by ADMM: leave it out"
+            )
+        if len(self.output) != 1 or self.output[0].suffix:
+            raise OptionError(
+                "planes of several depths (--depths) go into a folder, and given is -o "
+                f"{' '.join(str(path) for path in self.output)}: give its name, such as -o volume"
+            )
 
     def _check_sweep(self) -> None:
         sweep, draft = self.sweep, self.quality is Quality.DRAFT
@@ -340,6 +413,8 @@ class ReconstructOptions(JobOptions):
     @property
     def record(self) -> Path:
         """File of the run's record."""
+        if self.depths is not None:
+            return self.output[0] / "volume.json"
         return record_beside(self.output[0])
 
     @property
@@ -349,12 +424,19 @@ class ReconstructOptions(JobOptions):
 
     @property
     def output_folder(self) -> Path | None:
-        """That of a sequence's pictures."""
-        return self.output[0] if self.is_sequence else None
+        """That of a sequence's pictures, or of planes of several depths."""
+        return self.output[0] if self.is_sequence or self.depths is not None else None
 
     @property
     def written(self) -> tuple[Written, ...]:
         """Pictures and record."""
+        if self.depths is not None:
+            # Most reconstructions write no stack.
+            from nolens.files.stacks import VOLUME_FILES
+
+            names = VOLUME_FILES.items()
+            planes = [Written(what, self.output[0] / name) for what, name in names]
+            return (*planes, Written("record of the run", self.record))
         suffixes = () if self.is_sequence else (".png", ".tif", ".tiff")
         pictures = [Written("output", path, suffixes=suffixes) for path in self.output]
         if self.sweep is not None:

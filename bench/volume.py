@@ -1,0 +1,311 @@
+"""Planes of several depths, solved together: beads, and two objects one before the other.
+
+`make bench-model` runs it after `bench/model.py`. A simulated camera (the middle of the paper's,
+read by pixels of four; noise and mosaic) takes 200 beads in 8 planes, and the two objects of the
+reproduction (8 and 20 cm). Rows that were measured are in `--folder`; the table goes into
+`docs/volume.md`, between its markers.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import time
+from pathlib import Path
+from typing import Any
+
+import torch
+import torch.nn.functional as nnf
+from PIL import Image
+
+from nolens.camera import Camera, LoadedCamera, preset
+from nolens.camera.measurement import bin_mean
+from nolens.evaluate import psnr, scale_fit
+from nolens.experiments.virtual_experiment import VirtualExperiment
+from nolens.files import read_camera, write_camera, write_frame, write_png
+from nolens.files.sample_pictures import sample_picture
+from nolens.jobs import PsfOptions, ReconstructOptions, Reporter, reconstruct, simulate_psf
+from nolens.operators import PixelRectangle
+from nolens.twin import FieldMap, Plane, PlaneView, render_planes
+
+BEADS, APART = 200, 5
+SENSOR = 1200, 1600
+SIDE = 2
+"""Sensor superpixels along a bead, and along a pixel of the reconstruction."""
+FIELD_DEG, OBJECTS_DEG = 45, 40
+PLANES = 8
+STEP_PER_M = 8.8
+"""Between planes, in 1/z: the depth of focus."""
+MARKS = "<!-- bench/volume.py: begin -->", "<!-- end -->"
+
+
+class Quiet(Reporter):
+    """Prints warnings and notes."""
+
+    def warn(self, text: str) -> None:
+        """Print it."""
+        print("warning:", text, flush=True)
+
+
+def depths_um(planes: int) -> list[float]:
+    """From the nearest on, one depth of focus apart; the last is infinite."""
+    return [1e6 / (k * STEP_PER_M) if k else math.inf for k in reversed(range(planes))]
+
+
+def depth_texts(planes: int) -> list[str]:
+    """The same as --depths takes them."""
+    return ["inf" if math.isinf(z) else f"{z * 1e-3:.4f}mm" for z in depths_um(planes)]
+
+
+def camera_folder(
+    folder: Path, sensor: tuple[int, int], distances: list[str], field_deg: float
+) -> Path:
+    """A camera's folder with PSFs over the field, at some distances."""
+    out = folder / "camera"
+    if not (out / "psfs.toml").exists():
+        paper = preset("paper")
+        size = dict(zip(("rows", "columns"), sensor, strict=True))
+        read = {"sensor": paper.sensor.model_copy(update=size), "name": "middle of the paper's"}
+        camera: Camera = paper.model_copy(update=read)
+        write_camera(folder / "described", camera)
+        for distance in distances:
+            simulate_psf(
+                PsfOptions(
+                    camera=str(folder / "described"),
+                    output=out,
+                    field=f"{field_deg:g}deg",
+                    field_points=3,
+                    distance=distance,
+                    wavelengths=1,
+                    size="0um",
+                ),
+                Quiet(),
+            )
+    return out
+
+
+def simulated_beads(folder: Path, camera: LoadedCamera) -> tuple[Path, list[list[int]]]:
+    """A frame of beads, and the plane, row and column of each on pixels of the reconstruction."""
+    raw, truth = folder / "beads.tif", folder / "beads.json"
+    if not raw.exists():
+        experiment = VirtualExperiment.of(camera, wavelengths=1, field_points=5)
+        shape = experiment.twin.shape
+        support = PixelRectangle.centred(shape[0] // 2, shape[1] // 2, shape)
+        generator = torch.Generator().manual_seed(0)
+        volume = torch.zeros(PLANES, 3, support.height, support.width)
+        places: list[list[int]] = []
+        while len(places) < BEADS:
+            row, column = (
+                int(torch.randint(3, side // SIDE - 3, (1,), generator=generator))
+                for side in (support.height, support.width)
+            )
+            if any(max(abs(row - r), abs(column - c)) <= APART for _, r, c in places):
+                continue
+            plane = len(places) % PLANES
+            window = (
+                slice(SIDE * row, SIDE * (row + 1)),
+                slice(SIDE * column, SIDE * (column + 1)),
+            )
+            volume[plane, :, *window] = 0.5 + 0.5 * float(torch.rand(1, generator=generator))
+            places.append([plane, row, column])
+        views = tuple(map(PlaneView, volume, depths_um(PLANES)))
+        shot = experiment.measure_views(FieldMap(experiment.twin, support), views)
+        print("beads: error between field points, of the noise", shot.field_error, flush=True)
+        write_frame(raw, shot.frame, model="nolens simulated camera")
+        truth.write_text(json.dumps(places))
+    return raw, json.loads(truth.read_text())
+
+
+def found_beads(volume: torch.Tensor, least: float) -> list[tuple[float, int, int]]:
+    """Plane, row and column of what is brighter than a part of the brightest."""
+    light = volume.sum(0)
+    peaks = (light == nnf.max_pool2d(light[None], 5, 1, 2)[0]) & (light > least * light.max())
+    number = torch.arange(len(volume), dtype=volume.dtype)
+    out = []
+    for row, column in peaks.nonzero().tolist():
+        part = volume[:, max(0, row - 1) : row + 2, max(0, column - 1) : column + 2].sum((1, 2))
+        out.append((float((part * number).sum() / part.sum()), row, column))
+    return out
+
+
+def judged(volume: torch.Tensor, places: list[list[int]], least: float = 0.05) -> dict[str, float]:
+    """Recall and precision of beads within a pixel, and how many of those in depth."""
+    found = found_beads(volume, least)
+    left, errors = set(range(len(found))), []
+    for plane, row, column in places:
+        near = [k for k in left if max(abs(found[k][1] - row), abs(found[k][2] - column)) <= 1]
+        if near:
+            left.discard(near[0])
+            errors.append(abs(found[near[0]][0] - plane))
+    return {
+        "recall": len(errors) / len(places),
+        "precision": len(errors) / max(1, len(found)),
+        "within_depth_of_focus": sum(each <= 1 for each in errors) / max(1, len(errors)),
+        "in_its_plane": sum(each <= 0.5 for each in errors) / max(1, len(errors)),
+        "rms_planes": (sum(each**2 for each in errors) / max(1, len(errors))) ** 0.5,
+    }
+
+
+def beads(folder: Path, ways: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """Every way of reconstructing the beads."""
+    texts, sensor = depth_texts(PLANES), SENSOR
+    psfs = camera_folder(folder, sensor, [texts[0], texts[-3], "infinity"], FIELD_DEG)
+    raw, places = simulated_beads(folder, read_camera(psfs))
+    rows = {}
+    for name, options in ways.items():
+        path = folder / f"beads-{name.replace(', ', '-').replace(' ', '-')}.json"
+        if not path.exists():
+            begun, out = time.perf_counter(), path.with_suffix("")
+            height, width = (side // 2 // SIDE // 2 for side in sensor)
+            result = reconstruct(
+                ReconstructOptions(
+                    measurement=raw,
+                    psf=psfs,
+                    depths=",".join(texts),
+                    output=(out,),
+                    bin=SIDE,
+                    channels="grey",
+                    mosaic="RGGB",
+                    black=256,
+                    support=f"{height}x{width}",
+                    **options,
+                ),
+                Quiet(),
+            )
+            row = judged(result.value.sum(1), places)
+            row |= {key: result.summary[key] for key in ("tau", "iterations")}
+            path.write_text(json.dumps({**row, "seconds": time.perf_counter() - begun}))
+        rows[name] = json.loads(path.read_text())
+        print(name, rows[name], flush=True)
+    return rows
+
+
+def simulated_objects(folder: Path, camera: LoadedCamera) -> tuple[Path, torch.Tensor]:
+    """A frame of the reproduction's two objects, and the light of each, (2, 3, height, width)."""
+    raw, truth = folder / "objects.tif", folder / "objects.pt"
+    if not raw.exists():
+        experiment = VirtualExperiment.of(camera, wavelengths=1, field_points=3)
+        near, far = (sample_picture(name, "the benchmark") for name in ("chelsea", "astronaut"))
+        side = near.shape[-2]
+        picture, opacity = torch.zeros(3, side, 2 * side), torch.zeros(side, 2 * side)
+        picture[..., :side], opacity[:, :side] = near[..., -side:], 1.0
+        wide = torch.zeros(3, far.shape[-2], 2 * far.shape[-1])
+        wide[..., far.shape[-1] :] = far
+        planes = (
+            Plane(picture, OBJECTS_DEG, 80e3, opacity),
+            Plane(wide, OBJECTS_DEG, 200e3),
+        )
+        field, views = render_planes(experiment.twin, planes)
+        shot = experiment.measure_views(field, views)
+        print("objects", shot.field_error, field.support.text, flush=True)
+        write_frame(raw, shot.frame, model="nolens simulated camera")
+        light = torch.stack([view.radiance for view in views]) * shot.response
+        torch.save((field.support, light), truth)
+    return raw, torch.load(truth, weights_only=False)
+
+
+def objects(folder: Path) -> dict[str, Any]:
+    """PSNR of each object alone in its plane, solved together and one by one."""
+    path = folder / "objects.json"
+    if not path.exists():
+        psfs = camera_folder(folder / "whole", (3040, 4056), ["8cm", "20cm"], OBJECTS_DEG)
+        raw, (support, truth) = simulated_objects(folder, read_camera(psfs))
+        edges = [
+            (-(-first // SIDE), (first + side) // SIDE)
+            for first, side in ((support.top, support.height), (support.left, support.width))
+        ]
+        (top, bottom), (left, right) = edges
+        rows, columns = (
+            slice(SIDE * low - first, SIDE * high - first)
+            for (low, high), first in zip(edges, (support.top, support.left), strict=True)
+        )
+        truth = torch.stack([bin_mean(each[..., rows, columns], SIDE) for each in truth])
+        window = PixelRectangle(top, left, bottom - top, right - left)
+        common: dict[str, Any] = {
+            "measurement": raw,
+            "psf": psfs,
+            "bin": SIDE,
+            "mosaic": "RGGB",
+            "black": 256,
+            "support": window.text,
+        }
+        row: dict[str, Any] = {}
+        for name, more in (("apart", {}), ("together", {"depths": "8cm,20cm"})):
+            pages, begun = [], time.perf_counter()
+            if more:
+                options = ReconstructOptions(output=(folder / "objects",), **more, **common)
+                pages = list(reconstruct(options, Quiet()).value)
+            else:
+                for distance in ("8cm", "20cm"):
+                    output = (folder / f"objects-{distance}.png",)
+                    options = ReconstructOptions(output=output, distance=distance, **common)
+                    pages.append(reconstruct(options, Quiet()).value)
+            row[name] = {
+                "psnr_db": [
+                    psnr(scale_fit(page, each), each, float(truth.max()))
+                    for page, each in zip(pages, truth, strict=True)
+                ],
+                "seconds": time.perf_counter() - begun,
+            }
+            write_png(folder / f"objects-{name}.png", torch.cat(pages, dim=-2))
+        path.write_text(json.dumps(row))
+    row = json.loads(path.read_text())
+    print("objects", row, flush=True)
+    return row
+
+
+def picture(folder: Path, out: Path) -> None:
+    """All light of the beads, beside their depths."""
+    depth = Image.open(folder / "depth.png").convert("RGB")
+    light = Image.open(folder / "all-in-focus.png").convert("RGB")
+    side = depth.height * light.width // light.height
+    both = Image.new("RGB", (side + depth.width, depth.height), "white")
+    both.paste(light.resize((side, depth.height), Image.Resampling.BOX))
+    both.paste(depth, (side, 0))
+    both.save(out, optimize=True)
+
+
+def report(bead_rows: dict[str, Any], two: dict[str, Any]) -> str:
+    """Markdown of both."""
+    lines = [
+        "| beads | recall | precision | in depth of focus | in its plane | rms, planes | s |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for name, row in bead_rows.items():
+        lines.append(
+            f"| {name} | {row['recall']:.3f} | {row['precision']:.3f} | "
+            f"{row['within_depth_of_focus']:.3f} | {row['in_its_plane']:.3f} | "
+            f"{row['rms_planes']:.2f} | {row['seconds']:.0f} |"
+        )
+    lines += ["", "| two objects, PSNR | 8 cm | 20 cm | s |", "|---|---|---|---|"]
+    for name, row in two.items():
+        cells = " | ".join(f"{each:.1f} dB" for each in row["psnr_db"])
+        lines.append(f"| {name} | {cells} | {row['seconds']:.0f} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Measure what is missing, and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--folder", type=Path, default=Path("build/volume"))
+    parser.add_argument("--page", type=Path, default=Path("docs/volume.md"))
+    asked = parser.parse_args()
+    asked.folder.mkdir(parents=True, exist_ok=True)
+    torch.set_num_threads(1)
+    ways = {
+        "l1": {"prior": "l1", "field_points": 5},
+        "l1, one PSF": {"prior": "l1", "field_points": 1},
+        "l1, one PSF, even noise": {"prior": "l1", "field_points": 1, "noise": "even"},
+        "tv, one PSF": {"prior": "tv", "field_points": 1},
+    }
+    rows = beads(asked.folder, ways)
+    two = objects(asked.folder)
+    picture(asked.folder / "beads-l1", Path("docs/results/volume-beads.png"))
+    before, rest = asked.page.read_text().split(MARKS[0])
+    after = rest.split(MARKS[1])[1]
+    asked.page.write_text(f"{before}{MARKS[0]}\n\n{report(rows, two)}\n\n{MARKS[1]}{after}")
+
+
+if __name__ == "__main__":
+    main()

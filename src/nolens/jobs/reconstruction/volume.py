@@ -1,0 +1,332 @@
+"""`nolens reconstruct --depths`: planes of a scene that are solved together."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from nolens.calibrate.distances import Layers
+from nolens.camera import (
+    Camera,
+    FieldPsf,
+    Measurement,
+    PsfEntry,
+    PsfGeometry,
+    arrange_rgb,
+    black_level,
+    develop,
+    exposure_white,
+    flipped,
+)
+from nolens.camera.psf_set import depth_um
+from nolens.errors import OptionError
+from nolens.files import CAMERA_FILE, read_frame
+from nolens.files.psf_folder import PsfFolder
+from nolens.files.stacks import volume_writers
+from nolens.jobs.reconstruction.options import ReconstructOptions, parse_support
+from nolens.jobs.refocusing import read_depth_psfs
+from nolens.jobs.run import Product, Run
+from nolens.machine import BYTES_OF_PROGRAM, check_memory, memory_bytes
+from nolens.operators import (
+    CroppedConvolution,
+    FieldConvolution,
+    Geometry,
+    PixelRectangle,
+    StackConvolution,
+)
+from nolens.optics.magnification import magnified
+from nolens.quantities import Length
+from nolens.refocusing import (
+    DepthPsfs,
+    DepthReconstructor,
+    FocalStack,
+    depth_mm,
+    per_m,
+    photon_variance,
+    spacing_warnings,
+    transparent,
+)
+from nolens.solvers import Development, Progress, StackPrior, StackProblem, stack_bytes
+
+_PRIORS = {
+    "auto": StackPrior(),
+    "tv": StackPrior(),
+    "isotropic-tv": StackPrior(isotropic=True),
+    "l1": StackPrior(sparse=True),
+}
+_ITERATIONS, _TOLERANCE = 200, 1e-2
+OCCLUSION = (
+    "the light of all planes adds up; that near objects hide far ones is not modelled, so what "
+    "lies behind an opaque object comes out too dark"
+)
+
+
+def reconstruct_volume(run: Run[ReconstructOptions]) -> Product[Tensor]:
+    """Radiance of every plane, (depths, channels, height, width).
+
+    Raises
+    ------
+    NolensError
+        If an input, an option or an output cannot be used; then nothing is written.
+    """
+    options = run.options
+    if options.prior not in _PRIORS:
+        raise OptionError(
+            f"--prior {options.prior} is for pictures of one depth: with --depths choose "
+            f"{', '.join(_PRIORS)}"
+        )
+    depths = sorted(depth_um(each) for each in options.depths or ())
+    measurement, psfs, camera = _read(run)
+    run.warn(*psfs.warnings, *psfs.depth_warnings(depths, None))
+    run.warn(*spacing_warnings(depths, psfs.depth_of_focus_per_m))
+    farthest = psfs.at(depths[-1])
+    support = _support(run, measurement, psfs)
+    _check_memory(run, measurement, farthest, support, len(depths))
+    operators = _operators(run, depths, measurement, psfs, camera, support)
+    run.begin()
+    problem = StackProblem.build(
+        StackConvolution(operators),
+        measurement.values.to(run.device),
+        valid=measurement.valid.to(run.device),
+        variance=_variance(run, measurement, camera),
+        prior=_PRIORS[options.prior],
+    )
+
+    def watch_weight(fraction: float) -> bool:
+        return run.reporter.step("% of the choice of tau", round(100 * fraction), 100, "the volume")
+
+    if options.tau == "auto":
+        tau = problem.choose_weight(watch_weight).tau / options.detail
+    else:
+        tau = options.tau
+    limit = options.iterations or _ITERATIONS
+
+    def watch(progress: Progress) -> bool:
+        return run.reporter.progress(progress, limit)
+
+    result = problem.solve(
+        tau, iterations=limit, tolerance=options.tolerance or _TOLERANCE, callback=watch
+    )
+    pages = result.scene.movedim(1, 0).cpu()
+    pages = torch.stack(
+        [flipped(arrange_rgb(page, measurement.channels), options.flip) for page in pages]
+    )
+    stack = FocalStack(tuple(depths), pages, (result.objective,) * len(depths))
+    together = transparent(stack)
+    exposure_white(together.picture)  # An empty volume is an error before anything is written.
+    figures: dict[str, Any] = {
+        **psfs.figures(),
+        "depths_mm": [depth_mm(each) for each in depths],
+        "light_of_depths": (pages.sum((1, 2, 3)) / pages.sum()).tolist(),
+        "iterations": result.iterations,
+        "stop_reason": "interrupted" if result.stop_reason == "callback" else result.stop_reason,
+        "objective": result.objective,
+        "tau": tau,
+        "prior": options.prior,
+        "occlusion": OCCLUSION,
+    }
+    parameters = {
+        "bin": psfs.bin_by,
+        "support": "full" if support is None else support.text,
+        "channel_names": list(measurement.channels),
+    }
+    title = f"{options.measurement.name}: {len(depths)} depths"
+    writers = volume_writers(options.output[0], stack, together, title, _names(measurement))
+    return Product(pages, figures, writers, parameters, result.history)
+
+
+def _names(measurement: Measurement) -> tuple[str, ...]:
+    return ("R", "G", "B") if len(measurement.channels) == 3 else measurement.channels
+
+
+def _read(run: Run[ReconstructOptions]) -> tuple[Measurement, DepthPsfs, Camera | None]:
+    """The measurement, PSFs for its depths, and the camera where it is known."""
+    options = run.options
+    frames = {
+        name: read_frame(path, mosaic=options.mosaic, bgr=options.bgr)
+        for name in ("measurement", "dark", "flat")
+        if (path := getattr(options, name)) is not None
+    }
+    folder = options.psf_folder
+    loaded = run.camera_beside(options.camera, folder)
+    psf = read_frame(options.psf) if folder is None else None
+    black = options.black
+    if psf is not None or black != "auto":
+        black = black_level(black, psf if psf is not None else frames["measurement"])
+
+    def developed(bin_by: int) -> tuple[Measurement, DepthPsfs]:
+        measurement = develop(
+            frames["measurement"],
+            dark=frames.get("dark"),
+            flat=frames.get("flat"),
+            black=None if black == "auto" else black,
+            white=options.white,
+            bin_by=bin_by,
+            channels=options.channels,
+        )
+        if folder is not None:
+            return measurement, read_depth_psfs(
+                run, folder, measurement, bin_by=bin_by, channels=options.channels
+            )
+        assert psf is not None
+        if loaded is None or options.distance is None:
+            raise OptionError(
+                f"--depths needs to know how the PSF {options.psf} changes with the distance: say "
+                "how far away its point source was (--distance 30cm) and the camera (--camera), "
+                f"or give a camera's folder with several PSFs, or one and a {CAMERA_FILE}"
+            )
+        sensor = loaded.camera.sensor
+        pixels = max(1, sensor.rows // (bin_by * measurement.size[0]))
+        entry = PsfEntry(
+            file=options.psf.name,
+            pixel=Length.of(pixels * sensor.pitch.um, "um"),
+            channels=psf.channels if psf.mosaic is None else ("R", "G", "B"),
+            distance=options.distance,
+            kind="extended",
+        )
+        psfs = DepthPsfs.of_set(
+            {entry: psf},
+            measurement,
+            loaded.camera,
+            where=str(options.psf),
+            bin_by=bin_by,
+            channels=options.channels,
+        )
+        return measurement, psfs
+
+    measurement, psfs = developed(options.bin_by)
+    if options.bin is None and options.support in ("auto", "full"):
+        # Two pixels are still less than a line.
+        by = max(1, int(psfs.line / 2))
+        if by > 1:
+            measurement, psfs = developed(by)
+            run.reporter.note(f"{by}×{by} pixels are one, as the PSF's lines are wider (--bin)")
+    return measurement, psfs, None if loaded is None else loaded.camera
+
+
+def _operators(
+    run: Run[ReconstructOptions],
+    depths: Sequence[float],
+    measurement: Measurement,
+    psfs: DepthPsfs,
+    camera: Camera | None,
+    support: PixelRectangle | None,
+) -> list[CroppedConvolution]:
+    """The forward model of each depth: by its PSF, or those over the field that the folder has."""
+    options, planes = run.options, [psfs.at(each) for each in depths]
+    fields = []
+    if options.psf_folder is not None and camera is not None and options.field_points != 1:
+        layers = Layers.of_camera(camera)
+        pixel_um = psfs.bin_by * camera.sensor.superpixel * camera.sensor.pitch.um
+        fields = [_field_psf(run, depth, measurement, psfs, layers, pixel_um) for depth in depths]
+    if not fields or any(each is None for each in fields):
+        return [CroppedConvolution(psf.to(run.device), measurement.size, support) for psf in planes]
+    operators: list[CroppedConvolution] = []
+    middle = torch.tensor([side // 2 for side in measurement.size])
+    for field, plane in zip(fields, planes, strict=True):
+        assert field is not None
+        size = [min(a, b) for a, b in zip(field.values.shape[-2:], plane.shape[-2:], strict=True)]
+        # Equally bright as the PSF of the depth is, which knows how PSFs of depths compare.
+        bright = [float(_middle(each, size).sum()) for each in (plane, field.on_axis)]
+        values = field.values * (bright[0] / bright[1])
+        operators.append(
+            FieldConvolution(
+                values.to(run.device), field.places + middle, measurement.size, support
+            )
+        )
+    return operators
+
+
+def _field_psf(
+    run: Run[ReconstructOptions],
+    depth: float,
+    measurement: Measurement,
+    psfs: DepthPsfs,
+    layers: Layers,
+    pixel_um: float,
+) -> FieldPsf | None:
+    """PSFs over the field of the nearest distance, in 1/z, each magnified to a depth."""
+    options = run.options
+    assert options.psf_folder is not None
+    folder = PsfFolder(options.psf_folder)
+    measured_um = min(psfs.distances_um, key=lambda each: abs(per_m(each) - per_m(depth)))
+    most = None if options.field_points == "auto" else options.field_points
+    found = folder.for_scene(measured_um, most)
+    run.reads({f"PSF {each.file}": folder.path / each.file for each in found.entries})
+    extended = found.ahead.size != (
+        measurement.size[0] * psfs.bin_by,
+        measurement.size[1] * psfs.bin_by,
+    )
+    development = Development(
+        found.ahead,
+        bin_by=psfs.bin_by,
+        channels=options.channels,
+        psf_geometry=PsfGeometry(extended=extended),
+        field_points=found.field_points,
+    )
+    field = development.field_psf(measurement)
+    if field is None:
+        return None
+    factors = [
+        layers.magnification(depth, shift) / layers.magnification(measured_um, shift)
+        for shift in (field.places.norm(dim=1) * pixel_um).tolist()
+    ]
+    pairs = zip(field.values, factors, strict=True)
+    return replace(field, values=torch.stack([magnified(psf, factor) for psf, factor in pairs]))
+
+
+def _middle(psf: Tensor, size: Sequence[int]) -> Tensor:
+    """Its part around the zero shift."""
+    starts = [side // 2 - n // 2 for side, n in zip(psf.shape[-2:], size, strict=True)]
+    return psf[..., starts[0] : starts[0] + size[0], starts[1] : starts[1] + size[1]]
+
+
+def _support(
+    run: Run[ReconstructOptions], measurement: Measurement, psfs: DepthPsfs
+) -> PixelRectangle | None:
+    """Pixels that light can come from; chosen as if all of it came from the middle depth."""
+    options = run.options
+    middle = psfs.at(psfs.middle_um)
+    if options.support == "full":
+        return None
+    if options.support != "auto":
+        return parse_support(options.support, measurement.size, middle)
+    reconstructor = DepthReconstructor(measurement, tau=1e-4, device=run.device).at(middle)
+
+    def watch(fraction: float) -> bool:
+        return run.reporter.step(
+            "% of the choice of the support", round(100 * fraction), 100, "the volume"
+        )
+
+    return reconstructor.choose_support(measurement, progress=watch).support
+
+
+def _check_memory(
+    run: Run[ReconstructOptions],
+    measurement: Measurement,
+    psf: Tensor,
+    support: PixelRectangle | None,
+    depths: int,
+) -> None:
+    """Refuse more depths than there is memory for, and say how many there is memory for."""
+    height, width = psf.shape[-2:]
+    padded = Geometry.build(measurement.size, (height, width), support).padded
+    each = stack_bytes(1, len(measurement.channels), padded)
+    fitting = int((memory_bytes(run.device) - BYTES_OF_PROGRAM) / each)
+    check_memory(
+        BYTES_OF_PROGRAM + depths * each,
+        run.device,
+        f"{max(1, fitting)} depths would fit in place of {depths}; --channels grey, a smaller "
+        "--support or larger pixels (--bin) need less",
+    )
+
+
+def _variance(
+    run: Run[ReconstructOptions], measurement: Measurement, camera: Camera | None
+) -> Tensor | None:
+    """Of the noise of each pixel, where it is known."""
+    if run.options.noise == "even" or (run.options.noise == "auto" and camera is None):
+        return None
+    return photon_variance(measurement, None if camera is None else camera.sensor).to(run.device)
