@@ -26,6 +26,7 @@ from nolens.files import CAMERA_FILE, read_frame
 from nolens.files.psf_folder import PsfFolder
 from nolens.files.stacks import volume_writers
 from nolens.jobs.reconstruction.options import ReconstructOptions, parse_support
+from nolens.jobs.reconstruction.stack import solve_stack
 from nolens.jobs.refocusing import read_depth_psfs
 from nolens.jobs.run import Product, Run
 from nolens.machine import BYTES_OF_PROGRAM, check_memory, memory_bytes
@@ -48,7 +49,7 @@ from nolens.refocusing import (
     spacing_warnings,
     transparent,
 )
-from nolens.solvers import Development, Progress, StackPrior, StackProblem, stack_bytes
+from nolens.solvers import Development, StackPrior, StackProblem, stack_bytes
 
 _PRIORS = {
     "auto": StackPrior(),
@@ -94,47 +95,30 @@ def reconstruct_volume(run: Run[ReconstructOptions]) -> Product[Tensor]:
         prior=_PRIORS[options.prior],
     )
 
-    def watch_weight(fraction: float) -> bool:
-        return run.reporter.step("% of the choice of tau", round(100 * fraction), 100, "the volume")
-
-    if options.tau == "auto":
-        tau = problem.choose_weight(watch_weight).tau / options.detail
-    else:
-        tau = options.tau
-    limit = options.iterations or _ITERATIONS
-
-    def watch(progress: Progress) -> bool:
-        return run.reporter.progress(progress, limit)
-
-    result = problem.solve(
-        tau, iterations=limit, tolerance=options.tolerance or _TOLERANCE, callback=watch
-    )
-    pages = result.scene.movedim(1, 0).cpu()
+    solved = solve_stack(run, problem, "the volume", iterations=_ITERATIONS, tolerance=_TOLERANCE)
+    pages = solved.scene.movedim(1, 0)
     pages = torch.stack(
         [flipped(arrange_rgb(page, measurement.channels), options.flip) for page in pages]
     )
-    stack = FocalStack(tuple(depths), pages, (result.objective,) * len(depths))
+    stack = FocalStack(tuple(depths), pages, (solved.result.objective,) * len(depths))
     together = transparent(stack)
     exposure_white(together.picture)  # An empty volume is an error before anything is written.
     figures: dict[str, Any] = {
         **psfs.figures(),
         "depths_mm": [depth_mm(each) for each in depths],
         "light_of_depths": (pages.sum((1, 2, 3)) / pages.sum()).tolist(),
-        "iterations": result.iterations,
-        "stop_reason": "interrupted" if result.stop_reason == "callback" else result.stop_reason,
-        "objective": result.objective,
-        "tau": tau,
+        **solved.figures,
         "prior": options.prior,
         "occlusion": OCCLUSION,
     }
     parameters = {
+        **solved.parameters,
         "bin": psfs.bin_by,
-        "support": "full" if support is None else support.text,
         "channel_names": list(measurement.channels),
     }
     title = f"{options.measurement.name}: {len(depths)} depths"
     writers = volume_writers(options.output[0], stack, together, title, _names(measurement))
-    return Product(pages, figures, writers, parameters, result.history)
+    return Product(pages, figures, writers, parameters, solved.result.history)
 
 
 def _names(measurement: Measurement) -> tuple[str, ...]:
