@@ -26,6 +26,14 @@ def _lines(summary: dict[str, Any]) -> list[str]:
             f"tau {summary['tau']:.3g}, {end}, {summary['seconds']:.1f} s on {summary['device']}",
             summary["occlusion"],
         ]
+    if "video" in summary:
+        video, end = summary["video"], f"{summary['seconds']:.1f} s on {summary['device']}"
+        return [
+            f"{video['frames']} frames of {1e3 * video['frame_s']:.3g} ms each; lines were exposed "
+            f"for {1e3 * video['exposure_s']:.3g} ms",
+            f"{summary['iterations']} iterations ({summary['stop_reason']}), tau "
+            f"{summary['tau']:.3g}, {end}",
+        ]
     report = summary["report"]["lines"]
     width = max(len(name) for name, _ in report)
     lines = [f"{name:{width}}  {text}" for name, text in report]

@@ -47,6 +47,8 @@ def _next_text(summary: dict[str, Any]) -> str:
 
 def _field_text(summary: dict[str, Any]) -> str:
     points, error = summary["field_points"], summary["field_error"]
+    if error is None and points > 1:
+        return f"{points}×{points} field points"
     if error is None:
         return "one PSF for the whole scene; how far off that is, is not known"
     return (

@@ -85,20 +85,22 @@ def write_mp4(path: str | Path, pictures: Tensor, *, white: float, per_second: i
         If PyAV is not installed, or the file cannot be written.
     """
     library = _av()
-    frames = [np.asarray(screen_picture(each, white).convert("RGB")) for each in pictures]
-    by = max(1, round(_MP4_ROWS / frames[0].shape[0]))
+    by = max(1, round(_MP4_ROWS / pictures.shape[-2]))
+    frames = []
+    for each in pictures:
+        pixels = np.asarray(screen_picture(each, white).convert("RGB"))
+        large = pixels.repeat(by, axis=0).repeat(by, axis=1)
+        # The colours of 2×2 pixels are one: sides have to be even.
+        frames.append(np.pad(large, [(0, n % 2) for n in large.shape[:2]] + [(0, 0)], "edge"))
     with (
         atomic_write(path) as temporary,
         library.open(str(temporary), "w", format="mp4") as container,
     ):
         stream = container.add_stream("libx264", rate=per_second, options={"crf": "16"})
         stream.pix_fmt = "yuv420p"
+        stream.height, stream.width = frames[0].shape[:2]
         for pixels in frames:
-            large = pixels.repeat(by, axis=0).repeat(by, axis=1)
-            # The colours of 2×2 pixels are one: sides have to be even.
-            large = np.pad(large, [(0, n % 2) for n in large.shape[:2]] + [(0, 0)], "edge")
-            stream.height, stream.width = large.shape[:2]
-            container.mux(stream.encode(library.VideoFrame.from_ndarray(large, "rgb24")))
+            container.mux(stream.encode(library.VideoFrame.from_ndarray(pixels, "rgb24")))
         container.mux(stream.encode())
 
 

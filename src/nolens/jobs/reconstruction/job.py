@@ -30,6 +30,7 @@ from nolens.jobs.reconstruction.sweep import (
     sweep_writers,
     swept_options,
 )
+from nolens.jobs.reconstruction.video import reconstruct_video
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.solvers import AdmmState, Method, Problem, Progress, Stop
 from nolens.solvers.explanation import picture_warnings
@@ -72,6 +73,8 @@ def reconstruct(run: Run[ReconstructOptions]) -> Product[Tensor]:
             f"{run.options.measurement} is one frame: leave it out, or give a folder or a stack of "
             "frames"
         )
+    if run.options.frames is not None:
+        return reconstruct_video(run)
     method_of(run.options)  # A contradiction is an error before anything is read.
     development = read_development(run)
     frame = read_frame(run.options.measurement, mosaic=run.options.mosaic, bgr=run.options.bgr)

@@ -27,6 +27,7 @@ from nolens.jobs.fields import (
     Dark,
     Detail,
     Device,
+    Exposure,
     FilePath,
     Files,
     Flat,
@@ -69,6 +70,7 @@ def _list_of_folder(path: Path) -> Path:
 _OF_ONE_DEPTH = {
     *("quality", "sweep", "psf_extent", "psf_scale", "psf_flip", "field", "method", "resume"),
     *("low_frequency", "latency", "penalties", "balance", "relaxation", "crop", "tiff_bits"),
+    *("frames", "exposure"),
 }
 """Options that planes of several depths do not have."""
 
@@ -144,7 +146,8 @@ class ReconstructOptions(JobOptions):
             "may be given several times. The record of the run goes beside the first, as .json. "
             "For a sequence, a folder: a .png for every frame, with one white for all. For "
             "--depths, a folder: volume.ome.tif (float), volume.html and sweep.html (pages to turn "
-            "it and to go through it), sweep.png, all-in-focus.png, depth.png, depth.tif (mm).",
+            "it and to go through it), sweep.png, all-in-focus.png, depth.png, depth.tif (mm). "
+            "With --frames a video, .mp4, its frames as OME-TIFF, .tif, or side by side, .png.",
             needed="the picture to write (-o out.png)",
             role="output",
             flag="-o",
@@ -196,6 +199,14 @@ class ReconstructOptions(JobOptions):
             "out-sweep.png: tau (the chosen or stated one times 4, 2, 1/2, 1/4), method, prior or "
             "support.",
             label="Compare",
+        ),
+    ] = None
+    frames: Annotated[
+        Annotated[int, Between(2, 500)] | None,
+        Option(
+            "A video of so many frames from one frame of a camera with a rolling shutter, such as "
+            "24: --psf is the folder of a camera whose sensor has line_time_us and rolling.",
+            label="Frames of a video",
         ),
     ] = None
     support: ChosenSupport = "auto"
@@ -308,6 +319,15 @@ class ReconstructOptions(JobOptions):
             default="1.8; 1.5 where the scene fills the view",
         ),
     ] = None
+    exposure: Annotated[
+        Exposure | None,
+        Option(
+            "With --frames, the exposure time of a line, such as 1ms.",
+            INPUT,
+            default="what the frame's file says",
+            label="Exposure time of a line",
+        ),
+    ] = None
     device: Device = "auto"
     crop: Annotated[
         Window | Literal["all"] | None,
@@ -333,6 +353,35 @@ class ReconstructOptions(JobOptions):
             raise OptionError(f"--noise {self.noise} is for --depths: leave it out")
         self._check_sweep()
         self._check_folder()
+        self._check_video()
+
+    def _check_video(self) -> None:
+        """Refuse what a video from one frame cannot have."""
+        if self.frames is None and self.exposure is not None:
+            raise OptionError(
+                f"--exposure {self.exposure} is for a video from one frame: give --frames, or "
+                "leave it out"
+            )
+        unfit = {
+            "--sweep": self.sweep is not None,
+            "--resume": self.resume is not None,
+            "--quality": self.quality is not None,
+            "--method": self.method is not Method.ADMM,
+            "--prior": self.prior != "auto",
+        }
+        given = [name for name, is_given in unfit.items() if is_given]
+        if self.frames is not None and (given or self.is_sequence):
+            what = f"leave out {' and '.join(given)}" if given else "give one frame (FILE#1)"
+            raise OptionError(
+                f"--frames {self.frames} makes a video of one frame, by ADMM with total variation "
+                f"in space and time: {what}"
+            )
+        if self.frames is not None and self.support == "auto" and self.field is None:
+            raise OptionError(
+                f"--frames {self.frames}: one frame of a moving scene does not show where its "
+                "light comes from. Give --support HEIGHTxWIDTH (nolens simulate prints it), or "
+                "--field and --camera; --support full takes light from everywhere"
+            )
 
     def _check_volume(self) -> None:
         """Refuse what pictures of one depth have alone, and a file in place of a folder."""
@@ -438,6 +487,7 @@ class ReconstructOptions(JobOptions):
             planes = [Written(what, self.output[0] / name) for what, name in names]
             return (*planes, Written("record of the run", self.record))
         suffixes = () if self.is_sequence else (".png", ".tif", ".tiff")
+        suffixes = suffixes if self.frames is None else (*suffixes, ".mp4")
         pictures = [Written("output", path, suffixes=suffixes) for path in self.output]
         if self.sweep is not None:
             pictures += [

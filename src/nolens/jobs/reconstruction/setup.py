@@ -40,12 +40,57 @@ from nolens.solvers import (
 from nolens.solvers.admm_state import Balance
 from nolens.solvers.explanation import explain
 from nolens.solvers.held_out import Prediction
-from nolens.solvers.inputs import support_of
+from nolens.solvers.inputs import support_of, tensor_of
 from nolens.solvers.reconstructor import SPARE
 from nolens.solvers.result import window_of
 
 _RESUMED = 1e-4
 """A weight that stands for the one of a state, until that is read."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What the first measurement decides before a problem is built.
+
+    `options` have the binning that was chosen, `development` has it too. `psf` is how its file
+    is read, `light` the choice of the support, where it was the program's.
+    """
+
+    options: ReconstructOptions
+    psf: PsfChoice
+    development: Development
+    measurement: Measurement
+    reconstructor: Reconstructor
+    light: SupportChoice | None
+
+    @classmethod
+    def of(
+        cls,
+        run: Run[ReconstructOptions],
+        development: Development,
+        frame: Frame,
+        chosen: Mapping[str, Any] | None = None,
+    ) -> "Prepared":
+        """Develop measurement and PSF; the weight of the prior is not chosen."""
+        if chosen is None:
+            choice, options = _psf_choice(run, development, frame), run.options
+        else:
+            choice = PsfChoice(_as_chosen(development, chosen))
+            update = {"bin": chosen["bin"], "tau": chosen["tau"], "detail": 1.0}
+            options = run.options.model_copy(update=update)
+        options, developed = _developed(run, options, choice.development, frame)
+        psf = developed.prepared.values
+        support = _support(options, developed.measurement.size, psf)
+        for text in developed.prepared.notes:
+            run.reporter.note(text)
+        run.warn(*developed.prepared.warnings)
+        measurement, development = developed.measurement, developed.development
+        field_psf = development.field_psf(measurement)
+        reconstructor = _reconstructor(options, psf, support, run.device, field_psf)
+        light = _light(run, reconstructor, options, measurement)
+        if light is not None:
+            reconstructor = replace(reconstructor, support=light.support)
+        return cls(options, choice, development, measurement, reconstructor, light)
 
 
 @dataclass(frozen=True)
@@ -80,24 +125,11 @@ class Setup:
 
         `chosen` are the `choices` of a run before, in place of new ones.
         """
-        if chosen is None:
-            choice, options = _psf_choice(run, development, frame), run.options
-        else:
-            choice = PsfChoice(_as_chosen(development, chosen))
-            update = {"bin": chosen["bin"], "tau": chosen["tau"], "detail": 1.0}
-            options = run.options.model_copy(update=update)
-        options, developed = _developed(run, options, choice.development, frame)
-        psf = developed.prepared.values
-        support = _support(options, developed.measurement.size, psf)
-        for text in developed.prepared.notes:
-            run.reporter.note(text)
-        run.warn(*developed.prepared.warnings)
-        measurement, development = developed.measurement, developed.development
-        field_psf = development.field_psf(measurement)
-        reconstructor = _reconstructor(options, psf, support, run.device, field_psf)
-        light = _light(run, reconstructor, options, measurement)
-        if light is not None:
-            reconstructor = replace(reconstructor, support=light.support)
+        prepared = Prepared.of(run, development, frame, chosen)
+        options, choice, light = prepared.options, prepared.psf, prepared.light
+        development, measurement = prepared.development, prepared.measurement
+        reconstructor = prepared.reconstructor
+        field_psf, psf = reconstructor.field_psf, tensor_of(reconstructor.psf, "PSF")
         if options.psf_folder is not None and field_psf is not None:
             # Most reconstructions need no camera.
             from nolens.files.psf_folder import PsfFolder
@@ -118,7 +150,7 @@ class Setup:
             run.warn(*explanation.warnings)
             prediction = explanation.prediction
         problem = reconstructor.problem(measurement)
-        window = _crop_window(options, problem, psf)
+        window = crop_window(options, problem, psf)
         return cls(
             options,
             choice,
@@ -151,7 +183,7 @@ class Setup:
             reconstructor=reconstructor,
             weight=weight,
             problem=problem,
-            window=_crop_window(options, problem, psf),
+            window=crop_window(options, problem, psf),
         )
 
     @property
@@ -437,7 +469,7 @@ def _support(
     return parse_support(f"{side[0]}x{side[1]}", sensor, psf)
 
 
-def _crop_window(
+def crop_window(
     options: ReconstructOptions, problem: Problem, psf: Tensor
 ) -> tuple[int, int, int, int]:
     """Part of the scene that is written, (top, left, height, width).

@@ -1,0 +1,170 @@
+"""A video from one frame of a camera with a rolling shutter."""
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from nolens.camera import (
+    Frame,
+    LoadedCamera,
+    Sensor,
+    arrange_rgb,
+    exposure_white,
+    flipped,
+)
+from nolens.errors import OptionError
+from nolens.files import CAMERA_FILE, read_frame
+from nolens.files.contact_sheet import SheetPicture, write_contact_sheet
+from nolens.files.ome import write_ome_tiff
+from nolens.files.psf_folder import pixel_of_camera
+from nolens.files.video import check_video_support, write_mp4
+from nolens.jobs.reconstruction.options import LESS_MEMORY, ReconstructOptions
+from nolens.jobs.reconstruction.setup import Prepared, crop_window, psf_row, read_development
+from nolens.jobs.run import Product, Run, Writer
+from nolens.solvers import StackProblem, stack_bytes
+from nolens.solvers.inputs import tensor_of
+from nolens.solvers.result import window_of
+from nolens.solvers.video import ACROSS, VideoProblem
+
+_ITERATIONS, _TOLERANCE = 100, 3e-3
+_PER_SECOND = 12
+"""Frames of the .mp4 in a second: two seconds for 24."""
+_ON_SHEET = 24
+_APART = 2.0
+"""Frames within a line's exposure from which on neighbours are hardly told apart."""
+
+
+def reconstruct_video(run: Run[ReconstructOptions]) -> Product[Tensor]:
+    """Radiance of the frames, (frames, channels, height, width).
+
+    Raises
+    ------
+    NolensError
+        If an input, an option or an output cannot be used; then nothing is written.
+    """
+    options, frames = run.options, run.options.frames
+    assert frames is not None
+    if any(path.suffix.lower() == ".mp4" for path in options.output):
+        check_video_support()
+    camera = run.camera_beside(None, options.psf.parent)
+    sensor = _rolling_sensor(options, camera)
+    frame = read_frame(options.measurement, mosaic=options.mosaic, bgr=options.bgr)
+    assert camera is not None
+    pixel_of_camera(frame, camera)
+    prepared = Prepared.of(run, read_development(run), frame)
+    options, measurement, reconstructor = (
+        prepared.options,
+        prepared.measurement,
+        prepared.reconstructor,
+    )
+    problem = VideoProblem.build(
+        reconstructor, measurement, sensor, _exposure_s(options, frame), frames
+    )
+    shutter, single = problem.shutter, problem.single
+    distinct = max(2, int(shutter.duration_s / shutter.exposure_s))
+    if shutter.exposure_s > _APART * problem.frame_s:
+        run.warn(
+            f"each line is exposed for {shutter.exposure_s / problem.frame_s:.1f} frames, which "
+            f"blurs them into one another: a shorter exposure, or --frames {distinct}"
+        )
+    run.begin(stack_bytes(frames, single.channels, single.forward.geometry.padded), LESS_MEMORY)
+    tau, steps = _weight(run, options, problem.stack)
+    limit = options.iterations or _ITERATIONS
+    result = problem.stack.solve(
+        tau,
+        iterations=limit,
+        tolerance=_TOLERANCE if options.tolerance is None else options.tolerance,
+        callback=lambda progress: run.reporter.progress(progress, limit),
+    )
+    window = crop_window(options, single, tensor_of(reconstructor.psf, "PSF"))
+    video = flipped(window_of(problem.video(result.scene), window).cpu(), options.flip)
+    figures = {
+        "method": "admm",
+        "iterations": result.iterations,
+        "stop_reason": result.stop_reason,
+        "tau": tau,
+        "automatic_tau": options.tau == "auto",
+        "video": {
+            "frames": len(video),
+            "frame_s": problem.frame_s,
+            "exposure_s": shutter.exposure_s,
+            "duration_s": shutter.duration_s,
+        },
+    }
+    support = single.forward.support
+    parameters = {
+        "bin": options.bin_by,
+        "black": prepared.development.black,
+        "psf": psf_row(prepared.psf),
+        "support": "full" if support is None else support.text,
+        "weights": steps,
+        "across": ACROSS,
+        "channel_names": list(measurement.channels),
+        "threads": torch.get_num_threads(),
+    }
+    writers = _writers(options.output, video, measurement.channels, problem.frame_s)
+    return Product(video, figures, writers, parameters, result.history)
+
+
+def _rolling_sensor(options: ReconstructOptions, camera: LoadedCamera | None) -> Sensor:
+    """The camera's sensor, whose lines are exposed one after another."""
+    if camera is None:
+        raise OptionError(
+            f"--frames {options.frames} needs the line time of the sensor, and there is no "
+            f"{CAMERA_FILE} beside {options.psf}: give the folder of a camera (--psf FOLDER)"
+        )
+    if camera.camera.sensor.line_time_us is None:
+        raise OptionError(
+            f"--frames {options.frames}: all lines of {camera.camera.name!r} are exposed at once, "
+            "so that one frame shows one moment. For a rolling shutter give line_time_us and "
+            f'rolling, such as "down", under [sensor] in {options.psf.parent / CAMERA_FILE}'
+        )
+    return camera.camera.sensor
+
+
+def _exposure_s(options: ReconstructOptions, frame: Frame) -> float:
+    if options.exposure is not None:
+        return options.exposure.s
+    if frame.exposure_s is None:
+        raise OptionError(
+            f"{frame.source} does not say how long its lines were exposed: give --exposure, such "
+            "as --exposure 1ms"
+        )
+    return frame.exposure_s
+
+
+def _weight(
+    run: Run[ReconstructOptions], options: ReconstructOptions, problem: StackProblem
+) -> tuple[float, list[dict[str, float]]]:
+    """τ as it is stated, or chosen by held-out pixels; and what was tried."""
+    if options.tau != "auto":
+        return options.tau, []
+
+    def watch(fraction: float) -> bool:
+        return run.reporter.step("% of the choice of tau", round(100 * fraction), 100, "the video")
+
+    weight = problem.choose_weight(watch)
+    return weight.tau / options.detail, [step.row() for step in weight.steps]
+
+
+def _writers(
+    outputs: Sequence[Path], video: Tensor, channels: tuple[str, ...], frame_s: float
+) -> dict[Path, Writer]:
+    """What writes each file; all frames have one white."""
+    pictures = torch.stack([arrange_rgb(each, channels) for each in video])
+    white = exposure_white(pictures.movedim(0, 1).flatten(1, 2))
+    every = -(-len(video) // _ON_SHEET)
+    sheet = [
+        SheetPicture(f"{1e3 * (number + 0.5) * frame_s:.3g} ms", pictures[number])
+        for number in range(0, len(video), every)
+    ]
+    about = {"TimeIncrement": frame_s, "TimeIncrementUnit": "s"}
+    kinds = {
+        ".mp4": partial(write_mp4, pictures=pictures, white=white, per_second=_PER_SECOND),
+        ".png": partial(write_contact_sheet, pictures=sheet, white=white),
+    }
+    stack = partial(write_ome_tiff, stack=video, axis="T", channels=channels, pixels=about)
+    return {path: kinds.get(path.suffix.lower(), stack) for path in outputs}
