@@ -8,6 +8,7 @@ it and its mask; `preset` has some, and TOML text holds any. Nothing in here rea
 file of the user's.
 """
 
+from nolens.camera.curves import AngularCurve, CurveFile, SpectralCurve
 from nolens.camera.description import (
     Aperture,
     Camera,
@@ -19,12 +20,13 @@ from nolens.camera.description import (
     ReliefFile,
 )
 from nolens.camera.field_psf import FieldPsf
+from nolens.camera.filters import FilterArray, Filters, Polariser
 from nolens.camera.frame import MOSAICS, Frame
 from nolens.camera.materials import MATERIALS, Material, material
 from nolens.camera.measurement import BlackLevel, Measurement, black_level, dark_corner, develop
 from nolens.camera.psf import Flip, PreparedPsf, PsfGeometry, check_psf, flipped, prepare_psf
 from nolens.camera.psf_set import PsfEntry, PsfKind, PsfSet
-from nolens.camera.sensor import AngularCurve, CurveFile, Package, Sensor, SpectralCurve
+from nolens.camera.sensor import Package, Sensor
 from nolens.camera.shutter import Shutter, developed_rows
 from nolens.camera.toml import PRESETS, from_mapping, from_toml, preset, preset_text, to_toml
 from nolens.camera.values import arrange_rgb, exposure_white, linear_from_srgb, srgb_from_linear
@@ -39,6 +41,8 @@ __all__ = [
     "Camera",
     "CurveFile",
     "FieldPsf",
+    "FilterArray",
+    "Filters",
     "Flat",
     "Flip",
     "Frame",
@@ -48,6 +52,7 @@ __all__ = [
     "Material",
     "Measurement",
     "Package",
+    "Polariser",
     "PreparedPsf",
     "PsfEntry",
     "PsfGeometry",

@@ -6,10 +6,12 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, field_validator, model_validator
 from torch import Tensor
 
+from nolens.camera.curves import AngularCurve, CurveFile, SpectralCurve
+from nolens.camera.filters import Filters
 from nolens.camera.materials import Material, check_own_name, material
 from nolens.camera.part import Number, Part, PositiveLength, Text, TiffFile, refusal
 from nolens.camera.psf_set import Distance
-from nolens.camera.sensor import AngularCurve, CurveFile, Sensor, SpectralCurve
+from nolens.camera.sensor import Sensor
 from nolens.errors import DataError, OptionError
 from nolens.quantities import Length
 from nolens.ranges import Between
@@ -237,6 +239,12 @@ class Camera(Part):
         """
         return tuple(self._index_of(layer, wavelength_nm) for layer in self.layers)
 
+    @property
+    def files(self) -> list[str]:
+        """Names of the files that it names, in its folder."""
+        relief = self.mask.relief
+        return [*self.sensor.files, *([relief.file] if isinstance(relief, ReliefFile) else [])]
+
     def media(self, wavelength_nm: float) -> tuple[float, ...]:
         """Index of the space that the scene is in, and `indices`."""
         return (self.outside, *self.indices(wavelength_nm))
@@ -263,12 +271,15 @@ class LoadedCamera:
         Response over the angle of incidence.
     relief_um
         Heights in um, float32, (rows, columns); None where the relief is not a file.
+    filters
+        On the sensor's pixels; None where all pixels are alike or it has a mosaic.
     """
 
     camera: Camera
     quantum_efficiency: SpectralCurve
     acceptance: AngularCurve
     relief_um: Tensor | None = None
+    filters: Filters | None = None
 
     @classmethod
     def of(cls, camera: Camera) -> "LoadedCamera":
@@ -280,14 +291,18 @@ class LoadedCamera:
             If it does name one.
         """
         efficiency, acceptance = camera.sensor.quantum_efficiency, camera.sensor.acceptance
-        for part in (efficiency, acceptance, camera.mask.relief):
-            if isinstance(part, CurveFile | ReliefFile):
-                raise DataError(
-                    f"the camera {camera.name!r} names the file {part.file}: read it from its "
-                    "folder with nolens.files.read_camera"
-                )
+        if camera.files:
+            raise DataError(
+                f"the camera {camera.name!r} names the file {camera.files[0]}: read it from its "
+                "folder with nolens.files.read_camera"
+            )
         assert isinstance(efficiency, SpectralCurve) and isinstance(acceptance, AngularCurve)
-        return cls(camera, efficiency, acceptance)
+        array, filters = camera.sensor.filters, None
+        if array is not None:
+            curve = array.transmission
+            assert not isinstance(curve, CurveFile)
+            filters = Filters.of(array, (camera.sensor.rows, camera.sensor.columns), curve)
+        return cls(camera, efficiency, acceptance, filters=filters)
 
     def with_relief(
         self, relief: RandomLenslets | ReliefFile, relief_um: Tensor | None = None

@@ -79,3 +79,4 @@ PixelPitch = Annotated[Length, Between("50 nm", "10 mm")]
 """From one pixel to the next, or of pixels that are added up."""
 CsvFile = Annotated[str, Field(max_length=255), _file_in_folder(".csv")]
 TiffFile = Annotated[str, Field(max_length=255), _file_in_folder(".tif", ".tiff")]
+MapFile = Annotated[str, Field(max_length=255), _file_in_folder(".tif", ".tiff", ".npy")]

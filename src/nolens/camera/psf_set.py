@@ -51,6 +51,8 @@ class PsfEntry(Part):
     frame
         Whether the file's middle follows the ray through the camera's middle (zero shift is the
         pixel (rows // 2, columns // 2)), or stays on the sensor's as it was captured.
+    wavelength
+        Of the light; None where that is white, or not known.
     usable_per_mm
         Spatial frequency to which it stands out of its noise; None where that is not known.
     """
@@ -62,6 +64,7 @@ class PsfEntry(Part):
     angle: tuple[FieldAngle, FieldAngle] = (Angle("0", "deg"), Angle("0", "deg"))
     kind: PsfKind = "captured"
     frame: Literal["chief-ray", "sensor"] = "chief-ray"
+    wavelength: Annotated[Length, Between("350 nm", "1100 nm")] | None = None
     usable_per_mm: Annotated[float, Between(1e-6, 1e6)] | None = None
 
     @model_validator(mode="before")
@@ -89,8 +92,8 @@ class PsfEntry(Part):
 
     def replaces(self, other: "PsfEntry") -> bool:
         """Whether both are of the same kind, and of the same point source or one file."""
-        place = self.distance, self.angle
-        same = place == (other.distance, other.angle) or self.file == other.file
+        place = self.distance, self.angle, self.wavelength
+        same = place == (other.distance, other.angle, other.wavelength) or self.file == other.file
         return same and self.kind == other.kind
 
 

@@ -19,7 +19,7 @@ from nolens.printable import quoted, suggestion
 PRESETS = ("paper", "paper-film", "small", "live")
 """Names of the cameras that come with the package."""
 
-_CHOICES = ("relief", "quantum_efficiency", "acceptance")
+_CHOICES = ("relief", "quantum_efficiency", "acceptance", "transmission")
 _MOST = 3
 _SUBJECT = re.compile(r"^(Input|Tuple|String|Dictionary) should ")
 _WIDTH = 100

@@ -23,8 +23,8 @@ from nolens.twin import (
     Twin,
     expose,
     half_field,
-    mosaic,
     photocurrents,
+    pixel_currents,
 )
 
 _ANGLE_DEG = 40.0
@@ -218,9 +218,7 @@ class TwinSource(CameraSource):
                     distance_um=camera.reference_distance.um,
                     light=Light(_LIGHT),
                 )
-                currents = photocurrents(twin, Light(_LIGHT), _LUMINANCE_CD_M2)[:, None, None]
-                size = camera.sensor.rows, camera.sensor.columns
-                current = mosaic(currents.expand(-1, *size), camera.sensor.mosaic)
+                current = pixel_currents(twin, Light(_LIGHT), _LUMINANCE_CD_M2)
                 self._prepared = model, current.contiguous()
             return self._prepared
 

@@ -17,13 +17,16 @@ def _lines(summary: dict[str, Any]) -> list[str]:
         end = f"{summary['seconds']:.1f} s on {summary['device']}"
         dropped = f", {len(summary['dropped'])} dropped" if summary["dropped"] else ""
         return [f"{summary['frames']} frames{dropped} ({summary['stop_reason']}), {end}"]
-    if "depths_mm" in summary:
+    if "depths_mm" in summary or "bands" in summary:
+        end = f"{summary['iterations']} iterations ({summary['stop_reason']})"
+        end = f"tau {summary['tau']:.3g}, {end}, {summary['seconds']:.1f} s on {summary['device']}"
+        if "bands" in summary:
+            return [f"{len(summary['bands'])} bands: {', '.join(summary['bands'])}", end]
         depths = [at if isinstance(at, str) else f"{at:g} mm" for at in summary["depths_mm"]]
         light = zip(depths, summary["light_of_depths"], strict=True)
-        end = f"{summary['iterations']} iterations ({summary['stop_reason']})"
         return [
             "light at " + ", ".join(f"{at} {100 * part:.0f} %" for at, part in light),
-            f"tau {summary['tau']:.3g}, {end}, {summary['seconds']:.1f} s on {summary['device']}",
+            end,
             summary["occlusion"],
         ]
     if "video" in summary:

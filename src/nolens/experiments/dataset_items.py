@@ -24,8 +24,7 @@ from nolens.twin import (
     expose,
     half_field,
     in_channels,
-    mosaic,
-    photocurrents,
+    pixel_currents,
     preview_model,
 )
 
@@ -404,8 +403,7 @@ def simulate_item(
         rotation_rad=math.radians(settings.psf_rotation_deg),
         blur_pixels=settings.psf_blur_pixels,
     )
-    currents = photocurrents(twin, model.illuminant, luminance_cd_m2)[:, None, None]
-    current = mosaic(currents.expand(-1, sensor.rows, sensor.columns), sensor.mosaic)
+    current = pixel_currents(twin, model.illuminant, luminance_cd_m2)
 
     def rate_of(scene: Tensor) -> Tensor:
         rate = camera.light(scene).mul_(current)

@@ -12,11 +12,14 @@ from nolens.errors import DataError
 from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
 from nolens.progress import ProgressCallback, part_of
+from nolens.quantities import Angle
 from nolens.solvers import Progress, Reconstructor
 from nolens.twin import (
     LARGEST_ANGLE_DEG,
+    Band,
     FieldMap,
     FieldModel,
+    Irradiated,
     Light,
     Plane,
     PlaneView,
@@ -29,6 +32,7 @@ from nolens.twin import (
     irradiate_bytes,
     mosaic,
     photocurrents,
+    pixel_currents,
     point_spread,
     polychromatic_psf_bytes,
     render_planes,
@@ -279,7 +283,11 @@ class VirtualExperiment:
         """Light of one point on every pixel, in the pixel's colour; points add up."""
         size = self.sensor.rows, self.sensor.columns
         psf = self.psf(source, size, progress, pixels=1, frame="sensor")
-        return mosaic(psf, self.sensor.mosaic)
+        light = mosaic(psf, self.sensor.mosaic)
+        if self.twin.filters is None:
+            return light
+        currents = pixel_currents(self.twin, self.light, 1.0)
+        return light * (currents / currents.max())
 
     def measure(
         self,
@@ -314,6 +322,7 @@ class VirtualExperiment:
         exposure_s: float | None = None,
         luminance_cd_m2: float = 1.0,
         seed: int = 0,
+        bands: tuple[Band, ...] = (),
         progress: ProgressCallback | None = None,
     ) -> SimulatedMeasurement:
         """The sensor's frame of views on the pixels of a map; the rest as `measure`.
@@ -327,25 +336,42 @@ class VirtualExperiment:
         exposure_s
             Exposure time in place of `fill`.
         luminance_cd_m2
-            Of what has the radiance 1.
+            Of what has the radiance 1, in one band where there are bands.
+        bands
+            What each channel of the views is; none where they are the sensor's.
 
         Raises
         ------
         DataError
             If no light reaches the sensor, and no exposure time is given.
         """
-        irradiance = irradiate(
-            self.twin,
-            replace(field, twin=self.twin),
-            views,
-            field_points=self.field_points,
-            light=self.light,
-            wavelengths=self.wavelengths,
-            progress=progress,
-        )
-        currents = photocurrents(self.twin, self.light, luminance_cd_m2)[:, None, None]
-        light = irradiance.light
-        rate = light * mosaic(currents.expand(-1, *light.shape), self.sensor.mosaic)
+        rate = light = torch.zeros(self.sensor.rows, self.sensor.columns)
+        squared_error: float | None = 0.0
+        slices: list[tuple[Light, Angle | None, tuple[PlaneView, ...]]]
+        slices = [(self.light, None, views)]
+        if bands:
+            slices = [
+                (band.light(self.light), band.polarisation, self._slice(views, number))
+                for number, band in enumerate(bands)
+            ]
+        for number, (spectrum, polarisation, seen) in enumerate(slices):
+            part = irradiate(
+                self.twin,
+                replace(field, twin=self.twin),
+                seen,
+                field_points=self.field_points,
+                light=spectrum,
+                wavelengths=self.wavelengths,
+                progress=part_of(progress, number, len(slices)),
+            )
+            light = light + part.light
+            rate = rate + part.light * pixel_currents(
+                self.twin, spectrum, luminance_cd_m2, polarisation
+            )
+            if squared_error is not None:
+                error = part.field_error
+                squared_error = None if error is None else squared_error + error**2
+        irradiance = Irradiated(light, None if squared_error is None else math.sqrt(squared_error))
         if exposure_s is None:
             exposure_s = self.exposure_of(rate, fill)
         electrons = rate * exposure_s
@@ -410,8 +436,7 @@ class VirtualExperiment:
         for scene, fractions in zip(scenes, shutter.fractions(times), strict=True):
             if bool(fractions.any()):
                 light += fractions[:, None] * model.light(scene)
-        currents = photocurrents(self.twin, self.light, luminance_cd_m2)[:, None, None]
-        rate = light * mosaic(currents.expand(-1, *light.shape), self.sensor.mosaic)
+        rate = light * pixel_currents(self.twin, self.light, luminance_cd_m2)
         electrons = rate * exposure_s
         return SimulatedMeasurement(
             self._frame(electrons, seed),
@@ -423,6 +448,14 @@ class VirtualExperiment:
             float(electrons.max()),
             self.field_points,
             None,
+        )
+
+    def _slice(self, views: tuple[PlaneView, ...], number: int) -> tuple[PlaneView, ...]:
+        """One band of views, in the channels of the sensor."""
+        count = len(self.sensor.channels)
+        return tuple(
+            replace(view, radiance=view.radiance[number : number + 1].expand(count, -1, -1))
+            for view in views
         )
 
     def exposed(self, image: Tensor, fill: float, seed: int) -> Frame:

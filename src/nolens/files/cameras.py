@@ -21,6 +21,7 @@ from nolens.camera import (
     AngularCurve,
     Camera,
     CurveFile,
+    Filters,
     Frame,
     LoadedCamera,
     Material,
@@ -93,7 +94,7 @@ def camera_files(source: str | Path, camera: Camera) -> dict[str, Path]:
     if str(source) in PRESETS:
         return {}
     path = _find(source)
-    files = {f"camera's {name}": path.parent / name for name in _named_files(camera)}
+    files = {f"camera's {name}": path.parent / name for name in camera.files}
     return {"camera": path} | files
 
 
@@ -141,7 +142,7 @@ def write_camera(
             write_tiff, values=heights.numpy(), note=HEIGHTS_IN_UM
         )
     writers |= {folder / name: write for name, write in (more or {}).items()}
-    for name in _named_files(camera):
+    for name in camera.files:
         if folder / name not in writers and not (folder / name).is_file():
             raise FileError(
                 f"the camera {camera.name!r} names the file {name}, which is not in {folder}: "
@@ -156,17 +157,12 @@ def write_description(path: Path, camera: Camera) -> None:
 
 
 def curve_copies(name: str | Path, loaded: LoadedCamera) -> dict[str, Writer]:
-    """What copies the curves that a camera names: for each file, a writer for `write_camera`.
+    """What copies the curves and filters that a camera names.
 
-    `name` is what the camera was read from.
+    For each file, a writer for `write_camera`. `name` is what the camera was read from.
     """
-    sensor = loaded.camera.sensor
     files = camera_files(name, loaded.camera)
-    return {
-        curve.file: partial(_copy, files[f"camera's {curve.file}"])
-        for curve in (sensor.quantum_efficiency, sensor.acceptance)
-        if isinstance(curve, CurveFile)
-    }
+    return {file: partial(_copy, files[f"camera's {file}"]) for file in loaded.camera.sensor.files}
 
 
 def camera_copies(name: str | Path, loaded: LoadedCamera) -> dict[str, Writer]:
@@ -216,20 +212,35 @@ def _load(camera: Camera, folder: Path) -> LoadedCamera:
     """A camera with the files that its description names."""
     efficiency, acceptance = camera.sensor.quantum_efficiency, camera.sensor.acceptance
     if isinstance(efficiency, CurveFile):
-        efficiency = _read_spectral_curve(folder / efficiency.file, camera.sensor)
+        efficiency = _read_spectral_curve(folder / efficiency.file, camera.sensor.channels)
     if isinstance(acceptance, CurveFile):
         acceptance = _read_angular_curve(folder / acceptance.file)
     heights = None
     if isinstance(camera.mask.relief, ReliefFile):
         path = folder / camera.mask.relief.file
         heights = _heights(read_frame(path).counts, str(path))
-    return LoadedCamera(camera, efficiency, acceptance, heights)
+    filters = _read_filters(folder, camera.sensor)
+    return LoadedCamera(camera, efficiency, acceptance, heights, filters)
 
 
-def _named_files(camera: Camera) -> list[str]:
-    """Files that a camera names."""
-    parts = (camera.sensor.quantum_efficiency, camera.sensor.acceptance, camera.mask.relief)
-    return [part.file for part in parts if isinstance(part, CurveFile | ReliefFile)]
+def _read_filters(folder: Path, sensor: Sensor) -> Filters | None:
+    """The filters on a sensor's pixels, where it has any."""
+    array = sensor.filters
+    if array is None:
+        return None
+    curve, numbers, source = array.transmission, None, "the map of filters"
+    if isinstance(curve, CurveFile):
+        curve = _read_spectral_curve(folder / curve.file)
+    if array.map is not None:
+        source = str(folder / array.map)
+        values = read_frame(folder / array.map).counts
+        numbers = values[0].round().long()
+        if len(values) != 1 or not torch.equal(numbers.float(), values[0]):
+            raise DataError(
+                f"{source} is no map of whole numbers with one channel: give the number of the "
+                "filter of each pixel, from 0"
+            )
+    return Filters.of(array, (sensor.rows, sensor.columns), curve, numbers, source)
 
 
 def _heights(values: Tensor, source: str) -> Tensor:
@@ -249,9 +260,9 @@ def _heights(values: Tensor, source: str) -> Tensor:
     return heights
 
 
-def _read_spectral_curve(path: Path, sensor: Sensor) -> SpectralCurve:
-    """Read a table with ``wavelength_nm,R,G,B`` or ``wavelength_nm,grey``, as the sensor has it."""
-    columns, lines = _read_table(path, ("wavelength_nm", *sensor.channels))
+def _read_spectral_curve(path: Path, channels: tuple[str, ...] = ()) -> SpectralCurve:
+    """Read a table with ``wavelength_nm,R,G,B`` or the like; without channels, with any names."""
+    columns, lines = _read_table(path, ("wavelength_nm", *channels), and_others=not channels)
     wavelengths = columns.pop("wavelength_nm")
     fields = {"source": path.name, "wavelength_nm": wavelengths, "values": columns}
     return _check_curve(SpectralCurve, fields, path, lines)
@@ -287,7 +298,9 @@ def _read_angular_curve(path: Path) -> AngularCurve:
     return _check_curve(AngularCurve, {"source": path.name, **columns}, path, lines)
 
 
-def _read_table(path: Path, names: tuple[str, ...]) -> tuple[dict[str, list[float]], list[int]]:
+def _read_table(
+    path: Path, names: tuple[str, ...], *, and_others: bool = False
+) -> tuple[dict[str, list[float]], list[int]]:
     """Columns of numbers by name, and the number of the line each row stands on."""
     rows: list[list[float]] = []
     lines: list[int] = []
@@ -295,10 +308,13 @@ def _read_table(path: Path, names: tuple[str, ...]) -> tuple[dict[str, list[floa
     for line, fields in _read_lines(path):
         if header is None:
             header = fields
+            if and_others and len({*header, *names}) == len(header) > len(names):
+                names = tuple(header)
             if sorted(header) != sorted(names):
+                others = " and a column for each filter" if and_others else ""
                 raise FileError(
                     f"{path}, line {line}: the columns are {','.join(header)}; accepted for this "
-                    f"camera are {','.join(names)}"
+                    f"camera are {','.join(names)}{others}"
                 )
         else:
             rows.append(_numbers(path, line, fields, header))

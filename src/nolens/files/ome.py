@@ -20,6 +20,7 @@ def write_ome_tiff(
     axis: Literal["T", "Z"],
     channels: Sequence[str],
     pixels: Mapping[str, Any],
+    about_channels: Mapping[str, Sequence[Any]] | None = None,
 ) -> None:
     """Write a stack as it is, as 32-bit float OME-TIFF. The same stack gives the same bytes.
 
@@ -34,6 +35,8 @@ def write_ome_tiff(
     pixels
         Attributes of OME's element Pixels, such as ``TimeIncrement`` and ``TimeIncrementUnit``
         (https://docs.openmicroscopy.org/ome-model/latest/).
+    about_channels
+        Attributes of OME's elements Channel, such as ``EmissionWavelength``: a value for each.
 
     Raises
     ------
@@ -41,7 +44,8 @@ def write_ome_tiff(
         If the file cannot be written.
     """
     values = np.ascontiguousarray(stack.cpu().numpy(), np.float32)
-    about = {"axes": f"{axis}CYX", "Channel": {"Name": list(channels)}, **pixels}
+    named = {"Name": list(channels), **(about_channels or {})}
+    about = {"axes": f"{axis}CYX", "Channel": named, **pixels}
     name = uuid.uuid5(uuid.NAMESPACE_OID, f"{about}{sha256(values.tobytes()).hexdigest()}")
     with atomic_write(path) as temporary:
         tifffile.imwrite(

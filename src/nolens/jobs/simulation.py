@@ -17,6 +17,7 @@ from nolens.files import is_sequence, read_picture, write_frame, write_tiff32
 from nolens.files.frames import check_holds_sensor
 from nolens.files.ome import write_ome_tiff
 from nolens.files.pictures import Picture, read_moving_picture
+from nolens.jobs.bands import band_names, parse_bands, read_cube
 from nolens.jobs.fields import (
     CAMERAS,
     LIGHTS,
@@ -144,6 +145,15 @@ class SimulateOptions(SimulationOptions):
             suffixes=_TIFF,
         ),
     ] = None
+    bands: Annotated[
+        Name | None,
+        Option(
+            "The scene has a picture for each of these: wavelengths (450nm,475nm,...), or angles "
+            "of its polarised light (0deg,45deg,...); or a .txt that lists them. It is then an "
+            ".npy (bands, rows, columns), OME-TIFF or .mat, linear.",
+            default="the scene is a picture",
+        ),
+    ] = None
     distance: Annotated[
         Distances,
         Option(
@@ -220,7 +230,7 @@ class SimulateOptions(SimulationOptions):
     @property
     def is_moving(self) -> bool:
         """Whether the scene is a folder, pattern or file of many frames."""
-        return len(self.scenes) == 1 and is_sequence(self.scenes[0])
+        return self.bands is None and len(self.scenes) == 1 and is_sequence(self.scenes[0])
 
     @property
     def inputs(self) -> dict[str, Path]:
@@ -278,7 +288,10 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
     options = run.options
     loaded, preview = read_simulated_camera(run, options.field_points)
     check_field_points(options.field_points)
-    if options.is_moving:
+    bands = () if options.bands is None else parse_bands(options.bands)
+    if bands:
+        pictures = [Picture(read_cube(path, bands)) for path in options.scenes]
+    elif options.is_moving:
         pictures, sources = read_moving_picture(options.scenes[0])
         run.reads({f"frame {path.name}": path for path in sources})
     else:
@@ -306,7 +319,7 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
             **common,
         )
     else:
-        field, views = render_planes(preview.twin, planes)
+        field, views = render_planes(preview.twin, planes, len(bands) or None)
         if exposure_s is None:
             _check_light(views)
         twin = run.twin(loaded, working, _REMEDY, fresnel=options.fresnel)
@@ -315,6 +328,7 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
             views,
             fill=(options.fill or FILL).value,
             exposure_s=exposure_s,
+            bands=bands,
             **common,
         )
     run.warn(*shot.warnings)
@@ -332,11 +346,18 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
         "largest_angle_deg": round(largest_angle, 3),
     }
     writers = {options.output: raw_writer(shot.frame, shot.exposure_s)}
-    for path, picture in ((options.truth, shot.truth), (options.response, shot.response[None])):
+    truth, channels, more = shot.truth, loaded.camera.sensor.channels, {}
+    if bands:
+        truth, channels, more = truth[None], *band_names(bands)
+    for path, picture in ((options.truth, truth), (options.response, shot.response[None])):
         if path is not None and picture.ndim == 4:
-            channels = loaded.camera.sensor.channels
             writers[path] = partial(
-                write_ome_tiff, stack=picture, axis="T", channels=channels, pixels={}
+                write_ome_tiff,
+                stack=picture,
+                axis="T",
+                channels=channels,
+                pixels={},
+                about_channels=more,
             )
         elif path is not None:
             writers[path] = partial(write_tiff32, radiance=picture)
@@ -352,7 +373,12 @@ def _planes(
     # Of distances and angles there is one, or one for each picture.
     places = zip(pictures, cycle(options.angle), cycle(distances), strict=False)
     return tuple(
-        Plane(in_channels(picture.radiance, channels), angle.deg, distance, picture.opacity)
+        Plane(
+            picture.radiance if options.bands else in_channels(picture.radiance, channels),
+            angle.deg,
+            distance,
+            picture.opacity,
+        )
         for picture, angle, distance in places
     )
 

@@ -1,14 +1,15 @@
 """Simulated cameras: from a camera's description and a scene to the counts of its sensor."""
 
-from nolens.twin.expose import expose, mosaic, photocurrents
+from nolens.twin.expose import expose, mosaic, photocurrents, pixel_currents
 from nolens.twin.field_model import FieldModel, half_field
 from nolens.twin.irradiance import (
+    Irradiated,
     check_field_points,
     field_nodes,
     irradiate,
     irradiate_bytes,
 )
-from nolens.twin.light import LIGHTS, POWER, Light
+from nolens.twin.light import LIGHTS, POWER, Band, Light
 from nolens.twin.model import (
     LARGEST_ANGLE_DEG,
     REFERENCE_NM,
@@ -36,9 +37,11 @@ __all__ = [
     "LIGHTS",
     "POWER",
     "REFERENCE_NM",
+    "Band",
     "FieldMap",
     "FieldModel",
     "Frame",
+    "Irradiated",
     "Light",
     "Plane",
     "PlaneView",
@@ -57,6 +60,7 @@ __all__ = [
     "irradiate_bytes",
     "mosaic",
     "photocurrents",
+    "pixel_currents",
     "point_spread",
     "polychromatic_psf",
     "polychromatic_psf_bytes",

@@ -4,6 +4,7 @@ import torch
 from torch import Tensor
 
 from nolens.camera import Sensor
+from nolens.quantities import Angle
 from nolens.twin.light import Light
 from nolens.twin.model import Twin
 
@@ -50,6 +51,39 @@ def photocurrents(twin: Twin, light: Light, luminance_cd_m2: float) -> Tensor:
         for channel in twin.camera.sensor.channels
     ]
     return torch.tensor(rates)
+
+
+def pixel_currents(
+    twin: Twin, light: Light, luminance_cd_m2: float, polarisation: Angle | None = None
+) -> Tensor:
+    """Electrons that each pixel frees in a second, for each sr of a scene that it sees.
+
+    Parameters
+    ----------
+    twin
+        The camera.
+    light, luminance_cd_m2
+        Spectrum of a scene, and the luminance of a radiance of 1.
+    polarisation
+        Angle of light that is linearly polarised; None of light that is not.
+
+    Returns
+    -------
+    Tensor
+        float32, (rows, columns), behind the pixels' colours or filters.
+    """
+    sensor, filters = twin.camera.sensor, twin.filters
+    if filters is not None and filters.transmission is not None:
+        behind = filters.behind(twin.quantum_efficiency)
+        area_m2 = sensor.pitch.m**2
+        rates = [light.electrons(behind, name, luminance_cd_m2) * area_m2 for name in behind.values]
+        return torch.tensor(rates)[filters.numbers]
+    currents = photocurrents(twin, light, luminance_cd_m2)
+    if filters is not None:
+        passed = torch.tensor([each.passes(polarisation) for each in filters.polarisers])
+        return (currents * passed)[filters.numbers]
+    planes = currents[:, None, None].expand(-1, sensor.rows, sensor.columns)
+    return mosaic(planes, sensor.mosaic)
 
 
 def mosaic(planes: Tensor, colours: str) -> Tensor:

@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nolens.camera import SpectralCurve
+from nolens.camera.spectra import colour_matching
 from nolens.errors import OptionError
+from nolens.quantities import Angle, Length
 
 Colour = tuple[tuple[float, float], ...]
 """Wavelengths in nm that stand for a channel of a sensor, each with its weight."""
@@ -137,7 +139,10 @@ class Light:
         else:
             grid = self._grid(efficiency)
             power = self.power(grid)
-            lumens = float((self.power(_VISIBLE_NM) * _eye(_VISIBLE_NM)).sum()) * _LUMENS_PER_WATT
+            lumens = (
+                float((self.power(_VISIBLE_NM) * colour_matching(_VISIBLE_NM)[1]).sum())
+                * _LUMENS_PER_WATT
+            )
             power = power * (luminance_cd_m2 / lumens)
         photons = power * grid * 1e-9 / _PLANCK_LIGHT_J_M
         return float((photons * efficiency.at(channel, grid)).sum())
@@ -147,20 +152,39 @@ class Light:
         return np.arange(first, last + _STEP_NM / 2, _STEP_NM)
 
 
+@dataclass(frozen=True)
+class Band:
+    """A slice of a scene: its light of one wavelength, or what is polarised at one angle.
+
+    Parameters
+    ----------
+    place
+        The wavelength, or the angle as `Polariser` counts it.
+    """
+
+    place: Length | Angle
+
+    def light(self, otherwise: Light) -> Light:
+        """Its spectrum; that of polarised light is `otherwise`."""
+        nm = self.wavelength_nm
+        return otherwise if nm is None else Light(f"{nm:.12g}nm")
+
+    @property
+    def wavelength_nm(self) -> float | None:
+        """Its wavelength; None of polarised light."""
+        return self.place.um * 1e3 if isinstance(self.place, Length) else None
+
+    @property
+    def polarisation(self) -> Angle | None:
+        """Its angle; None of a wavelength."""
+        return self.place if isinstance(self.place, Angle) else None
+
+
 def _line(
     wavelength_nm: NDArray[np.float64], centre_nm: float, width_nm: float
 ) -> NDArray[np.float64]:
     shape: NDArray[np.float64] = np.exp2(-((2 * (wavelength_nm - centre_nm) / width_nm) ** 2))
     return shape
-
-
-def _eye(wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Luminous efficiency (CIE 1931 y), as `wyman2013` fit it."""
-    total = np.zeros_like(wavelength_nm)
-    for height, centre, below, above in ((0.821, 568.8, 46.9, 40.5), (0.286, 530.9, 16.3, 31.1)):
-        width = np.where(wavelength_nm < centre, below, above)
-        total += height * np.exp(-(((wavelength_nm - centre) / width) ** 2) / 2)
-    return total
 
 
 def _gauss(

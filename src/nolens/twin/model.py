@@ -12,6 +12,7 @@ from torch import Tensor
 from nolens.camera import (
     AngularCurve,
     Camera,
+    Filters,
     Flat,
     LoadedCamera,
     RandomLenslets,
@@ -67,6 +68,8 @@ class Twin:
         Relief and opening, on the device that computes.
     fresnel
         Whether light is lost at the surfaces between media.
+    filters
+        On the sensor's pixels; None where all are alike or it has a mosaic.
     """
 
     camera: Camera
@@ -74,6 +77,7 @@ class Twin:
     acceptance: AngularCurve
     mask: MaskSurface
     fresnel: bool = True
+    filters: Filters | None = None
 
     @classmethod
     def of(
@@ -93,7 +97,9 @@ class Twin:
             opening = Opening(hole.shape, hole.height.um, hole.width.um)
         relief = _relief(loaded)
         mask = MaskSurface(Relief(relief.height_um.to(device), relief.grid_um), opening)
-        twin = cls(camera, loaded.quantum_efficiency, loaded.acceptance, mask, fresnel)
+        twin = cls(
+            camera, loaded.quantum_efficiency, loaded.acceptance, mask, fresnel, loaded.filters
+        )
         coarsest = twin.coarsest_pitch_um()
         if relief.grid_um > coarsest:
             # Finer points show steeper slopes.
@@ -108,7 +114,9 @@ class Twin:
     def reading(self, rows: int, columns: int) -> "Twin":
         """The same camera and mask, of whose sensor only the middle pixels are read."""
         sensor = self.camera.sensor.model_copy(update={"rows": rows, "columns": columns})
-        return replace(self, camera=self.camera.model_copy(update={"sensor": sensor}))
+        camera = self.camera.model_copy(update={"sensor": sensor})
+        filters = self.filters and self.filters.reading(rows, columns)
+        return replace(self, camera=camera, filters=filters)
 
     @property
     def sensor_pitch_um(self) -> float:

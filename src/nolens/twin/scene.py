@@ -168,7 +168,9 @@ class PlaneView:
     distance_um: float
 
 
-def render_planes(twin: Twin, planes: tuple[Plane, ...]) -> tuple[FieldMap, tuple[PlaneView, ...]]:
+def render_planes(
+    twin: Twin, planes: tuple[Plane, ...], bands: int | None = None
+) -> tuple[FieldMap, tuple[PlaneView, ...]]:
     """Render planes on the pixels of the reconstruction, nearer ones hiding farther ones.
 
     What hides what is decided for the camera's middle; the few millimetres of the mask see a
@@ -180,6 +182,8 @@ def render_planes(twin: Twin, planes: tuple[Plane, ...]) -> tuple[FieldMap, tupl
         The camera.
     planes
         In any order.
+    bands
+        How many channels they have; None for those of the sensor.
 
     Returns
     -------
@@ -196,7 +200,7 @@ def render_planes(twin: Twin, planes: tuple[Plane, ...]) -> tuple[FieldMap, tupl
     if not planes:
         raise OptionError("a scene needs a picture: give at least one")
     for plane in planes:
-        _check(twin, plane)
+        _check(twin, plane, bands)
     tangents = [max(plane.tangents[axis] for plane in planes) for axis in (0, 1)]
     field = FieldMap.covering(twin, (tangents[0], tangents[1]))
     at = field.tangents()
@@ -209,11 +213,12 @@ def render_planes(twin: Twin, planes: tuple[Plane, ...]) -> tuple[FieldMap, tupl
     return field, tuple(views)
 
 
-def _check(twin: Twin, plane: Plane) -> None:
-    channels = len(twin.camera.sensor.channels)
+def _check(twin: Twin, plane: Plane, bands: int | None) -> None:
+    channels = bands or len(twin.camera.sensor.channels)
     if plane.radiance.ndim != 3 or plane.radiance.shape[0] != channels:
+        whose = "the sensor has" if bands is None else "there are"
         raise DataError(
-            f"the sensor has {channels} channels, the picture is of shape "
+            f"{whose} {channels} channels, the picture is of shape "
             f"{tuple(plane.radiance.shape)}: (channels, height, width) is needed"
         )
     if not bool(torch.isfinite(plane.radiance).all()) or float(plane.radiance.min()) < 0:

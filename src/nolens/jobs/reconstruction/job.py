@@ -65,6 +65,10 @@ def reconstruct(run: Run[ReconstructOptions]) -> Product[Tensor]:
         from nolens.jobs.reconstruction.volume import reconstruct_volume
 
         return reconstruct_volume(run)
+    if run.options.bands is not None:
+        from nolens.jobs.reconstruction.bands import reconstruct_bands
+
+        return reconstruct_bands(run)
     if run.options.is_sequence:
         return reconstruct_sequence(run)
     if run.options.latency is not None:

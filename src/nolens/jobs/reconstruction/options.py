@@ -10,7 +10,7 @@ from nolens.camera import BlackLevel
 from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth, depth_um
 from nolens.errors import OptionError
-from nolens.files import PSFS_FILE, is_sequence
+from nolens.files import CAMERA_FILE, PSFS_FILE, is_sequence
 from nolens.files.formats import READERS
 from nolens.jobs.fields import (
     CAMERAS,
@@ -44,6 +44,7 @@ from nolens.jobs.fields import (
     Window,
     check_detail,
     record_beside,
+    two_parts,
     window_numbers,
 )
 from nolens.jobs.options import JobOptions, Option, Written
@@ -64,15 +65,36 @@ _UNSWEPT = (Prior.AUTO, Prior.COLOUR_TV)
 
 def _list_of_folder(path: Path) -> Path:
     """A camera's folder stands for its list of PSFs; other folders may be files of many frames."""
-    return path / PSFS_FILE if path.is_dir() and path.suffix.lower() not in READERS else path
+    if not path.is_dir() or path.suffix.lower() in READERS:
+        return path
+    listed = path / PSFS_FILE
+    return listed if listed.exists() or not (path / CAMERA_FILE).exists() else path / CAMERA_FILE
 
 
-_OF_ONE_DEPTH = {
+_OF_ONE_PICTURE = {
     *("quality", "sweep", "psf_extent", "psf_scale", "psf_flip", "field", "method", "resume"),
     *("low_frequency", "latency", "penalties", "balance", "relaxation", "crop", "tiff_bits"),
     *("frames", "exposure"),
 }
-"""Options that planes of several depths do not have."""
+"""Options that depths or bands, which are solved together, do not have."""
+_NOT_OF_BANDS = {
+    "mosaic",
+    "bgr",
+    "channels",
+    "bin",
+    "prior",
+    "flip",
+    "depths",
+    "noise",
+    "field_points",
+}
+BANDS_FILES = {
+    "cube": "cube.ome.tif",
+    "false colours": "false-colour.png",
+    "spectrum": "spectrum.csv",
+    "plot of the spectrum": "spectrum.png",
+}
+"""Files of bands, by what they hold."""
 
 
 def _split_depths(value: object) -> object:
@@ -95,6 +117,10 @@ _Depths = Annotated[
     BeforeValidator(_split_depths),
     Field(max_length=1000),
     AfterValidator(_apart),
+]
+_Places = Annotated[
+    tuple[Annotated[int, Between(0, 65535)], Annotated[int, Between(0, 65535)]],
+    two_parts("give a row and a column of the picture, from 0, such as 40,60"),
 ]
 _Penalty = Annotated[float, Between(1e-9, 1e9)]
 
@@ -173,6 +199,16 @@ class ReconstructOptions(JobOptions):
             label="Depths",
         ),
     ] = None
+    bands: Annotated[
+        Name | None,
+        Option(
+            "Spectrum of every scene pixel, of raw counts through the filters on the sensor's "
+            "pixels: how many bands (12), their wavelengths (450nm,475nm,...), a .txt that lists "
+            "them; or angles, for polarisers. --psf is the camera's folder.",
+            default="the sensor's colours",
+            label="Bands",
+        ),
+    ] = None
     distance: Annotated[
         Depth | None,
         Option(
@@ -192,6 +228,15 @@ class ReconstructOptions(JobOptions):
             label="PSFs over the field",
         ),
     ] = "auto"
+    spectral_smoothness: Annotated[
+        float,
+        Between(0, 100),
+        Option(
+            "Weight of differences between neighbouring bands over those between neighbouring "
+            "pixels.",
+            SOLVER,
+        ),
+    ] = 0.3
     sweep: Annotated[
         Literal["tau", "method", "prior", "support"] | None,
         Option(
@@ -338,6 +383,10 @@ class ReconstructOptions(JobOptions):
             label="Part of the scene to write",
         ),
     ] = None
+    spectrum_at: Annotated[
+        _Places | None,
+        Option("Writes the spectrum at a ROW,COLUMN of the bands, as .csv and plot.", PICTURE),
+    ] = None
     flip: Flip = "none"
     tiff_bits: Annotated[
         Literal[16, 32], Option("16 (white is 65535) or 32 (radiance as float).", PICTURE)
@@ -346,14 +395,18 @@ class ReconstructOptions(JobOptions):
     def check_together(self) -> None:
         """Refuse a factor on an automatic τ beside a τ that is stated, and an unfit sweep."""
         check_detail(self.detail, self.tau)
-        if self.depths is not None:
-            self._check_volume()
-            return
-        if self.noise != "auto":
+        if self.depths is None and self.noise != "auto":
             raise OptionError(f"--noise {self.noise} is for --depths: leave it out")
-        self._check_sweep()
-        self._check_folder()
-        self._check_video()
+        if self.bands is None and self.spectrum_at is not None:
+            raise OptionError("--spectrum-at is for --bands: leave it out, or give --bands 12")
+        if self.bands is not None:
+            self._check_stack("bands (--bands)", _OF_ONE_PICTURE | _NOT_OF_BANDS)
+        elif self.depths is not None:
+            self._check_stack("planes of several depths (--depths)", _OF_ONE_PICTURE)
+        else:
+            self._check_sweep()
+            self._check_folder()
+            self._check_video()
 
     def _check_video(self) -> None:
         """Refuse what a video from one frame cannot have."""
@@ -383,19 +436,18 @@ class ReconstructOptions(JobOptions):
                 "--field and --camera; --support full takes light from everywhere"
             )
 
-    def _check_volume(self) -> None:
-        """Refuse what pictures of one depth have alone, and a file in place of a folder."""
-        others = sorted(self.model_fields_set & _OF_ONE_DEPTH)
+    def _check_stack(self, what: str, without: set[str]) -> None:
+        """Refuse what pictures of one scene have alone, and a file in place of a folder."""
+        others = sorted(self.model_fields_set & without)
         if others or self.is_sequence:
             name = f"--{others[0].replace('_', '-')}" if others else f"{self.measurement}"
             raise OptionError(
-                f"{name} is not for planes of several depths (--depths), of which one frame is "
-                "solved by ADMM: leave it out"
+                f"{name} is not for {what}, of which one frame is solved by ADMM: leave it out"
             )
         if len(self.output) != 1 or self.output[0].suffix:
             raise OptionError(
-                "planes of several depths (--depths) go into a folder, and given is -o "
-                f"{' '.join(str(path) for path in self.output)}: give its name, such as -o volume"
+                f"{what} go into a folder, and given is -o "
+                f"{' '.join(str(path) for path in self.output)}: give its name, such as -o stack"
             )
 
     def _check_sweep(self) -> None:
@@ -438,7 +490,7 @@ class ReconstructOptions(JobOptions):
     @property
     def psf_folder(self) -> Path | None:
         """The camera's folder, where `psf` is its list of PSFs."""
-        return self.psf.parent if self.psf.name == PSFS_FILE else None
+        return self.psf.parent if self.psf.name in (PSFS_FILE, CAMERA_FILE) else None
 
     @property
     def is_sequence(self) -> bool:
@@ -464,6 +516,8 @@ class ReconstructOptions(JobOptions):
         """File of the run's record."""
         if self.depths is not None:
             return self.output[0] / "volume.json"
+        if self.bands is not None:
+            return self.output[0] / "bands.json"
         return record_beside(self.output[0])
 
     @property
@@ -473,8 +527,9 @@ class ReconstructOptions(JobOptions):
 
     @property
     def output_folder(self) -> Path | None:
-        """That of a sequence's pictures, or of planes of several depths."""
-        return self.output[0] if self.is_sequence or self.depths is not None else None
+        """That of a sequence's pictures, or of several depths or bands."""
+        together = self.depths is not None or self.bands is not None
+        return self.output[0] if self.is_sequence or together else None
 
     @property
     def written(self) -> tuple[Written, ...]:
@@ -486,6 +541,10 @@ class ReconstructOptions(JobOptions):
             names = VOLUME_FILES.items()
             planes = [Written(what, self.output[0] / name) for what, name in names]
             return (*planes, Written("record of the run", self.record))
+        if self.bands is not None:
+            written = list(BANDS_FILES.items())[: None if self.spectrum_at is not None else 2]
+            files = [Written(what, self.output[0] / name) for what, name in written]
+            return (*files, Written("record of the run", self.record))
         suffixes = () if self.is_sequence else (".png", ".tif", ".tiff")
         suffixes = suffixes if self.frames is None else (*suffixes, ".mp4")
         pictures = [Written("output", path, suffixes=suffixes) for path in self.output]

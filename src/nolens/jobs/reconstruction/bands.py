@@ -1,0 +1,293 @@
+"""`nolens reconstruct --bands`: spectra, or linear polarisation, of every scene pixel."""
+
+import math
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import torch
+import torch.nn.functional as nnf
+from torch import Tensor
+
+from nolens.camera import Frame, LoadedCamera, Measurement, develop, exposure_white
+from nolens.camera.spectra import linear_stokes, spectral_srgb
+from nolens.errors import DataError, OptionError
+from nolens.files import CAMERA_FILE, read_frame, write_png
+from nolens.files.atomic import Writer
+from nolens.files.ome import write_ome_tiff
+from nolens.files.psf_folder import PsfFolder
+from nolens.files.spectra import plot_spectrum, write_spectrum
+from nolens.jobs.bands import band_names, parse_bands
+from nolens.jobs.reconstruction.options import BANDS_FILES, ReconstructOptions, parse_support
+from nolens.jobs.reconstruction.stack import solve_stack
+from nolens.jobs.run import Product, Run
+from nolens.operators import CroppedConvolution, Geometry, PixelRectangle, StackConvolution
+from nolens.optics import PointSource
+from nolens.quantities import Angle, Length
+from nolens.solvers import Reconstructor, StackPrior, StackProblem, stack_bytes
+from nolens.twin import (
+    Band,
+    Light,
+    Twin,
+    distance_um,
+    pixel_currents,
+    point_spread,
+    preview_model,
+    simulation_bytes,
+)
+
+_ITERATIONS, _TOLERANCE = 100, 5e-3
+_LIGHT = Light("equal-energy")
+"""Of polarised scenes."""
+_AROUND = 15
+"""Pixels along the square that a pixel's mean light is taken over."""
+_HALF = 0.5
+_REMEDY = "fewer --bands, a smaller --support or a camera with fewer pixels need less"
+
+
+def reconstruct_bands(run: Run[ReconstructOptions]) -> Product[Tensor]:
+    """Radiance of every band, (bands, height, width), in one unit for all of them.
+
+    Raises
+    ------
+    NolensError
+        If an input, an option or an output cannot be used; then nothing is written.
+    """
+    options = run.options
+    loaded = run.camera_beside(options.camera, options.psf_folder)
+    if loaded is None:
+        raise OptionError(
+            f"--bands needs what each pixel sees: give a camera's folder with a {CAMERA_FILE} as "
+            "--psf, or --camera"
+        )
+    preview = preview_model(loaded)
+    bands = _bands(options, preview)
+    measurement = _developed(options, loaded)
+    masks = torch.stack(
+        [pixel_currents(preview, band.light(_LIGHT), 1.0, band.polarisation) for band in bands]
+    )
+    if not bool((masks.amax(dim=(1, 2)) > 0).all()):
+        dark = [str(b.place) for b, m in zip(bands, masks, strict=True) if not float(m.max()) > 0]
+        raise OptionError(
+            f"no pixel of {loaded.camera.name!r} sees light of {', '.join(dark)}: leave it out of "
+            "--bands"
+        )
+    masks /= masks.max()
+    psfs = _psfs(run, loaded, preview, bands, measurement.size)
+    support = _support(run, measurement, masks, psfs)
+    padded = Geometry.build(measurement.size, (psfs.shape[-2], psfs.shape[-1]), support).padded
+    run.begin(stack_bytes(len(bands), 1, padded), _REMEDY)
+    problem = StackProblem.build(
+        StackConvolution(
+            [CroppedConvolution(psf[None], measurement.size, support) for psf in psfs],
+            masks,
+        ),
+        measurement.values,
+        valid=measurement.valid,
+        variance=_variance(measurement, masks, loaded),
+        prior=StackPrior(across=options.spectral_smoothness),
+    )
+
+    solved = solve_stack(run, problem, "the bands", iterations=_ITERATIONS, tolerance=_TOLERANCE)
+    cube = solved.scene[0]
+    figures = {**solved.figures, "bands": [str(band.place) for band in bands]}
+    parameters = {**solved.parameters, "camera_description": loaded.camera.model_dump(mode="json")}
+    writers = _writers(options, cube, bands)
+    return Product(cube, figures, writers, parameters, solved.result.history)
+
+
+def _bands(options: ReconstructOptions, twin: Twin) -> tuple[Band, ...]:
+    """Those of the options; of a number, so many over what the filters pass."""
+    assert options.bands is not None
+    if not options.bands.isdecimal():
+        return parse_bands(options.bands)
+    count = int(options.bands)
+    if not 2 <= count <= 256:
+        raise OptionError(f"--bands {count}: give 2 to 256 bands")
+    filters = twin.filters
+    if filters is not None and filters.polarisers:
+        return tuple(Band(Angle.of(180 * number / count, "deg")) for number in range(count))
+    curve = twin.quantum_efficiency if filters is None else filters.behind(twin.quantum_efficiency)
+    grid = np.arange(curve.wavelength_nm[0], curve.wavelength_nm[-1] + 0.5)
+    seen = np.stack([curve.at(channel, grid) for channel in curve.values]).max(axis=0)
+    passed = grid[seen >= _HALF * seen.max()]
+    step = (passed[-1] - passed[0]) / count
+    places = [round(float(passed[0]) + (number + 0.5) * step, 1) for number in range(count)]
+    return tuple(Band(Length.of(place, "nm")) for place in places)
+
+
+def _developed(options: ReconstructOptions, loaded: LoadedCamera) -> Measurement:
+    """The measurement on all pixels of the sensor, each behind its own filter."""
+
+    def bare(path: Path) -> Frame:
+        frame = read_frame(path)
+        if len(frame.counts) != 1:
+            raise DataError(
+                f"{path} has the channels {', '.join(frame.channels)}: --bands takes raw counts of "
+                "the sensor, one for each pixel"
+            )
+        black = (sum(frame.black) / len(frame.black),)
+        return replace(frame, mosaic=None, channels=("grey",), black=black)
+
+    frame = bare(options.measurement)
+    black = options.black
+    if black is None and not frame.black_stated:
+        black = loaded.camera.sensor.black_counts
+    if black == "auto":
+        raise OptionError("--black auto reads off a PSF, and --bands has several: give counts")
+    dark, flat = (None if path is None else bare(path) for path in (options.dark, options.flat))
+    measurement = develop(
+        frame,
+        dark=dark,
+        flat=flat,
+        black=None if dark is not None else black,
+        white=options.white,
+    )
+    size = loaded.camera.sensor.rows, loaded.camera.sensor.columns
+    if measurement.size != size:
+        raise DataError(
+            f"{options.measurement} has {measurement.size_text} pixels and the sensor of "
+            f"{loaded.camera.name!r} {size[0]}×{size[1]}: give a frame of all its pixels"
+        )
+    return measurement
+
+
+def _psfs(
+    run: Run[ReconstructOptions],
+    loaded: LoadedCamera,
+    preview: Twin,
+    bands: tuple[Band, ...],
+    sensor: tuple[int, int],
+) -> Tensor:
+    """The PSF of each band, measured or of the twin, (bands, rows, columns); one of angles."""
+    options = run.options
+    wavelengths = [band.wavelength_nm for band in bands]
+    if wavelengths[0] is None:
+        wavelengths = [None]
+    folder = None if options.psf_folder is None else PsfFolder(options.psf_folder)
+    if folder is None or folder.psfs:
+        return _measured_psfs(run, folder, wavelengths, sensor)
+    run.reporter.note("the PSFs of the bands are simulated: the folder lists none")
+    size = sensor
+    if preview.aperture_room_um is None:
+        size = 2 * sensor[0], 2 * sensor[1]
+    twin = run.twin(loaded, simulation_bytes(0, 40.0 * math.prod(size)), _REMEDY)
+    source = PointSource((0.0, 0.0), distance_um(options.distance, loaded))
+    psfs = []
+    for number, nm in enumerate(wavelengths):
+        run.reporter.advance("PSFs", number / len(wavelengths))
+        light = _LIGHT if nm is None else Light(f"{nm:.12g}nm")
+        psfs.append(point_spread(twin, source, size, light=light).amax(dim=0).cpu())
+    return torch.stack(psfs)
+
+
+def _measured_psfs(
+    run: Run[ReconstructOptions],
+    folder: PsfFolder | None,
+    wavelengths: list[float | None],
+    sensor: tuple[int, int],
+) -> Tensor:
+    """For each wavelength the PSF of the nearest one that is known; all of the same sum."""
+    frames: dict[float | None, Tensor] = {}
+    if folder is None:
+        frames[None] = read_frame(run.options.psf).counts
+    else:
+        ahead = [each for each in folder.psfs if each.on_axis]
+        for each in ahead:
+            nm = None if each.wavelength is None else each.wavelength.um * 1e3
+            frames.setdefault(nm, folder.frame(each).counts)
+        run.reads({f"PSF {each.file}": folder.path / each.file for each in ahead})
+    known = [nm for nm in frames if nm is not None]
+    if not known and wavelengths[0] is not None:
+        run.reporter.note("one PSF is known, without a wavelength: it is taken for all bands")
+    psfs = []
+    for nm in wavelengths:
+        nearest: float | None = None
+        if known and nm is not None:
+            nearest = known[int(np.argmin([abs(each - nm) for each in known]))]
+        psf = frames.get(nearest, next(iter(frames.values()))).mean(dim=0)
+        if psf.shape[0] < sensor[0] or psf.shape[1] < sensor[1]:
+            raise DataError(
+                f"a PSF has {psf.shape[0]}×{psf.shape[1]} pixels and the sensor {sensor[0]}×"
+                f"{sensor[1]}: --bands needs PSFs on all pixels of the sensor, not superpixels"
+            )
+        psfs.append(psf / psf.sum())
+    return torch.stack(psfs)
+
+
+def _support(
+    run: Run[ReconstructOptions], measurement: Measurement, masks: Tensor, psfs: Tensor
+) -> PixelRectangle | None:
+    """Pixels that light can come from; chosen as if all bands were alike."""
+    options = run.options
+    if options.support == "full":
+        return None
+    if options.support != "auto":
+        return parse_support(options.support, measurement.size, psfs[:1])
+    even = measurement.values / masks.mean(dim=0)
+    reconstructor = Reconstructor(psfs.mean(dim=0, keepdim=True), tau=1e-4)
+
+    def watch(fraction: float) -> bool:
+        return run.reporter.step(
+            "% of the choice of the support", round(100 * fraction), 100, "the bands"
+        )
+
+    return reconstructor.choose_support(even, measurement.valid, progress=watch).support
+
+
+def _variance(measurement: Measurement, masks: Tensor, loaded: LoadedCamera) -> Tensor:
+    """Of each pixel's noise in counts: photons of the light around it behind its own filter."""
+
+    def around(values: Tensor) -> Tensor:
+        return nnf.avg_pool2d(values[None], _AROUND, 1, _AROUND // 2, count_include_pad=False)[0]
+
+    sensor = loaded.camera.sensor
+    gain = sensor.counts_per_electron * sensor.gain
+    passed = masks.mean(dim=0, keepdim=True)
+    light = around(measurement.values) / around(passed) * passed
+    light = light.clamp_min(1e-2 * float(light.mean()))
+    return gain * light + (gain * sensor.read_noise_electrons) ** 2
+
+
+def _writers(
+    options: ReconstructOptions, cube: Tensor, bands: tuple[Band, ...]
+) -> dict[Path, Writer]:
+    """What writes the files of a cube."""
+    names, about = band_names(bands)
+    wavelengths = [band.wavelength_nm for band in bands if band.wavelength_nm is not None]
+    if wavelengths:
+        picture = spectral_srgb(cube, wavelengths)
+        stack = cube
+    else:
+        stack = linear_stokes(cube, [band.polarisation.deg for band in bands if band.polarisation])
+        s0, s1, s2 = stack[:3]
+        # Through polarisers at 0, 60 and 120 deg.
+        turns = [2 * math.pi * number / 3 for number in range(3)]
+        picture = torch.stack([s0 + s1 * math.cos(t) + s2 * math.sin(t) for t in turns])
+        names, about = ("S0", "S1", "S2", "degree", "angle in deg"), {}
+    exposure_white(picture)  # An empty picture is an error before anything is written.
+    writers: dict[str, Writer] = {
+        "cube": partial(
+            write_ome_tiff,
+            stack=stack[None],
+            axis="T",
+            channels=names,
+            pixels={},
+            about_channels=about,
+        ),
+        "false colours": partial(write_png, radiance=picture),
+    }
+    if options.spectrum_at is not None:
+        row, column = options.spectrum_at
+        if not (row < cube.shape[1] and column < cube.shape[2]):
+            raise OptionError(
+                f"--spectrum-at {row},{column} lies outside the picture of {cube.shape[1]}×"
+                f"{cube.shape[2]} pixels (rows × columns): give a row and a column of it, from 0"
+            )
+        values = cube[:, row, column].tolist()
+        writers["spectrum"] = partial(write_spectrum, bands=bands, values=values)
+        writers["plot of the spectrum"] = partial(
+            plot_spectrum, bands=bands, values=values, title=f"row {row}, column {column}"
+        )
+    return {options.output[0] / BANDS_FILES[what]: write for what, write in writers.items()}

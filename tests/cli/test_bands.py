@@ -1,0 +1,141 @@
+"""`nolens simulate --bands` and `reconstruct --bands`: against the truth."""
+
+import csv
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from little_camera import little_twin
+from running import check_refused, listing, run
+
+from nolens.camera import Camera, from_mapping
+from nolens.files import write_camera
+
+TILE = [["0", "1"], ["3", "2"]]
+WAVELENGTHS = "500nm,515nm,530nm,545nm"
+FILTERS = "wavelength_nm,0,1,2,3\n" + "".join(
+    f"{500 + 15 * k},{','.join('1' if j == k else '0.1' for j in range(4))}\n" for k in range(4)
+)
+POLARISERS = {str(k): {"angle": f"{45 * k} deg", "extinction": 50} for k in range(4)}
+
+
+def filtered(folder: Path, **filters: object) -> Path:
+    """A folder with a camera of 96×128 grey pixels behind filters."""
+    folder.mkdir()
+    mapping = tomllib.loads(little_twin(folder).read_text())
+    curve = {"source": "test", "wavelength_nm": [400, 700], "values": {"grey": [0.7, 0.7]}}
+    mapping["sensor"] |= {"mosaic": "none", "quantum_efficiency": curve, "filters": filters}
+    (folder / "filters.csv").write_text(FILTERS)
+    write_camera(folder, from_mapping(Camera, mapping, "test"))
+    return folder
+
+
+def scene(path: Path) -> Path:
+    """Four bands: areas of one and of all, and one of the first and the third alone."""
+    bands = np.full((4, 40, 48), 0.2, np.float32)
+    bands[0, 4:16, 4:20] = bands[2, 4:16, 4:20] = 1
+    bands[1, 4:16, 4:20] = bands[3, 4:16, 4:20] = 0
+    bands[:, 22:36, 8:22] = np.array([0.9, 0.6, 0.3, 0])[:, None, None]
+    bands[:, 10:34, 28:42] = 0.8
+    np.save(path, bands)
+    return path
+
+
+def measured(folder: Path, camera: Path, bands: str) -> tuple[Path, str, np.ndarray]:
+    """Raw counts of the scene, the support, and the bands that a reconstruction is to show."""
+    raw = folder / "raw.tif"
+    done = run(
+        "simulate", scene(folder / "scene.npy"), "--camera", camera, "--bands", bands,
+        "--angle", "4deg", "--field-points", 1, "--wavelengths", 1, "-o", raw,
+        "--truth", folder / "truth.tif", "--response", folder / "response.tif",
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    support = done.out.split("--support ")[1].split()[0]
+    truth = tifffile.imread(folder / "truth.tif").squeeze()
+    return raw, support, truth * tifffile.imread(folder / "response.tif")
+
+
+def cosine(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    norms = np.linalg.norm(found, axis=0) * np.linalg.norm(truth, axis=0)
+    return (found * truth).sum(axis=0) / np.maximum(norms, 1e-9)
+
+
+def test_spectra_through_filters_are_those_of_the_scene(tmp_path):
+    camera = filtered(tmp_path / "camera", tile=TILE, transmission={"file": "filters.csv"})
+    raw, support, truth = measured(tmp_path, camera, WAVELENGTHS)
+    cube = tmp_path / "cube"
+    done = run(
+        "reconstruct", raw, "--psf", camera, "--bands", WAVELENGTHS, "--support", support,
+        "--tau", 3e-4, "--spectrum-at", "10,12", "-o", cube,
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    with tifffile.TiffFile(cube / "cube.ome.tif") as file:
+        found, about = file.asarray().squeeze(), file.ome_metadata
+    assert [f'EmissionWavelength="{nm}' in about for nm in (500, 515, 530, 545)] == [True] * 4
+    lit = truth.max(axis=0) > 0.1
+    angles = np.degrees(np.arccos(np.clip(cosine(found, truth)[lit], -1, 1)))
+    assert angles.mean() < 4
+    # Two lines 30 nm apart, with a band between them.
+    with (cube / "spectrum.csv").open() as file:
+        lines = [float(row["radiance"]) for row in csv.DictReader(file)]
+    assert lines[1] < 0.3 * min(lines[0], lines[2])
+    assert lines == pytest.approx(found[:, 10, 12].tolist(), rel=1e-4, abs=1e-6)
+
+
+def test_polarisation_is_that_of_the_scene(tmp_path):
+    camera = filtered(tmp_path / "camera", tile=TILE, polarisers=POLARISERS)
+    angles = "0deg,45deg,90deg,135deg"
+    raw, support, truth = measured(tmp_path, camera, angles)
+    cube = tmp_path / "cube"
+    done = run(
+        "reconstruct", raw, "--psf", camera, "--bands", 6, "--support", support, "--tau", 3e-4,
+        "-o", cube,
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    s0, s1, s2, degree, angle = tifffile.imread(cube / "cube.ome.tif").squeeze()
+    stokes = np.stack([truth.sum(0), truth[0] - truth[2], truth[1] - truth[3]])
+    lit = stokes[0] > 0.3
+    scale = (s0 * stokes[0]).sum() / (s0 * s0).sum()
+    for one, other in ((s1, stokes[1]), (s2, stokes[2])):
+        assert np.sqrt(np.mean((scale * one - other)[lit] ** 2)) < 0.06 * stokes[0].max()
+    # Light of 0.9 at 0 deg, 0.6 at 45, 0.3 at 90.
+    inside = np.s_[28:32, 12:18]
+    assert degree[inside].mean() == pytest.approx(np.hypot(0.6, 0.6) / 1.8, abs=0.08)
+    assert angle[inside].mean() == pytest.approx(22.5, abs=5)
+
+
+def test_a_map_of_filters_of_another_size_is_refused(tmp_path):
+    camera = filtered(tmp_path / "camera", tile=TILE, transmission={"file": "filters.csv"})
+    text = (camera / "camera.toml").read_text()
+    start, end = text.index("tile = ["), text.index("[sensor.filters.transmission]")
+    (camera / "camera.toml").write_text(text[:start] + 'map = "map.npy"\n' + text[end:])
+    np.save(camera / "map.npy", np.zeros((96, 100), np.uint8))
+    raw = tmp_path / "raw.tif"
+    tifffile.imwrite(raw, np.ones((96, 128), np.uint16))
+    before = listing(tmp_path)
+    done = run("reconstruct", raw, "--psf", camera, "--bands", 4, "-o", tmp_path / "cube")
+    check_refused(done, "map.npy", "96×100", "96×128")
+    np.save(camera / "map.npy", np.full((96, 128), 4, np.uint8))
+    done = run("reconstruct", raw, "--psf", camera, "--bands", 4, "-o", tmp_path / "cube")
+    check_refused(done, "map.npy", "4 filters", "0 to 3")
+    assert listing(tmp_path).keys() == before.keys()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--bands", "500nm,400nm"], ["500nm,400nm", "increasing"]),
+        (["--bands", "500nm", "-o", "picture.png"], ["folder", "picture.png"]),
+        (["--bands", "4", "--channels", "g"], ["--channels", "--bands"]),
+        (["--spectrum-at", "3,4"], ["--spectrum-at", "--bands"]),
+    ],
+)
+def test_options_that_do_not_fit_bands_are_refused(tmp_path, options, words):
+    camera = filtered(tmp_path / "camera", tile=TILE, transmission={"file": "filters.csv"})
+    raw = tmp_path / "raw.tif"
+    tifffile.imwrite(raw, np.ones((96, 128), np.uint16))
+    output = [] if "-o" in options else ["-o", tmp_path / "cube"]
+    done = run("reconstruct", raw, "--psf", camera, *options, *output)
+    check_refused(done, *words)
