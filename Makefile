@@ -90,6 +90,7 @@ bench-default: $(STAMP)
 bench-model: $(STAMP)
 	$(BIN)/python bench/model.py
 	$(BIN)/python bench/volume.py
+	$(BIN)/python bench/video.py
 
 # What is said of wrong and odd files, and falsely of good ones: about 20 minutes.
 bench-odd: $(STAMP)

@@ -18,7 +18,7 @@ def test_lines_exposed_during_one_frame_measure_that_frame() -> None:
     field, (view,) = render_planes(experiment.twin, (plane,))
     scenes = torch.stack([view.radiance, view.radiance.flip(-1)])
     exposure = {"exposure_s": 2e-4, "luminance_cd_m2": 2e5}
-    moving = experiment.measure_motion(field, scenes, 3e5, **exposure)
+    moving = experiment.measure_motion(experiment.field_model(field, 3e5), scenes, **exposure)
     shutter = Shutter.of(sensor, 2e-4)
     parts = shutter.fractions(shutter.frames(2))
     for scene, part in zip(scenes, parts, strict=True):

@@ -176,6 +176,18 @@ class VirtualExperiment:
         colours = colours_of(self.twin, self.light, self.wavelengths)
         return irradiate_bytes(self.twin, planes, self.field_points, colours)
 
+    def motion_bytes(self, plane: Plane) -> float:
+        """Most memory that a moving scene takes (`field_model`); a preview of the camera tells it.
+
+        Parameters
+        ----------
+        plane
+            One frame of it.
+        """
+        support = FieldMap.covering(self.twin, plane.tangents).support
+        spectra = self.field_points**2 * self.twin.superpixel**2
+        return self.scene_bytes((plane,)) + 4 * spectra * math.prod(self.twin.psf_shape(support))
+
     def psf(
         self,
         source: PointSource,
@@ -375,11 +387,12 @@ class VirtualExperiment:
         if exposure_s is None:
             exposure_s = self.exposure_of(rate, fill)
         electrons = rate * exposure_s
+        response = field.solid_angle() * field.vignetting()
         return SimulatedMeasurement(
             self._frame(electrons, seed),
             field.support,
             torch.stack([plane.radiance for plane in views]).sum(dim=0),
-            _response(field),
+            (response / response.max()).float(),
             exposure_s,
             luminance_cd_m2,
             float(electrons.max()),
@@ -387,43 +400,11 @@ class VirtualExperiment:
             irradiance.relative_error(rate.double() * exposure_s, self.sensor),
         )
 
-    def measure_motion(
-        self,
-        field: FieldMap,
-        scenes: Tensor,
-        distance_um: float,
-        *,
-        exposure_s: float,
-        frame_s: float | None = None,
-        luminance_cd_m2: float = 1.0,
-        seed: int = 0,
-        progress: ProgressCallback | None = None,
-    ) -> SimulatedMeasurement:
-        """The sensor's frame of a moving scene, line by line as its shutter exposes them.
-
-        Each frame of the scene stands still for `frame_s`, and the last one to the end.
-
-        Parameters
-        ----------
-        field
-            Map of the pixels.
-        scenes
-            Radiance on them, (frames, channels, height, width).
-        distance_um
-            Of all of them.
-        exposure_s
-            Exposure time of a line.
-        frame_s
-            Time of a frame of the scene; None divides the whole exposure of the sensor.
-        luminance_cd_m2, seed, progress
-            As `measure_views` takes them.
-        """
-        shutter = Shutter.of(self.sensor, exposure_s)
-        times = shutter.frames(len(scenes))
-        if frame_s is not None:
-            times = torch.arange(len(scenes) + 1, dtype=torch.float64) * frame_s
-            times[-1] = max(float(times[-1]), shutter.duration_s)
-        model = FieldModel.of(
+    def field_model(
+        self, field: FieldMap, distance_um: float, progress: ProgressCallback | None = None
+    ) -> FieldModel:
+        """The camera with its PSFs computed, for moving scenes of one distance."""
+        return FieldModel.of(
             self.twin,
             replace(field, twin=self.twin),
             distance_um=distance_um,
@@ -432,6 +413,39 @@ class VirtualExperiment:
             field_points=self.field_points,
             progress=progress,
         )
+
+    def measure_motion(
+        self,
+        model: FieldModel,
+        scenes: Tensor,
+        *,
+        exposure_s: float,
+        frame_s: float | None = None,
+        luminance_cd_m2: float = 1.0,
+        seed: int = 0,
+    ) -> SimulatedMeasurement:
+        """The sensor's frame of a moving scene, line by line as its shutter exposes them.
+
+        Each frame of the scene stands still for `frame_s`, and the last one to the end.
+
+        Parameters
+        ----------
+        model
+            Of the scene's pixels and distance (`field_model`).
+        scenes
+            Radiance on its pixels, (frames, channels, height, width).
+        exposure_s
+            Exposure time of a line.
+        frame_s
+            Time of a frame of the scene; None divides the whole exposure of the sensor.
+        luminance_cd_m2, seed
+            As `measure_views` takes them.
+        """
+        shutter = Shutter.of(self.sensor, exposure_s)
+        times = shutter.frames(len(scenes))
+        if frame_s is not None:
+            times = torch.arange(len(scenes) + 1, dtype=torch.float64) * frame_s
+            times[-1] = max(float(times[-1]), shutter.duration_s)
         light = torch.zeros(self.sensor.rows, self.sensor.columns)
         for scene, fractions in zip(scenes, shutter.fractions(times), strict=True):
             if bool(fractions.any()):
@@ -440,9 +454,9 @@ class VirtualExperiment:
         electrons = rate * exposure_s
         return SimulatedMeasurement(
             self._frame(electrons, seed),
-            field.support,
+            model.field.support,
             scenes,
-            _response(field),
+            model.response.float(),
             exposure_s,
             luminance_cd_m2,
             float(electrons.max()),
@@ -486,11 +500,6 @@ class VirtualExperiment:
             f"simulated by {self.twin.camera.name}",
             black_stated=True,
         )
-
-
-def _response(field: FieldMap) -> Tensor:
-    response = field.solid_angle() * field.vignetting()
-    return (response / response.max()).float()
 
 
 def brightest(light: Tensor) -> float:

@@ -297,23 +297,24 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
     else:
         pictures = [read_picture(path) for path in options.scenes]
     planes = _planes(options, loaded, pictures)
-    working = preview.scene_bytes(planes[:1] if options.is_moving else planes)
+    moving = options.is_moving
+    working = preview.motion_bytes(planes[0]) if moving else preview.scene_bytes(planes)
     # The views take memory too, and refuse a scene that is too near: before the relief.
     check_simulation_memory(loaded, working, run.device, _REMEDY)
     common: dict[str, Any] = {
         "luminance_cd_m2": options.luminance.cd_m2,
         "seed": options.seed,
-        "progress": partial(run.reporter.advance, "scene"),
     }
+    progress = partial(run.reporter.advance, "scene")
     exposure_s = None if options.exposure is None else options.exposure.s
-    if options.is_moving and exposure_s is not None:
+    if moving and exposure_s is not None:
         rendered = [render_planes(preview.twin, (plane,)) for plane in planes]
         field = rendered[0][0]
         twin = run.twin(loaded, working, _REMEDY, fresnel=options.fresnel)
-        shot = replace(preview, twin=twin).measure_motion(
-            field,
+        experiment = replace(preview, twin=twin)
+        shot = experiment.measure_motion(
+            experiment.field_model(field, planes[0].distance_um, progress),
             torch.stack([views[0].radiance for _, views in rendered]),
-            planes[0].distance_um,
             exposure_s=exposure_s,
             frame_s=None if options.frame_duration is None else options.frame_duration.s,
             **common,
@@ -329,6 +330,7 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
             fill=(options.fill or FILL).value,
             exposure_s=exposure_s,
             bands=bands,
+            progress=progress,
             **common,
         )
     run.warn(*shot.warnings)

@@ -91,7 +91,7 @@ class VideoProblem:
 
     def video(self, stack: Tensor) -> Tensor:
         """Frames in units of measurement over PSF, (frames, channels, height, width)."""
-        return (stack * self.single.scale[:, None]).movedim(1, 0)
+        return (stack * self.single.scale[:, None].to(stack)).movedim(1, 0)
 
 
 def _variance(measurement: Measurement, sensor: Sensor) -> Tensor:

@@ -74,7 +74,7 @@ if TYPE_CHECKING:
 else:
     BatchReconstructOptions = batch_of(
         ReconstructOptions,
-        without=("measurement", "output", "sweep", "resume", "latency"),
+        without=("measurement", "output", "sweep", "resume", "latency", "frames", "exposure"),
         base=BatchReconstructBase,
         usage="batch reconstruct FRAMES --psf PSF -o FOLDER",
     )

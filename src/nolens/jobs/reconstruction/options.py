@@ -415,19 +415,20 @@ class ReconstructOptions(JobOptions):
                 f"--exposure {self.exposure} is for a video from one frame: give --frames, or "
                 "leave it out"
             )
-        unfit = {
-            "--sweep": self.sweep is not None,
-            "--resume": self.resume is not None,
-            "--quality": self.quality is not None,
-            "--method": self.method is not Method.ADMM,
-            "--prior": self.prior != "auto",
+        unfit = _OF_ONE_PICTURE - {
+            "frames",
+            "exposure",
+            "psf_extent",
+            "psf_scale",
+            "psf_flip",
+            "field",
         }
-        given = [name for name, is_given in unfit.items() if is_given]
+        given = sorted(self.model_fields_set & (unfit | {"prior"}))
         if self.frames is not None and (given or self.is_sequence):
-            what = f"leave out {' and '.join(given)}" if given else "give one frame (FILE#1)"
+            names = " and ".join(f"--{name.replace('_', '-')}" for name in given)
             raise OptionError(
                 f"--frames {self.frames} makes a video of one frame, by ADMM with total variation "
-                f"in space and time: {what}"
+                f"in space and time: {f'leave out {names}' if given else 'give one frame (FILE#1)'}"
             )
         if self.frames is not None and self.support == "auto" and self.field is None:
             raise OptionError(

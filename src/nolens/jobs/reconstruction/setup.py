@@ -150,7 +150,7 @@ class Setup:
             run.warn(*explanation.warnings)
             prediction = explanation.prediction
         problem = reconstructor.problem(measurement)
-        window = crop_window(options, problem, psf)
+        window = _crop_window(options, problem, psf)
         return cls(
             options,
             choice,
@@ -183,7 +183,7 @@ class Setup:
             reconstructor=reconstructor,
             weight=weight,
             problem=problem,
-            window=crop_window(options, problem, psf),
+            window=_crop_window(options, problem, psf),
         )
 
     @property
@@ -469,7 +469,7 @@ def _support(
     return parse_support(f"{side[0]}x{side[1]}", sensor, psf)
 
 
-def crop_window(
+def _crop_window(
     options: ReconstructOptions, problem: Problem, psf: Tensor
 ) -> tuple[int, int, int, int]:
     """Part of the scene that is written, (top, left, height, width).

@@ -22,11 +22,10 @@ from nolens.files.ome import write_ome_tiff
 from nolens.files.psf_folder import pixel_of_camera
 from nolens.files.video import check_video_support, write_mp4
 from nolens.jobs.reconstruction.options import LESS_MEMORY, ReconstructOptions
-from nolens.jobs.reconstruction.setup import Prepared, crop_window, psf_row, read_development
+from nolens.jobs.reconstruction.setup import Prepared, psf_row, read_development
+from nolens.jobs.reconstruction.stack import solve_stack
 from nolens.jobs.run import Product, Run, Writer
-from nolens.solvers import StackProblem, stack_bytes
-from nolens.solvers.inputs import tensor_of
-from nolens.solvers.result import window_of
+from nolens.solvers import stack_bytes
 from nolens.solvers.video import ACROSS, VideoProblem
 
 _ITERATIONS, _TOLERANCE = 100, 3e-3
@@ -55,14 +54,9 @@ def reconstruct_video(run: Run[ReconstructOptions]) -> Product[Tensor]:
     assert camera is not None
     pixel_of_camera(frame, camera)
     prepared = Prepared.of(run, read_development(run), frame)
-    options, measurement, reconstructor = (
-        prepared.options,
-        prepared.measurement,
-        prepared.reconstructor,
-    )
-    problem = VideoProblem.build(
-        reconstructor, measurement, sensor, _exposure_s(options, frame), frames
-    )
+    options, measurement = prepared.options, prepared.measurement
+    exposure_s = _exposure_s(options, frame)
+    problem = VideoProblem.build(prepared.reconstructor, measurement, sensor, exposure_s, frames)
     shutter, single = problem.shutter, problem.single
     distinct = max(2, int(shutter.duration_s / shutter.exposure_s))
     if shutter.exposure_s > _APART * problem.frame_s:
@@ -71,22 +65,12 @@ def reconstruct_video(run: Run[ReconstructOptions]) -> Product[Tensor]:
             f"blurs them into one another: a shorter exposure, or --frames {distinct}"
         )
     run.begin(stack_bytes(frames, single.channels, single.forward.geometry.padded), LESS_MEMORY)
-    tau, steps = _weight(run, options, problem.stack)
-    limit = options.iterations or _ITERATIONS
-    result = problem.stack.solve(
-        tau,
-        iterations=limit,
-        tolerance=_TOLERANCE if options.tolerance is None else options.tolerance,
-        callback=lambda progress: run.reporter.progress(progress, limit),
+    solved = solve_stack(
+        run, problem.stack, "the video", iterations=_ITERATIONS, tolerance=_TOLERANCE
     )
-    window = crop_window(options, single, tensor_of(reconstructor.psf, "PSF"))
-    video = flipped(window_of(problem.video(result.scene), window).cpu(), options.flip)
+    video = flipped(problem.video(solved.scene), options.flip)
     figures = {
-        "method": "admm",
-        "iterations": result.iterations,
-        "stop_reason": result.stop_reason,
-        "tau": tau,
-        "automatic_tau": options.tau == "auto",
+        **solved.figures,
         "video": {
             "frames": len(video),
             "frame_s": problem.frame_s,
@@ -94,19 +78,17 @@ def reconstruct_video(run: Run[ReconstructOptions]) -> Product[Tensor]:
             "duration_s": shutter.duration_s,
         },
     }
-    support = single.forward.support
     parameters = {
+        **solved.parameters,
         "bin": options.bin_by,
         "black": prepared.development.black,
         "psf": psf_row(prepared.psf),
-        "support": "full" if support is None else support.text,
-        "weights": steps,
         "across": ACROSS,
         "channel_names": list(measurement.channels),
         "threads": torch.get_num_threads(),
     }
     writers = _writers(options.output, video, measurement.channels, problem.frame_s)
-    return Product(video, figures, writers, parameters, result.history)
+    return Product(video, figures, writers, parameters, solved.result.history)
 
 
 def _rolling_sensor(options: ReconstructOptions, camera: LoadedCamera | None) -> Sensor:
@@ -134,20 +116,6 @@ def _exposure_s(options: ReconstructOptions, frame: Frame) -> float:
             "as --exposure 1ms"
         )
     return frame.exposure_s
-
-
-def _weight(
-    run: Run[ReconstructOptions], options: ReconstructOptions, problem: StackProblem
-) -> tuple[float, list[dict[str, float]]]:
-    """τ as it is stated, or chosen by held-out pixels; and what was tried."""
-    if options.tau != "auto":
-        return options.tau, []
-
-    def watch(fraction: float) -> bool:
-        return run.reporter.step("% of the choice of tau", round(100 * fraction), 100, "the video")
-
-    weight = problem.choose_weight(watch)
-    return weight.tau / options.detail, [step.row() for step in weight.steps]
 
 
 def _writers(
