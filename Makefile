@@ -91,6 +91,7 @@ bench-model: $(STAMP)
 	$(BIN)/python bench/model.py
 	$(BIN)/python bench/volume.py
 	$(BIN)/python bench/video.py
+	$(BIN)/python bench/bands.py
 
 # What is said of wrong and odd files, and falsely of good ones: about 20 minutes.
 bench-odd: $(STAMP)

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from nolens.errors import DataError, NolensError, OptionError
 from nolens.files import open_sequence, read_text
+from nolens.jobs.run import Run
 from nolens.printable import quoted
 from nolens.quantities import Angle, Length
 from nolens.twin import Band
@@ -20,8 +21,8 @@ _ACCEPTED = (
 )
 
 
-def parse_bands(text: str) -> tuple[Band, ...]:
-    """Bands of a list such as ``450nm,475nm`` or ``0deg,90deg``, or of a .txt with one.
+def parse_bands(run: Run[Any], text: str) -> tuple[Band, ...]:
+    """Bands of a list such as ``450nm,475nm`` or ``0deg,90deg``, or of a .txt that the run reads.
 
     Raises
     ------
@@ -30,6 +31,7 @@ def parse_bands(text: str) -> tuple[Band, ...]:
     """
     listed = text
     if text.lower().endswith(".txt"):
+        run.reads({"bands": Path(text)})
         listed = ",".join(read_text(Path(text)).split())
     items = [item for item in listed.split(",") if item.strip()]
     try:

@@ -288,7 +288,7 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
     options = run.options
     loaded, preview = read_simulated_camera(run, options.field_points)
     check_field_points(options.field_points)
-    bands = () if options.bands is None else parse_bands(options.bands)
+    bands = () if options.bands is None else parse_bands(run, options.bands)
     if bands:
         pictures = [Picture(read_cube(path, bands)) for path in options.scenes]
     elif options.is_moving:
@@ -335,10 +335,14 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
         )
     run.warn(*shot.warnings)
     largest_angle = max(PointSource(plane.tangents).angle_deg for plane in planes)
+    support, pixels = field.support, preview.twin.shape
+    if bands:  # They are reconstructed on all pixels.
+        side = preview.twin.superpixel
+        support, pixels = support.finer(side), (pixels[0] * side, pixels[1] * side)
     figures = {
         "camera": loaded.camera.name,
-        "support": _support_text(field.support, preview.twin.shape),
-        "pixels": list(preview.twin.shape),
+        "support": _support_text(support, pixels),
+        "pixels": list(pixels),
         "psf_pixels": "{}x{}".format(*preview.twin.psf_shape(field.support)),
         "exposure_s": shot.exposure_s,
         "brightest_electrons": shot.brightest_electrons,

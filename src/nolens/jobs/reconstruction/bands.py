@@ -13,6 +13,7 @@ from torch import Tensor
 from nolens.camera import Frame, LoadedCamera, Measurement, develop, exposure_white
 from nolens.camera.spectra import linear_stokes, spectral_srgb
 from nolens.errors import DataError, OptionError
+from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import CAMERA_FILE, read_frame, write_png
 from nolens.files.atomic import Writer
 from nolens.files.ome import write_ome_tiff
@@ -34,7 +35,6 @@ from nolens.twin import (
     pixel_currents,
     point_spread,
     preview_model,
-    simulation_bytes,
 )
 
 _ITERATIONS, _TOLERANCE = 100, 5e-3
@@ -62,7 +62,7 @@ def reconstruct_bands(run: Run[ReconstructOptions]) -> Product[Tensor]:
             "--psf, or --camera"
         )
     preview = preview_model(loaded)
-    bands = _bands(options, preview)
+    bands = _bands(run, preview)
     measurement = _developed(options, loaded)
     masks = torch.stack(
         [pixel_currents(preview, band.light(_LIGHT), 1.0, band.polarisation) for band in bands]
@@ -97,11 +97,12 @@ def reconstruct_bands(run: Run[ReconstructOptions]) -> Product[Tensor]:
     return Product(cube, figures, writers, parameters, solved.result.history)
 
 
-def _bands(options: ReconstructOptions, twin: Twin) -> tuple[Band, ...]:
+def _bands(run: Run[ReconstructOptions], twin: Twin) -> tuple[Band, ...]:
     """Those of the options; of a number, so many over what the filters pass."""
+    options = run.options
     assert options.bands is not None
     if not options.bands.isdecimal():
-        return parse_bands(options.bands)
+        return parse_bands(run, options.bands)
     count = int(options.bands)
     if not 2 <= count <= 256:
         raise OptionError(f"--bands {count}: give 2 to 256 bands")
@@ -172,12 +173,13 @@ def _psfs(
     size = sensor
     if preview.aperture_room_um is None:
         size = 2 * sensor[0], 2 * sensor[1]
-    twin = run.twin(loaded, simulation_bytes(0, 40.0 * math.prod(size)), _REMEDY)
     source = PointSource((0.0, 0.0), distance_um(options.distance, loaded))
+    lights = [_LIGHT if nm is None else Light(f"{nm:.12g}nm") for nm in wavelengths]
+    working = VirtualExperiment(preview, lights[0]).psf_bytes(source, size, pixels=1)
+    twin = run.twin(loaded, working, _REMEDY)
     psfs = []
-    for number, nm in enumerate(wavelengths):
-        run.reporter.advance("PSFs", number / len(wavelengths))
-        light = _LIGHT if nm is None else Light(f"{nm:.12g}nm")
+    for number, light in enumerate(lights):
+        run.reporter.advance("PSFs", number / len(lights))
         psfs.append(point_spread(twin, source, size, light=light).amax(dim=0).cpu())
     return torch.stack(psfs)
 
