@@ -86,3 +86,26 @@ def test_the_same_psf_everywhere_is_one_convolution():
 def test_every_psf_needs_a_place():
     with pytest.raises(OptionError, match="2 PSFs and 3 places"):
         FieldConvolution(torch.rand(2, 1, 4, 4), torch.zeros(3, 2), (4, 4))
+
+
+def test_fewer_psfs_take_the_places_of_their_combinations():
+    """Nine PSFs of three and little else: as many terms, and what the error says."""
+    generator = torch.Generator().manual_seed(2)
+    three = torch.rand((3, 2, 12, 14), generator=generator, dtype=torch.float64)
+    amounts = torch.rand((9, 3), generator=generator, dtype=torch.float64)
+    rest = torch.rand((9, 2, 12, 14), generator=generator, dtype=torch.float64) - 0.5
+    psfs = torch.einsum("kr,rchw->kchw", amounts, three) + 1e-3 * rest
+    places = torch.cartesian_prod(torch.linspace(-2, 6, 3), torch.linspace(-3, 7, 3))
+    whole = FieldConvolution(psfs, places, (9, 11), SCENE)
+    fewer = FieldConvolution(psfs, places, (9, 11), SCENE, error=0.01)
+    assert (len(whole.terms), len(fewer.terms), fewer.field_points) == (9, 3, 9)
+    scene = torch.rand((2, 9, 11), generator=generator, dtype=torch.float64)
+    error = float((fewer(scene) - whole(scene)).norm() / whole(scene).norm())
+    assert 1e-5 < error < 2e-3
+    torch.testing.assert_close(fewer.transfer, whole.transfer, rtol=0, atol=0.1)
+    torch.testing.assert_close(fewer.power, whole.power, rtol=1e-2, atol=1e-2)
+    assert len(FieldConvolution(psfs, places, (9, 11), SCENE, error=1e-5).terms) == 9
+    for each in (whole, fewer):
+        each.scale_(torch.tensor([2.0, 3.0])[:, None, None])
+    torch.testing.assert_close(fewer.single(1)(scene[1:]), fewer(scene)[1:])
+    torch.testing.assert_close(fewer(scene), whole(scene), rtol=0.02, atol=1e-2)

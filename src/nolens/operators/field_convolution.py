@@ -1,5 +1,6 @@
 """The forward model with a point spread function that varies over the field."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -131,13 +132,27 @@ def _barycentric(corners: Array, rows: Array, columns: Array) -> Array:
 
 
 @dataclass(frozen=True)
+class _Share:
+    """A PSF and what of the scene it counts for.
+
+    `mean` is the weight's mean over the scene, and `square` what |H|² counts in the mean of the
+    squares: as much for a field point, 1 for a PSF of a basis.
+    """
+
+    psf: Tensor
+    weight: FieldWeight
+    mean: float
+    square: float
+
+
+@dataclass(frozen=True)
 class _Term:
-    """One field point: its weight, where that lies in the padded shape, its transfer, its part."""
+    """A share in the Fourier domain: its weight, where that lies in the padded shape, its PSF."""
 
     weight: FieldWeight
     window: Window
     transfer: Tensor
-    part: float
+    square: float
 
 
 class FieldConvolution(CroppedConvolution):
@@ -159,6 +174,10 @@ class FieldConvolution(CroppedConvolution):
         sensor's frame; the scene pixel there sees that PSF.
     sensor, support
         As `CroppedConvolution` takes them.
+    error
+        Fewer PSFs, of which those of the field points are combinations (Karhunen and Loève's
+        basis, `lauer2002`), may take their places where that costs less time: as few as err by this
+        fraction of the PSFs, as root mean squares over PSFs and scene. 0 for none.
 
     Raises
     ------
@@ -177,6 +196,8 @@ class FieldConvolution(CroppedConvolution):
         places: Tensor,
         sensor: tuple[int, int],
         support: PixelRectangle | None = None,
+        *,
+        error: float = 0.0,
     ) -> None:
         if len(psfs) != len(places):
             raise OptionError(
@@ -185,35 +206,41 @@ class FieldConvolution(CroppedConvolution):
         super().__init__(psfs[0], sensor, support)
         geometry = self.geometry
         scene = PixelRectangle(*geometry.origin, *geometry.scene[2:])
-        shares = interpolation_weights(places, scene)
-        self.transfer = torch.zeros_like(self.transfer)
-        terms = []
-        for psf, weight in zip(psfs, shares, strict=True):
+        shares = []
+        for psf, weight in zip(psfs, interpolation_weights(places, scene), strict=True):
             if weight is None:
                 continue
-            transfer = CroppedConvolution(psf, sensor, support).transfer
             values = weight.values.to(psf)
             part = float(values.sum(dtype=torch.float64)) / (scene.height * scene.width)
-            self.transfer.add_(transfer, alpha=part)
+            shares.append(_Share(psf, replace(weight, values=values), part, part))
+        self._field_points = len(shares)
+        if error > 0:
+            basis = _basis(shares, scene, error)
+            if _cost(basis, geometry.padded) < _cost(shares, geometry.padded):
+                shares = basis
+        self.transfer = torch.zeros_like(self.transfer)
+        terms = []
+        for share in shares:
+            transfer = CroppedConvolution(share.psf, sensor, support).transfer
+            self.transfer.add_(transfer, alpha=share.mean)
+            weight = share.weight
             top, left = geometry.scene[0] + weight.top, geometry.scene[1] + weight.left
-            window = top, left, *values.shape
-            terms.append(
-                _Term(FieldWeight(weight.top, weight.left, values), window, transfer, part)
-            )
+            window = top, left, *weight.values.shape
+            terms.append(_Term(weight, window, transfer, share.square))
         self.terms = tuple(terms)
 
     @property
     def field_points(self) -> int:
-        """How many PSFs it has that count for a pixel of the scene."""
-        return len(self.terms)
+        """How many PSFs were given that count for a pixel of the scene."""
+        return self._field_points
 
     @property
     def power(self) -> Tensor:
         """Mean of |H|² of the half spectra, each by the pixels that its PSF counts for."""
         total = torch.zeros_like(self.transfer.real)
         for term in self.terms:
-            total.add_(term.transfer.real.square(), alpha=term.part)
-            total.add_(term.transfer.imag.square(), alpha=term.part)
+            total.add_(term.transfer.real.square(), alpha=term.square)
+            total.add_(term.transfer.imag.square(), alpha=term.square)
         return total
 
     @property
@@ -260,3 +287,33 @@ class FieldConvolution(CroppedConvolution):
             scene[..., *term.weight.window] += part.mul_(term.weight.values)
         assert scene is not None
         return scene
+
+
+def _basis(shares: list[_Share], scene: PixelRectangle, error: float) -> list[_Share]:
+    r"""The fewest PSFs of which those of the field points are combinations, but for an error.
+
+    With the parts :math:`p_k` of the scene and the decomposition :math:`(\sqrt{p_k}\, h_k)_k =
+    U Σ V^T`, they are :math:`g_r = \sum_k U_{kr} \sqrt{p_k}\, h_k`, with the weights
+    :math:`\sum_k (U_{kr} / \sqrt{p_k})\, w_k`; so the mean of |H|² is :math:`\sum_r |G_r|^2`.
+    """
+    roots = torch.tensor([math.sqrt(each.mean) for each in shares], dtype=torch.float64)
+    flat = torch.stack([each.psf.flatten() for each in shares])
+    gram = (flat @ flat.T).double().cpu() * roots[:, None] * roots
+    energies, vectors = (each.flip(-1) for each in torch.linalg.eigh(gram))
+    left = 1 - energies.cumsum(0) / energies.sum()
+    rank = min(int((left > error**2).sum()) + 1, len(shares))
+    basis = []
+    for vector in vectors[:, :rank].T:
+        psf = torch.zeros_like(shares[0].psf)
+        values = psf.new_zeros(scene.height, scene.width)
+        for each, amount, root in zip(shares, vector.tolist(), roots.tolist(), strict=True):
+            psf.add_(each.psf, alpha=amount * root)
+            values[each.weight.window].add_(each.weight.values, alpha=amount / root)
+        mean = float(values.mean(dtype=torch.float64))
+        basis.append(_Share(psf, FieldWeight(0, 0, values), mean, 1.0))
+    return basis
+
+
+def _cost(shares: list[_Share], padded: tuple[int, int]) -> float:
+    """Time of the terms' transforms, of all columns and the windows' rows, over that of columns."""
+    return sum(1 + len(each.weight.values) / (2 * padded[0]) for each in shares)

@@ -34,6 +34,8 @@ _COLOURS = ("R", "G", "B")
 _COLOUR_TV, _COLOUR = 0.8, 1.6
 """Of the total variation of the colours together: its weight beside that of each by itself, and
 how much more differences of colours weigh than their mean."""
+_BASIS_ERROR = 0.02
+"""Of PSFs over the field that are combinations of fewer (decision 18)."""
 _UNIFORM = 0.9
 """Fraction of the data that a uniform scene explains where the scene fills the view."""
 _UNIT_SIDE = 1000
@@ -143,7 +145,11 @@ class Problem:
                 _check_fit(each, data, valid)
             middle = torch.tensor([side // 2 for side in sensor])
             forward = FieldConvolution(
-                field_psf.values.to(precision), field_psf.places + middle, sensor, confined
+                field_psf.values.to(precision),
+                field_psf.places + middle,
+                sensor,
+                confined,
+                error=_BASIS_ERROR,
             )
         top, left, height, width = Geometry.build(
             sensor, (psf.shape[-2], psf.shape[-1]), confined
