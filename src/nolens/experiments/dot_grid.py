@@ -417,14 +417,16 @@ def dot_grid(
     pitch_um: float,
     distance_um: float,
     extent_deg: float = LARGEST_ANGLE_DEG,
+    psf_points: int = 1,
     iterations: int = 300,
     seed: int = 0,
     progress: ProgressCallback | None = None,
 ) -> DotGrid:
     """Show a camera a grid of dots, reconstruct what it measures, and find them in the picture.
 
-    The PSF of the reconstruction is the central one, known as far as light from the grid passes;
-    light can come from the grid's support alone. Each dot is smaller than a pixel.
+    The PSF of the reconstruction is the central one, or those of several field points, known as
+    far as light from the grid passes; light can come from the grid's support alone. Each dot is
+    smaller than a pixel.
 
     Parameters
     ----------
@@ -434,6 +436,8 @@ def dot_grid(
         Of the grid.
     extent_deg
         Half angle up to which there are dots.
+    psf_points
+        PSFs along each side of the field that the reconstruction has; odd.
     iterations
         Of the reconstruction.
     seed
@@ -461,7 +465,12 @@ def dot_grid(
     rows, columns = twin.shape
     wide = rows + field.support.height, columns + field.support.width
     psf = experiment.psf(PointSource((0.0, 0.0), distance_um), wide)
-    picture = solved(shot.frame, psf, field.support, iterations=iterations, progress=rest)
+    several = None
+    if psf_points > 1:
+        several = experiment.field_psf(field.support, psf_points, distance_um)
+    picture = solved(
+        shot.frame, psf, field.support, iterations=iterations, field_psf=several, progress=rest
+    )
     return locate_grid(
         picture.cpu().mean(dim=0),
         twin,

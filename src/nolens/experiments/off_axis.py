@@ -23,7 +23,14 @@ from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.kernels import fast_length, irfft2, rfft2
 from nolens.optics import PointSource
 from nolens.progress import ProgressCallback, within
-from nolens.twin import Light, Twin, colours_of, polychromatic_psf_bytes, shortest_nm
+from nolens.twin import (
+    Light,
+    Twin,
+    check_field_points,
+    colours_of,
+    polychromatic_psf_bytes,
+    shortest_nm,
+)
 
 CORRELATIONS = (0.6, 0.3)
 """Down to the first a picture is good, below the second it is lost (`uvimprint`); the paper does
@@ -212,6 +219,8 @@ class FieldTarget:
         Distance of neighbouring dots.
     extent_deg
         Half angle up to which there are dots.
+    psf_points
+        PSFs along each side of the field with which the dots are reconstructed; odd.
 
     Raises
     ------
@@ -223,10 +232,12 @@ class FieldTarget:
     angles_deg: Sequence[float]
     pitch_um: float | None
     extent_deg: float
+    psf_points: int = 1
 
     def __post_init__(self) -> None:
         if self.pitch_um is not None:
             grid_tangents(self.pitch_um, self.distance_um, self.extent_deg)
+        check_field_points(self.psf_points)
 
     def __str__(self) -> str:
         if self.pitch_um is None:
@@ -272,6 +283,7 @@ class FieldTarget:
             pitch_um=self.pitch_um,
             distance_um=self.distance_um,
             extent_deg=self.extent_deg,
+            psf_points=self.psf_points,
             seed=seed,
             progress=progress,
         )

@@ -526,6 +526,7 @@ def solved(
     *,
     iterations: int = 300,
     tau: float | None = None,
+    field_psf: FieldPsf | None = None,
     progress: ProgressCallback | None = None,
 ) -> Tensor:
     """Scene on the pixels of the support, by ADMM (`nolens.solvers.admm`).
@@ -542,11 +543,14 @@ def solved(
         All of them are done.
     tau
         Weight of the prior; None chooses it by held-out pixels.
+    field_psf
+        PSFs over the field, for the picture; None takes `psf` for all of it.
     progress
         Called with the fraction that is done.
     """
     measurement = develop(frame) if isinstance(frame, Frame) else frame
-    reconstructor = Reconstructor(psf, support, tau).for_iterations(iterations)
+    reconstructor = Reconstructor(psf, support, tau, field_psf=field_psf)
+    reconstructor = reconstructor.for_iterations(iterations)
 
     def advance(state: Progress) -> None:
         if progress is not None:

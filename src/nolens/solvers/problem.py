@@ -34,7 +34,7 @@ _COLOURS = ("R", "G", "B")
 _COLOUR_TV, _COLOUR = 0.8, 1.6
 """Of the total variation of the colours together: its weight beside that of each by itself, and
 how much more differences of colours weigh than their mean."""
-_BASIS_ERROR = 0.02
+_BASIS_ERROR = 0.03
 """Of PSFs over the field that are combinations of fewer (decision 18)."""
 _UNIFORM = 0.9
 """Fraction of the data that a uniform scene explains where the scene fills the view."""

@@ -52,12 +52,13 @@ _OPTIONS = {
         "dot_pitch",
         "distance",
         "extent",
+        "field_points",
         "seed",
         "plot",
         "output",
     ),
 }
-_OF_DOTS = ("extent", "output")
+_OF_DOTS = ("extent", "field_points", "output")
 _LIGHT = "Light and grid of dots"
 _OffAxis = Annotated[Angle, Between("0 deg", "89.9 deg")]
 
@@ -164,6 +165,15 @@ class MeasureFieldOptions(RecordedOptions):
             former="reach",
         ),
     ] = Angle("50", "deg")
+    field_points: Annotated[
+        int,
+        Between(1, 101),
+        Option(
+            "PSFs along each side of the field with which the simulated grid is reconstructed, an "
+            "odd number; 1 takes the one straight ahead for all of it.",
+            _LIGHT,
+        ),
+    ] = 1
     seed: Annotated[Seed, Option("Of the simulated noise.", _LIGHT)] = 0
     plot: Annotated[
         FilePath | None,
@@ -309,6 +319,7 @@ def _of_twin(run: Run[MeasureFieldOptions], loaded: LoadedCamera) -> Product[Fie
         [angle.deg for angle in options.angles],
         None if options.dot_pitch is None else options.dot_pitch.um,
         options.extent.deg,
+        options.field_points,
     )
     working = target.working_bytes(preview_model(loaded))
     twin = run.twin(loaded, working, _REMEDY)
