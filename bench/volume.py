@@ -1,9 +1,9 @@
 """Planes of several depths, solved together: beads, and two objects one before the other.
 
-`make bench-model` runs it after `bench/model.py`. A simulated camera (the middle of the paper's,
-read by pixels of four; noise and mosaic) takes 200 beads in 8 planes, and the two objects of the
-reproduction (8 and 20 cm). Rows that were measured are in `--folder`; the table goes into
-`docs/volume.md`, between its markers.
+`make bench-model` runs it after `bench/model.py`. Simulated cameras with noise and mosaic take 200
+beads in 8 planes, 60 fluorescent ones in water, and the two objects of the reproduction (8 and
+20 cm). Rows that were measured are in `--folder`; the table goes into `docs/volume.md`, between
+its markers.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import argparse
 import json
 import math
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,21 +24,79 @@ from nolens.camera import Camera, LoadedCamera, preset
 from nolens.camera.measurement import bin_mean
 from nolens.evaluate import psnr, scale_fit
 from nolens.experiments.virtual_experiment import VirtualExperiment
-from nolens.files import read_camera, write_camera, write_frame, write_png
+from nolens.files import read_camera, read_light, write_camera, write_frame, write_png
 from nolens.files.sample_pictures import sample_picture
 from nolens.jobs import PsfOptions, ReconstructOptions, Reporter, reconstruct, simulate_psf
 from nolens.operators import PixelRectangle
-from nolens.twin import FieldMap, Plane, PlaneView, render_planes
+from nolens.twin import FieldMap, Plane, PlaneView, Twin, render_planes
 
-BEADS, APART = 200, 5
-SENSOR = 1200, 1600
-SIDE = 2
-"""Sensor superpixels along a bead, and along a pixel of the reconstruction."""
-FIELD_DEG, OBJECTS_DEG = 45, 40
-PLANES = 8
-STEP_PER_M = 8.8
-"""Between planes, in 1/z: the depth of focus."""
+APART, SIDE, OBJECTS_DEG = 5, 2, 40
 MARKS = "<!-- bench/volume.py: begin -->", "<!-- end -->"
+GFP = "wavelength_nm,power\n470,0\n490,0.3\n509,1\n530,0.5\n560,0.12\n600,0\n"
+
+
+@dataclass(frozen=True)
+class Volume:
+    """Beads in planes before the middle of the paper's sensor.
+
+    Parameters
+    ----------
+    name
+        Of its files.
+    per_m
+        1/z of the planes, from the nearest on.
+    calibrated
+        Numbers of the planes that PSFs are known of.
+    count
+        Of the beads.
+    sensor
+        Rows and columns of pixels.
+    bin_by
+        Superpixels along a bead, and along a pixel of the reconstruction.
+    field_deg
+        Angle that the PSFs cover.
+    field_points
+        Along each side of the simulated scene.
+    channels
+        That are reconstructed.
+    outside
+        Index of the space of the beads.
+    fluorescent
+        Whether they shine with an emission spectrum, in place of a white LED.
+    fill
+        Fraction of a full pixel that the brightest one is exposed to.
+    """
+
+    name: str
+    per_m: tuple[float, ...]
+    calibrated: tuple[int, ...]
+    count: int
+    sensor: tuple[int, int]
+    bin_by: int
+    field_deg: float
+    field_points: int
+    channels: str = "grey"
+    outside: float = 1.0
+    fluorescent: bool = False
+    fill: float = 0.9
+
+    @property
+    def depths_um(self) -> list[float]:
+        """Of the planes."""
+        return [1e6 / each if each else math.inf for each in self.per_m]
+
+    @property
+    def texts(self) -> list[str]:
+        """The same as --depths takes them."""
+        return ["inf" if math.isinf(z) else f"{z * 1e-3:.4f}mm" for z in self.depths_um]
+
+
+BEADS = Volume(
+    "beads", tuple(8.8 * k for k in reversed(range(8))), (0, 5, 7), 200, (1200, 1600), 2, 45, 5
+)
+WATER = Volume(
+    "water", (250, 230, 210, 190), (0, 3), 60, (600, 800), 1, 24, 3, "g", 1.33, True, 0.2
+)
 
 
 class Quiet(Reporter):
@@ -48,18 +107,13 @@ class Quiet(Reporter):
         print("warning:", text, flush=True)
 
 
-def depths_um(planes: int) -> list[float]:
-    """From the nearest on, one depth of focus apart; the last is infinite."""
-    return [1e6 / (k * STEP_PER_M) if k else math.inf for k in reversed(range(planes))]
-
-
-def depth_texts(planes: int) -> list[str]:
-    """The same as --depths takes them."""
-    return ["inf" if math.isinf(z) else f"{z * 1e-3:.4f}mm" for z in depths_um(planes)]
-
-
 def camera_folder(
-    folder: Path, sensor: tuple[int, int], distances: list[str], field_deg: float
+    folder: Path,
+    sensor: tuple[int, int],
+    distances: list[str],
+    field_deg: float,
+    light: str = "white-led",
+    outside: float = 1.0,
 ) -> Path:
     """A camera's folder with PSFs over the field, at some distances."""
     out = folder / "camera"
@@ -67,7 +121,7 @@ def camera_folder(
         paper = preset("paper")
         size = dict(zip(("rows", "columns"), sensor, strict=True))
         read = {"sensor": paper.sensor.model_copy(update=size), "name": "middle of the paper's"}
-        camera: Camera = paper.model_copy(update=read)
+        camera: Camera = paper.model_copy(update={**read, "outside": outside})
         write_camera(folder / "described", camera)
         for distance in distances:
             simulate_psf(
@@ -79,39 +133,44 @@ def camera_folder(
                     distance=distance,
                     wavelengths=1,
                     size="0um",
+                    light=light,
                 ),
                 Quiet(),
             )
     return out
 
 
-def simulated_beads(folder: Path, camera: LoadedCamera) -> tuple[Path, list[list[int]]]:
+def simulated_beads(
+    folder: Path, camera: LoadedCamera, volume: Volume, light: str
+) -> tuple[Path, list[list[int]]]:
     """A frame of beads, and the plane, row and column of each on pixels of the reconstruction."""
-    raw, truth = folder / "beads.tif", folder / "beads.json"
+    raw, truth = folder / f"{volume.name}.tif", folder / f"{volume.name}-places.json"
     if not raw.exists():
-        experiment = VirtualExperiment.of(camera, wavelengths=1, field_points=5)
-        shape = experiment.twin.shape
+        experiment = VirtualExperiment(
+            Twin.of(camera), read_light(light), 1, field_points=volume.field_points
+        )
+        shape, side = experiment.twin.shape, volume.bin_by
         support = PixelRectangle.centred(shape[0] // 2, shape[1] // 2, shape)
         generator = torch.Generator().manual_seed(0)
-        volume = torch.zeros(PLANES, 3, support.height, support.width)
+        scene = torch.zeros(len(volume.per_m), 3, support.height, support.width)
         places: list[list[int]] = []
-        while len(places) < BEADS:
+        while len(places) < volume.count:
             row, column = (
-                int(torch.randint(3, side // SIDE - 3, (1,), generator=generator))
-                for side in (support.height, support.width)
+                int(torch.randint(3, count // side - 3, (1,), generator=generator))
+                for count in (support.height, support.width)
             )
             if any(max(abs(row - r), abs(column - c)) <= APART for _, r, c in places):
                 continue
-            plane = len(places) % PLANES
+            plane = len(places) % len(volume.per_m)
             window = (
-                slice(SIDE * row, SIDE * (row + 1)),
-                slice(SIDE * column, SIDE * (column + 1)),
+                slice(side * row, side * (row + 1)),
+                slice(side * column, side * (column + 1)),
             )
-            volume[plane, :, *window] = 0.5 + 0.5 * float(torch.rand(1, generator=generator))
+            scene[plane, :, *window] = 0.5 + 0.5 * float(torch.rand(1, generator=generator))
             places.append([plane, row, column])
-        views = tuple(map(PlaneView, volume, depths_um(PLANES)))
-        shot = experiment.measure_views(FieldMap(experiment.twin, support), views)
-        print("beads: error between field points, of the noise", shot.field_error, flush=True)
+        views = tuple(map(PlaneView, scene, volume.depths_um))
+        shot = experiment.measure_views(FieldMap(experiment.twin, support), views, fill=volume.fill)
+        print(volume.name, "error between field points", shot.field_error, flush=True)
         write_frame(raw, shot.frame, model="nolens simulated camera")
         truth.write_text(json.dumps(places))
     return raw, json.loads(truth.read_text())
@@ -147,25 +206,35 @@ def judged(volume: torch.Tensor, places: list[list[int]], least: float = 0.05) -
     }
 
 
-def beads(folder: Path, ways: dict[str, dict[str, Any]]) -> dict[str, Any]:
+def beads(folder: Path, volume: Volume, ways: dict[str, dict[str, Any]]) -> dict[str, Any]:
     """Every way of reconstructing the beads."""
-    texts, sensor = depth_texts(PLANES), SENSOR
-    psfs = camera_folder(folder, sensor, [texts[0], texts[-3], "infinity"], FIELD_DEG)
-    raw, places = simulated_beads(folder, read_camera(psfs))
+    light = "white-led"
+    if volume.fluorescent:
+        light = str(folder / "gfp.csv")
+        Path(light).write_text(GFP)
+    psfs = camera_folder(
+        folder if volume is BEADS else folder / volume.name,
+        volume.sensor,
+        [volume.texts[k].replace("inf", "infinity") for k in volume.calibrated],
+        volume.field_deg,
+        light,
+        volume.outside,
+    )
+    raw, places = simulated_beads(folder, read_camera(psfs), volume, light)
     rows = {}
     for name, options in ways.items():
-        path = folder / f"beads-{name.replace(', ', '-').replace(' ', '-')}.json"
+        path = folder / f"{volume.name}-{name.replace(', ', '-').replace(' ', '-')}.json"
         if not path.exists():
-            begun, out = time.perf_counter(), path.with_suffix("")
-            height, width = (side // 2 // SIDE // 2 for side in sensor)
+            begun = time.perf_counter()
+            height, width = (side // 2 // volume.bin_by // 2 for side in volume.sensor)
             result = reconstruct(
                 ReconstructOptions(
                     measurement=raw,
                     psf=psfs,
-                    depths=",".join(texts),
-                    output=(out,),
-                    bin=SIDE,
-                    channels="grey",
+                    depths=",".join(volume.texts),
+                    output=(path.with_suffix(""),),
+                    bin=volume.bin_by,
+                    channels=volume.channels,
                     mosaic="RGGB",
                     black=256,
                     support=f"{height}x{width}",
@@ -173,11 +242,11 @@ def beads(folder: Path, ways: dict[str, dict[str, Any]]) -> dict[str, Any]:
                 ),
                 Quiet(),
             )
-            row = judged(result.value.sum(1), places)
+            row = judged(result.value[:, :1].sum(1), places)
             row |= {key: result.summary[key] for key in ("tau", "iterations")}
             path.write_text(json.dumps({**row, "seconds": time.perf_counter() - begun}))
-        rows[name] = json.loads(path.read_text())
-        print(name, rows[name], flush=True)
+        rows[f"{volume.name}, {name}"] = json.loads(path.read_text())
+        print(volume.name, name, rows[f"{volume.name}, {name}"], flush=True)
     return rows
 
 
@@ -229,6 +298,7 @@ def objects(folder: Path) -> dict[str, Any]:
             "mosaic": "RGGB",
             "black": 256,
             "support": window.text,
+            "field_points": 1,
         }
         row: dict[str, Any] = {}
         for name, more in (("apart", {}), ("together", {"depths": "8cm,20cm"})):
@@ -299,7 +369,8 @@ def main() -> None:
         "l1, one PSF, even noise": {"prior": "l1", "field_points": 1, "noise": "even"},
         "tv, one PSF": {"prior": "tv", "field_points": 1},
     }
-    rows = beads(asked.folder, ways)
+    rows = beads(asked.folder, BEADS, ways)
+    rows |= beads(asked.folder, WATER, {"l1": ways["l1"]})
     two = objects(asked.folder)
     picture(asked.folder / "beads-l1", Path("docs/results/volume-beads.png"))
     before, rest = asked.page.read_text().split(MARKS[0])
