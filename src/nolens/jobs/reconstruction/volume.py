@@ -1,5 +1,7 @@
 """`nolens reconstruct --depths`: planes of a scene that are solved together."""
 
+import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -22,7 +24,7 @@ from nolens.camera import (
 )
 from nolens.camera.psf_set import depth_um
 from nolens.errors import OptionError
-from nolens.files import CAMERA_FILE, read_frame
+from nolens.files import CAMERA_FILE, read_frame, read_psf_set
 from nolens.files.psf_folder import PsfFolder
 from nolens.files.stacks import volume_writers
 from nolens.jobs.reconstruction.options import ReconstructOptions, parse_support
@@ -58,6 +60,8 @@ _PRIORS = {
     "l1": StackPrior(sparse=True),
 }
 _ITERATIONS, _TOLERANCE = 200, 1e-2
+_FIELD_BYTES = 8
+"""Of each pixel of the padded shape, for a PSF and its transfer function."""
 OCCLUSION = (
     "the light of all planes adds up; that near objects hide far ones is not modelled, so what "
     "lies behind an opaque object comes out too dark"
@@ -297,7 +301,9 @@ def _check_memory(
     """Refuse more depths than there is memory for, and say how many there is memory for."""
     height, width = psf.shape[-2:]
     padded = Geometry.build(measurement.size, (height, width), support).padded
+    pixels = len(measurement.channels) * math.prod(padded)
     each = stack_bytes(1, len(measurement.channels), padded)
+    each += _FIELD_BYTES * (_most_field_points(run.options) - 1) * pixels
     fitting = int((memory_bytes(run.device) - BYTES_OF_PROGRAM) / each)
     check_memory(
         BYTES_OF_PROGRAM + depths * each,
@@ -305,6 +311,15 @@ def _check_memory(
         f"{max(1, fitting)} depths would fit in place of {depths}; --channels grey, a smaller "
         "--support or larger pixels (--bin) need less",
     )
+
+
+def _most_field_points(options: ReconstructOptions) -> int:
+    """PSFs over the field of one distance, at most."""
+    if options.psf_folder is None or options.field_points == 1:
+        return 1
+    listed = Counter(each.distance for each in read_psf_set(options.psf_folder).psf)
+    there = max(listed.values())
+    return there if options.field_points == "auto" else min(there, options.field_points)
 
 
 def _variance(
