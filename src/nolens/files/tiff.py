@@ -194,6 +194,8 @@ def _part_of_map(
 def _ome_frames(path: Path, description: str, pages: Sequence[Any]) -> list[tuple[int, ...]]:
     """Frames by the axes of OME-TIFF: those of one time after another, each from its first depth.
 
+    Three channels are colours; of another number, such as bands, each is a frame.
+
     https://docs.openmicroscopy.org/ome-model/latest/ome-tiff/specification.html
     """
     pixels = _attributes(description, "Pixels")[0]
@@ -203,10 +205,10 @@ def _ome_frames(path: Path, description: str, pages: Sequence[Any]) -> list[tupl
     sizes["C"] = max(1, sizes["C"] // pages[0].samplesperpixel)
     lengths = [sizes[axis] for axis in order]
     count = math.prod(lengths)
-    if sorted(order) != ["C", "T", "Z"] or not 0 < count <= _MOST_PAGES or sizes["C"] not in (1, 3):
+    if sorted(order) != ["C", "T", "Z"] or not 0 < count <= _MOST_PAGES:
         raise FileError(
             f"{path} is an OME-TIFF of {sizes['T']} times, {sizes['Z']} depths and {sizes['C']} "
-            f"channels; accepted are 1 or 3 channels, and {_MOST_PAGES} planes in all"
+            f"channels; accepted are 1 to {_MOST_PAGES} planes in all"
         )
     planes: list[int | None] = [None] * count
     for block in _attributes(description, "TiffData") or [{}]:
@@ -235,7 +237,8 @@ def _attributes(description: str, element: str) -> list[dict[str, str]]:
 def _by_channels(planes: list[int], order: str, sizes: Mapping[str, int]) -> list[tuple[int, ...]]:
     """Pages of each frame, of planes in an order of T, Z and C whose last axis runs fastest."""
     grid = np.array(planes).reshape([sizes[axis] for axis in order])
-    frames = grid.transpose([order.index(axis) for axis in "TZC"]).reshape(-1, sizes["C"])
+    colours = 3 if sizes["C"] == 3 else 1
+    frames = grid.transpose([order.index(axis) for axis in "TZC"]).reshape(-1, colours)
     return [tuple(each) for each in frames.tolist()]
 
 

@@ -74,7 +74,10 @@ if TYPE_CHECKING:
 else:
     BatchReconstructOptions = batch_of(
         ReconstructOptions,
-        without=("measurement", "output", "sweep", "resume", "latency", "frames", "exposure"),
+        without=(
+            *("measurement", "output", "sweep", "resume", "latency", "frames", "exposure"),
+            *("depths", "noise", "bands", "spectral_smoothness", "spectrum_at"),
+        ),
         base=BatchReconstructBase,
         usage="batch reconstruct FRAMES --psf PSF -o FOLDER",
     )
