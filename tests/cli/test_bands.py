@@ -57,6 +57,19 @@ def measured(folder: Path, camera: Path, bands: str) -> tuple[Path, str, np.ndar
     return raw, support, truth * tifffile.imread(folder / "response.tif")
 
 
+def list_psfs(camera: Path) -> None:
+    """A PSF of a wavelength near the bands, and a wrong one of a wavelength far from them."""
+    done = run(
+        "psf", "--camera", camera, "--distance", "300mm", "--light", "520nm", "--wavelengths", 1,
+        "-o", camera / "near.tif",
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    tifffile.imwrite(camera / "far.tif", tifffile.imread(camera / "near.tif")[::-1, ::-1])
+    entry = '[[psf]]\nfile = "{}.tif"\npixel = "1.55 um"\nchannels = ["grey"]\n'
+    entry += 'distance = "300 mm"\nwavelength = "{} nm"\n'
+    (camera / "psfs.toml").write_text(entry.format("far", 900) + entry.format("near", 520))
+
+
 def cosine(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
     norms = np.linalg.norm(found, axis=0) * np.linalg.norm(truth, axis=0)
     return (found * truth).sum(axis=0) / np.maximum(norms, 1e-9)
@@ -65,6 +78,7 @@ def cosine(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
 def test_spectra_through_filters_are_those_of_the_scene(tmp_path):
     camera = filtered(tmp_path / "camera", tile=TILE, transmission={"file": "filters.csv"})
     raw, support, truth = measured(tmp_path, camera, WAVELENGTHS)
+    list_psfs(camera)
     cube = tmp_path / "cube"
     done = run(
         "reconstruct", raw, "--psf", camera, "--bands", WAVELENGTHS, "--support", support,

@@ -11,6 +11,7 @@ import torch.nn.functional as nnf
 from torch import Tensor
 
 from nolens.camera import Frame, LoadedCamera, Measurement, develop, exposure_white
+from nolens.camera.psf_set import depth_um
 from nolens.camera.spectra import linear_stokes, spectral_srgb
 from nolens.errors import DataError, OptionError
 from nolens.experiments.virtual_experiment import VirtualExperiment
@@ -76,6 +77,14 @@ def reconstruct_bands(run: Run[ReconstructOptions]) -> Product[Tensor]:
     masks /= masks.max()
     psfs = _psfs(run, loaded, preview, bands, measurement.size)
     support = _support(run, measurement, masks, psfs)
+    size = measurement.size if support is None else (support.height, support.width)
+    if options.spectrum_at is not None:
+        row, column = options.spectrum_at
+        if not (row < size[0] and column < size[1]):
+            raise OptionError(
+                f"--spectrum-at {row},{column} lies outside the picture of {size[0]}×{size[1]} "
+                "pixels (rows × columns): give a row and a column of it, from 0"
+            )
     padded = Geometry.build(measurement.size, (psfs.shape[-2], psfs.shape[-1]), support).padded
     run.begin(stack_bytes(len(bands), 1, padded), _REMEDY)
     problem = StackProblem.build(
@@ -195,7 +204,15 @@ def _measured_psfs(
     if folder is None:
         frames[None] = read_frame(run.options.psf).counts
     else:
-        ahead = [each for each in folder.psfs if each.on_axis]
+        away = None if run.options.distance is None else depth_um(run.options.distance)
+        ahead = [each for each in folder.psfs if each.on_axis and each.frame == "chief-ray"]
+        ahead = [each for each in ahead if away in (None, each.distance_um)]
+        if len({each.distance_um for each in ahead}) != 1:
+            have = ", ".join(sorted({str(each.distance) for each in folder.psfs}))
+            raise OptionError(
+                f"{folder.path} has PSFs of {have}, and one distance straight ahead is needed: say "
+                "which (--distance)"
+            )
         for each in ahead:
             nm = None if each.wavelength is None else each.wavelength.um * 1e3
             frames.setdefault(nm, folder.frame(each).counts)
@@ -282,11 +299,6 @@ def _writers(
     }
     if options.spectrum_at is not None:
         row, column = options.spectrum_at
-        if not (row < cube.shape[1] and column < cube.shape[2]):
-            raise OptionError(
-                f"--spectrum-at {row},{column} lies outside the picture of {cube.shape[1]}×"
-                f"{cube.shape[2]} pixels (rows × columns): give a row and a column of it, from 0"
-            )
         values = cube[:, row, column].tolist()
         writers["spectrum"] = partial(write_spectrum, bands=bands, values=values)
         writers["plot of the spectrum"] = partial(
