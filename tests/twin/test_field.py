@@ -20,7 +20,10 @@ EVEN = twin_of(flattened(cropped(32, 40, pitch="12.4 um")))
 ODD = twin_of(flattened(cropped(34, 38, pitch="12.4 um")))
 """17 × 19 cells: the middle one lies on the axis."""
 GREY = twin_of(in_grey(flattened(cropped(33, 40, pitch="12.4 um"))))
+WET = twin_of(EVEN.camera.model_copy(update={"outside": 1.33}))
+"""In water, where angles are those before the camera."""
 TWINS = pytest.mark.parametrize("twin", [EVEN, ODD, GREY], ids=["even", "odd", "grey"])
+TWINS_ANYWHERE = pytest.mark.parametrize("twin", [ODD, GREY, WET], ids=["odd", "grey", "wet"])
 
 
 @TWINS
@@ -68,7 +71,7 @@ def test_cells_are_counted_by_snells_law(angle_deg):
     assert field.support.width == 2 * math.ceil(reach)
 
 
-@TWINS
+@TWINS_ANYWHERE
 @settings(max_examples=25)
 @given(st.floats(0, 1), st.floats(0, 1), st.sampled_from([1e4, 3e5, math.inf]))
 def test_the_chief_ray_of_a_cell_lands_on_it(twin, down, right, distance_um):
@@ -120,7 +123,7 @@ def test_solid_angles_add_up_to_the_integral(twin, tangents):
     assert total == pytest.approx(expected, rel=0.01)
 
 
-@TWINS
+@TWINS_ANYWHERE
 def test_solid_angle_of_a_cell_is_that_of_its_neighbours_directions(twin):
     """cos θ times the area that tangents of the cells around it span."""
     field = FieldMap.covering(twin, (0.5, 0.6))
@@ -131,7 +134,7 @@ def test_solid_angle_of_a_cell_is_that_of_its_neighbours_directions(twin):
     inner = (slice(1, -1), slice(1, -1))
     torch.testing.assert_close(field.solid_angle()[inner], expected[inner], rtol=2e-3, atol=0)
     straight = field.solid_angle()[field.support.height // 2, field.support.width // 2]
-    expected = (twin.pixel_um / reduced_um(twin.camera)) ** 2
+    expected = (twin.pixel_um / (twin.camera.outside * reduced_um(twin.camera))) ** 2
     assert float(straight) == pytest.approx(expected, rel=1e-6)
 
 
