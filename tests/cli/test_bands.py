@@ -141,6 +141,8 @@ def test_a_map_of_filters_of_another_size_is_refused(tmp_path):
     ("options", "words"),
     [
         (["--bands", "500nm,400nm"], ["500nm,400nm", "increasing"]),
+        (["--bands", "0deg,45deg"], ["see these bands alike", "polarisers"]),
+        (["--bands", "900nm,950nm"], ["no pixel", "900 nm, 950 nm"]),
         (["--bands", "500nm", "-o", "picture.png"], ["folder", "picture.png"]),
         (["--bands", "4", "--channels", "g"], ["--channels", "--bands"]),
         (["--spectrum-at", "3,4"], ["--spectrum-at", "--bands"]),
@@ -149,7 +151,7 @@ def test_a_map_of_filters_of_another_size_is_refused(tmp_path):
 def test_options_that_do_not_fit_bands_are_refused(tmp_path, options, words):
     camera = filtered(tmp_path / "camera", tile=TILE, transmission={"file": "filters.csv"})
     raw = tmp_path / "raw.tif"
-    tifffile.imwrite(raw, np.ones((96, 128), np.uint16))
+    tifffile.imwrite(raw, np.arange(96 * 128, dtype=np.uint16).reshape(96, 128))
     output = [] if "-o" in options else ["-o", tmp_path / "cube"]
     done = run("reconstruct", raw, "--psf", camera, *options, *output)
     check_refused(done, *words)

@@ -43,7 +43,7 @@ _LIGHT = Light("equal-energy")
 """Of polarised scenes."""
 _AROUND = 15
 """Pixels along the square that a pixel's mean light is taken over."""
-_HALF = 0.5
+_HALF, _ALIKE = 0.5, 1e-5
 _REMEDY = "fewer --bands, a smaller --support or a camera with fewer pixels need less"
 
 
@@ -65,16 +65,7 @@ def reconstruct_bands(run: Run[ReconstructOptions]) -> Product[Tensor]:
     preview = preview_model(loaded)
     bands = _bands(run, preview)
     measurement = _developed(options, loaded)
-    masks = torch.stack(
-        [pixel_currents(preview, band.light(_LIGHT), 1.0, band.polarisation) for band in bands]
-    )
-    if not bool((masks.amax(dim=(1, 2)) > 0).all()):
-        dark = [str(b.place) for b, m in zip(bands, masks, strict=True) if not float(m.max()) > 0]
-        raise OptionError(
-            f"no pixel of {loaded.camera.name!r} sees light of {', '.join(dark)}: leave it out of "
-            "--bands"
-        )
-    masks /= masks.max()
+    masks = _masks(run, preview, bands)
     psfs = _psfs(run, loaded, preview, bands, measurement.size)
     support = _support(run, measurement, masks, psfs)
     size = measurement.size if support is None else (support.height, support.width)
@@ -89,12 +80,15 @@ def reconstruct_bands(run: Run[ReconstructOptions]) -> Product[Tensor]:
     run.begin(stack_bytes(len(bands), 1, padded), _REMEDY)
     problem = StackProblem.build(
         StackConvolution(
-            [CroppedConvolution(psf[None], measurement.size, support) for psf in psfs],
-            masks,
+            [
+                CroppedConvolution(psf[None].to(run.device), measurement.size, support)
+                for psf in psfs
+            ],
+            masks.to(run.device),
         ),
-        measurement.values,
-        valid=measurement.valid,
-        variance=_variance(measurement, masks, loaded),
+        measurement.values.to(run.device),
+        valid=measurement.valid.to(run.device),
+        variance=_variance(measurement, masks, loaded).to(run.device),
         prior=StackPrior(across=options.spectral_smoothness),
     )
 
@@ -125,6 +119,41 @@ def _bands(run: Run[ReconstructOptions], twin: Twin) -> tuple[Band, ...]:
     step = (passed[-1] - passed[0]) / count
     places = [round(float(passed[0]) + (number + 0.5) * step, 1) for number in range(count)]
     return tuple(Band(Length.of(place, "nm")) for place in places)
+
+
+def _masks(run: Run[ReconstructOptions], twin: Twin, bands: tuple[Band, ...]) -> Tensor:
+    """What each pixel takes of each band, (bands, rows, columns), at most 1.
+
+    Raises
+    ------
+    OptionError
+        If none takes anything of a band, or all take the same of them.
+    """
+    name = twin.camera.name
+    masks = torch.stack(
+        [pixel_currents(twin, band.light(_LIGHT), 1.0, band.polarisation) for band in bands]
+    )
+    dark = [str(b.place) for b, m in zip(bands, masks, strict=True) if not float(m.max()) > 0]
+    if dark:
+        raise OptionError(
+            f"no pixel of {name!r} sees light of {', '.join(dark)}: leave it out of --bands"
+        )
+    masks /= masks.max()
+    parts = masks / masks.sum(dim=0).clamp_min(1e-9)
+    if len(bands) > 1 and float((parts - parts[:, :1, :1]).abs().max()) < _ALIKE:
+        raise OptionError(
+            f"all pixels of {name!r} see these bands alike, and cannot tell them apart: "
+            "wavelengths need spectral filters or a mosaic in camera.toml, angles need polarisers"
+        )
+    kinds = len(twin.camera.sensor.channels)
+    if twin.filters is not None and twin.filters.transmission is not None:
+        kinds = len(twin.filters.transmission.values)
+    if bands[0].wavelength_nm is not None and len(bands) > kinds:
+        run.warn(
+            f"{len(bands)} bands through {kinds} kinds of filters: what these cannot tell apart "
+            "comes out as smooth as the prior has it"
+        )
+    return masks
 
 
 def _developed(options: ReconstructOptions, loaded: LoadedCamera) -> Measurement:
