@@ -27,7 +27,7 @@ from nolens.jobs.run import Reporter
 from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
 from nolens.solvers import Method, Progress, Reconstructor, stop_of
-from nolens.twin import FieldMap, Light, Twin
+from nolens.twin import FieldMap, Light, Rectification, Twin, preview_model
 
 GREEN, SIDE = "535nm", 146
 QUICK = ("--support", f"{SIDE}x{SIDE}", "--tau", 1e-4, "--iterations", 8, "--channels", "g",
@@ -203,3 +203,24 @@ def test_refused(made: Open, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr("psutil.virtual_memory", lambda: SimpleNamespace(total=2e8))
     check_refused(run(*asked, "--field", "20deg", "--field-points", 3), "0.2 GB", "--field-points")
     assert listing(tmp_path) == before
+
+
+def test_shading_and_distortion_are_undone(made: Open, tmp_path: Path) -> None:
+    """The picture over what the layers say; refused where no layers are known."""
+    plain, both = tmp_path / "plain.tif", tmp_path / "both.tif"
+    asked = (made.raw, "--psf", made.folder, "--field-points", 1, *QUICK)
+    picture = reconstruct(plain, *asked)
+    rectified = reconstruct(both, *asked, "--flatten", "--undistort")
+    record = json.loads(both.with_suffix(".json").read_text())["parameters"]["rectification"]
+    twin = preview_model(read_camera(made.folder / "camera.toml"))
+    rectification = Rectification(twin, PixelRectangle.centred(SIDE, SIDE, twin.shape))
+    expected = rectification.undistorted(rectification.flattened(picture))
+    torch.testing.assert_close(rectified, expected, rtol=1e-4, atol=1e-5)
+    assert record == pytest.approx(rectification.row())
+    one = made.copy(tmp_path / "one")
+    (one / "camera.toml").unlink()
+    asked = (made.raw, "--psf", one, "--field-points", 1, *QUICK)
+    done = run("reconstruct", *asked, "--undistort", "-o", tmp_path / "none.png")
+    check_refused(done, "--camera", "layers")
+    done = run("reconstruct", *asked, "--camera", "paper", "--flatten", "-o", tmp_path / "none.png")
+    assert done.code == 2 and "--flatten" in done.err and "1520×2028" in done.err, done

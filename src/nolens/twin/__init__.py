@@ -30,6 +30,7 @@ from nolens.twin.psf import (
     polychromatic_psf_bytes,
     shortest_nm,
 )
+from nolens.twin.rectification import Rectification
 from nolens.twin.scene import FieldMap, Plane, PlaneView, in_channels, render_planes
 
 __all__ = [
@@ -45,6 +46,7 @@ __all__ = [
     "Light",
     "Plane",
     "PlaneView",
+    "Rectification",
     "Twin",
     "camera_figures",
     "check_field_points",

@@ -153,6 +153,8 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: Setup) -> Product[Te
         "channel_names": list(setup.measurement.channels),
         "threads": torch.get_num_threads(),
     }
+    if setup.rectification is not None:
+        parameters["rectification"] = setup.rectification.row()
     return Product(picture, figures, writers, parameters, result.history)
 
 

@@ -74,7 +74,7 @@ def _list_of_folder(path: Path) -> Path:
 _OF_ONE_PICTURE = {
     *("quality", "sweep", "psf_extent", "psf_scale", "psf_flip", "field", "method", "resume"),
     *("low_frequency", "latency", "penalties", "balance", "relaxation", "crop", "tiff_bits"),
-    *("frames", "exposure"),
+    *("frames", "exposure", "flatten", "undistort"),
 }
 """Options that depths or bands, which are solved together, do not have."""
 _NOT_OF_BANDS = {
@@ -293,7 +293,9 @@ class ReconstructOptions(JobOptions):
     ] = None
     camera: Annotated[
         Name | None,
-        Option(f"For --field and --depths: {CAMERAS}.", SOLVER, role="camera", label="PSF"),
+        Option(
+            f"For --field, --depths and --flatten: {CAMERAS}.", SOLVER, role="camera", label="PSF"
+        ),
     ] = None
     method: Annotated[Method, Option("How to solve.", SOLVER, label="Method")] = Method.ADMM
     tau: ChosenTau = "auto"
@@ -387,6 +389,22 @@ class ReconstructOptions(JobOptions):
         _Places | None,
         Option("Writes the spectrum at a ROW,COLUMN of the bands, as .csv and plot.", PICTURE),
     ] = None
+    flatten: Annotated[
+        bool,
+        Option(
+            "Undoes the shading of the lensless camera: the dark towards the corners, by the light "
+            "of an even plane (needs the camera: --psf FOLDER or --camera).",
+            PICTURE,
+        ),
+    ] = False
+    undistort: Annotated[
+        bool,
+        Option(
+            "Undoes the distortion by refraction at the layers: straight lines come out straight, "
+            "the corners are cut off (needs the camera, as --flatten).",
+            PICTURE,
+        ),
+    ] = False
     flip: Flip = "none"
     tiff_bits: Annotated[
         Literal[16, 32], Option("16 (white is 65535) or 32 (radiance as float).", PICTURE)

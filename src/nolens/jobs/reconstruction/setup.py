@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
@@ -43,6 +43,9 @@ from nolens.solvers.held_out import Prediction
 from nolens.solvers.inputs import support_of, tensor_of
 from nolens.solvers.reconstructor import SPARE
 from nolens.solvers.result import window_of
+
+if TYPE_CHECKING:
+    from nolens.twin import Rectification, Twin
 
 _RESUMED = 1e-4
 """A weight that stands for the one of a state, until that is read."""
@@ -112,6 +115,8 @@ class Setup:
     light: SupportChoice | None
     problem: Problem
     window: tuple[int, int, int, int]
+    twin: "Twin | None" = None
+    """The camera's layers, where shading or distortion is undone."""
 
     @classmethod
     def of(
@@ -125,10 +130,13 @@ class Setup:
 
         `chosen` are the `choices` of a run before, in place of new ones.
         """
+        twin = _twin(run)
         prepared = Prepared.of(run, development, frame, chosen)
         options, choice, light = prepared.options, prepared.psf, prepared.light
         development, measurement = prepared.development, prepared.measurement
         reconstructor = prepared.reconstructor
+        if twin is not None:
+            _check_pixels(twin, options, measurement)
         field_psf, psf = reconstructor.field_psf, tensor_of(reconstructor.psf, "PSF")
         if options.psf_folder is not None and field_psf is not None:
             # Most reconstructions need no camera.
@@ -162,6 +170,7 @@ class Setup:
             light,
             problem,
             window,
+            twin,
         )
 
     def varied(
@@ -239,8 +248,59 @@ class Setup:
         return pixel_angle(described, side * described.sensor.pitch.um)
 
     def picture(self, scene: Tensor) -> Tensor:
-        """The part of a scene that is written, as --flip turns it."""
-        return flipped(window_of(scene, self.window).cpu(), self.options.flip)
+        """The part of a scene that is written, rectified and turned as the options say."""
+        picture = window_of(scene, self.window).cpu()
+        rectification = self.rectification
+        if rectification is not None and self.options.flatten:
+            picture = rectification.flattened(picture)
+        if rectification is not None and self.options.undistort:
+            picture = rectification.undistorted(picture)
+        return flipped(picture, self.options.flip)
+
+    @property
+    def rectification(self) -> "Rectification | None":
+        """What undoes shading and distortion; None where neither is asked for."""
+        if self.twin is None:
+            return None
+        # Most reconstructions need no camera.
+        from nolens.twin import Rectification
+
+        window = PixelRectangle(*self.window_on_sensor)
+        return Rectification(self.twin, window, self.options.bin_by)
+
+
+def _twin(run: Run[ReconstructOptions]) -> "Twin | None":
+    """The camera's layers for --flatten and --undistort.
+
+    Raises
+    ------
+    NolensError
+        If no camera is known, or its description is bad.
+    """
+    options = run.options
+    if not (options.flatten or options.undistort):
+        return None
+    loaded = run.camera_beside(options.camera, options.psf_folder)
+    if loaded is None:
+        raise OptionError(
+            f"--{'flatten' if options.flatten else 'undistort'} follows rays through the camera's "
+            f"layers, and {options.psf} does not say what they are: give --camera, or a camera's "
+            f"folder with {CAMERA_FILE} as --psf"
+        )
+    # Most reconstructions need no camera.
+    from nolens.twin import preview_model
+
+    return preview_model(loaded)
+
+
+def _check_pixels(twin: "Twin", options: ReconstructOptions, measurement: Measurement) -> None:
+    size = tuple(count // options.bin_by for count in twin.shape)
+    if size != measurement.size:
+        raise OptionError(
+            f"the measurement has {measurement.size[0]}×{measurement.size[1]} pixels, and the "
+            f"camera {twin.camera.name!r} would give {size[0]}×{size[1]}: for --flatten and "
+            "--undistort give the camera that it is from (--camera)"
+        )
 
 
 def _psf_choice(run: Run[ReconstructOptions], development: Development, frame: Frame) -> PsfChoice:
@@ -443,7 +503,10 @@ def _support(
             f"--support {options.support} and --field {options.field} both say where light can "
             "come from: leave one out"
         )
-    if (options.field is None) != (options.camera is None):
+    rectified = options.flatten or options.undistort
+    if (options.field is None) != (options.camera is None) and not (
+        rectified and options.field is None
+    ):
         raise OptionError(
             "--field needs --camera, and --camera is for --field: an angle becomes pixels by the "
             "camera's layers. Give both, such as --field 56deg --camera paper"
