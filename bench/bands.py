@@ -85,7 +85,7 @@ def leaves(places: Array, seed: int, smoothness: float) -> Array:
     return scene
 
 
-def spectral_scene(path: Path, per_band: int, seed: int) -> str:
+def spectral_scene(path: Path, per_band: int, seed: int, first_line_nm: int) -> str:
     """A cube of `per_band` wavelengths for each band, with the lamp; their names."""
     step = 15 / per_band
     places = np.array(
@@ -93,7 +93,7 @@ def spectral_scene(path: Path, per_band: int, seed: int) -> str:
     )
     scene = leaves(places.astype(np.float32), seed, 60.0) / per_band
     scene[:, *LAMP] = 0.02 / per_band
-    for line in (525, 555):
+    for line in (first_line_nm, first_line_nm + 30):
         scene[int(np.argmin(abs(places - line))), *LAMP] = 1
     np.save(path, scene)
     return ",".join(f"{place:g}nm" for place in places)
@@ -112,7 +112,10 @@ def shot(case: dict[str, object], folder: Path) -> tuple[str, Array]:
     polarised = bool(case.get("polarised"))
     seed, per_band = int(str(case.get("seed", 1))), int(str(case.get("per_band", 1)))
     scene = folder / "scene.npy"
-    bands = polarised_scene(scene, seed) if polarised else spectral_scene(scene, per_band, seed)
+    if polarised:
+        bands = polarised_scene(scene, seed)
+    else:
+        bands = spectral_scene(scene, per_band, seed, int(str(case.get("line_nm", 525))))
     result = simulate(
         SimulateOptions(
             scenes=(scene,),
@@ -212,6 +215,7 @@ CASES: dict[str, dict[str, object]] = {
     "12 bands, other leaves": {"seed": 2},
     "12 bands, a tenth of the light": {"fill": "9%"},
     "12 bands, each of 3 wavelengths": {"per_band": 3},
+    "the same, lines of 530 and 560 nm": {"per_band": 3, "line_nm": 530},
     "polarisers at 4 angles": {"polarised": True},
 }
 
