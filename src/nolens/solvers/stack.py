@@ -165,6 +165,11 @@ class StackProblem:
             return 1.0
         return math.sqrt(math.prod(self.forward.sensor)) / _UNIT_SIDE
 
+    @property
+    def weight_by_noise(self) -> float:
+        """The weight where the noise alone tells it, in the unit of `Problem.weight`."""
+        return _BY_NOISE[self.prior.sparse] * self.noise / self.tau_unit
+
     def residual(self, scene: Tensor) -> Tensor:
         """B − Av on the valid pixels, zero on others; normalised."""
         return torch.where(self.valid, self.data - self.forward(scene), 0)
@@ -186,7 +191,7 @@ class StackProblem:
         noise, unit = self.noise, self.tau_unit
         blocks = held_out_blocks(self.valid)
         if blocks is None:
-            return Weight(_BY_NOISE[self.prior.sparse] * noise / unit, noise)
+            return Weight(self.weight_by_noise, noise)
         held = pixels_of(blocks, self.forward.sensor).to(self.data.device)
         fitted = replace(
             self,
@@ -212,7 +217,7 @@ class StackProblem:
 
         tried, interrupted = search_weight(_FROM[self.prior.sparse] * noise, errors)
         if not tried:
-            chosen = Weight(_BY_NOISE[self.prior.sparse] * noise / unit, noise)
+            chosen = Weight(self.weight_by_noise, noise)
         else:
             chosen = weight_of_errors(self, tried, noise, held, blocks)
         return replace(chosen, interrupted=interrupted)

@@ -37,8 +37,9 @@ def solve_stack(
     *,
     iterations: int,
     tolerance: float,
+    by_noise: bool = False,
 ) -> SolvedStack:
-    """Solve a problem with the weight of the options, or the one that held-out pixels choose.
+    """Solve a problem with the weight of the options, or one that is chosen.
 
     Parameters
     ----------
@@ -50,6 +51,8 @@ def solve_stack(
         The result, as a person who ends the run is told of it, such as "the volume".
     iterations, tolerance
         Where the options have none.
+    by_noise
+        Whether the noise, which is known, chooses the weight, and not held-out pixels.
     """
     options = run.options
 
@@ -57,7 +60,9 @@ def solve_stack(
         return run.reporter.step("% of the choice of tau", round(100 * fraction), 100, what)
 
     steps: list[dict[str, float]] = []
-    if options.tau == "auto":
+    if options.tau == "auto" and by_noise:
+        tau = problem.weight_by_noise / options.detail
+    elif options.tau == "auto":
         weight = problem.choose_weight(watch_weight)
         tau, steps = weight.tau / options.detail, [each.row() for each in weight.steps]
     else:

@@ -28,7 +28,7 @@ from nolens.jobs.run import Product, Run, Writer
 from nolens.solvers import stack_bytes
 from nolens.solvers.video import ACROSS, VideoProblem
 
-_ITERATIONS, _TOLERANCE = 100, 3e-3
+_ITERATIONS, _TOLERANCE = 60, 3e-3
 _PER_SECOND = 12
 """Frames of the .mp4 in a second: two seconds for 24."""
 _ON_SHEET = 24
@@ -66,7 +66,12 @@ def reconstruct_video(run: Run[ReconstructOptions]) -> Product[Tensor]:
         )
     run.begin(stack_bytes(frames, single.channels, single.forward.geometry.padded), LESS_MEMORY)
     solved = solve_stack(
-        run, problem.stack, "the video", iterations=_ITERATIONS, tolerance=_TOLERANCE
+        run,
+        problem.stack,
+        "the video",
+        iterations=_ITERATIONS,
+        tolerance=_TOLERANCE,
+        by_noise=True,
     )
     video = flipped(problem.video(solved.scene), options.flip)
     figures = {
