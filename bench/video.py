@@ -222,7 +222,7 @@ def table(rows: dict[str, dict[str, float]]) -> list[str]:
         f"{FRAMES} frames; photographs pass by {STEP:g} pixels a frame. PSNR of all frames in dB; "
         "τ by the sensor's noise.",
         "",
-        "| scene | lines | exposure of a line | video | all at once, long | all at once, short | "
+        "| scene | lines | exposure of a line (in frames) | video | all at once, long | all at once, short | "
         "mean of the true frames | video over the better control | iterations, CPU |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
@@ -230,7 +230,7 @@ def table(rows: dict[str, dict[str, float]]) -> list[str]:
         scene, rolling, frames = CASES[case]
         better = row["video_db"] - max(row["long_db"], row["short_db"])
         lines.append(
-            f"| {scene} | {rolling} | {row['exposure_ms']:.2g} ms, {frames:g} frames | "
+            f"| {scene} | {rolling} | {row['exposure_ms']:.2g} ms ({frames:g}) | "
             f"**{row['video_db']:.1f}** | {row['long_db']:.1f} | {row['short_db']:.1f} | "
             f"{row['mean_db']:.1f} | {better:+.1f} dB | {row['iterations']:.0f}, "
             f"{row['cpu_s']:.0f} s |"

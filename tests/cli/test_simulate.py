@@ -120,6 +120,24 @@ def test_absurd_exposure_is_only_saturated(picture: Path, tmp_path: Path) -> Non
     assert told["saturated_fraction"] > 0.9
 
 
+def test_lines_see_a_moving_scene_while_they_are_exposed(tmp_path: Path) -> None:
+    """Dark, then bright: only the lower lines of "down" begin late enough to see it."""
+    frames, raw, truth = (tmp_path / name for name in ("frames", "raw.dng", "truth.tif"))
+    frames.mkdir()
+    plain(frames / "9.png", 0, 0, 0)
+    plain(frames / "10.png", 255, 255, 255)
+    asked = ("--exposure", "50us", "--luminance", "1e6 nit", "-o", raw, "--truth", truth)
+    told = simulated(frames, *QUICK, *asked)
+    assert told["exposure_s"] == 5e-5 and read_frame(raw).exposure_s == pytest.approx(5e-5)
+    lines = read_frame(raw).counts[0].mean(dim=-1) - 256
+    assert float(lines[:127].abs().max()) < 1 and float(lines[131:].min()) > 20
+    shown = tifffile.imread(truth)
+    assert shown.shape[:2] == (2, 3) and not shown[0].any() and shown[1].mean() > 0.9
+    done = run("simulate", frames, *QUICK, *asked, "--frame-duration", "1ms")
+    lines = read_frame(raw).counts[0].mean(dim=-1) - 256
+    assert done.code == 0 and float(lines[:33].abs().max()) < 1 and float(lines[37:].min()) > 20
+
+
 def test_near_picture_hides_the_far_one(tmp_path: Path) -> None:
     far = plain(tmp_path / "far.png", 255, 0, 0)
     near = plain(tmp_path / "near.png", 0, 0, 255)

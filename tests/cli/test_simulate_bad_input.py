@@ -108,6 +108,11 @@ def test_psf(options: list[object], words: list[str], tmp_path: Path) -> None:
         (["simulate"], ["no scene is given", "nolens simulate SCENE -o raw.dng"]),
         (["simulate", "s.png"], ["no output is given", "-o raw.dng"]),
         (["simulate", "none.png", "-o", "x.dng"], ["there is no file none.png"]),
+        (["simulate", ".", "-o", "x.dng"], [". is a moving scene", "--exposure 2ms"]),
+        (
+            ["simulate", "s.png", "--frame-duration", "1ms", "-o", "x.dng"],
+            ["--frame-duration 1 ms", "is for a moving scene"],
+        ),
         (["simulate", "s.png", "-o", "x.png"], ["x.png", ".dng, .tif"]),
         (["simulate", "s.png", "-o", "s.png/x.dng"], ["is a file, not a folder"]),
         (["psf"], ["no output is given", "-o x.tif"]),
