@@ -222,8 +222,9 @@ def table(rows: dict[str, dict[str, float]]) -> list[str]:
         f"{FRAMES} frames; photographs pass by {STEP:g} pixels a frame. PSNR of all frames in dB; "
         "τ by the sensor's noise.",
         "",
-        "| scene | lines | exposure of a line (in frames) | video | all at once, long | all at once, short | "
-        "mean of the true frames | video over the better control | iterations, CPU |",
+        "| scene | lines | exposure of a line (in frames) | video | all at once, long | "
+        "all at once, short | mean of the true frames | "
+        "video over the better control | iterations, CPU |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for case, row in rows.items():
