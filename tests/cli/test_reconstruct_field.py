@@ -224,3 +224,22 @@ def test_shading_and_distortion_are_undone(made: Open, tmp_path: Path) -> None:
     check_refused(done, "--camera", "layers")
     done = run("reconstruct", *asked, "--camera", "paper", "--flatten", "-o", tmp_path / "none.png")
     assert done.code == 2 and "--flatten" in done.err and "1520×2028" in done.err, done
+
+
+def test_refocusing_uses_them_too(made: Open, tmp_path: Path) -> None:
+    """At the depth of the PSFs it is the picture of `reconstruct`; at another they are larger."""
+    picture = reconstruct(tmp_path / "picture.tif", made.raw, "--psf", made.folder, *QUICK)[0]
+
+    def refocused(depth: str, *more: object) -> torch.Tensor:
+        folder = tmp_path / "refocused"
+        asked = ("--depth", depth, *QUICK, *more, "-o", folder)
+        done = run("refocus", made.raw, "--psfs", made.folder, *asked)
+        assert done.code == 0, done
+        return read_frame(folder / "focused.tif").counts[0]
+
+    def alike(one: torch.Tensor) -> float:
+        return float(torch.corrcoef(torch.stack([one.flatten(), picture.flatten()]))[0, 1])
+
+    assert alike(refocused("80mm")) > 0.99
+    assert alike(refocused("80mm", "--field-points", 1)) < 0.98
+    assert alike(refocused("60mm")) < 0.98

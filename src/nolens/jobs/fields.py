@@ -299,6 +299,15 @@ Scheduler = Annotated[
         label="Dask scheduler",
     ),
 ]
+FieldPoints = Annotated[
+    Annotated[int, Between(1, 1000)] | Literal["auto"],
+    Option(
+        "How many PSFs of a folder to take at most, spread over the field; 1 takes the one "
+        "straight ahead for all of the scene. auto: all there are at that distance.",
+        SOLVER,
+        label="PSFs over the field",
+    ),
+]
 _PRIOR = Option("What the scene is assumed to be like.", SOLVER, label="Prior")
 ScenePrior = Annotated[Prior, _PRIOR]
 PRIORS = (*(each.value for each in Prior), *plugin_names("nolens.priors"))

@@ -9,7 +9,16 @@ import torch
 from pydantic import AfterValidator
 from torch import Tensor
 
-from nolens.camera import Measurement, arrange_rgb, develop, exposure_white, flipped
+from nolens.calibrate.distances import Layers
+from nolens.camera import (
+    FieldPsf,
+    Measurement,
+    PsfGeometry,
+    arrange_rgb,
+    develop,
+    exposure_white,
+    flipped,
+)
 from nolens.camera.part import refusal
 from nolens.camera.psf_set import BEST_FIRST, Depth, depth_um
 from nolens.errors import DataError, OptionError
@@ -33,6 +42,7 @@ from nolens.jobs.fields import (
     ChosenTau,
     Dark,
     Device,
+    FieldPoints,
     FilePath,
     Flat,
     Flip,
@@ -51,6 +61,7 @@ from nolens.jobs.run import Product, Run, Writer, check_solver_memory, job
 from nolens.ranges import Between
 from nolens.refocusing import (
     AllInFocus,
+    DepthField,
     DepthPsfs,
     DepthReconstructor,
     FocalStack,
@@ -60,7 +71,7 @@ from nolens.refocusing import (
     focal_stack,
     focus,
 )
-from nolens.solvers import Prior
+from nolens.solvers import Development, Prior
 
 _FOCUSED_FILES = ("focused.png", "focused.tif")
 _PLACE = r"([0-9]{1,6})\s*,\s*([0-9]{1,6})"
@@ -180,6 +191,7 @@ class RefocusOptions(OutputFolderOptions):
     channels: Channels = "all"
     bin: Annotated[Bin, Option("Average N×N pixels into one.", INPUT, label="Binning")] = 1
     prior: ScenePrior = Prior.TV
+    field_points: FieldPoints = "auto"
     iterations: Annotated[
         Iterations,
         Option(
@@ -273,7 +285,12 @@ def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
         channels=options.channels,
     )
     psfs = read_depth_psfs(
-        run, options.psfs, measurement, bin_by=options.bin, channels=options.channels
+        run,
+        options.psfs,
+        measurement,
+        bin_by=options.bin,
+        channels=options.channels,
+        field_points=options.field_points,
     )
     farthest = psfs.at(psfs.distances_um[-1])
     support = None
@@ -296,7 +313,8 @@ def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
     run.warn(
         *psfs.warnings, *psfs.depth_warnings(stated, depth if isinstance(depth, tuple) else None)
     )
-    run.begin(check_solver_memory(reconstructor.at(farthest), measurement, LESS_MEMORY))
+    needed = reconstructor.at(farthest, psfs.field_at(psfs.distances_um[-1]))
+    run.begin(check_solver_memory(needed, measurement, LESS_MEMORY))
 
     def picture_of(scene: Tensor) -> Tensor:
         return flipped(arrange_rgb(scene, measurement.channels), options.flip)
@@ -326,7 +344,13 @@ def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
             writers[options.output / name] = partial(write, radiance=picture)
     if options.stack is not None and not stopped:
         depths = even_depths(*_range_um(options.stack), options.steps)
-        stack = focal_stack(reconstructor, psfs.at, depths, partial(step, result="the depths"))
+        stack = focal_stack(
+            reconstructor,
+            psfs.at,
+            depths,
+            partial(step, result="the depths"),
+            field_at=psfs.field_at,
+        )
         stack = replace(stack, pages=torch.stack([picture_of(page) for page in stack.pages]))
         together = all_in_focus(stack, _WINDOW_LINES * psfs.line)
         exposure_white(together.picture)  # As above.
@@ -340,14 +364,20 @@ def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
 
 
 def read_depth_psfs(
-    run: Run[Any], folder: Path, measurement: Measurement, *, bin_by: int, channels: str
+    run: Run[Any],
+    folder: Path,
+    measurement: Measurement,
+    *,
+    bin_by: int,
+    channels: str,
+    field_points: FieldPoints,
 ) -> DepthPsfs:
-    """Read the PSFs of points straight ahead that fit a measurement.
+    """Read the PSFs that fit a measurement: straight ahead, and where a camera is known at angles.
 
     Raises
     ------
     NolensError
-        If there is none, or one does not fit.
+        If there is none straight ahead, or one does not fit.
     """
     entries = read_psf_set(folder).by_distance(BEST_FIRST)
     if not entries:
@@ -358,14 +388,52 @@ def read_depth_psfs(
     files = {entry: folder / entry.file for entry in entries}
     run.reads({f"PSF {entry.file}": path for entry, path in files.items()})
     psfs = PsfFolder(folder)
-    return DepthPsfs.of_set(
+    camera = None if psfs.camera is None else psfs.camera.camera
+    depths = DepthPsfs.of_set(
         {entry: psfs.frame(entry) for entry in entries},
         measurement,
-        None if psfs.camera is None else psfs.camera.camera,
+        camera,
         where=str(folder),
         bin_by=bin_by,
         channels=channels,
     )
+    if camera is None or field_points == 1:
+        return depths
+    known = {
+        distance: _field_psf(run, psfs, distance, measurement, bin_by, channels, field_points)
+        for distance in depths.distances_um
+    }
+    if all(field.points == 1 for field in known.values()):
+        return depths
+    pixel_um = bin_by * camera.sensor.superpixel * camera.sensor.pitch.um
+    return replace(depths, field=DepthField(known, Layers.of_camera(camera), pixel_um))
+
+
+def _field_psf(
+    run: Run[Any],
+    folder: PsfFolder,
+    distance_um: float,
+    measurement: Measurement,
+    bin_by: int,
+    channels: str,
+    field_points: FieldPoints,
+) -> FieldPsf:
+    """All PSFs of a distance on the measurement's pixels."""
+    found = folder.for_scene(distance_um, None if field_points == "auto" else field_points)
+    run.reads({f"PSF {each.file}": folder.path / each.file for each in found.entries})
+    size = (measurement.size[0] * bin_by, measurement.size[1] * bin_by)
+    development = Development(
+        found.ahead,
+        bin_by=bin_by,
+        channels=channels,
+        psf_geometry=PsfGeometry(extended=found.ahead.size != size),
+        field_points=found.field_points,
+    )
+    field = development.field_psf(measurement)
+    if field is None:
+        ahead = development.prepared(measurement).values
+        return FieldPsf(ahead[None], torch.zeros(1, 2, dtype=torch.float64))
+    return field
 
 
 def _depth_or_search(

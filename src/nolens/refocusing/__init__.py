@@ -25,6 +25,7 @@ from nolens.refocusing.focal_stack import (
     sharpness,
 )
 from nolens.refocusing.psf_between import (
+    DepthField,
     DepthPsfs,
     PsfAt,
     PsfBetween,
@@ -37,6 +38,7 @@ __all__ = [
     "AllInFocus",
     "Autofocus",
     "AutofocusResult",
+    "DepthField",
     "DepthPsfs",
     "DepthReconstructor",
     "FocalStack",

@@ -260,7 +260,7 @@ def focus(
         finished = finished and not ended
         return ended
 
-    result = reconstructor.solve(psfs.at(depth), advance)
+    result = reconstructor.solve(psfs.at(depth), advance, psfs.field_at(depth))
     half = psfs.depth_of_focus_per_m / 2
     sharp = depth_um(per_m(depth) + half), depth_um(max(0, per_m(depth) - half))
     return Focused(result, depth, sharp, search, finished)

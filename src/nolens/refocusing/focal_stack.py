@@ -7,7 +7,7 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
-from nolens.camera import Measurement
+from nolens.camera import FieldPsf, Measurement
 from nolens.camera.measurement import bin_mean
 from nolens.operators import PixelRectangle
 from nolens.refocusing.depth import per_m
@@ -57,9 +57,14 @@ class DepthReconstructor:
         """The problem for the PSF of a depth."""
         return self.at(psf).problem(self.measurement)
 
-    def solve(self, psf: Tensor, callback: Callback | None = None) -> Result:
-        """The scene as it is if all of it lies at the depth of a PSF."""
-        return self.at(psf).solve(self.measurement, callback=callback)
+    def solve(
+        self,
+        psf: Tensor,
+        callback: Callback | None = None,
+        field_psf: FieldPsf | None = None,
+    ) -> Result:
+        """The scene as it is if all of it lies at the depth of a PSF, or of PSFs over the field."""
+        return self.at(psf, field_psf).solve(self.measurement, callback=callback)
 
     def weighted(
         self, psf: Tensor, progress: Callable[[float], bool | None] | None = None
@@ -80,10 +85,18 @@ class DepthReconstructor:
             return self
         return replace(self, tau=self.at(psf).choose_weight(self.measurement, None, progress).tau)
 
-    def at(self, psf: Tensor) -> Reconstructor:
+    def at(self, psf: Tensor, field_psf: FieldPsf | None = None) -> Reconstructor:
         """What reconstructs with the PSF of a depth."""
         stop = Stop(self.iterations, self.tolerance, scene_tolerance=0.0, low_frequency=False)
-        return Reconstructor(psf, self.support, self.tau, self.prior, stop=stop, device=self.device)
+        return Reconstructor(
+            psf,
+            self.support,
+            self.tau,
+            self.prior,
+            stop=stop,
+            device=self.device,
+            field_psf=field_psf,
+        )
 
     def coarser(self, bin_by: int, iterations: int) -> "DepthReconstructor":
         """The same with `bin_by`² pixels made one, with fewer iterations."""
@@ -185,6 +198,8 @@ def focal_stack(
     psf_at: Callable[[float], Tensor],
     depths_um: Sequence[float],
     step: Callable[[int, int], bool] | None = None,
+    *,
+    field_at: Callable[[float], FieldPsf | None] | None = None,
 ) -> FocalStack:
     """Reconstruct one measurement at many depths, each as if the whole scene lay there.
 
@@ -199,6 +214,8 @@ def focal_stack(
     step
         Called after every convergence check with the iterations that are done and all there
         are; True ends the work, and the stack has the depths that are done.
+    field_at
+        PSFs over the field of a depth, in place of that one.
     """
     pages: list[Tensor] = []
     objectives: list[float] = []
@@ -211,8 +228,8 @@ def focal_stack(
             ended = step is not None and step(done, len(depths_um) * reconstructor.iterations)
             return ended
 
-        psf = psf_at(depth)
-        result = reconstructor.solve(psf, advance)
+        field_psf = None if field_at is None else field_at(depth)
+        result = reconstructor.solve(psf_at(depth), advance, field_psf)
         if ended and pages:
             break
         pages.append(result.photograph.cpu())

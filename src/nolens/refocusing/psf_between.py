@@ -10,8 +10,18 @@ from typing import Any, Self
 import torch
 from torch import Tensor
 
+from nolens.calibrate.distances import Layers
 from nolens.calibrate.registration import register
-from nolens.camera import Camera, Frame, Measurement, PsfEntry, PsfGeometry, develop, prepare_psf
+from nolens.camera import (
+    Camera,
+    FieldPsf,
+    Frame,
+    Measurement,
+    PsfEntry,
+    PsfGeometry,
+    develop,
+    prepare_psf,
+)
 from nolens.camera.measurement import bin_mean
 from nolens.camera.psf import edge_warning
 from nolens.errors import DataError, OptionError
@@ -149,6 +159,48 @@ class PsfBetween:
 
 
 @dataclass(frozen=True)
+class DepthField:
+    """PSFs over the field at some distances, for the depths of one measurement.
+
+    Parameters
+    ----------
+    known
+        By distance; on the measurement's pixels.
+    layers
+        Of the camera: they say how much larger a PSF is at another depth, by its angle.
+    pixel_um
+        Pitch of the measurement's pixels.
+    """
+
+    known: Mapping[float, FieldPsf]
+    layers: Layers
+    pixel_um: float
+
+    def at(self, depth_um: float, ahead: Tensor) -> FieldPsf | None:
+        """PSFs over the field of a depth, as bright as the one straight ahead.
+
+        Those of the nearest distance in 1/z, each magnified by the layers at its angle. None where
+        that distance has the one straight ahead alone.
+        """
+        nearest_um = min(self.known, key=lambda each: abs(per_m(each) - per_m(depth_um)))
+        field = self.known[nearest_um]
+        if field.points == 1:
+            return None
+        factors = [
+            self.layers.magnification(depth_um, shift)
+            / self.layers.magnification(nearest_um, shift)
+            for shift in (field.places.norm(dim=1) * self.pixel_um).tolist()
+        ]
+        values = torch.stack(
+            [magnified(psf, factor) for psf, factor in zip(field.values, factors, strict=True)]
+        )
+        field = FieldPsf(values, field.places)
+        size = [min(pair) for pair in zip(values.shape[-2:], ahead.shape[-2:], strict=True)]
+        bright = [float(_middle(each, size).sum()) for each in (ahead, field.on_axis)]
+        return FieldPsf(values * (bright[0] / bright[1]), field.places)
+
+
+@dataclass(frozen=True)
 class DepthPsfs:
     """The PSFs of a camera, for the depths of one measurement.
 
@@ -162,12 +214,15 @@ class DepthPsfs:
         See `nolens.refocusing.depth_of_focus_per_m`.
     warnings
         What may make pictures worse than they could be.
+    field
+        PSFs over the field, where they are known.
     """
 
     between: PsfBetween
     bin_by: int
     depth_of_focus_per_m: float
     warnings: tuple[str, ...] = ()
+    field: DepthField | None = None
 
     @classmethod
     def of(
@@ -261,6 +316,10 @@ class DepthPsfs:
         """PSF of a depth on the measurement's pixels."""
         return bin_mean(self.between.at(depth_um), self.bin_by)
 
+    def field_at(self, depth_um: float) -> FieldPsf | None:
+        """PSFs over the field of a depth; None where they are not known (`DepthField.at`)."""
+        return None if self.field is None else self.field.at(depth_um, self.at(depth_um))
+
     def figures(self) -> dict[str, Any]:
         """Depth of focus, reduced distance of mask and sensor, and distances of the PSFs."""
         return {
@@ -293,6 +352,12 @@ class DepthPsfs:
                 "what the distance does to the mask's focus: calibrate at such a distance for more"
             )
         return texts
+
+
+def _middle(psf: Tensor, size: Sequence[int]) -> Tensor:
+    """Its part around the zero shift."""
+    starts = [side // 2 - n // 2 for side, n in zip(psf.shape[-2:], size, strict=True)]
+    return psf[..., starts[0] : starts[0] + size[0], starts[1] : starts[1] + size[1]]
 
 
 def _unbinned(measurement: Measurement, bin_by: int) -> tuple[int, int]:

@@ -28,6 +28,7 @@ from nolens.jobs.fields import (
     Detail,
     Device,
     Exposure,
+    FieldPoints,
     FilePath,
     Files,
     Flat,
@@ -219,15 +220,7 @@ class ReconstructOptions(JobOptions):
             label="Distance of the PSF",
         ),
     ] = None
-    field_points: Annotated[
-        Annotated[int, Between(1, 1000)] | Literal["auto"],
-        Option(
-            "How many PSFs of a folder to take at most, spread over the field; 1 takes the one "
-            "straight ahead for all of the scene. auto: all there are at that distance.",
-            SOLVER,
-            label="PSFs over the field",
-        ),
-    ] = "auto"
+    field_points: FieldPoints = "auto"
     spectral_smoothness: Annotated[
         float,
         Between(0, 100),

@@ -3,19 +3,15 @@
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from nolens.calibrate.distances import Layers
 from nolens.camera import (
     Camera,
-    FieldPsf,
     Measurement,
     PsfEntry,
-    PsfGeometry,
     arrange_rgb,
     black_level,
     develop,
@@ -25,7 +21,6 @@ from nolens.camera import (
 from nolens.camera.psf_set import depth_um
 from nolens.errors import OptionError
 from nolens.files import CAMERA_FILE, read_frame, read_psf_set
-from nolens.files.psf_folder import PsfFolder
 from nolens.files.stacks import volume_writers
 from nolens.jobs.reconstruction.options import ReconstructOptions, parse_support
 from nolens.jobs.reconstruction.stack import solve_stack
@@ -39,19 +34,17 @@ from nolens.operators import (
     PixelRectangle,
     StackConvolution,
 )
-from nolens.optics.magnification import magnified
 from nolens.quantities import Length
 from nolens.refocusing import (
     DepthPsfs,
     DepthReconstructor,
     FocalStack,
     depth_mm,
-    per_m,
     photon_variance,
     spacing_warnings,
     transparent,
 )
-from nolens.solvers import Development, StackPrior, StackProblem, stack_bytes
+from nolens.solvers import StackPrior, StackProblem, stack_bytes
 
 _PRIORS = {
     "auto": StackPrior(),
@@ -89,7 +82,7 @@ def reconstruct_volume(run: Run[ReconstructOptions]) -> Product[Tensor]:
     farthest = psfs.at(depths[-1])
     support = _support(run, measurement, psfs)
     _check_memory(run, measurement, farthest, support, len(depths))
-    operators = _operators(run, depths, measurement, psfs, camera, support)
+    operators = _operators(run, depths, measurement, psfs, support)
     run.begin()
     problem = StackProblem.build(
         StackConvolution(operators),
@@ -156,7 +149,12 @@ def _read(run: Run[ReconstructOptions]) -> tuple[Measurement, DepthPsfs, Camera 
         )
         if folder is not None:
             return measurement, read_depth_psfs(
-                run, folder, measurement, bin_by=bin_by, channels=options.channels
+                run,
+                folder,
+                measurement,
+                bin_by=bin_by,
+                channels=options.channels,
+                field_points=options.field_points,
             )
         assert psf is not None
         if loaded is None or options.distance is None:
@@ -199,76 +197,19 @@ def _operators(
     depths: Sequence[float],
     measurement: Measurement,
     psfs: DepthPsfs,
-    camera: Camera | None,
     support: PixelRectangle | None,
 ) -> list[CroppedConvolution]:
     """The forward model of each depth: by its PSF, or those over the field that the folder has."""
-    options, planes = run.options, [psfs.at(each) for each in depths]
-    fields = []
-    if options.psf_folder is not None and camera is not None and options.field_points != 1:
-        layers = Layers.of_camera(camera)
-        pixel_um = psfs.bin_by * camera.sensor.superpixel * camera.sensor.pitch.um
-        fields = [_field_psf(run, depth, measurement, psfs, layers, pixel_um) for depth in depths]
-    if not fields or any(each is None for each in fields):
-        return [CroppedConvolution(psf.to(run.device), measurement.size, support) for psf in planes]
-    operators: list[CroppedConvolution] = []
-    middle = torch.tensor([side // 2 for side in measurement.size])
-    for field, plane in zip(fields, planes, strict=True):
-        assert field is not None
-        size = [min(a, b) for a, b in zip(field.values.shape[-2:], plane.shape[-2:], strict=True)]
-        # Equally bright as the PSF of the depth is, which knows how PSFs of depths compare.
-        bright = [float(_middle(each, size).sum()) for each in (plane, field.on_axis)]
-        values = field.values * (bright[0] / bright[1])
-        operators.append(
-            FieldConvolution(
-                values.to(run.device), field.places + middle, measurement.size, support
-            )
-        )
-    return operators
-
-
-def _field_psf(
-    run: Run[ReconstructOptions],
-    depth: float,
-    measurement: Measurement,
-    psfs: DepthPsfs,
-    layers: Layers,
-    pixel_um: float,
-) -> FieldPsf | None:
-    """PSFs over the field of the nearest distance, in 1/z, each magnified to a depth."""
-    options = run.options
-    assert options.psf_folder is not None
-    folder = PsfFolder(options.psf_folder)
-    measured_um = min(psfs.distances_um, key=lambda each: abs(per_m(each) - per_m(depth)))
-    most = None if options.field_points == "auto" else options.field_points
-    found = folder.for_scene(measured_um, most)
-    run.reads({f"PSF {each.file}": folder.path / each.file for each in found.entries})
-    extended = found.ahead.size != (
-        measurement.size[0] * psfs.bin_by,
-        measurement.size[1] * psfs.bin_by,
-    )
-    development = Development(
-        found.ahead,
-        bin_by=psfs.bin_by,
-        channels=options.channels,
-        psf_geometry=PsfGeometry(extended=extended),
-        field_points=found.field_points,
-    )
-    field = development.field_psf(measurement)
-    if field is None:
-        return None
-    factors = [
-        layers.magnification(depth, shift) / layers.magnification(measured_um, shift)
-        for shift in (field.places.norm(dim=1) * pixel_um).tolist()
+    size, middle = measurement.size, torch.tensor([side // 2 for side in measurement.size])
+    fields = [psfs.field_at(depth) for depth in depths]
+    if not all(fields):
+        planes = [psfs.at(depth).to(run.device) for depth in depths]
+        return [CroppedConvolution(plane, size, support) for plane in planes]
+    return [
+        FieldConvolution(field.values.to(run.device), field.places + middle, size, support)
+        for field in fields
+        if field is not None
     ]
-    pairs = zip(field.values, factors, strict=True)
-    return replace(field, values=torch.stack([magnified(psf, factor) for psf, factor in pairs]))
-
-
-def _middle(psf: Tensor, size: Sequence[int]) -> Tensor:
-    """Its part around the zero shift."""
-    starts = [side // 2 - n // 2 for side, n in zip(psf.shape[-2:], size, strict=True)]
-    return psf[..., starts[0] : starts[0] + size[0], starts[1] : starts[1] + size[1]]
 
 
 def _support(
