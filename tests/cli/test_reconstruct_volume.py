@@ -126,9 +126,9 @@ def test_planes_that_look_alike_and_gaps() -> None:
     even = [1e6 / each if each else math.inf for each in (20, 10, 0)]
     assert spacing_warnings(even, 10.0) == []
     (close,) = spacing_warnings(even, 25.0)
-    assert "nearer to one another" in close and "100.0 and infinity mm" in close
+    assert "nearer to one another" in close and "100 mm and infinity" in close
     (wide,) = spacing_warnings([50e3, 100e3], 5.0)
-    assert "gaps" in wide and "50.0 and 100.0 mm (2.0)" in wide
+    assert "gaps" in wide and "50 mm and 100 mm (2.0)" in wide
 
 
 def test_variance_is_that_of_a_sensor() -> None:

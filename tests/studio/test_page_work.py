@@ -339,9 +339,9 @@ def refused(page: Any, studio_folder: Path) -> None:
 def test_click_focuses_on_a_point(visit: Visit, shot: str) -> None:
     page = visit.show("photograph")
     await_text(page, "figcaption [role=status]", r"\d+ × \d+ pixels")
-    page.get_by_label("Depths").fill("2")
-    page.get_by_label("Nearest").fill("15cm")
     form = page.get_by_role("region", name="Refocus", exact=True)
+    form.get_by_label("Depths").fill("2")
+    page.get_by_label("Nearest").fill("15cm")
     form.get_by_text("More", exact=True).click()
     form.get_by_label("τ, weight of the prior").fill("1e-4")
     form.get_by_label("Iterations, at most").fill("30")
@@ -357,12 +357,30 @@ def test_click_focuses_on_a_point(visit: Visit, shot: str) -> None:
     far = page.locator("#depth-picture").get_attribute("src")
     assert near != far and first in (near, far)
     visit.keep("refocus")
+    depths_together(page)
     # The version before had another name for the grid.
     former = 'const told = {"depths": ["1 m"], "sharpest": [[0]]};'
     stack = page.evaluate(
         "text => import('/js/depths.js').then(({ stackOf }) => stackOf(text))", f"\n{former}\n"
     )
     assert stack == {"depths": ["1 m"], "best_page": [[0]]}
+
+
+def depths_together(page: Any) -> None:
+    """Planes that are solved together are turned by the slider of the focal stack."""
+    page.get_by_role("button", name="Picture", exact=True).click()
+    form = page.get_by_role("region", name="Reconstruction", exact=True)
+    form.get_by_text("More", exact=True).first.click()
+    form.get_by_label("Depths").fill("15cm,infinity")
+    form.get_by_role("textbox", name="Channels").fill("grey")
+    form.get_by_label("Support of the scene").fill("40x40")
+    form.get_by_label("τ, weight of the prior").fill("1e-3")
+    form.get_by_label("Iterations, at most").fill("8")
+    page.get_by_role("button", name="Reconstruct").click()
+    await_text(page, "#main .stage b", "all-in-focus")
+    page.get_by_role("button", name="Depths", exact=True).click()
+    set_slider(page, "Depth", 1.0)
+    await_text(page, "[role=status]", "Sharp at infinity")
 
 
 def test_psf_from_elsewhere(visit: Visit, studio_folder: Path) -> None:

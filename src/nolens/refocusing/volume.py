@@ -1,5 +1,6 @@
 """Volumes: planes of a scene that are solved together, what tells them apart, and one picture."""
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -30,7 +31,7 @@ def spacing_warnings(depths_um: Sequence[float], focus_per_m: float) -> list[str
         Depth of focus: see `nolens.refocusing.depth_of_focus_per_m`.
     """
     apart = {
-        f"{depth_mm(near)} and {depth_mm(far)} mm": (per_m(near) - per_m(far)) / focus_per_m
+        f"{_text(near)} and {_text(far)}": (per_m(near) - per_m(far)) / focus_per_m
         for near, far in pairwise(depths_um)
     }
     unit = f"the depth of focus is {focus_per_m:.3g}/m in 1/z"
@@ -48,6 +49,10 @@ def spacing_warnings(depths_um: Sequence[float], focus_per_m: float) -> list[str
             f"in brackets ({unit}); what is in a gap comes out blurred, at the planes beside it"
         )
     return texts
+
+
+def _text(depth_um: float) -> str:
+    return "infinity" if math.isinf(depth_um) else f"{depth_mm(depth_um):g} mm"
 
 
 def transparent(stack: FocalStack) -> AllInFocus:

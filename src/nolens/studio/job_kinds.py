@@ -70,6 +70,10 @@ def _picture(options: Mapping[str, Any], place: Place) -> Outputs:
 
     folder, measurement = place.work / PICTURES, _measurement(options)
     stem = unused(folder, measurement.stem or "picture")
+    if options.get("depths") or options.get("bands"):
+        return {"output": (folder / stem,)}
+    if options.get("frames"):
+        return {"output": tuple(folder / f"{stem}{suffix}" for suffix in (".png", ".tif", ".mp4"))}
     if is_sequence(measurement):
         return {"output": (folder / stem,)}
     return {"output": (folder / f"{stem}.png", folder / f"{stem}.tif")}

@@ -10,7 +10,7 @@ import { told } from "./notices.js";
 const AT_ONCE = 24;
 const PICTURE = /\.png$/i;
 /** Pictures of a folder that stand for it. */
-const FIRST = ["focused.png", "all-in-focus.png"];
+export const FIRST = ["focused.png", "all-in-focus.png", "false-colour.png"];
 
 /** @typedef {import("./choices.js").Entry} Entry */
 /** @typedef {{name: string, picture: string, linear: string | null, record: string | null, changed: number}} Result paths of its files */

@@ -8,7 +8,7 @@ import { JobForm } from "./controls.js";
 import { Depths } from "./depths.js";
 import { button, field, filePicker, fill, group, h, segments, setOptions } from "./dom.js";
 import { baseName, folderOf, percent } from "./format.js";
-import { Gallery } from "./gallery.js";
+import { FIRST, Gallery } from "./gallery.js";
 import { fileLinks, JobView, run } from "./jobs.js";
 import { live } from "./live.js";
 import { option } from "./names.js";
@@ -192,7 +192,7 @@ class Photograph {
     this.tone.age();
     try {
       this.finish(await this.job.run("reconstruct", {
-        measurement: this.raw.value, psf: this.psf.value, ...this.options.all(this.psf.value),
+        measurement: this.raw.value, psf: this.psf.value, ...this.options.all(this.psf.value, [...this.cameras.options].map(({ value }) => value)),
       }));
     } finally {
       this.maker.disabled = false;
@@ -211,10 +211,12 @@ class Photograph {
   /** @param {Job | null} job */
   finish(job) {
     const of = (/** @type {string} */ suffix) => job?.outputs?.find((path) => path.endsWith(suffix));
-    const picture = of(".png");
+    const picture = FIRST.map((name) => of(name)).find((path) => path) ?? of(".png");
     if (!job || !picture) return;
-    const { measurement, psf } = job.options ?? {};
-    told(() => this.present(picture, of(".tif"), of(".json"), psf, fileLinks(job.outputs ?? [])))();
+    const { measurement, psf, depths, frames } = job.options ?? {};
+    const linear = frames ? undefined : of(baseName(picture).replace(/\.png$/, ".tif"));
+    told(() => this.present(picture, linear, of(".json"), psf, fileLinks(job.outputs ?? [])))();
+    if (depths) told(() => this.depths.open(job.outputs ?? []))();
     told(() => this.compare.refresh(picture, measurement))();
   }
 

@@ -20,6 +20,11 @@ export const MORE = {
   psf_flip: { words: { auto: "What explains the measurement", none: "As it is", vertical: "Upside down", horizontal: "Mirrored", both: "Rotated by 180°" } },
   distance: { example: "such as 300mm" },
   field_points: { example: "all there are; such as 9" },
+  depths: { example: "one; such as 8cm,20cm,inf" },
+  bands: { example: "the sensor's colours; such as 12" },
+  spectrum_at: { example: "such as 120,200" },
+  frames: { example: "a picture; such as 24" },
+  exposure: { example: "as the file says; such as 1ms" },
   support: { example: "auto, full or such as 400x400" },
   field: { example: "such as 40deg" },
   channels: { example: "all; grey, or letters such as rg" },
@@ -33,7 +38,9 @@ export const MORE = {
 };
 /** Options of how the raw file is read: those that refocusing has too. */
 export const READING = ["black", "white", "mosaic", "bgr", "bin", "channels", "support", "flip"];
-const SOLVING = ["sweep", "distance", "field_points", "psf_extent", "psf_scale", "psf_flip", "crop", "tau", "method", "prior", "iterations", "tolerance", "low_frequency"];
+const STACKS = ["depths", "bands", "spectrum_at", "frames", "exposure"];
+const RECTIFIED = ["flatten", "undistort"];
+const SOLVING = ["sweep", ...STACKS, ...RECTIFIED, "distance", "field_points", "psf_extent", "psf_scale", "psf_flip", "crop", "tau", "method", "prior", "iterations", "tolerance", "low_frequency"];
 
 export class ReconstructionOptions {
   /** @param {(file: File, select: HTMLSelectElement) => Promise<void>} bring stores a file of the visitor's and chooses it */
@@ -76,12 +83,19 @@ export class ReconstructionOptions {
     return { dark: this.files.dark.value, flat: this.files.flat.value, ...this.values(READING) };
   }
 
-  /** All of a reconstruction. @param {string} psf path of its PSF, whose camera turns angles into pixels */
-  all(psf) {
+  /**
+   * All of a reconstruction.
+   *
+   * @param {string} psf path of its PSF, whose camera turns angles into pixels
+   * @param {string[]} cameras folders of calibrated cameras: depths and bands take all PSFs of one
+   */
+  all(psf, cameras) {
     const [angle, detail, quality] = [this.controls.field.value(), this.detail.value(), this.quality.value()];
+    const needed = angle || RECTIFIED.some((name) => this.controls[name].value());
+    const whole = (this.controls.depths.value() || this.controls.bands.value()) && cameras.includes(folderOf(psf));
     return {
-      ...this.reading(), ...this.values(SOLVING), quality: quality === "photo" ? undefined : quality,
-      detail: detail === 1 ? undefined : detail, field: angle, camera: angle && folderOf(psf),
+      ...(whole ? { psf: `${folderOf(psf)}/psfs.toml` } : {}), ...this.reading(), ...this.values(SOLVING), quality: quality === "photo" ? undefined : quality,
+      detail: detail === 1 ? undefined : detail, field: angle, camera: needed ? folderOf(psf) : undefined,
     };
   }
 }
