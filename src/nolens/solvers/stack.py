@@ -141,7 +141,9 @@ class StackProblem:
         weights = torch.where(valid, inverse, 0)
         mean = float(weights.sum() / valid.sum())
         scaled = copy(forward)
-        scaled.operators = tuple(_scaled(each, 1 / psf_norm) for each in forward.operators)
+        # Slices may share an operator.
+        own = {each: _scaled(each, 1 / psf_norm) for each in forward.operators}
+        scaled.operators = tuple(own[each] for each in forward.operators)
         problem = cls(
             scaled, data / norm, valid, weights / mean, prior, norm / psf_norm, 1 / norm / mean**0.5
         )
@@ -492,7 +494,8 @@ class _Cosines:
 
 def _energies(forward: StackConvolution) -> Tensor:
     """Σ(mh)² of each slice on an endless sensor, mean over channels; float64, (slices,)."""
-    energies = torch.stack([_energy(each, forward.geometry.padded) for each in forward.operators])
+    own = {each: _energy(each, forward.geometry.padded) for each in forward.operators}
+    energies = torch.stack([own[each] for each in forward.operators])
     if forward.masks is None:
         return energies
     return energies * forward.masks.double().square().flatten(1).mean(1).to(energies)
