@@ -3,6 +3,7 @@
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
+from torch import Tensor
 
 from nolens.camera.curves import AngularCurveOrFile, CurveFile, SpectralCurve, SpectralCurveOrFile
 from nolens.camera.filters import FilterArray
@@ -162,6 +163,11 @@ class Sensor(Part):
         """Electrons from which a pixel is saturated: it is full, or at the largest count."""
         per_electron = self.counts_per_electron * self.gain
         return min(self.full_well_electrons, (self.white_counts - self.black_counts) / per_electron)
+
+    def noise_variance(self, counts: Tensor) -> Tensor:
+        """Shot and read noise of pixels in counts², g b + g²r², from mean counts above black."""
+        per_electron = self.counts_per_electron * self.gain
+        return per_electron * counts + (per_electron * self.read_noise_electrons) ** 2
 
     @property
     def saturated_counts(self) -> int:

@@ -325,16 +325,7 @@ def write_slider(
 <noscript><p>This page needs JavaScript to change the depth; the picture is sharp everywhere.</p>
 </noscript>
 """
-    html = html_page(
-        title,
-        body,
-        style="slider.css",
-        scheme="dark",
-        head=_POLICY,
-        end=f"<script>\nconst stack = {data};\n{script}</script>\n",
-    )
-    with atomic_write(path) as temporary:
-        temporary.write_text(html, encoding="utf-8", newline="\n")
+    _write_page(path, title, body, f"const stack = {data};\n{script}")
 
 
 def write_turning(path: str | Path, *, title: str, stack: FocalStack, white: float) -> None:
@@ -372,6 +363,10 @@ def write_turning(path: str | Path, *, title: str, stack: FocalStack, white: flo
 <p id="help">Planes at {depths}. Drag, or use the arrow keys, to look from another side; a double
 click looks straight ahead. Planes stand where 1/distance has them.</p>
 """
+    _write_page(path, title, body, script)
+
+
+def _write_page(path: str | Path, title: str, body: str, script: str) -> None:
     html = html_page(
         title,
         body,

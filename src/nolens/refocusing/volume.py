@@ -89,9 +89,6 @@ def photon_variance(measurement: Measurement, sensor: Sensor | None) -> Tensor:
     """
     values = measurement.values
     light = nnf.avg_pool2d(values[None], _AROUND, 1, _AROUND // 2, count_include_pad=False)[0]
-    gain, read = 1.0, 0.0
-    if sensor is not None:
-        gain, read = sensor.counts_per_electron * sensor.gain, sensor.read_noise_electrons
     # What is darker than a hundredth of the mean has other noise, too.
     light = light.clamp_min(1e-2 * float(light.mean()))
-    return gain * light + (gain * read) ** 2
+    return light if sensor is None else sensor.noise_variance(light)

@@ -283,8 +283,9 @@ class StackProblem:
     def _uniform(self) -> Tensor:
         """The uniform stack of each channel that fits best."""
         ones = self.data.new_ones(self.scene_shape)
-        glow = self.forward(ones) * self.weights
-        level = (glow * self.data).sum((-2, -1)) / (glow * self.forward(ones)).sum((-2, -1))
+        glow = self.forward(ones)
+        weighed = glow * self.weights
+        level = (weighed * self.data).sum((-2, -1)) / (weighed * glow).sum((-2, -1))
         return ones * level.clamp_min(0)[:, None, None, None]
 
 
@@ -317,12 +318,20 @@ class _Step:
             slices, height, width = problem.scene_shape[1:]
             self._differences = StackDifference((slices, height, width), problem.prior.across)
         self._circulant, self._cosines = _Circulant(problem), _Cosines(problem)
+        self._penalties: tuple[float, float] | None = None
+
+    def _go_on_with(self, penalties: tuple[float, float]) -> None:
+        """Inverses with other penalties, which stay for several iterations."""
+        if penalties != self._penalties:
+            self._penalties = penalties
+            self._precondition = self._circulant.inverse(*penalties)
+            self._solve = self._cosines.inverse(*penalties)
 
     def __call__(self, v: Tensor, target: Tensor, penalties: Sequence[float]) -> Tensor:
         """Go nearer to the solution from v, with the penalties of the splits."""
         second, third = penalties if len(penalties) == 2 else (0.0, *penalties)
-        circulant = self._circulant.inverse(second, third)
-        solve = self._cosines.inverse(second, third)
+        self._go_on_with((second, third))
+        circulant, solve = self._precondition, self._solve
         forward, weights, cosines = self._forward, self._weights, self._cosines
 
         def prior_part(scene: Tensor) -> Tensor:

@@ -96,8 +96,6 @@ class VideoProblem:
 
 def _variance(measurement: Measurement, sensor: Sensor) -> Tensor:
     """Of each pixel's noise, shot and read, in counts²; like the measurement."""
-    counts_per_electron = sensor.counts_per_electron * sensor.gain
-    read = (sensor.read_noise_electrons * counts_per_electron) ** 2
-    one = measurement.values.clamp_min(0) * counts_per_electron + read
+    one = sensor.noise_variance(measurement.values.clamp_min(0))
     pixels = [max(1, sensor.mosaic.count(name)) for name in measurement.channels]
     return one / torch.tensor(pixels)[:, None, None]

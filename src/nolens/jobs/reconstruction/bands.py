@@ -290,12 +290,10 @@ def _variance(measurement: Measurement, masks: Tensor, loaded: LoadedCamera) -> 
     def around(values: Tensor) -> Tensor:
         return nnf.avg_pool2d(values[None], _AROUND, 1, _AROUND // 2, count_include_pad=False)[0]
 
-    sensor = loaded.camera.sensor
-    gain = sensor.counts_per_electron * sensor.gain
     passed = masks.mean(dim=0, keepdim=True)
     light = around(measurement.values) / around(passed) * passed
     light = light.clamp_min(1e-2 * float(light.mean()))
-    return gain * light + (gain * sensor.read_noise_electrons) ** 2
+    return loaded.camera.sensor.noise_variance(light)
 
 
 def _writers(
