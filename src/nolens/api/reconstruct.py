@@ -15,7 +15,7 @@ from nolens.camera import BlackLevel, Flip, Frame, black_level
 from nolens.camera.field_psf import spread
 from nolens.errors import OptionError
 from nolens.files.psf_folder import PsfFolder
-from nolens.jobs.run import check_solver_memory
+from nolens.jobs.run import check_solver_memory, mapped_where_needed
 from nolens.progress import Clock
 from nolens.quantities import Length
 from nolens.refocusing import DepthPsfs, DepthReconstructor, PsfAt, focus, measured_reduced_um
@@ -191,7 +191,8 @@ def reconstruct(
     chosen_support = support == "auto" and own is None
     if chosen_support:
         solver = replace(solver, support=solver.choose_support(data).support)
-    check_solver_memory(solver, data, "a smaller support or larger pixels (bin_by) need less")
+    remedy, of_memory = "a smaller support or larger pixels (bin_by) need less", list[str]()
+    solver = mapped_where_needed(solver, data, remedy, of_memory.append)
     limit = solver.limits.iterations
     chosen = _CHOICE if tau is None else 0.0
     clock = Clock()
@@ -234,6 +235,7 @@ def reconstruct(
         *choice.notes,
         *(developed.notes if bin_by is None else ()),
         *prepared.notes,
+        *of_memory,
     )
     warnings = (
         *prepared.warnings,

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial, update_wrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, get_args
@@ -24,7 +24,13 @@ from nolens.files import (
 )
 from nolens.files.atomic import Writer as Writer
 from nolens.jobs.options import JobOptions, check_apart
-from nolens.machine import BYTES_OF_PROGRAM, check_memory, gigabytes, pick_device
+from nolens.machine import (
+    BYTES_OF_PROGRAM,
+    check_memory,
+    gigabytes,
+    mapped_note,
+    pick_device,
+)
 from nolens.progress import Clock
 from nolens.solvers import Progress, Reconstructor
 
@@ -72,6 +78,31 @@ def check_solver_memory(solver: Reconstructor, data: Measurement, remedy: str) -
     needed = BYTES_OF_PROGRAM + solver.working_bytes(len(data.channels), data.size)
     check_memory(needed, torch.device(solver.device), remedy)
     return needed
+
+
+def mapped_where_needed(
+    solver: Reconstructor, data: Measurement, remedy: str, note: Callable[[str], object]
+) -> Reconstructor:
+    """The same solver, with PSFs over the field in temporary files where memory would not do.
+
+    Parameters
+    ----------
+    solver, data, remedy
+        As `check_solver_memory` takes them.
+    note
+        Is told of the files.
+
+    Raises
+    ------
+    OptionError
+        If even so memory would not do, or no disk has room.
+    """
+    shape = len(data.channels), data.size
+    needed, in_files = BYTES_OF_PROGRAM + solver.working_bytes(*shape), solver.mapped_bytes(*shape)
+    mapped = check_memory(needed, torch.device(solver.device), remedy, in_files)
+    if mapped:
+        note(mapped_note(in_files))
+    return replace(solver, mapped=mapped)
 
 
 def announce_memory(needed: float, reporter: Reporter) -> None:

@@ -3,12 +3,13 @@
 from nolens.operators.base import LinearOperator
 from nolens.operators.convolution import CroppedConvolution, Geometry, PixelRectangle
 from nolens.operators.difference import FiniteDifference, StackDifference
-from nolens.operators.field_convolution import FieldConvolution
+from nolens.operators.field_convolution import TRANSFER_BYTES, FieldConvolution
 from nolens.operators.pixelwise import Crop, Diagonal, Identity
 from nolens.operators.stack_convolution import StackConvolution
 from nolens.operators.stacks import BlockDiagonal, HorizontalStack, VerticalStack
 
 __all__ = [
+    "TRANSFER_BYTES",
     "BlockDiagonal",
     "Crop",
     "CroppedConvolution",

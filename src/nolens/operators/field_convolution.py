@@ -12,7 +12,11 @@ from torch import Tensor
 from nolens.errors import OptionError
 from nolens.kernels import irfft2_window_, rfft2_window
 from nolens.kernels.fft import Window
+from nolens.machine import mapped_copy
 from nolens.operators.convolution import CroppedConvolution, PixelRectangle, times_transfer_
+
+TRANSFER_BYTES = 4
+"""Of a term's transfer function in float32, per pixel of the padded shape."""
 
 _FAR = 1e3
 """How far outside the field points their weights go on, in lengths of the scene."""
@@ -147,12 +151,19 @@ class _Share:
 
 @dataclass(frozen=True)
 class _Term:
-    """A share in the Fourier domain: its weight, where that lies in the padded shape, its PSF."""
+    """A share in the Fourier domain: its weight, where that lies in the padded shape, its PSF.
+
+    `stored` is the transfer function where there is room for it.
+    """
 
     weight: FieldWeight
     window: Window
-    transfer: Tensor
+    stored: Tensor
     square: float
+
+    def transfer(self, beside: Tensor) -> Tensor:
+        """The transfer function, on the device of another tensor."""
+        return self.stored.to(beside.device, non_blocking=True)
 
 
 class FieldConvolution(CroppedConvolution):
@@ -178,6 +189,9 @@ class FieldConvolution(CroppedConvolution):
         Fewer PSFs, of which those of the field points are combinations (Karhunen and Loève's
         basis, `lauer2002`), may take their places where that costs less time: as few as err by this
         fraction of the PSFs, as root mean squares over PSFs and scene. 0 for none.
+    mapped
+        Whether the terms' transfer functions are in temporary files, from which they are read one
+        by one whenever they are used (`nolens.machine.mapped_copy`).
 
     Raises
     ------
@@ -198,6 +212,7 @@ class FieldConvolution(CroppedConvolution):
         support: PixelRectangle | None = None,
         *,
         error: float = 0.0,
+        mapped: bool = False,
     ) -> None:
         if len(psfs) != len(places):
             raise OptionError(
@@ -226,7 +241,8 @@ class FieldConvolution(CroppedConvolution):
             weight = share.weight
             top, left = geometry.scene[0] + weight.top, geometry.scene[1] + weight.left
             window = top, left, *weight.values.shape
-            terms.append(_Term(weight, window, transfer, share.square))
+            stored = mapped_copy(transfer) if mapped else transfer
+            terms.append(_Term(weight, window, stored, share.square))
         self.terms = tuple(terms)
 
     @property
@@ -239,8 +255,9 @@ class FieldConvolution(CroppedConvolution):
         """Mean of |H|² of the half spectra, each by the pixels that its PSF counts for."""
         total = torch.zeros_like(self.transfer.real)
         for term in self.terms:
-            total.add_(term.transfer.real.square(), alpha=term.square)
-            total.add_(term.transfer.imag.square(), alpha=term.square)
+            transfer = term.transfer(total)
+            total.add_(transfer.real.square(), alpha=term.square)
+            total.add_(transfer.imag.square(), alpha=term.square)
         return total
 
     @property
@@ -253,14 +270,14 @@ class FieldConvolution(CroppedConvolution):
         """That of one channel, which shares its memory."""
         single = super().single(channel)
         part = slice(channel, channel + 1)
-        single.terms = tuple(replace(each, transfer=each.transfer[part]) for each in self.terms)
+        single.terms = tuple(replace(each, stored=each.stored[part]) for each in self.terms)
         return single
 
     def scale_(self, factor: Tensor) -> None:
         """Multiply the PSFs, every channel by its factor, in place."""
         super().scale_(factor)
         for term in self.terms:
-            torch.view_as_real(term.transfer).mul_(factor[..., None])
+            torch.view_as_real(term.stored).mul_(factor.to(term.stored.device)[..., None])
 
     def light_spectrum(self, v: Tensor) -> Tensor:
         """Half spectrum of the sum of all terms on the padded shape."""
@@ -269,9 +286,9 @@ class FieldConvolution(CroppedConvolution):
             part = v[..., *term.weight.window] * term.weight.values
             spectrum = rfft2_window(part, term.window[:2], self.geometry.padded)
             if total is None:
-                total = times_transfer_(spectrum, term.transfer)
+                total = times_transfer_(spectrum, term.transfer(spectrum))
             else:
-                total.addcmul_(spectrum, term.transfer)
+                total.addcmul_(spectrum, term.transfer(spectrum))
         assert total is not None
         return total
 
@@ -280,7 +297,7 @@ class FieldConvolution(CroppedConvolution):
         scene: Tensor | None = None
         for term in self.terms:
             part = irfft2_window_(
-                spectrum * term.transfer.conj(), term.window, self.geometry.padded
+                spectrum * term.transfer(spectrum).conj(), term.window, self.geometry.padded
             )
             if scene is None:
                 scene = part.new_zeros((*part.shape[:-2], *self.geometry.scene[2:]))

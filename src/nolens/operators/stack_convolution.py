@@ -69,6 +69,11 @@ class StackConvolution(LinearOperator):
         if masks is not None:
             self._rows = [_rows_with_light(mask) for mask in masks]
 
+    def scale_(self, factor: Tensor) -> None:
+        """Multiply the PSFs of all slices by a factor, in place."""
+        for each in set(self.operators):
+            each.scale_(factor)
+
     @property
     def slices(self) -> int:
         """How many scenes it takes."""

@@ -97,6 +97,7 @@ class Problem:
         tau: float = 1e-4,
         prior: Prior | str = Prior.TV,
         field_psf: FieldPsf | None = None,
+        mapped: bool = False,
     ) -> "Problem":
         """Normalise PSF and measurement, and transform the PSF.
 
@@ -122,6 +123,8 @@ class Problem:
         field_psf
             PSFs at several field points, in place of `psf`, which then only sets the units; of
             the data's channels or one, as large as the data or larger.
+        mapped
+            Whether their transfer functions are in temporary files (`FieldConvolution`).
 
         Raises
         ------
@@ -150,6 +153,7 @@ class Problem:
                 sensor,
                 confined,
                 error=_BASIS_ERROR,
+                mapped=mapped,
             )
         top, left, height, width = Geometry.build(
             sensor, (psf.shape[-2], psf.shape[-1]), confined

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from nolens.camera import FieldPsf, Measurement
 from nolens.errors import OptionError
-from nolens.operators import Geometry
+from nolens.operators import TRANSFER_BYTES, Geometry
 from nolens.solvers.admm import admm, admm_bytes
 from nolens.solvers.admm_state import AdmmState, Balance, Penalties
 from nolens.solvers.fista import fista, fista_bytes
@@ -131,6 +131,8 @@ class Reconstructor:
     field_psf
         PSFs at several field points, for the picture; `psf`, that of the axis, is enough to choose
         weight and support. None where the PSF is the same everywhere.
+    mapped
+        Whether transfer functions of those are in temporary files (`FieldConvolution`).
     """
 
     psf: Plane = field(repr=False)
@@ -144,6 +146,7 @@ class Reconstructor:
     relaxation: float | None = None
     device: torch.device | str = "cpu"
     field_psf: FieldPsf | None = field(default=None, repr=False)
+    mapped: bool = False
 
     @property
     def limits(self) -> Stop:
@@ -157,7 +160,7 @@ class Reconstructor:
         return Prior.TV if self.prior == Prior.AUTO and not fitted else self.prior
 
     def working_bytes(self, channels: int, sensor: tuple[int, int]) -> float:
-        """Most memory that a solve holds at once, before any of it is allocated.
+        """Most memory that a solve holds at once, without files; before any of it is allocated.
 
         Parameters
         ----------
@@ -169,17 +172,31 @@ class Reconstructor:
         OptionError
             If the support is none, or no light from it reaches the sensor.
         """
+        pixels, points = self._padded_pixels(channels, sensor), self._field_points
+        if self.method is Method.WIENER:
+            return wiener_bytes(pixels)
+        each = _FIELD_BYTES - (TRANSFER_BYTES if self.mapped else 0)
+        field = each * points * pixels
+        if self.method is Method.FISTA:
+            return fista_bytes(pixels) + field
+        stop = self.stop or _STOP[self.method]
+        fused = admm_bytes(pixels, low_frequency=stop.low_frequency or points > 0)
+        own = _OWN_PRIOR_BYTES * pixels if callable(scene_prior(self.prior)) else 0.0
+        return max(fused, own) + field
+
+    def mapped_bytes(self, channels: int, sensor: tuple[int, int]) -> float:
+        """Most that its temporary files hold if it is `mapped`; see `working_bytes`."""
+        return TRANSFER_BYTES * self._field_points * self._padded_pixels(channels, sensor)
+
+    @property
+    def _field_points(self) -> int:
+        filters = self.method is Method.WIENER
+        return 0 if filters or self.field_psf is None else self.field_psf.points
+
+    def _padded_pixels(self, channels: int, sensor: tuple[int, int]) -> int:
         height, width = tensor_of(self.psf, "PSF").shape[-2:]
         geometry = Geometry.build(sensor, (height, width), support_of(self.support, sensor))
-        pixels = channels * math.prod(geometry.padded)
-        points = 0 if self.field_psf is None else self.field_psf.points
-        if self.method is Method.ADMM:
-            stop = self.stop or _STOP[self.method]
-            low_frequency = stop.low_frequency or points > 0
-            fused = admm_bytes(pixels, low_frequency=low_frequency)
-            own = _OWN_PRIOR_BYTES * pixels if callable(scene_prior(self.prior)) else 0.0
-            return max(fused, own) + _FIELD_BYTES * points * pixels
-        return (fista_bytes if self.method is Method.FISTA else wiener_bytes)(pixels)
+        return channels * math.prod(geometry.padded)
 
     def choose_weight(
         self,
@@ -341,6 +358,7 @@ class Reconstructor:
             # The filter has a prior of its own: what it weighs are squares.
             prior=Prior.TV if wiener_filter or callable(prior) else prior,
             field_psf=None if varied is None else varied.to(self.device),
+            mapped=self.mapped,
         )
         if wiener_filter:
             problem = replace(problem, tau_unit=problem.tau_unit**2)

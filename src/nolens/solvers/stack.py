@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Sequence
-from copy import copy
 from dataclasses import dataclass, field, replace
 
 import torch
@@ -10,7 +9,7 @@ from torch import Tensor
 
 from nolens.errors import DataError
 from nolens.kernels import irfft2, irfft2_window_, rfft2_window
-from nolens.operators import CroppedConvolution, FieldConvolution, StackConvolution, StackDifference
+from nolens.operators import CroppedConvolution, StackConvolution, StackDifference
 from nolens.solvers.data_step import slow_cosines, steps_along
 from nolens.solvers.data_terms import Gaussian
 from nolens.solvers.functionals import L1, Functional, GroupSparsity, NonNegative
@@ -105,7 +104,7 @@ class StackProblem:
         Parameters
         ----------
         forward
-            In any unit.
+            In any unit; its PSFs are scaled in place, as there may be no memory for others.
         data
             ``(channels, rows, columns)``, linear, background removed.
         valid
@@ -140,12 +139,15 @@ class StackProblem:
         inverse = torch.ones_like(data) if variance is None else 1 / variance.expand_as(data)
         weights = torch.where(valid, inverse, 0)
         mean = float(weights.sum() / valid.sum())
-        scaled = copy(forward)
-        # Slices may share an operator.
-        own = {each: _scaled(each, 1 / psf_norm) for each in forward.operators}
-        scaled.operators = tuple(own[each] for each in forward.operators)
+        forward.scale_(data.new_tensor(1 / psf_norm))
         problem = cls(
-            scaled, data / norm, valid, weights / mean, prior, norm / psf_norm, 1 / norm / mean**0.5
+            forward,
+            data / norm,
+            valid,
+            weights / mean,
+            prior,
+            norm / psf_norm,
+            1 / norm / mean**0.5,
         )
         return problem if variance is not None else replace(problem, noise=pixel_noise(problem))
 
@@ -513,14 +515,3 @@ def _energies(forward: StackConvolution) -> Tensor:
 def _energy(operator: CroppedConvolution, padded: tuple[int, int]) -> Tensor:
     at_zero = irfft2(operator.power.to(operator.transfer.dtype), padded)[:, 0, 0]
     return at_zero.double().mean()
-
-
-def _scaled(operator: CroppedConvolution, factor: float) -> CroppedConvolution:
-    """The same operator with PSFs times a factor, in memory of its own."""
-    scaled = copy(operator)
-    scaled.transfer = operator.transfer * factor
-    if isinstance(scaled, FieldConvolution):
-        scaled.terms = tuple(
-            replace(each, transfer=each.transfer * factor) for each in scaled.terms
-        )
-    return scaled

@@ -29,7 +29,7 @@ class VideoProblem:
     times_s
         At which frames begin and end, (frames + 1,).
     single
-        The problem of one picture in place of the video.
+        The problem of one picture in place of the video, but with its PSF in the stack's unit.
     stack
         That of the video.
     """

@@ -198,7 +198,10 @@ def batch_reconstruct(run: Run[BatchReconstructOptions]) -> Product[None]:
             frames,
             partial(_load, frames),
             work,
-            check_solver_memory(setup.reconstructor, setup.measurement, LESS_MEMORY),
+            # Each worker has the PSFs in memory of its own.
+            check_solver_memory(
+                replace(setup.reconstructor, mapped=False), setup.measurement, LESS_MEMORY
+            ),
             partial(_path, options, {name: at for at, name in enumerate(frames.names)}),
         )
     parameters = {**product.parameters, **setup.choices}

@@ -19,7 +19,7 @@ from nolens.jobs.reconstruction.options import (
     parse_support,
     parse_window,
 )
-from nolens.jobs.run import Run, announce_memory, check_solver_memory
+from nolens.jobs.run import Run, announce_memory, check_solver_memory, mapped_where_needed
 from nolens.operators import Geometry, PixelRectangle
 from nolens.solvers import (
     Developed,
@@ -147,8 +147,10 @@ class Setup:
             run.warn(
                 *folder.coverage_warnings(field_psf, scene, measurement.size, development.merged)
             )
-        needed = check_solver_memory(reconstructor, measurement, LESS_MEMORY)
-        announce_memory(needed, run.reporter)
+        reconstructor = mapped_where_needed(
+            reconstructor, measurement, LESS_MEMORY, run.reporter.note
+        )
+        announce_memory(check_solver_memory(reconstructor, measurement, LESS_MEMORY), run.reporter)
         weight = _weight(run, reconstructor, options, measurement)
         if weight is not None:
             reconstructor = replace(reconstructor, tau=weight.tau / options.detail)

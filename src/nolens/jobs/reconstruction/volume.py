@@ -26,8 +26,9 @@ from nolens.jobs.reconstruction.options import ReconstructOptions, parse_support
 from nolens.jobs.reconstruction.stack import solve_stack
 from nolens.jobs.refocusing import read_depth_psfs
 from nolens.jobs.run import Product, Run
-from nolens.machine import BYTES_OF_PROGRAM, check_memory, memory_bytes
+from nolens.machine import BYTES_OF_PROGRAM, check_memory, mapped_note, memory_bytes
 from nolens.operators import (
+    TRANSFER_BYTES,
     CroppedConvolution,
     FieldConvolution,
     Geometry,
@@ -53,8 +54,6 @@ _PRIORS = {
     "l1": StackPrior(sparse=True),
 }
 _ITERATIONS, _TOLERANCE = 200, 1e-2
-_FIELD_BYTES = 8
-"""Of each pixel of the padded shape, for a PSF and its transfer function."""
 OCCLUSION = (
     "the light of all planes adds up; that near objects hide far ones is not modelled, so what "
     "lies behind an opaque object comes out too dark"
@@ -81,8 +80,8 @@ def reconstruct_volume(run: Run[ReconstructOptions]) -> Product[Tensor]:
     run.warn(*spacing_warnings(depths, psfs.depth_of_focus_per_m))
     farthest = psfs.at(depths[-1])
     support = _support(run, measurement, psfs)
-    _check_memory(run, measurement, farthest, support, len(depths))
-    operators = _operators(run, depths, measurement, psfs, support)
+    mapped = _check_memory(run, measurement, farthest, support, len(depths))
+    operators = _operators(run, depths, measurement, psfs, support, mapped=mapped)
     run.begin()
     problem = StackProblem.build(
         StackConvolution(operators),
@@ -198,18 +197,20 @@ def _operators(
     measurement: Measurement,
     psfs: DepthPsfs,
     support: PixelRectangle | None,
+    *,
+    mapped: bool,
 ) -> list[CroppedConvolution]:
     """The forward model of each depth: by its PSF, or those over the field that the folder has."""
     size, middle = measurement.size, torch.tensor([side // 2 for side in measurement.size])
-    fields = [psfs.field_at(depth) for depth in depths]
-    if not all(fields):
-        planes = [psfs.at(depth).to(run.device) for depth in depths]
-        return [CroppedConvolution(plane, size, support) for plane in planes]
-    return [
-        FieldConvolution(field.values.to(run.device), field.places + middle, size, support)
-        for field in fields
-        if field is not None
-    ]
+
+    def operator(depth: float) -> CroppedConvolution:
+        field = psfs.field_at(depth)
+        if field is None:
+            return CroppedConvolution(psfs.at(depth).to(run.device), size, support)
+        values = field.values.to(run.device)
+        return FieldConvolution(values, field.places + middle, size, support, mapped=mapped)
+
+    return [operator(depth) for depth in depths]
 
 
 def _support(
@@ -238,20 +239,25 @@ def _check_memory(
     psf: Tensor,
     support: PixelRectangle | None,
     depths: int,
-) -> None:
-    """Refuse more depths than there is memory for, and say how many there is memory for."""
+) -> bool:
+    """Refuse more depths than there is memory for; whether PSFs must be in temporary files."""
     height, width = psf.shape[-2:]
     padded = Geometry.build(measurement.size, (height, width), support).padded
     pixels = len(measurement.channels) * math.prod(padded)
+    points = _most_field_points(run.options)
     each = stack_bytes(1, len(measurement.channels), padded)
-    each += _FIELD_BYTES * (_most_field_points(run.options) - 1) * pixels
+    of_psfs = TRANSFER_BYTES * points * pixels if points > 1 else 0
     fitting = int((memory_bytes(run.device) - BYTES_OF_PROGRAM) / each)
-    check_memory(
-        BYTES_OF_PROGRAM + depths * each,
+    mapped = check_memory(
+        BYTES_OF_PROGRAM + depths * (each + of_psfs),
         run.device,
         f"{max(1, fitting)} depths would fit in place of {depths}; --channels grey, a smaller "
         "--support or larger pixels (--bin) need less",
+        depths * of_psfs,
     )
+    if mapped:
+        run.reporter.note(mapped_note(depths * of_psfs))
+    return mapped
 
 
 def _most_field_points(options: ReconstructOptions) -> int:
