@@ -97,22 +97,15 @@ class Prepared:
 
 
 @dataclass(frozen=True)
-class Setup:
+class Setup(Prepared):
     """What the first measurement decides for all of a run.
 
-    `options` have the binning that was chosen, `development` has it too. `psf` is how its file
-    is read. `weight` is the choice of τ, where it was the program's, `light` that of the support.
-    `window` (top, left, height, width) is the part of the scene that is written.
+    `weight` is the choice of τ, where it was the program's. `window` (top, left, height, width) is
+    the part of the scene that is written.
     """
 
-    options: ReconstructOptions
-    psf: PsfChoice
-    development: Development
-    measurement: Measurement
-    reconstructor: Reconstructor
     weight: Weight | None
     prediction: Prediction | None
-    light: SupportChoice | None
     problem: Problem
     window: tuple[int, int, int, int]
     twin: "Twin | None" = None
@@ -132,8 +125,8 @@ class Setup:
         """
         twin = _twin(run)
         prepared = Prepared.of(run, development, frame, chosen)
-        options, choice, light = prepared.options, prepared.psf, prepared.light
-        development, measurement = prepared.development, prepared.measurement
+        options, development = prepared.options, prepared.development
+        measurement = prepared.measurement
         reconstructor = prepared.reconstructor
         if twin is not None:
             _check_pixels(twin, options, measurement)
@@ -160,18 +153,17 @@ class Setup:
             run.warn(*explanation.warnings)
             prediction = explanation.prediction
         problem = reconstructor.problem(measurement)
-        window = _crop_window(options, problem, psf)
         return cls(
             options,
-            choice,
+            prepared.psf,
             replace(development, field_points=()),
             measurement,
             reconstructor,
+            prepared.light,
             weight,
             prediction,
-            light,
             problem,
-            window,
+            _crop_window(options, problem, psf),
             twin,
         )
 
