@@ -46,7 +46,7 @@ def measured(forward: StackConvolution, noise: float, channels: int) -> torch.Te
 @pytest.mark.parametrize(
     ("forward", "prior"),
     [
-        (depths(), StackPrior()),
+        (depths(3), StackPrior(colours=True)),
         (bands(), StackPrior(across=0.5)),
         (field(), StackPrior(across=1.0, isotropic=True)),
     ],

@@ -3,7 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Self
 
 import torch
 from torch import Tensor
@@ -306,6 +306,11 @@ class OpponentL1(Functional):
         self.axis, self.mean, self.colour = axis, mean, colour
         rows = torch.tensor([[1.0, 1, 1], [1, 0, -1], [1, -2, 1]], dtype=torch.float64)
         self._matrix = rows / torch.linalg.vector_norm(rows, dim=1, keepdim=True)
+
+    @classmethod
+    def of_scene(cls, axis: int) -> Self:
+        """Of a scene's differences, beside the ℓ1 norm of each colour by itself (decision 18)."""
+        return cls(axis, mean=0.8, colour=1.28)
 
     def _value(self, v: Tensor) -> Tensor:
         opponents = self._turned(v, self._matrix).abs()

@@ -31,9 +31,6 @@ from nolens.solvers.inputs import (
 )
 
 _COLOURS = ("R", "G", "B")
-_COLOUR_TV, _COLOUR = 0.8, 1.6
-"""Of the total variation of the colours together: its weight beside that of each by itself, and
-how much more differences of colours weigh than their mean."""
 _BASIS_ERROR = 0.03
 """Of PSFs over the field that are combinations of fewer (decision 18)."""
 _UNIFORM = 0.9
@@ -341,7 +338,7 @@ class Problem:
     def norm_of_differences(self) -> Functional:
         """Of (channels, 2, height, width): what makes them a total variation."""
         if self.prior is Prior.COLOUR_TV:
-            return OpponentL1(-4, mean=_COLOUR_TV, colour=_COLOUR_TV * _COLOUR)
+            return OpponentL1.of_scene(-4)
         return GroupSparsity(-3) if self.prior is Prior.ISOTROPIC_TV else L1()
 
     @property

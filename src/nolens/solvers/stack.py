@@ -12,7 +12,7 @@ from nolens.kernels import irfft2, irfft2_window_, rfft2_window
 from nolens.operators import CroppedConvolution, StackConvolution, StackDifference
 from nolens.solvers.data_step import slow_cosines, steps_along
 from nolens.solvers.data_terms import Gaussian
-from nolens.solvers.functionals import L1, Functional, GroupSparsity, NonNegative
+from nolens.solvers.functionals import L1, Functional, GroupSparsity, NonNegative, OpponentL1
 from nolens.solvers.held_out import (
     Weight,
     held_out_blocks,
@@ -53,18 +53,23 @@ class StackPrior:
         The lengths of the differences at a pixel, in place of their sum.
     sparse
         ‖v‖₁ in place of differences: few bright points.
+    colours
+        Three channels are colours, whose edges are likelier at one place (`OpponentL1`).
     """
 
     across: float = 0.0
     isotropic: bool = False
     sparse: bool = False
+    colours: bool = False
 
     def functional(self, shape: Sequence[int]) -> Functional:
-        """R(v) of stacks of the shape (…, slices, height, width), dark around them."""
+        """R(v) of stacks of the shape (channels, slices, height, width), dark around them."""
         if self.sparse:
             return L1()
         slices, height, width = shape[-3:]
         differences = StackDifference((slices, height, width), self.across)
+        if self.colours:
+            return OpponentL1.of_scene(-5) @ differences
         return (GroupSparsity(-4) if self.isotropic else L1()) @ differences
 
 

@@ -80,7 +80,7 @@ class VideoProblem:
             single.data,
             valid=single.valid,
             variance=_variance(measurement, sensor).to(norm.device) / norm.square(),
-            prior=StackPrior(across=ACROSS),
+            prior=StackPrior(across=ACROSS, colours=single.channels == 3),
         )
         return cls(shutter, times, single, stack)
 
