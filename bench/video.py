@@ -142,11 +142,8 @@ def measured(case: str, folder: Path) -> dict[str, float]:
     # T = readout + e is 24 frames, and e so many of them.
     exposure_s = readout * in_frames / (FRAMES - in_frames)
     scenes = moving(scene)
-    trial = experiment.measure_motion(model, scenes, exposure_s=exposure_s)
-    luminance = FILL * sensor.clip_electrons / trial.brightest_electrons
-    shot = experiment.measure_motion(
-        model, scenes, exposure_s=exposure_s, luminance_cd_m2=luminance, seed=1
-    )
+    shot = experiment.measure_motion(model, scenes, exposure_s=exposure_s, fill=FILL, seed=1)
+    luminance = shot.luminance_cd_m2
     truth = scenes * shot.response
     reconstructor = Reconstructor(psf, shot.support)
     begun = time.process_time()

@@ -34,6 +34,15 @@ from .api.measure import (
 )
 from .api.reconstruct import Photograph, reconstruct, refocus
 from .api.simulate import Camera, Psf, SimulatedMeasurement, psf, simulate, simulate_point
+from .api.stacks import (
+    Cube,
+    Stack,
+    Video,
+    Volume,
+    reconstruct_cube,
+    reconstruct_video,
+    reconstruct_volume,
+)
 from .camera import Frame, Measurement, develop
 from .operators import PixelRectangle
 from .solvers import Prior, Problem, Reconstructor
@@ -41,6 +50,7 @@ from .solvers import Prior, Problem, Reconstructor
 __all__ = [
     "CalibratedPsf",
     "Camera",
+    "Cube",
     "FieldOfView",
     "Frame",
     "Image",
@@ -55,8 +65,11 @@ __all__ = [
     "Reconstructor",
     "Resolution",
     "SimulatedMeasurement",
+    "Stack",
     "StitchedPsf",
     "ThicknessDesign",
+    "Video",
+    "Volume",
     "calibrate",
     "calibrate_psf",
     "capture",
@@ -77,6 +90,9 @@ __all__ = [
     "psf",
     "psnr",
     "reconstruct",
+    "reconstruct_cube",
+    "reconstruct_video",
+    "reconstruct_volume",
     "refocus",
     "refocusing",
     "save_frame",

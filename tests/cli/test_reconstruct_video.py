@@ -12,6 +12,7 @@ from PIL import Image
 from running import check_refused, listing, run
 from torch import Tensor
 
+import nolens as nl
 from nolens.camera import preset
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import write_dng
@@ -84,6 +85,15 @@ def test_what_moves_is_where_it_was(tmp_path: Path) -> None:
     assert shown[-1][middle].max() > 2 * shown[0][middle, : shown[0].shape[1] // 2].max()
     with Image.open(tmp_path / "out.png") as sheet:
         assert sheet.size[0] > 1000
+
+    camera, point = nl.Camera(tmp_path), nl.load(tmp_path / "psf.dng")
+    (tmp_path / "camera.toml").unlink()
+    mine = nl.reconstruct_video(
+        nl.load(raw), point, FRAMES, camera=camera, support=SCENE, tau=1e-3, iterations=32
+    )
+    assert torch.equal(mine.values, video) and mine.times_s[1] == pytest.approx(1.5 * step)
+    assert mine.save(tmp_path / "mine.mp4").read_bytes() == (tmp_path / "out.mp4").read_bytes()
+    assert mine._repr_png_() == (tmp_path / "out.png").read_bytes()
 
 
 @pytest.mark.parametrize(

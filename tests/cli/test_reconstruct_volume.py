@@ -2,6 +2,7 @@
 
 import json
 import math
+from html import escape
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,6 +14,7 @@ import tifffile
 import torch
 from running import Done, check_refused, listing, run
 
+import nolens as nl
 from depth_spots import (
     FAR_UM,
     NEAR_UM,
@@ -27,6 +29,7 @@ from depth_spots import (
 from nolens.camera import develop, preset
 from nolens.evaluate import psnr, scale_fit
 from nolens.files import read_frame
+from nolens.files.psf_folder import PsfFolder
 from nolens.jobs import ReconstructOptions, Reporter
 from nolens.jobs import reconstruct as reconstruct_job
 from nolens.refocusing import DepthReconstructor, photon_variance, spacing_warnings
@@ -80,6 +83,18 @@ def test_two_objects(made: Path, tmp_path: Path) -> None:
         assert np.median(window) == pytest.approx(1e6 / depth, rel=0.02)
     page = (out / "volume.html").read_text()
     assert page.count('<img class="plane"') == 2 and "2 cm, 8 cm" in page
+
+    folder = PsfFolder(made / "camera")
+    psfs = {each.distance: folder.frame(each) for each in folder.psfs}
+    mine = nl.reconstruct_volume(
+        read_frame(made / "raw.tif"), psfs, ["8cm", "2cm"], support=(30, 48), tau=1e-3
+    )
+    torch.testing.assert_close(torch.stack(pages), mine.values, rtol=1e-4, atol=1e-4)
+    assert mine.depths_mm == (20, 80) and mine.figures["tau"] == 1e-3
+    kept = {path.name for path in mine.save(tmp_path / "mine").iterdir()}
+    assert kept == {path.name for path in out.iterdir()} - {"volume.json"}
+    assert (tmp_path / "mine" / "volume.html").read_text().count('<img class="plane"') == 2
+    assert escape('<img class="plane"') in mine._repr_html_()
 
 
 @pytest.mark.parametrize(

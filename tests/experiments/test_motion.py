@@ -1,10 +1,13 @@
 """Moving scenes before a rolling shutter: every line sees the scene while it is exposed."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
+import nolens as nl
 from nolens.camera import LoadedCamera, Shutter, preset
-from nolens.experiments.virtual_experiment import VirtualExperiment
+from nolens.experiments.virtual_experiment import VirtualExperiment, render_motion
 from nolens.twin import Plane, PlaneView, render_planes
 
 
@@ -33,3 +36,13 @@ def test_lines_exposed_during_one_frame_measure_that_frame() -> None:
         assert float((counts[0] - counts[1]).std()) == pytest.approx(noise, rel=0.03)
         assert float(counts[0].std()) > 5 * noise
     assert moving.truth is scenes
+    pictures = [plane.radiance, plane.radiance.flip(-1)]
+    shot = nl.simulate(
+        pictures, nl.Camera(camera), angle="20deg", exposure="0.2ms", field_points=1, seed=3
+    )
+    field, scenes = render_motion(experiment.twin, [replace(plane, radiance=p) for p in pictures])
+    model = experiment.field_model(field, 3e5)
+    again = experiment.measure_motion(model, scenes, exposure_s=2e-4, seed=3)
+    assert torch.equal(shot.frame.counts, again.frame.counts)
+    assert torch.equal(shot.truth, scenes) and shot.frame.exposure_s == 2e-4
+    assert again.brightest_electrons == pytest.approx(0.9 * sensor.clip_electrons)

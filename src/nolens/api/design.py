@@ -1,17 +1,15 @@
 """Designing a camera: its mask, and how thick the resin under it must be."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from nolens.api.inputs import Progress, reported
+from nolens.api.inputs import CallbackReporter, Progress, reported
 from nolens.api.simulate import Camera
 from nolens.design.thickness import ReplicaDesign, thickness_summary
 from nolens.files import read_camera
 from nolens.jobs.designing.mask import MASK_KINDS
 from nolens.jobs.designing.thickness import ThicknessOptions, read_case
-from nolens.jobs.run import Reporter
 
 
 def design_mask(
@@ -46,7 +44,7 @@ def design_mask(
         {"device": camera.device.type, **options, "output": Path("unused")}
     )
     with reported(progress, "mask") as report:
-        made = mask_options.mask(mask_options.blank(camera.loaded, _CallbackReporter(report)))
+        made = mask_options.mask(mask_options.blank(camera.loaded, CallbackReporter(report)))
     return Camera(made.loaded, pixels=camera.pixels, device=camera.device)
 
 
@@ -101,17 +99,3 @@ def design_thickness(camera: str | Path = "paper", **options: Any) -> ThicknessD
     designs = tuple(ReplicaDesign.of(case, medium) for medium in media)
     replica = replace(case.loaded, camera=designs[0].camera(), relief_um=None)
     return ThicknessDesign(thickness_summary(designs), Camera(replica))
-
-
-class _CallbackReporter(Reporter):
-    """Passes on what fraction of the work is done."""
-
-    def __init__(self, report: Callable[[float], None]) -> None:
-        self._report = report
-
-    def advance(self, what: str, fraction: float) -> None:
-        self._report(fraction)
-
-    def step(self, what: str, done: int, limit: int, result: str) -> bool:
-        self._report(done / limit)
-        return False

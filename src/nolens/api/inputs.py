@@ -15,6 +15,7 @@ from nolens.api.image import Image
 from nolens.camera import Frame, linear_from_srgb
 from nolens.errors import DataError, OptionError
 from nolens.files import read_frame, read_picture, write_frame
+from nolens.jobs.run import Reporter
 from nolens.optics import PointSource
 from nolens.quantities import Angle, Length
 from nolens.solvers.inputs import Plane, channels_of
@@ -226,3 +227,30 @@ def reported(progress: Progress, what: str) -> Iterator[Callable[[float], None]]
             call(done)
 
     yield call_back
+
+
+class CallbackReporter(Reporter):
+    """Passes on what fraction of a job is done, and keeps its notes.
+
+    Parameters
+    ----------
+    report
+        Is called with the fraction.
+    """
+
+    def __init__(self, report: Callable[[float], None]) -> None:
+        self.notes: list[str] = []
+        self._report = report
+
+    def note(self, text: str) -> None:
+        """Keep it."""
+        self.notes.append(text)
+
+    def advance(self, what: str, fraction: float) -> None:
+        """Pass it on."""
+        self._report(fraction)
+
+    def step(self, what: str, done: int, limit: int, result: str) -> bool:
+        """Pass on the fraction."""
+        self.advance(what, done / limit)
+        return False

@@ -1,8 +1,10 @@
 """Cameras that are described, their PSFs, and what they measure of a scene."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -20,10 +22,11 @@ from nolens.api.inputs import (
 from nolens.calibrate.distances import pixel_angle
 from nolens.camera import FieldPsf, Frame, LoadedCamera, ReliefFile, develop
 from nolens.errors import DataError, OptionError
-from nolens.experiments.virtual_experiment import VirtualExperiment
+from nolens.experiments.virtual_experiment import VirtualExperiment, render_motion
 from nolens.files import read_camera, read_light
+from nolens.jobs.bands import bands_of
 from nolens.operators import PixelRectangle
-from nolens.quantities import Angle, Length
+from nolens.quantities import Angle, Duration, Length
 from nolens.solvers.inputs import Plane, channels_of
 from nolens.twin import Plane as ScenePlane
 from nolens.twin import Twin, check_simulation_memory, in_channels, preview_model
@@ -87,6 +90,12 @@ class Camera:
         """The simulated camera with a stand-in for its relief, for estimates."""
         return self._read(preview_model(self.loaded))
 
+    @property
+    def read_out(self) -> LoadedCamera:
+        """The description of a camera with no more pixels than are read out."""
+        preview = self.preview
+        return replace(self.loaded, camera=preview.camera, filters=preview.filters)
+
     @cached_property
     def twin(self) -> Twin:
         """The simulated camera; the paper's takes seconds."""
@@ -146,7 +155,8 @@ class SimulatedMeasurement(Image):
     frame
         The raw frame: counts behind the colour mosaic, with noise.
     truth
-        Radiance of the scene on the pixels of the support, (channels, height, width).
+        Radiance of the scene on the pixels of the support, (channels, height, width); of a scene
+        with bands (bands, height, width), of a moving one (frames, channels, height, width).
     response
         How much of it each pixel gives, (height, width), 1 for the brightest.
     support
@@ -282,11 +292,13 @@ def simulate_point(
 
 
 def simulate(
-    scene: Scene,
+    scene: Scene | Sequence[Scene],
     camera: Camera,
     *,
     angle: str | Angle = "30deg",
     distance: str | Length = "300mm",
+    bands: Sequence[str | Length | Angle] = (),
+    exposure: str | Duration | None = None,
     fill: float = 0.9,
     seed: int = 0,
     light: str = "white-led",
@@ -299,13 +311,20 @@ def simulate(
     Parameters
     ----------
     scene
-        A picture: its file, 8 or 16-bit sRGB (height, width, 3), or linear radiance as floats.
+        A picture: its file, 8 or 16-bit sRGB (height, width, 3), or linear radiance as floats. With
+        `bands` linear radiance, (bands, height, width); with an `exposure` a sequence of pictures.
     camera
         The camera.
     angle
         Field angle that the scene's longer side fills, from edge to edge.
     distance
         From the scene to the camera, or ``"infinity"``.
+    bands
+        What the channels of a scene are: wavelengths such as ``"450nm"``, or angles of its
+        polarised light such as ``"45deg"``.
+    exposure
+        Of a line of a rolling shutter, such as ``"1ms"``: the scene moves, and its pictures share
+        the time from the first line's exposure to the last one's equally.
     fill
         Fraction of a full pixel that the brightest one is exposed to, 0 to 1.
     seed
@@ -324,21 +343,25 @@ def simulate(
     NolensError
         If the scene or a parameter cannot be used.
     """
-    radiance, opacity = radiance_of(scene)
     if not 0 < fill <= 1:
         raise OptionError(f"fill is {fill!r}; give a fraction above 0 and up to 1, such as 0.9")
-    plane = ScenePlane(
-        in_channels(radiance, len(camera.channels)),
-        angle_of(angle).deg,
-        distance_um(distance),
-        opacity,
-    )
+    if bands and exposure is not None:
+        raise OptionError("bands and exposure are given, but a moving scene has no bands")
+    known = bands_of(",".join(map(str, bands))) if bands else ()
+    place = angle_of(angle).deg, distance_um(distance)
+    planes = _planes(scene, camera, place, len(known), moving=exposure is not None)
     preview = VirtualExperiment(camera.preview, read_light(light), wavelengths, field_points)
-    working = preview.scene_bytes((plane,))
+    working = preview.scene_bytes(planes) if exposure is None else preview.motion_bytes(planes[0])
     twin = twin_of(camera, working, "a smaller angle or a camera that reads fewer pixels")
     experiment = replace(preview, twin=twin)
     with reported(progress, "measurement") as report:
-        shot = experiment.measure((plane,), fill=fill, seed=seed, progress=report)
+        if exposure is None:
+            shot = experiment.measure(planes, fill=fill, seed=seed, bands=known, progress=report)
+        else:
+            field, scenes = render_motion(twin, planes)
+            model = experiment.field_model(field, planes[0].distance_um, report)
+            time = exposure if isinstance(exposure, Duration) else Duration.parse(exposure)
+            shot = experiment.measure_motion(model, scenes, exposure_s=time.s, fill=fill, seed=seed)
     values = develop(shot.frame).values
     return SimulatedMeasurement(
         values,
@@ -348,6 +371,28 @@ def simulate(
         shot.response,
         shot.support,
         pixel_angle(camera.loaded.camera, camera.pixel_um),
+    )
+
+
+def _planes(
+    scene: Any,
+    camera: Camera,
+    place: tuple[float, float],
+    bands: int,
+    *,
+    moving: bool,
+) -> tuple[ScenePlane, ...]:
+    """The picture at its place, or every picture of a moving scene."""
+    if bands:
+        cube = channels_of(scene, "scene").float()
+        if len(cube) != bands:
+            raise DataError(
+                f"the scene has {len(cube)} pictures and there are {bands} bands: give one for each"
+            )
+        return (ScenePlane(cube, *place),)
+    channels, read = len(camera.channels), map(radiance_of, scene if moving else [scene])
+    return tuple(
+        ScenePlane(in_channels(radiance, channels), *place, opacity) for radiance, opacity in read
     )
 
 

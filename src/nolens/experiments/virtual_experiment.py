@@ -1,6 +1,7 @@
 """A simulated camera with light in front of it: what other jobs take pictures with, in memory."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -307,6 +308,7 @@ class VirtualExperiment:
         *,
         fill: float = 0.9,
         seed: int = 0,
+        bands: tuple[Band, ...] = (),
         progress: ProgressCallback | None = None,
     ) -> SimulatedMeasurement:
         """The sensor's frame of a scene, with PSFs that vary over the field.
@@ -319,11 +321,15 @@ class VirtualExperiment:
             Fraction of a full pixel that the brightest one is exposed to.
         seed
             Of the noise.
+        bands
+            What each channel of the pictures is; none where they are the sensor's.
         progress
             Called with the fraction that is done.
         """
-        field, views = render_planes(self.twin, planes)
-        return self.measure_views(field, views, fill=fill, seed=seed, progress=progress)
+        field, views = render_planes(self.twin, planes, len(bands) or None)
+        return self.measure_views(
+            field, views, fill=fill, seed=seed, bands=bands, progress=progress
+        )
 
     def measure_views(
         self,
@@ -343,14 +349,12 @@ class VirtualExperiment:
         ----------
         field, views
             As `render_planes` gives them.
-        fill, seed, progress
+        fill, seed, bands, progress
             As `measure` takes them.
         exposure_s
             Exposure time in place of `fill`.
         luminance_cd_m2
             Of what has the radiance 1, in one band where there are bands.
-        bands
-            What each channel of the views is; none where they are the sensor's.
 
         Raises
         ------
@@ -421,7 +425,8 @@ class VirtualExperiment:
         *,
         exposure_s: float,
         frame_s: float | None = None,
-        luminance_cd_m2: float = 1.0,
+        luminance_cd_m2: float | None = None,
+        fill: float = 0.9,
         seed: int = 0,
     ) -> SimulatedMeasurement:
         """The sensor's frame of a moving scene, line by line as its shutter exposes them.
@@ -438,8 +443,10 @@ class VirtualExperiment:
             Exposure time of a line.
         frame_s
             Time of a frame of the scene; None divides the whole exposure of the sensor.
-        luminance_cd_m2, seed
-            As `measure_views` takes them.
+        luminance_cd_m2
+            Of what has the radiance 1; None exposes the brightest pixel to `fill`.
+        fill, seed
+            As `measure` takes them.
         """
         shutter = Shutter.of(self.sensor, exposure_s)
         times = shutter.frames(len(scenes))
@@ -450,10 +457,12 @@ class VirtualExperiment:
         for scene, fractions in zip(scenes, shutter.fractions(times), strict=True):
             if bool(fractions.any()):
                 light += fractions[:, None] * model.light(scene)
-        rate = light * pixel_currents(self.twin, self.light, luminance_cd_m2)
-        electrons = rate * exposure_s
+        electrons = light * pixel_currents(self.twin, self.light, 1.0) * exposure_s
+        if luminance_cd_m2 is None:
+            luminance_cd_m2 = self.exposure_of(electrons, fill)
+        electrons *= luminance_cd_m2
         return SimulatedMeasurement(
-            self._frame(electrons, seed),
+            replace(self._frame(electrons, seed), exposure_s=exposure_s),
             model.field.support,
             scenes,
             model.response.float(),
@@ -500,6 +509,12 @@ class VirtualExperiment:
             f"simulated by {self.twin.camera.name}",
             black_stated=True,
         )
+
+
+def render_motion(twin: Twin, planes: Sequence[Plane]) -> tuple[FieldMap, Tensor]:
+    """The map of the pixels of a moving scene, and its frames on them (`render_planes`)."""
+    rendered = [render_planes(twin, (plane,)) for plane in planes]
+    return rendered[0][0], torch.stack([views[0].radiance for _, views in rendered])
 
 
 def brightest(light: Tensor) -> float:

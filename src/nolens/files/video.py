@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache, partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal
 
@@ -102,6 +103,11 @@ def write_mp4(path: str | Path, pictures: Tensor, *, white: float, per_second: i
         for pixels in frames:
             container.mux(stream.encode(library.VideoFrame.from_ndarray(pixels, "rgb24")))
         container.mux(stream.encode())
+
+
+def has_video_support() -> bool:
+    """Whether PyAV is installed."""
+    return find_spec("av") is not None
 
 
 def check_video_support() -> None:

@@ -33,6 +33,18 @@ def parse_bands(run: Run[Any], text: str) -> tuple[Band, ...]:
     if text.lower().endswith(".txt"):
         run.reads({"bands": Path(text)})
         listed = ",".join(read_text(Path(text)).split())
+    return bands_of(listed, text)
+
+
+def bands_of(listed: str, text: str = "") -> tuple[Band, ...]:
+    """Bands of a list such as ``450nm,475nm``; `text` is what was given for it.
+
+    Raises
+    ------
+    OptionError
+        If it is no such list.
+    """
+    text = text or listed
     items = [item for item in listed.split(",") if item.strip()]
     try:
         places = [(Angle if item.strip()[-1] in "g°d" else Length).parse(item) for item in items]

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar, get_args
 
 import torch
 
-from nolens.camera import Measurement
+from nolens.camera import Frame, Measurement
 from nolens.files import (
     CAMERA_FILE,
     InputFile,
     RunRecord,
     check_folder,
     check_output,
+    read_frame,
     readable,
     with_former_keys,
     write_into,
@@ -220,6 +221,16 @@ class Run(Generic[Options]):
         """
         self._files |= files
         check_apart(self.options, self._files)
+
+    def frame(self, option: str, *, mosaic: str | None = None, bgr: bool = False) -> Frame:
+        """Read the frame that an option names (`read_frame`).
+
+        Raises
+        ------
+        NolensError
+            If it cannot be read.
+        """
+        return read_frame(getattr(self.options, option), mosaic=mosaic, bgr=bgr)
 
     def camera(self, name: str | Path) -> "LoadedCamera":
         """Read a camera, and add its files to those that are read.

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from nolens.camera import Frame, LoadedCamera, Sensor
 from nolens.errors import DataError, OptionError
-from nolens.experiments.virtual_experiment import VirtualExperiment, brightest
+from nolens.experiments.virtual_experiment import VirtualExperiment, brightest, render_motion
 from nolens.files import is_sequence, read_picture, write_frame, write_tiff32
 from nolens.files.frames import check_holds_sensor
 from nolens.files.ome import write_ome_tiff
@@ -308,13 +308,12 @@ def simulate(run: Run[SimulateOptions]) -> Product[Tensor]:
     progress = partial(run.reporter.advance, "scene")
     exposure_s = None if options.exposure is None else options.exposure.s
     if moving and exposure_s is not None:
-        rendered = [render_planes(preview.twin, (plane,)) for plane in planes]
-        field = rendered[0][0]
+        field, scenes = render_motion(preview.twin, planes)
         twin = run.twin(loaded, working, _REMEDY, fresnel=options.fresnel)
         experiment = replace(preview, twin=twin)
         shot = experiment.measure_motion(
             experiment.field_model(field, planes[0].distance_um, progress),
-            torch.stack([views[0].radiance for _, views in rendered]),
+            scenes,
             exposure_s=exposure_s,
             frame_s=None if options.frame_duration is None else options.frame_duration.s,
             **common,

@@ -15,7 +15,7 @@ from nolens.camera.psf_set import depth_um
 from nolens.camera.spectra import linear_stokes, spectral_srgb
 from nolens.errors import DataError, OptionError
 from nolens.experiments.virtual_experiment import VirtualExperiment
-from nolens.files import CAMERA_FILE, read_frame, write_png
+from nolens.files import CAMERA_FILE, write_png
 from nolens.files.atomic import Writer
 from nolens.files.ome import write_ome_tiff
 from nolens.files.psf_folder import PsfFolder
@@ -64,7 +64,7 @@ def reconstruct_bands(run: Run[ReconstructOptions]) -> Product[Tensor]:
         )
     preview = preview_model(loaded)
     bands = _bands(run, preview)
-    measurement = _developed(options, loaded)
+    measurement = _developed(run, loaded)
     masks = _masks(run, preview, bands)
     psfs = _psfs(run, loaded, preview, bands, measurement.size)
     support = _support(run, measurement, masks, psfs)
@@ -156,26 +156,27 @@ def _masks(run: Run[ReconstructOptions], twin: Twin, bands: tuple[Band, ...]) ->
     return masks
 
 
-def _developed(options: ReconstructOptions, loaded: LoadedCamera) -> Measurement:
+def _developed(run: Run[ReconstructOptions], loaded: LoadedCamera) -> Measurement:
     """The measurement on all pixels of the sensor, each behind its own filter."""
+    options = run.options
 
-    def bare(path: Path) -> Frame:
-        frame = read_frame(path)
+    def bare(option: str) -> Frame:
+        frame = run.frame(option)
         if len(frame.counts) != 1:
             raise DataError(
-                f"{path} has the channels {', '.join(frame.channels)}: --bands takes raw counts of "
-                "the sensor, one for each pixel"
+                f"{frame.source} has the channels {', '.join(frame.channels)}: --bands takes raw "
+                "counts of the sensor, one for each pixel"
             )
         black = (sum(frame.black) / len(frame.black),)
         return replace(frame, mosaic=None, channels=("grey",), black=black)
 
-    frame = bare(options.measurement)
+    frame = bare("measurement")
     black = options.black
     if black is None and not frame.black_stated:
         black = loaded.camera.sensor.black_counts
     if black == "auto":
         raise OptionError("--black auto reads off a PSF, and --bands has several: give counts")
-    dark, flat = (None if path is None else bare(path) for path in (options.dark, options.flat))
+    dark, flat = (bare(name) if getattr(options, name) else None for name in ("dark", "flat"))
     measurement = develop(
         frame,
         dark=dark,
@@ -207,7 +208,7 @@ def _psfs(
     folder = None if options.psf_folder is None else PsfFolder(options.psf_folder)
     if folder is None or folder.psfs:
         return _measured_psfs(run, folder, wavelengths, sensor)
-    run.reporter.note("the PSFs of the bands are simulated: the folder lists none")
+    run.reporter.note("the PSFs of the bands are simulated, as none is listed")
     size = sensor
     if preview.aperture_room_um is None:
         size = 2 * sensor[0], 2 * sensor[1]
@@ -231,7 +232,7 @@ def _measured_psfs(
     """For each wavelength the PSF of the nearest one that is known; all of the same sum."""
     frames: dict[float | None, Tensor] = {}
     if folder is None:
-        frames[None] = read_frame(run.options.psf).counts
+        frames[None] = run.frame("psf").counts
     else:
         away = None if run.options.distance is None else depth_um(run.options.distance)
         ahead = [each for each in folder.psfs if each.on_axis and each.frame == "chief-ray"]

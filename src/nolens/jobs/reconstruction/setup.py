@@ -12,7 +12,7 @@ from torch import Tensor
 from nolens.camera import FieldPsf, Frame, Measurement, PsfGeometry, black_level, flipped
 from nolens.camera.psf_set import depth_um
 from nolens.errors import NolensError, OptionError
-from nolens.files import CAMERA_FILE, read_frame
+from nolens.files import CAMERA_FILE
 from nolens.jobs.reconstruction.options import (
     LESS_MEMORY,
     ReconstructOptions,
@@ -391,12 +391,12 @@ def _read_psf(run: Run[ReconstructOptions]) -> tuple[Frame, tuple[FieldPoint, ..
         if psfs.note:
             run.reporter.note(psfs.note)
         return psfs.ahead, psfs.field_points
-    psf = read_frame(options.psf)
+    psf = run.frame("psf")
     # Like the measurement as far as its channels allow: it may be grey.
     if len(psf.channels) == 3 and options.bgr:
-        psf = read_frame(options.psf, bgr=True)
+        psf = run.frame("psf", bgr=True)
     elif len(psf.channels) != 3 and options.mosaic is not None and psf.mosaic is None:
-        psf = read_frame(options.psf, mosaic=options.mosaic)
+        psf = run.frame("psf", mosaic=options.mosaic)
     return psf, ()
 
 
@@ -405,8 +405,8 @@ def read_development(run: Run[ReconstructOptions]) -> Development:
     options = run.options
     psf, field_points = _read_psf(run)
     dark, flat = (
-        read_frame(path, mosaic=options.mosaic, bgr=options.bgr) if path else None
-        for path in (options.dark, options.flat)
+        run.frame(name, mosaic=options.mosaic, bgr=options.bgr) if getattr(options, name) else None
+        for name in ("dark", "flat")
     )
     return Development(
         psf,

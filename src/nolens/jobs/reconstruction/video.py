@@ -16,7 +16,7 @@ from nolens.camera import (
     flipped,
 )
 from nolens.errors import OptionError
-from nolens.files import CAMERA_FILE, read_frame
+from nolens.files import CAMERA_FILE
 from nolens.files.contact_sheet import SheetPicture, write_contact_sheet
 from nolens.files.ome import write_ome_tiff
 from nolens.files.psf_folder import pixel_of_camera
@@ -50,7 +50,7 @@ def reconstruct_video(run: Run[ReconstructOptions]) -> Product[Tensor]:
         check_video_support()
     camera = run.camera_beside(None, options.psf.parent)
     sensor = _rolling_sensor(options, camera)
-    frame = read_frame(options.measurement, mosaic=options.mosaic, bgr=options.bgr)
+    frame = run.frame("measurement", mosaic=options.mosaic, bgr=options.bgr)
     assert camera is not None
     pixel_of_camera(frame, camera)
     prepared = Prepared.of(run, read_development(run), frame)

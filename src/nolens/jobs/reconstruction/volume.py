@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
@@ -10,6 +10,7 @@ from torch import Tensor
 
 from nolens.camera import (
     Camera,
+    Frame,
     Measurement,
     PsfEntry,
     arrange_rgb,
@@ -18,9 +19,9 @@ from nolens.camera import (
     exposure_white,
     flipped,
 )
-from nolens.camera.psf_set import depth_um
+from nolens.camera.psf_set import Depth, depth_um
 from nolens.errors import OptionError
-from nolens.files import CAMERA_FILE, read_frame, read_psf_set
+from nolens.files import CAMERA_FILE, read_psf_set
 from nolens.files.stacks import volume_writers
 from nolens.jobs.reconstruction.options import ReconstructOptions, parse_support
 from nolens.jobs.reconstruction.stack import solve_stack
@@ -60,8 +61,17 @@ OCCLUSION = (
 )
 
 
-def reconstruct_volume(run: Run[ReconstructOptions]) -> Product[Tensor]:
+def reconstruct_volume(
+    run: Run[ReconstructOptions], psfs: Mapping[Depth, Frame] | None = None
+) -> Product[Tensor]:
     """Radiance of every plane, (depths, channels, height, width).
+
+    Parameters
+    ----------
+    run
+        Of the job.
+    psfs
+        By the distance of their point sources, in place of those that the options name.
 
     Raises
     ------
@@ -75,13 +85,13 @@ def reconstruct_volume(run: Run[ReconstructOptions]) -> Product[Tensor]:
             f"{', '.join(_PRIORS)}"
         )
     depths = sorted(depth_um(each) for each in options.depths or ())
-    measurement, psfs, camera = _read(run)
-    run.warn(*psfs.warnings, *psfs.depth_warnings(depths, None))
-    run.warn(*spacing_warnings(depths, psfs.depth_of_focus_per_m))
-    farthest = psfs.at(depths[-1])
-    support = _support(run, measurement, psfs)
+    measurement, known, camera = _read(run, psfs)
+    run.warn(*known.warnings, *known.depth_warnings(depths, None))
+    run.warn(*spacing_warnings(depths, known.depth_of_focus_per_m))
+    farthest = known.at(depths[-1])
+    support = _support(run, measurement, known)
     mapped = _check_memory(run, measurement, farthest, support, len(depths))
-    operators = _operators(run, depths, measurement, psfs, support, mapped=mapped)
+    operators = _operators(run, depths, measurement, known, support, mapped=mapped)
     run.begin()
     problem = StackProblem.build(
         StackConvolution(operators),
@@ -100,7 +110,7 @@ def reconstruct_volume(run: Run[ReconstructOptions]) -> Product[Tensor]:
     together = transparent(stack)
     exposure_white(together.picture)  # An empty volume is an error before anything is written.
     figures: dict[str, Any] = {
-        **psfs.figures(),
+        **known.figures(),
         "depths_mm": [depth_mm(each) for each in depths],
         "light_of_depths": (pages.sum((1, 2, 3)) / pages.sum()).tolist(),
         **solved.figures,
@@ -109,7 +119,7 @@ def reconstruct_volume(run: Run[ReconstructOptions]) -> Product[Tensor]:
     }
     parameters = {
         **solved.parameters,
-        "bin": psfs.bin_by,
+        "bin": known.bin_by,
         "channel_names": list(measurement.channels),
     }
     title = f"{options.measurement.name}: {len(depths)} depths"
@@ -121,20 +131,23 @@ def _names(measurement: Measurement) -> tuple[str, ...]:
     return ("R", "G", "B") if len(measurement.channels) == 3 else measurement.channels
 
 
-def _read(run: Run[ReconstructOptions]) -> tuple[Measurement, DepthPsfs, Camera | None]:
+def _read(
+    run: Run[ReconstructOptions], given: Mapping[Depth, Frame] | None
+) -> tuple[Measurement, DepthPsfs, Camera | None]:
     """The measurement, PSFs for its depths, and the camera where it is known."""
     options = run.options
     frames = {
-        name: read_frame(path, mosaic=options.mosaic, bgr=options.bgr)
+        name: run.frame(name, mosaic=options.mosaic, bgr=options.bgr)
         for name in ("measurement", "dark", "flat")
-        if (path := getattr(options, name)) is not None
+        if getattr(options, name) is not None
     }
-    folder = options.psf_folder
+    folder = options.psf_folder if given is None else None
     loaded = run.camera_beside(options.camera, folder)
-    psf = read_frame(options.psf) if folder is None else None
+    if given is None and folder is None and loaded is not None and options.distance is not None:
+        given = {options.distance: run.frame("psf")}
     black = options.black
-    if psf is not None or black != "auto":
-        black = black_level(black, psf if psf is not None else frames["measurement"])
+    if given is not None or black != "auto":
+        black = black_level(black, next(iter((given or {}).values()), frames["measurement"]))
 
     def developed(bin_by: int) -> tuple[Measurement, DepthPsfs]:
         measurement = develop(
@@ -155,26 +168,30 @@ def _read(run: Run[ReconstructOptions]) -> tuple[Measurement, DepthPsfs, Camera 
                 channels=options.channels,
                 field_points=options.field_points,
             )
-        assert psf is not None
-        if loaded is None or options.distance is None:
+        if given is None or (loaded is None and len(given) == 1):
             raise OptionError(
                 f"--depths needs to know how the PSF {options.psf} changes with the distance: say "
                 "how far away its point source was (--distance 30cm) and the camera (--camera), "
                 f"or give a camera's folder with several PSFs, or one and a {CAMERA_FILE}"
             )
-        sensor = loaded.camera.sensor
-        pixels = max(1, sensor.rows // (bin_by * measurement.size[0]))
-        entry = PsfEntry(
-            file=options.psf.name,
-            pixel=Length.of(pixels * sensor.pitch.um, "um"),
-            channels=psf.channels if psf.mosaic is None else ("R", "G", "B"),
-            distance=options.distance,
-            kind="extended",
-        )
+        pixel_um = 1.0  # Without a camera nothing is compared with it.
+        if loaded is not None:
+            sensor = loaded.camera.sensor
+            pixel_um = max(1, sensor.rows // (bin_by * measurement.size[0])) * sensor.pitch.um
+        entries = {
+            PsfEntry(
+                file=f"PSF of {each}.tif",
+                pixel=Length.of(pixel_um, "um"),
+                channels=psf.channels if psf.mosaic is None else ("R", "G", "B"),
+                distance=each,
+                kind="extended",
+            ): psf
+            for each, psf in sorted(given.items(), key=lambda item: depth_um(item[0]))
+        }
         psfs = DepthPsfs.of_set(
-            {entry: psf},
+            entries,
             measurement,
-            loaded.camera,
+            None if loaded is None else loaded.camera,
             where=str(options.psf),
             bin_by=bin_by,
             channels=options.channels,
