@@ -1,15 +1,17 @@
 """A stream: follows what moves, ends in time, drops nothing on the floor, holds its memory."""
 
 import itertools
+from dataclasses import replace
 from types import SimpleNamespace
 
 import psutil
 import pytest
 import torch
 
+from nolens.camera import FieldPsf
 from nolens.errors import DataError, OptionError
-from nolens.operators import CroppedConvolution, PixelRectangle
-from nolens.solvers import Prior, Problem, Stream, admm
+from nolens.operators import CroppedConvolution, FieldConvolution, PixelRectangle
+from nolens.solvers import Prior, Problem, Reconstructor, Stream, admm
 from nolens.solvers.stream import weight_to_follow
 
 SENSOR = (64, 72)
@@ -46,6 +48,30 @@ def test_follows_what_moves_with_a_few_iterations():
     cold = admm(problem, iterations=frame.iterations, tolerance=0).scene
     assert error(frame.scene, scene(7)) < 0.2
     assert error(frame.scene, scene(7)) < 0.5 * error(cold, scene(7))
+
+
+def test_psfs_over_the_field():
+    """The first frame is the photo; others follow what moves, saturates, is cut and weighed."""
+    generator = torch.Generator().manual_seed(6)
+    values = (torch.rand(5, 1, 96, 104, generator=generator) > 0.97).float()
+    psfs = FieldPsf(values, torch.tensor([(0.0, 0), (-16, -16), (-16, 16), (16, -16), (16, 16)]))
+    solver = Reconstructor(values[0], SUPPORT, 1e-4, field_psf=psfs)
+    places = psfs.places + torch.tensor([side // 2 for side in SENSOR])
+    blur = FieldConvolution(values, places, SENSOR, SUPPORT)
+    stream = solver.stream(blur(scene(0)), iterations=4)
+    assert torch.equal(stream.solve(blur(scene(0))).scene, solver.solve(blur(scene(0))).scene)
+    for step in range(1, 5):
+        light = (1 + step) * blur(scene(step))
+        valid = light < 0.95 * light.max()
+        frame = stream.solve(torch.where(valid, light, light.max()), valid)
+        assert frame.iterations == 4 and error(frame.scene, (1 + step) * scene(step)) < 0.01
+    stream.weigh(10 * stream.weight)
+    weighed = [stream.solve(light, valid).scene for _ in range(4)][-1]
+    assert error(weighed, replace(solver, tau=1e-3).solve(light, valid).scene) < 0.02
+    assert stream.cuts == 0
+    stripes = torch.zeros(1, 32, 32)
+    stripes[:, ::4] = 1.0
+    assert error(stream.solve(blur(stripes)).scene, stripes) < 0.05 and stream.cuts == 1
 
 
 def test_brightness_may_change():

@@ -9,7 +9,6 @@ from torch import Tensor
 
 from nolens.errors import DataError, OptionError
 from nolens.kernels import PassSums, Repeater, SplitState, in_large_pages, update_splits_
-from nolens.operators import FieldConvolution
 from nolens.solvers.admm_state import CHECK_EVERY, AdmmState, Balance, Penalties
 from nolens.solvers.data_step import DATA_STEP_RELAXATION, DataStep, data_step_start
 from nolens.solvers.problem import Prior, Problem
@@ -112,7 +111,7 @@ class DataStepRun:
     problem
         In normalised units.
     state
-        Where to start from; advanced in place, but for its split x.
+        Where to start from; advanced in place, its split x where the sensor is.
     balance, relaxation
         As `AdmmRun` takes them.
     """
@@ -122,6 +121,14 @@ class DataStepRun:
     ) -> None:
         self._problem, self.state, self._balance = problem, state, balance
         self._step: DataStep | None = DataStep(problem, state.splits, state.penalties, relaxation)
+
+    def measure(self, problem: Problem, penalties: Penalties) -> None:
+        """Go on with another measurement, as `AdmmRun.measure`."""
+        assert self._step is not None
+        self.state.renew(problem, self.state.penalties)
+        self.state.restart(penalties)  # The step keeps its own multipliers.
+        self._step.measure(problem)
+        self._problem = problem
 
     def to_check(self, limit: int) -> Progress:
         """Iterate until the next convergence check, as `AdmmRun.to_check`."""
@@ -137,6 +144,30 @@ class DataStepRun:
     def end(self) -> None:
         """Free the memory of the iterations."""
         self._step = None
+
+
+def start_run(
+    problem: Problem,
+    state: AdmmState,
+    *,
+    balance: Balance | None = Balance(),  # noqa: B008 (frozen)
+    relaxation: float | None = None,
+    low_frequency: bool = False,
+) -> AdmmRun | DataStepRun:
+    """The run that suits a problem: with the measurement in the linear step where it has to be.
+
+    Parameters
+    ----------
+    problem, state, balance, relaxation
+        As `admm` takes them.
+    low_frequency
+        Whether the measurement is in the linear step in any case.
+    """
+    if low_frequency or problem.in_linear_step:
+        return DataStepRun(
+            problem, state, balance=balance, relaxation=relaxation or DATA_STEP_RELAXATION
+        )
+    return AdmmRun(problem, state, balance=balance, relaxation=relaxation or RELAXATION)
 
 
 def _balanced(state: AdmmState, balance: Balance | None) -> Penalties:
@@ -274,18 +305,15 @@ def admm(
     _check(problem, iterations, tolerance, scene_tolerance, penalties, relaxation)
     if state is None:
         state = AdmmState.cold(problem, penalties)
-    run: AdmmRun | DataStepRun
-    together = problem.prior is Prior.COLOUR_TV or isinstance(problem.forward, FieldConvolution)
-    if together or (low_frequency and state.fills_view):
+    low_frequency = low_frequency and state.fills_view
+    if low_frequency or problem.in_linear_step:
         if state.iteration == 0 and penalties is None and state.fills_view:
             state.restart(data_step_start(problem, state))
-        run = DataStepRun(
-            problem, state, balance=balance, relaxation=relaxation or DATA_STEP_RELAXATION
-        )
         tolerance = max(tolerance, _DATA_STEP_TOLERANCE * scene_tolerance)
         scene_tolerance = 0.0
-    else:
-        run = AdmmRun(problem, state, balance=balance, relaxation=relaxation or RELAXATION)
+    run = start_run(
+        problem, state, balance=balance, relaxation=relaxation, low_frequency=low_frequency
+    )
 
     def has_ended(history: list[dict[str, float]]) -> bool:
         residual = max(history[-1]["primal_residual"], history[-1]["dual_residual"])

@@ -57,8 +57,8 @@ class DataStep:
     problem
         In normalised units.
     splits
-        Of every channel, where to start from; `write` brings them up to date, but for the split x,
-        which stays.
+        Of every channel, where to start from; `write` brings them up to date, the split x where
+        the sensor is.
     penalties
         Of the splits.
     relaxation
@@ -82,11 +82,16 @@ class DataStep:
         for channel in self._channels:
             channel.v = self._w(channel.a_w)
 
+    def measure(self, problem: Problem) -> None:
+        """Go on with another measurement of the same sizes."""
+        for number, channel in enumerate(self._channels):
+            channel.measure(problem.single(number))
+
     def iterate(self, count: int, penalties: Penalties) -> list[PassSums]:
         """Make so many iterations with these penalties; the sums of every channel's last."""
         self._go_on_with(penalties)
         for channel in self._channels:
-            channel.measure()
+            channel.renew_residual()
         for _ in range(count - 1):
             self._step()
         before = [(each.a_u.clone(), each.a_w.clone()) for each in self._channels]
@@ -102,7 +107,7 @@ class DataStep:
         ]
 
     def write(self, splits: list[SplitState]) -> None:
-        """Write the splits u and w with their multipliers."""
+        """Write the splits u and w with their multipliers, and x on the valid pixels."""
         for channel, split in zip(self._channels, splits, strict=True):
             channel.write(split)
 
@@ -168,12 +173,21 @@ class _Channel:
         self._circulant = _Circulant(problem)
         self._cosines = _Cosines(problem)
 
-    def measure(self) -> None:
+    def measure(self, problem: Problem) -> None:
+        """Go on with another measurement."""
+        if not torch.equal(problem.valid, self._problem.valid):
+            self._cosines.measure(problem)
+        self._problem = problem
+
+    def renew_residual(self) -> None:
         """Compute the residual anew, of which steps lose a little each."""
         self._residual = self._problem.residual(self.v)
 
     def write(self, split: SplitState) -> None:
-        """Write the splits u and w with their multipliers."""
+        """Write the splits u and w with their multipliers, and x on the valid pixels."""
+        top, left, height, width = split.sensor
+        light = self._problem.data[0] - self._residual[0]
+        split.measured[top : top + height, left : left + width] = light
         split.scene.zero_()
         self._frame.scene_of(split.scene).copy_(self.a_w[0])
         if self._tv:
@@ -383,8 +397,7 @@ class _Cosines:
         )
         modes = (row[:, None] * column for row in self._rows for column in self._columns)
         self._images = torch.cat([problem.forward(each[None]) for each in modes])
-        self._images *= problem.valid
-        self._gram = _gram(self._images)
+        self.measure(problem)
         self._gram_varied = torch.zeros_like(self._gram)
         if problem.varied:
             around = _Frame.of(problem).first
@@ -393,6 +406,11 @@ class _Cosines:
                 for each, beyond in zip((self._rows, self._columns), around, strict=True)
             )
             self._gram_varied = torch.kron(rows[1], columns[0]) + torch.kron(rows[0], columns[1])
+
+    def measure(self, problem: Problem) -> None:
+        """See them by the valid pixels of a measurement."""
+        self._valid = problem.valid
+        self._gram = _gram(self._images * self._valid)
 
     def matrix(self, penalties: Penalties) -> "_Coarse":
         """The matrix in the space of the cosines."""
@@ -407,7 +425,7 @@ class _Cosines:
         return (self._rows @ scene @ self._columns.T).flatten()
 
     def along_image(self, image: Tensor) -> Tensor:
-        """Inner products of an image on the sensor with what A makes of the cosines."""
+        """Inner products of an image on the valid pixels with what A makes of the cosines."""
         return self._images.flatten(1) @ image.flatten()
 
     def sum(self, amounts: Tensor) -> Tensor:
@@ -416,8 +434,8 @@ class _Cosines:
 
     def image(self, amounts: Tensor) -> Tensor:
         """What the sensor sees of that."""
-        image: Tensor = (amounts @ self._images.flatten(1)).view_as(self._images[0])
-        return image
+        image: Tensor = (amounts @ self._images.flatten(1)).view_as(self._valid)
+        return image.mul_(self._valid)
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,8 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
-from nolens.operators import FieldConvolution
-from nolens.solvers.admm import RELAXATION, AdmmRun, DataStepRun
+from nolens.solvers.admm import start_run
 from nolens.solvers.admm_state import CHECK_EVERY, AdmmState, Balance, Penalties
-from nolens.solvers.data_step import DATA_STEP_RELAXATION
 from nolens.solvers.problem import Prior, Problem
 from nolens.solvers.wiener import wiener
 
@@ -238,7 +236,7 @@ def choose_weight(
     by_noise = weight_by_noise(problem)
     if blocks is None:
         return by_noise
-    path = _Path(problem, blocks, penalties, balance, relaxation or RELAXATION, progress)
+    path = _Path(problem, blocks, penalties, balance, relaxation, progress)
     interrupted = path.follow(_FROM[problem.prior] * noise)
     if not path.errors:
         return replace(by_noise, interrupted=interrupted)
@@ -294,7 +292,7 @@ def fit_partially(problem: Problem, steps: int = _FIRST_STEPS) -> PartialFit | N
     if blocks is None:
         return None
     noise = pixel_noise(problem)
-    path = _Path(problem, blocks, None, Balance(), RELAXATION, None)
+    path = _Path(problem, blocks, None, Balance(), None, None)
     errors = path.first(_FROM[problem.prior] * noise, steps)
     prediction = _prediction(problem, errors, noise, path.held, blocks)
     return PartialFit(path.scene(), problem.valid & ~path.held, prediction)
@@ -468,7 +466,7 @@ class _Path:
         blocks: Tensor,
         penalties: Penalties | None,
         balance: Balance | None,
-        relaxation: float,
+        relaxation: float | None,
         progress: Callable[[float], bool | None] | None,
     ) -> None:
         self._problem, self._blocks = problem, blocks
@@ -514,13 +512,7 @@ class _Path:
         state = self._state
         weighted = replace(self._fitted, tau=tau)
         state.weigh(weighted)
-        run: AdmmRun | DataStepRun
-        if isinstance(weighted.forward, FieldConvolution):
-            run = DataStepRun(
-                weighted, state, balance=self._balance, relaxation=DATA_STEP_RELAXATION
-            )
-        else:
-            run = AdmmRun(weighted, state, balance=self._balance, relaxation=self._relaxation)
+        run = start_run(weighted, state, balance=self._balance, relaxation=self._relaxation)
         stopped = False
         while state.iteration < steps and not stopped:
             run.to_check(steps)

@@ -186,6 +186,11 @@ class Problem:
         """The same with a prior of each channel by itself."""
         return replace(self, prior=Prior.TV) if self.prior is Prior.COLOUR_TV else self
 
+    @property
+    def in_linear_step(self) -> bool:
+        """Whether ADMM has to keep the measurement in its linear step (`DataStep`)."""
+        return self.prior is Prior.COLOUR_TV or isinstance(self.forward, FieldConvolution)
+
     def uniform_levels(self) -> list[float]:
         """Level c of each channel that minimises ‖b − c·CM1‖²; zeros where that explains little.
 

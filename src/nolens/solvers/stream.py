@@ -10,8 +10,9 @@ import torch
 from torch import Tensor
 
 from nolens.errors import DivergenceError, NolensError, OptionError
-from nolens.solvers.admm import RELAXATION, AdmmRun, admm
-from nolens.solvers.admm_state import CHECK_EVERY, AdmmState, Balance, Penalties
+from nolens.solvers.admm import AdmmRun, DataStepRun, admm, start_run
+from nolens.solvers.admm_state import CHECK_EVERY, AdmmState, Penalties
+from nolens.solvers.data_step import data_step_start
 from nolens.solvers.inputs import Plane
 from nolens.solvers.problem import Problem
 from nolens.solvers.result import STOPS, Progress, Quality, has_converged
@@ -84,13 +85,14 @@ def weight_to_follow(weight: float, chosen: float) -> float:
 
 
 class Stream:
-    """Reconstructs frame after frame through one PSF (ADMM, warm-started).
+    """Reconstructs frame after frame of one camera (ADMM, warm-started).
 
     The first frame is solved as a photo is. Each frame after it starts from the splits and
     multipliers of the one before and gets a few iterations, so that an unmoving scene goes on to
-    converge and a moving one is followed. Where a frame shows another scene (a cut), the picture
-    before it would take many frames to leave: it starts from the Wiener filter's instead. Memory
-    is that of one reconstruction, however long the stream is.
+    converge and a moving one is followed. With PSFs over the field the measurement stays in the
+    linear step, and colours are taken together, as in a photo. Where a frame shows another scene (a
+    cut), the picture before it would take many frames to leave: it starts from the Wiener filter's
+    instead. Memory is that of one reconstruction, however long the stream is.
 
     Parameters
     ----------
@@ -115,8 +117,10 @@ class Stream:
             raise OptionError(f"iterations is {iterations}; a frame needs 1 or more")
         if latency_s is not None and not latency_s > 0:
             raise OptionError(f"latency_s is {latency_s:g}; it must be above 0")
-        self._problem = problem.by_channel
-        self._run: AdmmRun | None = None
+        # Colours are taken together only where the measurement is in the linear step anyway.
+        varied = problem.forward.field_points > 1
+        self._problem = problem if varied else problem.by_channel
+        self._run: AdmmRun | DataStepRun | None = None
         self._iterations = iterations
         self._latency_s = latency_s
         self._residual = float("inf")
@@ -144,7 +148,7 @@ class Stream:
             return
         state = self._run.state
         state.weigh(self._problem)
-        self._run = AdmmRun(self._problem, state, balance=Balance(), relaxation=RELAXATION)
+        self._run = start_run(self._problem, state)
 
     def solve(self, data: Plane, valid: Plane | None = None) -> Frame:
         """Reconstruct the next frame.
@@ -185,14 +189,15 @@ class Stream:
             state=state,
             callback=deadline,
         )
-        self._run = AdmmRun(problem, state, balance=Balance(), relaxation=RELAXATION)
+        self._run = start_run(problem, state)
         return result.scene / problem.scale, result.iterations
 
-    def _next(self, run: AdmmRun, problem: Problem, deadline: "_Deadline") -> tuple[Tensor, int]:
+    def _next(
+        self, run: AdmmRun | DataStepRun, problem: Problem, deadline: "_Deadline"
+    ) -> tuple[Tensor, int]:
         """The same for a frame that goes on from the one before, or from a cut."""
         before, self._residual = self._residual, run.state.residual(problem)
-        warm = _WARM if self._iterations >= CHECK_EVERY else _WARM_FEW
-        penalties = warm if run.state.fraction_on_sensor() > _MOST_LIGHT else _WARM_SPILLING
+        penalties = self._warm(run)
         if self._residual > 1 or self._residual > max(_CUT, _CUT_TIMES * before):
             self.cuts += 1
             run = self._run = _from_wiener(problem, penalties)
@@ -209,6 +214,14 @@ class Stream:
         if state.fills_view:
             scene, _ = problem.gain_corrected(scene)
         return scene, state.iteration
+
+    def _warm(self, run: AdmmRun | DataStepRun) -> Penalties:
+        """Penalties that a frame starts from (decisions 7 and 18)."""
+        if isinstance(run, DataStepRun):
+            return data_step_start(self._problem, run.state)
+        if run.state.fraction_on_sensor() <= _MOST_LIGHT:
+            return _WARM_SPILLING
+        return _WARM if self._iterations >= CHECK_EVERY else _WARM_FEW
 
 
 class Live:
@@ -288,7 +301,7 @@ class Live:
             self._failure = failure
 
 
-def _from_wiener(problem: Problem, penalties: Penalties) -> AdmmRun:
+def _from_wiener(problem: Problem, penalties: Penalties) -> AdmmRun | DataStepRun:
     """A run that starts from what the Wiener filter makes of the measurement alone, as bright as
     explains it best: where the sensor misses much of the light the filter's picture is too dark.
     """
@@ -297,7 +310,9 @@ def _from_wiener(problem: Problem, penalties: Penalties) -> AdmmRun:
     overlap, total = (light * problem.data).sum((-2, -1)), light.square().sum((-2, -1))
     brightness = (overlap / total.clamp_min(1e-30)).clamp_min(0)
     state = AdmmState.at(problem, scene * brightness[:, None, None], penalties)
-    return AdmmRun(problem, state, balance=Balance(), relaxation=RELAXATION)
+    if problem.in_linear_step:
+        state.restart(data_step_start(problem, state))
+    return start_run(problem, state)
 
 
 class _Deadline:

@@ -1,6 +1,5 @@
 """A sequence of frames, each reconstructed from where the one before it ended."""
 
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -33,9 +32,6 @@ def reconstruct_sequence(run: Run[ReconstructOptions]) -> Product[Tensor]:
     run.reads({f"frame {path.name}": path for path in frames.sources})
     development = read_development(run)
     run.begin()
-    if development.field_points:
-        reporter.note("frames of a sequence are reconstructed with the PSF straight ahead alone")
-        development = replace(development, field_points=())
     setup: Setup | None = None
     stream: Stream | None = None
     picture: Tensor | None = None
@@ -98,6 +94,7 @@ def reconstruct_sequence(run: Run[ReconstructOptions]) -> Product[Tensor]:
     figures = {
         "method": Method.ADMM.value,
         "frames": len(rows),
+        "field_points": setup.problem.forward.field_points,
         "dropped": [name for name, _ in dropped],
         "stop_reason": "interrupted" if interrupted else "end of the sequence",
     }
