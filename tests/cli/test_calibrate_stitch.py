@@ -6,9 +6,11 @@ from pathlib import Path
 
 import pytest
 import torch
-from running import Done, check_refused, listing, run
+from running import Done, check_refused, listing, reconstruct, run
 from torch import Tensor
 
+import nolens as nl
+from nolens.api.simulate import Psf
 from nolens.calibrate.distances import Layers
 from nolens.camera import Camera, PsfEntry, preset
 from nolens.files import read_psf, read_psf_set, write_camera, write_psfs
@@ -123,10 +125,16 @@ def test_text_and_reconstruction(tmp_path: Path) -> None:
     places = {tuple(round(um / CELL_UM) for um in layers.shift_um(e.angle)) for e in points}
     assert places == {(moved_by(*each)[1], -moved_by(*each)[0]) for each in ANGLES}
     write_tiff32(tmp_path / "raw.tif", view(wide(), 0, 0))
-    out = tmp_path / "out.png"
-    done = run("reconstruct", tmp_path / "raw.tif", "--psf", made, "--support", "86x86",
-               "--tau", 1e-4, "--iterations", 2, "--json", "-o", out)  # fmt: skip
-    assert done.code == 0 and json.loads(done.out)["field_points"] == 9, done
+    out = tmp_path / "out.tif"
+    picture = reconstruct(out, tmp_path / "raw.tif", "--psf", made, "--support", "86x86",
+                          "--tau", 1e-4, "--iterations", 2)  # fmt: skip
+    assert json.loads(out.with_suffix(".json").read_text())["result"]["field_points"] == 9
+    captured = [each for each in read_psf_set(made).psf if each.kind == "captured"]
+    psfs = {each.angle: Psf(read_psf(made, each), each.channels) for each in captured}
+    stitched = nl.stitch_psfs(psfs, nl.Camera(made), "3.1um")
+    given = {"support": (86, 86), "tau": 1e-4, "iterations": 2}
+    alike = nl.reconstruct(tmp_path / "raw.tif", stitched, **given).values
+    torch.testing.assert_close(alike, picture, rtol=1e-3, atol=1e-3 * float(picture.max()))
 
 
 def as_the_layers(made: Path) -> Camera:

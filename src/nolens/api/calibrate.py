@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import torch
+
 from nolens.api.inputs import Progress, Raw, angle_of, frame_of, length_um, reported
 from nolens.api.simulate import Camera, Psf
 from nolens.calibrate import psf_import
@@ -12,7 +14,7 @@ from nolens.calibrate.frames import PointFrames
 from nolens.calibrate.point_psf import PointPsf, StrayLight, point_psf
 from nolens.calibrate.psf_import import PsfImport
 from nolens.calibrate.stitch import Capture, Stitched, stitch_at_angles
-from nolens.camera import BlackLevel
+from nolens.camera import BlackLevel, FieldPsf
 from nolens.errors import OptionError
 from nolens.operators import PixelRectangle
 from nolens.quantities import Angle, Length
@@ -52,7 +54,7 @@ class ImportedPsf(Psf):
 
 @dataclass(frozen=True, repr=False)
 class StitchedPsf(Psf):
-    """A PSF that is known beyond the sensor.
+    """A PSF that is known beyond the sensor; `field_psf` has that of each angle.
 
     Parameters
     ----------
@@ -172,6 +174,8 @@ def stitch_psfs(
 ) -> StitchedPsf:
     """Merge PSFs of point sources at several field angles into one beyond the sensor.
 
+    The result has those of the angles, too, which `reconstruct` uses over the field.
+
     Parameters
     ----------
     psfs
@@ -202,9 +206,9 @@ def stitch_psfs(
         result = stitch_at_angles(captures, report)
     sensor = captures[0].psf.shape[-2], captures[0].psf.shape[-1]
     channels = next(iter(psfs.values())).channels
-    return StitchedPsf(
-        result.psf, channels, result, PixelRectangle.centred(*result.support, sensor)
-    )
+    field_psf = FieldPsf.of([*result.at_captures()], torch.tensor(result.placement.shifts))
+    support = PixelRectangle.centred(*result.support, sensor)
+    return StitchedPsf(result.psf, channels, result, support, field_psf=field_psf)
 
 
 def _listed(raw: Raw | Sequence[Raw]) -> list[Raw]:

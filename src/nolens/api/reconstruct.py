@@ -365,7 +365,7 @@ def _psfs_of(
     if distance is not None or (field_psf is None and most not in (None, 1)):
         raise OptionError(
             "distance and field_points choose from a camera's folder, field_points also from the "
-            "PSFs of psf(field_points=3); this is a single PSF: leave them out"
+            "PSFs of psf(field_points=3) or stitch_psfs; this is a single PSF: leave them out"
         )
     ahead = frame_of(psf, "PSF")
     if field_psf is None or most == 1:
