@@ -76,7 +76,8 @@ else:
         ReconstructOptions,
         without=(
             *("measurement", "output", "sweep", "resume", "latency", "frames", "exposure"),
-            *("depths", "noise", "bands", "spectral_smoothness", "spectrum_at"),
+            *("depths", "noise", "depth_smoothness"),
+            *("bands", "spectral_smoothness", "spectrum_at"),
         ),
         base=BatchReconstructBase,
         usage="batch reconstruct FRAMES --psf PSF -o FOLDER",

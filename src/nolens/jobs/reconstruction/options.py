@@ -87,6 +87,7 @@ _NOT_OF_BANDS = {
     "flip",
     "depths",
     "noise",
+    "depth_smoothness",
     "field_points",
 }
 BANDS_FILES = {
@@ -230,6 +231,16 @@ class ReconstructOptions(JobOptions):
             SOLVER,
         ),
     ] = 0.3
+    depth_smoothness: Annotated[
+        float,
+        Between(0, 100),
+        Option(
+            "For --depths, weight of differences between neighbouring planes over those between "
+            "neighbouring pixels: total variation in 3D, for translucent bodies that are several "
+            "planes thick.",
+            SOLVER,
+        ),
+    ] = 0.0
     sweep: Annotated[
         Literal["tau", "method", "prior", "support"] | None,
         Option(
@@ -406,8 +417,16 @@ class ReconstructOptions(JobOptions):
     def check_together(self) -> None:
         """Refuse a factor on an automatic τ beside a τ that is stated, and an unfit sweep."""
         check_detail(self.detail, self.tau)
-        if self.depths is None and self.noise != "auto":
-            raise OptionError(f"--noise {self.noise} is for --depths: leave it out")
+        for name, neutral in (("noise", "auto"), ("depth_smoothness", 0)):
+            value = getattr(self, name)
+            if self.depths is None and value != neutral:
+                option = f"--{name.replace('_', '-')} {value}"
+                raise OptionError(f"{option} is for --depths: leave it out")
+        if self.depth_smoothness and self.prior == Prior.L1:
+            raise OptionError(
+                f"--depth-smoothness {self.depth_smoothness:g} weighs a total variation, and "
+                "--prior l1 is none: leave one of them out"
+            )
         if self.bands is None and self.spectrum_at is not None:
             raise OptionError("--spectrum-at is for --bands: leave it out, or give --bands 12")
         if self.bands is not None:

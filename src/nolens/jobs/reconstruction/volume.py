@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -98,7 +99,7 @@ def reconstruct_volume(
         measurement.values.to(run.device),
         valid=measurement.valid.to(run.device),
         variance=_variance(run, measurement, camera),
-        prior=_PRIORS[options.prior],
+        prior=replace(_PRIORS[options.prior], across=options.depth_smoothness),
     )
 
     solved = solve_stack(run, problem, "the volume", iterations=_ITERATIONS, tolerance=_TOLERANCE)
