@@ -2,8 +2,9 @@
 
 `make bench-model` (`python bench/model.py`) takes photographs with simulated cameras whose PSF
 varies over the field, with noise and a colour mosaic. It reconstructs them with PSFs at 1, 5, 9 and
-25 field points, and with one PSF and the colours apart, and times the operator and a photo against
-those of one PSF. It writes the table `docs/model.md`; rows that were measured are in `--folder`.
+25 field points, with PSFs captured at nine angles that are half a degree off, with noise (`nolens
+calibrate stitch`), and with one PSF and the colours apart, and times the operator and a photo
+against those of one PSF. It writes the table `docs/model.md`; what was measured is in `--folder`.
 """
 
 from __future__ import annotations
@@ -23,8 +24,12 @@ import nolens as nl
 from machine import describe
 from nolens.api.simulate import Psf
 from nolens.camera import FieldPsf
+from nolens.experiments.virtual_experiment import VirtualExperiment
+from nolens.files import write_camera, write_psfs
+from nolens.jobs import CalibrateStitchOptions, calibrate_stitch
 from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.solvers import Reconstructor
+from stitch import Quiet, captures
 
 PIXELS = (1520, 2028)
 """Rows and columns of the sensor that are read; superpixels are half of them."""
@@ -33,6 +38,7 @@ CAMERAS: dict[str, Callable[[], nl.Camera]] = {
     "Gaussian surface": lambda: nl.design_mask("diffuser", paper()),
     "random lenslets of 150 um": lambda: nl.design_mask("random-lenslets", paper(), pitch="150um"),
 }
+WAYS = ("one PSF, colours apart", "one PSF", "5 PSFs", "9 PSFs", "9 captured PSFs", "25 PSFs")
 SCENES = {"astronaut": "60deg", "chelsea": "50deg"}
 MIDDLE = [0, 2, 4, 10, 12, 14, 20, 22, 24]
 """Of 5×5 field points, 3×3."""
@@ -51,20 +57,35 @@ def among(psf: Psf, numbers: list[int]) -> Psf:
     return replace(psf, field_psf=FieldPsf(whole.values[numbers], whole.places[numbers]))
 
 
-def pictures(camera: nl.Camera, photograph: str, angle: str, folder: Path) -> dict[str, object]:
-    """PSNR, iterations and seconds by the number of field points."""
+def captured(camera: nl.Camera, angle: str, folder: Path) -> Path:
+    """The camera's folder, with PSFs stitched of nine captures."""
+    if not (folder / "psfs.toml").exists():
+        write_camera(folder, camera.loaded.camera)
+        write_psfs(folder, captures(VirtualExperiment.of(camera.loaded), float(angle[:-3])))
+        calibrate_stitch(CalibrateStitchOptions(folder=folder), Quiet())
+    return folder
+
+
+def pictures(camera: nl.Camera, photograph: str, angle: str, path: Path) -> None:
+    """Add PSNR, iterations and seconds of the ways that the row in `path` does not have yet."""
+    row: dict[str, object] = json.loads(path.read_text()) if path.exists() else {}
+    if all(name in row for name in WAYS):
+        return
     shot = nl.simulate(getattr(data, photograph)(), camera, angle=angle, field_points=7)
     psfs = nl.psf(camera, "300mm", support=shot.support, wavelengths=1, field_points=5)
     one = replace(psfs, field_psf=None)
-    ways = {
-        "one PSF, colours apart": (one, "tv"),
-        "one PSF": (one, "auto"),
-        "5 PSFs": (among(psfs, [0, 4, 12, 20, 24]), "auto"),
-        "9 PSFs": (among(psfs, MIDDLE), "auto"),
-        "25 PSFs": (psfs, "auto"),
-    }
-    row: dict[str, object] = {}
-    for name, (psf, prior) in ways.items():
+    ways: tuple[Callable[[], Psf | Path], ...] = (
+        lambda: one,
+        lambda: one,
+        lambda: among(psfs, [0, 4, 12, 20, 24]),
+        lambda: among(psfs, MIDDLE),
+        lambda: captured(camera, angle, path.with_suffix("")),
+        lambda: psfs,
+    )
+    for name, way in zip(WAYS, ways, strict=True):
+        if name in row:
+            continue
+        psf, prior = way(), "tv" if name == WAYS[0] else "auto"
         begun = time.process_time()
         photo = nl.reconstruct(shot, psf, prior=prior)
         row[name] = {
@@ -72,11 +93,9 @@ def pictures(camera: nl.Camera, photograph: str, angle: str, folder: Path) -> di
             "iterations": photo.result.iterations,
             "cpu_s": time.process_time() - begun,
         }
-        photo.save(
-            folder / f"{camera.name}-{photograph}-{name.replace(' ', '-')}.png".replace(",", "")
-        )
-        print(camera.name, photograph, angle, name, row[name], flush=True)
-    return row
+        photo.save(path.with_name(f"{path.stem}-{name.replace(' ', '-')}.png".replace(",", "")))
+        print(path.stem, angle, name, row[name], flush=True)
+        path.write_text(json.dumps(row))
 
 
 def cost() -> dict[str, dict[str, list[float]]]:
@@ -131,12 +150,11 @@ def report(
         f"{len(rows)} of {len(CAMERAS) * len(SCENES)} cases.",
         "",
     ]
-    names = list(next(iter(rows.values()))) if rows else []
-    lines += ["| camera, scene | " + " | ".join(names) + " |", "|---" * (1 + len(names)) + "|"]
+    lines += ["| camera, scene | " + " | ".join(WAYS) + " |", "|---" * (1 + len(WAYS)) + "|"]
     for case, row in rows.items():
         cells = [
             f"{each['psnr_db']:.2f} ({each['iterations']}, {each['cpu_s']:.0f} s)"
-            for each in row.values()
+            for each in map(row.__getitem__, WAYS)
         ]
         lines.append(f"| {case} | " + " | ".join(cells) + " |")
     lines += [
@@ -174,11 +192,8 @@ def main() -> None:
         camera: nl.Camera | None = None
         for photograph in asked.scenes:
             path = asked.folder / f"{name.replace(' ', '-')}-{photograph}.json"
-            if not path.exists():
-                camera = camera or CAMERAS[name]()
-                path.write_text(
-                    json.dumps(pictures(camera, photograph, SCENES[photograph], asked.folder))
-                )
+            camera = camera or CAMERAS[name]()
+            pictures(camera, photograph, SCENES[photograph], path)
             rows[f"{name}, {photograph}, {SCENES[photograph].removesuffix('deg')}°"] = json.loads(
                 path.read_text()
             )

@@ -49,10 +49,10 @@ class Quiet(Reporter):
         print(f"warning: {text}", file=sys.stderr)
 
 
-def captures(bench: VirtualExperiment) -> dict[PsfEntry, Tensor]:
+def captures(bench: VirtualExperiment, scene_deg: float = SCENE_DEG) -> dict[PsfEntry, Tensor]:
     """PSFs of nine lights, each the mean of some frames; all angles but one are off."""
     generator = torch.Generator().manual_seed(1)
-    edge = SCENE_DEG / 2 + MORE_DEG
+    edge = scene_deg / 2 + MORE_DEG
     found = {}
     for up in (edge, 0.0, -edge):
         for right in (-edge, 0.0, edge):

@@ -222,10 +222,14 @@ def test_plan() -> None:
     done = run("calibrate", "plan", "--angle", "30deg,20deg")
     assert done.code == 0 and done.out.count("--angle") == 5
     assert "--angle -16deg,11deg" in done.out
+    done = run("calibrate", "plan", "small", "--angle", "20deg", "--error", "3.5%")
+    assert done.code == 0 and done.out.count("--angle") == 9, done
+    assert "with 5, PSFs in between are off by up to 4" in done.out
 
 
 def test_plans_that_cannot_be() -> None:
     check_refused(run("calibrate", "plan", "paper"), "no angle is given")
+    check_refused(run("calibrate", "plan", "small", "--angle", "20deg", "--error", "0%"), "by 49")
     check_refused(run("calibrate", "plan", "paper", "--angle", "56"), "no unit")
     check_refused(run("calibrate", "plan", "paper", "--angle", "0deg"), "0.001 deg to 179.9 deg")
     check_refused(run("calibrate", "plan", "paper", "--angle", "90deg"), "choose a smaller angle")

@@ -1,10 +1,17 @@
 """PSFs at several field points, and the forward model with them, against the simulated camera."""
 
+import math
+
 import pytest
 import torch
+from torch import Tensor
 
+from nolens.calibrate.capture_plan import CapturePlan
 from nolens.camera import FieldPsf, LoadedCamera, preset
+from nolens.experiments.between_angles import errors_between
 from nolens.experiments.virtual_experiment import VirtualExperiment
+from nolens.optics import PointSource
+from nolens.quantities import Angle
 from nolens.solvers import Problem, problem
 from nolens.twin import Light, Plane, Twin, irradiate, render_planes
 
@@ -37,3 +44,25 @@ def test_the_model_of_nine_psfs_measures_what_the_camera_does(monkeypatch: pytes
     monkeypatch.setattr(problem, "_BASIS_ERROR", 0.0)
     assert missed(psfs) < 1e-3
     assert missed(None) > 5e-3
+
+
+class _KnownPsfs(VirtualExperiment):
+    """Its PSFs change with the square of the row that their chief rays fall on."""
+
+    def row(self, source: PointSource) -> float:
+        return self.twin.shift_um(source)[0] / self.twin.pixel_um
+
+    def psf(self, source: PointSource, *_: object, **__: object) -> Tensor:
+        return 1 + torch.tensor([[[1.0, -1.0]]]) * (1000 + self.row(source) ** 2)
+
+
+def test_error_between_the_angles_of_a_plan() -> None:
+    """Of a parabola, linear interpolation over a step s misses (s/2)² in the middle."""
+    loaded = LoadedCamera.of(preset("small"))
+    experiment = _KnownPsfs(Twin.of(loaded).reading(48, 64), Light("535nm"))
+    angle = Angle.of(30, "deg")
+    plans = [CapturePlan.of_scene(loaded.camera, (angle, angle), count) for count in (9, 25)]
+    edge = experiment.row(PointSource((-math.tan(math.radians(16)), 0.0)))
+    nine, many = errors_between(experiment, plans, lambda _: None)
+    assert nine == pytest.approx((edge / 2) ** 2 / (1000 + (edge / 2) ** 2), rel=0.1)
+    assert many == pytest.approx((edge / 4) ** 2 / (1000 + (edge / 4) ** 2), rel=0.1)

@@ -93,6 +93,10 @@ class Layers:
         shift = float(self.before.then(self.after).displacement_um(p))
         return shift * tangents[0] / size, shift * tangents[1] / size
 
+    def along_um(self, angle_deg: float) -> float:
+        """Shift of the PSF by an angle along one axis."""
+        return self.shift_um((Angle.of(angle_deg, "deg"), Angle.of(0, "deg")))[0]
+
     def angle_at(self, shift_um: tuple[float, float]) -> tuple[Angle, Angle]:
         """Field angles whose ray falls there, to 0.01 deg: the inverse of `shift_um`."""
         size = math.hypot(*shift_um)

@@ -15,18 +15,12 @@ from torch import Tensor
 
 from nolens.calibrate.distances import Layers, with_mean_light
 from nolens.calibrate.registration import Match, Shift, fine_structure, match_overlap
-from nolens.camera import Camera
 from nolens.camera.measurement import bin_mean
 from nolens.errors import DataError, OptionError
 from nolens.evaluate.registration import Plane
 from nolens.progress import ProgressCallback
 from nolens.quantities import Angle
-from nolens.twin import LARGEST_ANGLE_DEG
 
-_MORE_DEG = 1.0
-"""Beyond the scene's edge, as the angles will not be met exactly."""
-_NARROW_DEG = 20.0
-"""Half a scene's width to which the corners and the middle are as good as all nine."""
 _STATED_DEG = 3.0
 """Error of an angle that is put up with; half a degree is what a ruler gives."""
 _STEEPEST_DEG = 85.0
@@ -58,70 +52,6 @@ _FIRMLY, _LOOSELY = 1e3, 0.1
 """Weights of a block's, with which the reference's brightness is 1 and slopes are small."""
 _EVEN = 1e-9
 """Weight of a view that is far from the best one: enough where it is the only one."""
-
-
-@dataclass(frozen=True)
-class CapturePlan:
-    """At which angles PSFs are to be captured for a scene.
-
-    Parameters
-    ----------
-    angles_deg
-        To the right and up, row by row from the upper left.
-    corner_deg
-        Of the corners off the axis.
-    sensor
-        (rows, columns) of the PSFs' pixels on the sensor.
-    support
-        (height, width) of the scene in pixels.
-    """
-
-    angles_deg: list[tuple[float, float]]
-    corner_deg: float
-    sensor: tuple[int, int]
-    support: tuple[int, int]
-
-    def figures(self) -> dict[str, Any]:
-        """Figures in values that JSON has."""
-        return {
-            "angles_deg": [[right, up] for right, up in self.angles_deg],
-            "corner_deg": round(self.corner_deg, 2),
-            "sensor_pixels": list(self.sensor),
-            "support": list(self.support),
-            "pixels": [self.sensor[0] + self.support[0], self.sensor[1] + self.support[1]],
-        }
-
-    @classmethod
-    def of_scene(cls, camera: Camera, angle: tuple[Angle, Angle]) -> "CapturePlan":
-        """Plan the captures for a scene of a full angle across and down.
-
-        Raises
-        ------
-        OptionError
-            If its corners are farther off the axis than cameras see.
-        """
-        layers, sensor = Layers.of_camera(camera), camera.sensor
-        bin_by = sensor.superpixel
-        half = [each.deg / 2 for each in angle]
-        edges = [math.ceil(2 * (each + _MORE_DEG)) / 2 for each in half]
-        corner = math.degrees(math.atan(math.hypot(*(math.tan(math.radians(e)) for e in edges))))
-        if corner > LARGEST_ANGLE_DEG:
-            raise OptionError(
-                f"a scene of {angle[0]} by {angle[1]} has its corners {corner:.0f} deg "
-                f"off the axis, and cameras see to {LARGEST_ANGLE_DEG:g} deg: choose a smaller "
-                "angle, or give the height too (--angle 80deg,45deg)"
-            )
-        height, width = (
-            2 * math.ceil(_shift_um(layers, each) / (sensor.pitch.um * bin_by))
-            for each in half[::-1]
-        )
-        grid = [
-            (right * edges[0] + 0.0, up * edges[1] + 0.0)
-            for up in (1, 0, -1)
-            for right in (-1, 0, 1)
-            if max(half) > _NARROW_DEG or abs(right) == abs(up)
-        ]
-        return cls(grid, corner, (sensor.rows // bin_by, sensor.columns // bin_by), (height, width))
 
 
 @dataclass(frozen=True)
@@ -173,16 +103,11 @@ class Capture:
         right, up = layers.shift_um(angle)
         whole = math.degrees(math.atan(math.hypot(*(math.tan(each.rad) for each in angle))))
         more = min(whole + _STATED_DEG, _STEEPEST_DEG)
-        search_um, search = _shift_um(layers, more) - _shift_um(layers, whole), 0.0
+        search_um, search = layers.along_um(more) - layers.along_um(whole), 0.0
         if any(each.deg != 0 for each in angle):
             search = (search_um + inexact * math.hypot(right, up)) / pixel_um
         expected = (-up / pixel_um, right / pixel_um)
         return cls(psf, expected, search, name, angle, pixel_um, search_um / _STATED_DEG)
-
-
-def _shift_um(layers: Layers, angle_deg: float) -> float:
-    """Shift of the PSF by an angle along one axis."""
-    return layers.shift_um((Angle.of(angle_deg, "deg"), Angle.of(0, "deg")))[0]
 
 
 @dataclass(frozen=True)

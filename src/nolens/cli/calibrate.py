@@ -101,6 +101,10 @@ def _plan(summary: dict[str, Any]) -> list[str]:
     return [
         f"capture a point source at {len(summary['angles_deg'])} angles, to the right and up:",
         *(f"  --angle {right:g}deg,{up:g}deg" for right, up in summary["angles_deg"]),
+        *(
+            f"with {count}, PSFs in between are off by up to {100 * error:.2g} % of their contrast"
+            for count, error in summary["errors"].items()
+        ),
         f"a scene of that angle covers --support {height}x{width}, and the stitched PSF "
         f"will have about {rows}×{columns} pixels",
     ]

@@ -6,16 +6,22 @@ from typing import Annotated, Any, ClassVar
 from pydantic import BeforeValidator
 from torch import Tensor
 
-from nolens.calibrate.stitch import Capture, CapturePlan, Stitched, stitch_at_angles
-from nolens.camera import PsfEntry
+from nolens.calibrate.capture_plan import PLANS, CapturePlan
+from nolens.calibrate.stitch import Capture, Stitched, stitch_at_angles
+from nolens.camera import LoadedCamera, PsfEntry
 from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth
+from nolens.errors import OptionError
+from nolens.experiments.between_angles import LARGEST, errors_between
+from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import read_camera, read_psf, readable
 from nolens.files.psf_folder import PsfFolder
 from nolens.jobs.calibration.folder import FolderOptions, Reduced, added, place_name, psf_folder
-from nolens.jobs.fields import CAMERAS, FilePath, FullAngle, Name
+from nolens.jobs.fields import CAMERAS, FilePath, Fraction, FullAngle, Name
 from nolens.jobs.options import JobOptions, Option
 from nolens.jobs.run import Product, Run, job
+from nolens.quantities import Percentage
+from nolens.twin import Light, Twin
 
 _REDUCED_FRACTION = 0.15
 """How far a reduced thickness alone may put a PSF off its place; at 37° it is 11 %."""
@@ -37,6 +43,9 @@ class CalibratePlanOptions(JobOptions):
     """List the angles at which to capture PSFs for nolens calibrate stitch.
 
     nolens calibrate plan paper --angle 56deg
+
+    PSFs at angles in between are interpolated. --error says by how much of their contrast these
+    may be off, and takes the fewest angles with which they are not; it computes PSFs of the camera.
     """
 
     usage = "calibrate plan CAMERA --angle 56deg"
@@ -54,6 +63,13 @@ class CalibratePlanOptions(JobOptions):
             "56deg,42deg)",
         ),
     ]
+    error: Annotated[
+        Fraction | None,
+        Option(
+            "How far PSFs between the angles may be off, such as 10%.",
+            default="not computed: nine angles, or five for scenes of up to 40 deg",
+        ),
+    ] = None
 
 
 @job
@@ -63,11 +79,41 @@ def calibrate_plan(run: Run[CalibratePlanOptions]) -> Product[list[tuple[float, 
     Raises
     ------
     NolensError
-        If the camera or an option cannot be used.
+        If the camera or an option cannot be used, or PSFs of the most angles are farther off.
     """
-    camera = read_camera(run.options.camera).camera
-    plan = CapturePlan.of_scene(camera, run.options.angle)
-    return Product(plan.angles_deg, {"camera": camera.name, **plan.figures()})
+    loaded, angle = read_camera(run.options.camera), run.options.angle
+    if run.options.error is None:
+        plan, errors = CapturePlan.of_scene(loaded.camera, angle), dict[str, float]()
+    else:
+        plan, errors = _plan_by_error(run, loaded, run.options.error)
+    return Product(
+        plan.angles_deg, {"camera": loaded.camera.name, **plan.figures(), "errors": errors}
+    )
+
+
+def _plan_by_error(
+    run: Run[CalibratePlanOptions], loaded: LoadedCamera, allowed: Percentage
+) -> tuple[CapturePlan, dict[str, float]]:
+    """The plan of the fewest angles, and the errors of all that were tried, by number of angles."""
+    camera = loaded.camera
+    plans = [CapturePlan.of_scene(camera, run.options.angle, count) for count in PLANS]
+    rows, columns = (
+        min(most, count)
+        for most, count in zip(LARGEST, (camera.sensor.rows, camera.sensor.columns), strict=True)
+    )
+    run.begin()
+    experiment = VirtualExperiment(Twin.of(loaded).reading(rows, columns), Light("white-led"))
+    errors: dict[str, float] = {}
+    found = errors_between(experiment, plans, partial(run.reporter.advance, "PSFs"))
+    for plan, error in zip(plans, found, strict=True):
+        errors[str(len(plan.angles_deg))] = error
+        if error <= allowed.value:
+            return plan, errors
+    tried = ", ".join(f"{100 * error:.2g} % by {count}" for count, error in errors.items())
+    raise OptionError(
+        f"PSFs between the angles would be off by more than {allowed} with all plans there are: "
+        f"{tried} angles. Allow more (--error), or choose a smaller angle"
+    )
 
 
 class CalibrateStitchOptions(FolderOptions):
