@@ -22,6 +22,7 @@ import torch
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+import nolens as nl
 from machine import describe
 from nolens.camera import Camera, exposure_white, from_mapping, preset_text, srgb_from_linear
 from nolens.camera.spectra import spectral_srgb
@@ -33,11 +34,15 @@ from nolens.jobs.simulation import SimulateOptions
 Array = NDArray[np.float32]
 BANDS_NM = [465 + 15 * k for k in range(12)]
 LAMP = np.s_[10:34, 10:34]
+MASKS = {"diffuser": {}, "random-lenslets": {"pitch": "150um"}}
 BEGIN, END = "<!-- bench/bands.py -->", "<!-- end -->"
 
 
-def camera(folder: Path, polarised: bool) -> Path:
-    """288×384 pixels of 3.45 µm behind the mask of the preset `small`, with a larger aperture."""
+def camera(folder: Path, polarised: bool, mask: str = "") -> Path:
+    """288×384 pixels of 3.45 µm behind the mask of the preset `small`, or one of a kind.
+
+    The aperture is larger than the preset's.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     mapping = tomllib.loads(preset_text("small"))
     filters: dict[str, object] = {
@@ -60,7 +65,12 @@ def camera(folder: Path, polarised: bool) -> Path:
         passed = [2 ** -((2 * (nm - centre) / 20) ** 2) for centre in BANDS_NM]
         rows.append(f"{nm:g}," + ",".join(f"{each:.5f}" for each in passed))
     (folder / "filters.csv").write_text("\n".join(rows) + "\n")
-    write_camera(folder, from_mapping(Camera, mapping, "bench"))
+    described = from_mapping(Camera, mapping, "bench")
+    write_camera(folder, described)
+    if mask:
+        made = nl.design_mask(mask, nl.Camera(folder), **MASKS[mask]).loaded
+        behind = made.camera.mask.model_copy(update={"aperture": described.mask.aperture})
+        write_camera(folder, made.camera.model_copy(update={"mask": behind}), made.relief_um)
     return folder
 
 
@@ -119,7 +129,7 @@ def shot(case: dict[str, object], folder: Path) -> tuple[str, Array]:
     result = simulate(
         SimulateOptions(
             scenes=(scene,),
-            camera=str(camera(folder / "camera", polarised)),
+            camera=str(camera(folder / "camera", polarised, str(case.get("mask", "")))),
             bands=bands,
             angle=("15deg",),
             field_points=3,
@@ -216,6 +226,8 @@ CASES: dict[str, dict[str, object]] = {
     "12 bands, a tenth of the light": {"fill": "9%"},
     "12 bands, each of 3 wavelengths": {"per_band": 3},
     "the same, lines of 530 and 560 nm": {"per_band": 3, "line_nm": 530},
+    "12 bands, a Gaussian surface of 1°": {"mask": "diffuser"},
+    "12 bands, random lenslets of 150 µm": {"mask": "random-lenslets"},
     "polarisers at 4 angles": {"polarised": True},
 }
 

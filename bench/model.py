@@ -29,6 +29,7 @@ from nolens.files import write_camera, write_psfs
 from nolens.jobs import CalibrateStitchOptions, calibrate_stitch
 from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.solvers import Reconstructor
+from nolens.twin import Light, Twin
 from stitch import Quiet, captures
 
 PIXELS = (1520, 2028)
@@ -60,8 +61,10 @@ def among(psf: Psf, numbers: list[int]) -> Psf:
 def captured(camera: nl.Camera, angle: str, folder: Path) -> Path:
     """The camera's folder, with PSFs stitched of nine captures."""
     if not (folder / "psfs.toml").exists():
-        write_camera(folder, camera.loaded.camera)
-        write_psfs(folder, captures(VirtualExperiment.of(camera.loaded), float(angle[:-3])))
+        twin = Twin.of(camera.loaded).reading(*PIXELS)
+        write_camera(folder, twin.camera, camera.loaded.relief_um)
+        experiment = VirtualExperiment(twin, Light("white-led"))
+        write_psfs(folder, captures(experiment, float(angle.removesuffix("deg"))))
         calibrate_stitch(CalibrateStitchOptions(folder=folder), Quiet())
     return folder
 

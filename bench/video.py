@@ -37,22 +37,31 @@ PIXELS, SCENE, FRAMES, STEP = (360, 480), (48, 64), 24, 1.5
 FILL = 0.9
 ITERATIONS, TOLERANCE = 60, 3e-3
 """As the command has them."""
+LENSLETS = "lenslets of 100 µm"
 CASES = {
-    "hopper": ("hopper", "down", 1.0),
-    "spots": ("spots", "down", 1.0),
-    "astronaut": ("astronaut", "down", 1.0),
-    "astronaut, out": ("astronaut", "out", 1.0),
-    "cat": ("chelsea", "down", 1.0),
-    "astronaut, half": ("astronaut", "down", 0.5),
-    "astronaut, four": ("astronaut", "down", 4.0),
+    "hopper": ("hopper", "down", 1.0, LENSLETS),
+    "spots": ("spots", "down", 1.0, LENSLETS),
+    "astronaut": ("astronaut", "down", 1.0, LENSLETS),
+    "astronaut, out": ("astronaut", "out", 1.0, LENSLETS),
+    "cat": ("chelsea", "down", 1.0, LENSLETS),
+    "astronaut, half": ("astronaut", "down", 0.5, LENSLETS),
+    "astronaut, four": ("astronaut", "down", 4.0, LENSLETS),
+    "spots, Gaussian surface": ("spots", "down", 1.0, "Gaussian surface of 1°"),
+    "astronaut, Gaussian surface": ("astronaut", "down", 1.0, "Gaussian surface of 1°"),
+    "spots, preset": ("spots", "down", 1.0, "the paper's"),
+    "astronaut, preset": ("astronaut", "down", 1.0, "the paper's"),
 }
-"""Scene, direction, and exposure of a line in frames; all was tuned on hopper."""
+"""Scene, direction, exposure of a line in frames, and mask; all was tuned on hopper."""
 BEGIN, END = "<!-- bench/video.py -->", "<!-- end -->"
 
 
-def camera(rolling: str) -> nl.Camera:
-    """The middle of the paper's camera behind lenslets that make points, not lines."""
-    made = nl.design_mask("random-lenslets", nl.Camera("paper", pixels=PIXELS), pitch="100um")
+def camera(rolling: str, mask: str) -> nl.Camera:
+    """The middle of the paper's camera; its lenslets make points, the other masks lines."""
+    made = nl.Camera("paper", pixels=PIXELS)
+    if mask == LENSLETS:
+        made = nl.design_mask("random-lenslets", made, pitch="100um")
+    elif mask.startswith("Gaussian"):
+        made = nl.design_mask("diffuser", made)
     description = made.loaded.camera
     sensor = description.sensor.model_copy(update={"rolling": rolling})
     loaded = replace(made.loaded, camera=description.model_copy(update={"sensor": sensor}))
@@ -135,8 +144,8 @@ def psnr(video: Tensor, truth: Tensor) -> float:
 
 def measured(case: str, folder: Path) -> dict[str, float]:
     """Figures of one case."""
-    scene, rolling, in_frames = CASES[case]
-    experiment, psf, model = prepared(rolling)
+    scene, rolling, in_frames, mask = CASES[case]
+    experiment, psf, model = prepared(rolling, mask)
     sensor = experiment.sensor
     readout = Shutter.of(sensor, 1.0).duration_s - 1.0
     # T = readout + e is 24 frames, and e so many of them.
@@ -200,9 +209,9 @@ def sheet(path: Path, truth: Tensor, video: Tensor) -> None:
 
 
 @cache
-def prepared(rolling: str) -> tuple[VirtualExperiment, Tensor, FieldModel]:
+def prepared(rolling: str, mask: str) -> tuple[VirtualExperiment, Tensor, FieldModel]:
     """Camera, PSF and the model that scenes are measured with."""
-    made = camera(rolling)
+    made = camera(rolling, mask)
     support = PixelRectangle.centred(*SCENE, made.size)
     psf = nl.psf(made, "300mm", support=support, wavelengths=1).values
     experiment = VirtualExperiment(made.twin, Light("white-led"), 1, 3)
@@ -219,27 +228,30 @@ def table(rows: dict[str, dict[str, float]]) -> list[str]:
         f"{FRAMES} frames; photographs pass by {STEP:g} pixels a frame. PSNR of all frames in dB; "
         "τ by the sensor's noise.",
         "",
-        "| scene | lines | exposure of a line (in frames) | video | all at once, long | "
+        "| scene | mask | lines | exposure of a line (in frames) | video | all at once, long | "
         "all at once, short | mean of the true frames | "
         "video over the better control | iterations, CPU |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for case, row in rows.items():
-        scene, rolling, frames = CASES[case]
+        scene, rolling, frames, mask = CASES[case]
         better = row["video_db"] - max(row["long_db"], row["short_db"])
         lines.append(
-            f"| {scene} | {rolling} | {row['exposure_ms']:.2g} ms ({frames:g}) | "
+            f"| {scene} | {mask} | {rolling} | {row['exposure_ms']:.2g} ms ({frames:g}) | "
             f"**{row['video_db']:.1f}** | {row['long_db']:.1f} | {row['short_db']:.1f} | "
             f"{row['mean_db']:.1f} | {better:+.1f} dB | {row['iterations']:.0f}, "
             f"{row['cpu_s']:.0f} s |"
         )
-    spots_row = rows.get("spots")
-    if spots_row is not None:
-        lines += [
+    lines += [
+        line
+        for case, row in rows.items()
+        if "off_px" in row
+        for line in (
             "",
-            f"Spots: centroids off by {spots_row['off_px']:.2f} pixels on average, "
-            f"{spots_row['farthest_px']:.2f} at most, over all frames and spots.",
-        ]
+            f"Spots, {CASES[case][3]}: centroids off by {row['off_px']:.2f} pixels on average, "
+            f"{row['farthest_px']:.2f} at most, over all frames and spots.",
+        )
+    ]
     return [*lines, END]
 
 

@@ -12,7 +12,7 @@ import argparse
 import json
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ import torch
 import torch.nn.functional as nnf
 from PIL import Image
 
+import nolens as nl
 from nolens.camera import Camera, LoadedCamera, preset
 from nolens.camera.measurement import bin_mean
 from nolens.evaluate import psnr, scale_fit
@@ -32,6 +33,7 @@ from nolens.quantities import Length
 from nolens.twin import FieldMap, Plane, PlaneView, Twin, render_planes
 
 APART, OBJECTS_DEG, OBJECTS_BIN = 5, 40, 4
+MASKS = {"diffuser": {}, "random-lenslets": {"pitch": "150um"}}
 MARKS = "<!-- bench/volume.py: begin -->", "<!-- end -->"
 GFP = "wavelength_nm,power\n470,0\n490,0.3\n509,1\n530,0.5\n560,0.12\n600,0\n"
 
@@ -66,6 +68,8 @@ class Volume:
         Whether they shine with an emission spectrum, in place of a white LED.
     fill
         Fraction of a full pixel that the brightest one is exposed to.
+    mask
+        Kind of the mask; empty for the preset's.
     """
 
     name: str
@@ -80,6 +84,7 @@ class Volume:
     outside: float = 1.0
     fluorescent: bool = False
     fill: float = 0.9
+    mask: str = ""
 
     @property
     def depths_um(self) -> list[float]:
@@ -95,6 +100,8 @@ class Volume:
 BEADS = Volume(
     "beads", tuple(8.8 * k for k in reversed(range(8))), (0, 5, 7), 200, (1200, 1600), 2, 45, 5
 )
+GAUSSIAN = replace(BEADS, name="beads, Gaussian surface of 1°", mask="diffuser")
+LENSLETS = replace(BEADS, name="beads, random lenslets of 150 µm", mask="random-lenslets")
 WATER = Volume(
     "water", (250, 230, 210, 190), (0, 3), 60, (600, 800), 1, 24, 3, "g", 1.33, True, 0.2
 )
@@ -115,6 +122,7 @@ def camera_folder(
     field_deg: float,
     light: str = "white-led",
     outside: float = 1.0,
+    mask: str = "",
 ) -> Path:
     """A camera's folder with PSFs over the field, at some distances."""
     out = folder / "camera"
@@ -126,10 +134,14 @@ def camera_folder(
             "name": "middle of the paper's",
         }
         if outside > 1:  # Lenslets that focus beads at 4 mm in water.
-            relief = paper.mask.relief.model_copy(update={"radius": Length("0.126", "mm")})
-            read |= {"outside": outside, "mask": paper.mask.model_copy(update={"relief": relief})}
+            focused = paper.mask.relief.model_copy(update={"radius": Length("0.126", "mm")})
+            read |= {"outside": outside, "mask": paper.mask.model_copy(update={"relief": focused})}
         camera: Camera = paper.model_copy(update=read)
-        write_camera(folder / "described", camera)
+        relief = None
+        if mask:
+            made = nl.design_mask(mask, nl.Camera(LoadedCamera.of(camera)), **MASKS[mask]).loaded
+            camera, relief = made.camera, made.relief_um
+        write_camera(folder / "described", camera, relief)
         for distance in distances:
             simulate_psf(
                 PsfOptions(
@@ -220,12 +232,13 @@ def beads(folder: Path, volume: Volume, ways: dict[str, dict[str, Any]]) -> dict
         light = str(folder / "gfp.csv")
         Path(light).write_text(GFP)
     psfs = camera_folder(
-        folder if volume is BEADS else folder / volume.name,
+        folder if volume is BEADS else folder / (volume.mask or volume.name),
         volume.sensor,
         [volume.texts[k].replace("inf", "infinity") for k in volume.calibrated],
         volume.field_deg,
         light,
         volume.outside,
+        volume.mask,
     )
     raw, places = simulated_beads(folder, read_camera(psfs), volume, light)
     rows = {}
@@ -289,11 +302,14 @@ def best_psnr(page: torch.Tensor, light: torch.Tensor, rows: slice, columns: sli
     return max(psnr(scale_fit(page, each), each, float(light.max())) for each in truths)
 
 
-def objects(folder: Path) -> dict[str, Any]:
+def objects(folder: Path, mask: str = "") -> dict[str, Any]:
     """PSNR of each object alone in its plane, solved together and one by one."""
+    folder = folder / mask
     path = folder / "objects.json"
     if not path.exists():
-        psfs = camera_folder(folder / "whole", (3040, 4056), ["8cm", "20cm"], OBJECTS_DEG)
+        psfs = camera_folder(
+            folder / "whole", (3040, 4056), ["8cm", "20cm"], OBJECTS_DEG, mask=mask
+        )
         raw, (support, truth) = simulated_objects(folder, read_camera(psfs))
         edges = [
             (-(-first // OBJECTS_BIN), (first + side) // OBJECTS_BIN)
@@ -385,8 +401,14 @@ def main() -> None:
         "tv, one PSF": {"prior": "tv", "field_points": 1},
     }
     rows = beads(asked.folder, BEADS, ways)
-    rows |= beads(asked.folder, WATER, {"l1": ways["l1"]})
+    for volume in (GAUSSIAN, LENSLETS, WATER):
+        rows |= beads(asked.folder, volume, {"l1": ways["l1"]})
     two = objects(asked.folder)
+    for mask, name in (
+        ("diffuser", "Gaussian surface of 1°"),
+        ("random-lenslets", "random lenslets of 150 µm"),
+    ):
+        two |= {f"{way}, {name}": row for way, row in objects(asked.folder, mask).items()}
     picture(asked.folder / "beads-l1", Path("docs/results/volume-beads.png"))
     before, rest = asked.page.read_text().split(MARKS[0])
     after = rest.split(MARKS[1])[1]
