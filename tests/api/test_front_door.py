@@ -171,14 +171,14 @@ def test_arrays_of_all_kinds(shot: nl.SimulatedMeasurement, psf: nl.Psf) -> None
     assert all(torch.equal(first, each) for each in others)
 
 
-def test_scenes_of_all_kinds(
-    camera: nl.Camera, shot: nl.SimulatedMeasurement, tmp_path: Path
-) -> None:
+def test_scenes_of_all_kinds(camera: nl.Camera, tmp_path: Path) -> None:
     """A file, sRGB and linear radiance of one picture give one measurement."""
     write_png(tmp_path / "scene.png", srgb := linear(scene()), 1.0)
-    for each in (tmp_path / "scene.png", srgb, srgb.numpy()):
-        other = nl.simulate(each, camera, angle="12deg", distance="300mm", field_points=3)
-        assert torch.equal(other.frame.counts, shot.frame.counts)
+    first, *others = (
+        nl.simulate(each, camera, angle="12deg", field_points=1).frame.counts
+        for each in (scene(), tmp_path / "scene.png", srgb, srgb.numpy())
+    )
+    assert all(torch.equal(first, each) for each in others)
 
 
 def linear(pixels: np.ndarray[tuple[int, ...], np.dtype[np.uint8]]) -> torch.Tensor:
@@ -209,7 +209,7 @@ def test_refocus_finds_the_distance(camera: nl.Camera) -> None:
     }
     photo = nl.refocus(near, psfs, tau=1e-5, iterations=20)
     assert photo.distance_um == pytest.approx(60e3, rel=0.25)
-    known = nl.refocus(near, psfs, "60mm", tau=1e-5, iterations=20)
+    known = nl.refocus(near, psfs, "60mm", tau=1e-5, iterations=8)
     assert nl.psnr(known, near.expected) > 15
 
 
@@ -275,7 +275,7 @@ def test_field_of_view_is_that_of_the_command(camera: nl.Camera, psf: nl.Psf) ->
 
 
 def test_dots_of_a_simulated_camera(camera: nl.Camera) -> None:
-    field = nl.measure_field(camera, dot_pitch="20mm", extent="10deg")
+    field = nl.measure_field(camera, dot_pitch="12mm", extent="6deg")
     assert field.grid is not None and len(field.figures["dots"]) == len(field.grid.dots) > 5
     assert Pillow.open(io.BytesIO(field._repr_png_())).size[0] > 500
 

@@ -110,6 +110,10 @@ def test_spectra_through_filters_are_those_of_the_scene(tmp_path):
     shot = replace(shot, frame=replace(shot.frame, counts=nl.load(raw).counts))
     mine = nl.reconstruct_cube(shot, camera, places, tau=3e-4)
     assert np.array_equal(mine, found) and mine.wavelengths_nm == (500, 515, 530, 545)
+    kept = mine.save(tmp_path / "mine")
+    assert {path.name for path in kept.iterdir()} == {"cube.ome.tif", "false-colour.png"}
+    for name in ("cube.ome.tif", "false-colour.png"):
+        assert (kept / name).read_bytes() == (cube / name).read_bytes()
     assert mine._repr_png_() == (cube / "false-colour.png").read_bytes()
 
 

@@ -62,7 +62,7 @@ def take(folder: Path, rolling: str, exposure_s: float | None) -> Path:
 def test_what_moves_is_where_it_was(tmp_path: Path) -> None:
     raw = take(tmp_path, "in", EXPOSED * 28.571e-6)
     outputs = [f"-o{tmp_path / 'out'}{suffix}" for suffix in (".tif", ".mp4", ".png")]
-    asked = ("--psf", tmp_path / "psf.dng", *MASKED, "--tau", 1e-3, "--iterations", 32)
+    asked = ("--psf", tmp_path / "psf.dng", *MASKED, "--tau", 1e-3, "--iterations", 24)
     done = run("reconstruct", raw, *asked, *outputs)
     assert done.code == 0, done.err
     with tifffile.TiffFile(tmp_path / "out.tif") as file:
@@ -89,11 +89,10 @@ def test_what_moves_is_where_it_was(tmp_path: Path) -> None:
     camera, point = nl.Camera(tmp_path), nl.load(tmp_path / "psf.dng")
     (tmp_path / "camera.toml").unlink()
     mine = nl.reconstruct_video(
-        nl.load(raw), point, FRAMES, camera=camera, support=SCENE, tau=1e-3, iterations=32
+        nl.load(raw), point, FRAMES, camera=camera, support=SCENE, tau=1e-3, iterations=24
     )
     assert torch.equal(mine.values, video) and mine.times_s[1] == pytest.approx(1.5 * step)
     assert mine.save(tmp_path / "mine.mp4").read_bytes() == (tmp_path / "out.mp4").read_bytes()
-    assert mine._repr_png_() == (tmp_path / "out.png").read_bytes()
 
 
 @pytest.mark.parametrize(

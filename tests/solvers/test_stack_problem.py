@@ -65,7 +65,7 @@ def test_the_minimum_is_that_of_another_solver(forward, prior):
         prior=prior,
     )
     tau = 0.02 / problem.tau_unit
-    result = problem.solve(tau, iterations=200, tolerance=1e-6)
+    result = problem.solve(tau, iterations=100, tolerance=1e-6)
     other = primal_dual(*problem.functionals(tau), iterations=1000, tolerance=1e-6)
     assert result.objective == pytest.approx(other.objective, rel=1e-4)
     scene = result.scene / problem.scale

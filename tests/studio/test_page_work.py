@@ -16,7 +16,12 @@ import tifffile
 from browser import Visit, await_text, needs_chromium, picture_of, until
 from PIL import Image
 
-from nolens.files import read_psf_set
+import nolens as nl
+from nolens.camera import PsfEntry
+from nolens.experiments.virtual_experiment import VirtualExperiment
+from nolens.files import read_psf_set, write_camera, write_psfs
+from nolens.optics import PointSource
+from nolens.twin import Light
 
 pytestmark = needs_chromium
 _PANELS = ("viewfinder", "design", "calibrate", "photograph", "measure")
@@ -336,7 +341,8 @@ def refused(page: Any, studio_folder: Path) -> None:
     page.get_by_label("PSF pixels finer by").fill("")
 
 
-def test_click_focuses_on_a_point(visit: Visit, shot: str) -> None:
+def test_click_focuses_on_a_point(visit: Visit, studio_folder: Path, shot: str) -> None:
+    write_bands(studio_folder / "nolens-studio")
     page = visit.show("photograph")
     await_text(page, "figcaption [role=status]", r"\d+ × \d+ pixels")
     form = page.get_by_role("region", name="Refocus", exact=True)
@@ -358,6 +364,9 @@ def test_click_focuses_on_a_point(visit: Visit, shot: str) -> None:
     assert near != far and first in (near, far)
     visit.keep("refocus")
     depths_together(page)
+    video_plays(page)
+    spectrum_of_a_click(page, studio_folder / "nolens-studio" / "pictures" / "leaf")
+    opened_again(page)
     # The version before had another name for the grid.
     former = 'const told = {"depths": ["1 m"], "sharpest": [[0]]};'
     stack = page.evaluate(
@@ -381,6 +390,85 @@ def depths_together(page: Any) -> None:
     page.get_by_role("button", name="Depths", exact=True).click()
     set_slider(page, "Depth", 1.0)
     await_text(page, "[role=status]", "Sharp at infinity")
+    form.get_by_label("Depths").fill("")
+
+
+def video_plays(page: Any) -> None:
+    """A video of one still is played where pictures are; the method has the PSFs beside it."""
+    form = reconstruction(page)
+    labels = form.get_by_role("region", name="Model and solver").locator("label").all_inner_texts()
+    assert labels[labels.index("Method") + 1] == "PSFs over the field"
+    form.get_by_label("Frames of a video").fill("3")
+    form.get_by_label("Exposure time of a line").fill("1ms")
+    page.get_by_role("button", name="Reconstruct").click()
+    await_text(page, "#main .stage .named", r"\.mp4 .*3 frames")
+    video = page.locator("video")
+    playing = "(video) => video.play().then(() => [video.duration, video.videoWidth])"
+    assert video.evaluate(playing) == pytest.approx([3 / 12, 480], abs=0.1)
+    page.wait_for_function("() => document.querySelector('video').currentTime > 0")
+    assert not page.locator("#photograph").is_visible()
+    # What the browser cannot play gives way to the sheet.
+    video.evaluate("(video) => { video.src = video.src.replace(/mp4$/, 'png'); }")
+    page.locator("#photograph").wait_for(state="visible")
+    for label in ("Frames of a video", "Exposure time of a line", "Channels"):
+        form.get_by_role("textbox", name=label, exact=True).fill("")
+
+
+def opened_again(page: Any) -> None:
+    """The gallery's video plays, and its volume's settings are taken."""
+    for text in (r"3 frames", r"^[\d-]+\D{3} .*ADMM · 8"):
+        page.get_by_role("button", name="Results").click()
+        page.locator(".card").filter(has_text=re.compile(text)).first.click()
+        if "frames" in text:
+            page.locator("video").wait_for(state="visible")
+            assert not page.locator(".spectrum").is_visible()
+    await_text(page, ".record .figures", "Depths: 15 cm,infinity")
+    page.get_by_role("button", name="Use these settings again").click()
+    page.wait_for_function(
+        "() => [...document.querySelectorAll('input')].some((e) => e.value === '15 cm,infinity')"
+    )
+    assert re.search(r"/psf\S*\.tif$", page.get_by_label("PSF", exact=True).input_value())
+
+
+def write_bands(work: Path) -> None:
+    """A camera, its PSF on all pixels, and a raw frame of a scene in three bands."""
+    camera = nl.Camera("small")
+    places = ["450nm", "540nm", "620nm"]
+    scene = np.full((3, 24, 32), 0.1)
+    scene[0, 4:12, 4:12] = scene[1, 12:20, 12:24] = scene[2, 6:20, 24:28] = 1
+    shot = nl.simulate(scene, camera, bands=places, angle="4deg", field_points=1)
+    (work / "uploads").mkdir(exist_ok=True)
+    nl.save_frame(shot.frame, work / "uploads" / "leaf.dng")
+    sensor = camera.loaded.camera.sensor
+    source = PointSource((0.0, 0.0), 3e5)
+    size = (sensor.rows, sensor.columns)
+    psf = VirtualExperiment(camera.twin, Light("540nm")).psf(source, size, pixels=1)
+    entry = {"file": "psf.tif", "pixel": str(sensor.pitch), "channels": ("grey",)}
+    folder = work / "cameras" / "leaf"
+    write_camera(folder, camera.loaded.camera)
+    entry |= {"distance": "300 mm"}
+    write_psfs(folder, {PsfEntry.model_validate(entry): psf.amax(0, keepdim=True)})
+
+
+def spectrum_of_a_click(page: Any, folder: Path) -> None:
+    """False colours are shown where pictures are, and a click has the spectrum of its place."""
+    page.get_by_label("Raw file", exact=True).select_option(label="leaf.dng")
+    await_text(page, "figcaption [role=status]", r"\d+ × \d+ pixels")
+    page.get_by_label("PSF", exact=True).select_option(label="leaf: 300 mm")
+    form = reconstruction(page)
+    form.get_by_label("Bands").fill("450nm,540nm,620nm")
+    form.get_by_label("Support of the scene").fill("48x64")
+    page.get_by_role("button", name="Reconstruct").click()
+    await_text(page, "#main .stage b", "false-colour.png")
+    box = page.locator("#photograph").bounding_box()
+    page.mouse.click(box["x"] + 0.55 * box["width"], box["y"] + 0.65 * box["height"])
+    page.locator(".spectrum polyline").wait_for()
+    row, column = map(int, re.findall(r"\d+", await_text(page, "[role=status]", "^Row")))
+    points = page.locator(".spectrum polyline").get_attribute("points").split()
+    heights = [-float(point.split(",")[1]) for point in points]
+    cube = tifffile.imread(folder / "cube.ome.tif").squeeze()[:, row, column]
+    slope = (max(heights) - min(heights)) / (cube.max() - cube.min())
+    assert heights == pytest.approx(list(slope * (cube - cube.min()) + min(heights)), abs=0.5)
 
 
 def test_psf_from_elsewhere(visit: Visit, studio_folder: Path) -> None:

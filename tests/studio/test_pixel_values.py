@@ -21,6 +21,7 @@ from nolens.files import (
     write_tiff16,
     write_tiff32,
 )
+from nolens.files.ome import write_ome_tiff
 from nolens.operators import PixelRectangle
 from nolens.studio.pixel_values import pixel_values
 from nolens.twin import FieldMap, preview_model
@@ -32,7 +33,7 @@ def unpacked(message: bytes) -> tuple[dict[str, Any], NDArray[np.float64]]:
     header = json.loads(message[4 : 4 + length])
     numbers = np.frombuffer(message[4 + length :], "<u2").astype(float)
     shape = header["height"], header["width"], len(header["channels"])
-    return header, (header["offset"] + header["step"] * numbers).reshape(shape)
+    return header, header["offset"] + header["step"] * numbers.reshape(shape)
 
 
 def test_radiance_is_that_of_the_reconstruction(tmp_path: Path) -> None:
@@ -49,12 +50,25 @@ def test_radiance_is_that_of_the_reconstruction(tmp_path: Path) -> None:
     np.testing.assert_allclose(values, true, atol=1e-4 / 65535)
 
 
+def test_bands_have_their_names(tmp_path: Path) -> None:
+    """Also where three would be colours; each has steps of its own, which noughts need not."""
+    for count in (3, 5):
+        bands = torch.rand((count, 6, 8)) * torch.logspace(-4, 3, count)[:, None, None]
+        bands[1] = 0
+        names = [f"{450 + 30 * number} nm" for number in range(count)]
+        path = tmp_path / f"{count}.ome.tif"
+        write_ome_tiff(path, bands[None], "T", names, {})
+        header, values = unpacked(pixel_values(path, None))
+        assert (header["unit"], header["channels"]) == ("radiance", names)
+        np.testing.assert_allclose(values, bands.permute(1, 2, 0).numpy(), rtol=0.01, atol=1e-7)
+
+
 def test_counts_are_those_of_the_measurement(tmp_path: Path) -> None:
     counts = torch.randint(0, 4096, (1, 30, 40)).float()
     frame = Frame(counts, ("mosaic",), "BGGR", (256.0,), 4095.0, "uint16", "test")
     write_frame(tmp_path / "raw.dng", frame)
     header, values = unpacked(pixel_values(tmp_path / "raw.dng", None))
-    assert (header["unit"], header["mosaic"], header["step"]) == ("counts", "BGGR", 1.0)
+    assert (header["unit"], header["mosaic"], header["step"]) == ("counts", "BGGR", [1.0])
     np.testing.assert_array_equal(values[..., 0], counts[0].numpy())
 
 

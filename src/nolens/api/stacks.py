@@ -326,7 +326,8 @@ def _solved(
             named[option] = each
         elif each is not None:
             own = isinstance(each, SimulatedMeasurement)
-            frames[option] = each.frame if own else frame_of(each, option)
+            name = "PSF" if option == "psf" else option
+            frames[option] = each.frame if own else frame_of(each, name)
             named[option] = Path(f"<{option}>")
     options = ReconstructOptions.gather(
         {"device": "cpu", **named, **asked, "support": _support_text(support)}

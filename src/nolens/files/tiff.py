@@ -228,6 +228,19 @@ def _ome_frames(path: Path, description: str, pages: Sequence[Any]) -> list[tupl
     return _by_channels(found, order, sizes)
 
 
+def ome_channels(path: Path) -> list[str]:
+    """Names of the channels of an OME-TIFF.
+
+    Raises
+    ------
+    FileError
+        If the file is damaged.
+    """
+    with decoding(path, "a TIFF"), open_tiff(path) as tiff:
+        channels = _attributes(tiff.pages.first.description, "Channel")
+        return [each.get("Name", "") for each in channels]
+
+
 def _attributes(description: str, element: str) -> list[dict[str, str]]:
     """Attributes of the elements of a name in OME's XML, in their order."""
     starts = re.findall(rf"<(?:\w+:)?{element}\b([^>]*)>", description)

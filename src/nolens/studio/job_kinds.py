@@ -67,13 +67,15 @@ def _in_job(option: str, name: str) -> Callable[[Mapping[str, Any], Place], Outp
 
 def _picture(options: Mapping[str, Any], place: Place) -> Outputs:
     from nolens.files import is_sequence
+    from nolens.files.video import has_video_support
 
     folder, measurement = place.work / PICTURES, _measurement(options)
     stem = unused(folder, measurement.stem or "picture")
     if options.get("depths") or options.get("bands"):
         return {"output": (folder / stem,)}
     if options.get("frames"):
-        return {"output": tuple(folder / f"{stem}{suffix}" for suffix in (".png", ".tif", ".mp4"))}
+        suffixes = (".png", ".tif", *([".mp4"] if has_video_support() else []))
+        return {"output": tuple(folder / f"{stem}{suffix}" for suffix in suffixes)}
     if is_sequence(measurement):
         return {"output": (folder / stem,)}
     return {"output": (folder / f"{stem}.png", folder / f"{stem}.tif")}

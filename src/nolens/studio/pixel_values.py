@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from nolens.errors import DataError, NolensError
-from nolens.files import read_camera, read_frame, read_picture, read_record
-from nolens.files.tiff import read_tiff_samples
+from nolens.files import open_sequence, read_camera, read_frame, read_picture, read_record
+from nolens.files.tiff import ome_channels, read_tiff_samples
 from nolens.jobs.fields import record_beside
 from nolens.twin import preview_model
 
@@ -20,18 +20,19 @@ _LEVELS = 65535
 _RADII = 256
 _SRGB = (".png", ".jpg", ".jpeg")
 _TIFF = (".tif", ".tiff")
+_BANDS = ".ome.tif"
 
 
 def pixel_values(path: Path, camera: str | None) -> bytes:
     """Length of a header (4 bytes), the header as JSON, and a number for each value.
 
-    A value is ``offset + step × number``. Numbers are uint16, little-endian, row by row, the
-    channels of a pixel one after the other.
+    A value is ``offset + step × number``, both of its channel. Numbers are uint16, little-endian,
+    row by row, the channels of a pixel one after the other.
 
     Parameters
     ----------
     path
-        A reconstruction, a measurement or any other picture.
+        A reconstruction, also of several bands, a measurement or any other picture.
     camera
         It was taken with this one, whose layers give the angle of a reconstruction's pixels.
 
@@ -42,14 +43,19 @@ def pixel_values(path: Path, camera: str | None) -> bytes:
     """
     values, scale, header = _values(path)
     height, width = values.shape[-2:]
-    if height * width > _MOST_PIXELS:
+    if values.numel() > 3 * _MOST_PIXELS or height * width > _MOST_PIXELS:
         raise DataError(f"{path.name} has more than {_MOST_PIXELS // 10**6} million pixels")
-    lowest, highest = (float(each) for each in torch.aminmax(values))
+    values = values.double()
+    lowest, highest = values.amin((1, 2)), values.amax((1, 2))
     # Counts stay as they are.
-    whole = lowest >= 0 and highest <= _LEVELS and bool((values == values.round()).all())
-    offset, step = (0.0, 1.0) if whole else (lowest, (highest - lowest) / _LEVELS or 1.0)
-    numbers = ((values.double() - offset) / step).round().numpy().astype("<u2")
-    header |= {"height": height, "width": width, "offset": offset * scale, "step": step * scale}
+    whole = lowest.min() >= 0 and highest.max() <= _LEVELS and torch.equal(values, values.round())
+    offset = torch.zeros_like(lowest) if whole else lowest
+    step = torch.ones_like(lowest) if whole else (highest - lowest) / _LEVELS
+    step[step == 0] = 1
+    scaled = (values - offset[:, None, None]) / step[:, None, None]
+    numbers = scaled.round().numpy().astype("<u2")
+    header |= {"height": height, "width": width}
+    header |= {"offset": (offset * scale).tolist(), "step": (step * scale).tolist()}
     header["angles"] = None if camera is None else _angles(path, camera)
     text = json.dumps(header, allow_nan=False).encode()
     return b"".join((len(text).to_bytes(4, "little"), text, np.moveaxis(numbers, 0, -1).tobytes()))
@@ -58,6 +64,10 @@ def pixel_values(path: Path, camera: str | None) -> bytes:
 def _values(path: Path) -> tuple[Tensor, float, dict[str, Any]]:
     """Values (channels, height, width), what one is in their unit, and what is known of them."""
     suffix = path.suffix.lower()
+    if path.name.lower().endswith(_BANDS):
+        frames = open_sequence(path)
+        bands = torch.cat([frames.read(number).counts for number in range(len(frames))])
+        return bands, 1.0, _header("radiance", ome_channels(path))
     if suffix in _TIFF:
         samples = read_tiff_samples(path)
         per_count = samples.note.get("per_count")

@@ -391,7 +391,11 @@ class ReconstructOptions(JobOptions):
     ] = None
     spectrum_at: Annotated[
         _Places | None,
-        Option("Writes the spectrum at a ROW,COLUMN of the bands, as .csv and plot.", PICTURE),
+        Option(
+            "Writes the spectrum at a ROW,COLUMN of the bands, as .csv and plot.",
+            PICTURE,
+            label="Row and column of a spectrum",
+        ),
     ] = None
     flatten: Annotated[
         bool,
@@ -399,6 +403,7 @@ class ReconstructOptions(JobOptions):
             "Undoes the shading of the lensless camera: the dark towards the corners, by the light "
             "of an even plane (needs the camera: --psf FOLDER or --camera).",
             PICTURE,
+            label="Without the camera's shading",
         ),
     ] = False
     undistort: Annotated[
@@ -407,6 +412,7 @@ class ReconstructOptions(JobOptions):
             "Undoes the distortion by refraction at the layers: straight lines come out straight, "
             "the corners are cut off (needs the camera, as --flatten).",
             PICTURE,
+            label="Without the layers' distortion",
         ),
     ] = False
     flip: Flip = "none"

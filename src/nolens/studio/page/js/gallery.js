@@ -10,28 +10,32 @@ import { told } from "./notices.js";
 const AT_ONCE = 24;
 const PICTURE = /\.png$/i;
 /** Pictures of a folder that stand for it. */
-export const FIRST = ["focused.png", "all-in-focus.png", "false-colour.png"];
+const FIRST = ["focused.png", "all-in-focus.png", "false-colour.png"];
 
 /** @typedef {import("./choices.js").Entry} Entry */
-/** @typedef {{name: string, picture: string, linear: string | null, record: string | null, changed: number}} Result paths of its files */
+/** @typedef {{name: string, changed: number, files: Files}} Result */
+/** @typedef {{all: string[], picture: string, linear?: string, video?: string, cube?: string, stack?: string, record?: string}} Files paths of a result's files: of floats, of bands, of depths */
 
-/** @param {Entry[]} entries @param {string} path */
-const there = (entries, path) => (entries.some((each) => each.path === path) ? path : null);
-
-/** The result of a picture, among the files beside it. @param {Entry} entry @param {Entry[]} beside @returns {Result} */
-function resultOf(entry, beside) {
-  const stem = entry.path.replace(PICTURE, "");
-  return { name: entry.name, picture: entry.path, changed: entry.changed, linear: there(beside, `${stem}.tif`), record: there(beside, `${stem}.json`) };
+/** What the files of a result are, by their names; null where there is no picture. @param {string[]} all @returns {Files | null} */
+export function filesOf(all) {
+  const of = (/** @type {string} */ end) => all.find((path) => path.endsWith(end));
+  const picture = FIRST.map((name) => of(`/${name}`)).find((path) => path) ?? all.find((path) => PICTURE.test(path));
+  if (!picture) return null;
+  return { all, picture, linear: of(picture.replace(PICTURE, ".tif")), video: of(".mp4"), cube: of("/cube.ome.tif"), stack: of("/sweep.html"), record: of(".json") };
 }
 
-/** The result of a folder: a sequence or a focal stack. @param {Entry} folder @param {Entry[]} beside @returns {Promise<Result | null>} */
-async function folderResult(folder, beside) {
-  const files = await list(folder.path);
-  const pictures = files.filter(({ name }) => PICTURE.test(name));
-  const first = pictures.find(({ name }) => FIRST.includes(name)) ?? pictures[0];
-  if (!first) return null;
-  const record = files.find(({ kind }) => kind === "record")?.path ?? there(beside, `${folder.path}.json`);
-  return { ...resultOf(first, files), name: folder.name, changed: folder.changed, record };
+/** A result of some files. @param {Entry} entry its picture or folder @param {Entry[]} files @returns {Result | null} */
+function resultOf({ name, changed }, files) {
+  const found = filesOf(files.map(({ path }) => path));
+  return found && { name, changed, files: found };
+}
+
+/** The result of a picture, a sequence, or a stack. @param {Entry} entry @param {Entry[]} beside @returns {Promise<Result | null>} */
+async function resultOfEntry(entry, beside) {
+  const stem = entry.path.replace(PICTURE, "");
+  const alike = beside.filter(({ path }) => path.startsWith(`${stem}.`));
+  if (entry.kind === "folder") return resultOf(entry, [...await list(entry.path), ...alike]);
+  return PICTURE.test(entry.name) ? resultOf(entry, alike) : null;
 }
 
 export class Gallery {
@@ -49,8 +53,7 @@ export class Gallery {
   async refresh() {
     const groups = await filesBy(() => true, ["pictures", "shots"]);
     const own = groups.filter(({ place }) => /\/(pictures|shots)$/.test(place));
-    const found = await Promise.all(own.flatMap(({ files }) => files.map((entry) =>
-      (entry.kind === "folder" ? folderResult(entry, files) : PICTURE.test(entry.name) ? resultOf(entry, files) : null))));
+    const found = await Promise.all(own.flatMap(({ files }) => files.map((entry) => resultOfEntry(entry, files))));
     this.rest = found.filter((each) => each !== null).sort((one, other) => other.changed - one.changed);
     this.none.hidden = this.rest.length > 0;
     fill(this.cards);
@@ -68,11 +71,11 @@ export class Gallery {
   async card(result) {
     const figures = h("small", {});
     this.cards.append(h("button", { type: "button", class: "card", onclick: told(() => this.open(result)) },
-      h("img", { src: fileUrl(result.picture), alt: "", loading: "lazy", decoding: "async" }),
+      h("img", { src: fileUrl(result.files.picture), alt: "", loading: "lazy", decoding: "async" }),
       h("b", {}, result.name), h("small", {}, date(1000 * result.changed)), figures));
-    if (!result.record) return;
+    if (!result.files.record) return;
     try {
-      figures.textContent = mainFigures(await recordOf(result.record));
+      figures.textContent = mainFigures(await recordOf(result.files.record));
     } catch {
       figures.textContent = "Its record cannot be read";
     }

@@ -8,17 +8,19 @@ import { JobForm } from "./controls.js";
 import { Depths } from "./depths.js";
 import { button, field, filePicker, fill, group, h, segments, setOptions } from "./dom.js";
 import { baseName, folderOf, percent } from "./format.js";
-import { FIRST, Gallery } from "./gallery.js";
+import { filesOf, Gallery } from "./gallery.js";
 import { fileLinks, JobView, run } from "./jobs.js";
 import { live } from "./live.js";
 import { option } from "./names.js";
 import { told } from "./notices.js";
 import { curve, noCurve } from "./plots.js";
-import { recordOf, RecordView, settingsOf } from "./record.js";
+import { mainFigures, recordOf, RecordView, settingsOf } from "./record.js";
 import { MORE, READING, ReconstructionOptions } from "./reconstruction.js";
 import { LazyValues, PixelValues } from "./pixels.js";
+import { Spectrum } from "./spectrum.js";
 import { Strip } from "./strip.js";
 import { Tone } from "./tone.js";
+import { Video } from "./video.js";
 import { Viewer } from "./viewer.js";
 
 /** @typedef {import("./jobs.js").Job} Job */
@@ -34,6 +36,8 @@ class Photograph {
   constructor(place) {
     this.place = place;
     this.tone = new Tone();
+    this.spectrum = new Spectrum(this.tone.viewer);
+    this.video = new Video(() => this.play(false));
     this.compare = new Compare();
     this.depths = new Depths();
     this.raw = h("select", { onchange: told(() => this.look()) });
@@ -57,7 +61,7 @@ class Photograph {
     this.record = new RecordView((record) => this.again(record));
     this.strip = new Strip((path) => this.swept(path), (settings) => this.take(settings));
     this.mode = segments("View", [["picture", "Picture"], ["compare", "Compare"], ["depths", "Depths"], ["results", "Results"]], "picture", (mode) => this.view(mode));
-    this.picture = h("div", { class: "stage" }, this.tone.viewer.element, this.strip.element, this.tone.controls, this.record.report, this.record.element);
+    this.picture = h("div", { class: "stage" }, this.tone.viewer.element, this.video.element, this.spectrum.element, this.strip.element, this.tone.controls, this.record.report, this.record.element);
     this.previewed.hidden = true;
     this.asked = 0;
     /** @type {string | undefined} of the PSF of the picture */
@@ -190,6 +194,7 @@ class Photograph {
     this.curve.hidden = this.options.quality.value() === "draft"; // It has no iterations.
     fill(this.curve, noCurve());
     this.tone.age();
+    if (!this.video.element.hidden) this.video.viewer.age();
     try {
       this.finish(await this.job.run("reconstruct", {
         measurement: this.raw.value, psf: this.psf.value, ...this.options.all(this.psf.value, [...this.cameras.options].map(({ value }) => value)),
@@ -210,31 +215,38 @@ class Photograph {
 
   /** @param {Job | null} job */
   finish(job) {
-    const of = (/** @type {string} */ suffix) => job?.outputs?.find((path) => path.endsWith(suffix));
-    const picture = FIRST.map((name) => of(name)).find((path) => path) ?? of(".png");
-    if (!job || !picture) return;
-    const { measurement, psf, depths, frames } = job.options ?? {};
-    const linear = frames ? undefined : of(baseName(picture).replace(/\.png$/, ".tif"));
-    told(() => this.present(picture, linear, of(".json"), psf, fileLinks(job.outputs ?? [])))();
-    if (depths) told(() => this.depths.open(job.outputs ?? []))();
-    told(() => this.compare.refresh(picture, measurement))();
+    const files = filesOf(job?.outputs ?? []);
+    if (!job || !files) return;
+    const { measurement, psf } = job.options ?? {};
+    told(() => this.present(files, psf))();
+    told(() => this.compare.refresh(files.picture, measurement))();
   }
 
   /**
    * Show a result with its values and its record.
    *
-   * @param {string} picture @param {string | null} [linear] @param {string | null} [record] paths of its files
+   * @param {import("./gallery.js").Files} files
    * @param {string} [psf] that it was reconstructed with
-   * @param {HTMLElement} [links]
    * @param {boolean} [open] the record too
    */
-  async present(picture, linear, record, psf, links, open) {
+  async present({ all, picture, linear, video, cube, stack, record }, psf, open) {
     this.view("picture");
     this.camera = (await calibratedCameras()).find(({ value }) => value === folderOf(psf ?? ""))?.value;
-    await this.tone.open(picture, links, this.valuesOf(linear ?? picture));
-    await this.record.show(record ?? null, open);
+    const values = cube ? new LazyValues(() => PixelValues.of(cube), () => this.tone.viewer.again()) : this.valuesOf(linear ?? picture);
     this.about = record ? await recordOf(record) : null;
+    if (video) this.video.open(video, this.about ? mainFigures(this.about) : "", fileLinks(all));
+    this.play(Boolean(video));
+    await this.tone.open(picture, fileLinks(all), values);
+    this.spectrum.open(cube ? values : null);
+    if (stack) await this.depths.open(all);
+    await this.record.show(record ?? null, open);
     this.strip.renew(this.about?.result.sweep ?? [], folderOf(picture), picture);
+  }
+
+  /** Show the video in place of its sheet, or the sheet. @param {boolean} on */
+  play(on) {
+    this.video.element.hidden = !on;
+    this.tone.viewer.element.hidden = this.tone.controls.hidden = on;
   }
 
   /** @param {string} path of the file that has them */
@@ -256,11 +268,10 @@ class Photograph {
   }
 
   /** A result of the gallery. @param {import("./gallery.js").Result} result */
-  async open({ picture, linear, record }) {
-    const about = record ? await recordOf(record) : null;
-    const files = [picture, linear, record].filter((each) => each !== null);
-    await this.present(picture, linear, record, about?.inputs?.psf?.path, fileLinks(files), true);
-    await this.compare.refresh(picture, about?.inputs?.measurement?.path);
+  async open({ files }) {
+    const about = files.record ? await recordOf(files.record) : null;
+    await this.present(files, about?.inputs?.psf?.path, true);
+    await this.compare.refresh(files.picture, about?.inputs?.measurement?.path);
   }
 
   /** Take files and settings of an earlier result. @param {import("./record.js").RunRecord} record */
@@ -268,8 +279,11 @@ class Photograph {
     const { inputs } = record;
     await this.list();
     for (const [select, role] of /** @type {[HTMLSelectElement, string][]} */ ([[this.raw, "measurement"], [this.psf, "psf"]])) {
-      select.value = inputs[role].path;
-      if (!select.value) throw new Error(`${baseName(inputs[role].path)} is in no folder of this studio any more: bring it, or start the studio with its folder.`);
+      const { path } = inputs[role];
+      select.value = path;
+      // Depths and bands take all PSFs of a folder, of which one is chosen here.
+      if (!select.value) select.value = [...select.options].find(({ value }) => role === "psf" && folderOf(value) === folderOf(path))?.value ?? "";
+      if (!select.value) throw new Error(`${baseName(path)} is in no folder of this studio any more: bring it, or start the studio with its folder.`);
     }
     this.options.use(settingsOf(record));
     const psf = this.psf.value;

@@ -11,14 +11,16 @@ import { number, pause } from "./format.js";
  * @property {string[]} channels
  * @property {string | null} mosaic colours of the 2×2 superpixel, row by row
  * @property {"radiance" | "counts" | "of white"} unit
- * @property {number} offset
- * @property {number} step a value is offset + step × number
+ * @property {number[]} offset
+ * @property {number[]} step a value is offset + step × number, of its channel
  * @property {boolean} clipped whether the largest number stands for all that is brighter
  * @property {{axis: [number, number], step: number, tangents: number[]} | null} angles
  */
 
 const MOST = 65535;
 const LIVE_MS = 150;
+/** Channels of which all are told: those of colours, and of polarisation. */
+const FEW = 5;
 
 export class PixelValues {
   /** @param {Head} head @param {Uint16Array} numbers */
@@ -40,11 +42,20 @@ export class PixelValues {
 
   /** What a place of the picture holds, as text. @param {number} across @param {number} down fractions of its width and height */
   at(across, down) {
-    const { width, height, channels, unit } = this.head;
+    const { channels, unit } = this.head;
+    const { x, y, counts, values } = this.of(across, down);
+    const told = channels.map((name, channel) => `${this.colour(name, x, y)}${this.value(counts[channel], channel)}`);
+    const text = channels.length > FEW ? `most at ${told[values.indexOf(Math.max(...values))]}` : told.join(", ");
+    return [`x ${x}, y ${y}`, `${unit} ${text}`, this.angle(x, y)].filter(Boolean).join(" · ");
+  }
+
+  /** The pixel at a place, and what its channels hold. @param {number} across @param {number} down fractions of its width and height */
+  of(across, down) {
+    const { width, height, channels, offset, step } = this.head;
     const [x, y] = [Math.floor(across * width), Math.floor(down * height)];
     const first = (y * width + x) * channels.length;
-    const values = channels.map((name, channel) => `${this.colour(name, x, y)}${this.value(this.numbers[first + channel])}`);
-    return [`x ${x}, y ${y}`, `${unit} ${values.join(" ")}`, this.angle(x, y)].filter(Boolean).join(" · ");
+    const counts = [...this.numbers.subarray(first, first + channels.length)];
+    return { x, y, counts, values: counts.map((count, channel) => offset[channel] + step[channel] * count) };
   }
 
   /** @param {string} name @param {number} x @param {number} y */
@@ -54,9 +65,10 @@ export class PixelValues {
     return channels.length > 1 ? `${name} ` : "";
   }
 
-  /** @param {number} count */
-  value(count) {
-    const { offset, step, clipped, unit } = this.head;
+  /** @param {number} count @param {number} channel */
+  value(count, channel) {
+    const { clipped, unit } = this.head;
+    const [offset, step] = [this.head.offset[channel], this.head.step[channel]];
     if (unit === "counts" && step === 1) return String(count);
     return `${clipped && count === MOST ? "≥ " : ""}${number(offset + step * count)}`;
   }
@@ -85,17 +97,24 @@ export class LazyValues {
     this.come = come;
     /** @type {PixelValues | null} */
     this.values = null;
-    this.asked = false;
+    /** @type {Promise<PixelValues> | null} */
+    this.coming = null;
     this.refused = "";
+  }
+
+  /** All of them. */
+  get() {
+    if (!this.coming) {
+      this.coming = this.fetched();
+      this.coming.then((values) => { this.values = values; }, (error) => { this.refused = error.message; }).then(this.come);
+    }
+    return this.coming;
   }
 
   /** @param {number} across @param {number} down */
   at(across, down) {
     if (this.values) return this.values.at(across, down);
-    if (!this.asked) {
-      this.asked = true;
-      this.fetched().then((values) => { this.values = values; }, (error) => { this.refused = error.message; }).then(this.come);
-    }
+    this.get();
     return this.refused || "Reading the values…";
   }
 }

@@ -40,7 +40,7 @@ export const MORE = {
 export const READING = ["black", "white", "mosaic", "bgr", "bin", "channels", "support", "flip"];
 const STACKS = ["depths", "bands", "spectrum_at", "frames", "exposure"];
 const RECTIFIED = ["flatten", "undistort"];
-const SOLVING = ["sweep", ...STACKS, ...RECTIFIED, "distance", "field_points", "psf_extent", "psf_scale", "psf_flip", "crop", "tau", "method", "prior", "iterations", "tolerance", "low_frequency"];
+const SOLVING = ["sweep", ...STACKS, ...RECTIFIED, "distance", "psf_extent", "psf_scale", "psf_flip", "crop", "tau", "method", "field_points", "prior", "iterations", "tolerance", "low_frequency"];
 
 export class ReconstructionOptions {
   /** @param {(file: File, select: HTMLSelectElement) => Promise<void>} bring stores a file of the visitor's and chooses it */

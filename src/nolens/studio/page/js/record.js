@@ -35,7 +35,7 @@ export const date = (time) => new Date(time).toLocaleString([], { dateStyle: "me
 
 /** The main figures on one line. @param {RunRecord} record */
 export function mainFigures({ result, parameters }) {
-  const { method, iterations, frames, seconds } = result;
+  const { method, iterations, frames = result.video?.frames, seconds } = result;
   const tau = result.tau ?? parameters.tau;
   return [
     METHODS[method ?? parameters.method] ?? method,

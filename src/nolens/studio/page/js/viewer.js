@@ -25,7 +25,7 @@ export class Viewer {
    */
   constructor({ title, layers, over = [], note, moved = () => {} }) {
     this.moved = moved;
-    this.base = /** @type {HTMLCanvasElement | HTMLImageElement} */ (layers[0]);
+    this.base = /** @type {HTMLCanvasElement | HTMLImageElement | HTMLVideoElement} */ (layers[0]);
     this.plane = h("div", { class: "plane" }, layers);
     this.frame = h("div", { class: "frame", tabIndex: 0, role: "group", "aria-label": `${title}: + and − zoom, arrows move, 0 fits, f fills the screen` }, this.plane, over);
     this.title = h("b", {}, title);
@@ -151,7 +151,7 @@ export class Viewer {
       return Math.hypot(one[0] - other[0], one[1] - other[1]);
     };
     frame.addEventListener("pointerdown", (event) => {
-      if (event.button !== 0 || /** @type {Element} */ (event.target).closest("button, [role=slider]")) return;
+      if (event.button !== 0 || /** @type {Element} */ (event.target).closest("button, video, [role=slider]")) return;
       held.set(event.pointerId, [event.clientX, event.clientY]);
       this.read([event.clientX, event.clientY]);
       if (this.tool && held.size === 1) this.tool.down(this.place(event.clientX, event.clientY));
@@ -185,7 +185,7 @@ export class Viewer {
       this.zoom(Math.exp(-event.deltaY / (event.ctrlKey ? 100 : 400)), [event.clientX, event.clientY]);
     }, { passive: false });
     frame.addEventListener("dblclick", (event) => {
-      if (this.tool) return;
+      if (this.tool || event.target instanceof HTMLVideoElement) return;
       if (this.scale === null) this.rescale(Math.max(1 / devicePixelRatio, 2 * this.fitting), [event.clientX, event.clientY]);
       else this.fit();
     });
