@@ -12,6 +12,7 @@ from nolens.camera import FieldPsf
 from nolens.errors import OptionError
 from nolens.operators import CroppedConvolution, FieldConvolution, PixelRectangle
 from nolens.solvers import Prior, Problem, admm, fista, split_admm
+from nolens.solvers.data_step import gram
 
 BASE = Case(view=True, support=PixelRectangle(0, 0, 6, 8))
 CASES = {
@@ -24,6 +25,19 @@ CASES = {
     "l1": replace(BASE, channels=3, prior="l1", saturated=0.1),
     "no prior": replace(BASE, prior="none", support=PixelRectangle(1, 1, 4, 5), seed=3),
 }
+
+
+def test_inner_products_of_rows_that_are_nearly_alike():
+    """In float32 their matrix would not be positive, and ADMM would diverge on it."""
+    generator = torch.Generator().manual_seed(0)
+    rows = torch.rand((1, 50_000), generator=generator) + 1
+    rows = rows + 1e-4 * torch.rand((8, 50_000), generator=generator)
+    weights = torch.rand(50_000, generator=generator)
+    truth = np.linalg.eigvalsh(
+        np.einsum("ip,p,jp->ij", *(x.double() for x in (rows, weights, rows)))
+    )
+    np.testing.assert_allclose(np.linalg.eigvalsh(gram(rows, weights)), truth, rtol=1e-4)
+    assert truth[0] < 1e-9 * truth[-1]
 
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())

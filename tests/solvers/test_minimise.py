@@ -48,6 +48,15 @@ SOLVERS = [split_admm, primal_dual, proximal_gradient]
 Solve = Callable[..., Result]
 
 
+def test_penalties_that_are_far_too_small_grow() -> None:
+    """Until the ℓ1 norm no longer takes all of the scene at each step: soft thresholding."""
+    b = torch.linspace(0, 1, 11).double()[None, None]
+    result = split_admm(
+        Gaussian(b), 0.1 * L1(), NonNegative(), penalties=[1e-5], iterations=200, tolerance=1e-6
+    )
+    torch.testing.assert_close(result.scene, (b - 0.1).clamp_min(0), rtol=0, atol=1e-6)
+
+
 def convolution(
     dtype: torch.dtype = torch.float64,
     seed: int = 1,

@@ -70,9 +70,9 @@ class Balance:
             return list(penalties)
         all_turned = sum(mu * d for mu, d in zip(penalties, turned, strict=True))
         all_moved = sum(mu * x for mu, x in zip(penalties, moved, strict=True))
-        if not (all_turned > 0 and all_moved > 0):
+        if not all_turned > 0:
             return list(penalties)
-        ratio = math.sqrt(all_turned / all_moved)
+        ratio = math.sqrt(all_turned / all_moved) if all_moved > 0 else math.inf
         growth = self.growth if ratio > self.target else 1.0
         return [
             mu * growth * self._step(d, x, ratio)

@@ -25,6 +25,8 @@ _INNER = 3
 _MODES = 3
 """Slow cosines along each side that are solved for exactly."""
 _TINY = 1e-300
+_PIXELS = 20_000
+"""That are in float64 at a time."""
 
 
 def data_step_start(problem: Problem, state: AdmmState) -> Penalties:
@@ -402,7 +404,7 @@ class _Cosines:
         if problem.varied:
             around = _Frame.of(problem).first
             rows, columns = (
-                (_gram(each), _gram(steps_along(each, beyond)))
+                (gram(each), gram(steps_along(each, beyond)))
                 for each, beyond in zip((self._rows, self._columns), around, strict=True)
             )
             self._gram_varied = torch.kron(rows[1], columns[0]) + torch.kron(rows[0], columns[1])
@@ -410,7 +412,7 @@ class _Cosines:
     def measure(self, problem: Problem) -> None:
         """See them by the valid pixels of a measurement."""
         self._valid = problem.valid
-        self._gram = _gram(self._images * self._valid)
+        self._gram = gram(self._images.flatten(1), self._valid.flatten())
 
     def matrix(self, penalties: Penalties) -> "_Coarse":
         """The matrix in the space of the cosines."""
@@ -465,12 +467,21 @@ def steps_along(waves: Tensor, beyond: int) -> Tensor:
     return padded - padded.roll(1, -1)
 
 
-def _gram(arrays: Tensor) -> Tensor:
-    """Inner products of all pairs; float64."""
-    rows = [
-        torch.stack([(one * other).sum(dtype=torch.float64) for other in arrays]) for one in arrays
-    ]
-    return torch.stack(rows)
+def gram(rows: Tensor, weights: Tensor | None = None) -> Tensor:
+    """Inner products of all pairs of rows; float64, as rows that are nearly alike make it singular.
+
+    Parameters
+    ----------
+    rows
+        (count, pixels).
+    weights
+        Of the pixels; None for 1.
+    """
+    total = rows.new_zeros(len(rows), len(rows), dtype=torch.float64)
+    for first in range(0, rows.shape[1], _PIXELS):
+        part = rows[:, first : first + _PIXELS].double()
+        total += (part if weights is None else part * weights[first : first + _PIXELS]) @ part.T
+    return total
 
 
 def _dot(x: Tensor, y: Tensor) -> Tensor:

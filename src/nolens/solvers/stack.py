@@ -10,7 +10,7 @@ from torch import Tensor
 from nolens.errors import DataError
 from nolens.kernels import irfft2, irfft2_window_, rfft2_window
 from nolens.operators import CroppedConvolution, StackConvolution, StackDifference
-from nolens.solvers.data_step import slow_cosines, steps_along
+from nolens.solvers.data_step import gram, slow_cosines, steps_along
 from nolens.solvers.data_terms import Gaussian
 from nolens.solvers.functionals import L1, Functional, GroupSparsity, NonNegative, OpponentL1
 from nolens.solvers.held_out import (
@@ -458,7 +458,7 @@ class _Cosines:
         self._images = seen if len(seen) == channels else seen.expand(channels, -1, -1)
         self._gram = torch.stack(
             [
-                (each * weights.flatten() @ each.T).double()
+                gram(each, weights.flatten())
                 for each, weights in zip(self._images, problem.weights, strict=True)
             ]
         )
