@@ -83,6 +83,14 @@ def test_from_scene_to_photograph(
     assert capfd.readouterr() == ("", "")
 
 
+def test_support_of_larger_pixels(shot: nl.SimulatedMeasurement, psf: nl.Psf) -> None:
+    """Is that of the simulated scene, and a pixel around it."""
+    photo = nl.reconstruct(shot, psf, tau=1e-5, bin_by=2, iterations=24)
+    assert photo.size == tuple(side // 2 + 2 for side in shot.expected.shape[1:])
+    expected = torch.nn.functional.avg_pool2d(shot.expected, 2)
+    assert nl.psnr(photo.values[:, 1:-1, 1:-1], expected) > 20
+
+
 def test_command_gives_the_same(
     shot: nl.SimulatedMeasurement, psf: nl.Psf, photo: nl.Photograph, tmp_path: Path
 ) -> None:

@@ -166,7 +166,7 @@ def reconstruct(
             "leave one out"
         )
     solver, spare = _solver(method, quality, tau, prior, iterations, tolerance, device)
-    frame, own = _measured(measurement)
+    frame, own = _measured(measurement, bin_by)
     pixel_rad = measurement.pixel_rad if isinstance(measurement, SimulatedMeasurement) else None
     folder = PsfFolder(Path(psf)) if isinstance(psf, (str, Path)) and Path(psf).is_dir() else None
     psfs = _psfs_of(psf, folder, distance, field_points)
@@ -377,10 +377,10 @@ def _psfs_of(
     return _Psfs(ahead, tuple(map(FieldPoint, frames, at)))
 
 
-def _measured(measurement: Raw) -> tuple[Frame, Support | None]:
+def _measured(measurement: Raw, bin_by: int | None = None) -> tuple[Frame, Support | None]:
     """The frame of a measurement, and the support where it is a simulated one."""
     if isinstance(measurement, SimulatedMeasurement):
-        return measurement.frame, measurement.support
+        return measurement.frame, measurement.binned_support(bin_by or 1)
     return frame_of(measurement, "measurement"), None
 
 

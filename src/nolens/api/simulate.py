@@ -176,6 +176,10 @@ class SimulatedMeasurement(Image):
         """The scene as bright as its light reaches the sensor: what a reconstruction shows."""
         return self.truth * self.response
 
+    def binned_support(self, by: int) -> PixelRectangle:
+        """Pixels that light comes from, where `by`×`by` of the measurement's are one."""
+        return self.support if by == 1 else self.support.coarser(by)
+
 
 def psf(
     camera: Camera,

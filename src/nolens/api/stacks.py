@@ -318,7 +318,7 @@ def _solved(
     """
     measurement = given["measurement"]
     if support == "auto" and isinstance(measurement, SimulatedMeasurement):
-        support = measurement.support
+        support = measurement.binned_support(asked.get("bin", 1))
     frames = {}
     named: dict[str, Any] = {"psf": Path("<psf>")}
     for option, each in given.items():
@@ -328,7 +328,8 @@ def _solved(
             own = isinstance(each, SimulatedMeasurement)
             name = "PSF" if option == "psf" else option
             frames[option] = each.frame if own else frame_of(each, name)
-            named[option] = Path(f"<{option}>")
+            # Messages have these names.
+            named[option] = Path("<psf>" if option == "psf" else f"the {option}")
     options = ReconstructOptions.gather(
         {"device": "cpu", **named, **asked, "support": _support_text(support)}
     )
