@@ -49,6 +49,12 @@ export class PixelValues {
     return [`x ${x}, y ${y}`, `${unit} ${text}`, this.angle(x, y)].filter(Boolean).join(" · ");
   }
 
+  /** The largest value that any channel can have. */
+  get most() {
+    const { offset, step } = this.head;
+    return Math.max(...offset.map((each, channel) => each + step[channel] * MOST));
+  }
+
   /** The pixel at a place, and what its channels hold. @param {number} across @param {number} down fractions of its width and height */
   of(across, down) {
     const { width, height, channels, offset, step } = this.head;

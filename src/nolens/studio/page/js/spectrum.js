@@ -43,7 +43,7 @@ export class Spectrum {
     const { channels } = cube.head;
     this.said.textContent = `Row ${y}, column ${x}`;
     fill(this.shown, channels.every((name) => name.endsWith("nm"))
-      ? curve({ x: channels.map(parseFloat), y: values, xLabel: "wavelength, nm", yLabel: "radiance", title: `Spectrum at row ${y}, column ${x}`, from: 0 })
+      ? curve({ x: channels.map(parseFloat), y: values.map((each) => each / cube.most), xLabel: "wavelength, nm", yLabel: "of the brightest", title: `Spectrum at row ${y}, column ${x}`, from: 0 })
       : figureTable(channels.map((name, place) => [name, number(values[place])]), `Polarisation at row ${y}, column ${x}`));
   }
 }
