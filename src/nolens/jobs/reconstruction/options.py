@@ -203,6 +203,7 @@ class ReconstructOptions(JobOptions):
     ] = None
     bands: Annotated[
         Name | None,
+        BeforeValidator(lambda given: str(given) if isinstance(given, int) else given),
         Option(
             "Spectrum of every scene pixel, of raw counts through the filters on the sensor's "
             "pixels: how many bands (12), their wavelengths (450nm,475nm,...), a .txt that lists "

@@ -16,7 +16,7 @@ export class Spectrum {
     viewer.plane.append(this.mark);
     this.said = h("p", { class: "pale", role: "status" });
     this.shown = h("div", { class: "spectrum" });
-    this.element = group("Spectrum", this.said, this.shown);
+    this.element = group("Spectrum, or polarisation", this.said, this.shown);
     this.open(null);
     viewer.frame.addEventListener("click", told((event) => this.click(event)));
   }
