@@ -2,10 +2,10 @@
 
 import torch
 
-from nolens.camera import Measurement
+from nolens.camera import FieldPsf, Frame, Measurement
 from nolens.evaluate import psnr, scale_fit
-from nolens.operators import CroppedConvolution, PixelRectangle
-from nolens.solvers import Reconstructor
+from nolens.operators import CroppedConvolution, FieldConvolution, PixelRectangle
+from nolens.solvers import FieldPoint, Reconstructor
 from nolens.studio.live_solver import LiveSolver
 from nolens.studio.schemas import Settings
 
@@ -59,6 +59,41 @@ def test_recovers_from_a_cut_within_three_frames() -> None:
     recovered = _quality(live.radiance, _scene(2))
     assert recovered > max(20, _quality(cold.photograph, _scene(2)) - 1)
     assert recovered > _quality(live.radiance, _scene(1)) + 5
+
+
+def test_psfs_over_the_field(monkeypatch) -> None:
+    """Their mean is better than one, all are better still, and are the stream's of the same."""
+    monkeypatch.setattr("nolens.studio.live_solver._LATENCY_S", None)
+    generator = torch.Generator().manual_seed(3)
+    shared, own = (torch.rand(5, 1, 120, 150, generator=generator) > 0.98).float(), 0.6
+    psfs = shared[:1].lerp(shared, own)
+    places = torch.tensor([(0.0, 0), (-15, -20), (-15, 20), (15, -20), (15, 20)])
+    middle = torch.tensor([side // 2 for side in _SENSOR])
+    blur = FieldConvolution(psfs, places + middle, _SENSOR, _SUPPORT)
+    points = tuple(
+        FieldPoint(Frame(psf, ("grey",), None, (0.0,), None, "float32", "", sensor=_SENSOR), (y, x))
+        for psf, (y, x) in zip(psfs, places.tolist(), strict=True)
+    )
+    whole = Reconstructor(
+        psfs[0], _SUPPORT, 0.0, field_psf=FieldPsf.of([*psfs], places), basis_error=0.08
+    )
+    frames = [_frame(blur, _scene(1), number) for number in range(4)]
+    quality = {}
+    for name, given, over_field in (
+        ("one", (), False),
+        ("mean", points, False),
+        ("all", points, True),
+    ):
+        solver = LiveSolver(points[0].frame, _SUPPORT, given)
+        stream = whole.stream(frames[0], iterations=2)
+        for frame in frames:
+            live = solver.solve(frame, Settings(over_field=over_field), 1.0)
+            stream.weigh(live.tau)
+            expected = stream.solve(frame.values).photograph
+        solver.await_weights()
+        quality[name] = _quality(live.radiance, _scene(1))
+    assert live.field_points == 5 and torch.equal(live.radiance, expected)
+    assert quality["one"] + 1 < quality["mean"] < quality["all"] - 1
 
 
 def test_weight_is_chosen_beside_the_frames_and_divided_by_the_detail() -> None:

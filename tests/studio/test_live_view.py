@@ -29,7 +29,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from nolens.capture import chart
-from nolens.files import read_frame, read_record
+from nolens.files import read_frame, read_psf_set, read_record, write_psfs
+from nolens.quantities import Angle
 from nolens.studio import live
 from nolens.studio.live import _Client
 from patience import PATIENCE_S
@@ -40,7 +41,7 @@ _SCANS = Path(__file__).parents[1] / "corpus" / "simulate-jpeg-300-scans.jpg"
 
 AT_FIRST = {
     "method": "admm", "detail": 1.0, "iterations": 2, "exposure_s": None, "gain": 1.0,
-    "frozen": False,
+    "frozen": False, "over_field": False,
 }  # fmt: skip
 
 
@@ -442,4 +443,23 @@ def test_watches_a_folder_that_another_camera_writes_into(studio: Running) -> No
         assert parts["picture"].size == parts["raw"].size == (160, 128)
         seen = parts["picture"].crop((40, 32, 40 + 80, 32 + 64))
         assert likeness(seen, chart()) > 0.6
+    folder = studio.work / saved["psf_path"].removeprefix("work/")
+    listed = folder.with_name("psfs.toml")
+    (entry,) = read_psf_set(folder.parent).psf
+    aside = entry.model_copy(
+        update={"file": "aside.tif", "angle": (Angle.of(5, "deg"), entry.angle[1])}
+    )
+    write_psfs(folder.parent, {aside: read_frame(folder).counts})
+    asked["psf"] = f"work/{listed.relative_to(studio.work)}"
+    settings = {"over_field": True}
+    state = studio.post("live/start", {**asked, "settings": settings})
+    assert state["field_points"] == 2 and state["settings"]["iterations"] == 1
+    with connect(studio.frames, max_size=None) as socket:
+        (watched / "newest.dng").write_bytes(raw.read_bytes())
+        header, parts = frame(socket)
+        assert header["trouble"] is None and "picture" in parts
+        saved = studio.post("live/save", {"as": ["png"]})
+    record = studio.work / saved["files"][-1].removeprefix("work/")
+    assert json.loads(record.read_text())["parameters"]["field_points"] == 2
+    studio.post("live/settings", {"over_field": False})
     studio.post("live/stop")

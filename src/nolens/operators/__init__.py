@@ -3,7 +3,7 @@
 from nolens.operators.base import LinearOperator
 from nolens.operators.convolution import CroppedConvolution, Geometry, PixelRectangle
 from nolens.operators.difference import FiniteDifference, StackDifference
-from nolens.operators.field_convolution import TRANSFER_BYTES, FieldConvolution
+from nolens.operators.field_convolution import TRANSFER_BYTES, FieldConvolution, mean_psf
 from nolens.operators.pixelwise import Crop, Diagonal, Identity
 from nolens.operators.stack_convolution import StackConvolution
 from nolens.operators.stacks import BlockDiagonal, HorizontalStack, VerticalStack
@@ -24,4 +24,5 @@ __all__ = [
     "StackConvolution",
     "StackDifference",
     "VerticalStack",
+    "mean_psf",
 ]

@@ -91,6 +91,22 @@ def interpolation_weights(places: Tensor, scene: PixelRectangle) -> list[FieldWe
     return _weights_in_triangles(at, rows, columns)
 
 
+def mean_psf(psfs: Tensor, places: Tensor, scene: PixelRectangle) -> Tensor:
+    """Mean of PSFs over the field, each by the pixels that it counts for: the best single one.
+
+    Parameters
+    ----------
+    psfs, places
+        As `FieldConvolution` takes them.
+    scene
+        Pixels that light comes from.
+    """
+    weights = interpolation_weights(places, scene)
+    parts = [0.0 if each is None else float(each.values.sum()) for each in weights]
+    mean: Tensor = torch.tensordot(psfs.new_tensor(parts) / sum(parts), psfs, dims=1)
+    return mean
+
+
 def _weights_on_line(points: Array, pixels: Array) -> list[FieldWeight | None]:
     order = np.argsort(points)
     units = np.eye(len(points))

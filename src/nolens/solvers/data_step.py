@@ -20,6 +20,9 @@ _START_SCENE = 0.02
 _START_VARIATION = 5.0
 """Penalties to start with: that of the scene, and that of its variation over τ and the scene's
 mean. Small ones let the scene follow the data at once, of whatever sign it becomes."""
+_START_DARK = 0.3
+"""That of a scene that does not fill the view: with a small one, what the sensor hardly sees of it
+goes astray for tens of frames."""
 _INNER = 3
 """Steps of conjugate gradients in each iteration."""
 _MODES = 3
@@ -30,10 +33,10 @@ _PIXELS = 20_000
 
 
 def data_step_start(problem: Problem, state: AdmmState) -> Penalties:
-    """Penalties of a cold start, whose scene is uniform."""
+    """Penalties of a cold start whose scene is uniform, or of a frame that goes on from another."""
     level = max(float(state.scene().mean()), torch.finfo(torch.float32).tiny)
     variation = _START_VARIATION * problem.tau / level if problem.varied else 1.0
-    return _START_SCENE, variation, _START_SCENE
+    return _START_SCENE, variation, _START_SCENE if state.fills_view else _START_DARK
 
 
 class DataStep:

@@ -31,7 +31,7 @@ from nolens.solvers.inputs import (
 )
 
 _COLOURS = ("R", "G", "B")
-_BASIS_ERROR = 0.03
+BASIS_ERROR = 0.03
 """Of PSFs over the field that are combinations of fewer (decision 18)."""
 _UNIFORM = 0.9
 """Fraction of the data that a uniform scene explains where the scene fills the view."""
@@ -94,6 +94,7 @@ class Problem:
         tau: float = 1e-4,
         prior: Prior | str = Prior.TV,
         field_psf: FieldPsf | None = None,
+        basis_error: float = BASIS_ERROR,
         mapped: bool = False,
     ) -> "Problem":
         """Normalise PSF and measurement, and transform the PSF.
@@ -120,6 +121,8 @@ class Problem:
         field_psf
             PSFs at several field points, in place of `psf`, which then only sets the units; of
             the data's channels or one, as large as the data or larger.
+        basis_error
+            With which fewer PSFs may take their places (`FieldConvolution`).
         mapped
             Whether their transfer functions are in temporary files (`FieldConvolution`).
 
@@ -149,7 +152,7 @@ class Problem:
                 field_psf.places + middle,
                 sensor,
                 confined,
-                error=_BASIS_ERROR,
+                error=basis_error,
                 mapped=mapped,
             )
         top, left, height, width = Geometry.build(

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from nolens.camera import FieldPsf, Measurement
 from nolens.errors import OptionError
-from nolens.operators import TRANSFER_BYTES, Geometry
+from nolens.operators import TRANSFER_BYTES, Geometry, PixelRectangle, mean_psf
 from nolens.solvers.admm import admm, admm_bytes
 from nolens.solvers.admm_state import AdmmState, Balance, Penalties
 from nolens.solvers.fista import fista, fista_bytes
@@ -32,7 +32,7 @@ from nolens.solvers.inputs import (
     tensor_of,
     weight_of,
 )
-from nolens.solvers.problem import Prior, Problem
+from nolens.solvers.problem import BASIS_ERROR, Prior, Problem
 from nolens.solvers.result import STOPS, Callback, Quality, Result, Stop
 from nolens.solvers.scene_prior import ScenePrior, scene_prior, solve_with
 from nolens.solvers.scene_support import SupportChoice, choose_support
@@ -131,6 +131,8 @@ class Reconstructor:
     field_psf
         PSFs at several field points, for the picture; `psf`, that of the axis, is enough to choose
         weight and support. None where the PSF is the same everywhere.
+    basis_error
+        With which fewer PSFs may take the places of those (`FieldConvolution`).
     mapped
         Whether transfer functions of those are in temporary files (`FieldConvolution`).
     """
@@ -146,7 +148,22 @@ class Reconstructor:
     relaxation: float | None = None
     device: torch.device | str = "cpu"
     field_psf: FieldPsf | None = field(default=None, repr=False)
+    basis_error: float = BASIS_ERROR
     mapped: bool = False
+
+    def averaged(self, sensor: tuple[int, int]) -> "Reconstructor":
+        """The same with one PSF: the mean of those over the field, if there are any.
+
+        Parameters
+        ----------
+        sensor
+            (height, width) of a measurement.
+        """
+        if self.field_psf is None:
+            return self
+        scene = support_of(self.support, sensor) or PixelRectangle(0, 0, *sensor)
+        places = self.field_psf.places + torch.tensor([side // 2 for side in sensor])
+        return replace(self, psf=mean_psf(self.field_psf.values, places, scene), field_psf=None)
 
     @property
     def limits(self) -> Stop:
@@ -358,6 +375,7 @@ class Reconstructor:
             # The filter has a prior of its own: what it weighs are squares.
             prior=Prior.TV if wiener_filter or callable(prior) else prior,
             field_psf=None if varied is None else varied.to(self.device),
+            basis_error=self.basis_error,
             mapped=self.mapped,
         )
         if wiener_filter:

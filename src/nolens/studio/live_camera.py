@@ -21,7 +21,8 @@ from nolens.capture import (
     open_source,
 )
 from nolens.errors import CameraError, NolensError
-from nolens.files import read_camera, read_frame
+from nolens.files import PSFS_FILE, read_camera, read_frame
+from nolens.files.psf_folder import PsfFolder
 from nolens.operators import PixelRectangle
 from nolens.studio.live_solver import LiveSolver, live_bin
 from nolens.studio.pictures import raw_jpeg
@@ -296,7 +297,8 @@ def open_live(
     text
         As `nolens.capture.open_source` takes it.
     psf
-        File of a PSF; None for none, or the simulated camera's own.
+        File of a PSF, or the list of a folder's (psfs.toml); None for none, or the simulated
+        camera's own.
     settings
         How to expose at first.
     changed
@@ -309,7 +311,7 @@ def open_live(
     NolensError
         If the source or the PSF cannot be used.
     """
-    frame = None if psf is None else read_frame(psf)
+    solver = None if psf is None else _solver(Path(psf))
     file = None if psf is None else Path(psf)
     source = open_source(text, warn=warn)
     camera = CameraThread(source, settings, changed)
@@ -319,11 +321,18 @@ def open_live(
         camera.close()
         raise
     if not isinstance(source, TwinSource):
-        solver = None if frame is None else LiveSolver(frame)
         return LiveSource("raspberry" if text == "auto" else text, camera, solver, file)
     name = text.partition(":")[2] or _TWIN
-    solver = _twin_solver(source) if frame is None else LiveSolver(frame)
+    solver = solver or _twin_solver(source)
     return LiveSource(f"twin:{name}", camera, solver, file, source, read_camera(name))
+
+
+def _solver(psf: Path) -> LiveSolver:
+    """Solver with the PSF of a file, or with all PSFs over the field that a folder lists."""
+    if psf.name != PSFS_FILE:
+        return LiveSolver(read_frame(psf))
+    psfs = PsfFolder(psf.parent).for_scene(None)
+    return LiveSolver(psfs.ahead, field_points=psfs.field_points)
 
 
 def _twin_solver(source: TwinSource) -> LiveSolver:

@@ -25,8 +25,13 @@ _FRAME_S = 10.0
 _WEBCAM_PIXELS = 4_000_000
 """Of a webcam's frame, which is decoded between two pictures of the live view."""
 _NO_PSF = "no PSF is chosen: take one in Calibrate, or choose one, to see more than the raw frame"
-_OWN: dict[Method, tuple[float, int]] = {"admm": (1.0, 2), "wiener": (1.0, 1)}
-"""Detail and iterations that a method begins with."""
+_OWN: dict[tuple[Method, bool], tuple[float, int]] = {
+    ("admm", False): (1.0, 2),
+    ("admm", True): (1.0, 1),
+    ("wiener", False): (1.0, 1),
+    ("wiener", True): (1.0, 1),
+}
+"""Detail and iterations that a method begins with, and with PSFs over the field."""
 
 
 def main(channel: Channel) -> None:
@@ -169,12 +174,15 @@ class LiveView:
 
     def _change(self, changes: dict[str, Any]) -> None:
         """Settings with changes; another method comes with what it was last used with."""
-        method = changes.get("method", self._settings.method)
-        if method != self._settings.method:
+        before = self._settings
+        after = before.model_copy(update=changes)
+        method = after.method, after.over_field
+        if method != (before.method, before.over_field):
             detail, iterations = self._used[method]
             changes = {"detail": detail, "iterations": iterations, **changes}
-        self._settings = self._settings.model_copy(update=changes)
-        self._used[method] = self._settings.detail, self._settings.iterations
+            after = before.model_copy(update=changes)
+        self._settings = after
+        self._used[method] = after.detail, after.iterations
 
     def _see(self, name: str) -> str:
         show_scene(self._twin(), name)
@@ -339,6 +347,9 @@ class LiveView:
             "settings": self._settings.model_dump(),
             "error": self._error,
             "psf_path": None if source is None or source.psf is None else str(source.psf),
+            "field_points": 1
+            if source is None or source.solver is None
+            else source.solver.field_points,
             "limits": None if limits is None else vars(limits),
             "scene": self._scene if source is not None and source.twin is not None else None,
         }

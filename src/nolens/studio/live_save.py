@@ -158,6 +158,7 @@ def _record(displayed: DisplayedFrame, files: list[Path], psf: Path | None) -> R
         "white_radiance": displayed.white,
         **displayed.settings.model_dump(include={"method", "detail"}),
         "tau": None if picture is None else picture.tau,
+        "field_points": None if picture is None else picture.field_points,
     }
     return RunRecord(
         started=shot.taken.isoformat(timespec="seconds"),

@@ -139,13 +139,14 @@ class Uploaded(BaseModel):
 
 
 class Settings(BaseModel):
-    """How the live view is exposed and reconstructed: the automatic τ is divided by the detail; no
-    exposure time means automatic.
+    """How the live view is exposed and reconstructed: the automatic τ is divided by the detail; of
+    PSFs over the field the mean is used, or all; no exposure time means automatic.
     """
 
     method: Method = "admm"
     detail: float = 1.0
     iterations: int = 2
+    over_field: bool = False
     exposure_s: float | None = None
     gain: float = 1.0
     frozen: bool = False
@@ -157,6 +158,7 @@ class SettingsChange(_PageRequest):
     method: Method | None = None
     detail: Annotated[float, Field(ge=0.125, le=8)] | None = None
     iterations: Annotated[int, Field(ge=1, le=40)] | None = None
+    over_field: bool | None = None
     exposure_s: Annotated[float, Field(gt=0, le=1000)] | None = None
     gain: Annotated[float, Field(gt=0, le=1000)] | None = None
     frozen: bool | None = None
@@ -187,6 +189,7 @@ class LiveState(BaseModel):
     fps: float = 0.0
     dropped: int = 0
     psf_path: str | None = None
+    field_points: int = 1
     limits: LiveLimits | None = None
     scene: str | None = None
 

@@ -41,6 +41,7 @@ class Viewfinder {
     this.picture.element.classList.add("first");
     this.figures = readout(["Frames/s", "Latency", "Dropped", "Exposure", "Gain", "Iterations"]);
     this.frozen = false;
+    this.points = 1;
     this.freezer = button("Freeze", told(() => this.freeze()), { "aria-pressed": "false", "aria-keyshortcuts": "Space" });
     this.saver = button("Save", told(() => this.save()), { class: "primary", "aria-keyshortcuts": "s" });
     this.png = tick("PNG", true);
@@ -116,6 +117,8 @@ class Viewfinder {
       else banner(running ? "" : "Waiting for the camera…", false, again);
     }
     this.raw.note.textContent = state.camera?.name ?? "";
+    this.points = state.field_points ?? 1;
+    this.solver.field.element.hidden = this.points === 1;
     if (settings) this.settle(settings);
     this.light.limit(state.limits);
     this.scene.follow(state);
@@ -128,7 +131,9 @@ class Viewfinder {
     this.freezer.setAttribute("aria-pressed", String(this.frozen));
     this.freezer.textContent = this.frozen ? "Go on" : "Freeze";
     if (this.frozen) this.figures.values["Frames/s"].textContent = "frozen";
-    this.picture.note.textContent = settings.method === "wiener" ? "Wiener" : "ADMM";
+    const over = settings.over_field && settings.method !== "wiener";
+    const psfs = this.points > 1 ? `, ${over ? "" : "mean of "}${this.points} PSFs${over ? " over the field" : ""}` : "";
+    this.picture.note.textContent = `${settings.method === "wiener" ? "Wiener" : "ADMM"}${psfs}`;
     this.light.follow(settings);
     this.solver.follow(settings);
   }

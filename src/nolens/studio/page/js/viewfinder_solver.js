@@ -2,7 +2,7 @@
 /** How the live picture is reconstructed. */
 
 import { detailSlider } from "./controls.js";
-import { segments, slider } from "./dom.js";
+import { segments, slider, tick } from "./dom.js";
 import { later } from "./format.js";
 import { told } from "./notices.js";
 
@@ -38,7 +38,10 @@ export class SolverControls {
       label: "Iterations per frame", min: 1, max: 40, value: 4, step: 1,
       text: String, input: (iterations) => send({ iterations }),
     });
-    this.elements = [this.method.element, this.detail.element, this.iterations.element];
+    this.field = tick("PSFs over the field: sharper, and slower", false,
+      told((over_field) => flush({ over_field })));
+    this.field.element.hidden = true;
+    this.elements = [this.method.element, this.detail.element, this.iterations.element, this.field.element];
   }
 
   /** @param {any} settings */
@@ -46,6 +49,7 @@ export class SolverControls {
     this.method.set(settings.method);
     if (document.activeElement !== this.detail.input) this.detail.set(settings.detail);
     if (document.activeElement !== this.iterations.input) this.iterations.set(settings.iterations);
-    this.iterations.input.disabled = settings.method === "wiener";
+    this.iterations.input.disabled = this.field.box.disabled = settings.method === "wiener";
+    this.field.box.checked = settings.over_field;
   }
 }

@@ -5,7 +5,7 @@ import { post, studio } from "./api.js";
 import { button, field, fill, group, h, setOptions } from "./dom.js";
 import { live } from "./live.js";
 import { told } from "./notices.js";
-import { psfChoices } from "./choices.js";
+import { fieldPsfChoices, psfChoices } from "./choices.js";
 
 export class SourceControls {
   constructor() {
@@ -46,7 +46,7 @@ export class SourceControls {
     fill(this.why, sources.filter((/** @type {any} */ each) => !each.available).map((/** @type {any} */ each) =>
       h("li", {}, `${each.label}: ${each.why}`)));
     this.missing.hidden = this.why.childElementCount === 0;
-    setOptions(this.psf, [{ value: "", label: "None: the raw frames alone" }, ...await psfChoices()]);
+    setOptions(this.psf, [{ value: "", label: "None: the raw frames alone" }, ...await fieldPsfChoices(), ...await psfChoices()]);
     this.ask();
   }
 
