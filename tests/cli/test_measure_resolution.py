@@ -12,13 +12,23 @@ from running import check_refused, listing, run
 from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
-from nolens.camera import develop
+from nolens.camera import PsfEntry, develop
 from nolens.evaluate import siemens_star, slanted_edge, star_contrast
 from nolens.experiments.resolution import TAU, AngularScale
 from nolens.experiments.virtual_experiment import VirtualExperiment, solved
-from nolens.files import read_camera, read_picture, write_frame, write_png, write_tiff32
+from nolens.files import (
+    read_camera,
+    read_frame,
+    read_picture,
+    write_frame,
+    write_png,
+    write_psfs,
+    write_tiff32,
+)
+from nolens.files.cameras import camera_copies
 from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
+from nolens.quantities import Angle, Length
 from nolens.twin import FieldMap, Twin
 
 DISTANCE_MM = 180.0
@@ -64,6 +74,23 @@ def frames(folder: Path, name: str) -> list[object]:
     for each in SEPARATIONS_MM:
         given += ["--separation", f"{each}mm"]
     return [*given, "--distance", f"{DISTANCE_MM}mm"]
+
+
+def test_psfs_over_the_field(captured: Path, tmp_path: Path) -> None:
+    """Of a folder; where they are alike, points are as far apart as with one."""
+    psf = read_frame(captured / "psf.tif").counts
+    camera = read_camera("small")
+    entry = PsfEntry(
+        file="psf.tif", pixel=Length("3.1", "um"), channels=camera.camera.sensor.channels,
+        distance=Length("180", "mm"),
+    )  # fmt: skip
+    aside = entry.model_copy(update={"file": "b.tif", "angle": (Angle.of(9, "deg"),) * 2})
+    write_psfs(tmp_path, {entry: psf, aside: psf}, more=camera_copies("small", camera))
+    asked = ("two-points", captured / "raw3.dng", "--separation", "2.6mm", "--distance", "180mm",
+             "--support", "40x40", "--plot", tmp_path / "two.png")  # fmt: skip
+    (dip,) = (each["dip"] for each in measured(*asked, "--psf", tmp_path)["separations"])
+    assert dip > 0.9
+    assert "PSF b.tif" in json.loads((tmp_path / "two.json").read_text())["inputs"]
 
 
 def test_two_points_on_raw_frames(captured: Path, tmp_path: Path) -> None:

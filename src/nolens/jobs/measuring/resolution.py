@@ -9,10 +9,11 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
 
+from pydantic import AfterValidator
 from torch import Tensor
 
 from nolens.amounts import rounded
-from nolens.camera import LoadedCamera, Measurement, develop
+from nolens.camera import FieldPsf, LoadedCamera, Measurement, develop
 from nolens.camera.psf_set import Depth
 from nolens.errors import DataError, OptionError
 from nolens.evaluate import FlatPicture
@@ -25,7 +26,7 @@ from nolens.experiments.resolution import (
     SolverSettings,
 )
 from nolens.experiments.virtual_experiment import VirtualExperiment, solved
-from nolens.files import read_frame
+from nolens.files import PSFS_FILE, read_frame
 from nolens.jobs.fields import (
     CAMERAS,
     LIGHTS,
@@ -41,7 +42,8 @@ from nolens.jobs.fields import (
     Word,
 )
 from nolens.jobs.options import JobOptions, Option
-from nolens.jobs.reconstruction.options import parse_window
+from nolens.jobs.reconstruction.options import list_of_folder, parse_window
+from nolens.jobs.reconstruction.setup import read_psfs
 from nolens.jobs.run import Job, Product, Run
 from nolens.operators import PixelRectangle
 from nolens.plugins import Registry
@@ -98,9 +100,10 @@ class ResolutionOptions(RecordedOptions):
         ),
     ] = None
     psf: Annotated[
-        FilePath | None,
+        Annotated[FilePath, AfterValidator(list_of_folder)] | None,
         Option(
-            "PSF to reconstruct raw frames with, captured at that distance.",
+            "PSF to reconstruct raw frames with, captured at that distance; or a camera's folder "
+            f"({PSFS_FILE}), whose PSFs at several angles are used together.",
             role="input",
             what="PSF",
         ),
@@ -201,11 +204,18 @@ class ResolutionOptions(RecordedOptions):
             )
         simulated = self.simulate is not None
         for name in self.only(not simulated):
+            if name == "distance" and self.psf_folder is not None:
+                continue
             if name in self.model_fields_set:
                 where = "frames" if simulated else "--simulate"
                 raise OptionError(f"{self.flag(name)} goes with {where} only: leave it out")
         if not simulated:
             self.check_frames()
+
+    @property
+    def psf_folder(self) -> Path | None:
+        """The camera's folder, where `psf` is its list of PSFs."""
+        return self.psf.parent if self.psf is not None and self.psf.name == PSFS_FILE else None
 
     @classmethod
     def only(cls, simulated: bool) -> tuple[str, ...]:
@@ -309,11 +319,18 @@ def target_pictures(run: Run[Options]) -> list[TargetPicture]:
     options, camera = run.options, _camera(run)
     if options.psf is None:
         return [_read(path, options, camera) for path in options.frames]
+    point, field_points = (
+        (read_frame(options.psf), ())
+        if options.psf_folder is None
+        else read_psfs(run, options.psf_folder, options.distance)
+    )
     development = Development(
-        read_frame(options.psf),
+        point,
         None if options.dark is None else read_frame(options.dark),
         channels="grey",
+        field_points=field_points,
     )
+    field_psf: FieldPsf | None = None
     solvable: list[tuple[Measurement, Tensor, PixelRectangle, AngularScale]] = []
     for path in options.frames:
         frame = read_frame(path)
@@ -325,6 +342,7 @@ def target_pictures(run: Run[Options]) -> list[TargetPicture]:
         prepared = development.prepared(measurement)
         if not solvable:
             run.warn(*prepared.notes, *prepared.warnings)
+            field_psf = development.field_psf(measurement)
         support = PixelRectangle(0, 0, *measurement.size)
         if options.support is not None:
             support = parse_window(options.support, measurement.size, "--support")
@@ -339,6 +357,7 @@ def target_pictures(run: Run[Options]) -> list[TargetPicture]:
             support,
             iterations=options.settings.iterations,
             tau=options.settings.tau,
+            field_psf=field_psf,
             progress=part_of(partial(run.reporter.advance, "frames"), number, len(solvable)),
         )[0]
         pictures.append(TargetPicture(picture, scale))

@@ -64,7 +64,7 @@ _UNSWEPT = (Prior.AUTO, Prior.COLOUR_TV)
 """Priors that are another one, or for colours alone."""
 
 
-def _list_of_folder(path: Path) -> Path:
+def list_of_folder(path: Path) -> Path:
     """A camera's folder stands for its list of PSFs; other folders may be files of many frames."""
     if not path.is_dir() or path.suffix.lower() in READERS:
         return path
@@ -156,7 +156,7 @@ class ReconstructOptions(JobOptions):
     ]
     psf: Annotated[
         FilePath,
-        AfterValidator(_list_of_folder),
+        AfterValidator(list_of_folder),
         Option(
             "The point spread function: what the sensor measured of a point source. Kinds of file "
             f"as for measurements; or a camera's folder ({PSFS_FILE}), whose PSFs at several "

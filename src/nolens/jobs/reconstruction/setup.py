@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from nolens.camera import FieldPsf, Frame, Measurement, PsfGeometry, black_level, flipped
-from nolens.camera.psf_set import depth_um
+from nolens.camera.psf_set import Depth, depth_um
 from nolens.errors import NolensError, OptionError
 from nolens.files import CAMERA_FILE
 from nolens.jobs.reconstruction.options import (
@@ -378,19 +378,8 @@ def _read_psf(run: Run[ReconstructOptions]) -> tuple[Frame, tuple[FieldPoint, ..
     """The PSF, and those over the field that a folder has."""
     options = run.options
     if options.psf_folder is not None:
-        # Most reconstructions need no camera.
-        from nolens.files.psf_folder import PsfFolder
-
-        folder = PsfFolder(options.psf_folder)
-        distance = None if options.distance is None else depth_um(options.distance)
         most = None if options.field_points == "auto" else options.field_points
-        psfs = folder.for_scene(distance, most)
-        run.reads({f"PSF {each.file}": folder.path / each.file for each in psfs.entries})
-        if psfs.field_points:
-            run.reads({"layers of the camera": folder.path / CAMERA_FILE})
-        if psfs.note:
-            run.reporter.note(psfs.note)
-        return psfs.ahead, psfs.field_points
+        return read_psfs(run, options.psf_folder, options.distance, most)
     psf = run.frame("psf")
     # Like the measurement as far as its channels allow: it may be grey.
     if len(psf.channels) == 3 and options.bgr:
@@ -398,6 +387,23 @@ def _read_psf(run: Run[ReconstructOptions]) -> tuple[Frame, tuple[FieldPoint, ..
     elif len(psf.channels) != 3 and options.mosaic is not None and psf.mosaic is None:
         psf = run.frame("psf", mosaic=options.mosaic)
     return psf, ()
+
+
+def read_psfs(
+    run: Run[Any], path: Path, distance: Depth | None, most: int | None = None
+) -> tuple[Frame, tuple[FieldPoint, ...]]:
+    """The PSF of a folder straight ahead, and those over the field (`PsfFolder.for_scene`)."""
+    # Most reconstructions need no camera.
+    from nolens.files.psf_folder import PsfFolder
+
+    folder = PsfFolder(path)
+    psfs = folder.for_scene(None if distance is None else depth_um(distance), most)
+    run.reads({f"PSF {each.file}": path / each.file for each in psfs.entries})
+    if psfs.field_points:
+        run.reads({"layers of the camera": path / CAMERA_FILE})
+    if psfs.note:
+        run.reporter.note(psfs.note)
+    return psfs.ahead, psfs.field_points
 
 
 def read_development(run: Run[ReconstructOptions]) -> Development:
