@@ -245,6 +245,7 @@ class Photograph {
 
   /** Show the video in place of its sheet, or the sheet. @param {boolean} on */
   play(on) {
+    if (!on) this.video.video.pause();
     this.video.element.hidden = !on;
     this.tone.viewer.element.hidden = this.tone.controls.hidden = on;
   }
