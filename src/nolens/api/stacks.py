@@ -84,7 +84,7 @@ class Stack:
         return len(self.values)
 
     def __getitem__(self, number: int) -> Image:
-        return Image(self.values[number].view(-1, *self.values.shape[-2:]), self.channels)
+        return Image(self.values[number].reshape(-1, *self.values.shape[-2:]), self.channels)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.array(self.values, dtype=dtype, copy=copy)
@@ -131,7 +131,7 @@ class Cube(Stack):
     @property
     def wavelengths_nm(self) -> tuple[float, ...]:
         """Of the bands; none where these are angles."""
-        return tuple(Length.parse(each).um * 1e3 for each in self.bands if each.endswith("m"))
+        return tuple(Length.parse(each).nm for each in self.bands if each.endswith("m"))
 
 
 class Video(Stack):
