@@ -32,6 +32,7 @@ from nolens.twin import FieldMap, Light, Rectification, Twin, preview_model
 GREEN, SIDE = "535nm", 146
 QUICK = ("--support", f"{SIDE}x{SIDE}", "--tau", 1e-4, "--iterations", 8, "--channels", "g",
          "--bin", 1)  # fmt: skip
+COARSE = ("--support", "73x73", "--tau", 1e-3, "--channels", "g", "--bin", 2)
 
 
 @dataclass(frozen=True)
@@ -130,12 +131,12 @@ class Ended(Reporter):
 
 def test_state_of_other_psfs_is_refused(made: Open, tmp_path: Path) -> None:
     options = ReconstructOptions(
-        measurement=made.raw, psf=made.folder, support=f"{SIDE}x{SIDE}", tau=1e-4, channels="g",
-        bin=1, output=(tmp_path / "out.tif",),
+        measurement=made.raw, psf=made.folder, support="73x73", tau=1e-3, channels="g", bin=2,
+        output=(tmp_path / "out.tif",),
     )  # fmt: skip
     job(options, Ended())
-    asked = ("reconstruct", made.raw, "--psf", made.folder, *QUICK, "-o", tmp_path / "x.tif",
-             "--resume", tmp_path / "out.state.npz")  # fmt: skip
+    asked = ("reconstruct", made.raw, "--psf", made.folder, *COARSE, "-o", tmp_path / "x.tif",
+             "--iterations", 8, "--resume", tmp_path / "out.state.npz")  # fmt: skip
     done = run(*asked, "--field-points", 5)
     assert done.code == 2 and "state of a run with another field_points" in done.err
     assert run(*asked).code == 0
@@ -167,7 +168,7 @@ def test_sequence_has_the_pictures_of_single_frames(made: Open, tmp_path: Path) 
     frames = tmp_path / "frames"
     frames.mkdir()
     shutil.copy(made.raw, frames)
-    asked = ("--psf", made.folder, *QUICK[:2], *QUICK[6:], "--tau", 1e-3)
+    asked = ("--psf", made.folder, *COARSE)
     done = run("reconstruct", frames, *asked, "-o", tmp_path / "pictures", "--json")
     assert done.code == 0 and json.loads(done.out)["field_points"] == 9, done
     picture = reconstruct(tmp_path / "one.png", made.raw, *asked)

@@ -12,7 +12,7 @@ from nolens.kernels import PassSums, SplitState, irfft2, irfft2_window_, rfft2_w
 from nolens.operators import FiniteDifference
 from nolens.solvers.admm_state import AdmmState, Penalties
 from nolens.solvers.functionals import OpponentL1
-from nolens.solvers.problem import Problem
+from nolens.solvers.problem import Prior, Problem
 
 DATA_STEP_RELAXATION = 1.5
 """α where no other is given."""
@@ -80,7 +80,7 @@ class DataStep:
         self._penalties, self._relaxation = penalties, relaxation
         self._norm = problem.norm_of_differences if problem.varied else None
         self._tau = problem.tau
-        self._l1 = splits[0].l1
+        self._l1 = problem.tau if problem.prior is Prior.L1 else 0.0
         self._channels = [
             _Channel(problem.single(number), split) for number, split in enumerate(splits)
         ]
@@ -88,7 +88,9 @@ class DataStep:
             channel.v = self._w(channel.a_w)
 
     def measure(self, problem: Problem) -> None:
-        """Go on with another measurement of the same sizes."""
+        """Go on with another measurement of the same sizes, or another weight; both above zero."""
+        self._tau = problem.tau
+        self._l1 = problem.tau if problem.prior is Prior.L1 else 0.0
         for number, channel in enumerate(self._channels):
             channel.measure(problem.single(number))
 

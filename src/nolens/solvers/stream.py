@@ -146,9 +146,9 @@ class Stream:
         if 0 in (before, self._problem.tau):
             self._run = None  # A weight of zero leaves out a split.
             return
-        state = self._run.state
-        state.weigh(self._problem)
-        self._run = start_run(self._problem, state)
+        self._run.state.weigh(self._problem)
+        if isinstance(self._run, AdmmRun):  # The other takes the weight with the measurement.
+            self._run = start_run(self._problem, self._run.state)
 
     def solve(self, data: Plane, valid: Plane | None = None) -> Frame:
         """Reconstruct the next frame.
