@@ -16,7 +16,9 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     if "frames" in summary:
         end = f"{summary['seconds']:.1f} s on {summary['device']}"
         dropped = f", {len(summary['dropped'])} dropped" if summary["dropped"] else ""
-        return [f"{summary['frames']} frames{dropped} ({summary['stop_reason']}), {end}"]
+        psfs = summary["field_points"]
+        used = f", {psfs} PSFs over the field" if psfs > 1 else ""
+        return [f"{summary['frames']} frames{dropped}{used} ({summary['stop_reason']}), {end}"]
     if "depths_mm" in summary or "bands" in summary:
         end = f"{summary['iterations']} iterations ({summary['stop_reason']})"
         end = f"tau {summary['tau']:.3g}, {end}, {summary['seconds']:.1f} s on {summary['device']}"
