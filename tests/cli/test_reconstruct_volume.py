@@ -93,7 +93,7 @@ def test_two_objects(made: Path, tmp_path: Path) -> None:
     assert mine.depths_mm == (20, 80) and mine.figures["tau"] == 1e-3
     near, far = nl.reconstruct_volume(
         *(read_frame(made / "raw.tif"), psfs, ["8cm", "2cm"]),
-        support=(30, 48), tau=1e-3, iterations=12, depth_smoothness=30.0,
+        support=(30, 48), tau=1e-3, iterations=12, depth_smoothness=30.0, noise="poisson",
     ).values  # fmt: skip
     assert float((near - far).norm() / far.norm()) < 0.2  # Else 1.4: each has its own half.
     assert {*mine.writers, "volume.json"} == {path.name for path in out.iterdir()}

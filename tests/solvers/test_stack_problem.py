@@ -73,6 +73,36 @@ def test_the_minimum_is_that_of_another_solver(forward, prior):
     assert result.scene.shape == problem.scene_shape
 
 
+def test_few_photons_by_their_law():
+    """Poisson's likelihood with read noise: the minimum of another solver, below the squares'."""
+    generator = torch.Generator().manual_seed(1)
+    forward = depths(1)
+    light = measured(forward, 0, 1).clamp_min(0)
+    light *= 5 / float(light.mean())
+    electrons = torch.poisson(light, generator=generator)
+    electrons += torch.randn(light.shape, generator=generator)
+    valid = torch.rand(light.shape, generator=generator) > 0.1
+    squares = StackProblem.build(
+        forward, 3 * electrons, valid=valid, variance=9 * (light + 1), prior=StackPrior()
+    )
+    problem = squares.counting(3.0, 1.0)
+    tau = 0.5 * problem.noise / problem.tau_unit
+    result = problem.solve(tau, iterations=100, tolerance=1e-4)
+    other = primal_dual(*problem.functionals(tau), iterations=200, tolerance=1e-6)
+    assert result.objective == pytest.approx(other.objective, rel=1e-3)
+    electron = (1 + forward(result.scene / problem.scale) * problem.norm / 3).clamp_min(1e-9)
+    there = (electrons + 1).clamp_min(0)
+    law = (electron - torch.special.xlogy(there, electron))[valid].sum()
+    best = (there - torch.special.xlogy(there, there))[valid].sum()
+    fit = result.objective - tau * problem.tau_unit * float(
+        problem.prior.functional(problem.scene_shape)(result.scene / problem.scale)
+    )
+    assert problem.noise**2 * float(law - best) == pytest.approx(fit, rel=1e-3)
+    by_squares = squares.solve(tau, iterations=100, tolerance=1e-4).scene / problem.scale
+    values = [each(by_squares) for each in problem.functionals(tau)]
+    assert float(sum(values)) > 1.0005 * result.objective
+
+
 def test_the_weight_of_few_bright_points():
     """Held-out pixels choose one with which the stack errs little more than with the best."""
     forward = StackConvolution(

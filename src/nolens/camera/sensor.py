@@ -166,8 +166,13 @@ class Sensor(Part):
 
     def noise_variance(self, counts: Tensor) -> Tensor:
         """Shot and read noise of pixels in counts², g b + g²r², from mean counts above black."""
-        per_electron = self.counts_per_electron * self.gain
-        return per_electron * counts + (per_electron * self.read_noise_electrons) ** 2
+        per_electron, read_noise = self.electrons
+        return per_electron * counts + (per_electron * read_noise) ** 2
+
+    @property
+    def electrons(self) -> tuple[float, float]:
+        """Counts per electron g, gain included, and the read noise r in electrons."""
+        return self.counts_per_electron * self.gain, self.read_noise_electrons
 
     @property
     def saturated_counts(self) -> int:

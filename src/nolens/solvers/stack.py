@@ -11,7 +11,7 @@ from nolens.errors import DataError
 from nolens.kernels import irfft2, irfft2_window_, rfft2_window
 from nolens.operators import CroppedConvolution, StackConvolution, StackDifference
 from nolens.solvers.data_step import gram, slow_cosines, steps_along
-from nolens.solvers.data_terms import Gaussian
+from nolens.solvers.data_terms import Gaussian, Poisson
 from nolens.solvers.functionals import L1, Functional, GroupSparsity, NonNegative, OpponentL1
 from nolens.solvers.held_out import (
     Weight,
@@ -91,8 +91,12 @@ class StackProblem:
     prior: StackPrior
     scale: float
     """A scene in units of measurement over PSF, over one in normalised units."""
+    norm: float
+    """Mean norm of a channel of the measurement, which is 1 in normalised units."""
     noise: float
     """Standard deviation of a pixel's noise where w is 1; normalised."""
+    counts: Poisson | None = field(default=None, repr=False)
+    """In place of the squares (`counting`)."""
 
     @classmethod
     def build(
@@ -152,9 +156,31 @@ class StackProblem:
             weights / mean,
             prior,
             norm / psf_norm,
+            norm,
             1 / norm / mean**0.5,
         )
         return problem if variance is not None else replace(problem, noise=pixel_noise(problem))
+
+    def counting(self, per_electron: float, read_noise: float) -> "StackProblem":
+        r"""The same by Poisson's law of the electrons in place of the variance of each pixel.
+
+        .. math:: σ^2 \sum (t - c \ln t) + τ R(v), \qquad t = Av + r^2, \quad c = \max(b + r^2, 0),
+
+        with t and c in electrons: the read noise, a variance of r², is taken for Poisson's of as
+        much light. σ is `noise`, so that τ weighs as much as beside the squares.
+
+        Parameters
+        ----------
+        per_electron
+            Of the measurement's unit, as the `variance` that the problem was built with has it.
+        read_noise
+            Standard deviation r, electrons.
+        """
+        unit = per_electron / self.norm
+        more = read_noise**2 * unit
+        counts = (self.data + more).clamp_min(0)
+        weights = self.noise**2 / unit * self.valid
+        return replace(self, counts=Poisson(counts, background=more, weights=weights))
 
     @property
     def scene_shape(self) -> tuple[int, int, int, int]:
@@ -184,7 +210,7 @@ class StackProblem:
 
     def functionals(self, tau: float) -> list[Functional]:
         """The objective's; `tau` as users give it."""
-        fit = Gaussian(self.data, weights=self.weights) @ self.forward
+        fit = (self.counts or Gaussian(self.data, weights=self.weights)) @ self.forward
         prior = self.prior.functional(self.scene_shape)
         return [fit, *([tau * self.tau_unit * prior] if tau > 0 else []), NonNegative()]
 
@@ -206,6 +232,7 @@ class StackProblem:
             data=torch.where(held, 0, self.data),
             valid=self.valid & ~held,
             weights=torch.where(held, 0, self.weights),
+            counts=None,
         )
         step = _Step(fitted)
         scene: Tensor | None = None
@@ -319,6 +346,9 @@ class _Step:
     """
 
     def __init__(self, problem: StackProblem) -> None:
+        self._counts = problem.counts is not None
+        if self._counts:
+            problem = replace(problem, weights=torch.ones_like(problem.data))
         self._forward, self._weights = problem.forward, problem.weights
         self._differences: StackDifference | None = None
         if not problem.prior.sparse:
@@ -336,6 +366,9 @@ class _Step:
 
     def __call__(self, v: Tensor, target: Tensor, penalties: Sequence[float]) -> Tensor:
         """Go nearer to the solution from v, with the penalties of the splits."""
+        if self._counts:  # Av has a split of its own.
+            target = target / penalties[0]
+            penalties = [each / penalties[0] for each in penalties[1:]]
         second, third = penalties if len(penalties) == 2 else (0.0, *penalties)
         self._go_on_with((second, third))
         circulant, solve = self._precondition, self._solve

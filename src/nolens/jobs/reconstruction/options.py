@@ -306,11 +306,11 @@ class ReconstructOptions(JobOptions):
     tau: ChosenTau = "auto"
     prior: AnyPrior = "auto"
     noise: Annotated[
-        Literal["auto", "even", "shot"],
+        Literal["auto", "even", "shot", "poisson"],
         Option(
-            "For --depths, noise of the pixels: even, or more where there is more light (shot: "
-            "Poisson's). auto: that of the camera's sensor where --psf's folder or --camera "
-            "describes it, else even.",
+            "For --depths, noise of the pixels: even, more where there is more light (shot), or "
+            "Poisson's law itself in place of its variance (poisson). auto: shot where --psf's "
+            "folder or --camera describes the sensor, else even.",
             SOLVER,
         ),
     ] = "auto"

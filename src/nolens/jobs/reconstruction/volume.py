@@ -101,6 +101,9 @@ def reconstruct_volume(
         variance=_variance(run, measurement, camera),
         prior=replace(_PRIORS[options.prior], across=options.depth_smoothness),
     )
+    if options.noise == "poisson":
+        sensor = None if camera is None else camera.sensor
+        problem = problem.counting(*((1.0, 0.0) if sensor is None else sensor.electrons))
 
     solved = solve_stack(run, problem, "the volume", iterations=_ITERATIONS, tolerance=_TOLERANCE)
     pages = solved.scene.movedim(1, 0)
