@@ -20,7 +20,7 @@ CASES = {
     "region partly off": replace(BASE, psf=(9, 9), support=PixelRectangle(-2, 3, 6, 8)),
     "a scene of two rows": replace(BASE, support=PixelRectangle(2, 1, 2, 5)),
     "without a support": replace(BASE, support=None, channels=2, saturated=0.1),
-    "four channels of one psf": replace(BASE, channels=4, psf_channels=1),
+    "two channels of one psf": replace(BASE, channels=2, psf_channels=1),
     "isotropic": replace(BASE, sensor=(5, 7), psf=(5, 7), prior="isotropic-tv"),
     "l1": replace(BASE, channels=3, prior="l1", saturated=0.1),
     "no prior": replace(BASE, prior="none", support=PixelRectangle(1, 1, 4, 5), seed=3),
