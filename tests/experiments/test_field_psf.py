@@ -18,13 +18,13 @@ from nolens.twin import Light, Plane, Twin, irradiate, render_planes
 
 
 def test_the_model_of_nine_psfs_measures_what_the_camera_does():
-    """Green light without noise, of a scene that one PSF misses by 0.3 % of the contrast."""
+    """Green light without noise, of a scene whose edges one PSF misses by 0.6 % of the contrast."""
     twin = Twin.of(LoadedCamera.of(preset("small"))).reading(48, 64)
     experiment = VirtualExperiment(twin, Light("535nm"))
     picture = torch.rand(3, 12, 16, generator=torch.Generator().manual_seed(1)) ** 3
     field, views = render_planes(twin, (Plane(picture, 40, 80e3),))
     light = irradiate(
-        twin, field, views, field_points=9, light=experiment.light, wavelengths=1
+        twin, field, views, field_points=3, light=experiment.light, wavelengths=1
     ).light
     measured = (light[0::2, 1::2] + light[1::2, 0::2])[None] / 2
     response = (field.solid_angle() * field.vignetting()).float()
@@ -42,27 +42,29 @@ def test_the_model_of_nine_psfs_measures_what_the_camera_does():
         return float((built.data - image).norm() / contrast.norm())
 
     several = replace(solver, field_psf=psfs)
-    assert missed(several) < 1.8e-3
-    assert missed(replace(several, basis_error=0.0)) < 1.6e-3
-    assert missed(solver) > 2.8e-3
+    assert missed(several) < 2.5e-3
+    assert missed(replace(several, basis_error=0.0)) < 1e-3
+    assert missed(solver) > 5e-3
+    assert missed(several.averaged(twin.shape)) < 0.75 * missed(solver)
 
 
 class _KnownPsfs(VirtualExperiment):
-    """Its PSFs change with the fourth power of the distance of their chief rays from the axis."""
+    """Its PSFs change with the square of the row that their chief rays fall on."""
 
-    def distance(self, source: PointSource) -> float:
-        return math.hypot(*self.twin.shift_um(source)) / self.twin.pixel_um / 200
+    def row(self, source: PointSource) -> float:
+        return self.twin.shift_um(source)[0] / self.twin.pixel_um
 
     def psf(self, source: PointSource, *_: object, **__: object) -> Tensor:
-        return 1 + torch.tensor([[[0.1, -0.1]]]) * (1 + self.distance(source) ** 4)
+        return 1 + torch.tensor([[[1.0, -1.0]]]) * (1000 + self.row(source) ** 2)
 
 
 def test_error_between_the_angles_of_a_plan() -> None:
-    """In the middle of a side at a distance e, between two corners at D: √2 e² / D² of D⁴."""
+    """Of a parabola, linear interpolation over a step s misses (s/2)² in the middle."""
     loaded = LoadedCamera.of(preset("small"))
     experiment = _KnownPsfs(Twin.of(loaded).reading(48, 64), Light("535nm"))
-    angle, edge = Angle.of(30, "deg"), math.tan(math.radians(16))
-    plan = CapturePlan.of_scene(loaded.camera, (angle, angle), 5)
-    e, d = (experiment.distance(PointSource((other, edge))) for other in (0.0, edge))
-    (error,) = errors_between(experiment, [plan], lambda _: None)
-    assert error == pytest.approx((math.sqrt(2) * e**2 * d**2 - e**4) / (1 + e**4), rel=0.1)
+    angle = Angle.of(30, "deg")
+    plans = [CapturePlan.of_scene(loaded.camera, (angle, angle), count) for count in (9, 25)]
+    edge = experiment.row(PointSource((-math.tan(math.radians(16)), 0.0)))
+    nine, many = errors_between(experiment, plans, lambda _: None)
+    assert nine == pytest.approx((edge / 2) ** 2 / (1000 + (edge / 2) ** 2), rel=0.1)
+    assert many == pytest.approx((edge / 4) ** 2 / (1000 + (edge / 4) ** 2), rel=0.1)

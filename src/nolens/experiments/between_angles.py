@@ -68,7 +68,7 @@ def _shares(
     shares = {}
     for between in plan.between_deg:
         row, column = (round(each) for each in pixel(between))
-        weights = interpolation_weights(places, PixelRectangle(row, column, 1, 1), (0, 0))
+        weights = interpolation_weights(places, PixelRectangle(row, column, 1, 1))
         shares[between] = {
             angle: float(weight.values)
             for angle, weight in zip(plan.angles_deg, weights, strict=True)

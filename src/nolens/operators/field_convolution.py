@@ -20,9 +20,6 @@ TRANSFER_BYTES = 4
 
 _FAR = 1e3
 """How far outside the field points their weights go on, in lengths of the scene."""
-_AROUND = 0.5
-"""How far field points must lie around the axis across, over how far they do along. In a longer
-strip a triangle would join its ends."""
 _ASIDE = 1e-3
 """Part of their spread by which points on one line may lie beside it."""
 
@@ -64,17 +61,12 @@ class FieldWeight:
         return cls(top + rows[0], left + columns[0], trimmed.contiguous())
 
 
-def interpolation_weights(
-    places: Tensor, scene: PixelRectangle, axis: tuple[int, int]
-) -> list[FieldWeight | None]:
-    r"""Weights with which a scene is shared out to field points; they sum to 1 at every pixel.
+def interpolation_weights(places: Tensor, scene: PixelRectangle) -> list[FieldWeight | None]:
+    """Weights with which a scene is shared out to field points; they sum to 1 at every pixel.
 
-    Astigmatism and field curvature, which change a PSF's form, go with the square of the distance
-    from the axis, and so do the weights where the points lie around it: they are linear in
-    :math:`x \lVert x \rVert` then, and in x where the points are in a narrow strip. In a triangle
-    of three neighbours (Delaunay's), a weight falls from 1 at its own point to 0 at the two others;
-    for points on one line, from one to the next. Beyond the outermost points, weights go on
-    outwards as they are on the lines between them.
+    In a triangle of three neighbours (Delaunay's), a weight falls linearly from 1 at its own point
+    to 0 at the two others; for points on one line, from one to the next. Beyond the outermost
+    points, weights go on outwards as they are on the lines between them.
 
     Parameters
     ----------
@@ -82,44 +74,34 @@ def interpolation_weights(
         (count, 2): row and column of each field point, in the sensor's frame.
     scene
         Pixels to weigh.
-    axis
-        Row and column of the pixel on the camera's axis, in the sensor's frame.
 
     Returns
     -------
     list
         One for each point; None where it counts for no pixel. float32.
     """
-    at = places.double().cpu().numpy() - axis
-    rows = scene.top + np.arange(scene.height, dtype=np.float64) - axis[0]
-    columns = scene.left + np.arange(scene.width, dtype=np.float64) - axis[1]
-    pixels = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1)
-    around = np.linalg.svd(at, compute_uv=False)
-    if len(at) >= 3 and around[1] >= _AROUND * around[0]:
-        at, pixels = _squared(at), _squared(pixels)
+    at = places.double().cpu().numpy()
+    rows = scene.top + np.arange(scene.height, dtype=np.float64)
+    columns = scene.left + np.arange(scene.width, dtype=np.float64)
     middle = at.mean(axis=0)
     _, spread, axes = np.linalg.svd(at - middle)
     if len(at) < 3 or spread[1] <= _ASIDE * spread[0]:
-        return _weights_on_line((at - middle) @ axes[0], (pixels - middle) @ axes[0])
-    return _weights_in_triangles(at, pixels)
+        along = (rows - middle[0])[:, None] * axes[0, 0] + (columns - middle[1]) * axes[0, 1]
+        return _weights_on_line((at - middle) @ axes[0], along)
+    return _weights_in_triangles(at, rows, columns)
 
 
-def _squared(places: Array) -> Array:
-    squared: Array = places * np.linalg.norm(places, axis=-1, keepdims=True)
-    return squared
-
-
-def mean_psf(psfs: Tensor, places: Tensor, scene: PixelRectangle, axis: tuple[int, int]) -> Tensor:
+def mean_psf(psfs: Tensor, places: Tensor, scene: PixelRectangle) -> Tensor:
     """Mean of PSFs over the field, each by the pixels that it counts for: the best single one.
 
     Parameters
     ----------
     psfs, places
         As `FieldConvolution` takes them.
-    scene, axis
-        Pixels that light comes from, and the pixel on the axis (`interpolation_weights`).
+    scene
+        Pixels that light comes from.
     """
-    weights = interpolation_weights(places, scene, axis)
+    weights = interpolation_weights(places, scene)
     parts = [0.0 if each is None else float(each.values.sum()) for each in weights]
     mean: Tensor = torch.tensordot(psfs.new_tensor(parts) / sum(parts), psfs, dims=1)
     return mean
@@ -136,37 +118,37 @@ def _weights_on_line(points: Array, pixels: Array) -> list[FieldWeight | None]:
     ]
 
 
-def _weights_in_triangles(at: Array, pixels: Array) -> list[FieldWeight | None]:
+def _weights_in_triangles(at: Array, rows: Array, columns: Array) -> list[FieldWeight | None]:
     middle, outermost = at.mean(axis=0), np.unique(Delaunay(at).convex_hull)
-    far = _FAR * max(np.abs(pixels - middle).max(), np.abs(at - middle).max())
+    far = _FAR * max(len(rows), len(columns), np.abs(at - middle).max())
     outwards = at[outermost] - middle
     outwards *= far / np.linalg.norm(outwards, axis=1, keepdims=True)
     points = np.concatenate([at, middle + outwards])
     owners = np.concatenate([np.arange(len(at)), outermost])
-    mesh = Delaunay(points)
-    flat = pixels.reshape(-1, 2)
-    corners = mesh.simplices[mesh.find_simplex(flat)]
-    shares = _barycentric(points[corners], flat)
-    totals = np.zeros((len(at), len(flat)), dtype=np.float32)
-    for corner in range(3):
-        totals[owners[corners[:, corner]], np.arange(len(flat))] += shares[:, corner]
-    grids = totals.reshape(len(at), *pixels.shape[:2])
-    return [FieldWeight.of_grid(torch.from_numpy(each)) for each in grids]
+    totals = np.zeros((len(at), len(rows), len(columns)), dtype=np.float32)
+    free = np.ones((len(rows), len(columns)), dtype=bool)
+    for triangle in Delaunay(points).simplices:
+        corners = points[triangle]
+        inside = tuple(
+            slice(*np.searchsorted(axis, (low - 1, high + 1)))
+            for axis, low, high in zip(
+                (rows, columns), corners.min(axis=0), corners.max(axis=0), strict=True
+            )
+        )
+        shares = _barycentric(corners, rows[inside[0]], columns[inside[1]])
+        here = free[inside] & (shares.min(axis=0) >= -1e-9)
+        free[inside] &= ~here
+        for owner, share in zip(owners[triangle], shares, strict=True):
+            totals[owner][inside] += np.where(here, share.clip(0, 1), 0)
+    return [FieldWeight.of_grid(torch.from_numpy(each)) for each in totals]
 
 
-def _barycentric(corners: Array, pixels: Array) -> Array:
-    """Shares of triangles' corners, (count, 3, 2), at a pixel in each, (count, 3)."""
-    first, second, last = (corners[:, k] for k in range(3))
-    one, other, here = first - last, second - last, pixels - last
-    area = one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
-    shares = np.stack(
-        [
-            (here[:, 0] * other[:, 1] - here[:, 1] * other[:, 0]) / area,
-            (one[:, 0] * here[:, 1] - one[:, 1] * here[:, 0]) / area,
-        ],
-        axis=1,
-    )
-    return np.concatenate([shares, 1 - shares.sum(axis=1, keepdims=True)], axis=1).clip(0, 1)
+def _barycentric(corners: Array, rows: Array, columns: Array) -> Array:
+    """Shares of a triangle's three corners at pixels, (3, rows, columns)."""
+    matrix = np.linalg.inv(np.concatenate([corners.T, np.ones((1, 3))]))
+    by_row, by_column, rest = (matrix[:, k, None, None] for k in range(3))
+    shares: Array = by_row * rows[:, None] + by_column * columns + rest
+    return shares
 
 
 @dataclass(frozen=True)
@@ -218,7 +200,7 @@ class FieldConvolution(CroppedConvolution):
         (points, 2): where the ray through each PSF's middle falls, as row and column of the
         sensor's frame; the scene pixel there sees that PSF.
     sensor, support
-        As `CroppedConvolution` takes them; the sensor's middle is on the axis.
+        As `CroppedConvolution` takes them.
     error
         Fewer PSFs, of which those of the field points are combinations (Karhunen and Loève's
         basis, `lauer2002`), may take their places where that costs less time: as few as err by this
@@ -256,8 +238,7 @@ class FieldConvolution(CroppedConvolution):
         geometry = self.geometry
         scene = PixelRectangle(*geometry.origin, *geometry.scene[2:])
         shares = []
-        weights = interpolation_weights(places, scene, (sensor[0] // 2, sensor[1] // 2))
-        for psf, weight in zip(psfs, weights, strict=True):
+        for psf, weight in zip(psfs, interpolation_weights(places, scene), strict=True):
             if weight is None:
                 continue
             values = weight.values.to(psf)

@@ -162,10 +162,8 @@ class Reconstructor:
         if self.field_psf is None:
             return self
         scene = support_of(self.support, sensor) or PixelRectangle(0, 0, *sensor)
-        axis = sensor[0] // 2, sensor[1] // 2
-        places = self.field_psf.places + torch.tensor(axis)
-        mean = mean_psf(self.field_psf.values, places, scene, axis)
-        return replace(self, psf=mean, field_psf=None)
+        places = self.field_psf.places + torch.tensor([side // 2 for side in sensor])
+        return replace(self, psf=mean_psf(self.field_psf.values, places, scene), field_psf=None)
 
     @property
     def limits(self) -> Stop:
