@@ -150,6 +150,10 @@ def report(
         f"scikit-image by simulated cameras (the middle {PIXELS[0]}×{PIXELS[1]} pixels of the",
         "paper's sensor, 7×7 PSFs, noise, mosaic, exposed to 90 % of the full well; PSFs without",
         "noise), reconstructed by the defaults: PSNR in dB, iterations, processor seconds.",
+        "Captured PSFs are of four noisy frames each, at angles half a degree off",
+        "(`calibrate stitch`).",
+        "PSFs of sharp lenslets change too fast with the angle to be interpolated",
+        "([decision 18](decisions/0018-field-and-colours.md)).",
         f"{len(rows)} of {len(CAMERAS) * len(SCENES)} cases.",
         "",
     ]
