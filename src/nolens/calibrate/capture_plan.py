@@ -53,12 +53,12 @@ class CapturePlan:
     @property
     def between_deg(self) -> list[tuple[float, float]]:
         """Angles in the middle between neighbours: at the upper right corner, and at the axis."""
-        steps = 2 if len(self.angles_deg) == PLANS[0] else math.isqrt(len(self.angles_deg)) - 1
-        half = 1 / steps
-        corner = {(1.0, 1 - half), (1 - half, 1.0), (1 - half, 1 - half), (half, half)}
         if len(self.angles_deg) == PLANS[0]:
-            corner = {(1.0, 0.0), (0.0, 1.0), (half, half)}
-        return sorted((right * self.edges_deg[0], up * self.edges_deg[1]) for right, up in corner)
+            between = {(1.0, 0.0), (0.0, 1.0), (0.5, 0.5)}
+        else:
+            half = 1 / (math.isqrt(len(self.angles_deg)) - 1)
+            between = {(1.0, 1 - half), (1 - half, 1.0), (1 - half, 1 - half), (half, half)}
+        return sorted((right * self.edges_deg[0], up * self.edges_deg[1]) for right, up in between)
 
     @classmethod
     def of_scene(

@@ -13,8 +13,8 @@ from nolens.operators.field_convolution import interpolation_weights
 from nolens.optics import PointSource
 from nolens.progress import ProgressCallback, part_of
 
-LARGEST = (760, 1014)
-"""Sensor pixels whose part of the PSF tells the error."""
+MOST_PIXELS = (760, 1014)
+"""Rows and columns in the middle of a sensor, whose part of the PSF tells the error."""
 _Angles = tuple[float, float]
 
 

@@ -92,7 +92,7 @@ def interpolation_weights(places: Tensor, scene: PixelRectangle) -> list[FieldWe
 
 
 def mean_psf(psfs: Tensor, places: Tensor, scene: PixelRectangle) -> Tensor:
-    """Mean of PSFs over the field, each by the pixels that it counts for: the best single one.
+    """Mean of PSFs over the field, each by the pixels that it counts for.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ class _Share:
 class _Term:
     """A share in the Fourier domain: its weight, where that lies in the padded shape, its PSF.
 
-    `stored` is the transfer function where there is room for it.
+    `stored` is the transfer function, in memory or in a file, on any device.
     """
 
     weight: FieldWeight

@@ -12,7 +12,7 @@ from nolens.camera import LoadedCamera, PsfEntry
 from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
-from nolens.experiments.between_angles import LARGEST, errors_between
+from nolens.experiments.between_angles import MOST_PIXELS, errors_between
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import read_camera, read_psf, readable
 from nolens.files.psf_folder import PsfFolder
@@ -99,7 +99,9 @@ def _plan_by_error(
     plans = [CapturePlan.of_scene(camera, run.options.angle, count) for count in PLANS]
     rows, columns = (
         min(most, count)
-        for most, count in zip(LARGEST, (camera.sensor.rows, camera.sensor.columns), strict=True)
+        for most, count in zip(
+            MOST_PIXELS, (camera.sensor.rows, camera.sensor.columns), strict=True
+        )
     )
     run.begin()
     experiment = VirtualExperiment(Twin.of(loaded).reading(rows, columns), Light("white-led"))
