@@ -167,12 +167,18 @@ def test_a_psf_of_other_pixels_is_no_part(inside: Tensor, raw: Frame) -> None:
 
 
 def test_file_that_says_its_sensor(inside: Tensor, raw: Frame) -> None:
-    """No trial is needed, and the note is one of ours."""
+    """Half as large, the measurement is of merged pixels, or of the sensor's middle."""
     rows, columns = SENSOR
     point = replace(frame(finer(inside, 2), "psf.tif"), sensor=(2 * rows, 2 * columns))
     choice = choose_psf(Development(point), raw)
-    assert choice.development.psf_geometry.scale == 2 and choice.trials == ()
+    assert choice.development.psf_geometry == PsfGeometry(2)
     assert choice.notes[0].endswith("as its file says")
+    whole = spots((2 * rows, 2 * columns), 0.8)
+    middle = frame(measured(whole), "raw.tif")
+    point = replace(frame(whole, "psf.tif"), sensor=(2 * rows, 2 * columns))
+    for extent in ("auto", "wide"):
+        choice = choose_psf(Development(point), middle, PsfSettings(extent=extent))
+        assert choice.development.psf_geometry == PsfGeometry(extended=True)
 
 
 def test_finished_psf_has_no_black_level(inside: Tensor, raw: Frame) -> None:

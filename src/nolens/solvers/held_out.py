@@ -131,6 +131,11 @@ class Prediction:
         """How much more is unexplained than by another of the same blocks; its standard error."""
         return _apart(self.blocks, other.blocks)
 
+    def is_likely_better(self, other: "Prediction") -> bool:
+        """Whether it explains the same blocks better, by two standard errors."""
+        excess, error = other.excess(self)
+        return excess > _LIKELY * error
+
     def is_clearly_better(self, other: "Prediction") -> bool:
         """Whether it explains the same blocks better, beyond doubt and by more than a little."""
         excess, error = other.excess(self)

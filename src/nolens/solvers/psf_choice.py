@@ -27,8 +27,6 @@ _MISSED = 0.15
 """Of the measurement beside its noise: where a PSF misses more, its mirror images are tried."""
 _PART_MISSED = 0.5
 """Where a PSF of which parts were cut off misses more, it is not one."""
-_LIKELY = 2.0
-"""Standard errors by which a black level predicts better."""
 _AS_DARK = 0.9
 """Of a black level, what nearly all pixels of a frame that has it reach."""
 _DARKEST = 0.01
@@ -131,9 +129,10 @@ def choose_psf(
 ) -> PsfChoice:
     """Choose how a PSF's file is read for a measurement.
 
-    Sizes leave one geometry or a few; a file of ours says its own (`Frame.sensor`). One of the
-    sensor's size is tried once, and mirrored where it explains the measurement badly. A black
-    level that nobody states, and the PSF's corners have, is subtracted where that predicts better.
+    Sizes leave one geometry or a few; a file of ours says its own (`Frame.sensor`), unless the
+    measurement is clearly one of the sensor's middle, and not of merged pixels. One of the sensor's
+    size is tried once, and mirrored where it explains the measurement badly. A black level that
+    nobody states, and the PSF's corners have, is subtracted where that predicts better.
 
     Parameters
     ----------
@@ -152,15 +151,18 @@ def choose_psf(
     settings = PsfSettings() if settings is None else settings
     measurement = development.measurement(frame)
     psf = development.developed_psf(measurement)
-    noted = None if settings.scale is not None else _noted_scale(development, measurement)
+    noted = _noted_scale(development, measurement, psf.size, settings)
     geometries = _geometries(psf.size, measurement.size, settings, noted)
     levels = _black_levels(development, psf, frame)
     mirrored = settings.flip == "auto" and noted is None
     part = geometries[0].partial and noted is None and settings.scale is None
     doubtful = len(geometries) > 1 or part
+    middle = []  # One of the sensor's middle has the size of one of merged pixels.
+    if noted is not None and noted > 1 and settings.extent != "sensor":
+        middle = _geometries(psf.size, measurement.size, replace(settings, scale=1), None)
     trials: list[PsfTrial] = []
-    if doubtful or mirrored or len(levels) > 1:
-        trials = _tried(levels, geometries, frame)
+    if doubtful or mirrored or middle or len(levels) > 1:
+        trials = _tried(levels, [*geometries, *middle], frame)
     if trials and min(each.prediction.missed for each in trials) > _MISSED:
         further = [] if noted is not None else _finer_extended(psf.size, measurement.size, settings)
         trials += _tried(levels, further, frame)
@@ -194,13 +196,18 @@ def choose_psf(
     return PsfChoice(chosen, tuple(notes), tuple(trials))
 
 
-def _noted_scale(development: Development, measurement: Measurement) -> int | None:
+def _noted_scale(
+    development: Development, measurement: Measurement, have: tuple[int, int], settings: PsfSettings
+) -> int | None:
     """Pixels of the PSF along one of the measurement, where its file says the sensor's size."""
-    if development.psf.sensor is None:
+    if development.psf.sensor is None or settings.scale is not None:
         return None
     rows, columns = (count // development.bin_by for count in development.psf.sensor)
     scale = max(1, rows // measurement.size[0])
-    return scale if (rows // scale, columns // scale) == measurement.size else None
+    finer = have[0] // scale, have[1] // scale
+    if (rows // scale, columns // scale) != measurement.size:
+        return None
+    return None if settings.extent == "wide" and finer == measurement.size else scale
 
 
 def _geometries(
@@ -299,8 +306,7 @@ def _tried(
             prediction = _prediction(development, frame)
             if prediction is None:
                 return []
-            excess, error = (0.0, 0.0) if choice is None else choice.prediction.excess(prediction)
-            if choice is None or excess > _LIKELY * error:
+            if choice is None or prediction.is_likely_better(choice.prediction):
                 choice = PsfTrial(development, prediction)
         if choice is not None:
             trials.append(choice)
@@ -370,7 +376,7 @@ def _geometry_note(
     chosen: Development, best: PsfTrial | None, trials: Sequence[PsfTrial], noted: int | None
 ) -> str:
     text = f"the PSF {chosen.psf.source} is taken as {_name(chosen.psf_geometry)}"
-    if noted is not None:
+    if noted == (chosen.psf_geometry.scale or 1):
         return f"{text}, as its file says"
     upright = replace(chosen.psf_geometry, flip="none")
     others = [
