@@ -90,7 +90,8 @@ def pictures(camera: nl.Camera, photograph: str, angle: str, path: Path) -> None
             continue
         psf, prior = way(), "tv" if name == WAYS[0] else "auto"
         begun = time.process_time()
-        photo = nl.reconstruct(shot, psf, prior=prior)
+        points = 1 if "one" in name else int(name.split()[0])
+        photo = nl.reconstruct(shot, psf, prior=prior, field_points=points)
         row[name] = {
             "psnr_db": nl.psnr(photo, shot.expected),
             "iterations": photo.result.iterations,

@@ -26,6 +26,7 @@ from nolens.jobs import reconstruct as job
 from nolens.jobs.run import Reporter
 from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
+from nolens.optics.magnification import magnified
 from nolens.solvers import Method, Progress, Reconstructor, stop_of
 from nolens.twin import FieldMap, Light, Rectification, Twin, preview_model
 
@@ -81,16 +82,25 @@ def test_psfs_of_the_folder_are_the_cameras(made: Open) -> None:
     assert torch.allclose(psf / psf.mean(), expected / expected.mean(), atol=2e-2)
 
 
-def direct(made: Open) -> torch.Tensor:
-    """Green, by the solver itself: the folder's PSFs at the places of a grid over the scene."""
+def psf_of(made: Open) -> nl.Psf:
+    """The folder's PSFs at the places of a grid over the scene."""
     twin = Twin.of(read_camera(made.camera))
     field = FieldMap(twin, PixelRectangle.centred(SIDE, SIDE, twin.shape))
     nodes = [0, SIDE // 2, SIDE - 1]
     places = [field.place_um(row, column) for row in nodes for column in nodes]
-    planes = [read_psf(made.folder, each)[1:2] for each in read_psf_set(made.folder).psf]
+    planes = [read_psf(made.folder, each) for each in read_psf_set(made.folder).psf]
     psfs = FieldPsf.of(planes, torch.tensor(places) / twin.pixel_um)
+    return nl.Psf(psfs.on_axis, ("R", "G", "B"), field_psf=psfs)
+
+
+def direct(made: Open) -> torch.Tensor:
+    """Green, by the solver itself."""
+    psfs = psf_of(made).field_psf
+    assert psfs is not None
+    psfs = FieldPsf(psfs.values[:, 1:2], psfs.places)
+    support = PixelRectangle.centred(SIDE, SIDE, develop(read_frame(made.raw)).size)
     stop = stop_of(Method.ADMM, iterations=8)
-    solver = Reconstructor(psfs.on_axis, field.support, 1e-4, stop=stop, field_psf=psfs)
+    solver = Reconstructor(psfs.on_axis, support, 1e-4, stop=stop, field_psf=psfs)
     return solver.solve(develop(read_frame(made.raw), channels="g")).photograph
 
 
@@ -233,20 +243,31 @@ def test_shading_and_distortion_are_undone(made: Open, tmp_path: Path) -> None:
     assert done.code == 2 and "--flatten" in done.err and "1520×2028" in done.err, done
 
 
-def test_refocusing_uses_them_too(made: Open, tmp_path: Path) -> None:
-    """At the depth of the PSFs it is the picture of `reconstruct`; at another they are larger."""
+def test_refocusing_uses_them_too(
+    made: Open, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At the depth of the PSFs it is the picture of `reconstruct`; at another they are larger.
+
+    Also from files, and in Python.
+    """
     picture = reconstruct(tmp_path / "picture.tif", made.raw, "--psf", made.folder, *QUICK)[0]
 
-    def refocused(depth: str, *more: object) -> torch.Tensor:
+    def refocused(depth: str, *more: object, note: str = "") -> torch.Tensor:
         folder = tmp_path / "refocused"
         asked = ("--depth", depth, *QUICK, *more, "-o", folder)
         done = run("refocus", made.raw, "--psfs", made.folder, *asked)
-        assert done.code == 0, done
+        assert done.code == 0 and note in done.err, done
         return read_frame(folder / "focused.tif").counts[0]
 
     def alike(one: torch.Tensor) -> float:
         return float(torch.corrcoef(torch.stack([one.flatten(), picture.flatten()]))[0, 1])
 
-    assert alike(refocused("80mm")) > 0.99
     assert alike(refocused("80mm", "--field-points", 1)) < 0.98
     assert alike(refocused("60mm")) < 0.98
+    given = {"support": (SIDE, SIDE), "tau": 1e-4, "iterations": 8}
+    psf, reduced = psf_of(made), 2.0
+    larger = magnified(psf.values, (1 + reduced / 50) / (1 + reduced / 80))
+    psfs = {"80mm": psf, "50mm": larger}
+    assert alike(nl.refocus(made.raw, psfs, "80mm", **given).values[1]) > 0.99
+    monkeypatch.setattr("nolens.jobs.run.check_memory", lambda *_: True)
+    assert alike(refocused("80mm", note="temporary file")) > 0.99

@@ -8,11 +8,11 @@ import torch.nn.functional as nnf
 from skimage import data as photographs
 from torch import Tensor
 
-from nolens.camera import Measurement
-from nolens.operators import CroppedConvolution, PixelRectangle
+from nolens.camera import FieldPsf, Measurement
+from nolens.operators import CroppedConvolution, FieldConvolution, PixelRectangle
 from nolens.optics.magnification import magnified
 from nolens.solvers import Method, Reconstructor
-from nolens.solvers.explanation import explain, picture_warnings
+from nolens.solvers.explanation import choose_field, explain, picture_warnings
 from nolens.solvers.problem import Prior
 from nolens.solvers.result import Stop
 
@@ -37,8 +37,9 @@ def photograph() -> Tensor:
     return nnf.interpolate(encoded, size=(64, 64), mode="bilinear", antialias=True)[0]
 
 
-def measured(psf: Tensor, noise: float = 0.01) -> Measurement:
-    light = CroppedConvolution(psf, SENSOR, SUPPORT)(photograph())
+def measured(psf: Tensor | CroppedConvolution, noise: float = 0.01) -> Measurement:
+    operator = CroppedConvolution(psf, SENSOR, SUPPORT) if isinstance(psf, Tensor) else psf
+    light = operator(photograph())
     light /= light.square().mean().sqrt()
     values = light + noise * torch.randn(light.shape)
     return Measurement(values, torch.ones_like(values, dtype=torch.bool), ("grey",), None, "raw")
@@ -71,6 +72,21 @@ def test_another_psf(change, words) -> None:  # type: ignore[no-untyped-def]
     text = said(change(psf), measured(psf))
     for word in words:
         assert word in text
+
+
+def test_psfs_over_the_field() -> None:
+    """They are used where they are the camera's, and one where its PSF is the same everywhere."""
+    places = torch.tensor([(0, 0), (-32, -32), (-32, 32), (32, -32), (32, 32)])
+    field_psf = FieldPsf.of([mask_psf(seed) for seed in range(5)], places)
+    middle = torch.tensor([side // 2 for side in SENSOR])
+    varied = FieldConvolution(field_psf.values, places + middle, SENSOR, SUPPORT)
+    solver = Reconstructor(field_psf.on_axis, SUPPORT, field_psf=field_psf)
+    kept = choose_field(solver, measured(varied))
+    assert kept.reconstructor is solver and kept.warnings == () and kept.left_out == 0
+    choice = choose_field(solver, measured(mask_psf()))
+    assert choice.reconstructor.field_psf is None and choice.left_out == 5
+    assert "--field-points 5" in choice.warnings[0] and "calibrate plan" in choice.warnings[0]
+    assert choice.row()["unexplained_by_one"] < 0.1 < choice.row()["unexplained"]
 
 
 def test_support_that_is_too_small() -> None:

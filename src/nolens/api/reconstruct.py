@@ -11,14 +11,22 @@ import torch
 from nolens.api.image import Image
 from nolens.api.inputs import Progress, Raw, distance_um, frame_of, reported
 from nolens.api.simulate import Psf, SimulatedMeasurement
-from nolens.camera import BlackLevel, Flip, Frame, black_level
+from nolens.calibrate.distances import Layers
+from nolens.camera import BlackLevel, FieldPsf, Flip, Frame, black_level
 from nolens.camera.field_psf import spread
 from nolens.errors import OptionError
 from nolens.files.psf_folder import PsfFolder
-from nolens.jobs.run import check_solver_memory, mapped_where_needed
+from nolens.jobs.run import mapped_where_needed
 from nolens.progress import Clock
 from nolens.quantities import Length
-from nolens.refocusing import DepthPsfs, DepthReconstructor, PsfAt, focus, measured_reduced_um
+from nolens.refocusing import (
+    DepthField,
+    DepthPsfs,
+    DepthReconstructor,
+    PsfAt,
+    focus,
+    measured_reduced_um,
+)
 from nolens.solvers import (
     Development,
     FieldPoint,
@@ -32,7 +40,7 @@ from nolens.solvers import (
     stop_of,
 )
 from nolens.solvers import Progress as Iteration
-from nolens.solvers.explanation import explain, picture_warnings
+from nolens.solvers.explanation import FieldChoice, choose_field, explain, picture_warnings
 from nolens.solvers.inputs import Support, one_of, support_of
 from nolens.solvers.psf_choice import Extent
 from nolens.solvers.reconstructor import SPARE
@@ -109,7 +117,8 @@ def reconstruct(
         Of the scene, where the PSF is a folder with those of several distances.
     field_points
         How many PSFs of a folder, or of one that was computed at several field points, to use at
-        most; 1 takes the one straight ahead for all of the scene, None all there are.
+        most; 1 takes the one straight ahead for all of the scene. None takes all there are, or one
+        where it explains the measurement clearly better.
     support
         Pixels of the sensor's frame that light can come from: (height, width) around the middle,
         (top, left, height, width), or a `PixelRectangle`. ``"auto"`` takes that of a simulated
@@ -191,6 +200,8 @@ def reconstruct(
     chosen_support = support == "auto" and own is None
     if chosen_support:
         solver = replace(solver, support=solver.choose_support(data).support)
+    over_field = choose_field(solver, data) if field_points is None else FieldChoice(solver)
+    solver = over_field.reconstructor
     remedy, of_memory = "a smaller support or larger pixels (bin_by) need less", list[str]()
     solver = mapped_where_needed(solver, data, remedy, of_memory.append)
     limit = solver.limits.iterations
@@ -227,6 +238,7 @@ def reconstruct(
         automatic_tau=tau is None,
         automatic_support=chosen_support,
         seconds=clock.seconds,
+        left_out=over_field.left_out,
         pixel_rad=None if pixel_rad is None else developed.development.bin_by * pixel_rad,
     )
     picture = window_of(result.scene, problem.sensor_frame) if chosen_support else result.photograph
@@ -239,6 +251,7 @@ def reconstruct(
     )
     warnings = (
         *prepared.warnings,
+        *over_field.warnings,
         *uncovered,
         *explanation.warnings,
         *picture_warnings(problem, result, prepared.values, iterations),
@@ -268,7 +281,7 @@ def refocus(
         As `reconstruct` takes it.
     psfs
         By the distance of their point sources, such as ``{"8cm": near, "50cm": far}``; two at the
-        least.
+        least. Those of several field points are used together once the distance is known.
     distance
         To focus at, or ``"infinity"``; None finds the sharpest between those of the PSFs.
     at
@@ -286,15 +299,18 @@ def refocus(
     frame, own = _measured(measurement)
     dark_frame = None if dark is None else frame_of(dark, "dark frame")
     known: list[PsfAt] = []
-    warnings: list[str] = []
+    over_field: dict[float, FieldPsf | None] = {}
+    warnings, notes = list[str](), list[str]()
     data = None
     for each, psf in psfs.items():
         point = frame_of(psf, f"PSF of {each}")
-        development = choose_psf(Development(point, dark_frame), frame).development
+        development = Development(point, dark_frame, field_points=_field_points(psf, None))
+        development = choose_psf(development, frame).development
         data = development.measurement(frame) if data is None else data
         prepared = development.prepared(data)
         warnings += prepared.warnings
         known.append(PsfAt(prepared.values, distance_um(each)))
+        over_field[known[-1].distance_um] = development.field_psf(data)
     assert data is not None
     reduced_um = measured_reduced_um(known)
     if reduced_um is None:
@@ -303,12 +319,18 @@ def refocus(
             "distance: give one of a much nearer point source"
         )
     depth_psfs = DepthPsfs.of(known, reduced_um, data, warnings=warnings)
+    if any(over_field.values()):
+        # In air a PSF is magnified alike at all angles, whatever the pixels' pitch.
+        of_depths = DepthField(over_field, Layers.of_air(reduced_um), 1.0)
+        depth_psfs = replace(depth_psfs, field=of_depths)
     support = support_of(own if support is None else support, data.size)
     reconstructor = DepthReconstructor(
         data, support, tau, one_of(Prior, prior, "prior"), iterations, device=device
     )
-    largest = reconstructor.at(depth_psfs.between.known[0].psf)
-    check_solver_memory(largest, data, "a smaller support needs less")
+    farthest_um = depth_psfs.distances_um[-1]
+    largest = reconstructor.at(depth_psfs.at(farthest_um), depth_psfs.field_at(farthest_um))
+    largest = mapped_where_needed(largest, data, "a smaller support needs less", notes.append)
+    reconstructor = replace(reconstructor, mapped=largest.mapped)
     weighed_um = depth_psfs.middle_um if distance is None else distance_um(distance)
     reconstructor = reconstructor.weighted(depth_psfs.at(weighed_um))
     assert reconstructor.tau is not None
@@ -339,6 +361,7 @@ def refocus(
         data.channels,
         result,
         reconstructor.tau,
+        notes=tuple(notes),
         warnings=depth_psfs.warnings,
         distance_um=focused.depth_um,
     )
@@ -361,20 +384,24 @@ def _psfs_of(
     if folder is not None:
         found = folder.for_scene(None if distance is None else distance_um(distance), most)
         return _Psfs(found.ahead, found.field_points, (found.note,) if found.note else ())
-    field_psf = psf.field_psf if isinstance(psf, Psf) else None
-    if distance is not None or (field_psf is None and most not in (None, 1)):
+    single = not isinstance(psf, Psf) or psf.field_psf is None
+    if distance is not None or (single and most not in (None, 1)):
         raise OptionError(
             "distance and field_points choose from a camera's folder, field_points also from the "
             "PSFs of psf(field_points=3) or stitch_psfs; this is a single PSF: leave them out"
         )
-    ahead = frame_of(psf, "PSF")
+    return _Psfs(frame_of(psf, "PSF"), _field_points(psf, most))
+
+
+def _field_points(psf: Raw, most: int | None) -> tuple[FieldPoint, ...]:
+    """Those of a computed PSF, at most so many; none where there is one, or one is to be used."""
+    field_psf = psf.field_psf if isinstance(psf, Psf) else None
     if field_psf is None or most == 1:
-        return _Psfs(ahead)
+        return ()
     places = [(float(row), float(column)) for row, column in field_psf.places]
     chosen = spread(places, len(places) if most is None else most)
     frames = [frame_of(field_psf.values[number], "PSF") for number in chosen]
-    at = [places[number] for number in chosen]
-    return _Psfs(ahead, tuple(map(FieldPoint, frames, at)))
+    return tuple(map(FieldPoint, frames, [places[number] for number in chosen]))
 
 
 def _measured(measurement: Raw, bin_by: int | None = None) -> tuple[Frame, Support | None]:

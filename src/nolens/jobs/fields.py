@@ -303,7 +303,8 @@ FieldPoints = Annotated[
     Annotated[int, Between(1, 1000)] | Literal["auto"],
     Option(
         "How many PSFs of a folder to take at most, spread over the field; 1 takes the one "
-        "straight ahead for all of the scene. auto: all there are at that distance.",
+        "straight ahead for all of the scene. auto: all there are at that distance; reconstruct "
+        "takes one where it explains the measurement clearly better.",
         SOLVER,
         label="PSFs over the field",
     ),

@@ -57,7 +57,7 @@ from nolens.jobs.fields import (
 )
 from nolens.jobs.options import Option, Written
 from nolens.jobs.reconstruction.options import LESS_MEMORY, parse_support
-from nolens.jobs.run import Product, Run, Writer, check_solver_memory, job
+from nolens.jobs.run import Product, Run, Writer, check_solver_memory, job, mapped_where_needed
 from nolens.ranges import Between
 from nolens.refocusing import (
     AllInFocus,
@@ -313,7 +313,13 @@ def refocus(run: Run[RefocusOptions]) -> Product[Refocused]:
     run.warn(
         *psfs.warnings, *psfs.depth_warnings(stated, depth if isinstance(depth, tuple) else None)
     )
-    needed = reconstructor.at(farthest, psfs.field_at(psfs.distances_um[-1]))
+    needed = mapped_where_needed(
+        reconstructor.at(farthest, psfs.field_at(psfs.distances_um[-1])),
+        measurement,
+        LESS_MEMORY,
+        run.reporter.note,
+    )
+    reconstructor = replace(reconstructor, mapped=needed.mapped)
     run.begin(check_solver_memory(needed, measurement, LESS_MEMORY))
 
     def picture_of(scene: Tensor) -> Tensor:
@@ -403,7 +409,7 @@ def read_depth_psfs(
         distance: _field_psf(run, psfs, distance, measurement, bin_by, channels, field_points)
         for distance in depths.distances_um
     }
-    if all(field.points == 1 for field in known.values()):
+    if not any(known.values()):
         return depths
     pixel_um = bin_by * camera.sensor.superpixel * camera.sensor.pitch.um
     return replace(depths, field=DepthField(known, Layers.of_camera(camera), pixel_um))
@@ -417,8 +423,8 @@ def _field_psf(
     bin_by: int,
     channels: str,
     field_points: FieldPoints,
-) -> FieldPsf:
-    """All PSFs of a distance on the measurement's pixels."""
+) -> FieldPsf | None:
+    """All PSFs of a distance on the measurement's pixels; None where there is only one."""
     found = folder.for_scene(distance_um, None if field_points == "auto" else field_points)
     run.reads({f"PSF {each.file}": folder.path / each.file for each in found.entries})
     size = (measurement.size[0] * bin_by, measurement.size[1] * bin_by)
@@ -429,11 +435,7 @@ def _field_psf(
         psf_geometry=PsfGeometry(extended=found.ahead.size != size),
         field_points=found.field_points,
     )
-    field = development.field_psf(measurement)
-    if field is None:
-        ahead = development.prepared(measurement).values
-        return FieldPsf(ahead[None], torch.zeros(1, 2, dtype=torch.float64))
-    return field
+    return development.field_psf(measurement)
 
 
 def _depth_or_search(

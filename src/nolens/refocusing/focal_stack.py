@@ -38,6 +38,8 @@ class DepthReconstructor:
         As `nolens reconstruct` takes them.
     device
         Where to compute.
+    mapped
+        As `Reconstructor` takes it.
     """
 
     measurement: Measurement
@@ -47,6 +49,7 @@ class DepthReconstructor:
     iterations: int = 100
     tolerance: float = 3e-4
     device: torch.device | str = "cpu"
+    mapped: bool = False
 
     @property
     def sensor(self) -> tuple[int, int]:
@@ -96,6 +99,7 @@ class DepthReconstructor:
             stop=stop,
             device=self.device,
             field_psf=field_psf,
+            mapped=self.mapped,
         )
 
     def coarser(self, bin_by: int, iterations: int) -> "DepthReconstructor":

@@ -165,14 +165,14 @@ class DepthField:
     Parameters
     ----------
     known
-        By distance; on the measurement's pixels.
+        By distance; on the measurement's pixels. None where there is the one straight ahead alone.
     layers
         Of the camera: they say how much larger a PSF is at another depth, by its angle.
     pixel_um
         Pitch of the measurement's pixels.
     """
 
-    known: Mapping[float, FieldPsf]
+    known: Mapping[float, FieldPsf | None]
     layers: Layers
     pixel_um: float
 
@@ -184,7 +184,7 @@ class DepthField:
         """
         nearest_um = min(self.known, key=lambda each: abs(per_m(each) - per_m(depth_um)))
         field = self.known[nearest_um]
-        if field.points == 1:
+        if field is None:
             return None
         factors = [
             self.layers.magnification(depth_um, shift)

@@ -6,12 +6,14 @@ and what explains clearly more is named.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
+import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
 from nolens.amounts import percent
-from nolens.camera import Measurement
+from nolens.camera import FieldPsf, Measurement
 from nolens.camera.psf import has_finer_detail, reaches_edges
 from nolens.errors import NolensError
 from nolens.optics.magnification import magnified
@@ -66,6 +68,71 @@ class Explanation:
 
     prediction: Prediction | None
     warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class FieldChoice:
+    """Whether PSFs over the field are used, or the one straight ahead for all of the scene.
+
+    Parameters
+    ----------
+    reconstructor
+        With what is used.
+    left_out
+        How many PSFs over the field are not.
+    over_field, one
+        Of held-out pixels, with either; None where nothing was compared.
+    """
+
+    reconstructor: Reconstructor
+    left_out: int = 0
+    over_field: Prediction | None = None
+    one: Prediction | None = None
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """About PSFs that are left out."""
+        if not self.left_out or self.over_field is None or self.one is None:
+            return ()
+        return (
+            "the PSF straight ahead is used for all of the scene: it leaves "
+            f"{percent(self.one.unexplained)} of the local contrast unexplained, the "
+            f"{self.left_out} PSFs over the field {percent(self.over_field.unexplained)}. Between "
+            "their angles it changes too much to be interpolated, or they are not this camera's: "
+            "capture more angles (nolens calibrate plan --error 10% says which); "
+            f"--field-points {self.left_out} uses them all the same",
+        )
+
+    def row(self) -> dict[str, Any]:
+        """For the run's record."""
+        return {
+            "left_out": self.left_out,
+            "unexplained": None if self.over_field is None else self.over_field.unexplained,
+            "unexplained_by_one": None if self.one is None else self.one.unexplained,
+        }
+
+
+def choose_field(reconstructor: Reconstructor, measurement: Measurement) -> FieldChoice:
+    """Whether PSFs over the field are used: not where one explains the measurement clearly better.
+
+    So it does where the PSF changes more between the angles than can be interpolated
+    (decision 18). It costs a few tens of iterations with either, on coarse pixels of one channel.
+
+    Parameters
+    ----------
+    reconstructor
+        Of the measurement, with its support.
+    measurement
+        What is to be solved.
+    """
+    field_psf = reconstructor.field_psf
+    if field_psf is None or field_psf.points == 1 or reconstructor.method is Method.WIENER:
+        return FieldChoice(reconstructor)
+    over_field, one = _Trials(reconstructor, measurement).with_field_and_without()
+    if over_field is None or one is None or not one.is_clearly_better(over_field):
+        return FieldChoice(reconstructor, 0, over_field, one)
+    single = replace(reconstructor, field_psf=None)
+    return FieldChoice(single, field_psf.points, over_field, one)
 
 
 def explain(
@@ -176,6 +243,12 @@ class _Trials:
     def of_all(self) -> Prediction | None:
         """Of all channels, as they are."""
         return self._all.predict(self._measurement)
+
+    def with_field_and_without(self) -> tuple[Prediction | None, Prediction | None]:
+        """With PSFs over the field, and with the one straight ahead."""
+        # By the same solver, with the measurement in the linear step.
+        one = replace(self._solver, field_psf=FieldPsf(self._psf[None], torch.zeros(1, 2)))
+        return self._solver.predict(self._data, self._valid), one.predict(self._data, self._valid)
 
     def cause(self, psf_source: str) -> str | None:
         """The sentence for a measurement that is badly explained; None where it is not."""

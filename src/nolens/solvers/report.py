@@ -45,6 +45,8 @@ class Report:
         (height, width) in pixels that light was taken to come from.
     field_points
         PSFs over the field.
+    left_out
+        PSFs over the field that are not used, as one explains more.
     limited, automatic_support
         Whether that is less than all the sensor can see, and was chosen by the program.
     method, iterations, stop_reason
@@ -64,6 +66,7 @@ class Report:
     pixel_rad: float | None
     support: tuple[int, int]
     field_points: int
+    left_out: int
     limited: bool
     automatic_support: bool
     method: str
@@ -87,6 +90,7 @@ class Report:
         automatic_support: bool,
         seconds: float,
         pixel_rad: float | None = None,
+        left_out: int = 0,
     ) -> "Report":
         """The report of a run.
 
@@ -98,7 +102,7 @@ class Report:
             (channels, height, width), as it was used.
         prediction
             Of held-out pixels; None takes the residual of the fit.
-        method, automatic_tau, automatic_support, seconds, pixel_rad
+        method, automatic_tau, automatic_support, seconds, pixel_rad, left_out
             As the report has them.
         """
         noise = pixel_noise(problem)
@@ -116,6 +120,7 @@ class Report:
             pixel_rad=pixel_rad,
             support=(height, width),
             field_points=problem.forward.field_points,
+            left_out=left_out,
             limited=problem.forward.support is not None,
             automatic_support=automatic_support,
             method=method,
@@ -202,6 +207,8 @@ class Report:
         seconds = self.seconds
         time = duration_text(seconds) if seconds >= 90 else amount(seconds, "s", digits=2)
         points = f"{self.field_points} PSFs over the field, " if self.field_points > 1 else ""
+        if self.left_out:
+            points = f"one PSF, as {self.left_out} over the field explain less, "
         return (
             f"{self.method}, {points}{self.iterations} iterations ({self.stop_reason}), "
             f"τ {self.tau:.3g}{automatic}, {time} on {self.device}"

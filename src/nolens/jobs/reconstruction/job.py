@@ -115,6 +115,7 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: Setup) -> Product[Te
         automatic_support=setup.light is not None,
         seconds=run.clock.seconds,
         pixel_rad=setup.pixel_rad,
+        left_out=setup.field.left_out,
     )
     rgb = arrange_rgb(picture, setup.measurement.channels)
     write = partial(write_picture, white=white, options=options)
@@ -142,6 +143,7 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: Setup) -> Product[Te
         "bin": options.bin_by,
         "black": setup.development.black,
         "psf": psf_row(setup.psf),
+        "psfs_over_field": setup.field.row(),
         "tau": tau,
         "support": setup.support,
         "supports": [] if setup.light is None else [step.row() for step in setup.light.steps],

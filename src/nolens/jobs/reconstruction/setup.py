@@ -38,7 +38,7 @@ from nolens.solvers import (
     stop_of,
 )
 from nolens.solvers.admm_state import Balance
-from nolens.solvers.explanation import explain
+from nolens.solvers.explanation import FieldChoice, choose_field, explain
 from nolens.solvers.held_out import Prediction
 from nolens.solvers.inputs import support_of, tensor_of
 from nolens.solvers.reconstructor import SPARE
@@ -56,7 +56,8 @@ class Prepared:
     """What the first measurement decides before a problem is built.
 
     `options` have the binning that was chosen, `development` has it too. `psf` is how its file
-    is read, `light` the choice of the support, where it was the program's.
+    is read, `light` the choice of the support, where it was the program's, and `field` that of PSFs
+    over the field.
     """
 
     options: ReconstructOptions
@@ -65,6 +66,7 @@ class Prepared:
     measurement: Measurement
     reconstructor: Reconstructor
     light: SupportChoice | None
+    field: FieldChoice
 
     @classmethod
     def of(
@@ -93,7 +95,11 @@ class Prepared:
         light = _light(run, reconstructor, options, measurement)
         if light is not None:
             reconstructor = replace(reconstructor, support=light.support)
-        return cls(options, choice, development, measurement, reconstructor, light)
+        field = FieldChoice(reconstructor)
+        if options.field_points == "auto":
+            field = choose_field(reconstructor, measurement)
+        run.warn(*field.warnings)
+        return cls(options, choice, development, measurement, field.reconstructor, light, field)
 
 
 @dataclass(frozen=True)
@@ -160,6 +166,7 @@ class Setup(Prepared):
             measurement,
             reconstructor,
             prepared.light,
+            prepared.field,
             weight,
             prediction,
             problem,
