@@ -2,6 +2,7 @@
 
 import ctypes
 import gc
+import os
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,8 +19,11 @@ def prepare() -> None:
     takes a quarter of a second. glibc hands freed memory back to the system and takes it anew,
     page by page and zeroed: that was a fifth of a draft's time. Here it is kept for the next array;
     but for larger ones, between which holes would stay (a quarter more memory for a photo at the
-    paper's size, from 2**26 bytes on).
+    paper's size, from 2**26 bytes on). OpenMP's threads spin while they wait for each other, and
+    keep the core from the one that they wait for: beside other programs, a picture then takes up
+    to ten times as long.
     """
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     gc.set_threshold(_OBJECTS_BETWEEN_SEARCHES)
     try:
         mallopt = ctypes.CDLL(None).mallopt

@@ -134,7 +134,6 @@ def _serve(connection: Connection, work: Work, limit: int) -> None:
     """What a process does."""
     received = queue.SimpleQueue[tuple[str, Any]]()
     threading.Thread(target=_listen, args=(connection, received), daemon=True).start()
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     prepare()
     set_read_limit(limit)
     import torch

@@ -280,8 +280,6 @@ def _begin(
     os.dup2(stderr.fileno(), 2)
     stderr.close()
     faulthandler.enable()
-    # Threads that wait for each other must not keep a core busy that the other process needs.
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     prepare()
     confine(folders)
     set_read_limit(limit)
