@@ -10,6 +10,7 @@ from nolens.kernels import (
     fast_length,
     fft2_,
     ifft2_,
+    ifft2_window,
     irfft2,
     irfft2_window_,
     rfft2,
@@ -96,6 +97,34 @@ def test_window_of_a_field(size, margin, corner, lead, dtype):
     got = irfft2_window_(spectrum, window, period)
     assert got.dtype == dtype
     assert np.abs(got.numpy() - wanted).max() <= TOLERANCE[dtype] * np.abs(field).max()
+
+
+@given(
+    st.tuples(st.integers(1, 9), st.integers(1, 9)),
+    st.integers(1, 4),
+    st.tuples(*[st.floats(0, 1)] * 4),
+    st.booleans(),
+)
+@example((6, 5), 3, (0.2, 0.1, 0.7, 0.6), True)
+def test_window_of_a_finer_field(size, finer, parts, squared):
+    """The sum of the waves, at samples between those that the spectrum stands for."""
+    spectrum = _random(size, torch.complex128)
+    counts = [finer * count for count in size]
+    first = [int(part * (count - 1)) for part, count in zip(parts[:2], counts, strict=True)]
+    last = [
+        at + 1 + int(part * (count - 1 - at))
+        for part, count, at in zip(parts[2:], counts, first, strict=True)
+    ]
+    waves = [
+        np.exp(2j * np.pi / finer * np.outer(np.arange(*ends), np.fft.fftfreq(count))) / count
+        for count, ends in zip(size, zip(first, last, strict=True), strict=True)
+    ]
+    field = waves[0] @ spectrum.numpy() @ waves[1].T
+    window = (*first, *field.shape)
+    got = ifft2_window(spectrum, window, finer, squared=squared).numpy()
+    expected = np.abs(field) ** 2 if squared else field
+    assert got.shape == expected.shape
+    assert np.abs(got - expected).max() <= 1e-13 * max(1, np.abs(field).max()) ** 2
 
 
 def test_views_with_other_strides():

@@ -7,6 +7,7 @@ sensor in a padded shape of twice its size.
 """
 
 import importlib
+import math
 from typing import Any
 
 import numpy as np
@@ -63,6 +64,45 @@ def fft2_(field: Tensor) -> Tensor:
 def ifft2_(spectrum: Tensor) -> Tensor:
     """Inverse of `fft2_` (scaled by one over the number of pixels), reusing memory."""
     return _complex(spectrum, forward=False)
+
+
+def ifft2_window(
+    spectrum: Tensor, window: Window, finer: int = 1, *, squared: bool = False
+) -> Tensor:
+    """Window of the inverse of `fft2_` on a finer grid: no row or column is transformed in vain.
+
+    Parameters
+    ----------
+    spectrum
+        (rows, columns); with `finer` = 1 its memory may be used.
+    window
+        Part of the result that is needed, inside (finer · rows, finer · columns).
+    finer
+        Number of samples to give for one, in either direction.
+    squared
+        Whether to give the squared magnitude, which is real.
+    """
+    top, left, height, width = window
+    rows, columns = spectrum.shape
+    if finer > 1:
+        wide = spectrum.new_zeros((rows, finer * columns))
+        _place(wide, spectrum[:, : columns - columns // 2], 0, -1)
+        _place(wide, spectrum[:, columns - columns // 2 :], -(columns // 2), -1)
+        spectrum = wide.mul_(finer)
+    part = _inverse_(spectrum, -1)[:, left : left + width]
+    if finer == 1:
+        field = _inverse_(part, -2)[top : top + height]
+        return _squared(field) if squared else field
+    # Rows between those of the spectrum are those of the shifted field.
+    turns = torch.fft.fftfreq(rows, 1 / (2 * math.pi), dtype=torch.float64)[:, None]
+    out = (part.real if squared else part).new_empty((height, width))
+    for number in range(min(finer, height)):
+        first, shift = divmod(top + number, finer)
+        turn = torch.polar(torch.ones_like(turns), turns * (shift / finer)).to(part)
+        needed = out[number::finer]
+        field = _inverse_(part * turn, -2)[first : first + len(needed)]
+        needed.copy_(_squared(field) if squared else field)
+    return out
 
 
 def rfft2(field: Tensor) -> Tensor:
@@ -193,6 +233,19 @@ def _transform_(array: Array, axes: tuple[int, ...], *, forward: bool) -> None:
     result = transform(array, axes=axes, overwrite_x=True, workers=threads)
     if not np.may_share_memory(result, array):
         array[...] = result
+
+
+def _squared(field: Tensor) -> Tensor:
+    return field.real.square().addcmul_(field.imag, field.imag)
+
+
+def _inverse_(spectrum: Tensor, axis: int) -> Tensor:
+    """Inverse transform over one axis, in its memory where that is the processor's."""
+    if spectrum.device.type != "cpu":
+        field: Tensor = torch.fft.ifft(spectrum, dim=axis)
+        return field
+    _transform_(spectrum.numpy(), (axis,), forward=False)
+    return spectrum
 
 
 def _rfft_rows(array: Array) -> Array:

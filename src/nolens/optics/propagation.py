@@ -5,7 +5,8 @@ import math
 import torch
 from torch import Tensor
 
-from nolens.kernels import LayerTransfer, apply_transfer_, fft2_, ifft2_
+from nolens.kernels import LayerTransfer, apply_transfer_, fft2_, ifft2_window
+from nolens.kernels.fft import Window
 from nolens.optics.layers import Stack
 
 
@@ -20,6 +21,8 @@ def propagate(
     band_per_um: float = math.inf,
     surfaces: tuple[float, ...] = (),
     finer: int = 1,
+    window: Window | None = None,
+    squared: bool = False,
 ) -> Tensor:
     r"""Field behind a stack of layers, in the frame of the chief ray.
 
@@ -52,11 +55,15 @@ def propagate(
         surfaces between them count.
     finer
         Number of samples to give for one, in either direction.
+    window
+        Part of the result that is needed; None for all of it.
+    squared
+        Whether to give |u|² in place of u.
 
     Returns
     -------
     Tensor
-        complex64, (finer · rows, finer · columns).
+        complex64 or float32, (finer · rows, finer · columns), or of the window's size.
     """
     spectrum = pass_layers_(
         fft2_(field),
@@ -68,9 +75,8 @@ def propagate(
         band_per_um=band_per_um,
         surfaces=surfaces,
     )
-    if finer > 1:
-        spectrum = _padded(spectrum, finer)
-    return ifft2_(spectrum)
+    rows, columns = (finer * count for count in spectrum.shape)
+    return ifft2_window(spectrum, window or (0, 0, rows, columns), finer, squared=squared)
 
 
 def pass_layers_(
@@ -110,15 +116,3 @@ def pass_layers_(
         surfaces,
     )
     return apply_transfer_(spectrum, transfer)
-
-
-def _padded(spectrum: Tensor, finer: int) -> Tensor:
-    """The spectrum with zeros for the frequencies that only finer samples have."""
-    rows, columns = spectrum.shape
-    out = spectrum.new_zeros((rows * finer, columns * finer))
-    spectrum *= finer * finer
-    halves = [(n - n // 2, n // 2) for n in (rows, columns)]
-    for up in (slice(0, halves[0][0]), slice(-halves[0][1], None)):
-        for left in (slice(0, halves[1][0]), slice(-halves[1][1], None)):
-            out[up, left] = spectrum[up, left]
-    return out

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import torch
+import torch.nn.functional as nnf
 from torch import Tensor
 
 from nolens.kernels import fast_length
@@ -78,8 +79,10 @@ def divergence(pitch_um: float, distance_um: float) -> float:
     return min(_LARGEST_DIVERGENCE, _LARGEST * pitch_um / distance_um) / 2
 
 
-def windows(rows: int, columns: int, pitch_um: float, distance_um: float) -> Iterator[Window]:
-    """Cut a PSF into windows of about equal size.
+def windows(
+    rows: int, columns: int, pitch_um: float, distance_um: float, whole: int = 1
+) -> Iterator[Window]:
+    """Cut a PSF into windows of about equal size, between blocks of `whole`² samples.
 
     No window is larger than what the processor's caches and the memory like, nor than the fraction
     of the source's distance over which the light's direction changes little.
@@ -87,8 +90,8 @@ def windows(rows: int, columns: int, pitch_um: float, distance_um: float) -> Ite
     largest = _LARGEST
     if math.isfinite(distance_um):
         largest = max(64, min(largest, int(_LARGEST_DIVERGENCE * distance_um / pitch_um)))
-    for top, bottom in _cut(rows, largest):
-        for left, right in _cut(columns, largest):
+    for top, bottom in _cut(rows, largest, whole):
+        for left, right in _cut(columns, largest, whole):
             yield Window((top, bottom), (left, right))
 
 
@@ -104,9 +107,9 @@ def window_length(
     return fast_length(samples + around + 2, of_rows=of_rows)
 
 
-def _cut(count: int, largest: int) -> list[tuple[int, int]]:
+def _cut(count: int, largest: int, whole: int) -> list[tuple[int, int]]:
     parts = -(-count // largest)
-    edges = [count * i // parts for i in range(parts + 1)]
+    edges = [count // whole * i // parts * whole for i in range(parts + 1)]
     return list(pairwise(edges))
 
 
@@ -144,6 +147,7 @@ def monochromatic_psf(
     *,
     response: Callable[[Tensor], Tensor] | None = None,
     progress: ProgressCallback | None = None,
+    average: int = 1,
 ) -> Tensor:
     r"""Irradiance on the sensor of one point source at one wavelength.
 
@@ -167,22 +171,29 @@ def monochromatic_psf(
         Fraction of the light that a pixel accepts, by p² (float64 tensors).
     progress
         Called with the fraction that is done, 0 to 1, after every window.
+    average
+        Side of the blocks of samples that the result has means of; the grid holds whole blocks.
 
     Returns
     -------
     Tensor
-        float32, (rows, columns), on the relief's device. It is 1 for a flat mask, straight ahead
-        at a source far away; to the side it falls with cos³θ of the local ray (the distance to a
-        plane of sources, and the slant of the sensor) and with the response.
+        float32, (rows, columns) of the blocks, on the relief's device. It is 1 for a flat mask,
+        straight ahead at a source far away; to the side it falls with cos³θ of the local ray (the
+        distance to a plane of sources, and the slant of the sensor) and with the response.
     """
-    out = torch.empty((grid.rows, grid.columns), device=mask.relief.height_um.device)
+    size = grid.rows // average, grid.columns // average
+    out = torch.empty(size, device=mask.relief.height_um.device)
     places = grid.positions_um(0), grid.positions_um(1)
-    parts = list(windows(grid.rows, grid.columns, grid.pitch_um, light.source.distance_um))
+    distance_um = light.source.distance_um
+    parts = list(windows(grid.rows, grid.columns, grid.pitch_um, distance_um, average))
     for number, part in enumerate(parts):
-        rows, columns = slice(*part.rows), slice(*part.columns)
+        rows, columns = (
+            slice(first // average, last // average) for first, last in (part.rows, part.columns)
+        )
         middle = (part.rows[0] + part.rows[1]) // 2, (part.columns[0] + part.columns[1]) // 2
         chief = light.chief_ray((float(places[0][middle[0]]), float(places[1][middle[1]])))
-        out[rows, columns] = _window(light, mask, media, grid, part, middle, chief, response)
+        seen = _window(light, mask, media, grid, part, middle, chief, response)
+        out[rows, columns] = nnf.avg_pool2d(seen[None], average)[0] if average > 1 else seen
         part_of(progress, number, len(parts))(1.0)
     return out
 
@@ -264,7 +275,11 @@ def _window(
 
     field, divergence = _field(light, mask, media, chief, response, margin, place, heights, dark)
     lateral = turned + divergence + 2 * margin.diffraction_um / spread
-    field = propagate(
+    start = [
+        finer * (n // 2) + first - at
+        for n, (first, _), at in zip(size, (part.rows, part.columns), middle, strict=True)
+    ]
+    return propagate(
         field,
         pitch,
         light.after,
@@ -274,14 +289,9 @@ def _window(
         band_per_um=lateral / media.wavelength_um,
         surfaces=media.surfaces,
         finer=finer,
+        window=(start[0], start[1], sides[0], sides[1]),
+        squared=True,
     )
-    start = [
-        finer * (n // 2) + first - at
-        for n, (first, _), at in zip(size, (part.rows, part.columns), middle, strict=True)
-    ]
-    field = field[start[0] : start[0] + sides[0], start[1] : start[1] + sides[1]]
-    irradiance: Tensor = field.real.square().addcmul_(field.imag, field.imag)
-    return irradiance
 
 
 def _block(heights: Tensor, rows: Tensor, columns: Tensor) -> Tensor:

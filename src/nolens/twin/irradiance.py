@@ -9,7 +9,7 @@ from torch import Tensor
 
 from nolens.camera import Sensor
 from nolens.errors import OptionError
-from nolens.kernels import fast_length, irfft2, rfft2
+from nolens.kernels import fast_length, irfft2, rfft2_window
 from nolens.optics import Grid
 from nolens.progress import ProgressCallback, part_of
 from nolens.twin.light import Colour, Light
@@ -293,11 +293,11 @@ class FieldSums:
                 shortest_nm=shortest_nm(colours),
                 distance_um=view.distance_um,
             )
+            scene = view.radiance * weights
             for node in self.nodes:
                 for channel, colour in enumerate(colours):
-                    scene = view.radiance[channel] * weights
                     part = part_of(progress, done, total)
-                    self.add(node, channel, scene, view.distance_um, colour, part)
+                    self.add(node, channel, scene[channel], view.distance_um, colour, part)
                     done += 1
 
     def add(
@@ -311,11 +311,11 @@ class FieldSums:
     ) -> None:
         """Add what the pixels around one field point contribute to one channel."""
         patches = {
-            step: self._patch(node, scene, step)
+            step: self.weighted(node, scene, step)
             for step in self.steps
             if all(index % step == 0 for index in node.index)
         }
-        if all(float(patch.abs().max()) == 0 for patch in patches.values()):
+        if not any(bool(patch.any()) for patch, _ in patches.values()):
             progress(1.0)
             return
         twin, shape = self.twin, self.twin.shape
@@ -344,20 +344,26 @@ class FieldSums:
         fine_psf = polychromatic_psf(
             twin, source, grid, colour, progress, average=self.per_pixel
         ).div_(vignetting)
-        spectra = {step: rfft2(patch.to(fine_psf.device)) for step, patch in patches.items()}
+        # The node's own pixel is at the origin of the FFT grid.
+        spectra = {
+            step: rfft2_window(
+                patch.to(fine_psf.device),
+                (corner[0] - node.pixel[0], corner[1] - node.pixel[1]),
+                self.padded,
+            )
+            for step, (patch, corner) in patches.items()
+        }
         for number, phase in enumerate(self.phases):
             if phase != _GREY[0] and "RGB".index(phase) != channel:
                 continue
             row, column = divmod(number, 2)
             step = twin.superpixel
-            psf = fine_psf[row::step, column::step]
-            placed = psf.new_zeros(self.padded)
             top, left = (
                 max(all_.before) - before
                 for all_, (before, _) in zip(self.edges, edges, strict=True)
             )
-            placed[top : top + size[0], left : left + size[1]] = psf
-            spectrum = rfft2(placed)
+            psf = fine_psf[row::step, column::step]
+            spectrum = rfft2_window(psf, (top, left), self.padded)
             for each, patch in spectra.items():
                 self.spectra[each][number].addcmul_(spectrum, patch)
 
@@ -395,16 +401,3 @@ class FieldSums:
         )
         part = scene[..., top:bottom, left:right]
         return part * weights[0][top:bottom, None] * weights[1][left:right], (top, left)
-
-    def _patch(self, node: FieldNode, scene: Tensor, step: int) -> Tensor:
-        """The scene times the node's weight, its pixel at the origin of the FFT grid."""
-        part, corner = self.weighted(node, scene, step)
-        placed = scene.new_zeros(self.padded)
-        rows, columns = (
-            (torch.arange(n) + (start - pixel)) % length
-            for n, start, pixel, length in zip(
-                part.shape, corner, node.pixel, self.padded, strict=True
-            )
-        )
-        placed[rows[:, None], columns] = part
-        return placed

@@ -5,11 +5,10 @@ from dataclasses import replace
 from typing import Literal
 
 import torch
-import torch.nn.functional as nnf
 from torch import Tensor
 
 from nolens.errors import OptionError
-from nolens.kernels import irfft2, rfft2
+from nolens.kernels import fast_length, irfft2_window_, rfft2_window
 from nolens.optics import (
     Grid,
     Margin,
@@ -93,6 +92,7 @@ def point_spread(
         shortest_nm=shortest_nm(colours),
         distance_um=source.distance_um,
     )
+    disc = _disc(twin, source, grid) if source.diameter_um > 0 else None
     planes = []
     for number, colour in enumerate(colours):
         plane = polychromatic_psf(
@@ -106,9 +106,7 @@ def point_spread(
         if mosaic is not None:
             own = (divmod(at, 2) for at, each in enumerate(mosaic) if "RGB".index(each) == number)
             plane = torch.stack([plane[row::2, column::2] for row, column in own]).mean(dim=0)
-        if source.diameter_um > 0:
-            plane = _blurred(twin, source, plane, grid)
-        planes.append(plane[edge : edge + shape[0], edge : edge + shape[1]])
+        planes.append(plane if disc is None else _blurred(plane, disc, edge))
     return torch.stack(planes)
 
 
@@ -134,9 +132,8 @@ def polychromatic_psf(
             grid,
             response=twin.response(),
             progress=part_of(progress, number, len(wavelengths)),
+            average=average,
         )
-        if average > 1:
-            psf = nnf.avg_pool2d(psf[None, None], average)[0, 0]
         total = psf.mul_(weight) if total is None else total.add_(psf, alpha=weight)
     assert total is not None
     return total
@@ -247,21 +244,30 @@ def _image_um(twin: Twin, source: PointSource) -> float:
     return source.diameter_um * max(_scales(twin, source)) if source.diameter_um > 0 else 0.0
 
 
-def _blurred(twin: Twin, source: PointSource, plane: Tensor, grid: Grid) -> Tensor:
-    r"""The PSF of a disc: its spectrum times :math:`2J_1(πaf)/(πaf)` of the disc's image."""
+def _disc(twin: Twin, source: PointSource, grid: Grid) -> Tensor:
+    r"""Spectrum :math:`2J_1(πaf)/(πaf)` of the image of a disc, on a grid or a larger one."""
     radial, across = _scales(twin, source)
     size = math.hypot(*source.tangent)
     unit = (source.tangent[0] / size, source.tangent[1] / size) if size > 0 else (1.0, 0.0)
-    rows = torch.fft.fftfreq(grid.rows, grid.pitch_um, dtype=torch.float64)[:, None]
-    columns = torch.fft.rfftfreq(grid.columns, grid.pitch_um, dtype=torch.float64)
+    counts = fast_length(grid.rows, of_rows=False), fast_length(grid.columns, of_rows=True)
+    rows = torch.fft.fftfreq(counts[0], grid.pitch_um, dtype=torch.float64)[:, None]
+    columns = torch.fft.rfftfreq(counts[1], grid.pitch_um, dtype=torch.float64)
     along = (rows * unit[0] + columns * unit[1]) * radial
     beside = (columns * unit[0] - rows * unit[1]) * across
     argument = (math.pi * source.diameter_um) * torch.hypot(along, beside)
     disc = torch.where(
         argument > 1e-6, 2 * torch.special.bessel_j1(argument) / argument.clamp_min(1e-6), 1.0
     )
-    spectrum = rfft2(plane) * disc.float().to(plane.device)
-    return irfft2(spectrum, (grid.rows, grid.columns)).clamp_min(0)
+    return disc.float()
+
+
+def _blurred(plane: Tensor, disc: Tensor, edge: int) -> Tensor:
+    """A PSF convolved with a disc of that spectrum, without an edge of so many pixels."""
+    rows, columns = plane.shape
+    padded = disc.shape[0], 2 * (disc.shape[1] - 1)
+    spectrum = rfft2_window(plane, (0, 0), padded).mul_(disc.to(plane.device))
+    window = edge, edge, rows - 2 * edge, columns - 2 * edge
+    return irfft2_window_(spectrum, window, padded).clamp_min(0)
 
 
 def colours_of(twin: Twin, light: Light, wavelengths: int) -> list[Colour]:

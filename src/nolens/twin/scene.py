@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 import torch.nn.functional as nnf
@@ -61,7 +62,7 @@ class FieldMap:
     def tangents(self) -> tuple[Tensor, Tensor]:
         """Tangents of the field angle of every pixel, two of (height, width), float64."""
         rows, columns = self._displacements()
-        tangent_per_um = self._tangent_per_um(self._sines())
+        tangent_per_um = self._tangent_per_um(self._sines)
         return rows[:, None] * tangent_per_um, columns * tangent_per_um
 
     def solid_angle(self) -> Tensor:
@@ -70,7 +71,7 @@ class FieldMap:
         With :math:`t = \tan θ` and the displacement d, dA / z² is :math:`(t/d)(dt/dd)` times the
         pixel's area. Times `Twin.vignetting` this is the pixel's irradiance to its radiance.
         """
-        p = self._sines()
+        p = self._sines
         outside = self.twin.camera.outside
         cosine = (1 - (p / outside).square()).sqrt()
         slope = cosine.pow(-3) / outside / self.twin.stack().spread_um(p)
@@ -78,7 +79,7 @@ class FieldMap:
 
     def vignetting(self) -> Tensor:
         """`Twin.vignetting` of every pixel."""
-        return self.twin.vignetting(self._sines())
+        return self.twin.vignetting(self._sines)
 
     def place_um(self, row: int, column: int) -> tuple[float, float]:
         """Where the chief ray of one pixel, counted from the support's first, falls."""
@@ -110,6 +111,7 @@ class FieldMap:
         rows, columns = self._displacements()
         return (rows.square()[:, None] + columns.square()).sqrt()
 
+    @cached_property
     def _sines(self) -> Tensor:
         """P of every pixel."""
         return self.twin.stack().ray(self._displacement())
