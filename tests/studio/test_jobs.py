@@ -1,8 +1,10 @@
 """Jobs in a process of their own: they run, are cancelled, die, and are found again."""
 
 import asyncio
+import itertools
 import json
 import os
+import secrets
 import signal
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -268,9 +270,11 @@ class Checking:
 def test_of_many_jobs_at_once_as_many_are_taken_as_may_wait(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each has its place before it is checked: others ask meanwhile."""
+    """Each has its place and its name before it is checked: others ask meanwhile."""
     monkeypatch.setattr(JobQueue, "_working", lambda queue: checking)
     checking = Checking()
+    drawn = itertools.count()
+    monkeypatch.setattr(secrets, "token_hex", lambda _: f"{next(drawn) // 2:04x}")  # Each twice.
 
     async def ask() -> tuple[list[object], int]:
         queue = JobQueue(Workspace([tmp_path]))

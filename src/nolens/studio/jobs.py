@@ -68,7 +68,7 @@ class JobQueue:
         self._jobs: dict[str, Job] = {}
         self._resolved: dict[str, dict[str, Any]] = {}
         self._queue: list[str] = []
-        self._checking = 0
+        self._checking: set[str] = set()
         self._running: str | None = None
         self._cancelling = False
         self._worker: Worker | None = None
@@ -109,16 +109,17 @@ class JobQueue:
         NolensError
             If an option cannot be used; the text is the command's.
         """
-        # Its place is taken before anything is waited for: others ask meanwhile.
-        if len(self._queue) + self._checking >= _MOST_QUEUED:
+        # Its place and name are taken before anything is waited for: others ask meanwhile.
+        if len(self._queue) + len(self._checking) >= _MOST_QUEUED:
             raise TooManyJobsError(
                 f"{_MOST_QUEUED} jobs are waiting already: wait for one, or cancel one"
             )
-        self._checking += 1
+        identity = self._new_id(request.kind)
+        self._checking.add(identity)
         try:
-            identity, options = await self._checked(request)
+            options = await self._checked(identity, request)
         finally:
-            self._checking -= 1
+            self._checking.discard(identity)
         job = Job(
             id=identity,
             kind=request.kind,
@@ -168,9 +169,8 @@ class JobQueue:
         )
         return values
 
-    async def _checked(self, request: JobRequest) -> tuple[str, dict[str, Any]]:
-        """Name of a new job, and its options with real paths."""
-        identity = self._new_id(request.kind)
+    async def _checked(self, identity: str, request: JobRequest) -> dict[str, Any]:
+        """Options of a new job, with real paths."""
         loop = asyncio.get_running_loop()
         declared = (await self.declarations()).kinds[request.kind]
         options = await loop.run_in_executor(
@@ -180,7 +180,7 @@ class JobQueue:
         await self._working().request(
             "check", identity, request.kind, options, work, seconds=_CHECK_S
         )
-        return identity, options
+        return options
 
     def cancel(self, identity: str) -> Job:
         """End a job: one that runs may write what it has so far, and is killed if it does not end.
@@ -304,7 +304,7 @@ class JobQueue:
         while True:
             now = datetime.now().astimezone()
             identity = f"{now:%Y%m%d-%H%M%S}-{kind}-{secrets.token_hex(2)}"
-            if identity not in self._jobs:
+            if identity not in self._jobs and identity not in self._checking:
                 return identity
 
     def _prune(self) -> None:
