@@ -21,6 +21,7 @@ from nolens.camera import FieldPsf, PsfEntry, develop
 from nolens.errors import OptionError
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import read_camera, read_frame, read_psf, read_psf_set, write_psfs
+from nolens.files.psf_folder import PsfFolder
 from nolens.jobs import ReconstructOptions
 from nolens.jobs import reconstruct as job
 from nolens.jobs.run import Reporter
@@ -91,6 +92,15 @@ def psf_of(made: Open) -> nl.Psf:
     planes = [read_psf(made.folder, each) for each in read_psf_set(made.folder).psf]
     psfs = FieldPsf.of(planes, torch.tensor(places) / twin.pixel_um)
     return nl.Psf(psfs.on_axis, ("R", "G", "B"), field_psf=psfs)
+
+
+def test_psfs_of_another_wavelength_stay_apart(made: Open, tmp_path: Path) -> None:
+    entries = PsfFolder(made.folder).for_scene(None).entries
+    both = made.copy(tmp_path / "both")
+    listed = (both / "psfs.toml").read_text()
+    others = listed.replace("distance =", 'wavelength = "450 nm"\ndistance =')
+    (both / "psfs.toml").write_text(listed + others.replace('file = "', 'file = "blue-'))
+    assert PsfFolder(both).for_scene(None).entries == entries and len(entries) == 9
 
 
 def direct(made: Open) -> torch.Tensor:

@@ -215,11 +215,13 @@ class PsfFolder:
         return ScenePsfs(tuple(entries[number] for number in chosen), frames[0], points, note)
 
     def _over_field(self, ahead: PsfEntry) -> tuple[list[PsfEntry], str]:
-        """Those of field points, or the best at each angle, of the distance of one straight ahead.
+        """Those of field points, or the best at each angle, of one straight ahead.
 
-        None where that is the only one that can be used; and why others cannot.
+        They have its distance and wavelength. None where that is the only one that can be used; and
+        why others cannot.
         """
-        there = [each for each in self.psfs if each.distance == ahead.distance]
+        alike = ahead.distance, ahead.wavelength
+        there = [each for each in self.psfs if (each.distance, each.wavelength) == alike]
         at_angles = [each for each in there if not each.on_axis]
         best = {
             each.angle: each
