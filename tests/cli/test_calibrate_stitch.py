@@ -15,6 +15,7 @@ from nolens.calibrate.distances import Layers
 from nolens.camera import Camera, PsfEntry, preset
 from nolens.files import read_psf, read_psf_set, write_camera, write_psfs
 from nolens.files.pictures import write_tiff32
+from nolens.files.psf_folder import PsfFolder
 
 SENSOR = (96, 120)
 CELL_UM = 3.1
@@ -129,6 +130,8 @@ def test_text_and_reconstruction(tmp_path: Path) -> None:
     picture = reconstruct(out, tmp_path / "raw.tif", "--psf", made, "--support", "86x86",
                           "--tau", 1e-4, "--iterations", 2)  # fmt: skip
     assert json.loads(out.with_suffix(".json").read_text())["result"]["field_points"] == 9
+    alone = PsfFolder(made).for_scene(None).alone
+    assert alone is not None and Path(alone.source).name.startswith("stitched-")
     captured = [each for each in read_psf_set(made).psf if each.kind == "captured"]
     psfs = {each.angle: Psf(read_psf(made, each), each.channels) for each in captured}
     stitched = nl.stitch_psfs(psfs, nl.Camera(made), "3.1um")

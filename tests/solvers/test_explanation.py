@@ -83,8 +83,10 @@ def test_psfs_over_the_field() -> None:
     solver = Reconstructor(field_psf.on_axis, SUPPORT, field_psf=field_psf)
     kept = choose_field(solver, measured(varied))
     assert kept.reconstructor is solver and kept.warnings == () and kept.left_out == 0
-    choice = choose_field(solver, measured(mask_psf()))
+    one = mask_psf()
+    choice = choose_field(replace(solver, psf=mask_psf(1)), measured(one), one)
     assert choice.reconstructor.field_psf is None and choice.left_out == 5
+    assert choice.reconstructor.psf is one
     assert "--field-points 5" in choice.warnings[0] and "calibrate plan" in choice.warnings[0]
     assert choice.row()["unexplained_by_one"] < 0.1 < choice.row()["unexplained"]
 

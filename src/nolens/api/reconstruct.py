@@ -41,7 +41,7 @@ from nolens.solvers import (
 )
 from nolens.solvers import Progress as Iteration
 from nolens.solvers.explanation import FieldChoice, choose_field, explain, picture_warnings
-from nolens.solvers.inputs import Support, one_of, support_of
+from nolens.solvers.inputs import Support, one_of, support_of, tensor_of
 from nolens.solvers.psf_choice import Extent
 from nolens.solvers.reconstructor import SPARE
 from nolens.solvers.report import Report
@@ -189,6 +189,7 @@ def reconstruct(
         1 if bin_by is None else bin_by,
         channels,
         field_points=psfs.field_points,
+        alone=psfs.alone,
     )
     extent: Extent = "auto" if psf_extended is None else ("wide" if psf_extended else "sensor")
     choice = choose_psf(development, frame, PsfSettings(psf_scale, extent, psf_flip or "auto"))
@@ -200,7 +201,9 @@ def reconstruct(
     chosen_support = support == "auto" and own is None
     if chosen_support:
         solver = replace(solver, support=solver.choose_support(data).support)
-    over_field = choose_field(solver, data) if field_points is None else FieldChoice(solver)
+    over_field = FieldChoice(solver)
+    if field_points is None:
+        over_field = choose_field(solver, data, developed.development.psf_alone(data))
     solver = over_field.reconstructor
     remedy, of_memory = "a smaller support or larger pixels (bin_by) need less", list[str]()
     solver = mapped_where_needed(solver, data, remedy, of_memory.append)
@@ -232,7 +235,7 @@ def reconstruct(
     report = Report.of(
         problem,
         result,
-        prepared.values,
+        tensor_of(solver.psf, "PSF"),
         prediction=explanation.prediction,
         method=solver.method.value,
         automatic_tau=tau is None,
@@ -368,11 +371,12 @@ def refocus(
 
 
 class _Psfs(NamedTuple):
-    """The PSF straight ahead, those over the field, and notes on what is left out."""
+    """The PSF straight ahead, those over the field, what is left out, the one in their place."""
 
     ahead: Frame
     field_points: tuple[FieldPoint, ...] = ()
     notes: tuple[str, ...] = ()
+    alone: Frame | None = None
 
 
 def _psfs_of(
@@ -383,7 +387,8 @@ def _psfs_of(
         raise OptionError(f"field_points is {most}: give a whole number from 1 on")
     if folder is not None:
         found = folder.for_scene(None if distance is None else distance_um(distance), most)
-        return _Psfs(found.ahead, found.field_points, (found.note,) if found.note else ())
+        notes = (found.note,) if found.note else ()
+        return _Psfs(found.ahead, found.field_points, notes, found.alone)
     single = not isinstance(psf, Psf) or psf.field_psf is None
     if distance is not None or (single and most not in (None, 1)):
         raise OptionError(

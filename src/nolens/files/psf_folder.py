@@ -46,19 +46,22 @@ class ScenePsfs:
     Parameters
     ----------
     entries
-        How the folder lists them, the one straight ahead first.
+        How the folder lists them, the one straight ahead first, and `alone` last.
     ahead
         The PSF straight ahead.
     field_points
         All of them; none where there is only that one.
     note
         Which are left out, and why; empty where none are.
+    alone
+        The one for all of the scene, where that is not `ahead`.
     """
 
     entries: tuple[PsfEntry, ...]
     ahead: Frame = field(repr=False)
     field_points: tuple[FieldPoint, ...] = field(repr=False)
     note: str
+    alone: Frame | None = field(default=None, repr=False)
 
 
 class PsfFolder:
@@ -202,17 +205,21 @@ class PsfFolder:
             return ScenePsfs((ahead,), self.frame(ahead), (), note)
         places = [self._place(each) for each in entries]
         chosen = spread(places, len(places) if most is None else most)
-        frames = [self.frame(entries[number]) for number in chosen]
+        frames = [self.frame(each) for each in (*(entries[number] for number in chosen), ahead)]
         size = max(each.size[0] for each in frames), max(each.size[1] for each in frames)
         # What the file says of the sensor holds for the largest; the others are made as large.
         sensor = next((each.sensor for each in frames if each.size == size), None)
         frames = [
             replace(each, counts=around_middle(each.counts, size), sensor=sensor) for each in frames
         ]
+        *frames, alone = frames
         points = tuple(
             FieldPoint(frame, places[number]) for frame, number in zip(frames, chosen, strict=True)
         )
-        return ScenePsfs(tuple(entries[number] for number in chosen), frames[0], points, note)
+        used = tuple(entries[number] for number in chosen)
+        if ahead in used:
+            return ScenePsfs(used, frames[0], points, note)
+        return ScenePsfs((*used, ahead), frames[0], points, note, alone)
 
     def _over_field(self, ahead: PsfEntry) -> tuple[list[PsfEntry], str]:
         """Those of field points, or the best at each angle, of one straight ahead.

@@ -66,6 +66,8 @@ class Development:
         How the PSF's pixels lie on the measurement's (`choose_psf`).
     field_points
         PSFs at several angles, where it varies over the field; `psf` is one of them.
+    alone
+        The PSF for all of the field, where that is not `psf`.
     """
 
     psf: Frame = field(repr=False)
@@ -77,6 +79,7 @@ class Development:
     channels: str = "all"
     psf_geometry: PsfGeometry = PsfGeometry()  # noqa: RUF009 (frozen)
     field_points: tuple[FieldPoint, ...] = field(default=(), repr=False)
+    alone: Frame | None = field(default=None, repr=False)
 
     def measurement(self, frame: Frame) -> Measurement:
         """A frame, developed."""
@@ -117,6 +120,12 @@ class Development:
         ]
         places = torch.tensor([each.place for each in self.field_points], dtype=torch.float64)
         return FieldPsf.of(planes, places / self.merged).flipped_places(self.psf_geometry.flip)
+
+    def psf_alone(self, measurement: Measurement) -> Tensor | None:
+        """The PSF for all of the field, made to fit a measurement; None where that is `psf`."""
+        if self.alone is None:
+            return None
+        return replace(self, psf=self.alone).prepared(measurement).values
 
     def developed_psf(self, measurement: Measurement) -> Measurement:
         """The PSF, developed for the channels of a measurement.

@@ -72,7 +72,7 @@ class Explanation:
 
 @dataclass(frozen=True)
 class FieldChoice:
-    """Whether PSFs over the field are used, or the one straight ahead for all of the scene.
+    """Whether PSFs over the field are used, or one for all of the scene.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class FieldChoice:
         if not self.left_out or self.over_field is None or self.one is None:
             return ()
         return (
-            "the PSF straight ahead is used for all of the scene: it leaves "
+            "one PSF is used for all of the scene: it leaves "
             f"{percent(self.one.unexplained)} of the local contrast unexplained, the "
             f"{self.left_out} PSFs over the field {percent(self.over_field.unexplained)}. Between "
             "their angles it changes too much to be interpolated, or they are not this camera's: "
@@ -112,7 +112,9 @@ class FieldChoice:
         }
 
 
-def choose_field(reconstructor: Reconstructor, measurement: Measurement) -> FieldChoice:
+def choose_field(
+    reconstructor: Reconstructor, measurement: Measurement, alone: Tensor | None = None
+) -> FieldChoice:
     """Whether PSFs over the field are used: not where one explains the measurement clearly better.
 
     So it does where the PSF changes more between the angles than can be interpolated
@@ -124,14 +126,19 @@ def choose_field(reconstructor: Reconstructor, measurement: Measurement) -> Fiel
         Of the measurement, with its support.
     measurement
         What is to be solved.
+    alone
+        The one, (channels, height, width); None takes the reconstructor's.
     """
     field_psf = reconstructor.field_psf
     if field_psf is None or field_psf.points == 1 or reconstructor.method is Method.WIENER:
         return FieldChoice(reconstructor)
-    over_field, one = _Trials(reconstructor, measurement).with_field_and_without()
+    single = replace(
+        reconstructor, psf=reconstructor.psf if alone is None else alone, field_psf=None
+    )
+    over_field = _Trials(reconstructor, measurement).of_brightest()
+    one = _Trials(single, measurement).of_brightest()
     if over_field is None or one is None or not one.is_clearly_better(over_field):
         return FieldChoice(reconstructor, 0, over_field, one)
-    single = replace(reconstructor, field_psf=None)
     return FieldChoice(single, field_psf.points, over_field, one)
 
 
@@ -244,11 +251,11 @@ class _Trials:
         """Of all channels, as they are."""
         return self._all.predict(self._measurement)
 
-    def with_field_and_without(self) -> tuple[Prediction | None, Prediction | None]:
-        """With PSFs over the field, and with the one straight ahead."""
-        # By the same solver, with the measurement in the linear step.
-        one = replace(self._solver, field_psf=FieldPsf(self._psf[None], torch.zeros(1, 2)))
-        return self._solver.predict(self._data, self._valid), one.predict(self._data, self._valid)
+    def of_brightest(self) -> Prediction | None:
+        """Of the brightest channel, with the measurement in the linear step in any case."""
+        one = FieldPsf(self._psf[None], torch.zeros(1, 2))
+        solver = replace(self._solver, field_psf=self._solver.field_psf or one)
+        return solver.predict(self._data, self._valid)
 
     def cause(self, psf_source: str) -> str | None:
         """The sentence for a measurement that is badly explained; None where it is not."""

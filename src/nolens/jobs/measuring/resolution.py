@@ -319,16 +319,13 @@ def target_pictures(run: Run[Options]) -> list[TargetPicture]:
     options, camera = run.options, _camera(run)
     if options.psf is None:
         return [_read(path, options, camera) for path in options.frames]
-    point, field_points = (
-        (read_frame(options.psf), ())
-        if options.psf_folder is None
-        else read_psfs(run, options.psf_folder, options.distance)
-    )
+    folder = options.psf_folder
+    psfs = None if folder is None else read_psfs(run, folder, options.distance)
     development = Development(
-        point,
+        read_frame(options.psf) if psfs is None else psfs.ahead,
         None if options.dark is None else read_frame(options.dark),
         channels="grey",
-        field_points=field_points,
+        field_points=() if psfs is None else psfs.field_points,
     )
     field_psf: FieldPsf | None = None
     solvable: list[tuple[Measurement, Tensor, PixelRectangle, AngularScale]] = []

@@ -45,6 +45,7 @@ from nolens.solvers.reconstructor import SPARE
 from nolens.solvers.result import window_of
 
 if TYPE_CHECKING:
+    from nolens.files.psf_folder import ScenePsfs
     from nolens.twin import Rectification, Twin
 
 _RESUMED = 1e-4
@@ -97,7 +98,7 @@ class Prepared:
             reconstructor = replace(reconstructor, support=light.support)
         field = FieldChoice(reconstructor)
         if options.field_points == "auto":
-            field = choose_field(reconstructor, measurement)
+            field = choose_field(reconstructor, measurement, development.psf_alone(measurement))
         run.warn(*field.warnings)
         return cls(options, choice, development, measurement, field.reconstructor, light, field)
 
@@ -381,24 +382,27 @@ def _light(
     return reconstructor.choose_support(measurement, progress=watch)
 
 
-def _read_psf(run: Run[ReconstructOptions]) -> tuple[Frame, tuple[FieldPoint, ...]]:
-    """The PSF, and those over the field that a folder has."""
+def _read_psf(
+    run: Run[ReconstructOptions],
+) -> tuple[Frame, tuple[FieldPoint, ...], Frame | None]:
+    """The PSF, those over the field that a folder has, and the one in their place."""
     options = run.options
     if options.psf_folder is not None:
         most = None if options.field_points == "auto" else options.field_points
-        return read_psfs(run, options.psf_folder, options.distance, most)
+        psfs = read_psfs(run, options.psf_folder, options.distance, most)
+        return psfs.ahead, psfs.field_points, psfs.alone
     psf = run.frame("psf")
     # Like the measurement as far as its channels allow: it may be grey.
     if len(psf.channels) == 3 and options.bgr:
         psf = run.frame("psf", bgr=True)
     elif len(psf.channels) != 3 and options.mosaic is not None and psf.mosaic is None:
         psf = run.frame("psf", mosaic=options.mosaic)
-    return psf, ()
+    return psf, (), None
 
 
 def read_psfs(
     run: Run[Any], path: Path, distance: Depth | None, most: int | None = None
-) -> tuple[Frame, tuple[FieldPoint, ...]]:
+) -> "ScenePsfs":
     """The PSF of a folder straight ahead, and those over the field (`PsfFolder.for_scene`)."""
     # Most reconstructions need no camera.
     from nolens.files.psf_folder import PsfFolder
@@ -410,13 +414,13 @@ def read_psfs(
         run.reads({"layers of the camera": path / CAMERA_FILE})
     if psfs.note:
         run.reporter.note(psfs.note)
-    return psfs.ahead, psfs.field_points
+    return psfs
 
 
 def read_development(run: Run[ReconstructOptions]) -> Development:
     """Read all but the measurement."""
     options = run.options
-    psf, field_points = _read_psf(run)
+    psf, field_points, alone = _read_psf(run)
     dark, flat = (
         run.frame(name, mosaic=options.mosaic, bgr=options.bgr) if getattr(options, name) else None
         for name in ("dark", "flat")
@@ -430,6 +434,7 @@ def read_development(run: Run[ReconstructOptions]) -> Development:
         options.bin_by,
         options.channels,
         field_points=field_points,
+        alone=alone,
     )
 
 
