@@ -132,6 +132,32 @@ def test_psfs_over_the_field(prior, level):
     assert other.objective == pytest.approx(lowest.fun, rel=1e-3, abs=2e-6)
 
 
+def test_points_in_the_dark_are_sharp_soon():
+    """After 40 iterations as many as the minimum has: penalties must not hold what A hardly sees."""
+    generator = torch.Generator().manual_seed(3)
+
+    def points(count, size):
+        plane = torch.zeros(size)
+        at = (torch.rand(count, 2, generator=generator) * torch.tensor(size)).long()
+        plane[at[:, 0], at[:, 1]] = torch.rand(count, generator=generator) + 0.5
+        return plane[None]
+
+    along = torch.exp(-((torch.arange(7) - 3.0) ** 2) / 2)
+    lenslets = torch.stack([points(30, (57, 61)) for _ in range(3)])
+    psfs = torch.conv2d(lenslets, torch.outer(along, along)[None, None], padding=3)
+    field_psf = FieldPsf(psfs, torch.tensor([(-15.0, -15), (15, -15), (0, 15)]))
+    sensor, truth = (24, 28), points(10, (32, 32))
+    support = PixelRectangle.centred(32, 32, sensor)
+    places = field_psf.places + torch.tensor([12, 14])
+    data = FieldConvolution(psfs, places, sensor, support)(truth)
+    data += 0.01 * data.max() * torch.randn(data.shape, generator=generator)
+    problem = Problem.build(
+        psfs[0], data, support=support, tau=1e-5, prior="l1", field_psf=field_psf
+    )
+    lowest = fista(problem, iterations=200, tolerance=0).objective
+    assert admm(problem, iterations=40, tolerance=0).objective < 1.5 * lowest
+
+
 def test_is_left_alone_where_the_scene_does_not_fill_the_view():
     problem = pose(replace(Case(), support=PixelRectangle(1, 2, 4, 5))).problem
     plain = admm(problem, iterations=30, tolerance=0)

@@ -15,6 +15,7 @@ from nolens.experiments.virtual_experiment import VirtualExperiment, solved
 from nolens.operators import PixelRectangle
 from nolens.optics import PointSource, Stack
 from nolens.progress import ProgressCallback, within
+from nolens.solvers import Prior
 from nolens.twin import (
     LARGEST_ANGLE_DEG,
     FieldMap,
@@ -37,6 +38,8 @@ _MIDDLE_DEG = 12.0
 _NEXT = 9
 _NEARLY = 1.005
 _MOST_DOTS = 20_000
+_ITERATIONS, _FIELD_ITERATIONS = 300, 60
+"""With one PSF, and with the measurement in the linear step."""
 _FIELD_STEP_DEG = 12.5
 _BYTES_PER_PIXEL = 8 * 12
 """Of the sensor: frame, scene and what ADMM works on."""
@@ -418,7 +421,8 @@ def dot_grid(
     distance_um: float,
     extent_deg: float = LARGEST_ANGLE_DEG,
     psf_points: int = 1,
-    iterations: int = 300,
+    prior: Prior = Prior.AUTO,
+    iterations: int | None = None,
     seed: int = 0,
     progress: ProgressCallback | None = None,
 ) -> DotGrid:
@@ -438,8 +442,10 @@ def dot_grid(
         Half angle up to which there are dots.
     psf_points
         PSFs along each side of the field that the reconstruction has; odd.
+    prior
+        What it assumes of the scene.
     iterations
-        Of the reconstruction.
+        Of the reconstruction; None makes 300, with several PSFs 60 (decision 18).
     seed
         Of the noise.
     progress
@@ -469,7 +475,13 @@ def dot_grid(
     if psf_points > 1:
         several = experiment.field_psf(field.support, psf_points, distance_um)
     picture = solved(
-        shot.frame, psf, field.support, iterations=iterations, field_psf=several, progress=rest
+        shot.frame,
+        psf,
+        field.support,
+        iterations=iterations or (_ITERATIONS if several is None else _FIELD_ITERATIONS),
+        prior=prior,
+        field_psf=several,
+        progress=rest,
     )
     return locate_grid(
         picture.cpu().mean(dim=0),

@@ -23,6 +23,7 @@ from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.kernels import fast_length, irfft2, rfft2
 from nolens.optics import PointSource
 from nolens.progress import ProgressCallback, within
+from nolens.solvers import Prior
 from nolens.twin import (
     Light,
     Twin,
@@ -221,6 +222,8 @@ class FieldTarget:
         Half angle up to which there are dots.
     psf_points
         PSFs along each side of the field with which the dots are reconstructed; odd.
+    prior
+        With which they are.
 
     Raises
     ------
@@ -233,6 +236,7 @@ class FieldTarget:
     pitch_um: float | None
     extent_deg: float
     psf_points: int = 1
+    prior: Prior = Prior.AUTO
 
     def __post_init__(self) -> None:
         if self.pitch_um is not None:
@@ -284,6 +288,7 @@ class FieldTarget:
             distance_um=self.distance_um,
             extent_deg=self.extent_deg,
             psf_points=self.psf_points,
+            prior=self.prior,
             seed=seed,
             progress=progress,
         )

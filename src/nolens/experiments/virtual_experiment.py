@@ -14,7 +14,7 @@ from nolens.operators import PixelRectangle
 from nolens.optics import PointSource
 from nolens.progress import ProgressCallback, part_of
 from nolens.quantities import Angle
-from nolens.solvers import Progress, Reconstructor
+from nolens.solvers import Prior, Progress, Reconstructor
 from nolens.twin import (
     LARGEST_ANGLE_DEG,
     Band,
@@ -541,6 +541,7 @@ def solved(
     *,
     iterations: int = 300,
     tau: float | None = None,
+    prior: Prior = Prior.AUTO,
     field_psf: FieldPsf | None = None,
     progress: ProgressCallback | None = None,
 ) -> Tensor:
@@ -558,13 +559,15 @@ def solved(
         All of them are done.
     tau
         Weight of the prior; None chooses it by held-out pixels.
+    prior
+        What the scene is assumed to be like.
     field_psf
         PSFs over the field, for the picture; None takes `psf` for all of it.
     progress
         Called with the fraction that is done.
     """
     measurement = develop(frame) if isinstance(frame, Frame) else frame
-    reconstructor = Reconstructor(psf, support, tau, field_psf=field_psf)
+    reconstructor = Reconstructor(psf, support, tau, prior, field_psf=field_psf)
     reconstructor = reconstructor.for_iterations(iterations)
 
     def advance(state: Progress) -> None:

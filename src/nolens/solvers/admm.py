@@ -119,7 +119,10 @@ class DataStepRun:
     def __init__(
         self, problem: Problem, state: AdmmState, *, balance: Balance | None, relaxation: float
     ) -> None:
-        self._problem, self.state, self._balance = problem, state, balance
+        self._problem, self.state = problem, state
+        if balance is not None and not state.fills_view:
+            balance = balance.in_the_dark
+        self._balance = balance
         self._step: DataStep | None = DataStep(problem, state.splits, state.penalties, relaxation)
 
     def measure(self, problem: Problem, penalties: Penalties) -> None:
@@ -307,7 +310,7 @@ def admm(
         state = AdmmState.cold(problem, penalties)
     low_frequency = low_frequency and state.fills_view
     if low_frequency or problem.in_linear_step:
-        if state.iteration == 0 and penalties is None and state.fills_view:
+        if state.iteration == 0 and penalties is None:
             state.restart(data_step_start(problem, state))
         tolerance = max(tolerance, _DATA_STEP_TOLERANCE * scene_tolerance)
         scene_tolerance = 0.0

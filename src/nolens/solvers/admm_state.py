@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
@@ -45,13 +45,22 @@ class Balance:
 
     After `span` iterations the penalties stay as they are, without which ADMM need not
     converge (`he2000`). `docs/decisions/0002-penalties.md` has what was measured.
+
+    Of a scene that does not fill the view, with the measurement in the linear step, R may reach
+    `dark_target` first: larger penalties would hold what A hardly sees where it is (decision 17).
     """
 
     growth: float = 1.31
     target: float = 0.7
+    dark_target: float = 1.5
     rate: float = 0.34
     limit: float = 1.46
     span: int = 100
+
+    @property
+    def in_the_dark(self) -> "Balance":
+        """The same with the other target."""
+        return replace(self, target=self.dark_target)
 
     def next(self, penalties: Penalties, sums: list[PassSums], iteration: int) -> Penalties:
         """Penalties after `iteration`, from the sums of every channel's last pass."""

@@ -19,10 +19,10 @@ DATA_STEP_RELAXATION = 1.5
 _START_SCENE = 0.02
 _START_VARIATION = 5.0
 """Penalties to start with: that of the scene, and that of its variation over τ and the scene's
-mean. Small ones let the scene follow the data at once, of whatever sign it becomes."""
-_START_DARK = 0.3
-"""That of a scene that does not fill the view: with a small one, what the sensor hardly sees of it
-goes astray for tens of frames."""
+level. Small ones let the scene follow the data at once, of whatever sign it becomes."""
+_START_DARK, _FOLLOWING_DARK = 0.05, 0.3
+"""Those of a scene that does not fill the view, of a cold start and of a frame that follows: with a
+small one, what the sensor hardly sees of it goes astray for tens of frames."""
 _INNER = 3
 """Steps of conjugate gradients in each iteration."""
 _MODES = 3
@@ -32,11 +32,19 @@ _PIXELS = 20_000
 """That are in float64 at a time."""
 
 
-def data_step_start(problem: Problem, state: AdmmState) -> Penalties:
-    """Penalties of a cold start whose scene is uniform, or of a frame that goes on from another."""
-    level = max(float(state.scene().mean()), torch.finfo(torch.float32).tiny)
-    variation = _START_VARIATION * problem.tau / level if problem.varied else 1.0
-    return _START_SCENE, variation, _START_SCENE if state.fills_view else _START_DARK
+def data_step_start(problem: Problem, state: AdmmState, *, follows: bool = False) -> Penalties:
+    """Penalties of a cold start, or where the scene follows from another frame's.
+
+    Its level is its mean where it fills the view; in the dark it is the root mean square of
+    a scene that A passes on as it is, 1/√N for N pixels.
+    """
+    if state.fills_view:
+        level, scene = float(state.scene().mean()), _START_SCENE
+    else:
+        level = 1 / math.sqrt(math.prod(problem.scene_shape[1:]))
+        scene = _FOLLOWING_DARK if follows else _START_DARK
+    level = max(level, torch.finfo(torch.float32).tiny)
+    return _START_SCENE, _START_VARIATION * problem.tau / level if problem.varied else 1.0, scene
 
 
 class DataStep:

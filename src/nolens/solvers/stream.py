@@ -218,7 +218,7 @@ class Stream:
     def _warm(self, run: AdmmRun | DataStepRun) -> Penalties:
         """Penalties that a frame starts from (decisions 7 and 18)."""
         if isinstance(run, DataStepRun):
-            return data_step_start(self._problem, run.state)
+            return data_step_start(self._problem, run.state, follows=True)
         if run.state.fraction_on_sensor() <= _MOST_LIGHT:
             return _WARM_SPILLING
         return _WARM if self._iterations >= CHECK_EVERY else _WARM_FEW
@@ -311,7 +311,7 @@ def _from_wiener(problem: Problem, penalties: Penalties) -> AdmmRun | DataStepRu
     brightness = (overlap / total.clamp_min(1e-30)).clamp_min(0)
     state = AdmmState.at(problem, scene * brightness[:, None, None], penalties)
     if problem.in_linear_step:
-        state.restart(data_step_start(problem, state))
+        state.restart(data_step_start(problem, state, follows=True))
     return start_run(problem, state)
 
 

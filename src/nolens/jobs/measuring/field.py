@@ -38,6 +38,7 @@ from nolens.jobs.options import Option
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.quantities import Angle, Length
 from nolens.ranges import Between
+from nolens.solvers import Prior
 from nolens.twin import Light, distance_um, preview_model
 
 _REMEDY = "a camera with fewer pixels or a coarser grid of its relief needs less"
@@ -53,12 +54,13 @@ _OPTIONS = {
         "distance",
         "extent",
         "field_points",
+        "prior",
         "seed",
         "plot",
         "output",
     ),
 }
-_OF_DOTS = ("extent", "field_points", "output")
+_OF_DOTS = ("extent", "field_points", "prior", "output")
 _LIGHT = "Light and grid of dots"
 _OffAxis = Annotated[Angle, Between("0 deg", "89.9 deg")]
 
@@ -174,6 +176,14 @@ class MeasureFieldOptions(RecordedOptions):
             _LIGHT,
         ),
     ] = 1
+    prior: Annotated[
+        Prior,
+        Option(
+            "What the reconstruction of the simulated grid assumes: auto as for any scene, l1 for "
+            "points in the dark.",
+            _LIGHT,
+        ),
+    ] = Prior.AUTO
     seed: Annotated[Seed, Option("Of the simulated noise.", _LIGHT)] = 0
     plot: Annotated[
         FilePath | None,
@@ -320,6 +330,7 @@ def _of_twin(run: Run[MeasureFieldOptions], loaded: LoadedCamera) -> Product[Fie
         None if options.dot_pitch is None else options.dot_pitch.um,
         options.extent.deg,
         options.field_points,
+        options.prior,
     )
     working = target.working_bytes(preview_model(loaded))
     twin = run.twin(loaded, working, _REMEDY)
