@@ -3,8 +3,9 @@
 `make bench-model` (`python bench/model.py`) takes photographs with simulated cameras whose PSF
 varies over the field, with noise and a colour mosaic. It reconstructs them with PSFs at 1, 5, 9 and
 25 field points, with PSFs captured at nine angles that are half a degree off, with noise (`nolens
-calibrate stitch`), and with one PSF and the colours apart, and times the operator and a photo
-against those of one PSF. It writes the table `docs/model.md`; what was measured is in `--folder`.
+calibrate stitch`), and with one PSF and the colours apart, times the operator and a photo against
+those of one PSF, and shows cameras a grid of dots. It writes the tables of `docs/model.md`; what
+was measured is in `--folder`.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from machine import describe
 from nolens.api.simulate import Psf
 from nolens.camera import FieldPsf
 from nolens.experiments.virtual_experiment import VirtualExperiment
-from nolens.files import write_camera, write_psfs
+from nolens.files import write_camera, write_png, write_psfs
 from nolens.jobs import CalibrateStitchOptions, calibrate_stitch
 from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.solvers import Reconstructor
@@ -34,21 +35,22 @@ from stitch import Quiet, captures
 
 PIXELS = (1520, 2028)
 """Rows and columns of the sensor that are read; superpixels are half of them."""
-CAMERAS: dict[str, Callable[[], nl.Camera]] = {
-    "paper": lambda: paper(),
-    "Gaussian surface": lambda: nl.design_mask("diffuser", paper()),
-    "random lenslets of 150 um": lambda: nl.design_mask("random-lenslets", paper(), pitch="150um"),
+CAMERAS: dict[str, Callable[[nl.Camera], nl.Camera]] = {
+    "paper": lambda camera: camera,
+    "Gaussian surface": lambda camera: nl.design_mask("diffuser", camera),
+    "random lenslets of 150 um": lambda camera: nl.design_mask(
+        "random-lenslets", camera, pitch="150um"
+    ),
 }
 WAYS = ("one PSF, colours apart", "one PSF", "5 PSFs", "9 PSFs", "9 captured PSFs", "25 PSFs")
 SCENES = {"astronaut": "60deg", "chelsea": "50deg"}
 MIDDLE = [0, 2, 4, 10, 12, 14, 20, 22, 24]
 """Of 5×5 field points, 3×3."""
 ROUNDS = 5
-
-
-def paper() -> nl.Camera:
-    """The middle of the paper's camera."""
-    return nl.Camera("paper", pixels=PIXELS)
+DOT_PIXELS = (760, 1016)
+DOTS = {"pitch": "30mm", "extent": "50deg", "distance": "300mm"}
+DOT_WAYS = {"one PSF": (1, "auto"), "one PSF, ℓ1": (1, "l1"), "9×9 PSFs, ℓ1": (9, "l1")}
+"""Number of PSFs along each side, and prior; the simulated camera has 9×9."""
 
 
 def among(psf: Psf, numbers: list[int]) -> Psf:
@@ -139,10 +141,40 @@ def cost() -> dict[str, dict[str, list[float]]]:
     return seconds
 
 
+def dots(name: str, path: Path) -> dict[str, dict[str, float | None]]:
+    """Up to which angle dots before a camera are good, and how many are, by way."""
+    row: dict[str, dict[str, float | None]] = json.loads(path.read_text()) if path.exists() else {}
+    for way, (points, prior) in DOT_WAYS.items():
+        if way in row:
+            continue
+        camera = CAMERAS[name](nl.Camera("paper", pixels=DOT_PIXELS))
+        begun = time.process_time()
+        field = nl.measure_field(
+            camera,
+            dot_pitch=DOTS["pitch"],
+            extent=DOTS["extent"],
+            distance=DOTS["distance"],
+            field_points=points,
+            prior=prior,
+        )
+        grid = field.grid
+        assert grid is not None
+        good = sum(dot.grade == "good" for dot in grid.dots) / len(grid.dots)
+        cpu_s = time.process_time() - begun
+        row[way] = {"good_deg": grid.angles.good_deg, "good": good, "cpu_s": cpu_s}
+        file = path.with_name(f"{path.stem}-{points}-{prior}.png")
+        write_png(file, grid.picture[None], float(grid.picture.max()) / 4)
+        print(path.stem, way, row[way], flush=True)
+        path.write_text(json.dumps(row))
+    return row
+
+
 def report(
-    rows: dict[str, dict[str, dict[str, float]]], seconds: dict[str, dict[str, list[float]]]
+    rows: dict[str, dict[str, dict[str, float]]],
+    seconds: dict[str, dict[str, list[float]]],
+    grids: dict[str, dict[str, dict[str, float | None]]],
 ) -> str:
-    """Markdown of both."""
+    """Markdown of all."""
     machine = describe()
     lines = [
         "# A PSF that varies over the field",
@@ -182,6 +214,22 @@ def report(
                 f"{statistics.median(ratios):.1f} ({min(ratios):.1f} to {max(ratios):.1f})"
             )
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    lines += [
+        "",
+        f"Dots {DOTS['pitch']} apart at {DOTS['distance']}, up to {DOTS['extent']}, before the",
+        f"middle {DOT_PIXELS[0]}×{DOT_PIXELS[1]} pixels; 9×9 PSFs in the simulation, noise, mosaic:",
+        "angle up to which dots are good (`nolens measure field --dot-pitch`; ℓ1 by `--prior l1`),",
+        "how many of all are, and processor seconds with the simulation.",
+        "",
+        "| camera | " + " | ".join(DOT_WAYS) + " |",
+        "|---" * (1 + len(DOT_WAYS)) + "|",
+    ]
+    for name, row in grids.items():
+        cells = [
+            f"{each['good_deg'] or 0:.1f}° ({each['good']:.0%}, {each['cpu_s']:.0f} s)"
+            for each in map(row.__getitem__, DOT_WAYS)
+        ]
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
     return "\n".join([*lines, ""])
 
 
@@ -200,7 +248,7 @@ def main() -> None:
         camera: nl.Camera | None = None
         for photograph in asked.scenes:
             path = asked.folder / f"{name.replace(' ', '-')}-{photograph}.json"
-            camera = camera or CAMERAS[name]()
+            camera = camera or CAMERAS[name](nl.Camera("paper", pixels=PIXELS))
             pictures(camera, photograph, SCENES[photograph], path)
             rows[f"{name}, {photograph}, {SCENES[photograph].removesuffix('deg')}°"] = json.loads(
                 path.read_text()
@@ -208,7 +256,12 @@ def main() -> None:
     path = asked.folder / "cost.json"
     if not path.exists():
         path.write_text(json.dumps(cost()))
-    asked.out.write_text(report(rows, json.loads(path.read_text())))
+    grids = {
+        name: dots(name, asked.folder / f"{name.replace(' ', '-')}-dots.json")
+        for name in asked.cameras
+        if name != "paper"
+    }
+    asked.out.write_text(report(rows, json.loads(path.read_text()), grids))
 
 
 if __name__ == "__main__":

@@ -283,14 +283,17 @@ def test_field_of_view_is_that_of_the_command(camera: nl.Camera, psf: nl.Psf) ->
 
 
 def test_dots_of_a_simulated_camera(camera: nl.Camera) -> None:
-    field = nl.measure_field(camera, dot_pitch="12mm", extent="6deg")
+    field = nl.measure_field(camera, dot_pitch="12mm", extent="6deg", prior="l1")
     assert field.grid is not None and len(field.figures["dots"]) == len(field.grid.dots) > 5
+    # ℓ1 leaves nothing between the points.
+    assert float((field.grid.picture == 0).double().mean()) > 0.6
     assert Pillow.open(io.BytesIO(field._repr_png_())).size[0] > 500
 
 
 REFUSED = {
     "target": (lambda shot, psf: nl.measure_resolution(shot, "bars"), "give one of siemens, edge"),
     "no scale": (lambda shot, psf: nl.measure_resolution(shot), "pixel_angle"),
+    "odd": (lambda shot, psf: nl.Camera("paper", pixels=(380, 507)), "even numbers"),
     "no star": (lambda shot, psf: nl.measure_resolution(shot, pixel_angle="0.1deg"), "no Siemens"),
     "no angles": (lambda shot, psf: nl.measure_resolution(shot, "two-points"), "for each angle"),
     "both sizes": (lambda shot, psf: nl.reconstruct(shot, psf, quality="draft", method="admm"),

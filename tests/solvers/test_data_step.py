@@ -133,7 +133,7 @@ def test_psfs_over_the_field(prior, level):
 
 
 def test_points_in_the_dark_are_sharp_soon():
-    """After 40 iterations as many as the minimum has: penalties must not hold what A hardly sees."""
+    """Nearly at the minimum after 40 iterations: penalties do not hold what A hardly sees."""
     generator = torch.Generator().manual_seed(3)
 
     def points(count, size):

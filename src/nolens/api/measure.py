@@ -57,7 +57,8 @@ from nolens.files.plot_measurements import (
 )
 from nolens.operators import PixelRectangle
 from nolens.quantities import Angle, Length
-from nolens.solvers.inputs import Plane, channels_of
+from nolens.solvers import Prior
+from nolens.solvers.inputs import Plane, channels_of, one_of
 from nolens.twin import Light
 
 Target = Literal["siemens", "edge", "two-points"]
@@ -347,6 +348,8 @@ def measure_field(
     angles: Sequence[str | Angle] = _ANGLES,
     dot_pitch: str | Length | None = None,
     extent: str | Angle = "50deg",
+    field_points: int = 1,
+    prior: Prior | str = Prior.AUTO,
     distance: str | Length = "300mm",
     camera: Camera | None = None,
     pixel: str | Length | None = None,
@@ -367,6 +370,11 @@ def measure_field(
         reconstructed. None compares PSFs.
     extent
         Half angle up to which there are dots.
+    field_points
+        PSFs along each side of the field with which the grid is reconstructed; odd.
+    prior
+        What its reconstruction assumes: ``"auto"`` as for any scene, ``"l1"`` for points in the
+        dark.
     distance
         Of the point sources or of the grid.
     camera, pixel
@@ -389,7 +397,14 @@ def measure_field(
     if dot_pitch is None and (not at or at != sorted(set(at))):
         raise OptionError('give rising angles, such as ("0deg", "10deg", "20deg")')
     pitch_um = None if dot_pitch is None else length_um(dot_pitch)
-    target = FieldTarget(distance_um(distance), at, pitch_um, angle_of(extent).deg)
+    target = FieldTarget(
+        distance_um(distance),
+        at,
+        pitch_um,
+        angle_of(extent).deg,
+        field_points,
+        one_of(Prior, prior, "prior"),
+    )
     twin = twin_of(source, target.working_bytes(source.preview), _REMEDY)
     experiment = VirtualExperiment(twin, Light("white-led"), field_points=target.field_points)
     with reported(progress, "PSFs" if dot_pitch is None else "dots") as advance:

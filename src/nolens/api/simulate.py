@@ -40,7 +40,8 @@ class Camera:
     description
         ``"paper"``, ``"small"``, a folder with camera.toml, a .toml file, or an `LoadedCamera`.
     pixels
-        (rows, columns) in the middle of the sensor that are read out; None reads all.
+        (rows, columns) in the middle of the sensor that are read out, even numbers of a mosaic;
+        None reads all.
     device
         Where to compute: ``"cpu"`` or ``"cuda"``.
 
@@ -50,6 +51,8 @@ class Camera:
         If there is no such camera, or a file it names cannot be read.
     DataError
         If the description is no camera.
+    OptionError
+        If the sensor has fewer pixels, or odd numbers part the superpixels of its mosaic.
     """
 
     def __init__(
@@ -61,6 +64,16 @@ class Camera:
     ) -> None:
         if not isinstance(description, LoadedCamera):
             description = read_camera(description)
+        sensor = description.camera.sensor
+        whole, step = (sensor.rows, sensor.columns), sensor.superpixel
+        if pixels is not None and not all(
+            0 < count <= most and count % step == 0
+            for count, most in zip(pixels, whole, strict=True)
+        ):
+            raise OptionError(
+                f"pixels is {pixels}, and the sensor has {whole[0]}×{whole[1]}: give no more of "
+                "them" + (", even numbers for its mosaic" if step > 1 else "")
+            )
         self.loaded: LoadedCamera = description
         self.pixels = pixels
         self.device = torch.device(device)
