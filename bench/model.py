@@ -217,7 +217,7 @@ def report(
     lines += [
         "",
         f"Dots {DOTS['pitch']} apart at {DOTS['distance']}, up to {DOTS['extent']}, before the",
-        f"middle {DOT_PIXELS[0]}×{DOT_PIXELS[1]} pixels; 9×9 PSFs in the simulation, noise, mosaic:",
+        f"middle {DOT_PIXELS[0]}×{DOT_PIXELS[1]} pixels, with 9×9 PSFs, noise and mosaic:",
         "angle up to which dots are good (`nolens measure field --dot-pitch`; ℓ1 by `--prior l1`),",
         "how many of all are, and processor seconds with the simulation.",
         "",

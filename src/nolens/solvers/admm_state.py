@@ -47,7 +47,7 @@ class Balance:
     converge (`he2000`). `docs/decisions/0002-penalties.md` has what was measured.
 
     Of a scene that does not fill the view, with the measurement in the linear step, R may reach
-    `dark_target` first: larger penalties would hold what A hardly sees where it is (decision 17).
+    `dark_target` first: larger penalties would hold what A hardly sees where it is (decision 18).
     """
 
     growth: float = 1.31
