@@ -280,4 +280,4 @@ def test_refocusing_uses_them_too(
     psfs = {"80mm": psf, "50mm": larger}
     assert alike(nl.refocus(made.raw, psfs, "80mm", **given).values[1]) > 0.99
     monkeypatch.setattr("nolens.jobs.run.check_memory", lambda *_: True)
-    assert alike(refocused("80mm", note="temporary file")) > 0.99
+    assert alike(refocused("80mm", note="temporary file")) > 0.985

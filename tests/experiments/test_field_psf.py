@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 
-import pytest
 import torch
 from torch import Tensor
 
@@ -18,13 +17,13 @@ from nolens.twin import Light, Plane, Twin, irradiate, render_planes
 
 
 def test_the_model_of_nine_psfs_measures_what_the_camera_does():
-    """Green light without noise, of a scene whose edges one PSF misses by 0.6 % of the contrast."""
+    """Green light without noise, of a scene that one PSF misses by 0.3 % of the contrast."""
     twin = Twin.of(LoadedCamera.of(preset("small"))).reading(48, 64)
     experiment = VirtualExperiment(twin, Light("535nm"))
     picture = torch.rand(3, 12, 16, generator=torch.Generator().manual_seed(1)) ** 3
     field, views = render_planes(twin, (Plane(picture, 40, 80e3),))
     light = irradiate(
-        twin, field, views, field_points=3, light=experiment.light, wavelengths=1
+        twin, field, views, field_points=5, light=experiment.light, wavelengths=1
     ).light
     measured = (light[0::2, 1::2] + light[1::2, 0::2])[None] / 2
     response = (field.solid_angle() * field.vignetting()).float()
@@ -42,10 +41,9 @@ def test_the_model_of_nine_psfs_measures_what_the_camera_does():
         return float((built.data - image).norm() / contrast.norm())
 
     several = replace(solver, field_psf=psfs)
-    assert missed(several) < 2.5e-3
+    assert missed(several) < 1.8e-3
     assert missed(replace(several, basis_error=0.0)) < 1e-3
-    assert missed(solver) > 5e-3
-    assert missed(several.averaged(twin.shape)) < 0.75 * missed(solver)
+    assert missed(solver) > 3e-3
 
 
 class _KnownPsfs(VirtualExperiment):
@@ -59,12 +57,12 @@ class _KnownPsfs(VirtualExperiment):
 
 
 def test_error_between_the_angles_of_a_plan() -> None:
-    """Of a parabola, linear interpolation over a step s misses (s/2)² in the middle."""
+    """In the middle of a step s, where lines miss (s/2)² of a parabola, splines miss less."""
     loaded = LoadedCamera.of(preset("small"))
     experiment = _KnownPsfs(Twin.of(loaded).reading(48, 64), Light("535nm"))
     angle = Angle.of(30, "deg")
     plans = [CapturePlan.of_scene(loaded.camera, (angle, angle), count) for count in (9, 25)]
     edge = experiment.row(PointSource((-math.tan(math.radians(16)), 0.0)))
     nine, many = errors_between(experiment, plans, lambda _: None)
-    assert nine == pytest.approx((edge / 2) ** 2 / (1000 + (edge / 2) ** 2), rel=0.1)
-    assert many == pytest.approx((edge / 4) ** 2 / (1000 + (edge / 4) ** 2), rel=0.1)
+    lines = [(edge / step) ** 2 / (1000 + (edge / step) ** 2) for step in (2, 4)]
+    assert 0.15 * lines[0] < nine < 0.2 * lines[0] and 0.03 * lines[1] < many < 0.07 * lines[1]

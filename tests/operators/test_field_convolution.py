@@ -14,11 +14,9 @@ SCENE = PixelRectangle(-2, -3, 9, 11)
 
 def dense(places: torch.Tensor, scene: PixelRectangle) -> torch.Tensor:
     """Weights on every pixel, (points, height, width)."""
-    out = torch.zeros((len(places), scene.height, scene.width))
-    for plane, weight in zip(out, interpolation_weights(places, scene), strict=True):
-        if weight is not None:
-            plane[weight.window] = weight.values
-    return out
+    rows = scene.top + torch.arange(scene.height)
+    pixels = torch.cartesian_prod(rows, scene.left + torch.arange(scene.width))
+    return interpolation_weights(places, pixels).view(-1, scene.height, scene.width).float()
 
 
 @given(
@@ -33,8 +31,7 @@ def dense(places: torch.Tensor, scene: PixelRectangle) -> torch.Tensor:
 )
 def test_weights_share_every_pixel_out(places):
     weights = dense(torch.tensor(places), SCENE)
-    assert float(weights.min()) >= 0
-    torch.testing.assert_close(weights.sum(0), torch.ones(9, 11), rtol=0, atol=1e-5)
+    torch.testing.assert_close(weights.sum(0), torch.ones(9, 11), rtol=0, atol=1e-4)
 
 
 def test_weights_reproduce_what_is_linear_between_the_points():
@@ -44,6 +41,23 @@ def test_weights_reproduce_what_is_linear_between_the_points():
     for axis, truth in ((0, rows[:, None].expand(9, 11)), (1, columns.expand(9, 11))):
         mean = (weights * places[:, axis, None, None]).sum(0)
         torch.testing.assert_close(mean, truth, rtol=0, atol=1e-4)
+
+
+def test_weights_follow_what_goes_with_the_square():
+    """Linear ones miss a quarter of a parabola in the middle between its top and an outer point."""
+    places = torch.cartesian_prod(torch.tensor([-1.0, 0, 1]), torch.tensor([-1.0, 0, 1])) * 40
+    pixels = torch.cartesian_prod(torch.arange(-40.0, 41, 4), torch.arange(-40.0, 41, 4))
+    weights = interpolation_weights(places, pixels)
+    for of in (lambda x: x[:, 0] ** 2, lambda x: x[:, 0] * x[:, 1]):
+        missed = (weights * of(places)[:, None]).sum(0) - of(pixels)
+        assert float(missed.abs().max()) < 0.08 * 40**2
+
+
+def test_a_place_that_is_met_twice_counts_once():
+    places = torch.tensor([(-2.0, -3), (-2, 7), (6, 2), (6, 2)])
+    weights = dense(places, SCENE)
+    torch.testing.assert_close(weights[2], weights[3])
+    torch.testing.assert_close(weights[2] + weights[3], dense(places[:3], SCENE)[2])
 
 
 def test_beyond_the_points_the_nearest_ones_go_on():
@@ -81,6 +95,24 @@ def test_the_same_psf_everywhere_is_one_convolution():
     torch.testing.assert_close(operator(v), single(v))
     torch.testing.assert_close(operator.transfer, single.transfer)
     torch.testing.assert_close(operator.power, single.power)
+
+
+def test_fewer_psfs_keep_how_their_light_leans():
+    """A lean of three thousandths, which shows where all of a shaded scene adds up."""
+    generator = torch.Generator().manual_seed(4)
+    detail = torch.rand((1, 160, 160), generator=generator, dtype=torch.float64)
+    places = torch.cartesian_prod(torch.linspace(-30, 30, 3), torch.linspace(-30, 30, 3)) + 40
+    change = torch.linspace(-1, 1, 160, dtype=torch.float64) * 3e-3
+    rest = torch.rand((9, 1, 160, 160), generator=generator, dtype=torch.float64) - 0.5
+    leans = (places[:, 1].double() / 30 - 4 / 3)[:, None, None, None]
+    psfs = detail * (1 + leans * change) + 0.02 * rest
+    scene = PixelRectangle(10, 10, 60, 60)
+    whole, fewer = (
+        FieldConvolution(psfs, places, (80, 80), scene, error=error) for error in (0.0, 0.01)
+    )
+    shaded = torch.linspace(-1, 1, 60, dtype=torch.float64).expand(60, 60)
+    off = (fewer(shaded) - whole(shaded)) / whole(torch.ones_like(shaded)).mean()
+    assert len(fewer.terms) == 2 and float(off.std()) < 1e-4, "without the lean 3e-4"
 
 
 def test_every_psf_needs_a_place():

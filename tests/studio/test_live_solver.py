@@ -62,7 +62,7 @@ def test_recovers_from_a_cut_within_three_frames() -> None:
 
 
 def test_psfs_over_the_field(monkeypatch) -> None:
-    """Their mean is better than one, all are better still, and are the stream's of the same."""
+    """All are better than their mean or one, and are the stream's of the same."""
     monkeypatch.setattr("nolens.studio.live_solver._LATENCY_S", None)
     generator = torch.Generator().manual_seed(3)
     shared, own = (torch.rand(5, 1, 120, 150, generator=generator) > 0.98).float(), 0.6
@@ -93,7 +93,7 @@ def test_psfs_over_the_field(monkeypatch) -> None:
         solver.await_weights()
         quality[name] = _quality(live.radiance, _scene(1))
     assert live.field_points == 5 and torch.equal(live.radiance, expected)
-    assert quality["one"] + 1 < quality["mean"] < quality["all"] - 1
+    assert quality["all"] > 1 + max(quality["one"], quality["mean"])
 
 
 def test_weight_is_chosen_beside_the_frames_and_divided_by_the_detail() -> None:

@@ -8,7 +8,6 @@ from torch import Tensor
 
 from nolens.calibrate.capture_plan import CapturePlan
 from nolens.experiments.virtual_experiment import VirtualExperiment
-from nolens.operators import PixelRectangle
 from nolens.operators.field_convolution import interpolation_weights
 from nolens.optics import PointSource
 from nolens.progress import ProgressCallback, part_of
@@ -67,13 +66,8 @@ def _shares(
     places = torch.tensor([pixel(each) for each in plan.angles_deg], dtype=torch.float64)
     shares = {}
     for between in plan.between_deg:
-        row, column = (round(each) for each in pixel(between))
-        weights = interpolation_weights(places, PixelRectangle(row, column, 1, 1))
-        shares[between] = {
-            angle: float(weight.values)
-            for angle, weight in zip(plan.angles_deg, weights, strict=True)
-            if weight is not None
-        }
+        weights = interpolation_weights(places, torch.tensor([pixel(between)]))
+        shares[between] = dict(zip(plan.angles_deg, weights[:, 0].tolist(), strict=True))
     return shares
 
 

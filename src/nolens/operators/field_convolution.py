@@ -1,27 +1,39 @@
 """The forward model with a point spread function that varies over the field."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
 import torch
-from scipy.spatial import Delaunay
+import torch.nn.functional as nnf
+from scipy.spatial import ConvexHull, distance_matrix
 from torch import Tensor
 
 from nolens.errors import OptionError
 from nolens.kernels import irfft2_window_, rfft2_window
-from nolens.kernels.fft import Window
 from nolens.machine import mapped_copy
 from nolens.operators.convolution import CroppedConvolution, PixelRectangle, times_transfer_
 
 TRANSFER_BYTES = 4
 """Of a term's transfer function in float32, per pixel of the padded shape."""
 
-_FAR = 1e3
-"""How far outside the field points their weights go on, in lengths of the scene."""
 _ASIDE = 1e-3
 """Part of their spread by which points on one line may lie beside it."""
+_SMOOTHING = 1e-3
+"""Of the spline: a place that is met twice counts once."""
+_SAMPLES = 64
+"""Rows and columns of the scene whose weights stand for all in means."""
+_ROWS = 64
+"""Of the scene, whose weights are computed at once."""
+_APART = 1e-12
+"""What weights must differ by at least, over what they have in common, in their squares."""
+
+_BLOCKS = 8
+"""Along each side of a PSF, whose means are its slow part."""
+_DETAIL = 10.0
+"""Width of details, in pixels."""
 
 _BEYOND = 1.05
 """Over the norm that power iteration gives."""
@@ -29,70 +41,82 @@ _BEYOND = 1.05
 Array = np.ndarray[Any, Any]
 
 
-@dataclass(frozen=True)
-class FieldWeight:
-    """How much the PSF of one field point counts, on a rectangle of the scene's pixels.
+def interpolation_weights(places: Tensor, pixels: Tensor) -> Tensor:
+    r"""How much the PSF of each field point counts at scene pixels; the sum is 1 at each.
 
-    Parameters
-    ----------
-    top, left
-        First row and column of the rectangle in the scene.
-    values
-        (height, width), from 0 to 1; 0 beside the rectangle.
-    """
-
-    top: int
-    left: int
-    values: Tensor
-
-    @property
-    def window(self) -> tuple[slice, slice]:
-        """Rows and columns of the scene."""
-        height, width = self.values.shape
-        return slice(self.top, self.top + height), slice(self.left, self.left + width)
-
-    @classmethod
-    def of_grid(cls, values: Tensor, top: int = 0, left: int = 0) -> "FieldWeight | None":
-        """Weights without the rows and columns of zeros around them; None where all are zero."""
-        rows, columns = (values.any(dim=axis).nonzero().flatten().tolist() for axis in (1, 0))
-        if not rows:
-            return None
-        trimmed = values[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-        return cls(top + rows[0], left + columns[0], trimmed.contiguous())
-
-
-def interpolation_weights(places: Tensor, scene: PixelRectangle) -> list[FieldWeight | None]:
-    """Weights with which a scene is shared out to field points; they sum to 1 at every pixel.
-
-    In a triangle of three neighbours (Delaunay's), a weight falls linearly from 1 at its own point
-    to 0 at the two others; for points on one line, from one to the next. Beyond the outermost
-    points, weights go on outwards as they are on the lines between them.
+    A PSF's brightness leans in proportion to the field angle, and its form changes with the square.
+    So weights are those of the smoothest interpolation that is exact for what is linear: the
+    spline :math:`\sum_k c_k \lVert x - x_k \rVert^3 + a + b^T x` (`duchon1977`). Some are
+    negative. Beyond the outermost points those of the nearest place between them go on.
 
     Parameters
     ----------
     places
         (count, 2): row and column of each field point, in the sensor's frame.
-    scene
-        Pixels to weigh.
+    pixels
+        (pixels, 2): likewise.
 
     Returns
     -------
-    list
-        One for each point; None where it counts for no pixel. float32.
+    Tensor
+        (count, pixels), float64.
     """
     at = places.double().cpu().numpy()
-    rows = scene.top + np.arange(scene.height, dtype=np.float64)
-    columns = scene.left + np.arange(scene.width, dtype=np.float64)
     middle = at.mean(axis=0)
-    _, spread, axes = np.linalg.svd(at - middle)
-    if len(at) < 3 or spread[1] <= _ASIDE * spread[0]:
-        along = (rows - middle[0])[:, None] * axes[0, 0] + (columns - middle[1]) * axes[0, 1]
-        return _weights_on_line((at - middle) @ axes[0], along)
-    return _weights_in_triangles(at, rows, columns)
+    unit = max(float(np.abs(at - middle).max()), 1.0)
+    at = (at - middle) / unit
+    inside = _nearest_within(at, (pixels.double().cpu().numpy() - middle) / unit)
+    linear, here = (np.pad(each, ((0, 0), (1, 0)), constant_values=1.0) for each in (at, inside))
+    bending = distance_matrix(at, at) ** 3 + _SMOOTHING * np.eye(len(at))
+    system = np.block([[bending, linear], [linear.T, np.zeros((3, 3))]])
+    wanted = np.concatenate([distance_matrix(at, inside) ** 3, here.T])
+    # Of points on one line the slope across it is undetermined, and not needed.
+    solved = np.linalg.pinv(system, rcond=_APART, hermitian=True) @ wanted
+    return torch.from_numpy(solved[: len(at)])
+
+
+def _nearest_within(points: Array, pixels: Array) -> Array:
+    """Pixels where they lie between the points; otherwise the nearest place on their hull."""
+    _, spread, axes = np.linalg.svd(points)
+    if len(points) < 3 or spread[1] <= _ASIDE * spread[0]:
+        along = points @ axes[0]
+        sides = [(points[along.argmin()], points[along.argmax()])]
+        outside = np.ones(len(pixels), dtype=bool)
+    else:
+        hull = ConvexHull(points)
+        sides = [(points[one], points[other]) for one, other in hull.simplices]
+        normals, offsets = hull.equations[:, :2], hull.equations[:, 2]
+        outside = (pixels @ normals.T + offsets).max(axis=1) > 0
+    away = pixels[outside]
+    nearest, least = away.copy(), np.full(len(away), np.inf)
+    for start, end in sides:
+        side = end - start
+        part = ((away - start) @ side / max(side @ side, 1e-300)).clip(0, 1)
+        place = start + part[:, None] * side
+        distance = np.linalg.norm(away - place, axis=1)
+        nearer = distance < least
+        nearest[nearer], least[nearer] = place[nearer], distance[nearer]
+    inside: Array = pixels.copy()
+    inside[outside] = nearest
+    return inside
+
+
+def _pixels_of(rows: Tensor, columns: Tensor) -> Tensor:
+    return torch.cartesian_prod(rows, columns).view(-1, 2)
+
+
+def _sampled_weights(places: Tensor, scene: PixelRectangle) -> Tensor:
+    """Weights on pixels that stand for the scene, (points, pixels)."""
+    lines = [
+        first + (torch.arange(count, dtype=torch.float64) + 0.5) * (length / count) - 0.5
+        for first, length in ((scene.top, scene.height), (scene.left, scene.width))
+        for count in (min(length, _SAMPLES),)
+    ]
+    return interpolation_weights(places, _pixels_of(*lines))
 
 
 def mean_psf(psfs: Tensor, places: Tensor, scene: PixelRectangle) -> Tensor:
-    """Mean of PSFs over the field, each by the pixels that it counts for.
+    """Mean over the scene of the PSFs at all pixels.
 
     Parameters
     ----------
@@ -101,81 +125,20 @@ def mean_psf(psfs: Tensor, places: Tensor, scene: PixelRectangle) -> Tensor:
     scene
         Pixels that light comes from.
     """
-    weights = interpolation_weights(places, scene)
-    parts = [0.0 if each is None else float(each.values.sum()) for each in weights]
-    mean: Tensor = torch.tensordot(psfs.new_tensor(parts) / sum(parts), psfs, dims=1)
+    weights = _sampled_weights(places, scene).mean(dim=1)
+    mean: Tensor = torch.tensordot(weights.to(psfs), psfs, dims=1)
     return mean
-
-
-def _weights_on_line(points: Array, pixels: Array) -> list[FieldWeight | None]:
-    order = np.argsort(points)
-    units = np.eye(len(points))
-    return [
-        FieldWeight.of_grid(
-            torch.from_numpy(np.interp(pixels, points[order], unit[order]).astype(np.float32))
-        )
-        for unit in units
-    ]
-
-
-def _weights_in_triangles(at: Array, rows: Array, columns: Array) -> list[FieldWeight | None]:
-    middle, outermost = at.mean(axis=0), np.unique(Delaunay(at).convex_hull)
-    far = _FAR * max(len(rows), len(columns), np.abs(at - middle).max())
-    outwards = at[outermost] - middle
-    outwards *= far / np.linalg.norm(outwards, axis=1, keepdims=True)
-    points = np.concatenate([at, middle + outwards])
-    owners = np.concatenate([np.arange(len(at)), outermost])
-    totals = np.zeros((len(at), len(rows), len(columns)), dtype=np.float32)
-    free = np.ones((len(rows), len(columns)), dtype=bool)
-    for triangle in Delaunay(points).simplices:
-        corners = points[triangle]
-        inside = tuple(
-            slice(*np.searchsorted(axis, (low - 1, high + 1)))
-            for axis, low, high in zip(
-                (rows, columns), corners.min(axis=0), corners.max(axis=0), strict=True
-            )
-        )
-        shares = _barycentric(corners, rows[inside[0]], columns[inside[1]])
-        here = free[inside] & (shares.min(axis=0) >= -1e-9)
-        free[inside] &= ~here
-        for owner, share in zip(owners[triangle], shares, strict=True):
-            totals[owner][inside] += np.where(here, share.clip(0, 1), 0)
-    return [FieldWeight.of_grid(torch.from_numpy(each)) for each in totals]
-
-
-def _barycentric(corners: Array, rows: Array, columns: Array) -> Array:
-    """Shares of a triangle's three corners at pixels, (3, rows, columns)."""
-    matrix = np.linalg.inv(np.concatenate([corners.T, np.ones((1, 3))]))
-    by_row, by_column, rest = (matrix[:, k, None, None] for k in range(3))
-    shares: Array = by_row * rows[:, None] + by_column * columns + rest
-    return shares
-
-
-@dataclass(frozen=True)
-class _Share:
-    """A PSF and what of the scene it counts for.
-
-    `mean` is the weight's mean over the scene, and `square` what |H|² counts in the mean of the
-    squares: as much for a field point, 1 for a PSF of a basis.
-    """
-
-    psf: Tensor
-    weight: FieldWeight
-    mean: float
-    square: float
 
 
 @dataclass(frozen=True)
 class _Term:
-    """A share in the Fourier domain: its weight, where that lies in the padded shape, its PSF.
+    """A PSF in the Fourier domain, and how much it counts at each pixel of the scene.
 
     `stored` is the transfer function, in memory or in a file, on any device.
     """
 
-    weight: FieldWeight
-    window: Window
+    weight: Tensor
     stored: Tensor
-    square: float
 
     def transfer(self, beside: Tensor) -> Tensor:
         """The transfer function, on the device of another tensor."""
@@ -202,9 +165,9 @@ class FieldConvolution(CroppedConvolution):
     sensor, support
         As `CroppedConvolution` takes them.
     error
-        Fewer PSFs, of which those of the field points are combinations (Karhunen and Loève's
-        basis, `lauer2002`), may take their places where that costs less time: as few as err by this
-        fraction of the PSFs, as root mean squares over PSFs and scene. 0 for none.
+        Fewer PSFs, of which those of the scene's pixels are combinations (Karhunen and Loève's
+        basis, `lauer2002`), take their places: as few as err by this fraction of the PSFs, as root
+        mean squares over PSFs and scene. 0 for as many as are given.
     mapped
         Whether the terms' transfer functions are in temporary files, from which they are read one
         by one whenever they are used (`nolens.machine.mapped_copy`).
@@ -235,45 +198,29 @@ class FieldConvolution(CroppedConvolution):
                 f"there are {len(psfs)} PSFs and {len(places)} places: give one place for each"
             )
         super().__init__(psfs[0], sensor, support)
-        geometry = self.geometry
-        scene = PixelRectangle(*geometry.origin, *geometry.scene[2:])
-        shares = []
-        for psf, weight in zip(psfs, interpolation_weights(places, scene), strict=True):
-            if weight is None:
-                continue
-            values = weight.values.to(psf)
-            part = float(values.sum(dtype=torch.float64)) / (scene.height * scene.width)
-            shares.append(_Share(psf, replace(weight, values=values), part, part))
-        self._field_points = len(shares)
-        if error > 0:
-            basis = _basis(shares, scene, error)
-            if _cost(basis, geometry.padded) < _cost(shares, geometry.padded):
-                shares = basis
+        scene = PixelRectangle(*self.geometry.origin, *self.geometry.scene[2:])
+        self._field_points = len(psfs)
         self.transfer = torch.zeros_like(self.transfer)
         terms = []
-        for share in shares:
-            transfer = CroppedConvolution(share.psf, sensor, support).transfer
-            self.transfer.add_(transfer, alpha=share.mean)
-            weight = share.weight
-            top, left = geometry.scene[0] + weight.top, geometry.scene[1] + weight.left
-            window = top, left, *weight.values.shape
-            stored = mapped_copy(transfer) if mapped else transfer
-            terms.append(_Term(weight, window, stored, share.square))
+        for psf, weight in _basis(psfs, places, scene, error):
+            transfer = CroppedConvolution(psf, sensor, support).transfer
+            mean = float(weight.mean(dtype=torch.float64))
+            self.transfer.add_(transfer, alpha=mean)
+            terms.append(_Term(weight, mapped_copy(transfer) if mapped else transfer))
         self.terms = tuple(terms)
 
     @property
     def field_points(self) -> int:
-        """How many PSFs were given that count for a pixel of the scene."""
+        """How many PSFs were given."""
         return self._field_points
 
     @property
     def power(self) -> Tensor:
-        """Mean of |H|² of the half spectra, each by the pixels that its PSF counts for."""
+        """Mean over the scene's pixels of |H|² of the half spectra of their PSFs."""
         total = torch.zeros_like(self.transfer.real)
         for term in self.terms:
             transfer = term.transfer(total)
-            total.add_(transfer.real.square(), alpha=term.square)
-            total.add_(transfer.imag.square(), alpha=term.square)
+            total.add_(transfer.real.square()).add_(transfer.imag.square())
         return total
 
     @property
@@ -299,8 +246,7 @@ class FieldConvolution(CroppedConvolution):
         """Half spectrum of the sum of all terms on the padded shape."""
         total: Tensor | None = None
         for term in self.terms:
-            part = v[..., *term.weight.window] * term.weight.values
-            spectrum = rfft2_window(part, term.window[:2], self.geometry.padded)
+            spectrum = rfft2_window(v * term.weight, self.geometry.scene[:2], self.geometry.padded)
             if total is None:
                 total = times_transfer_(spectrum, term.transfer(spectrum))
             else:
@@ -313,40 +259,51 @@ class FieldConvolution(CroppedConvolution):
         scene: Tensor | None = None
         for term in self.terms:
             part = irfft2_window_(
-                spectrum * term.transfer(spectrum).conj(), term.window, self.geometry.padded
-            )
-            if scene is None:
-                scene = part.new_zeros((*part.shape[:-2], *self.geometry.scene[2:]))
-            scene[..., *term.weight.window] += part.mul_(term.weight.values)
+                spectrum * term.transfer(spectrum).conj(), self.geometry.scene, self.geometry.padded
+            ).mul_(term.weight)
+            scene = part if scene is None else scene.add_(part)
         assert scene is not None
         return scene
 
 
-def _basis(shares: list[_Share], scene: PixelRectangle, error: float) -> list[_Share]:
-    r"""The fewest PSFs of which those of the field points are combinations, but for an error.
+def _basis(
+    psfs: Tensor, places: Tensor, scene: PixelRectangle, error: float
+) -> Iterator[tuple[Tensor, Tensor]]:
+    r"""The fewest PSFs of which those of all pixels are combinations, but for an error; weights.
 
-    With the parts :math:`p_k` of the scene and the decomposition :math:`(\sqrt{p_k}\, h_k)_k =
-    U Σ V^T`, they are :math:`g_r = \sum_k U_{kr} \sqrt{p_k}\, h_k`, with the weights
-    :math:`\sum_k (U_{kr} / \sqrt{p_k})\, w_k`; so the mean of |H|² is :math:`\sum_r |G_r|^2`.
+    With the means :math:`C = R R^T` over the scene of the products of two weights, and
+    :math:`H R = U Σ V^T`, the PSFs are the columns of :math:`H R V`, the weights
+    :math:`V^T R^{-1} w`, whose products have the mean 1 with themselves and 0 with others. So the
+    mean of |H|² is the sum of the terms'. How brightness changes over a PSF as a whole counts more
+    than detail in the decomposition, as a scene's power falls with the square of the frequency.
+    Otherwise it would be lost first, and with it the picture's shading.
     """
-    roots = torch.tensor([math.sqrt(each.mean) for each in shares], dtype=torch.float64)
-    flat = torch.stack([each.psf.flatten() for each in shares])
-    gram = (flat @ flat.T).double().cpu() * roots[:, None] * roots
-    energies, vectors = (each.flip(-1) for each in torch.linalg.eigh(gram))
-    left = 1 - energies.cumsum(0) / energies.sum()
-    rank = min(int((left > error**2).sum()) + 1, len(shares))
-    basis = []
-    for vector in vectors[:, :rank].T:
-        psf = torch.zeros_like(shares[0].psf)
-        values = psf.new_zeros(scene.height, scene.width)
-        for each, amount, root in zip(shares, vector.tolist(), roots.tolist(), strict=True):
-            psf.add_(each.psf, alpha=amount * root)
-            values[each.weight.window].add_(each.weight.values, alpha=amount / root)
-        mean = float(values.mean(dtype=torch.float64))
-        basis.append(_Share(psf, FieldWeight(0, 0, values), mean, 1.0))
-    return basis
+    samples = _sampled_weights(places, scene)
+    products, vectors = torch.linalg.eigh(samples @ samples.T / samples.shape[1])
+    known = products > _APART * products[-1]
+    lengths, vectors = products[known].sqrt(), vectors[:, known]
+    root = vectors * lengths
+    detail, slow = (
+        root.T @ (each @ each.T).double().cpu() @ root
+        for each in (psfs.flatten(1), _slow_part(psfs))
+    )
+    energies, turned = (each.flip(-1) for each in torch.linalg.eigh(detail + slow))
+    left = energies.flip(0).cumsum(0).flip(0)[1:]
+    turned = turned[:, : int((left > error**2 * detail.trace()).sum()) + 1]
+    weights = psfs.new_empty((turned.shape[1], scene.height, scene.width))
+    rows, columns = torch.arange(scene.height), torch.arange(scene.width)
+    for first in range(0, scene.height, _ROWS):
+        part = rows[first : first + _ROWS]
+        pixels = _pixels_of(scene.top + part, scene.left + columns)
+        shares = turned.T / lengths @ vectors.T @ interpolation_weights(places, pixels)
+        weights[:, part] = shares.view(-1, len(part), scene.width).to(weights)
+    for amounts, weight in zip((root @ turned).T, weights, strict=True):
+        yield torch.tensordot(amounts.to(psfs), psfs, dims=1), weight
 
 
-def _cost(shares: list[_Share], padded: tuple[int, int]) -> float:
-    """Time of the terms' transforms, of all columns and the windows' rows, over that of columns."""
-    return sum(1 + len(each.weight.values) / (2 * padded[0]) for each in shares)
+def _slow_part(psfs: Tensor) -> Tensor:
+    """Means of blocks of PSFs, (points, blocks), as they count beside all pixels."""
+    means = nnf.adaptive_avg_pool2d(psfs.flatten(0, 1), _BLOCKS).view(len(psfs), -1)
+    side = math.sqrt(psfs.shape[-2] * psfs.shape[-1])
+    slow: Tensor = means * (side / _BLOCKS) * (side / _DETAIL)
+    return slow
