@@ -12,7 +12,7 @@ from nolens.camera import FieldPsf
 from nolens.errors import OptionError
 from nolens.operators import CroppedConvolution, FieldConvolution, PixelRectangle
 from nolens.solvers import Prior, Problem, admm, fista, split_admm
-from nolens.solvers.data_step import gram
+from nolens.solvers.linear_step import gram
 
 BASE = Case(view=True, support=PixelRectangle(0, 0, 6, 8))
 CASES = {

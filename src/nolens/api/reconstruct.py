@@ -16,6 +16,7 @@ from nolens.camera import BlackLevel, FieldPsf, Flip, Frame, black_level
 from nolens.camera.field_psf import spread
 from nolens.errors import OptionError
 from nolens.files.psf_folder import PsfFolder
+from nolens.files.weights import trained_prior
 from nolens.jobs.run import mapped_where_needed
 from nolens.progress import Clock
 from nolens.quantities import Length
@@ -42,6 +43,7 @@ from nolens.solvers import (
 from nolens.solvers import Progress as Iteration
 from nolens.solvers.explanation import FieldChoice, choose_field, explain, picture_warnings
 from nolens.solvers.inputs import Support, one_of, support_of, tensor_of
+from nolens.solvers.plug_and_play import PlugAndPlay
 from nolens.solvers.psf_choice import Extent
 from nolens.solvers.reconstructor import SPARE
 from nolens.solvers.report import Report
@@ -99,7 +101,7 @@ def reconstruct(
     quality: Quality | str | None = None,
     tau: float | None = None,
     detail: float = 1.0,
-    prior: Prior | str | ScenePrior = Prior.AUTO,
+    prior: Prior | str | Path | ScenePrior | PlugAndPlay = Prior.AUTO,
     iterations: int | None = None,
     tolerance: float | None = None,
     device: torch.device | str = "cpu",
@@ -152,9 +154,10 @@ def reconstruct(
         What the automatic `tau` is divided by: 2 shows more detail and more noise.
     prior
         ``"tv"``, ``"colour-tv"``, ``"isotropic-tv"``, ``"l1"`` or ``"none"``; ``"auto"`` is total
-        variation, of the colours together where the scene fills the view. Or one of your own: a
-        function from a first photograph, by total variation with a white of 1, to the functional
-        −ln p(v), or the name that a package adds.
+        variation, of the colours together where the scene fills the view. ``"unrolled"`` and
+        ``"denoiser"`` are trained networks, and the path of an .npz one that you trained. Or one of
+        your own: a function from a first photograph, by total variation with a white of 1, to the
+        functional −ln p(v), or the name that a package adds.
     iterations, tolerance
         Limits in place of the method's own.
     device
@@ -174,6 +177,7 @@ def reconstruct(
             f"detail {detail:g} is a factor on the automatic tau, and tau {tau:g} is a number: "
             "leave one out"
         )
+    prior = trained_prior(prior)
     solver, spare = _solver(method, quality, tau, prior, iterations, tolerance, device)
     frame, own = _measured(measurement, bin_by)
     pixel_rad = measurement.pixel_rad if isinstance(measurement, SimulatedMeasurement) else None
@@ -223,7 +227,7 @@ def reconstruct(
                 advance(chosen * fraction)
 
             weight = solver.choose_weight(data, progress=choosing)
-            solver = replace(solver, tau=weight.tau / detail)
+            solver = solver.with_detail(weight, detail)
         explanation = explain(solver, data, weight, point.source)
         problem = solver.problem(data)
 
@@ -237,7 +241,7 @@ def reconstruct(
         result,
         tensor_of(solver.psf, "PSF"),
         prediction=explanation.prediction,
-        method=solver.method.value,
+        method=solver.method_name,
         automatic_tau=tau is None,
         automatic_support=chosen_support,
         seconds=clock.seconds,
@@ -420,7 +424,7 @@ def _solver(
     method: Method | str | None,
     quality: Quality | str | None,
     tau: float | None,
-    prior: Prior | str | ScenePrior,
+    prior: Prior | str | ScenePrior | PlugAndPlay,
     iterations: int | None,
     tolerance: float | None,
     device: torch.device | str,

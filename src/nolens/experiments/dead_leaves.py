@@ -13,7 +13,7 @@ from torch import Tensor
 _FINER = 2
 """Samples along a pixel: edges are averaged in linear light."""
 _SMALLEST, _LARGEST = 3.0, 0.5
-"""Radius of a leaf: in pixels, and over the picture's shorter side."""
+"""Radius of a leaf where no other is given: in pixels, and over the picture's shorter side."""
 _MOST = 20_000
 _GAPS = 0.002
 """Part of the picture between the leaves, through which a backdrop is seen."""
@@ -24,7 +24,7 @@ _WHITE = 98.0
 Array = NDArray[Any]
 
 
-def dead_leaves(height: int, width: int, seed: int) -> Tensor:
+def dead_leaves(height: int, width: int, seed: int, *, smallest: float = _SMALLEST) -> Tensor:
     """A picture of leaves that hide each other, with texture and shading.
 
     Radii follow 1/r³, so that the picture looks alike at every size (`lee2001`). Each leaf is an
@@ -36,7 +36,9 @@ def dead_leaves(height: int, width: int, seed: int) -> Tensor:
     height, width
         Pixels.
     seed
-        The picture depends on nothing else.
+        Of all that is random.
+    smallest
+        Radius of the smallest leaf in pixels.
 
     Returns
     -------
@@ -49,7 +51,7 @@ def dead_leaves(height: int, width: int, seed: int) -> Tensor:
     picture = np.zeros((3, rows, columns), np.float32)
     clear = np.ones((rows, columns), dtype=bool)
     left = clear.size
-    for leaf in _leaves(random, rows, columns):
+    for leaf in _leaves(random, rows, columns, smallest):
         left -= _add_leaf(leaf, picture, clear, textures)
         if left <= _GAPS * clear.size:
             break
@@ -77,9 +79,11 @@ class _Leaf(NamedTuple):
     towards: float
 
 
-def _leaves(random: np.random.Generator, rows: int, columns: int) -> Iterator[_Leaf]:
+def _leaves(
+    random: np.random.Generator, rows: int, columns: int, smallest: float
+) -> Iterator[_Leaf]:
     """From the nearest to the farthest."""
-    low, high = _SMALLEST * _FINER, max(_LARGEST * min(rows, columns), 2 * _SMALLEST * _FINER)
+    low, high = smallest * _FINER, max(_LARGEST * min(rows, columns), 2 * smallest * _FINER)
     # The inverse of the distribution function of 1/r³.
     radii = (low**-2 - random.random(_MOST) * (low**-2 - high**-2)) ** -0.5
     drawn = (

@@ -14,11 +14,11 @@ from nolens.camera.psf_set import Depth, FieldAngle
 from nolens.errors import OptionError
 from nolens.jobs.options import RECORD, JobOptions, Option, Written, expand_home
 from nolens.machine import DeviceName
-from nolens.plugins import plugin_names
 from nolens.quantities import Angle, Duration, Percentage
 from nolens.ranges import Between
 from nolens.solvers import Prior
 from nolens.solvers.psf_choice import Extent
+from nolens.solvers.scene_prior import PRIORS
 
 _WINDOW = re.compile(r"([0-9]{1,6})x([0-9]{1,6})(?:([+-][0-9]{1,6})([+-][0-9]{1,6}))?")
 # Of Linux; temporary files add some characters to a name.
@@ -311,12 +311,28 @@ FieldPoints = Annotated[
 ]
 _PRIOR = Option("What the scene is assumed to be like.", SOLVER, label="Prior")
 ScenePrior = Annotated[Prior, _PRIOR]
-PRIORS = (*(each.value for each in Prior), *plugin_names("nolens.priors"))
-"""Names of those of nolens, and of those that other packages add."""
+
+
+def _weights(path: Path) -> Path:
+    if path.suffix.lower() != ".npz":
+        raise refusal(
+            f"give one of {', '.join(PRIORS)}, or an .npz of weights that nolens train wrote"
+        )
+    return path
+
+
 if TYPE_CHECKING:
-    AnyPrior = str
+    AnyPrior = str | Path
 else:
-    AnyPrior = Annotated[Literal[PRIORS], _PRIOR]
+    AnyPrior = Annotated[
+        Literal[PRIORS] | Annotated[FilePath, AfterValidator(_weights)],
+        Option(
+            "What the scene is assumed to be like. denoiser and unrolled are trained networks; "
+            "an .npz is one that you trained (nolens train).",
+            SOLVER,
+            label="Prior",
+        ),
+    ]
 Flip = Annotated[
     TurnOver,
     Option(

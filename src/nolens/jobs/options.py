@@ -374,10 +374,13 @@ def _as_text(value: Any) -> str:
 
 
 def choices_of(annotation: Any) -> tuple[str, ...]:
-    """The values of a type that has a few, as text; none where other values are taken too."""
+    """The values of a type that has a few, as text; none where other values are taken too.
+
+    Files that are taken in place of a value count for nothing.
+    """
     inner = [each for each in get_args(annotation) if each is not NoneType]
     if get_origin(annotation) in (Union, UnionType):
-        return choices_of(inner[0]) if len(inner) == 1 else ()
+        return choices_of(inner[0]) if len(inner) == 1 or _is_path(inner[1]) else ()
     if get_origin(annotation) is Annotated:
         return choices_of(inner[0])
     if get_origin(annotation) is Literal:
@@ -387,6 +390,10 @@ def choices_of(annotation: Any) -> tuple[str, ...]:
     if isinstance(annotation, type) and issubclass(annotation, Enum):
         return tuple(str(each.value) for each in annotation)
     return ()
+
+
+def _is_path(annotation: Any) -> bool:
+    return annotation is Path or get_args(annotation)[:1] == (Path,)
 
 
 def check_apart(options: JobOptions, read: Mapping[str, Path]) -> None:

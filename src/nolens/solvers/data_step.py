@@ -5,13 +5,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
-import torch.nn.functional as nnf
 from torch import Tensor
 
-from nolens.kernels import PassSums, SplitState, irfft2, irfft2_window_, rfft2_window
+from nolens.kernels import PassSums, SplitState
 from nolens.operators import FiniteDifference
 from nolens.solvers.admm_state import AdmmState, Penalties
 from nolens.solvers.functionals import OpponentL1
+from nolens.solvers.linear_step import LinearStep, dot, first_in_frame
 from nolens.solvers.problem import Prior, Problem
 
 DATA_STEP_RELAXATION = 1.5
@@ -23,13 +23,6 @@ level. Small ones let the scene follow the data at once, of whatever sign it bec
 _START_DARK, _FOLLOWING_DARK = 0.05, 0.3
 """Those of a scene that does not fill the view, of a cold start and of a frame that follows: with a
 small one, what the sensor hardly sees of it goes astray for tens of frames."""
-_INNER = 3
-"""Steps of conjugate gradients in each iteration."""
-_MODES = 3
-"""Slow cosines along each side that are solved for exactly."""
-_TINY = 1e-300
-_PIXELS = 20_000
-"""That are in float64 at a time."""
 
 
 def data_step_start(problem: Problem, state: AdmmState, *, follows: bool = False) -> Penalties:
@@ -183,25 +176,30 @@ class _Channel:
         self._tv = problem.varied
         self.a_w = self._frame.scene_of(split.scene)[None].clone()
         self.a_u = self._frame.differences_of(split, varied=self._tv)
-        self.v = self.a_w
-        self._residual = problem.data
-        self._circulant = _Circulant(problem)
-        self._cosines = _Cosines(problem)
+        self._linear = LinearStep(problem, self.a_w, varied=self._tv)
 
     def measure(self, problem: Problem) -> None:
         """Go on with another measurement."""
-        if not torch.equal(problem.valid, self._problem.valid):
-            self._cosines.measure(problem)
+        self._linear.measure(problem)
         self._problem = problem
+
+    @property
+    def v(self) -> Tensor:
+        """The scene of the linear step."""
+        return self._linear.v
+
+    @v.setter
+    def v(self, scene: Tensor) -> None:
+        self._linear.v = scene
 
     def renew_residual(self) -> None:
         """Compute the residual anew, of which steps lose a little each."""
-        self._residual = self._problem.residual(self.v)
+        self._linear.renew_residual()
 
     def write(self, split: SplitState) -> None:
         """Write the splits u and w with their multipliers, and x on the valid pixels."""
         top, left, height, width = split.sensor
-        light = self._problem.data[0] - self._residual[0]
+        light = self._problem.data[0] - self._linear.residual[0]
         split.measured[top : top + height, left : left + width] = light
         split.scene.zero_()
         self._frame.scene_of(split.scene).copy_(self.a_w[0])
@@ -214,7 +212,7 @@ class _Channel:
         target = (2 * w - self.a_w).mul_(third)
         if self._tv:
             target += self._varied_back(2 * u - self.a_u).mul_(second)
-        self._solve(target, penalties)
+        self._linear.solve(target, penalties)
         self.a_w += (self.v - w).mul_(relaxation)
         if self._tv:
             self.a_u += (self.varied(self.v) - u).mul_(relaxation)
@@ -247,63 +245,6 @@ class _Channel:
             magnitude=float(self.v.abs().sum(dtype=torch.float64)),
         )
 
-    def _solve(self, target: Tensor, penalties: Penalties) -> None:
-        """Go nearer to the scene with Kv = A*b + target."""
-        cosines, forward = self._cosines, self._problem.forward
-        circulant = self._circulant.inverse(penalties)
-        matrix = cosines.matrix(penalties)
-        amounts = matrix.solve(
-            cosines.along_image(self._residual)
-            + cosines.along(target - self._prior_part(penalties, self.v))
-        )
-        self.v = self.v + cosines.sum(amounts)
-        self._residual -= cosines.image(amounts)
-        direction = image = before = product = None
-        for _ in range(_INNER):
-            left = forward.adjoint(self._residual) + target - self._prior_part(penalties, self.v)
-            ahead = circulant(left)
-            light = self._image(ahead)
-            missed = cosines.along(left - self._prior_part(penalties, ahead)) - cosines.along_image(
-                light
-            )
-            amounts = matrix.solve(missed)
-            ahead += cosines.sum(amounts)
-            light += cosines.image(amounts)
-            slope = _dot(left, ahead)
-            if direction is None or image is None or before is None or product is None:
-                direction, image = ahead, light
-            else:
-                # Polak-Ribière: the preconditioner need not be exact.
-                turn = float(
-                    ((slope - _dot(before, ahead)) / product.clamp_min(_TINY)).clamp_min(0)
-                )
-                direction, image = ahead.add_(direction, alpha=turn), light.add_(image, alpha=turn)
-            before, product = left, slope
-            bend = _dot(image, image) + _dot(direction, self._prior_part(penalties, direction))
-            length = float(_dot(left, direction) / bend.clamp_min(_TINY))
-            self.v.add_(direction, alpha=length)
-            self._residual.sub_(image, alpha=length)
-
-    def _image(self, scene: Tensor) -> Tensor:
-        """A v: what the valid pixels see of a scene."""
-        return self._problem.forward(scene).mul_(self._problem.valid)
-
-    def _prior_part(self, penalties: Penalties, scene: Tensor) -> Tensor:
-        """(μ₂Ψ*Ψ + μ₃) v: four times each pixel, less its neighbours; zero around the scene."""
-        _, second, third = penalties
-        if not self._tv:
-            return third * scene
-        part = (4 * second + third) * scene
-        for axis, around in zip((-2, -1), self._frame.first, strict=True):
-            length = scene.shape[axis]
-            inner = (axis, 0, length - 1), (axis, 1, length - 1)
-            for one, other in (inner, inner[::-1]):
-                part.narrow(*one).sub_(scene.narrow(*other), alpha=second)
-            if around == 0:  # The scene is the whole padded shape, and goes around.
-                part.narrow(axis, 0, 1).sub_(scene.narrow(axis, length - 1, 1), alpha=second)
-                part.narrow(axis, length - 1, 1).sub_(scene.narrow(axis, 0, 1), alpha=second)
-        return part
-
     def _varied_back(self, differences: Tensor) -> Tensor:
         return self._frame.unframed(self._difference.adjoint(differences))
 
@@ -324,8 +265,8 @@ class _Frame:
     @classmethod
     def of(cls, problem: Problem) -> "_Frame":
         scene, padded = problem.forward.geometry.scene, problem.forward.geometry.padded
-        size = min(scene[2] + 1, padded[0]), min(scene[3] + 1, padded[1])
-        first = size[0] - scene[2], size[1] - scene[3]
+        first = first_in_frame(problem)
+        size = scene[2] + first[0], scene[3] + first[1]
         rows, columns = (
             (torch.arange(size[axis]) + scene[axis] - first[axis]) % padded[axis] for axis in (0, 1)
         )
@@ -362,145 +303,5 @@ class _Frame:
         return framed[..., top : top + height, left : left + width]
 
 
-class _Circulant:
-    """The circulant mean of the matrix, and its inverse on the scene's pixels."""
-
-    def __init__(self, problem: Problem) -> None:
-        self._geometry = problem.forward.geometry
-        height, width = self._geometry.padded
-        rows, columns = (
-            2 - 2 * torch.cos(2 * math.pi * torch.arange(count) / side)
-            for count, side in ((height, height), (width // 2 + 1, width))
-        )
-        self._rows, self._columns = rows.to(problem.data)[:, None], columns.to(problem.data)
-        power = problem.forward.power
-        energy = irfft2(power.to(torch.complex64), self._geometry.padded)[0, 0, 0]
-        self._data = power.mul_(_fraction_on_sensor(problem) / energy)
-        self._penalties: Penalties | None = None
-        self._inverse = self._data
-
-    def inverse(self, penalties: Penalties) -> "_Circulant":
-        """With these penalties."""
-        if penalties != self._penalties:
-            _, second, third = self._penalties = penalties
-            steps = self._rows + self._columns
-            self._inverse = (second * steps + self._data).add_(third).reciprocal_()
-        return self
-
-    def __call__(self, scene: Tensor) -> Tensor:
-        geometry = self._geometry
-        spectrum = rfft2_window(scene, geometry.scene[:2], geometry.padded)
-        return irfft2_window_(spectrum.mul_(self._inverse), geometry.scene, geometry.padded)
-
-
-def _fraction_on_sensor(problem: Problem) -> Tensor:
-    """ρ = E‖An‖² / E‖n‖² for white noise n without a mean."""
-    generator = torch.Generator().manual_seed(0)
-    signs = torch.randint(0, 2, problem.scene_shape, generator=generator) * 2.0 - 1
-    noise = (signs - signs.mean()).to(problem.data)
-    image = problem.forward(noise) * problem.valid
-    return (_dot(image, image) / _dot(noise, noise)).to(noise)
-
-
-class _Cosines:
-    """Slow cosines of the scene, products of `_MODES` along each side, and what A makes of them."""
-
-    def __init__(self, problem: Problem) -> None:
-        height, width = problem.scene_shape[1:]
-        self._rows, self._columns = (
-            slow_cosines(each).to(problem.data) for each in (height, width)
-        )
-        modes = (row[:, None] * column for row in self._rows for column in self._columns)
-        self._images = torch.cat([problem.forward(each[None]) for each in modes])
-        self.measure(problem)
-        self._gram_varied = torch.zeros_like(self._gram)
-        if problem.varied:
-            around = _Frame.of(problem).first
-            rows, columns = (
-                (gram(each), gram(steps_along(each, beyond)))
-                for each, beyond in zip((self._rows, self._columns), around, strict=True)
-            )
-            self._gram_varied = torch.kron(rows[1], columns[0]) + torch.kron(rows[0], columns[1])
-
-    def measure(self, problem: Problem) -> None:
-        """See them by the valid pixels of a measurement."""
-        self._valid = problem.valid
-        self._gram = gram(self._images.flatten(1), self._valid.flatten())
-
-    def matrix(self, penalties: Penalties) -> "_Coarse":
-        """The matrix in the space of the cosines."""
-        _, second, third = penalties
-        unit = torch.eye(len(self._gram)).to(self._gram)
-        return _Coarse(
-            torch.linalg.cholesky(self._gram + second * self._gram_varied + third * unit)
-        )
-
-    def along(self, scene: Tensor) -> Tensor:
-        """Inner products with the cosines."""
-        return (self._rows @ scene @ self._columns.T).flatten()
-
-    def along_image(self, image: Tensor) -> Tensor:
-        """Inner products of an image on the valid pixels with what A makes of the cosines."""
-        return self._images.flatten(1) @ image.flatten()
-
-    def sum(self, amounts: Tensor) -> Tensor:
-        """The scene of so much of each."""
-        return self._rows.T @ amounts.view(len(self._rows), -1) @ self._columns
-
-    def image(self, amounts: Tensor) -> Tensor:
-        """What the sensor sees of that."""
-        image: Tensor = (amounts @ self._images.flatten(1)).view_as(self._valid)
-        return image.mul_(self._valid)
-
-
-@dataclass(frozen=True)
-class _Coarse:
-    """The Cholesky factor of a small matrix."""
-
-    factor: Tensor
-
-    def solve(self, amounts: Tensor) -> Tensor:
-        """Amounts of the cosines whose products with the matrix these are."""
-        solution: Tensor = torch.cholesky_solve(amounts.double()[:, None], self.factor)
-        return solution[:, 0].to(amounts)
-
-
-def slow_cosines(count: int) -> Tensor:
-    """Cosines of 0, 1, … half waves along `count` pixels, of unit norm."""
-    place = (torch.arange(count, dtype=torch.float64) + 0.5) / count
-    modes = torch.arange(min(_MODES, count), dtype=torch.float64)
-    waves = torch.cos(math.pi * modes[:, None] * place)
-    unit: Tensor = waves / torch.linalg.vector_norm(waves, dim=1, keepdim=True)
-    return unit
-
-
-def steps_along(waves: Tensor, beyond: int) -> Tensor:
-    """Differences along waves, to so many zeros beyond them, and around."""
-    padded = nnf.pad(waves, (0, beyond))
-    return padded - padded.roll(1, -1)
-
-
-def gram(rows: Tensor, weights: Tensor | None = None) -> Tensor:
-    """Inner products of all pairs of rows; float64, as rows that are nearly alike make it singular.
-
-    Parameters
-    ----------
-    rows
-        (count, pixels).
-    weights
-        Of the pixels; None for 1.
-    """
-    total = rows.new_zeros(len(rows), len(rows), dtype=torch.float64)
-    for first in range(0, rows.shape[1], _PIXELS):
-        part = rows[:, first : first + _PIXELS].double()
-        total += (part if weights is None else part * weights[first : first + _PIXELS]) @ part.T
-    return total
-
-
-def _dot(x: Tensor, y: Tensor) -> Tensor:
-    """Inner product; float64."""
-    return torch.dot(x.reshape(-1), y.reshape(-1)).double()
-
-
 def _squares(values: Tensor) -> float:
-    return float(_dot(values, values))
+    return float(dot(values, values))

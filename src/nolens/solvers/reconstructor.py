@@ -32,6 +32,7 @@ from nolens.solvers.inputs import (
     tensor_of,
     weight_of,
 )
+from nolens.solvers.plug_and_play import PlugAndPlay, plug_and_play_bytes
 from nolens.solvers.problem import BASIS_ERROR, Prior, Problem
 from nolens.solvers.result import STOPS, Callback, Quality, Result, Stop
 from nolens.solvers.scene_prior import ScenePrior, scene_prior, solve_with
@@ -116,10 +117,10 @@ class Reconstructor:
         number of channels (`Problem.weight`); None chooses it by pixels of the measurement that
         are left out of the fit (`choose_weight`).
     prior
-        What the scene is assumed to be like: a `Prior` or its text, or a prior of one's own
-        (`ScenePrior`), as a function or the name that a package adds to ``nolens.priors``. That
-        follows a photograph by total variation, which `tau` is then the weight of. The Wiener
-        filter has its own.
+        What the scene is assumed to be like: a `Prior` or its text; a trained one (`PlugAndPlay`)
+        or its name; or a prior of one's own (`ScenePrior`), as a function or the name that a
+        package adds to ``nolens.priors``. Trained ones and one's own follow a photograph by total
+        variation, which `tau` is then the weight of. The Wiener filter has its own.
     method
         The solver.
     stop
@@ -140,7 +141,7 @@ class Reconstructor:
     psf: Plane = field(repr=False)
     support: Support | None = None
     tau: float | None = None
-    prior: Prior | str | ScenePrior = Prior.AUTO
+    prior: Prior | str | ScenePrior | PlugAndPlay = Prior.AUTO
     method: Method = Method.ADMM
     stop: Stop | None = None
     penalties: Penalties | None = None
@@ -171,10 +172,36 @@ class Reconstructor:
         return stop_of(self.method) if self.stop is None else self.stop
 
     @property
-    def _prior(self) -> Prior | str | ScenePrior:
+    def _prior(self) -> Prior | str | ScenePrior | PlugAndPlay:
         """Colours are taken together only where the low frequencies are fitted."""
         fitted = self.limits.low_frequency or self.field_psf is not None
         return Prior.TV if self.prior == Prior.AUTO and not fitted else self.prior
+
+    @property
+    def network(self) -> PlugAndPlay | None:
+        """The prior, where it is a trained network."""
+        prior = scene_prior(self.prior)
+        return prior if isinstance(prior, PlugAndPlay) else None
+
+    @property
+    def method_name(self) -> str:
+        """How it solves, for a report."""
+        if self.network is None:
+            return self.method.value
+        return f"{self.method.value}, plug-and-play"
+
+    def with_detail(self, chosen: Weight, detail: float) -> "Reconstructor":
+        """The same with a weight that was chosen, and so much more detail than that shows.
+
+        Parameters
+        ----------
+        chosen
+            By `choose_weight`.
+        detail
+            What the weight is divided by; for a network, the noise that it takes out.
+        """
+        prior = self.prior if self.network is None else replace(self.network, detail=detail)
+        return replace(self, tau=chosen.tau / detail, prior=prior)
 
     def working_bytes(self, channels: int, sensor: tuple[int, int]) -> float:
         """Most memory that a solve holds at once, without files; before any of it is allocated.
@@ -198,7 +225,11 @@ class Reconstructor:
             return fista_bytes(pixels) + field
         stop = self.stop or _STOP[self.method]
         fused = admm_bytes(pixels, low_frequency=stop.low_frequency or points > 0)
-        own = _OWN_PRIOR_BYTES * pixels if callable(scene_prior(self.prior)) else 0.0
+        prior = scene_prior(self.prior)
+        if isinstance(prior, PlugAndPlay):
+            own = plug_and_play_bytes(pixels, prior.network)
+        else:
+            own = _OWN_PRIOR_BYTES * pixels if callable(prior) else 0.0
         return max(fused, own) + field
 
     def mapped_bytes(self, channels: int, sensor: tuple[int, int]) -> float:
@@ -366,6 +397,11 @@ class Reconstructor:
         values, usable = _parts(measured, valid)
         prior = scene_prior(self._prior)
         wiener_filter = self.method is Method.WIENER
+        if wiener_filter and isinstance(prior, PlugAndPlay):
+            raise OptionError(
+                "a trained prior follows a photograph by admm or fista, and the Wiener filter "
+                "(method wiener, quality draft) has a prior of its own: leave one of them out"
+            )
         varied = None if wiener_filter else self.field_psf
         problem = Problem.build(
             tensor_of(self.psf, "PSF").to(self.device),
@@ -373,7 +409,7 @@ class Reconstructor:
             valid=None if usable is None else tensor_of(usable, "mask").to(self.device),
             support=self.support,
             # The filter has a prior of its own: what it weighs are squares.
-            prior=Prior.TV if wiener_filter or callable(prior) else prior,
+            prior=prior if isinstance(prior, Prior) and not wiener_filter else Prior.TV,
             field_psf=None if varied is None else varied.to(self.device),
             basis_error=self.basis_error,
             mapped=self.mapped,
@@ -408,6 +444,7 @@ class Reconstructor:
         """
         problem = measured if isinstance(measured, Problem) else self.problem(measured, valid)
         stop = self.limits
+        prior = scene_prior(self.prior)
         if self.method is Method.WIENER:
             return wiener(problem)
         if self.method is Method.FISTA:
@@ -427,10 +464,11 @@ class Reconstructor:
                 state=state,
                 callback=callback,
             )
-        prior = scene_prior(self.prior)
-        if callable(prior) and result.stop_reason != "callback":
-            return solve_with(prior, problem, result, stop.iterations, callback)
-        return result
+        if isinstance(prior, Prior) or result.stop_reason == "callback":
+            return result
+        if isinstance(prior, PlugAndPlay):
+            return prior.solve(problem, result, callback)
+        return solve_with(prior, problem, result, stop.iterations, callback)
 
     def stream(
         self,
@@ -451,10 +489,13 @@ class Reconstructor:
         Raises
         ------
         OptionError
-            If the prior is one's own.
+            If the prior is one's own, or trained.
         """
-        if callable(scene_prior(self.prior)):
-            raise OptionError(f"a stream has no prior of one's own; give one of {', '.join(Prior)}")
+        if not isinstance(scene_prior(self.prior), Prior):
+            raise OptionError(
+                f"a stream has no trained prior, and none of one's own; give one of "
+                f"{', '.join(Prior)}"
+            )
         problem = first if isinstance(first, Problem) else self.problem(first)
         return Stream(problem, iterations=iterations, latency_s=latency_s)
 

@@ -9,11 +9,12 @@ from torch import Tensor
 
 from nolens.errors import OptionError
 from nolens.operators import Diagonal
-from nolens.plugins import Group, load_plugin, plugin_names
+from nolens.plugins import Registry
 from nolens.printable import quoted
 from nolens.solvers.data_terms import Gaussian
 from nolens.solvers.functionals import Functional, NonNegative
 from nolens.solvers.held_out import channel_noise
+from nolens.solvers.plug_and_play import PlugAndPlay
 from nolens.solvers.problem import Prior, Problem
 from nolens.solvers.result import Callback, Progress, Result
 from nolens.solvers.split_admm import split_admm
@@ -23,20 +24,35 @@ ScenePrior = Callable[[Tensor], Functional]
 
 Row = dict[str, float]
 
-_GROUP: Group = "nolens.priors"
+TRAINED = {
+    "denoiser": "nolens.files.weights:denoiser",
+    "unrolled": "nolens.files.weights:unrolled",
+}
+"""Priors that come with trained weights, and what loads them."""
+_ADDED = Registry[Any](
+    "nolens.priors",
+    TRAINED,
+    "prior",
+    "function",
+    callable,
+)
 _WHITE = 0.995
 """Fraction of the first photograph's values below its white."""
 _TOLERANCE = 1e-3
 
 
-def scene_prior(prior: Any) -> Prior | ScenePrior:
-    """A prior from a `Prior`, its text, a functional, a function that gives one, or an added name.
+def scene_prior(prior: Any) -> Prior | ScenePrior | PlugAndPlay:
+    """A prior from a `Prior`, its text, a functional, a function that gives one, or a name.
+
+    Names are those of trained priors, and those that packages add.
 
     Raises
     ------
     OptionError
         If it is none, or the package cannot be loaded.
     """
+    if isinstance(prior, PlugAndPlay):
+        return prior
     if isinstance(prior, Functional):
         return lambda _: prior
     if callable(prior):
@@ -44,19 +60,17 @@ def scene_prior(prior: Any) -> Prior | ScenePrior:
         return own
     if prior in tuple(Prior):
         return Prior(prior)
-    if prior not in plugin_names(_GROUP):
-        known = ", ".join((*Prior, *plugin_names(_GROUP)))
+    if prior not in _ADDED.names:
         raise OptionError(
-            f"prior is {quoted(str(prior))}; give one of {known}, a functional, or "
+            f"prior is {quoted(str(prior))}; give one of {', '.join(PRIORS)}, a functional, or "
             "a function that gives one"
         )
-    added = load_plugin(_GROUP, prior)
-    if not callable(added):
-        raise OptionError(
-            f"the entry point {prior!r} of {_GROUP} leads to no function: mend the package that "
-            "has it, or uninstall it"
-        )
-    return scene_prior(added)
+    added = _ADDED.load(prior)
+    return scene_prior(added() if prior in TRAINED else added)
+
+
+PRIORS = (*(each.value for each in Prior), *_ADDED.names)
+"""Names of those of nolens, and of those that other packages add."""
 
 
 def solve_with(

@@ -110,7 +110,7 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: Setup) -> Product[Te
         result,
         psf,
         prediction=setup.prediction,
-        method=reconstructor.method.value,
+        method=reconstructor.method_name,
         automatic_tau=options.tau == "auto",
         automatic_support=setup.light is not None,
         seconds=run.clock.seconds,
@@ -123,13 +123,13 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: Setup) -> Product[Te
     if interrupted and state is not None:
         writers[options.state] = partial(write_state, arrays=state.arrays(), about=about)
     figures: dict[str, Any] = {
-        "method": reconstructor.method.value,
+        "method": reconstructor.method_name,
         "iterations": result.iterations,
         "stop_reason": "interrupted" if interrupted else result.stop_reason,
         "objective": result.objective,
         "tau": tau,
         "automatic_tau": options.tau == "auto",
-        "prior": problem.prior.value,
+        **setup.prior_facts,
         "report": report.summary(),
         "field_points": problem.forward.field_points,
         "automatic_support": setup.light is not None,
@@ -208,7 +208,7 @@ def _about(setup: Setup, inputs: dict[str, InputFile]) -> dict[str, Any]:
         **{role: file.sha256 for role, file in inputs.items()},
         "tau": setup.tau,
         **{name: values[name] for name in _PROBLEM_OPTIONS},
-        "prior": setup.problem.prior.value,
+        **setup.prior_facts,
         "psf_scale": geometry.scale,
         "psf_extent": "wide" if geometry.extended else "sensor",
         "psf_flip": geometry.flip,

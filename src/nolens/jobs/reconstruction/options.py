@@ -16,7 +16,6 @@ from nolens.jobs.fields import (
     CAMERAS,
     INPUT,
     PICTURE,
-    PRIORS,
     SOLVER,
     AnyPrior,
     Bgr,
@@ -53,6 +52,7 @@ from nolens.operators import PixelRectangle
 from nolens.printable import quoted
 from nolens.ranges import Between
 from nolens.solvers import Method, Prior, Quality
+from nolens.solvers.scene_prior import PRIORS
 
 LESS_MEMORY = "a smaller --support or larger pixels (--bin) need less"
 _SWEPT: dict[str, tuple[str | None, ...]] = {

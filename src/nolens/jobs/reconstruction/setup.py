@@ -13,6 +13,7 @@ from nolens.camera import FieldPsf, Frame, Measurement, PsfGeometry, black_level
 from nolens.camera.psf_set import Depth, depth_um
 from nolens.errors import NolensError, OptionError
 from nolens.files import CAMERA_FILE
+from nolens.files.weights import trained_prior
 from nolens.jobs.reconstruction.options import (
     LESS_MEMORY,
     ReconstructOptions,
@@ -153,7 +154,7 @@ class Setup(Prepared):
         announce_memory(check_solver_memory(reconstructor, measurement, LESS_MEMORY), run.reporter)
         weight = _weight(run, reconstructor, options, measurement)
         if weight is not None:
-            reconstructor = replace(reconstructor, tau=weight.tau / options.detail)
+            reconstructor = reconstructor.with_detail(weight, options.detail)
         prediction = None
         if chosen is None:
             explanation = explain(reconstructor, measurement, weight, development.psf.source)
@@ -186,7 +187,7 @@ class Setup(Prepared):
         reconstructor = _reconstructor(options, psf, support, run.device, field_psf)
         weight = _weight(run, reconstructor, options, self.measurement)
         if weight is not None:
-            reconstructor = replace(reconstructor, tau=weight.tau / options.detail)
+            reconstructor = reconstructor.with_detail(weight, options.detail)
         problem = reconstructor.problem(self.measurement)
         return replace(
             self,
@@ -227,6 +228,12 @@ class Setup(Prepared):
     def tau(self) -> float:
         """The weight of the prior: that of the options, or the program's choice."""
         return self.problem.weight if self.options.tau == "auto" else self.options.tau
+
+    @property
+    def prior_facts(self) -> dict[str, str]:
+        """What a record says of the prior: its name, and which weights it has."""
+        network = self.reconstructor.network
+        return {"prior": self.problem.prior.value} if network is None else network.facts
 
     @property
     def pixel_rad(self) -> float | None:
@@ -486,7 +493,7 @@ def _reconstructor(
         psf,
         support,
         tau=None if options.tau == "auto" else options.tau,
-        prior=options.prior,
+        prior=trained_prior(options.prior),
         method=method,
         stop=stop_of(
             method,

@@ -1,0 +1,1 @@
+"""Weights of the priors that come with nolens, each with its card."""

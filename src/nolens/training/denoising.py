@@ -1,0 +1,160 @@
+"""Training of a network to take white noise out of pictures."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from nolens.solvers.denoising_network import DenoisingNetwork, noise_planes
+from nolens.training.patches import PicturePool
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What a network learns from.
+
+    Parameters
+    ----------
+    noisy, clean
+        (count, 3, height, width).
+    planes
+        Of the noise (`noise_planes`).
+    error
+        About the root mean square of noisy − clean, (count,).
+    """
+
+    noisy: Tensor
+    clean: Tensor
+    planes: Tensor
+    error: Tensor
+
+
+_SIGMAS = 0.003, 0.5
+"""Smallest and largest standard deviation of the noise, of a white of 1."""
+_APART = 0.4
+"""Deviation of the logarithm of a channel's noise from that of the others."""
+_DECAY = 0.999
+"""Of the mean of the weights over the steps, which is what is kept."""
+_CLIP = 1.0
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How long and how fast a network learns.
+
+    Parameters
+    ----------
+    steps
+        Number of batches.
+    rate
+        Largest step of Adam; it rises over the first twentieth and falls as a cosine.
+    patches, side
+        Of a batch: how many, and their pixels along a side.
+    """
+
+    steps: int
+    rate: float = 1e-3
+    patches: int = 12
+    side: int = 64
+
+    def rate_at(self, step: int) -> float:
+        """Step of Adam at a batch."""
+        rise = max(self.steps // 20, 1)
+        fallen = 0.5 * (1 + math.cos(math.pi * min(step / self.steps, 1.0)))
+        return self.rate * min((step + 1) / rise, 1.0) * max(fallen, 0.005)
+
+
+class Trainer:
+    """A network, its optimiser and the mean of its weights: all that a checkpoint holds.
+
+    Parameters
+    ----------
+    network
+        Where to start from.
+    schedule
+        How long and how fast.
+    seed
+        Of the batches.
+    """
+
+    def __init__(self, network: DenoisingNetwork, schedule: Schedule, seed: int) -> None:
+        self.network = network
+        self.schedule, self.seed, self.step = schedule, seed, 0
+        self._optimiser = torch.optim.AdamW(
+            network.parameters(), lr=schedule.rate, weight_decay=1e-4
+        )
+        self._mean = {name: each.clone() for name, each in network.state_dict().items()}
+
+    def random(self) -> np.random.Generator:
+        """Random numbers of the next batch: the same after a resumed run."""
+        return np.random.Generator(
+            np.random.Philox(np.random.SeedSequence(self.seed, spawn_key=(2, self.step)))
+        )
+
+    def learn(self, batch: Batch) -> float:
+        """One step; the loss, mean |D(v) − clean| / √error: strong and weak noise count alike."""
+        for group in self._optimiser.param_groups:
+            group["lr"] = self.schedule.rate_at(self.step)
+        noisy = batch.noisy.to(memory_format=torch.channels_last)
+        missed = (self.network(noisy, batch.planes) - batch.clean).abs().mean(dim=(1, 2, 3))
+        loss = (missed / batch.error.clamp_min(_SIGMAS[0]).sqrt()).mean()
+        self._optimiser.zero_grad(set_to_none=True)
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), _CLIP)
+        self._optimiser.step()
+        self.step += 1
+        decay = min(_DECAY, (1 + self.step) / (10 + self.step))
+        with torch.no_grad():
+            for name, each in self.network.state_dict().items():
+                self._mean[name].lerp_(each, 1 - decay)
+        return float(loss.detach())
+
+    def trained(self) -> DenoisingNetwork:
+        """The network with the mean of its weights."""
+        network = DenoisingNetwork()
+        network.load_state_dict(self._mean)
+        return network.eval()
+
+    def state(self) -> dict[str, Any]:
+        """All that `resume` needs."""
+        return {
+            "step": self.step,
+            "seed": self.seed,
+            "network": self.network.state_dict(),
+            "mean": self._mean,
+            "optimiser": self._optimiser.state_dict(),
+        }
+
+    def resume(self, state: dict[str, Any]) -> None:
+        """Go on from a `state`."""
+        self.step, self.seed = int(state["step"]), int(state["seed"])
+        self.network.load_state_dict(state["network"])
+        self._mean = dict(state["mean"])
+        self._optimiser.load_state_dict(state["optimiser"])
+
+
+def noisy_batch(pool: PicturePool, random: np.random.Generator, schedule: Schedule) -> Batch:
+    """Patches with white noise, of another strength in each and somewhat in each channel.
+
+    Parameters
+    ----------
+    pool
+        What patches are cut from.
+    random
+        All that is random comes from it.
+    schedule
+        Number and size of the patches.
+    """
+    clean = pool.patches(random, schedule.patches, schedule.side)
+    low, high = np.log(_SIGMAS)
+    level = np.exp(random.uniform(low, high, (len(clean), 1, 1, 1)))
+    apart = np.exp(random.normal(0, _APART, (len(clean), 3, 1, 1)))
+    noise = random.standard_normal(tuple(clean.shape), np.float32)
+    grey = (clean == clean[:, :1]).flatten(1).all(dim=1).numpy()
+    apart[grey], noise[grey] = apart[grey, :1], noise[grey, :1]
+    sigma = torch.from_numpy((level * apart).clip(*_SIGMAS).astype(np.float32))
+    noisy = clean + sigma * torch.from_numpy(noise)
+    return Batch(noisy, clean, noise_planes(sigma[..., 0, 0]), sigma.mean(dim=(1, 2, 3)))
