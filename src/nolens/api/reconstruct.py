@@ -177,8 +177,9 @@ def reconstruct(
             f"detail {detail:g} is a factor on the automatic tau, and tau {tau:g} is a number: "
             "leave one out"
         )
-    prior = trained_prior(prior)
-    solver, spare = _solver(method, quality, tau, prior, iterations, tolerance, device)
+    solver, spare = _solver(
+        method, quality, tau, trained_prior(prior), iterations, tolerance, device
+    )
     frame, own = _measured(measurement, bin_by)
     pixel_rad = measurement.pixel_rad if isinstance(measurement, SimulatedMeasurement) else None
     folder = PsfFolder(Path(psf)) if isinstance(psf, (str, Path)) and Path(psf).is_dir() else None
