@@ -8,6 +8,7 @@ from functools import partial
 import torch
 from torch import Tensor
 
+from nolens.solvers.admm_state import Penalties
 from nolens.solvers.denoising_network import BANDS, DenoisingNetwork, denoise
 from nolens.solvers.held_out import channel_noise
 from nolens.solvers.linear_step import LinearStep
@@ -47,10 +48,10 @@ class Fit:
 
     def __init__(self, problem: Problem, detail: float = 1.0) -> None:
         self._noise = channel_noise(problem) / detail
-        self._scale = problem.scale.flatten()
+        self.scale = problem.scale.flatten()
         self.white = 1.0
         zero = problem.data.new_zeros(1, *problem.scene_shape[1:])
-        self._steps = [
+        self.steps = [
             LinearStep(problem.single(each), zero, varied=True) for each in range(problem.channels)
         ]
 
@@ -63,6 +64,12 @@ class Fit:
         self.white *= bright
         return picture / bright
 
+    def penalties(self, channel: int, spread: float) -> Penalties:
+        """What the linear step weighs differences and the picture itself with."""
+        unit = self.white / self.scale[channel]  # normalised values of a white
+        weight = float((self._noise[channel] / (spread * unit)) ** 2)
+        return 0.0, weight, _SLOW * weight
+
     def near(self, picture: Tensor, spread: float) -> tuple[Tensor, Tensor]:
         """X, and the noise in it of each channel and band, (channels, `BANDS`).
 
@@ -74,10 +81,8 @@ class Fit:
             s: how far the differences of z may be from the scene's.
         """
         fitted, noise = [], []
-        for number, step in enumerate(self._steps):
-            unit = self.white / self._scale[number]  # normalised values of a white
-            weight = float((self._noise[number] / (spread * unit)) ** 2)
-            penalties = (0.0, weight, _SLOW * weight)
+        for number, step in enumerate(self.steps):
+            unit, penalties = self.white / self.scale[number], self.penalties(number, spread)
             step.v = (unit * picture[number : number + 1]).contiguous()
             step.renew_residual()
             target = step.prior_part(penalties, step.v)

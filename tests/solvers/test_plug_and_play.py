@@ -1,0 +1,195 @@
+"""A network in turn with the fit of the measurement."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from posed import Case, pose
+from torch import Tensor
+
+from nolens.errors import OptionError
+from nolens.operators import FiniteDifference, PixelRectangle
+from nolens.solvers import Method, Prior, Problem, Progress, Reconstructor
+from nolens.solvers.denoising_network import (
+    BANDS,
+    STEP,
+    DenoisingNetwork,
+    denoise,
+    noise_planes,
+    tiles,
+)
+from nolens.solvers.held_out import channel_noise
+from nolens.solvers.plug_and_play import Fit, PlugAndPlay
+
+CASE = Case(sensor=(20, 22), psf=(20, 22), support=PixelRectangle(3, 4, 12, 13), channels=3)
+
+
+@pytest.fixture(scope="module")
+def network() -> DenoisingNetwork:
+    torch.manual_seed(0)
+    return DenoisingNetwork((4, 8, 8), (1, 1, 1)).eval()
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    posed = pose(CASE)
+    psf, data = (torch.from_numpy(each).float() for each in (posed.psf, posed.data))
+    noise = torch.randn(data.shape, generator=torch.Generator().manual_seed(1))
+    return Problem.build(psf, data + 0.02 * data.std() * noise, support=CASE.support, tau=1e-3)
+
+
+def identity() -> DenoisingNetwork:
+    """What takes nothing off."""
+    same = DenoisingNetwork((4, 8, 8), (1, 1, 1)).eval()
+    torch.nn.init.zeros_(same.tail.weight)
+    return same
+
+
+def test_the_unit_of_brightness_does_not_matter(network: DenoisingNetwork) -> None:
+    scene, sigma = torch.rand(3, 30, 21), torch.tensor([0.1, 0.2, 0.05])
+    plain = denoise(network, scene, sigma, 0.3)
+    assert float((plain - scene).norm()) > 0.01 * float(scene.norm())
+    scaled = denoise(network, 700 * scene, 700 * sigma, 210.0)
+    torch.testing.assert_close(scaled, 700 * plain, rtol=1e-4, atol=1e-2)
+
+
+@pytest.mark.parametrize("size", [(7, 5), (STEP, 3 * STEP), (33, 70)])
+@pytest.mark.parametrize("channels", [1, 2, 3])
+def test_sizes_and_channels(
+    network: DenoisingNetwork, size: tuple[int, int], channels: int
+) -> None:
+    scene, sigma = torch.rand(channels, *size), torch.full((channels, BANDS), 0.1)
+    result = denoise(network, scene, sigma)
+    assert result.shape == scene.shape
+    if channels != 3:  # Each by itself, as a grey picture.
+        last = denoise(network, scene[-1:].expand(3, -1, -1), sigma[-1:].expand(3, -1))
+        torch.testing.assert_close(result[-1], last.mean(dim=0))
+
+
+def test_a_quarter_turn_is_a_turn_of_the_scene(network: DenoisingNetwork) -> None:
+    scene, sigma = torch.rand(3, 24, 32), torch.full((3,), 0.1)
+    turned = torch.rot90(scene, 1, (1, 2))
+    expected = torch.rot90(denoise(network, turned, sigma), -1, (1, 2))
+    torch.testing.assert_close(denoise(network, scene, sigma, turn=1), expected)
+
+
+def test_tiles_join(network: DenoisingNetwork, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, sigma = torch.rand(3, 150, 170), torch.full((3,), 0.1)
+    whole = denoise(network, scene, sigma)
+    monkeypatch.setattr("nolens.solvers.denoising_network._TILE", 64)
+    assert len(list(tiles(150, 170))) == 9
+    torch.testing.assert_close(denoise(network, scene, sigma), whole, rtol=0, atol=1e-4)
+
+
+def test_planes_of_white_noise() -> None:
+    sigma = torch.rand(2, 3)
+    torch.testing.assert_close(
+        noise_planes(sigma, 0.2), noise_planes(sigma[..., None].expand(-1, -1, BANDS), 0.2)
+    )
+
+
+def test_fit_near_a_picture(problem: Problem) -> None:
+    """The minimiser of the fit's objective, by dense matrices in float64."""
+    picture, spread = torch.rand(3, 12, 13), 0.3
+    fit = Fit(problem)
+    x = fit.in_whites(picture)
+    for _ in range(20):
+        # From x in place of z, the target stays that of z.
+        x, _ = _near(fit, problem, x, picture / fit.white, spread)
+    exact = _minimiser(problem, picture / fit.white, spread, fit.white)
+    torch.testing.assert_close(x.double(), exact, rtol=0, atol=2e-3 * float(exact.abs().max()))
+    once, noise = fit.near(picture / fit.white, spread)
+    assert noise.shape == (3, BANDS) and bool((noise > 0).all())
+    left = (once.double() - exact).norm() / (picture.double() / fit.white - exact).norm()
+    assert float(left) < 0.3  # The first call goes most of the way.
+
+
+def _near(
+    fit: Fit, problem: Problem, start: Tensor, picture: Tensor, spread: float
+) -> tuple[Tensor, Tensor]:
+    """`Fit.near`, with its linear steps going on from a start."""
+    fitted = []
+    for number, step in enumerate(fit.steps):
+        penalties, unit = fit.penalties(number, spread), fit.white / fit.scale[number]
+        step.v = (unit * start[number : number + 1]).contiguous()
+        step.renew_residual()
+        step.solve(step.prior_part(penalties, unit * picture[number : number + 1]), penalties)
+        fitted.append(step.v / unit)
+    return torch.cat(fitted), start
+
+
+def _minimiser(problem: Problem, picture: Tensor, spread: float, white: float) -> Tensor:
+    """Of ½‖(b − Av)/σ‖² + (‖Ψ(v − z)‖² + ‖v − z‖²/16) / 2s², in units of the white."""
+    noise = channel_noise(problem).double()
+    height, width = picture.shape[1:]
+    basis = torch.eye(height * width).reshape(-1, 1, height, width)
+    # Differences with the zero beside the scene, as the linear step has them.
+    framed = torch.nn.functional.pad(basis, (1, 0, 1, 0))
+    psi = FiniteDifference((height + 1, width + 1))(framed).flatten(1).double().T
+    scenes = []
+    for number in range(3):
+        single = problem.single(number)
+        image = torch.cat([single.forward(each) for each in basis]).flatten(1).double().T
+        image = image * (white / problem.scale[number].double()) / noise[number]
+        data = single.data.double().flatten() / noise[number]
+        prior = (psi.T @ psi + torch.eye(height * width).double() / 16) / spread**2
+        z = picture[number].double().flatten()
+        scenes.append(torch.linalg.solve(image.T @ image + prior, image.T @ data + prior @ z))
+    return torch.stack(scenes).reshape(picture.shape)
+
+
+def test_noise_that_the_fit_leaves(problem: Problem) -> None:
+    """The density by octaves is that of noise alone, fitted near nothing."""
+    posed = replace(CASE, sensor=(96, 96), psf=(96, 96), support=PixelRectangle(24, 24, 48, 48))
+    psf = torch.from_numpy(pose(posed).psf).float()
+    data = torch.randn(3, 96, 96, generator=torch.Generator().manual_seed(2))
+    noisy = Problem.build(psf, data, support=posed.support, tau=1e-3)
+    fit = Fit(noisy)
+    fit.in_whites(torch.rand(noisy.scene_shape))
+    zero = torch.zeros(noisy.scene_shape)
+    x, stated = fit.near(zero, 0.3)
+    for _ in range(3):
+        x, _ = _near(fit, noisy, x, zero, 0.3)
+    rows, columns = (torch.fft.fftfreq(side)[:, None] for side in x.shape[1:])
+    octave = torch.hypot(rows, columns.T).clamp_min(1e-9).log2().add(1 + BANDS).floor()
+    density = torch.fft.fft2(x).abs().square() / x[0].numel()
+    for band in range(2, BANDS):  # Below are a few waves only.
+        within = octave.clamp(0, BANDS - 1) == band
+        measured = density[:, within].mean(dim=1).sqrt()
+        torch.testing.assert_close(measured, stated[:, band], rtol=0.3, atol=0)
+
+
+def test_turns_of_a_network_that_takes_nothing_off(problem: Problem) -> None:
+    """The fits' residual is below the photograph's, and the record goes on from that."""
+    seen: list[Progress] = []
+    prior = PlugAndPlay(identity(), (0.5, 0.5))
+    solver = Reconstructor(torch.empty(0), prior=prior)
+    first = replace(solver, prior=Prior.TV).solve(problem)
+    result = solver.solve(problem, callback=seen.append)
+    assert result.iterations == first.iterations + 2 == result.history[-1]["iteration"]
+    assert float(result.scene.min()) >= 0
+    torch.testing.assert_close(seen[-1].scene(), result.scene / problem.scale)
+    for turn in prior.turns(problem, first.scene):
+        before, after = (
+            float(problem.residual(scene / problem.scale).norm())
+            for scene in (first.scene, turn.white * turn.fit)
+        )
+        assert after < before
+
+
+def test_a_run_that_is_stopped_keeps_its_picture(problem: Problem) -> None:
+    prior = PlugAndPlay(identity(), (0.5, 0.4, 0.3))
+    first = Reconstructor(torch.empty(0)).solve(problem)
+    result = prior.solve(problem, first, lambda progress: True)
+    assert result.stop_reason == "callback"
+    assert result.iterations == first.iterations + 1
+
+
+def test_what_has_another_prior() -> None:
+    posed = pose(CASE)
+    prior = PlugAndPlay(identity(), (0.5,))
+    solver = Reconstructor(torch.from_numpy(posed.psf), prior=prior, method=Method.WIENER)
+    with pytest.raises(OptionError, match=r"the Wiener filter .* has a prior of its own"):
+        solver.problem(torch.from_numpy(posed.data))
+    with pytest.raises(OptionError, match="a stream has no trained prior"):
+        replace(solver, method=Method.ADMM).stream(torch.from_numpy(posed.data))
