@@ -49,6 +49,8 @@ from nolens.solvers.reconstructor import SPARE
 from nolens.solvers.report import Report
 from nolens.solvers.result import window_of
 from nolens.solvers.scene_prior import ScenePrior
+from nolens.solvers.uncertainty import detail_warning
+from nolens.solvers.uncertainty import uncertainty as measure_uncertainty
 
 _CHOICE = 0.2
 """Fraction of the work that the choice of a weight is."""
@@ -71,6 +73,9 @@ class Photograph(Image):
         What was done to the data, and what may make the picture worse than it could be.
     distance_um
         That it is focused at, where it was refocused.
+    spread
+        Standard deviation of each value under the noise, like `values`; None where it was not asked
+        for.
     """
 
     result: Result = field(repr=False)
@@ -79,6 +84,7 @@ class Photograph(Image):
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     distance_um: float | None = None
+    spread: torch.Tensor | None = field(default=None, repr=False)
 
 
 def reconstruct(
@@ -104,6 +110,7 @@ def reconstruct(
     prior: Prior | str | Path | ScenePrior | PlugAndPlay = Prior.AUTO,
     iterations: int | None = None,
     tolerance: float | None = None,
+    uncertainty: int | None = None,
     device: torch.device | str = "cpu",
     progress: Progress = False,
 ) -> Photograph:
@@ -160,6 +167,9 @@ def reconstruct(
         functional −ln p(v), or the name that a package adds.
     iterations, tolerance
         Limits in place of the method's own.
+    uncertainty
+        Number of samples by which `Photograph.spread` is measured, such as 8; each takes as long as
+        the picture.
     device
         Where to compute.
     progress
@@ -241,7 +251,8 @@ def reconstruct(
         problem,
         result,
         tensor_of(solver.psf, "PSF"),
-        prediction=explanation.prediction,
+        # Held-out pixels were predicted by total variation.
+        prediction=None if solver.network is not None else explanation.prediction,
         method=solver.method_name,
         automatic_tau=tau is None,
         automatic_support=chosen_support,
@@ -257,14 +268,25 @@ def reconstruct(
         *prepared.notes,
         *of_memory,
     )
+    doubt = None if solver.network is None else detail_warning(result, report.frequency)
     warnings = (
         *prepared.warnings,
+        *([] if doubt is None else [doubt]),
         *over_field.warnings,
         *uncovered,
         *explanation.warnings,
         *picture_warnings(problem, result, prepared.values, iterations),
     )
-    return Photograph(picture.cpu(), data.channels, result, problem.weight, report, notes, warnings)
+    photograph = Photograph(
+        picture.cpu(), data.channels, result, problem.weight, report, notes, warnings
+    )
+    if uncertainty is None:
+        return photograph
+    with reported(progress, "samples of the uncertainty") as advance:
+        samples = measure_uncertainty(solver, problem, result, uncertainty, progress=advance)
+    assert samples is not None
+    window = problem.sensor_frame if chosen_support else problem.frame
+    return replace(photograph, spread=window_of(samples.spread, window).cpu())
 
 
 def refocus(

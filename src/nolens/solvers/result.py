@@ -153,6 +153,8 @@ class Result:
         Window (top, left, height, width) of the scene that `photograph` is (`Problem.frame`).
     history
         A row for each convergence check (`Progress.row`).
+    first
+        Scene by total variation that a trained prior, or one's own, started from; None for others.
     """
 
     scene: Tensor
@@ -161,6 +163,7 @@ class Result:
     stop_reason: StopReason
     frame: tuple[int, int, int, int]
     history: list[dict[str, float]] = field(default_factory=list)
+    first: Tensor | None = None
 
     @property
     def photograph(self) -> Tensor:

@@ -21,6 +21,7 @@ from nolens.files import (
     write_tiff16,
     write_tiff32,
 )
+from nolens.files.contact_sheet import SheetPicture, write_contact_sheet
 from nolens.jobs.reconstruction.options import ReconstructOptions
 from nolens.jobs.reconstruction.sequence import reconstruct_sequence
 from nolens.jobs.reconstruction.setup import Setup, method_of, psf_row, read_development
@@ -36,7 +37,11 @@ from nolens.solvers import AdmmState, Method, Problem, Progress, Stop
 from nolens.solvers.explanation import picture_warnings
 from nolens.solvers.inputs import tensor_of
 from nolens.solvers.report import Report
+from nolens.solvers.result import Result
+from nolens.solvers.uncertainty import detail_warning, uncertainty
 
+_BRIGHT = 0.995
+"""Fraction of the values on a sheet that are not brighter than its white."""
 _PROBLEM_OPTIONS = (
     "black",
     "white",
@@ -109,7 +114,8 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: Setup) -> Product[Te
         problem,
         result,
         psf,
-        prediction=setup.prediction,
+        # Held-out pixels were predicted by total variation.
+        prediction=None if reconstructor.network is not None else setup.prediction,
         method=reconstructor.method_name,
         automatic_tau=options.tau == "auto",
         automatic_support=setup.light is not None,
@@ -117,6 +123,9 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: Setup) -> Product[Te
         pixel_rad=setup.pixel_rad,
         left_out=setup.field.left_out,
     )
+    if reconstructor.network is not None:
+        doubt = detail_warning(result, report.frequency)
+        run.warn(*([] if doubt is None else [doubt]))
     rgb = arrange_rgb(picture, setup.measurement.channels)
     write = partial(write_picture, white=white, options=options)
     writers: dict[Path, Writer] = {path: partial(write, picture=rgb) for path in options.output}
@@ -139,6 +148,8 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: Setup) -> Product[Te
         swept = _sweep(run, setup, SweptPicture(None, settings, tau, result, rgb))
         writers |= sweep_writers(options, swept, white, write)
         figures["sweep"] = [each.row(options) for each in swept]
+    if options.uncertainty is not None and not interrupted:
+        writers |= _uncertainty(run, setup, problem, result, white)
     parameters = {
         "bin": options.bin_by,
         "black": setup.development.black,
@@ -158,6 +169,45 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: Setup) -> Product[Te
     if setup.rectification is not None:
         parameters["rectification"] = setup.rectification.row()
     return Product(picture, figures, writers, parameters, result.history)
+
+
+def _uncertainty(
+    run: Run[ReconstructOptions], setup: Setup, problem: Problem, result: Result, white: float
+) -> dict[Path, Writer]:
+    """What writes the spread, and the sheet of it; nothing where it was interrupted."""
+    count = setup.options.uncertainty
+    assert count is not None
+
+    def watch(fraction: float) -> bool:
+        return run.reporter.step("% of the samples", round(100 * fraction), 100, "the picture")
+
+    found = uncertainty(setup.reconstructor, problem, result, count, progress=watch)
+    if found is None:
+        return {}
+    spread = arrange_rgb(setup.picture(found.spread), setup.measurement.channels)
+    gain = white / _bright(spread)
+    pictures = [
+        SheetPicture(
+            "picture", arrange_rgb(setup.picture(result.scene), setup.measurement.channels)
+        ),
+        SheetPicture(f"spread of {count} samples, ×{gain:.2g}", gain * spread),
+    ]
+    if result.first is not None:
+        other = (setup.picture(result.scene) - setup.picture(result.first)).abs()
+        other = arrange_rgb(other, setup.measurement.channels)
+        gain = white / _bright(other)
+        label = f"difference from total variation, ×{gain:.2g}"
+        pictures.append(SheetPicture(label, gain * other))
+    values, sheet = setup.options.uncertainty_files
+    return {
+        values: partial(write_tiff32, radiance=spread),
+        sheet: partial(write_contact_sheet, pictures=pictures, white=white),
+    }
+
+
+def _bright(picture: Tensor) -> float:
+    values = picture.flatten()
+    return max(float(values[:: 1 + values.numel() // 10**6].quantile(_BRIGHT)), 1e-30)
 
 
 def _sweep(run: Run[ReconstructOptions], setup: Setup, own: SweptPicture) -> list[SweptPicture]:

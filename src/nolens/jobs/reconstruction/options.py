@@ -75,7 +75,7 @@ def list_of_folder(path: Path) -> Path:
 _OF_ONE_PICTURE = {
     *("quality", "sweep", "psf_extent", "psf_scale", "psf_flip", "field", "method", "resume"),
     *("low_frequency", "latency", "penalties", "balance", "relaxation", "crop", "tiff_bits"),
-    *("frames", "exposure", "flatten", "undistort"),
+    *("frames", "exposure", "flatten", "undistort", "uncertainty"),
 }
 """Options that depths or bands, which are solved together, do not have."""
 _NOT_OF_BANDS = {
@@ -249,6 +249,16 @@ class ReconstructOptions(JobOptions):
             "out-sweep.png: tau (the chosen or stated one times 4, 2, 1/2, 1/4), method, prior or "
             "support.",
             label="Compare",
+        ),
+    ] = None
+    uncertainty: Annotated[
+        Annotated[int, Between(2, 1000)] | None,
+        Option(
+            "Also write how far each pixel can be trusted, by so many pictures with other noise, "
+            "such as 8: out-uncertainty.tif, and a sheet of it, with where a trained prior and "
+            "total variation disagree, out-uncertainty.png. Each takes as long as the picture.",
+            PICTURE,
+            label="Samples of the uncertainty",
         ),
     ] = None
     frames: Annotated[
@@ -490,6 +500,10 @@ class ReconstructOptions(JobOptions):
 
     def _check_sweep(self) -> None:
         sweep, draft = self.sweep, self.quality is Quality.DRAFT
+        if self.uncertainty is not None and self.is_sequence:
+            raise OptionError(
+                f"--uncertainty {self.uncertainty} is of one frame: leave it out for a sequence"
+            )
         if sweep is not None and (self.resume is not None or self.is_sequence):
             raise OptionError(
                 f"--sweep {sweep} compares pictures of one frame: leave it out for a sequence and "
@@ -594,6 +608,9 @@ class ReconstructOptions(JobOptions):
                 for path in self.output
             ]
             pictures.append(Written("sheet of the sweep", self.contact_sheet))
+        if self.uncertainty is not None:
+            values, sheet = self.uncertainty_files
+            pictures += [Written("uncertainty", values), Written("sheet of it", sheet)]
         return (*pictures, Written("record of the run", self.record))
 
     @property
@@ -610,6 +627,13 @@ class ReconstructOptions(JobOptions):
     def swept_path(self, output: Path, name: str) -> Path:
         """File of a sweep's picture beside an output."""
         return output.with_name(f"{output.stem}-{self.sweep}-{name}{output.suffix}")
+
+    @property
+    def uncertainty_files(self) -> tuple[Path, Path]:
+        """Files of the uncertainty: values, and a sheet to look at."""
+        first = self.output[0]
+        stem = f"{first.stem}-uncertainty"
+        return first.with_name(f"{stem}.tif"), first.with_name(f"{stem}.png")
 
     @property
     def contact_sheet(self) -> Path:
