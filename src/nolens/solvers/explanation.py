@@ -190,7 +190,9 @@ def picture_warnings(
     """
     if iterations is not None or not result.history or result.stop_reason == "callback":
         return ()
-    texts = (_filled_view_warning(problem, result, psf), _unfinished_warning(problem, result))
+    # Turns of a network are of a number that is known.
+    iterated = result if result.first is None else result.first
+    texts = (_filled_view_warning(problem, result, psf), _unfinished_warning(problem, iterated))
     return tuple(text for text in texts if text is not None)
 
 

@@ -207,7 +207,7 @@ class PlugAndPlay:
             stop_reason="callback" if reason == "callback" else first.stop_reason,
             frame=problem.frame,
             history=[*first.history, *rows],
-            first=first.scene,
+            first=first,
         )
 
 

@@ -493,7 +493,7 @@ class Reconstructor:
         """
         if not isinstance(scene_prior(self.prior), Prior):
             raise OptionError(
-                f"a stream has no trained prior, and none of one's own; give one of "
+                f"a stream has no prior of one's own, and no trained one; give one of "
                 f"{', '.join(Prior)}"
             )
         problem = first if isinstance(first, Problem) else self.problem(first)

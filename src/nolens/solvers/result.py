@@ -154,7 +154,8 @@ class Result:
     history
         A row for each convergence check (`Progress.row`).
     first
-        Scene by total variation that a trained prior, or one's own, started from; None for others.
+        The photograph by total variation that a trained prior, or one's own, started from; None for
+        others.
     """
 
     scene: Tensor
@@ -163,7 +164,7 @@ class Result:
     stop_reason: StopReason
     frame: tuple[int, int, int, int]
     history: list[dict[str, float]] = field(default_factory=list)
-    first: Tensor | None = None
+    first: "Result | None" = field(default=None, repr=False)
 
     @property
     def photograph(self) -> Tensor:

@@ -149,5 +149,5 @@ def solve_with(
         iterations=first.iterations + result.iterations,
         frame=problem.frame,
         history=[later(row) for row in result.history],
-        first=first.scene,
+        first=first,
     )

@@ -118,7 +118,7 @@ def detail_warning(result: Result, frequency: float) -> str | None:
     """
     if result.first is None:
         return None
-    fine, usual = (_fine(each, frequency) for each in (result.scene, result.first))
+    fine, usual = (_fine(each, frequency) for each in (result.scene, result.first.scene))
     mean = float(result.scene.mean())
     if mean <= 0 or fine <= _WIDTH * usual or fine <= _VISIBLE * mean:
         return None

@@ -12,7 +12,7 @@ from nolens.solvers import Prior, Problem, admm
 from nolens.solvers.held_out import weight_by_noise
 from nolens.training.psfs import altered_psf, random_psf
 
-_SCENE, _SENSOR = (80, 144), (96, 224)
+_SCENE, _SENSOR = (96, 160), (112, 224)
 """Smallest and largest side of a scene and of a sensor."""
 _ELECTRONS = 200.0, 20_000.0
 """In the brightest pixel."""

@@ -193,7 +193,7 @@ def _uncertainty(
         SheetPicture(f"spread of {count} samples, ×{gain:.2g}", gain * spread),
     ]
     if result.first is not None:
-        other = (setup.picture(result.scene) - setup.picture(result.first)).abs()
+        other = (setup.picture(result.scene) - setup.picture(result.first.scene)).abs()
         other = arrange_rgb(other, setup.measurement.channels)
         gain = white / _bright(other)
         label = f"difference from total variation, ×{gain:.2g}"

@@ -23,6 +23,7 @@ export const MORE = {
   depths: { example: "one; such as 8cm,20cm,inf" },
   bands: { example: "the sensor's colours; such as 12" },
   spectrum_at: { example: "such as 120,200" },
+  uncertainty: { example: "none; such as 8" },
   frames: { example: "a picture; such as 24" },
   exposure: { example: "as the file says; such as 1ms" },
   support: { example: "auto, full or such as 400x400" },
@@ -31,7 +32,7 @@ export const MORE = {
   bin: { example: "by the PSF" },
   crop: { example: "the support; such as 400x400+20+0" },
   flip: { words: { none: "As it is", vertical: "Upside down", horizontal: "Mirrored", both: "Rotated by 180°" } },
-  prior: { words: { auto: "Automatic", "colour-tv": "Total variation of the colours together", tv: "Total variation", "isotropic-tv": "Isotropic total variation", l1: "Few bright points (l1)", none: "No negative light, nothing else" } },
+  prior: { words: { auto: "Automatic", "colour-tv": "Total variation of the colours together", tv: "Total variation", "isotropic-tv": "Isotropic total variation", l1: "Few bright points (l1)", none: "No negative light, nothing else", ridge: "Trained filters (ridge)", denoiser: "Trained network, for white noise", unrolled: "Trained network, for lensless cameras" } },
   iterations: { example: "by quality" },
   tau: { example: "automatic" },
   sweep: { words: { "": "One picture", tau: "With more and less detail", method: "Solvers", prior: "Priors", support: "Supports" } },
@@ -40,7 +41,7 @@ export const MORE = {
 export const READING = ["black", "white", "mosaic", "bgr", "bin", "channels", "support", "flip"];
 const STACKS = ["depths", "bands", "spectrum_at", "frames", "exposure"];
 const RECTIFIED = ["flatten", "undistort"];
-const SOLVING = ["sweep", ...STACKS, ...RECTIFIED, "distance", "psf_extent", "psf_scale", "psf_flip", "crop", "tau", "method", "field_points", "prior", "iterations", "tolerance", "low_frequency"];
+const SOLVING = ["sweep", "uncertainty", ...STACKS, ...RECTIFIED, "distance", "psf_extent", "psf_scale", "psf_flip", "crop", "tau", "method", "field_points", "prior", "iterations", "tolerance", "low_frequency"];
 
 export class ReconstructionOptions {
   /** @param {(file: File, select: HTMLSelectElement) => Promise<void>} bring stores a file of the visitor's and chooses it */
