@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: env demo test tests test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading bench-default bench-model bench-odd bench-dataset bench-batch examples screenshots fuzz kill attack clean
+.PHONY: env demo test tests test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading bench-default bench-model bench-priors bench-odd bench-dataset bench-batch examples screenshots fuzz kill attack clean
 
 env: $(STAMP)
 
@@ -92,6 +92,11 @@ bench-model: $(STAMP)
 	$(BIN)/python bench/volume.py
 	$(BIN)/python bench/video.py
 	$(BIN)/python bench/bands.py
+
+# Trained priors against total variation: some hours on one core; goes on where it was stopped.
+# Downloads 170 MB of photographs in Debian's packages (apt-get download) into build/photographs.
+bench-priors: $(STAMP)
+	$(BIN)/python bench/priors.py --fetch --unseen --charts
 
 # What is said of wrong and odd files, and falsely of good ones: about 20 minutes.
 bench-odd: $(STAMP)
