@@ -95,12 +95,12 @@ class Trainer:
         )
 
     def learn(self, batch: Batch) -> float:
-        """One step; the loss, mean |D(v) − clean| / √error: strong and weak noise count alike."""
+        """One step; the loss, mean |D(v) − clean| / error: strong and weak noise count alike."""
         for group in self._optimiser.param_groups:
             group["lr"] = self.schedule.rate_at(self.step)
         noisy = batch.noisy.to(memory_format=torch.channels_last)
         missed = (self.network(noisy, batch.planes) - batch.clean).abs().mean(dim=(1, 2, 3))
-        loss = (missed / batch.error.clamp_min(_SIGMAS[0]).sqrt()).mean()
+        loss = (missed / batch.error.clamp_min(_SIGMAS[0])).mean()
         self._optimiser.zero_grad(set_to_none=True)
         loss.backward()
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), _CLIP)

@@ -27,7 +27,7 @@ def training_picture(height: int, width: int, seed: int) -> Tensor:
     in some of the pictures, textures with a direction (noise of one orientation, and gratings),
     words and line drawings; a part or all of it may be out of focus. Tint, saturation and the
     curve of brightness are those of linear light. Nothing of it is a photograph: it trains priors
-    whose weights have no other licence than ours (`achddou2022`).
+    whose weights have no other licence than ours (`achddou2023`).
 
     Parameters
     ----------

@@ -13,11 +13,11 @@ from nolens.training.denoising import Batch, Schedule
 from nolens.training.measurements import Example, random_size, simulate
 from nolens.training.patches import PicturePool
 
-_PAIRS = 400
+_PAIRS = 1200
 """To draw patches from: fits of about the last hundred measurements."""
 _EXAMPLES = 1500
 """Measurements to draw from, of which the oldest go."""
-_JITTER = 0.25
+_JITTER = 0.3
 """Deviation of the logarithm of an example's spreads."""
 
 
@@ -64,7 +64,9 @@ class FitBuffer:
         scene = self._pool.patches(random, 1, side)[0]
         self._examples.append(simulate(random, scene, sensor))
 
-    def solve(self, random: np.random.Generator, network: DenoisingNetwork) -> None:
+    def solve(
+        self, random: np.random.Generator, network: DenoisingNetwork, number: int | None = None
+    ) -> None:
         """Solve one of the measurements, and keep its turns.
 
         Parameters
@@ -73,8 +75,11 @@ class FitBuffer:
             All that is random comes from it.
         network
             As it is now.
+        number
+            Of the measurement, −1 for the last; None for any.
         """
-        example = self._examples[int(random.integers(len(self._examples)))]
+        chosen = int(random.integers(len(self._examples))) if number is None else number
+        example = self._examples[chosen]
         factor = float(np.exp(random.normal(0, _JITTER)))
         solver = PlugAndPlay(network, tuple(factor * each for each in self._spreads))
         turns = solver.turns(example.problem, example.photograph)

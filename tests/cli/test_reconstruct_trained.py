@@ -1,0 +1,130 @@
+"""`nolens reconstruct --prior` with trained weights, and --uncertainty."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+import torch
+from little_camera import SUPPORT, Camera, quality
+from PIL import Image
+from running import check_refused, run
+
+import nolens as nl
+from nolens.files import read_frame
+from nolens.files.weights import sha256_of_weights, unrolled, write_weights
+from nolens.solvers import Result
+from nolens.solvers.uncertainty import detail_warning
+
+ASKED = ("--support", SUPPORT, "--tau", 8e-3, "--iterations", 40)
+
+
+def solved(camera: Camera, out: Path, *asked: object) -> dict[str, object]:
+    done = run("reconstruct", camera.raw, "--psf", camera.psf, "-o", out, *ASKED, *asked)
+    assert done.code == 0, done.err
+    record: dict[str, object] = json.loads(out.with_suffix(".json").read_text())["result"]
+    return record
+
+
+@pytest.mark.parametrize("prior", ["denoiser", "unrolled"])
+def test_weights_that_come_with_nolens(prior: str, camera: Camera, tmp_path: Path) -> None:
+    """The picture is that of `nl.reconstruct`, and the record says which weights it is by."""
+    out = tmp_path / "o.tif"
+    result = solved(camera, out, "--prior", prior, "--tiff-bits", 32)
+    weights = Path(nl.__file__).parent / "files" / "trained" / f"{prior}.npz"
+    card = json.loads(weights.with_suffix(".json").read_text())
+    assert result["prior"] == prior
+    assert result["weights_sha256"] == sha256_of_weights(weights) == card["sha256"]
+    assert result["method"] == "admm, plug-and-play"
+    picture = read_frame(out).counts
+    photograph = nl.reconstruct(
+        camera.raw, camera.psf, support=(24, 32), tau=8e-3, iterations=40, prior=prior
+    )
+    torch.testing.assert_close(photograph.values, picture, rtol=1e-4, atol=1e-4)
+    assert quality(picture) > 25
+
+
+def test_weights_of_ones_own(camera: Camera, tmp_path: Path) -> None:
+    mine = tmp_path / "mine.npz"
+    write_weights(mine, unrolled(), {"licence": "mine"})
+    pictures = {}
+    for prior in (mine, "unrolled"):
+        result = solved(camera, tmp_path / "o.tif", "--prior", prior)
+        pictures[prior] = read_frame(tmp_path / "o.tif").counts
+        assert result["prior"] == "unrolled"
+    assert torch.equal(pictures[mine], pictures["unrolled"])
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        (("--prior", "mine.txt"), ("--prior", "denoiser, unrolled", ".npz")),
+        (("--prior", "nowhere.npz"), ("nowhere.npz",)),
+        (("--prior", "photo.npz"), ("photo.npz", "nolens train")),
+        (("--prior", "unrolled", "--method", "wiener"), ("Wiener filter", "trained prior")),
+        (("--uncertainty", 1), ("--uncertainty", "2")),
+        (("--uncertainty", 4, "--depths", "8cm,20cm"), ("--uncertainty",)),
+    ],
+)
+def test_what_cannot_be(
+    asked: tuple[object, ...],
+    words: tuple[str, ...],
+    camera: Camera,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    np.savez("photo.npz", photo=np.zeros((3, 4)))
+    out = "stack" if "--depths" in asked else "o.png"
+    done = run("reconstruct", camera.raw, "--psf", camera.psf, "-o", out, *ASKED, *asked)
+    check_refused(done, *words)
+    assert [each.name for each in tmp_path.iterdir()] == ["photo.npz"]
+
+
+def test_uncertainty(camera: Camera, tmp_path: Path) -> None:
+    """The spread is that of pictures of other noise; a sheet shows it beside the picture."""
+    out = tmp_path / "o.png"
+    solved(camera, out, "--prior", "unrolled", "--uncertainty", 3)
+    spread = torch.from_numpy(tifffile.imread(tmp_path / "o-uncertainty.tif")).movedim(-1, 0)
+    assert spread.shape == (3, 24, 32) and float(spread.min()) >= 0
+    photograph = nl.reconstruct(
+        camera.raw, camera.psf, support=(24, 32), tau=8e-3, iterations=40, prior="unrolled",
+        uncertainty=3,
+    )  # fmt: skip
+    assert photograph.spread is not None
+    torch.testing.assert_close(photograph.spread, spread, rtol=1e-3, atol=1e-5)
+    # Noise of about 1 % moves pixels by less than a fifth of the white, and by more than nothing.
+    mean = float(spread.mean() / photograph.values.max())
+    assert 1e-4 < mean < 0.2
+    with Image.open(tmp_path / "o-uncertainty.png") as sheet:
+        assert sheet.width > 3 * sheet.height * 0.5
+
+
+def test_spread_grows_with_the_noise(camera: Camera) -> None:
+    raw = nl.load(camera.raw)
+    dim = nl.load(camera.raw)
+    noise = torch.randn(dim.counts.shape, generator=torch.Generator().manual_seed(0))
+    dim = type(dim)(**{**vars(dim), "counts": dim.counts + 60 * noise})
+    spreads = [
+        nl.reconstruct(
+            frame, camera.psf, support=(24, 32), tau=8e-3, iterations=40, uncertainty=4
+        ).spread
+        for frame in (raw, dim)
+    ]
+    assert spreads[0] is not None and spreads[1] is not None
+    assert float(spreads[1].mean()) > 2 * float(spreads[0].mean())
+
+
+def test_detail_that_the_psf_does_not_carry() -> None:
+    """It is said of a network that adds texture, and not of one that takes noise out."""
+    generator = torch.Generator().manual_seed(0)
+    plain = torch.rand(1, 1, 8, 8, generator=generator).repeat_interleave(8, 2)
+    plain = plain.repeat_interleave(8, 3)[0]
+    stripes = 0.2 * torch.cos(torch.pi * torch.arange(64.0)).expand(1, 64, 64)
+    first = Result(plain, 0.0, 1, "converged", (0, 0, 64, 64))
+    smooth = torch.nn.functional.avg_pool2d(plain, 3, 1, 1)
+    for scene, warned in ((plain + stripes, True), (smooth, False), (plain, False)):
+        result = Result(scene, 0.0, 2, "converged", (0, 0, 64, 64), first=first)
+        assert (detail_warning(result, 0.3) is not None) is warned
+    assert detail_warning(first, 0.3) is None
