@@ -79,6 +79,26 @@ def read_state(
         raise _no_state(path, "it is damaged or incomplete") from error
 
 
+def read_about(path: Path) -> dict[str, Any]:
+    """What run a state file belongs to, for runs whose arrays depend on it.
+
+    Raises
+    ------
+    FileError
+        If the file is missing, damaged or something else.
+    """
+    check_exists(path, _ACCEPTED)
+    try:
+        _check_list(path)
+        with zipfile.ZipFile(path) as archive:
+            return _read_about(path, archive, archive.getinfo(f"{_ABOUT}.npy"))
+    except NolensError:
+        raise
+    # A damaged archive can raise nearly anything.
+    except Exception as error:
+        raise _no_state(path, "it is damaged or incomplete") from error
+
+
 def _check_list(path: Path) -> None:
     """Refuse an archive whose list of members is longer than that of any state."""
     with path.open("rb") as file:

@@ -1,9 +1,10 @@
 """Weights of trained priors: .npz of arrays, and a card of facts in JSON beside it."""
 
 import hashlib
+import io
 import json
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, partial
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
@@ -13,14 +14,19 @@ import torch
 from torch import Tensor
 
 from nolens.errors import FileError
-from nolens.files.atomic import atomic_write
-from nolens.files.state import read_state
-from nolens.solvers.denoising_network import DenoisingNetwork
+from nolens.files.atomic import Writer, write_text, write_together
+from nolens.files.input import check_exists
+from nolens.files.state import read_about, read_state
+from nolens.solvers.denoising_network import BLOCKS, WIDTHS, DenoisingNetwork
 from nolens.solvers.plug_and_play import PlugAndPlay
 
 _FORMAT = "nolens weights 1"
 _SPREADS_AT_MOST = 100
 _SHIPPED = "nolens.files.trained"
+_ACCEPTED = "Accepted is an .npz that `nolens train` wrote"
+_SIZE = {"widths": WIDTHS, "blocks": BLOCKS}
+"""What says how large a network is, and of which size one is that does not say it."""
+_WIDEST, _MOST_BLOCKS = 256, 16
 
 
 def write_weights(path: Path, prior: PlugAndPlay, card: Mapping[str, Any]) -> None:
@@ -40,17 +46,33 @@ def write_weights(path: Path, prior: PlugAndPlay, card: Mapping[str, Any]) -> No
     FileError
         If a file cannot be written.
     """
+    write_together(weights_writers(path, prior, card))
+
+
+def weights_writers(path: Path, prior: PlugAndPlay, card: Mapping[str, Any]) -> dict[Path, Writer]:
+    """What writes a prior's weights and its card, as `write_weights` does."""
     about = {
         "format": _FORMAT,
         "prior": prior.facts.get("prior", path.stem),
         "spreads": list(prior.spreads),
+        "widths": list(prior.network.widths),
+        "blocks": list(prior.network.blocks),
     }
     arrays = {name: each.half().numpy() for name, each in prior.network.state_dict().items()}
-    with atomic_write(path) as temporary:
-        np.savez(temporary, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
-    text = json.dumps({"sha256": sha256_of_weights(path), **card}, indent=2, ensure_ascii=False)
-    with atomic_write(path.with_suffix(".json")) as temporary:
-        temporary.write_text(text + "\n", encoding="utf-8")
+    content = io.BytesIO()
+    np.savez(content, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
+    data = content.getvalue()
+    facts = {"sha256": hashlib.sha256(data).hexdigest(), "prior": about["prior"], **card}
+    text = json.dumps(facts, indent=2, ensure_ascii=False) + "\n"
+    return {
+        path: partial(Path.write_bytes, data=data),
+        card_beside(path): partial(write_text, text=text),
+    }
+
+
+def card_beside(path: Path) -> Path:
+    """File of the card that belongs to weights."""
+    return path.with_suffix(".json")
 
 
 def sha256_of_weights(path: Path) -> str:
@@ -66,34 +88,44 @@ def read_weights(path: Path) -> PlugAndPlay:
     FileError
         If the file is missing, damaged or holds no weights of this version.
     """
-    network = DenoisingNetwork()
-    wanted = {name: each.half() for name, each in network.state_dict().items()}
-    found: dict[str, Any] = {}
-
-    def check(about: Mapping[str, Any]) -> None:
-        spreads = about.get("spreads")
-        good = (
-            about.get("format") == _FORMAT
-            and isinstance(about.get("prior"), str)
-            and isinstance(spreads, list)
-            and 0 < len(spreads) <= _SPREADS_AT_MOST
-            and all(isinstance(each, float) and 0 < each < 1000 for each in spreads)
-        )
-        if not good:
-            raise FileError(
-                f"{path} holds no weights of a prior that this version of nolens knows. Accepted "
-                "is an .npz that `nolens train` wrote"
-            )
-        found.update(about)
-
-    arrays = read_state(path, wanted, check)
+    check_exists(path, _ACCEPTED)
+    try:
+        about = read_about(path)
+        _check_about(about)
+        widths, blocks = (tuple(about.get(name, full)) for name, full in _SIZE.items())
+        network = DenoisingNetwork(widths, blocks)
+        wanted = {name: each.half() for name, each in network.state_dict().items()}
+        arrays = read_state(path, wanted, _check_about)
+    except FileError:
+        raise FileError(
+            f"{path} holds no weights of a prior that this version of nolens knows. {_ACCEPTED}"
+        ) from None
     _check_arrays(path, arrays, wanted)
     network.load_state_dict({name: each.float() for name, each in arrays.items()})
     return PlugAndPlay(
         network.eval(),
-        tuple(found["spreads"]),
-        facts={"prior": found["prior"], "weights_sha256": sha256_of_weights(path)},
+        tuple(about["spreads"]),
+        facts={"prior": about["prior"], "weights_sha256": sha256_of_weights(path)},
     )
+
+
+def _check_about(about: Mapping[str, Any]) -> None:
+    """Refuse what describes no network that this version could make."""
+    spreads = about.get("spreads")
+    sizes = [about.get(name, list(full)) for name, full in _SIZE.items()]
+    good = (
+        about.get("format") == _FORMAT
+        and isinstance(about.get("prior"), str)
+        and isinstance(spreads, list)
+        and 0 < len(spreads) <= _SPREADS_AT_MOST
+        and all(isinstance(each, float) and 0 < each < 1000 for each in spreads)
+        and all(isinstance(each, list) and 0 < len(each) <= len(WIDTHS) for each in sizes)
+        and len(sizes[0]) == len(sizes[1])
+        and all(isinstance(each, int) and 0 < each <= _WIDEST for each in sizes[0])
+        and all(isinstance(each, int) and 0 < each <= _MOST_BLOCKS for each in sizes[1])
+    )
+    if not good:
+        raise FileError("these are no weights")
 
 
 def _check_arrays(path: Path, arrays: Mapping[str, Tensor], wanted: Mapping[str, Tensor]) -> None:
@@ -101,9 +133,7 @@ def _check_arrays(path: Path, arrays: Mapping[str, Tensor], wanted: Mapping[str,
         array = arrays.get(name)
         if array is None or array.shape != like.shape or not bool(torch.isfinite(array).all()):
             what = "is missing" if array is None else "has another shape, or holds NaN or infinity"
-            raise FileError(
-                f"{path}: the array {name} {what}. Accepted is an .npz that `nolens train` wrote"
-            )
+            raise FileError(f"{path}: the array {name} {what}. {_ACCEPTED}")
 
 
 def trained_prior(prior: Any) -> Any:
@@ -117,7 +147,7 @@ def trained_prior(prior: Any) -> Any:
     if isinstance(prior, (str, Path)) and Path(prior).suffix.lower() == ".npz":
         return read_weights(Path(prior))
     if isinstance(prior, Path):
-        raise FileError(f"{prior} is no prior. Accepted is an .npz that `nolens train` wrote")
+        raise FileError(f"{prior} is no prior. {_ACCEPTED}")
     return prior
 
 

@@ -41,10 +41,16 @@ class DenoisingNetwork(nn.Module):
 
     Three channels are denoised together; any other number one by one, as grey pictures, whose
     three channels are the same.
+
+    Parameters
+    ----------
+    widths, blocks
+        Features and residual blocks of each scale; no more scales than `WIDTHS` has.
     """
 
     def __init__(self, widths: tuple[int, ...] = WIDTHS, blocks: tuple[int, ...] = BLOCKS) -> None:
         super().__init__()
+        self.widths, self.blocks = widths, blocks
         folded = 3 * _FOLD**2
         self.head = _convolution(folded + PLANES, widths[0])
         pairs = list(itertools.pairwise(widths))

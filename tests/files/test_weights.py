@@ -1,0 +1,98 @@
+"""Files of weights: what is written is read, the card has the hash, what is damaged is refused."""
+
+import hashlib
+import json
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from nolens.errors import FileError
+from nolens.files.weights import denoiser, read_weights, unrolled, write_weights
+from nolens.solvers.denoising_network import DenoisingNetwork
+from nolens.solvers.plug_and_play import PlugAndPlay
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> tuple[Path, PlugAndPlay]:
+    torch.manual_seed(0)
+    network = DenoisingNetwork((8, 12), (1, 2))
+    prior = PlugAndPlay(network, (0.2, 0.1), {"prior": "unrolled"})
+    write_weights(tmp_path / "mine.npz", prior, {"steps": 3})
+    return tmp_path / "mine.npz", prior
+
+
+def test_weights_come_back_in_half_precision(written: tuple[Path, PlugAndPlay]) -> None:
+    path, prior = written
+    read = read_weights(path)
+    assert read.spreads == prior.spreads and read.facts["prior"] == "unrolled"
+    assert (read.network.widths, read.network.blocks) == ((8, 12), (1, 2))
+    for name, each in prior.network.state_dict().items():
+        assert torch.equal(read.network.state_dict()[name], each.half().float())
+    card = json.loads(path.with_suffix(".json").read_text())
+    assert card["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert card["sha256"] == read.facts["weights_sha256"] and card["steps"] == 3
+
+
+def test_same_weights_are_the_same_file(written: tuple[Path, PlugAndPlay]) -> None:
+    path, prior = written
+    before = path.read_bytes()
+    write_weights(path, prior, {})
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["denoiser", "unrolled"])
+def test_hash_of_what_comes_with_nolens_is_its_cards(name: str) -> None:
+    prior = {"denoiser": denoiser, "unrolled": unrolled}[name]()
+    card = json.loads(files("nolens.files.trained").joinpath(f"{name}.json").read_text("utf-8"))
+    assert prior.facts == {"prior": name, "weights_sha256": card["sha256"]}
+
+
+def changed(path: Path, **about: object) -> None:
+    """The same file with other facts."""
+    with np.load(path) as stored:
+        arrays = dict(stored)
+    arrays["about"] = np.array(json.dumps({**json.loads(str(arrays["about"])), **about}))
+    np.savez(path, allow_pickle=False, **arrays)
+
+
+@pytest.mark.parametrize(
+    "about",
+    [
+        {"format": "nolens weights 2"},
+        {"widths": [8, 13]},
+        {"widths": [8]},
+        {"widths": [8, 12, 16, 20], "blocks": [1, 1, 1, 1]},
+        {"widths": [10**9, 12]},
+        {"widths": "8,12"},
+        {"blocks": [1, 1]},
+        {"blocks": [1, 10**9]},
+        {"spreads": []},
+        {"spreads": [-1.0]},
+    ],
+    ids=str,
+)
+def test_facts_that_fit_no_network_are_refused(
+    about: dict[str, object], written: tuple[Path, PlugAndPlay]
+) -> None:
+    changed(written[0], **about)
+    with pytest.raises(FileError, match="nolens train"):
+        read_weights(written[0])
+
+
+def test_damaged_weights_are_refused(written: tuple[Path, PlugAndPlay]) -> None:
+    path, _ = written
+    whole = path.read_bytes()
+    for end in (0, 10, len(whole) // 2, len(whole) - 1):
+        path.write_bytes(whole[:end])
+        with pytest.raises(FileError, match="holds no weights"):
+            read_weights(path)
+    path.write_bytes(whole)
+    with np.load(path) as stored:
+        arrays = dict(stored)
+    arrays["head.weight"][:] = np.nan
+    np.savez(path, allow_pickle=False, **arrays)
+    with pytest.raises(FileError, match=r"head\.weight .* NaN"):
+        read_weights(path)
