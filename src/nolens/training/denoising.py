@@ -1,6 +1,7 @@
 """Training of a network to take white noise out of pictures."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from nolens.progress import ProgressCallback
 from nolens.solvers.denoising_network import DenoisingNetwork, noise_planes
 from nolens.training.patches import PicturePool
 
@@ -39,6 +41,8 @@ _APART = 0.4
 _DECAY = 0.999
 """Of the mean of the weights over the steps, which is what is kept."""
 _CLIP = 1.0
+_MOMENTS = "exp_avg", "exp_avg_sq"
+"""Of Adam, as it calls them."""
 
 
 @dataclass(frozen=True)
@@ -114,26 +118,63 @@ class Trainer:
 
     def trained(self) -> DenoisingNetwork:
         """The network with the mean of its weights."""
-        network = DenoisingNetwork()
-        network.load_state_dict(self._mean)
-        return network.eval()
+        return network_of(self._mean, like=self.network)
 
-    def state(self) -> dict[str, Any]:
-        """All that `resume` needs."""
+    def arrays(self) -> dict[str, Tensor]:
+        """All that `restore` needs beside the number of steps, by name."""
+        moments = self._optimiser.state_dict()["state"]
         return {
-            "step": self.step,
-            "seed": self.seed,
-            "network": self.network.state_dict(),
-            "mean": self._mean,
-            "optimiser": self._optimiser.state_dict(),
+            **prefixed("network", self.network.state_dict()),
+            **prefixed("mean", self._mean),
+            **{
+                f"optimiser.{number}.{name}": each
+                for number, those in moments.items()
+                for name, each in those.items()
+            },
         }
 
-    def resume(self, state: dict[str, Any]) -> None:
-        """Go on from a `state`."""
-        self.step, self.seed = int(state["step"]), int(state["seed"])
-        self.network.load_state_dict(state["network"])
-        self._mean = dict(state["mean"])
-        self._optimiser.load_state_dict(state["optimiser"])
+    def like_arrays(self) -> dict[str, Tensor]:
+        """Tensors of the shapes and types that `arrays` has after the first step."""
+        like = {
+            **prefixed("network", self.network.state_dict()),
+            **prefixed("mean", self._mean),
+        }
+        for number, each in enumerate(self.network.parameters()):
+            like[f"optimiser.{number}.step"] = torch.zeros(())
+            like |= {f"optimiser.{number}.{name}": each.detach() for name in _MOMENTS}
+        return like
+
+    def restore(self, arrays: Mapping[str, Tensor], step: int) -> None:
+        """Go on from `arrays` of a trainer that has done so many steps."""
+        self.step = step
+        self.network.load_state_dict(without_prefix("network", arrays))
+        self._mean = without_prefix("mean", arrays)
+        moments: dict[int, dict[str, Any]] = {}
+        for name, each in without_prefix("optimiser", arrays).items():
+            number, _, what = name.partition(".")
+            moments.setdefault(int(number), {})[what] = each
+        groups = self._optimiser.state_dict()["param_groups"]
+        self._optimiser.load_state_dict({"state": moments, "param_groups": groups})
+
+
+def prefixed(prefix: str, arrays: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """The same arrays under names that begin with a prefix and a dot."""
+    return {f"{prefix}.{name}": each for name, each in arrays.items()}
+
+
+def without_prefix(prefix: str, arrays: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Those arrays whose names begin with a prefix and a dot, under the rest of their names."""
+    start = f"{prefix}."
+    return {
+        name.removeprefix(start): each for name, each in arrays.items() if name.startswith(start)
+    }
+
+
+def network_of(weights: Mapping[str, Tensor], like: DenoisingNetwork) -> DenoisingNetwork:
+    """A network of the size of another one, with weights of its own."""
+    network = DenoisingNetwork(like.widths, like.blocks)
+    network.load_state_dict(weights)
+    return network.eval()
 
 
 def noisy_batch(pool: PicturePool, random: np.random.Generator, schedule: Schedule) -> Batch:
@@ -158,3 +199,23 @@ def noisy_batch(pool: PicturePool, random: np.random.Generator, schedule: Schedu
     sigma = torch.from_numpy((level * apart).clip(*_SIGMAS).astype(np.float32))
     noisy = clean + sigma * torch.from_numpy(noise)
     return Batch(noisy, clean, noise_planes(sigma[..., 0, 0]), sigma.mean(dim=(1, 2, 3)))
+
+
+@dataclass(frozen=True)
+class NoiseLessons:
+    """Batches of white noise.
+
+    Parameters
+    ----------
+    pool
+        What patches are cut from.
+    """
+
+    pool: PicturePool
+
+    def begin(self, trainer: Trainer, progress: ProgressCallback) -> None:
+        """Nothing has to be there."""
+
+    def batch(self, trainer: Trainer) -> Batch:
+        """The next batch, which depends on nothing but the trainer's seed and step."""
+        return noisy_batch(self.pool, trainer.random(), trainer.schedule)

@@ -1,7 +1,6 @@
-"""Simulated measurements to train on, of random cameras that differ from their model."""
+"""Simulated measurements to train on, of cameras that differ from their model."""
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import torch
@@ -10,19 +9,17 @@ from torch import Tensor
 from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.solvers import Prior, Problem, admm
 from nolens.solvers.held_out import weight_by_noise
-from nolens.training.psfs import altered_psf, random_psf
+from nolens.training.cameras import RandomCameras, TrainingCamera
+from nolens.training.psfs import altered_psf
 
 _SCENE, _SENSOR = (96, 160), (112, 224)
 """Smallest and largest side of a scene and of a sensor."""
-_ELECTRONS = 200.0, 20_000.0
-"""In the brightest pixel."""
-_READ_ELECTRONS = 3.0
 _ITERATIONS = 16
 """Of a photograph by total variation."""
 _WEIGHTS = 0.4
 """Deviation of the logarithm of its weight from that which the noise asks for."""
 _OFF = 0.6
-"""Fraction of the cameras whose PSF is not that of the model."""
+"""Fraction of the measurements whose PSF is not that of the model."""
 
 
 @dataclass(frozen=True)
@@ -50,12 +47,17 @@ def random_size(random: np.random.Generator) -> tuple[int, tuple[int, int]]:
     return int(random.integers(_SCENE[0], _SCENE[1] + 1)), (height, width)
 
 
-def simulate(random: np.random.Generator, truth: Tensor, sensor: tuple[int, int]) -> Example:
-    """The measurement of a scene by a random camera.
+def simulate(
+    random: np.random.Generator,
+    truth: Tensor,
+    sensor: tuple[int, int],
+    camera: TrainingCamera | None = None,
+) -> Example:
+    """The measurement of a scene by a camera.
 
     Its colours are weighed as behind a mosaic; noise is that of electrons and of reading them. In
-    part of the cameras the light comes by another PSF than the problem's: turned, scaled, blurred,
-    changing over the field, with haze and offsets of rows.
+    part of the measurements the light comes by other PSFs than the problem's: turned, scaled,
+    blurred, changing over the field, with haze and offsets of rows.
 
     Parameters
     ----------
@@ -65,32 +67,34 @@ def simulate(random: np.random.Generator, truth: Tensor, sensor: tuple[int, int]
         (3, side, side), from 0 to 1: all that there is, around the middle.
     sensor
         (height, width) of the measurement.
+    camera
+        What it is taken with; None takes any camera.
     """
     side = truth.shape[-1]
     support = PixelRectangle(
         (sensor[0] - side) // 2, (sensor[1] - side) // 2, truth.shape[-2], truth.shape[-1]
     )
-    psf = random_psf(random, (sensor[0] + side, sensor[1] + side))
-    gains = torch.tensor([random.uniform(0.3, 0.8), 1.0, random.uniform(0.3, 0.9)])
-    gains = gains[:, None, None]
+    view = (camera or RandomCameras()).view(random, (sensor[0] + side, sensor[1] + side))
+    if len(view.psf) == 1:
+        truth = truth.mean(dim=0, keepdim=True)
     off = random.random() < _OFF
-    image = partial(_light, random) if off else _image
-    light = gains * image(psf, truth, sensor, support)
+    if off:
+        light = view.gains * _light(random, view.ends, truth, sensor, support)
+    else:
+        light = view.gains * _image(view.psf, truth, sensor, support)
     if off and random.random() < 0.5:
         light = light + abs(random.normal(0, 0.02)) * light.mean()
-    low, high = np.log(_ELECTRONS)
-    electrons = light * (float(np.exp(random.uniform(low, high))) / float(light.max()))
-    # A superpixel has twice as much green.
-    counts = torch.tensor([1.0, 2.0, 1.0])[:, None, None]
-    spread = ((electrons + _READ_ELECTRONS**2) / counts).sqrt()
+    brightness = view.electrons / max(float(light.max()), 1e-30)
+    electrons = brightness * light
+    spread = ((electrons + view.read_electrons**2) / view.pixels).sqrt()
     noisy = electrons + spread * torch.from_numpy(random.standard_normal(light.shape, np.float32))
     if off and random.random() < 0.3:
         offsets = random.normal(0, 1, (1, sensor[0], 1)).astype(np.float32)
         noisy = noisy + 0.3 * float(spread.mean()) * torch.from_numpy(offsets)
-    problem = Problem.build(gains * psf, noisy, support=support, prior=Prior.COLOUR_TV)
+    prior = Prior.COLOUR_TV if len(view.psf) == 3 else Prior.TV
+    problem = Problem.build(view.gains * view.psf, noisy, support=support, prior=prior)
     weight = weight_by_noise(problem.by_channel).tau * float(np.exp(random.normal(0, _WEIGHTS)))
     first = admm(problem.weighted(weight), iterations=_ITERATIONS, low_frequency=True)
-    brightness = float(electrons.max()) / float(light.max())
     return Example(problem, brightness * truth, first.scene)
 
 
@@ -100,16 +104,16 @@ def _image(psf: Tensor, truth: Tensor, sensor: tuple[int, int], support: PixelRe
 
 def _light(
     random: np.random.Generator,
-    psf: Tensor,
+    psfs: tuple[Tensor, Tensor],
     truth: Tensor,
     sensor: tuple[int, int],
     support: PixelRectangle,
 ) -> Tensor:
-    """By one PSF on one side of the scene, and by another one on the other."""
+    """By one PSF on one side of the scene, and by another one on the other, each altered."""
     slope = torch.linspace(0, 1, truth.shape[-1])
     if random.random() < 0.5:
         slope = slope[:, None]
-    one, other = altered_psf(random, psf), altered_psf(random, psf)
+    one, other = (altered_psf(random, each) for each in psfs)
     return _image(one, slope * truth, sensor, support) + _image(
         other, (1 - slope) * truth, sensor, support
     )

@@ -79,7 +79,7 @@ class PicturePool:
     def _patch(self, random: np.random.Generator, side: int) -> Tensor:
         usable = [each for each in self.photographs if min(each.shape[1:]) >= side]
         if usable and random.random() < _PHOTOGRAPHS:
-            patch = _of_photograph(random, usable[random.integers(len(usable))], side)
+            patch = photograph_patch(random, usable[random.integers(len(usable))], side)
         else:
             picture = self.generated[int(random.integers(len(self.generated)))]
             patch = _crop(random, picture, side).float()
@@ -93,8 +93,18 @@ class PicturePool:
         )
 
 
-def _of_photograph(random: np.random.Generator, photograph: Tensor, side: int) -> Tensor:
-    """A crop at its own size or half of it, exposed so that some of it may be white."""
+def photograph_patch(random: np.random.Generator, photograph: Tensor, side: int) -> Tensor:
+    """A crop at its own size or half of it, exposed so that some of it may be white.
+
+    Parameters
+    ----------
+    random
+        All that is random comes from it.
+    photograph
+        (3, height, width) in linear light of any scale.
+    side
+        Pixels of the patch along a side.
+    """
     if min(photograph.shape[1:]) >= 2 * side and random.random() < 0.4:
         cut = nnf.avg_pool2d(_crop(random, photograph, 2 * side), 2)
     else:

@@ -1,0 +1,132 @@
+"""A course of training: batch after batch, with checks on pictures that are held out."""
+
+import math
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from torch import Tensor
+
+from nolens.progress import ProgressCallback
+from nolens.solvers.denoising_network import DenoisingNetwork
+from nolens.training.denoising import Batch, Trainer, network_of, prefixed, without_prefix
+from nolens.training.validation import ALL, HeldOut
+
+_CHECKS, _STEPS_BETWEEN = 8, 250
+"""At least so many checks, and no more steps between them."""
+
+
+class Lessons(Protocol):
+    """What a network learns from."""
+
+    def begin(self, trainer: Trainer, progress: ProgressCallback) -> None:
+        """Make what has to be there before the first batch, or before that of a resumed run."""
+
+    def batch(self, trainer: Trainer) -> Batch:
+        """The next batch."""
+
+
+class Course:
+    """Steps of a trainer, until there are enough or the network gets no better.
+
+    Parameters
+    ----------
+    trainer
+        Network and optimiser.
+    lessons
+        Its batches.
+    held_out
+        What the network is checked by.
+    patience
+        Checks without a better score after which it ends.
+
+    Attributes
+    ----------
+    history
+        A row for each check: step, mean loss since the one before, score in dB.
+    scores
+        Of the best network so far, by kind of picture.
+    """
+
+    def __init__(
+        self, trainer: Trainer, lessons: Lessons, held_out: HeldOut, patience: int
+    ) -> None:
+        self.trainer, self.patience = trainer, patience
+        self._lessons, self._held_out = lessons, held_out
+        self._best = {name: each.clone() for name, each in trainer.network.state_dict().items()}
+        self.scores: dict[str, float] = {ALL: -math.inf}
+        self.history: list[dict[str, float]] = []
+        self._losses: list[float] = []
+        self._since_best = 0
+
+    @property
+    def best(self) -> DenoisingNetwork:
+        """The network with the best score so far."""
+        return network_of(self._best, like=self.trainer.network)
+
+    @property
+    def got_no_better(self) -> bool:
+        """Whether the last checks brought no better score."""
+        return self._since_best >= self.patience
+
+    @property
+    def ended(self) -> bool:
+        """Whether there is no more to do."""
+        return self.trainer.step >= self.trainer.schedule.steps or self.got_no_better
+
+    def advance(self) -> None:
+        """Do one step, and check the network where that is due."""
+        self._losses.append(self.trainer.learn(self._lessons.batch(self.trainer)))
+        steps = self.trainer.schedule.steps
+        between = min(_STEPS_BETWEEN, math.ceil(steps / _CHECKS))
+        if self.trainer.step % between == 0 or self.trainer.step == steps:
+            self.check()
+
+    def check(self) -> None:
+        """Measure the network as it is; nothing where that was done at this step."""
+        if self.history and self.history[-1]["step"] == self.trainer.step:
+            return
+        network = self.trainer.trained()
+        scores = self._held_out.scores(network)
+        loss = sum(self._losses) / max(len(self._losses), 1)
+        self.history.append({"step": self.trainer.step, "loss": loss, "validation_db": scores[ALL]})
+        self._losses, self._since_best = [], self._since_best + 1
+        if scores[ALL] > self.scores[ALL]:
+            self.scores, self._since_best = scores, 0
+            self._best = {name: each.clone() for name, each in network.state_dict().items()}
+
+    def arrays(self) -> dict[str, Tensor]:
+        """All tensors that `restore` needs, by name."""
+        return {**self.trainer.arrays(), **prefixed("best", self._best)}
+
+    def like_arrays(self) -> dict[str, Tensor]:
+        """Tensors of the shapes and types that `arrays` has after the first step."""
+        return {**self.trainer.like_arrays(), **prefixed("best", self._best)}
+
+    def figures(self) -> dict[str, Any]:
+        """All that `restore` needs beside the tensors, in values that JSON has."""
+        return {
+            "step": self.trainer.step,
+            "scores": dict(self.scores) if self.history else {},
+            "history": list(self.history),
+            "losses": list(self._losses),
+            "since_best": self._since_best,
+        }
+
+    def restore(self, arrays: Mapping[str, Tensor], figures: Mapping[str, Any]) -> None:
+        """Go on where another course stood, by its `arrays` and `figures`.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            If they are none of a course.
+        """
+        self.trainer.restore(arrays, int(figures["step"]))
+        self._best = without_prefix("best", arrays)
+        self.history = [
+            {str(name): each[name] for name in ("step", "loss", "validation_db")}
+            for each in figures["history"]
+        ]
+        scores = {str(name): float(each) for name, each in figures["scores"].items()}
+        self.scores = {ALL: -math.inf, **scores}
+        self._losses = [float(each) for each in figures["losses"]]
+        self._since_best = int(figures["since_best"])

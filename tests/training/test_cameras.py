@@ -1,0 +1,95 @@
+"""Cameras to train on: what a camera's folder decides, and what is drawn."""
+
+import numpy as np
+import pytest
+import torch
+from lessons import tiny_network, trainer
+
+from nolens.camera import FieldPsf, preset
+from nolens.training.cameras import KnownCamera, RandomCameras
+from nolens.training.measurements import simulate
+from nolens.training.patches import PicturePool
+from nolens.training.pictures import training_picture
+from nolens.training.unrolled import FitBuffer
+
+SIZE = 60, 72
+
+
+def psfs(channels: int = 3, size: tuple[int, int] = (200, 240)) -> FieldPsf:
+    """Of two field points: sparse points, the second ones beside the first."""
+    generator = torch.Generator().manual_seed(0)
+    plane = (torch.rand(channels, *size, generator=generator) < 0.02).float()
+    other = torch.roll(plane, 3, -1)
+    return FieldPsf(torch.stack([plane, other]), torch.tensor([[0.0, 0.0], [0.0, 99.0]]))
+
+
+@pytest.mark.parametrize("size", [(40, 50), (200, 240), (700, 700)])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_views_are_as_large_as_asked_for(channels: int, size: tuple[int, int]) -> None:
+    camera = KnownCamera.of(psfs(channels, size), preset("small").sensor)
+    random = np.random.default_rng(0)
+    for _ in range(5):
+        view = camera.view(random, SIZE)
+        for psf in (view.psf, *view.ends):
+            assert psf.shape == (channels, *SIZE)
+            assert torch.allclose(psf.sum((-2, -1)), torch.ones(channels), atol=1e-5)
+        assert view.gains.shape == view.pixels.shape == (channels, 1, 1)
+
+
+def test_noise_is_the_sensors() -> None:
+    sensor = preset("small").sensor
+    camera, random = KnownCamera.of(psfs(), sensor), np.random.default_rng(0)
+    views = [camera.view(random, SIZE) for _ in range(30)]
+    assert {view.read_electrons for view in views} == {sensor.read_noise_electrons}
+    electrons = [view.electrons / sensor.clip_electrons for view in views]
+    assert 0.02 <= min(electrons) < 0.1 < 0.5 < max(electrons) <= 0.9
+    # 1, 2 and 1 pixels of the mosaic in each, times those that are binned.
+    assert {float(view.pixels[1] / view.pixels[0]) for view in views} == {2.0}
+    assert {float(view.pixels[0]) for view in views} == {1.0, 4.0, 9.0}
+
+
+def test_field_goes_over_to_the_next_point() -> None:
+    camera, random = KnownCamera(psfs()), np.random.default_rng(0)
+    views = [camera.view(random, SIZE) for _ in range(10)]
+    changes = [float((view.ends[0] - view.ends[1]).abs().sum() / 6) for view in views]
+    assert min(changes) > 0 and max(changes) < 0.3
+    assert all(torch.equal(view.ends[0], view.psf) for view in views)
+    one = FieldPsf(psfs().values[:1], torch.zeros(1, 2))
+    alone = KnownCamera(one).view(random, SIZE)
+    assert torch.allclose(*alone.ends)
+
+
+@pytest.mark.parametrize("camera", [None, KnownCamera(psfs(3)), KnownCamera(psfs(1))])
+def test_measurements_fit_their_truth(camera: KnownCamera | None) -> None:
+    """By the problem's own model, but for noise and what is altered."""
+    random = np.random.default_rng(3)
+    picture = training_picture(40, 40, 7)
+    errors = []
+    for _ in range(3):
+        example = simulate(random, picture, (48, 56), camera)
+        scene = example.truth / example.problem.scale
+        errors.append(float(example.problem.residual(scene).norm()))
+        assert example.photograph.shape == example.truth.shape
+    assert min(errors) < 0.2 and max(errors) < 1.0
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_buffer_gives_colour_patches(channels: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A grey measurement is one of three channels that are the same."""
+    monkeypatch.setattr("nolens.training.measurements._SCENE", (40, 48))
+    monkeypatch.setattr("nolens.training.measurements._SENSOR", (48, 64))
+    random = np.random.default_rng(0)
+    pool = PicturePool.generate(1, 0)
+    buffer = FitBuffer(pool, (0.2,), KnownCamera(psfs(channels)))
+    buffer.measure(random)
+    buffer.solve(random, tiny_network())
+    batch = buffer.batch(random, trainer(1).schedule)
+    assert batch.noisy.shape == batch.clean.shape == (6, 3, 32, 32)
+    same = all(torch.equal(each[:, 0], each[:, 2]) for each in (batch.noisy, batch.clean))
+    assert same == (channels == 1)
+
+
+def test_random_cameras_differ() -> None:
+    random = np.random.default_rng(0)
+    one, other = (RandomCameras().view(random, (40, 40)) for _ in range(2))
+    assert not torch.equal(one.psf, other.psf) and one.electrons != other.electrons

@@ -1,0 +1,103 @@
+"""A course of training: it learns, ends where it gets no better, and goes on where it stood."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from lessons import noise_lessons, trainer
+from torch import Tensor
+
+from nolens.files import read_state, write_state
+from nolens.solvers.denoising_network import DenoisingNetwork, noise_planes
+from nolens.training.course import Course
+from nolens.training.denoising import NoiseLessons
+from nolens.training.pictures import training_picture
+from nolens.training.validation import ALL, HeldOut, noisy_pictures
+
+Make = Callable[..., Course]
+
+
+@pytest.fixture(scope="module")
+def lessons() -> NoiseLessons:
+    return noise_lessons()
+
+
+@pytest.fixture(scope="module")
+def held_out() -> HeldOut:
+    """Four of the pictures, each with three strengths of noise."""
+    whole = noisy_pictures()
+    return replace(whole, items={"generated": whole.items["generated"][:12]})
+
+
+@pytest.fixture
+def course(lessons: NoiseLessons, held_out: HeldOut) -> Callable[..., Course]:
+    def made(steps: int, seed: int = 0, patience: int = 1000, rate: float = 1e-2) -> Course:
+        return Course(trainer(steps, seed, rate), lessons, held_out, patience)
+
+    return made
+
+
+def run(made: Course, until: int = 10**9) -> dict[str, Tensor]:
+    while not made.ended and made.trainer.step < until:
+        made.advance()
+    return made.best.state_dict()
+
+
+def same(one: dict[str, Tensor], other: dict[str, Tensor]) -> bool:
+    return all(torch.equal(one[name], other[name]) for name in one)
+
+
+def test_it_learns_to_take_noise_out(course: Make, held_out: HeldOut) -> None:
+    """Of pictures that it never saw: a fifth of strong noise, where doing nothing leaves all."""
+    made = course(250)
+    run(made)
+    clean = torch.stack([training_picture(64, 64, seed) for seed in (10**6, 10**6 + 1)])
+    noise = 0.3 * torch.randn(clean.shape, generator=torch.Generator().manual_seed(0))
+    with torch.inference_mode():
+        left = made.best(clean + noise, noise_planes(torch.full((2, 3), 0.3))) - clean
+    assert float(left.square().mean().sqrt()) < 0.8 * 0.3
+    assert made.scores[ALL] > held_out.scores_before()[ALL] + 1.2
+    assert [row["step"] for row in made.history] == [*range(32, 250, 32), 250]
+    assert made.history[-1]["loss"] < 0.9 * made.history[0]["loss"]
+
+
+def test_seed_decides_the_weights(course: Make) -> None:
+    one, again, other = (run(course(3, seed)) for seed in (1, 1, 2))
+    assert same(one, again) and not same(one, other)
+
+
+def test_restored_course_is_the_same(course: Make, tmp_path: Path) -> None:
+    """From its file, in the midst of what the losses are summed over."""
+    whole = course(20)
+    run(whole)
+    half = course(20)
+    run(half, until=8)
+    assert half.trainer.step == 8  # Two steps after a check.
+    write_state(tmp_path / "state.npz", half.arrays(), half.figures())
+    figures: list[dict[str, object]] = []
+    rest = course(20)
+    arrays = read_state(
+        tmp_path / "state.npz", rest.like_arrays(), lambda about: figures.append(dict(about))
+    )
+    rest.restore(arrays, figures[0])
+    run(rest)
+    assert same(rest.trainer.arrays(), whole.trainer.arrays())
+    assert same(rest.best.state_dict(), whole.best.state_dict())
+    assert rest.history == whole.history and rest.scores == whole.scores
+
+
+def test_it_ends_where_it_gets_no_better(lessons: NoiseLessons) -> None:
+    """The weights that are kept are those with the best score."""
+    scores, seen = [20.0, 21.0, 20.5, 20.7, 30.0], list[dict[str, Tensor]]()
+
+    def score(network: DenoisingNetwork, item: object) -> float:
+        seen.append(network.state_dict())
+        return scores[len(seen) - 1]
+
+    made = Course(trainer(8), lessons, HeldOut({"generated": [0]}, score, lambda _: 10.0), 2)
+    best = run(made)
+    assert made.got_no_better and made.trainer.step == 4
+    assert same(best, seen[1]) and not same(best, seen[3])
+    assert made.scores == {ALL: 21.0, "generated": 21.0}
