@@ -250,7 +250,7 @@ class CallbackReporter(Reporter):
         """Pass it on."""
         self._report(fraction)
 
-    def step(self, what: str, done: int, limit: int, result: str) -> bool:
+    def step(self, what: str, done: int, limit: int, result: str, state: str = "") -> bool:
         """Pass on the fraction."""
         self.advance(what, done / limit)
         return False

@@ -34,6 +34,7 @@ COMMANDS = {
     "simulate:simulate": "Simulate what a lensless camera measures of a scene.",
     "simulate:psf": "Simulate what a lensless camera shows of a point source.",
     "dataset:dataset": "Make data sets of simulated measurements and their truths.",
+    "train:train": "Train a prior that knows pictures, for any camera or for yours.",
     "camera:camera": "Descriptions of cameras.",
     "material:material": "Materials that layers of a camera are made of.",
     "design:design": "Design a camera: thickness, tolerances and masks.",

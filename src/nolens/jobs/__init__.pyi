@@ -37,6 +37,8 @@ from .refocusing import Refocused, RefocusOptions, refocus
 from .relief import ReliefOptions, replace_relief
 from .run import Reporter, Result
 from .simulation import SimulateOptions, simulate
+from .training.job import train
+from .training.options import TrainOptions
 
 __all__ = [
     "MASK_KINDS",
@@ -73,6 +75,7 @@ __all__ = [
     "TargetOptions",
     "ThicknessOptions",
     "ToleranceOptions",
+    "TrainOptions",
     "TwoPointOptions",
     "batch_each",
     "batch_options",
@@ -106,5 +109,6 @@ __all__ = [
     "simulate",
     "simulate_psf",
     "study_tolerances",
+    "train",
     "write_preview",
 ]

@@ -59,8 +59,11 @@ class Reporter:
     def advance(self, what: str, fraction: float) -> None:
         """See how much of a piece of work is done, from 0 to 1."""
 
-    def step(self, what: str, done: int, limit: int, result: str) -> bool:
-        """See how many steps are done; True ends the work, and `result` so far is written."""
+    def step(self, what: str, done: int, limit: int, result: str, state: str = "") -> bool:
+        """See how many steps are done, and what they came to so far.
+
+        True ends the work, and `result` so far is written.
+        """
         return False
 
     def progress(self, progress: Progress, limit: int) -> bool:
@@ -157,6 +160,8 @@ class Product(Generic[Value]):
     commit
         Writes all files, all or none, by their names in the folder of the options. None writes
         them as they are, into that folder where there is one.
+    spent
+        Files of the job's own, such as a checkpoint, that nobody needs once all is written.
     """
 
     value: Value
@@ -166,6 +171,7 @@ class Product(Generic[Value]):
     history: list[dict[str, float]] = field(default_factory=list)
     outputs: tuple[Path, ...] | None = None
     commit: Callable[[Mapping[str, Writer]], None] | None = None
+    spent: tuple[Path, ...] = ()
 
 
 class Run(Generic[Options]):
@@ -386,6 +392,8 @@ class Run(Generic[Options]):
             write_into(folder, writers)
         else:
             write_together(writers)
+        for path in product.spent:
+            path.unlink(missing_ok=True)
         return Result(product.value, summary)
 
     def record(

@@ -247,7 +247,7 @@ class ChannelReporter(Reporter):
         self._check()
         self._progress(what, fraction, None, None)
 
-    def step(self, what: str, done: int, limit: int, result: str) -> bool:
+    def step(self, what: str, done: int, limit: int, result: str, state: str = "") -> bool:
         """Report how many steps are done; True ends a cancelled job."""
         self._progress(what, done / limit, done, limit)
         self.stopped = self._identity in self._cancelled

@@ -1,0 +1,1 @@
+"""`nolens train`."""

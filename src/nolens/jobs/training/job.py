@@ -1,0 +1,277 @@
+"""`nolens train`: weights of a prior that knows pictures."""
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from nolens.camera import PRESETS
+from nolens.errors import DataError, FileError, OptionError
+from nolens.files import read_picture, write_state
+from nolens.files.pictures import picture_files
+from nolens.files.state import read_about, read_state
+from nolens.files.weights import denoiser, read_weights, unrolled, weights_writers
+from nolens.jobs.run import Product, Run, Writer, job
+from nolens.jobs.training.camera import training_camera
+from nolens.jobs.training.card import rounded, weights_card
+from nolens.jobs.training.options import TrainOptions
+from nolens.jobs.training.pairs import Pairs, training_pairs
+from nolens.solvers.denoising_network import DenoisingNetwork
+from nolens.solvers.plug_and_play import PlugAndPlay
+from nolens.training.cameras import KnownCamera
+from nolens.training.course import Course, Lessons
+from nolens.training.denoising import NoiseLessons, Schedule, Trainer
+from nolens.training.patches import PicturePool
+from nolens.training.unrolled import FitBuffer, FitLessons
+from nolens.training.validation import ALL, HeldOut, measured_pictures, noisy_pictures
+
+SPREADS: dict[str, tuple[float, ...]] = {"denoiser": (0.1, 0.05), "unrolled": (0.25,)}
+"""Of the turns of a prior, where the weights that it starts from do not say them."""
+BATCHES = {"denoiser": (12, 64), "unrolled": (5, 96)}
+"""Patches of a batch, and their pixels along a side."""
+_CHECKPOINT_S = 180.0
+"""From one to the next."""
+_SHIPPED: dict[str, Callable[[], PlugAndPlay]] = {"denoiser": denoiser, "unrolled": unrolled}
+
+
+@job
+def train(run: Run[TrainOptions]) -> Product[PlugAndPlay]:
+    """Train a network, and give the prior that it makes.
+
+    Raises
+    ------
+    NolensError
+        If an option, a picture, the camera or the weights to start from cannot be used.
+    """
+    options, reporter = run.options, run.reporter
+    schedule = Schedule(options.count, options.largest_rate, *BATCHES[options.prior])
+    photographs = _photographs(run, options.photographs, schedule.side)
+    validation = _photographs(run, options.validation, schedule.side)
+    first, start = _first(run)
+    trainer = Trainer(first.network, schedule, options.seed)
+    resumed = None if options.resume is None else _read_checkpoint(run, trainer)
+    camera = training_camera(run)
+    pairs = training_pairs(run, schedule.side)
+    run.begin()
+    about = _identity(run, start)
+    if resumed is not None:
+        _check_same(run.options, about, resumed[0])
+    pool = PicturePool.generate(
+        options.pictures, options.seed, photographs, partial(reporter.advance, "pictures")
+    )
+    lessons, held_out = _lessons(run, first.spreads, pool, camera, pairs, validation)
+    course = Course(trainer, lessons, held_out, options.patience)
+    if resumed is not None:
+        _restore(run.options, course, resumed)
+    lessons.begin(trainer, partial(reporter.advance, "first measurements"))
+    interrupted = _follow(run, course, about)
+    # Before the check, which an uninterrupted run would not do here.
+    checkpoint = _checkpoint(course, about) if interrupted else None
+    course.check()
+    if course.got_no_better and not interrupted and trainer.step < options.count:
+        reporter.note(f"{options.patience} checks brought no better weights: the training ends")
+    facts: dict[str, str] = {"prior": options.prior}
+    prior = PlugAndPlay(course.best, first.spreads, facts=facts)
+    before = held_out.scores_before()
+    writers = weights_writers(options.output, prior, weights_card(options, course, start, before))
+    if checkpoint is not None:
+        writers[options.state] = checkpoint
+    figures = {
+        "prior": options.prior,
+        "steps": trainer.step,
+        "steps_planned": options.count,
+        "stop_reason": _reason(course, interrupted),
+        "validation_db": round(course.scores[ALL], 3),
+        "validation_before_db": round(before[ALL], 3),
+        "scores_db": rounded(course.scores),
+        "spreads": list(first.spreads),
+        "start": start,
+    }
+    return Product(
+        prior,
+        figures,
+        writers,
+        history=course.history,
+        spent=() if interrupted else (options.state,),
+    )
+
+
+def _photographs(run: Run[TrainOptions], folder: Path | None, side: int) -> list[Tensor]:
+    """Photographs of a folder, in linear light, (3, height, width) each."""
+    if folder is None:
+        return []
+    if not folder.is_dir():
+        raise FileError(f"{folder} is no folder: give one with photographs")
+    paths = picture_files(folder, below=True)
+    run.reads({f"photograph {each.relative_to(folder)}": each for each in paths})
+    photographs = []
+    for number, path in enumerate(paths):
+        radiance = read_picture(path).radiance
+        height, width = radiance.shape[1:]
+        if min(height, width) < side:
+            raise DataError(
+                f"{path} has {height}×{width} pixels, and patches of {side}×{side} are cut from "
+                "photographs: leave it out"
+            )
+        photographs.append(radiance)
+        run.reporter.advance("photographs", (number + 1) / len(paths))
+    return photographs
+
+
+def _first(run: Run[TrainOptions]) -> tuple[PlugAndPlay, dict[str, Any]]:
+    """The prior to start from, and what a card says of it."""
+    options = run.options
+    first = options.first
+    spreads = SPREADS[options.prior]
+    if first == "none":
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(options.seed)
+            return PlugAndPlay(DenoisingNetwork(), spreads), {"weights": "none"}
+    if isinstance(first, Path):
+        run.reads({"weights to start from": first})
+        before = read_weights(first)
+    else:
+        try:
+            before = _SHIPPED[first]()
+        except FileError:
+            raise FileError(
+                f"the weights {first}, which training starts from, did not come with this nolens: "
+                "give others (--start FILE.npz), or begin with none (--start none)"
+            ) from None
+    if before.facts["prior"] == options.prior:
+        spreads = before.spreads
+    network = DenoisingNetwork(before.network.widths, before.network.blocks)
+    network.load_state_dict(before.network.state_dict())
+    name = first.name if isinstance(first, Path) else first
+    facts = {"weights": name, "sha256": before.facts["weights_sha256"]}
+    return PlugAndPlay(network, spreads), facts
+
+
+def _lessons(
+    run: Run[TrainOptions],
+    spreads: tuple[float, ...],
+    pool: PicturePool,
+    camera: KnownCamera | None,
+    pairs: Pairs,
+    validation: list[Tensor],
+) -> tuple[Lessons, HeldOut]:
+    """What is learnt from, and what tells how much was learnt."""
+    if run.options.prior == "denoiser":
+        return NoiseLessons(pool), noisy_pictures(validation)
+    watch = partial(run.reporter.advance, "measurements held out")
+    held_out = measured_pictures(spreads, camera, validation, pairs.held_out, watch)
+    return FitLessons(FitBuffer(pool, spreads, camera, pairs.learnt)), held_out
+
+
+def _follow(run: Run[TrainOptions], course: Course, about: dict[str, Any]) -> bool:
+    """Do step after step; whether the person ended it before its end."""
+    options, stored = run.options, time.monotonic()
+    while not course.ended:
+        course.advance()
+        state = f"{course.history[-1]['validation_db']:.2f} dB" if course.history else ""
+        if run.reporter.step("step", course.trainer.step, options.count, "the weights", state):
+            return not course.ended
+        if time.monotonic() - stored > _CHECKPOINT_S:
+            _checkpoint(course, about)(options.state)
+            stored = time.monotonic()
+    return False
+
+
+def _reason(course: Course, interrupted: bool) -> str:
+    if interrupted:
+        return "interrupted"
+    return "no better" if course.got_no_better else "all steps"
+
+
+def _identity(run: Run[TrainOptions], start: dict[str, Any]) -> dict[str, Any]:
+    """What a run must have in common with one that goes on with its checkpoint."""
+    options = run.options
+    files = {role: file.sha256 for role, file in run.inputs.items()}
+    return {
+        **files,
+        "prior": options.prior,
+        "start": start.get("sha256", "none"),
+        "steps": options.count,
+        "rate": options.largest_rate,
+        "seed": options.seed,
+        "pictures": options.pictures,
+        "patience": options.patience,
+        "camera": options.camera if options.camera in PRESETS else options.camera is not None,
+        "distance": None if options.distance is None else str(options.distance),
+        "angle": str(options.angle),
+    }
+
+
+def _checkpoint(course: Course, about: dict[str, Any]) -> Writer:
+    """What writes where a course stands, before its next step."""
+    return partial(
+        write_state, arrays=course.arrays(), about={"run": about, "course": course.figures()}
+    )
+
+
+def _read_checkpoint(
+    run: Run[TrainOptions], trainer: Trainer
+) -> tuple[dict[str, Any], dict[str, Any], dict[str, Tensor]]:
+    """What run a checkpoint is of, the figures of its course, and its tensors."""
+    path = run.options.resume
+    assert path is not None
+    about = read_about(path)
+    of_run, figures = about.get("run"), about.get("course")
+    if not isinstance(of_run, dict) or not isinstance(figures, dict):
+        raise FileError(
+            f"{path} is no checkpoint of a training. Accepted is a .state.npz that nolens train "
+            "wrote"
+        )
+    # The best network so far has the shapes of the one in training.
+    like = trainer.like_arrays()
+    like |= {
+        name.replace("network.", "best.", 1): each
+        for name, each in like.items()
+        if name.startswith("network.")
+    }
+    arrays = read_state(path, like, lambda _: None)
+    wrong = [
+        name
+        for name, each in like.items()
+        if name not in arrays
+        or arrays[name].shape != each.shape
+        or not bool(torch.isfinite(arrays[name]).all())
+    ]
+    if wrong:
+        raise FileError(
+            f"{path} is no checkpoint of this training: its array {wrong[0]} is missing, has "
+            "another shape, or holds NaN or infinity"
+        )
+    return of_run, figures, arrays
+
+
+def _check_same(options: TrainOptions, about: Mapping[str, Any], before: Mapping[str, Any]) -> None:
+    """Refuse a checkpoint of another run."""
+    here = json.loads(json.dumps(about))
+    names = sorted(name for name in {*here, *before} if here.get(name) != before.get(name))
+    if names:
+        known = [name for name in names if name in here] or ["file"]
+        raise OptionError(
+            f"{options.resume} is the checkpoint of a training with another "
+            f"{' and '.join(known)}; give the same files and options again, or leave out --resume"
+        )
+
+
+def _restore(
+    options: TrainOptions,
+    course: Course,
+    resumed: tuple[dict[str, Any], dict[str, Any], dict[str, Tensor]],
+) -> None:
+    _, figures, arrays = resumed
+    try:
+        course.restore(arrays, figures)
+    # Of an edited checkpoint, anything.
+    except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+        raise FileError(
+            f"{options.resume} is no checkpoint of this training: it is damaged or was edited"
+        ) from error

@@ -1,0 +1,231 @@
+"""`nolens train`: weights, card and record; checkpoints; what is refused."""
+
+import hashlib
+import importlib
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from little_camera import BLACK, as_counts, little_twin, save, spots
+from PIL import Image
+from running import Done, check_refused, listing, run
+
+from nolens.camera import PsfEntry
+from nolens.cli.terminal import TerminalReporter
+from nolens.files import read_record, write_psfs
+from nolens.files.weights import read_weights, write_weights
+from nolens.operators import CroppedConvolution, PixelRectangle
+from nolens.quantities import Length
+from nolens.solvers.denoising_network import DenoisingNetwork
+from nolens.solvers.plug_and_play import PlugAndPlay
+from nolens.training.pictures import training_picture
+
+JOB = importlib.import_module("nolens.jobs.training.job")
+QUICK = ("--pictures", 1)
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Weights of a network that a step takes milliseconds with."""
+    torch.manual_seed(0)
+    path = tmp_path_factory.mktemp("tiny") / "tiny.npz"
+    network = DenoisingNetwork((8,), (1,))
+    write_weights(path, PlugAndPlay(network, (0.1,), {"prior": "unrolled"}), {})
+    return path
+
+
+@pytest.fixture(autouse=True)
+def few_and_small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Measurements, and pictures that are held out."""
+    monkeypatch.setattr("nolens.training.measurements._SCENE", (64, 72))
+    monkeypatch.setattr("nolens.training.measurements._SENSOR", (72, 90))
+    monkeypatch.setattr("nolens.training.validation._NOISY", 2)
+    monkeypatch.setattr("nolens.training.validation._MEASURED", 1)
+    monkeypatch.setattr("nolens.training.unrolled._LEAST", 1)
+    monkeypatch.setattr(JOB, "BATCHES", {"denoiser": (4, 64), "unrolled": (2, 64)})
+
+
+def stop_at(step: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C after so many steps."""
+
+    def stopped(self: TerminalReporter, what: str, done: int, *_: object) -> bool:
+        self.interrupted = done == step
+        return self.interrupted
+
+    monkeypatch.setattr(TerminalReporter, "step", stopped)
+
+
+def train(output: Path, tiny: Path, *arguments: object) -> Done:
+    return run("train", "--start", tiny, *QUICK, *arguments, "-o", output)
+
+
+def folder_with_psfs(folder: Path, size: tuple[int, int], channels: int = 3) -> Path:
+    names = ("R", "G", "B") if channels == 3 else ("grey",)
+    entry = PsfEntry(
+        file="psf.tif", pixel=Length("3", "um"), channels=names, distance=Length("300", "mm")
+    )
+    folder.mkdir()
+    write_psfs(folder, {entry: spots(size)[:channels]})
+    return folder
+
+
+def test_denoiser_and_its_card(tiny: Path, tmp_path: Path) -> None:
+    photographs = tmp_path / "photographs"
+    photographs.mkdir()
+    save(photographs / "linear.npy", 5 * torch.rand(3, 70, 80))
+    Image.fromarray(np.full((70, 90, 3), 99, np.uint8)).save(photographs / "srgb.png")
+    mine = tmp_path / "out" / "mine.npz"
+    mine.parent.mkdir()
+    kinds = ("--photographs", photographs, "--validation", photographs, "--licence", "cc0-1.0")
+    done = train(mine, tiny, "--prior", "denoiser", "--steps", 3, "--seed", 5, *kinds)
+    assert done.code == 0, done.err
+    assert "denoiser: 3 of 3 steps" in done.out
+    assert sorted(listing(mine.parent)) == ["mine.json", "mine.npz", "mine.record.json"]
+    card = json.loads((mine.parent / "mine.json").read_text())
+    assert card["sha256"] == hashlib.sha256(mine.read_bytes()).hexdigest()
+    assert (card["prior"], card["seed"], card["steps"]) == ("denoiser", 5, 3)
+    assert card["start"]["sha256"] == hashlib.sha256(tiny.read_bytes()).hexdigest()
+    assert card["data"][1] == {"photographs": "photographs", "licence": "cc0-1.0"}
+    assert card["command"].startswith("nolens train -o ") and "--seed 5" in card["command"]
+    assert "evidence" in card["not_for"]
+    assert set(card["scores_db"]) == {"all", "generated", "photographs"}
+    record = read_record(mine.parent / "mine.record.json")
+    assert [row["step"] for row in record.history] == [1, 2, 3]
+    assert max(row["validation_db"] for row in record.history) == pytest.approx(
+        card["scores_db"]["all"], abs=1e-3
+    )
+    assert {"photograph linear.npy", "photograph srgb.png", "weights to start from"} == set(
+        record.inputs
+    )
+    prior = read_weights(mine)
+    assert prior.facts == {"prior": "denoiser", "weights_sha256": card["sha256"]}
+    assert (prior.network.widths, prior.network.blocks) == ((8,), (1,))
+
+
+def test_interrupted_and_resumed_is_uninterrupted(
+    tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Byte by byte; the checks of the networks too, though the interruption does one more."""
+    whole, half = tmp_path / "whole.npz", tmp_path / "half.npz"
+    asked = ("--prior", "denoiser", "--steps")
+    assert train(whole, tiny, *asked, 20).code == 0
+    with monkeypatch.context() as patch:
+        stop_at(7, patch)
+        done = train(half, tiny, *asked, 20, "--json")
+    assert done.code == 130
+    assert json.loads(done.out)["stop_reason"] == "interrupted"
+    assert json.loads((tmp_path / "half.json").read_text())["steps"] == 7
+    read_weights(half)
+    state = tmp_path / "half.state.npz"
+    kept = shutil.copy(state, tmp_path / "kept.state.npz")
+    before = listing(tmp_path)
+    done = train(half, tiny, *asked, 20, "--seed", 1, "--resume", state)
+    check_refused(done, "another seed", "--resume")
+    done = train(half, tiny, *asked, 30, "--resume", state)
+    check_refused(done, "another steps")
+    assert listing(tmp_path) == before
+    assert train(half, tiny, *asked, 20, "--resume", state).code == 0
+    assert half.read_bytes() == whole.read_bytes()
+    assert not state.exists()
+    histories = [read_record(each.with_suffix(".record.json")).history for each in (whole, half)]
+    assert histories[0] == histories[1]
+    damaged = tmp_path / "damaged.state.npz"
+    damaged.write_bytes(Path(kept).read_bytes()[:-900])
+    check_refused(train(half, tiny, *asked, 20, "--resume", damaged), "damaged", "state file")
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_unrolled_for_a_folder(
+    channels: int, tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It goes on from a checkpoint with other measurements by the same camera."""
+    folder = folder_with_psfs(tmp_path / "camera", (48, 64), channels)
+    mine = tmp_path / "mine.npz"
+    asked = ("train", folder, "--start", tiny, *QUICK, "--steps", 2, "-o", mine)
+    with monkeypatch.context() as patch:
+        stop_at(1, patch)
+        assert run(*asked).code == 130
+    done = run(*asked, "--resume", tmp_path / "mine.state.npz")
+    assert done.code == 0, done.err
+    assert "unrolled: 2 of 2 steps" in done.out
+    record = read_record(tmp_path / "mine.record.json")
+    assert [row["step"] for row in record.history] == [1, 2]
+    assert {"psfs.toml", "PSF psf.tif"} < set(record.inputs)
+    assert record.result["spreads"] == [0.1]  # Of the same prior that it started from.
+    assert json.loads((tmp_path / "mine.json").read_text())["camera"] == "camera"
+
+
+def test_unrolled_for_a_simulated_camera(tiny: Path, tmp_path: Path) -> None:
+    mine = tmp_path / "mine.npz"
+    asked = ("--start", tiny, *QUICK, "--steps", 1, "--angle", "10deg")
+    done = run("train", little_twin(tmp_path), *asked, "-o", mine)
+    assert done.code == 0, done.err
+    assert read_weights(mine).facts["prior"] == "unrolled"
+
+
+def test_pairs_of_the_camera(tiny: Path, tmp_path: Path) -> None:
+    """Two real ones to learn from, and one that is held out."""
+    size = (96, 120)
+    folder, pairs = folder_with_psfs(tmp_path / "camera", size), tmp_path / "pairs"
+    for part in ("measured", "pictures"):
+        (pairs / part).mkdir(parents=True)
+    psf = spots(size)
+    for number in range(3):
+        picture = training_picture(70, 80, number)
+        light = CroppedConvolution(psf, size, PixelRectangle.centred(70, 80, size))(picture)
+        counts = as_counts(light.clamp_min(0), number, 1.0) - BLACK
+        save(pairs / "measured" / f"{number}.npy", counts)
+        save(pairs / "pictures" / f"{number}.npy", picture)
+    mine = tmp_path / "mine.npz"
+    asked = ("--start", tiny, *QUICK, "--steps", 2)
+    done = run("train", folder, "--pairs", pairs, *asked, "-o", mine)
+    assert done.code == 0, done.err
+    record = read_record(tmp_path / "mine.record.json")
+    assert set(record.result["scores_db"]) == {"all", "generated", "pairs"}
+    assert sum(role.startswith("measurement ") for role in record.inputs) == 3
+    card = json.loads((tmp_path / "mine.json").read_text())
+    assert card["data"][1]["pairs"] == "pairs"
+    before = listing(tmp_path)
+    done = run("train", "small", "--pairs", pairs, *asked, "-o", tmp_path / "other.npz")
+    check_refused(done, "--pairs needs the PSF", "psfs.toml")
+    save(pairs / "pictures" / "0.npy", torch.rand(3, 30, 40))
+    done = run("train", folder, "--pairs", pairs, *asked, "-o", tmp_path / "other.npz")
+    check_refused(done, "the pair 0:", "30×40", "64×64")
+    assert listing(tmp_path).keys() == before.keys()
+
+
+def test_what_cannot_be_trained_is_refused(tiny: Path, tmp_path: Path) -> None:
+    empty, small = tmp_path / "empty", tmp_path / "small"
+    empty.mkdir()
+    small.mkdir()
+    Image.new("RGB", (90, 20)).save(small / "thin.png")
+    damaged, odd = tmp_path / "damaged.npz", tmp_path / "odd.npz"
+    damaged.write_bytes(tiny.read_bytes()[:-500])
+    np.savez(odd, about=np.array(json.dumps({"format": "another"})))
+    psfs = folder_with_psfs(tmp_path / "camera", (20, 30))
+    out = tmp_path / "mine.npz"
+    before = listing(tmp_path)
+
+    def refused(*arguments: object, words: tuple[str, ...], output: Path = out) -> None:
+        check_refused(run("train", *QUICK, "--start", tiny, *arguments, "-o", output), *words)
+
+    refused(psfs, words=("20×30", "at least 32×32"))
+    refused(empty, words=("no PSF to train with", "psfs.toml", "camera.toml"))
+    refused("papr", words=("there is no camera", "Did you mean"))
+    refused("paper", "--prior", "denoiser", words=("white noise", "leave CAMERA out"))
+    refused("--angle", "20deg", words=("--angle", "give the camera"))
+    refused("--steps", 0, words=("--steps", "1 to 1000000"))
+    refused("--photographs", empty, words=("holds no picture",))
+    refused("--photographs", small, words=("thin.png", "64×64", "leave it out"))
+    refused("--validation", tiny, words=("is no folder",))
+    refused("--resume", tiny, words=("is no checkpoint of a training", ".state.npz"))
+    refused(words=("suffix .pt", ".npz"), output=tmp_path / "mine.pt")
+    refused(words=("would overwrite",), output=tiny)
+    for start, word in ((damaged, "holds no weights"), (odd, "holds no weights")):
+        check_refused(run("train", *QUICK, "--start", start, "-o", out), word, "nolens train")
+    check_refused(run("train", "--start", "small.pt", "-o", out), "--start", "an .npz of weights")
+    check_refused(run("train"), "-o mine.npz")
+    assert listing(tmp_path) == before
