@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: env demo test tests test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading bench-default bench-model bench-priors bench-odd bench-dataset bench-batch examples screenshots fuzz kill attack clean
+.PHONY: env demo test tests test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading bench-default bench-model bench-priors bench-odd bench-dataset bench-batch panoramas weights examples screenshots fuzz kill attack clean
 
 env: $(STAMP)
 
@@ -130,6 +130,28 @@ examples: $(STAMP)
 
 screenshots: $(STAMP)
 	NOLENS_SCREENSHOTS=1 $(BIN)/pytest tests/studio/test_page_*.py
+
+# The weights that come with nolens, from nothing: hours. It goes on where it was stopped.
+WEIGHTS := build/weights
+panoramas: $(STAMP) build/panoramas/held-out
+
+build/panoramas/held-out:
+	$(BIN)/python bench/panoramas.py build/panoramas
+
+weights: panoramas $(WEIGHTS)/unrolled.done
+	cp $(foreach each,denoiser unrolled,$(WEIGHTS)/$(each).npz $(WEIGHTS)/$(each).json) src/nolens/files/trained/
+
+TRAIN = mkdir -p $(WEIGHTS) && $(BIN)/nolens train --photographs build/panoramas/train --licence cc0-1.0 \
+  --validation build/panoramas/held-out --patience 100 -o $(WEIGHTS)/$(1).npz \
+  $(if $(wildcard $(WEIGHTS)/$(1).state.npz),--resume $(WEIGHTS)/$(1).state.npz)
+
+$(WEIGHTS)/denoiser.done: | panoramas
+	$(call TRAIN,denoiser) --prior denoiser --start none --steps 12000
+	touch $@
+
+$(WEIGHTS)/unrolled.done: $(WEIGHTS)/denoiser.done
+	$(call TRAIN,unrolled) --prior unrolled --start $(WEIGHTS)/denoiser.npz --steps 8000
+	touch $@
 
 # Damaged files, hostile options and requests for a while; what breaks is kept in build/fuzz/failures.
 SECONDS ?= 600
