@@ -131,12 +131,14 @@ examples: $(STAMP)
 screenshots: $(STAMP)
 	NOLENS_SCREENSHOTS=1 $(BIN)/pytest tests/studio/test_page_*.py
 
-# The weights that come with nolens, from nothing: hours. It goes on where it was stopped.
+# The weights that come with nolens, from nothing: hours. It goes on where it was stopped; without
+# build/weights it begins anew.
 WEIGHTS := build/weights
-panoramas: $(STAMP) build/panoramas/held-out
+panoramas: $(STAMP) build/panoramas/all.done
 
-build/panoramas/held-out:
+build/panoramas/all.done:
 	$(BIN)/python bench/panoramas.py build/panoramas
+	touch $@
 
 weights: panoramas $(WEIGHTS)/unrolled.done
 	cp $(foreach each,denoiser unrolled,$(WEIGHTS)/$(each).npz $(WEIGHTS)/$(each).json) src/nolens/files/trained/
