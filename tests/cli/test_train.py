@@ -137,6 +137,27 @@ def test_interrupted_and_resumed_is_uninterrupted(
     check_refused(train(half, tiny, *asked, 20, "--resume", damaged), "damaged", "state file")
 
 
+def test_killed_training_goes_on_from_its_checkpoint(
+    tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def killed(self: TerminalReporter, what: str, done: int, *_: object) -> bool:
+        if done == 5:
+            raise MemoryError
+        return False
+
+    whole, half = tmp_path / "whole.npz", tmp_path / "half.npz"
+    asked = ("--prior", "denoiser", "--steps", 8)
+    assert train(whole, tiny, *asked).code == 0
+    with monkeypatch.context() as patch:
+        patch.setattr(JOB, "_CHECKPOINT_S", 0.0)
+        patch.setattr(TerminalReporter, "step", killed)
+        with pytest.raises(MemoryError):
+            train(half, tiny, *asked)
+    assert not half.exists()
+    assert train(half, tiny, *asked, "--resume", tmp_path / "half.state.npz").code == 0
+    assert half.read_bytes() == whole.read_bytes()
+
+
 @pytest.mark.parametrize("channels", [1, 3])
 def test_unrolled_for_a_folder(
     channels: int, tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
