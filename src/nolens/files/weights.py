@@ -21,7 +21,7 @@ from nolens.solvers.denoising_network import BLOCKS, WIDTHS, DenoisingNetwork
 from nolens.solvers.plug_and_play import PlugAndPlay
 
 _FORMAT = "nolens weights 1"
-_SPREADS_AT_MOST = 100
+_SPREADS_AT_MOST, _WIDE = 100, 1000
 _SHIPPED = "nolens.files.trained"
 _ACCEPTED = "Accepted is an .npz that `nolens train` wrote"
 _SIZE = {"widths": WIDTHS, "blocks": BLOCKS}
@@ -55,6 +55,7 @@ def weights_writers(path: Path, prior: PlugAndPlay, card: Mapping[str, Any]) -> 
         "format": _FORMAT,
         "prior": prior.facts.get("prior", path.stem),
         "spreads": list(prior.spreads),
+        "level": prior.level,
         "widths": list(prior.network.widths),
         "blocks": list(prior.network.blocks),
     }
@@ -105,20 +106,22 @@ def read_weights(path: Path) -> PlugAndPlay:
     return PlugAndPlay(
         network.eval(),
         tuple(about["spreads"]),
+        about.get("level"),
         facts={"prior": about["prior"], "weights_sha256": sha256_of_weights(path)},
     )
 
 
 def _check_about(about: Mapping[str, Any]) -> None:
     """Refuse what describes no network that this version could make."""
-    spreads = about.get("spreads")
+    spreads, level = about.get("spreads"), about.get("level")
     sizes = [about.get(name, list(full)) for name, full in _SIZE.items()]
     good = (
         about.get("format") == _FORMAT
         and isinstance(about.get("prior"), str)
         and isinstance(spreads, list)
+        and (level is None or (isinstance(level, float) and 0 < level < _WIDE))
         and 0 < len(spreads) <= _SPREADS_AT_MOST
-        and all(isinstance(each, float) and 0 < each < 1000 for each in spreads)
+        and all(isinstance(each, float) and 0 < each < _WIDE for each in spreads)
         and all(isinstance(each, list) and 0 < len(each) <= len(WIDTHS) for each in sizes)
         and len(sizes[0]) == len(sizes[1])
         and all(isinstance(each, int) and 0 < each <= _WIDEST for each in sizes[0])

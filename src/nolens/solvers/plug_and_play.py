@@ -16,11 +16,9 @@ from nolens.solvers.problem import Problem
 from nolens.solvers.result import Callback, Progress, Result, follow
 
 _WHITE = 0.995
-"""Fraction of the scene's values below its white."""
+"""Fraction of the photograph's values below its white."""
 _BYTES_PER_PIXEL = 120
 """Held in the fit, per pixel of the padded shape."""
-_SLOW = 1 / 16
-"""Weight of the picture itself beside that of its differences."""
 
 
 def plug_and_play_bytes(pixels: float, network: DenoisingNetwork) -> float:
@@ -29,46 +27,42 @@ def plug_and_play_bytes(pixels: float, network: DenoisingNetwork) -> float:
 
 
 class Fit:
-    r"""The scene that fits a measurement, near a picture z; all in units of a white.
+    r"""The scene that fits a measurement, near a picture z; all in units of the photograph's white.
 
-    .. math:: x = \arg\min_v \tfrac12 ‖(b − Av)/σ‖^2 + \tfrac{1}{2 s^2}
-       \left(‖Ψ(v − z)‖^2 + ‖v − z‖^2 / 16\right)
+    .. math:: x = \arg\min_v \tfrac12 ‖(b − Av)/σ‖^2 + \tfrac{1}{2 s^2} ‖v − z‖^2
 
-    with the differences Ψ: what a picture misses of a scene is, as scenes are, the smaller the
-    finer it is, so that its slow part is left to the measurement. A few steps of conjugate
-    gradients go from z to x. The noise of the measurement in x is that of the circulant mean.
+    A few steps of conjugate gradients go on from the fit before (`LinearStep`). σ is the noise of a
+    channel or, where that is more, what the photograph leaves: the model's error counts as noise.
+    The noise of the measurement in x is that of the circulant mean.
 
     Parameters
     ----------
     problem
         In normalised units; its prior and weight do not matter.
+    photograph
+        To start from, in units of measurement over PSF.
     detail
-        What the measured noise is divided by.
+        What the noise is divided by.
     """
 
-    def __init__(self, problem: Problem, detail: float = 1.0) -> None:
-        self._noise = channel_noise(problem) / detail
+    def __init__(self, problem: Problem, photograph: Tensor, detail: float = 1.0) -> None:
+        scene = photograph / problem.scale
+        left = problem.residual(scene).square().sum(dim=(-2, -1))
+        left = (left / problem.valid.sum(dim=(-2, -1)).clamp_min(1)).sqrt()
+        self.noise = torch.maximum(channel_noise(problem), left) / detail
         self.scale = problem.scale.flatten()
-        self.white = 1.0
-        zero = problem.data.new_zeros(1, *problem.scene_shape[1:])
+        values = photograph.flatten()
+        white = float(torch.quantile(values[:: 1 + values.numel() // 10**6], _WHITE))
+        self.white = white if 0 < white < math.inf else 1.0
         self.steps = [
-            LinearStep(problem.single(each), zero, varied=True) for each in range(problem.channels)
+            LinearStep(problem.single(each), scene[each : each + 1].clone(), varied=False)
+            for each in range(problem.channels)
         ]
 
-    def in_whites(self, picture: Tensor) -> Tensor:
-        """A picture in units of its own white, which becomes that of the fit."""
-        values = picture.flatten()
-        bright = float(torch.quantile(values[:: 1 + values.numel() // 10**6], _WHITE))
-        if not 0 < bright < math.inf:
-            return picture
-        self.white *= bright
-        return picture / bright
-
     def penalties(self, channel: int, spread: float) -> Penalties:
-        """What the linear step weighs differences and the picture itself with."""
+        """What the linear step weighs the picture with."""
         unit = self.white / self.scale[channel]  # normalised values of a white
-        weight = float((self._noise[channel] / (spread * unit)) ** 2)
-        return 0.0, weight, _SLOW * weight
+        return 0.0, 0.0, float((self.noise[channel] / (spread * unit)) ** 2)
 
     def near(self, picture: Tensor, spread: float) -> tuple[Tensor, Tensor]:
         """X, and the noise in it of each channel and band, (channels, `BANDS`).
@@ -78,17 +72,15 @@ class Fit:
         picture
             z, (channels, height, width).
         spread
-            s: how far the differences of z may be from the scene's.
+            s: how far z may be from the scene.
         """
         fitted, noise = [], []
         for number, step in enumerate(self.steps):
             unit, penalties = self.white / self.scale[number], self.penalties(number, spread)
-            step.v = (unit * picture[number : number + 1]).contiguous()
             step.renew_residual()
-            target = step.prior_part(penalties, step.v)
-            step.solve(target, penalties)
+            step.solve(step.prior_part(penalties, unit * picture[number : number + 1]), penalties)
             fitted.append(step.v / unit)
-            noise.append(self._noise[number] / unit * step.noise_gain(penalties, BANDS))
+            noise.append(self.noise[number] / unit * step.noise_gain(penalties, BANDS))
         return torch.cat(fitted), torch.stack(noise)
 
 
@@ -100,8 +92,10 @@ class Turn:
     ----------
     fit
         x, (channels, height, width).
+    noisy
+        What the network gets: the fit with what the turns before took off.
     noise
-        In it, of each channel and band.
+        In the fit, of each channel and band.
     picture
         What the network makes of it, and not below zero.
     white
@@ -109,6 +103,7 @@ class Turn:
     """
 
     fit: Tensor
+    noisy: Tensor
     noise: Tensor
     picture: Tensor
     white: float
@@ -121,19 +116,23 @@ class Turn:
 
 @dataclass(frozen=True)
 class PlugAndPlay:
-    r"""A prior that is a network; it takes turns with the fit (half-quadratic splitting).
+    r"""A prior that is a network; it takes turns with the fit (`venkatakrishnan2013`).
 
-    x is the `Fit` near the picture before, with spreads s₁ > s₂ > …, and the picture z = D(x)₊, as
-    `zhang2022` have it. There is no objective, so the number of turns
-    is fixed. The brightness of the scene's white, of which spreads are fractions, is taken
-    anew from each picture. It starts from a photograph by total variation.
+    .. math:: x_k = \arg\min_v \tfrac12 ‖(b − Av)/σ‖^2
+       + \tfrac{1}{2 s_k^2} ‖v − z_{k-1} + d_{k-1}‖^2, \quad z_k = D(x_k + d_{k-1})_+, \quad d_k = x_k + d_{k-1} − z_k
+
+    It starts from a photograph by total variation, whose white is the unit of all. There is no
+    objective, so the number of turns is fixed.
 
     Parameters
     ----------
     network
-        D: takes out the noise that the fit leaves.
+        D.
     spreads
-        Of each turn, in units of the white.
+        s of each turn, in units of the white.
+    level
+        Noise that the network is told, in units of the white, for one that takes out white noise;
+        None tells it the noise of the fit, by bands, and the spread.
     facts
         What a record says of it: the prior, and the hash of its weights.
     detail
@@ -142,6 +141,7 @@ class PlugAndPlay:
 
     network: DenoisingNetwork = field(repr=False)
     spreads: tuple[float, ...]
+    level: float | None = None
     facts: dict[str, str] = field(default_factory=dict)
     detail: float = 1.0
 
@@ -155,14 +155,23 @@ class PlugAndPlay:
         photograph
             To start from, in units of measurement over PSF.
         """
-        fit = Fit(problem, self.detail)
-        picture = fit.in_whites(photograph)
+        fit = Fit(problem, photograph, self.detail)
+        picture = photograph / fit.white
+        taken, before = torch.zeros_like(picture), self.spreads[0]
         network = self.network.to(problem.data.device)
         for number, spread in enumerate(self.spreads):
-            x, noise = fit.near(picture, spread)
-            picture = denoise(network, x, noise, spread, number).clamp_min(0)
-            yield Turn(x, noise, picture, fit.white)
-            picture = fit.in_whites(picture)
+            # The multiplier d / s² stays where the spread changes.
+            taken = taken * (spread / before) ** 2
+            x, noise = fit.near(picture - taken, spread)
+            noisy, before = x + taken, spread
+            if self.level is None:
+                picture = denoise(network, noisy, noise, spread, turn=number)
+            else:
+                white = noise.new_full(noise.shape, self.level)
+                picture = denoise(network, noisy, white, turn=number)
+            picture = picture.clamp_min(0)
+            taken = noisy - picture
+            yield Turn(x, noisy, noise, picture, fit.white)
 
     def solve(self, problem: Problem, first: Result, callback: Callback | None = None) -> Result:
         """The scene of a problem.

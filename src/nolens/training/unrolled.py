@@ -106,10 +106,10 @@ class FitBuffer:
         turns = solver.turns(example.problem, example.photograph)
         for spread, turn in zip(solver.spreads, turns, strict=True):
             truth = example.truth / turn.white
-            error = float((turn.fit - truth).square().mean().sqrt())
+            error = float((turn.noisy - truth).square().mean().sqrt())
             if np.isfinite(error):
                 # A measurement without colours is three that are the same, as in `denoise`.
-                fit, same = (each.expand(3, -1, -1) for each in (turn.fit, truth))
+                fit, same = (each.expand(3, -1, -1) for each in (turn.noisy, truth))
                 planes = noise_planes(turn.noise.expand(3, -1)[None], spread)[0]
                 self._pairs.append(_Pair(fit, same, planes, error))
 
@@ -168,10 +168,10 @@ class FitLessons:
             progress(0.6 + 0.4 * (number + 1) / fits)
 
     def batch(self, trainer: Trainer) -> Batch:
-        """The next batch; now and then after one measurement more, and fits of it and another."""
+        """The next batch; now and then after fits of another measurement, and one measured."""
         random = trainer.random()
         if trainer.step % _STEPS_BETWEEN == 0:
-            self._buffer.measure(random)
-            self._buffer.solve(random, trainer.network, -1)
             self._buffer.solve(random, trainer.network)
+        if trainer.step % (2 * _STEPS_BETWEEN) == 0:
+            self._buffer.measure(random)
         return self._buffer.batch(random, trainer.schedule)

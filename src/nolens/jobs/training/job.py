@@ -30,8 +30,11 @@ from nolens.training.patches import PicturePool
 from nolens.training.unrolled import FitBuffer, FitLessons
 from nolens.training.validation import ALL, HeldOut, measured_pictures, noisy_pictures
 
-SPREADS: dict[str, tuple[float, ...]] = {"denoiser": (0.1, 0.05), "unrolled": (0.25,)}
-"""Of the turns of a prior, where the weights that it starts from do not say them."""
+TURNS: dict[str, tuple[tuple[float, ...], float | None]] = {
+    "denoiser": ((0.15,) * 10, 0.1),
+    "unrolled": ((0.15,) * 6, None),
+}
+"""Spreads and level of a prior (`PlugAndPlay`), where weights that it starts from do not say them."""
 BATCHES = {"denoiser": (12, 64), "unrolled": (5, 96)}
 """Patches of a batch, and their pixels along a side."""
 _CHECKPOINT_S = 180.0
@@ -76,7 +79,7 @@ def train(run: Run[TrainOptions]) -> Product[PlugAndPlay]:
     if course.got_no_better and not interrupted and trainer.step < options.count:
         reporter.note(f"{options.patience} checks brought no better weights: the training ends")
     facts: dict[str, str] = {"prior": options.prior}
-    prior = PlugAndPlay(course.best, first.spreads, facts=facts)
+    prior = replace(first, network=course.best, facts=facts)
     before = held_out.scores_before()
     writers = weights_writers(options.output, prior, weights_card(options, course, start, before))
     if checkpoint is not None:
@@ -127,11 +130,11 @@ def _first(run: Run[TrainOptions]) -> tuple[PlugAndPlay, dict[str, Any]]:
     """The prior to start from, and what a card says of it."""
     options = run.options
     first = options.first
-    spreads = SPREADS[options.prior]
+    spreads, level = TURNS[options.prior]
     if first == "none":
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(options.seed)
-            return PlugAndPlay(DenoisingNetwork(), spreads), {"weights": "none"}
+            return PlugAndPlay(DenoisingNetwork(), spreads, level), {"weights": "none"}
     if isinstance(first, Path):
         run.reads({"weights to start from": first})
         before = read_weights(first)
@@ -144,12 +147,12 @@ def _first(run: Run[TrainOptions]) -> tuple[PlugAndPlay, dict[str, Any]]:
                 "give others (--start FILE.npz), or begin with none (--start none)"
             ) from None
     if before.facts["prior"] == options.prior:
-        spreads = before.spreads
+        spreads, level = before.spreads, before.level
     network = DenoisingNetwork(before.network.widths, before.network.blocks)
     network.load_state_dict(before.network.state_dict())
     name = first.name if isinstance(first, Path) else first
     facts = {"weights": name, "sha256": before.facts["weights_sha256"]}
-    return PlugAndPlay(network, spreads), facts
+    return PlugAndPlay(network, spreads, level), facts
 
 
 def _lessons(
