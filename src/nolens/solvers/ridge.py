@@ -28,7 +28,7 @@ _GRID = 128
 """Frequencies along an axis at which the filters' norm is computed."""
 _POWER_STEPS, _SAFETY = 100, 1.01
 """Of the norm with borders, which power iteration gives from below."""
-_STRENGTH, _SIGMA = 0.3, 0.03
+_STRENGTH, _SIGMA = 0.3, 0.06
 """Of a photograph's prior."""
 _INNER, _INNER_TOLERANCE = 5, 1e-4
 """Of the proximal map in each iteration for a photograph, from the result before."""
@@ -159,7 +159,7 @@ class RidgeWeights:
         bends = (STEEPEST + MODULUS) * torch.sigmoid(logits) - MODULUS
         after = torch.cat([bends[..., 1:], torch.zeros_like(bends[..., :1])], dim=-1)
         tau, mass = (each.permute(2, 0, 1)[..., None, None] for each in (knots, bends - after))
-        return Potentials(tau, mass, float(bends.detach().max()))
+        return Potentials(tau, mass, float(bends.detach().max()), -float(bends.detach().min()))
 
 
 class Potentials(NamedTuple):
@@ -174,13 +174,14 @@ class Potentials(NamedTuple):
     ----------
     knots, masses
         τ and m, (knots, pictures, filters, 1, 1).
-    steepest
-        Largest ψ″.
+    steepest, concavity
+        Largest ψ″, and largest −ψ″.
     """
 
     knots: Tensor
     masses: Tensor
     steepest: float
+    concavity: float
 
     def value(self, t: Tensor) -> Tensor:
         """ψ."""
@@ -332,13 +333,12 @@ class RidgeRegulariser(Functional):
         if not (0 < sigma < math.inf and 0 < white < math.inf):
             raise OptionError(f"sigma is {sigma} and white {white}; they must be above 0")
         self.weights, self.sigma, self.non_negative = weights, float(sigma), non_negative
-        self.norm = weights.norm
         self._level = self.sigma / white
         self._banks: dict[tuple[int, torch.dtype, torch.device], tuple[FilterBank, Potentials]] = {}
-        steepest = max(self._bank(torch.zeros(1))[1].steepest, MODULUS)
-        self._bound = steepest * self.norm**2
+        potentials = self._bank(torch.zeros(1))[1]
+        self._bound = max(potentials.steepest, potentials.concavity) * weights.norm**2
         self.lipschitz = None if non_negative else self._bound
-        self.concavity = MODULUS * self.norm**2
+        self.concavity = max(potentials.concavity, 0.0) * weights.norm**2
         self._iterations, self._tolerance = iterations, tolerance
         self._before: Tensor | None = None
 
@@ -433,7 +433,7 @@ def ridge_prior(
     weights
         What was learned.
     strength, sigma
-        s and σ; the values that are set are best for simulated photographs.
+        s and σ. Those that are set suit simulated photographs of several masks and exposures.
 
     Returns
     -------
