@@ -11,6 +11,7 @@ from .fft import (
     rfft2_window,
 )
 from .nearest import nearest_points
+from .spline import odd_spline_
 from .transfer import LayerTransfer, apply_transfer_
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "irfft2",
     "irfft2_window_",
     "nearest_points",
+    "odd_spline_",
     "rfft2",
     "rfft2_window",
     "solve_normal_equation_",

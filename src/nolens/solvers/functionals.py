@@ -18,7 +18,7 @@ _SAFETY = 1.01
 
 
 class Functional(ABC):
-    r"""A convex function f of a scene, with its proximal map (`parikh2014`).
+    r"""A function f of a scene, with its proximal map (`parikh2014`); convex, or nearly so.
 
     Subclasses write `_value` and `prox`, smooth ones `gradient` and `lipschitz`.
     ``0.01 * f`` is f with a weight, ``f @ A`` is v ↦ f(Av).
@@ -30,6 +30,9 @@ class Functional(ABC):
     """Whether it is a sum over pixels."""
     keeps_penalty = False
     """Whether the solution depends on the step of the proximal map, as with a denoiser."""
+    concavity: float = 0.0
+    """Least c such that f(v) + ½c‖v‖² is convex: 0 of a convex f. The proximal map of others is the
+    one minimiser for steps below 1/c."""
 
     @abstractmethod
     def _value(self, v: Tensor) -> Tensor: ...
@@ -123,6 +126,7 @@ class Weighted(Functional):
             raise OptionError(f"the weight of a functional is {weight}; it must be 0 or more")
         self.weight, self.functional = float(weight), functional
         self.separable, self.keeps_penalty = functional.separable, functional.keeps_penalty
+        self.concavity = self.weight * functional.concavity
         bound = functional.lipschitz
         self.lipschitz = None if bound is None else self.weight * bound if weight > 0 else 0.0
 

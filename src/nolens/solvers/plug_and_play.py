@@ -119,7 +119,8 @@ class PlugAndPlay:
     r"""A prior that is a network; it takes turns with the fit (`venkatakrishnan2013`).
 
     .. math:: x_k = \arg\min_v \tfrac12 ‖(b − Av)/σ‖^2
-       + \tfrac{1}{2 s_k^2} ‖v − z_{k-1} + d_{k-1}‖^2, \quad z_k = D(x_k + d_{k-1})_+, \quad d_k = x_k + d_{k-1} − z_k
+       + \tfrac{1}{2 s_k^2} ‖v − z_{k-1} + d_{k-1}‖^2, \quad z_k = D(x_k + d_{k-1})_+,
+       \quad d_k = x_k + d_{k-1} − z_k
 
     It starts from a photograph by total variation, whose white is the unit of all. There is no
     objective, so the number of turns is fixed.

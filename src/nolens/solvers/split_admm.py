@@ -15,6 +15,8 @@ from nolens.solvers.result import Callback, Progress, Result
 
 _START = 0.5
 """Penalties to start with, over the energy that the data terms keep of white noise."""
+_CONVEX = 2.0
+"""Penalty at least, over the concavity of a functional that is not convex."""
 _CLOSER = 0.1
 """Factor by which conjugate gradients reduce what the last iteration left, if the limit allows."""
 _TINY = 1e-30
@@ -151,12 +153,20 @@ class _Run:
             )
             if balance is not None and not any(t.functional.keeps_penalty for t in self._split):
                 turns, moves = ([each**2 for each in norms] for norms in (turned, changes))
-                self._weigh(balance.balanced(self._mu, turns, moves, iteration), z)
+                balanced = balance.balanced(self._mu, turns, moves, iteration)
+                self._weigh(self._convex(balanced), z)
 
     def _first_penalties(self) -> list[float]:
         """Of a data term its curvature, of others a fraction of what all data terms keep."""
         fraction = _START * energy([*self._fitted, *self._split], self._v)
-        return [term.functional.curvature or fraction for term in self._split]
+        return self._convex([term.functional.curvature or fraction for term in self._split])
+
+    def _convex(self, penalties: Sequence[float]) -> list[float]:
+        """Large enough for every proximal map to have one minimiser."""
+        return [
+            max(mu, _CONVEX * term.functional.concavity)
+            for mu, term in zip(penalties, self._split, strict=True)
+        ]
 
     def _z(self) -> list[Tensor]:
         return [

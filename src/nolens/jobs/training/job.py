@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -34,7 +35,7 @@ TURNS: dict[str, tuple[tuple[float, ...], float | None]] = {
     "denoiser": ((0.15,) * 10, 0.1),
     "unrolled": ((0.15,) * 6, None),
 }
-"""Spreads and level of a prior (`PlugAndPlay`), where weights that it starts from do not say them."""
+"""Spreads and level (`PlugAndPlay`) of a prior that does not start from weights of its own kind."""
 BATCHES = {"denoiser": (12, 64), "unrolled": (5, 96)}
 """Patches of a batch, and their pixels along a side."""
 _CHECKPOINT_S = 180.0
