@@ -252,7 +252,7 @@ def reconstruct(
         result,
         tensor_of(solver.psf, "PSF"),
         # Held-out pixels were predicted by total variation.
-        prediction=None if solver.network is not None else explanation.prediction,
+        prediction=None if result.first is not None else explanation.prediction,
         method=solver.method_name,
         automatic_tau=tau is None,
         automatic_support=chosen_support,
@@ -268,7 +268,7 @@ def reconstruct(
         *prepared.notes,
         *of_memory,
     )
-    doubt = None if solver.network is None else detail_warning(result, report.frequency)
+    doubt = detail_warning(result, report.frequency)
     warnings = (
         *prepared.warnings,
         *([] if doubt is None else [doubt]),

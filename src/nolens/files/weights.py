@@ -19,6 +19,7 @@ from nolens.files.input import check_exists
 from nolens.files.state import read_about, read_state
 from nolens.solvers.denoising_network import BLOCKS, WIDTHS, DenoisingNetwork
 from nolens.solvers.plug_and_play import PlugAndPlay
+from nolens.solvers.ridge import RidgePrior, RidgeWeights
 
 _FORMAT = "nolens weights 1"
 _SPREADS_AT_MOST, _WIDE = 100, 1000
@@ -168,3 +169,13 @@ def denoiser() -> PlugAndPlay:
 def unrolled() -> PlugAndPlay:
     """The network for what the fit of measurements leaves that comes with nolens."""
     return _shipped("unrolled")
+
+
+@cache
+def ridge() -> RidgePrior:
+    """The ridge regulariser that comes with nolens."""
+    with as_file(files(_SHIPPED).joinpath("ridge.npz")) as path:
+        with np.load(path, allow_pickle=False) as stored:
+            weights = RidgeWeights.from_arrays({name: stored[name] for name in stored.files})
+        facts = {"prior": "ridge", "weights_sha256": sha256_of_weights(path)}
+        return RidgePrior(weights, facts=facts)

@@ -35,6 +35,7 @@ from nolens.solvers.inputs import (
 from nolens.solvers.plug_and_play import PlugAndPlay, plug_and_play_bytes
 from nolens.solvers.problem import BASIS_ERROR, Prior, Problem
 from nolens.solvers.result import STOPS, Callback, Quality, Result, Stop
+from nolens.solvers.ridge import RidgePrior
 from nolens.solvers.scene_prior import ScenePrior, scene_prior, solve_with
 from nolens.solvers.scene_support import SupportChoice, choose_support
 from nolens.solvers.stream import FOLLOWING, Stream
@@ -182,6 +183,12 @@ class Reconstructor:
         """The prior, where it is a trained network."""
         prior = scene_prior(self.prior)
         return prior if isinstance(prior, PlugAndPlay) else None
+
+    @property
+    def prior_facts(self) -> dict[str, str]:
+        """What a record says of a trained prior: its name, and the hash of its weights."""
+        prior = scene_prior(self.prior)
+        return prior.facts if isinstance(prior, (PlugAndPlay, RidgePrior)) else {}
 
     @property
     def method_name(self) -> str:

@@ -1,8 +1,8 @@
 """A trained ridge regulariser: filters of a picture, and what their answers cost."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Self
 
@@ -419,14 +419,14 @@ class RidgeRegulariser(Functional):
         return v.reshape(-1, _colours(v), *v.shape[-2:]) / self.sigma
 
 
-def ridge_prior(
-    weights: RidgeWeights, *, strength: float = _STRENGTH, sigma: float = _SIGMA
-) -> Callable[[Tensor], Functional]:
+@dataclass(frozen=True)
+class RidgePrior:
     r"""What a photograph is assumed to be like: −ln p(v) = s R_σ(v)/σ² over v ≥ 0, white 1.
 
     It is one p for every camera, exposure and picture: the weight of the data is the noise's. With
     s = 1 it would be the p whose most probable picture is best where white noise of σ is all that
-    is wrong with it; a measurement without a lens leaves noise that is not white.
+    is wrong with it; a measurement without a lens leaves noise that is not white. It is a
+    `nolens.solvers.scene_prior.ScenePrior`.
 
     Parameters
     ----------
@@ -434,20 +434,25 @@ def ridge_prior(
         What was learned.
     strength, sigma
         s and σ. Those that are set suit simulated photographs of several masks and exposures.
-
-    Returns
-    -------
-    Callable
-        A `nolens.solvers.scene_prior.ScenePrior`.
+    facts
+        What a record says of it: the prior, and the hash of its weights.
     """
 
-    def prior(first: Tensor) -> Functional:
-        ridge = RidgeRegulariser(
-            weights, sigma, non_negative=True, iterations=_INNER, tolerance=_INNER_TOLERANCE
-        )
-        return (strength / sigma**2) * ridge
+    weights: RidgeWeights = field(repr=False)
+    strength: float = _STRENGTH
+    sigma: float = _SIGMA
+    facts: dict[str, str] = field(default_factory=dict)
 
-    return prior
+    def __call__(self, first: Tensor) -> Functional:
+        """The functional, whatever the first photograph."""
+        ridge = RidgeRegulariser(
+            self.weights,
+            self.sigma,
+            non_negative=True,
+            iterations=_INNER,
+            tolerance=_INNER_TOLERANCE,
+        )
+        return (self.strength / self.sigma**2) * ridge
 
 
 def opponents() -> Tensor:

@@ -25,6 +25,7 @@ ScenePrior = Callable[[Tensor], Functional]
 Row = dict[str, float]
 
 TRAINED = {
+    "ridge": "nolens.files.weights:ridge",
     "denoiser": "nolens.files.weights:denoiser",
     "unrolled": "nolens.files.weights:unrolled",
 }

@@ -115,7 +115,7 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: Setup) -> Product[Te
         result,
         psf,
         # Held-out pixels were predicted by total variation.
-        prediction=None if reconstructor.network is not None else setup.prediction,
+        prediction=None if result.first is not None else setup.prediction,
         method=reconstructor.method_name,
         automatic_tau=options.tau == "auto",
         automatic_support=setup.light is not None,
@@ -123,9 +123,8 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: Setup) -> Product[Te
         pixel_rad=setup.pixel_rad,
         left_out=setup.field.left_out,
     )
-    if reconstructor.network is not None:
-        doubt = detail_warning(result, report.frequency)
-        run.warn(*([] if doubt is None else [doubt]))
+    doubt = detail_warning(result, report.frequency)
+    run.warn(*([] if doubt is None else [doubt]))
     rgb = arrange_rgb(picture, setup.measurement.channels)
     write = partial(write_picture, white=white, options=options)
     writers: dict[Path, Writer] = {path: partial(write, picture=rgb) for path in options.output}

@@ -232,8 +232,7 @@ class Setup(Prepared):
     @property
     def prior_facts(self) -> dict[str, str]:
         """What a record says of the prior: its name, and which weights it has."""
-        network = self.reconstructor.network
-        return {"prior": self.problem.prior.value} if network is None else network.facts
+        return self.reconstructor.prior_facts or {"prior": self.problem.prior.value}
 
     @property
     def pixel_rad(self) -> float | None:
