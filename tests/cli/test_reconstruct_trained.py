@@ -27,7 +27,7 @@ def solved(camera: Camera, out: Path, *asked: object) -> dict[str, object]:
     return record
 
 
-@pytest.mark.parametrize("prior", ["denoiser", "unrolled"])
+@pytest.mark.parametrize("prior", ["ridge", "denoiser", "unrolled"])
 def test_weights_that_come_with_nolens(prior: str, camera: Camera, tmp_path: Path) -> None:
     """The picture is that of `nl.reconstruct`, and the record says which weights it is by."""
     out = tmp_path / "o.tif"
@@ -36,7 +36,7 @@ def test_weights_that_come_with_nolens(prior: str, camera: Camera, tmp_path: Pat
     card = json.loads(weights.with_suffix(".json").read_text())
     assert result["prior"] == prior
     assert result["weights_sha256"] == sha256_of_weights(weights) == card["sha256"]
-    assert result["method"] == "admm, plug-and-play"
+    assert result["method"] == ("admm" if prior == "ridge" else "admm, plug-and-play")
     picture = read_frame(out).counts
     photograph = nl.reconstruct(
         camera.raw, camera.psf, support=(24, 32), tau=8e-3, iterations=40, prior=prior
@@ -59,7 +59,7 @@ def test_weights_of_ones_own(camera: Camera, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        (("--prior", "mine.txt"), ("--prior", "denoiser, unrolled", ".npz")),
+        (("--prior", "mine.txt"), ("--prior", "ridge, denoiser, unrolled", ".npz")),
         (("--prior", "nowhere.npz"), ("nowhere.npz",)),
         (("--prior", "photo.npz"), ("photo.npz", "nolens train")),
         (("--prior", "unrolled", "--method", "wiener"), ("Wiener filter", "trained prior")),

@@ -33,7 +33,7 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("tiny") / "tiny.npz"
     network = DenoisingNetwork((8,), (1,))
-    write_weights(path, PlugAndPlay(network, (0.1,), {"prior": "unrolled"}), {})
+    write_weights(path, PlugAndPlay(network, (0.1,), facts={"prior": "unrolled"}), {})
     return path
 
 

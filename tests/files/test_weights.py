@@ -19,7 +19,7 @@ from nolens.solvers.plug_and_play import PlugAndPlay
 def written(tmp_path: Path) -> tuple[Path, PlugAndPlay]:
     torch.manual_seed(0)
     network = DenoisingNetwork((8, 12), (1, 2))
-    prior = PlugAndPlay(network, (0.2, 0.1), {"prior": "unrolled"})
+    prior = PlugAndPlay(network, (0.2, 0.1), 0.5, {"prior": "unrolled"})
     write_weights(tmp_path / "mine.npz", prior, {"steps": 3})
     return tmp_path / "mine.npz", prior
 
@@ -27,7 +27,8 @@ def written(tmp_path: Path) -> tuple[Path, PlugAndPlay]:
 def test_weights_come_back_in_half_precision(written: tuple[Path, PlugAndPlay]) -> None:
     path, prior = written
     read = read_weights(path)
-    assert read.spreads == prior.spreads and read.facts["prior"] == "unrolled"
+    assert (read.spreads, read.level) == (prior.spreads, prior.level)
+    assert read.facts["prior"] == "unrolled"
     assert (read.network.widths, read.network.blocks) == ((8, 12), (1, 2))
     for name, each in prior.network.state_dict().items():
         assert torch.equal(read.network.state_dict()[name], each.half().float())

@@ -8,7 +8,7 @@ from posed import Case, pose
 from torch import Tensor
 
 from nolens.errors import OptionError
-from nolens.operators import FiniteDifference, PixelRectangle
+from nolens.operators import PixelRectangle
 from nolens.solvers import Method, Prior, Problem, Progress, Reconstructor
 from nolens.solvers.denoising_network import (
     BANDS,
@@ -90,66 +90,58 @@ def test_planes_of_white_noise() -> None:
 
 def test_fit_near_a_picture(problem: Problem) -> None:
     """The minimiser of the fit's objective, by dense matrices in float64."""
-    picture, spread = torch.rand(3, 12, 13), 0.3
-    fit = Fit(problem)
-    x = fit.in_whites(picture)
-    for _ in range(20):
-        # From x in place of z, the target stays that of z.
-        x, _ = _near(fit, problem, x, picture / fit.white, spread)
-    exact = _minimiser(problem, picture / fit.white, spread, fit.white)
-    torch.testing.assert_close(x.double(), exact, rtol=0, atol=2e-3 * float(exact.abs().max()))
-    once, noise = fit.near(picture / fit.white, spread)
+    photograph, spread = 3 * torch.rand(3, 12, 13), 0.3
+    fit = Fit(problem, photograph)
+    picture = photograph / fit.white
+    x, noise = fit.near(picture, spread)
     assert noise.shape == (3, BANDS) and bool((noise > 0).all())
-    left = (once.double() - exact).norm() / (picture.double() / fit.white - exact).norm()
+    exact = _minimiser(problem, fit, picture, spread)
+    left = (x.double() - exact).norm() / (picture.double() - exact).norm()
     assert float(left) < 0.3  # The first call goes most of the way.
+    for _ in range(20):
+        x, _ = fit.near(picture, spread)
+    torch.testing.assert_close(x.double(), exact, rtol=0, atol=2e-3 * float(exact.abs().max()))
 
 
-def _near(
-    fit: Fit, problem: Problem, start: Tensor, picture: Tensor, spread: float
-) -> tuple[Tensor, Tensor]:
-    """`Fit.near`, with its linear steps going on from a start."""
-    fitted = []
-    for number, step in enumerate(fit.steps):
-        penalties, unit = fit.penalties(number, spread), fit.white / fit.scale[number]
-        step.v = (unit * start[number : number + 1]).contiguous()
-        step.renew_residual()
-        step.solve(step.prior_part(penalties, unit * picture[number : number + 1]), penalties)
-        fitted.append(step.v / unit)
-    return torch.cat(fitted), start
-
-
-def _minimiser(problem: Problem, picture: Tensor, spread: float, white: float) -> Tensor:
-    """Of ½‖(b − Av)/σ‖² + (‖Ψ(v − z)‖² + ‖v − z‖²/16) / 2s², in units of the white."""
-    noise = channel_noise(problem).double()
+def _minimiser(problem: Problem, fit: Fit, picture: Tensor, spread: float) -> Tensor:
+    """Of ½‖(b − Av)/σ‖² + ‖v − z‖²/2s², in units of the white."""
+    noise = fit.noise.double()
     height, width = picture.shape[1:]
     basis = torch.eye(height * width).reshape(-1, 1, height, width)
-    # Differences with the zero beside the scene, as the linear step has them.
-    framed = torch.nn.functional.pad(basis, (1, 0, 1, 0))
-    psi = FiniteDifference((height + 1, width + 1))(framed).flatten(1).double().T
     scenes = []
     for number in range(3):
         single = problem.single(number)
         image = torch.cat([single.forward(each) for each in basis]).flatten(1).double().T
-        image = image * (white / problem.scale[number].double()) / noise[number]
+        image = image * (fit.white / problem.scale[number].double()) / noise[number]
         data = single.data.double().flatten() / noise[number]
-        prior = (psi.T @ psi + torch.eye(height * width).double() / 16) / spread**2
+        prior = torch.eye(height * width).double() / spread**2
         z = picture[number].double().flatten()
         scenes.append(torch.linalg.solve(image.T @ image + prior, image.T @ data + prior @ z))
     return torch.stack(scenes).reshape(picture.shape)
 
 
-def test_noise_that_the_fit_leaves(problem: Problem) -> None:
+def test_what_the_photograph_leaves_counts_as_noise(problem: Problem) -> None:
+    """Noise is the pixels' own beside the truth, and more beside a wrong picture."""
+    own = channel_noise(problem)
+    right = Reconstructor(torch.empty(0)).solve(problem).scene
+    torch.testing.assert_close(Fit(problem, right).noise, own, rtol=0.5, atol=0)
+    wrong = Fit(problem, 2 * right)
+    left = problem.residual(2 * right / problem.scale).square().mean(dim=(1, 2)).sqrt()
+    torch.testing.assert_close(wrong.noise, left)
+    torch.testing.assert_close(Fit(problem, 2 * right, detail=4.0).noise, left / 4)
+
+
+def test_noise_that_the_fit_leaves() -> None:
     """The density by octaves is about that of noise alone, fitted near nothing."""
     posed = replace(CASE, sensor=(96, 96), psf=(96, 96), support=PixelRectangle(24, 24, 48, 48))
     psf = torch.from_numpy(pose(posed).psf).float()
     data = torch.randn(3, 96, 96, generator=torch.Generator().manual_seed(2))
     noisy = Problem.build(psf, data, support=posed.support, tau=1e-3)
-    fit = Fit(noisy)
-    fit.in_whites(torch.rand(noisy.scene_shape))
+    fit = Fit(noisy, 1e-6 * torch.rand(noisy.scene_shape))
+    fit.white = 1.0
     zero = torch.zeros(noisy.scene_shape)
-    x, stated = fit.near(zero, 0.3)
-    for _ in range(3):
-        x, _ = _near(fit, noisy, x, zero, 0.3)
+    for _ in range(5):
+        x, stated = fit.near(zero, 0.3)
     rows, columns = (torch.fft.fftfreq(side)[:, None] for side in x.shape[1:])
     octave = torch.hypot(rows, columns.T).clamp_min(1e-9).log2().add(1 + BANDS).floor()
     density = torch.fft.fft2(x).abs().square() / x[0].numel()
@@ -160,10 +152,11 @@ def test_noise_that_the_fit_leaves(problem: Problem) -> None:
         assert float(ratio.min()) > 0.5 and float(ratio.max()) < 1.5
 
 
-def test_turns_of_a_network_that_takes_nothing_off(problem: Problem) -> None:
+@pytest.mark.parametrize("level", [None, 0.1])
+def test_turns_of_a_network_that_takes_nothing_off(problem: Problem, level: float | None) -> None:
     """The fits' residual is below the photograph's, and the record goes on from that."""
     seen: list[Progress] = []
-    prior = PlugAndPlay(identity(), (0.5, 0.5))
+    prior = PlugAndPlay(identity(), (0.5, 0.5), level)
     solver = Reconstructor(torch.empty(0), prior=prior)
     first = replace(solver, prior=Prior.TV).solve(problem)
     result = solver.solve(problem, callback=seen.append)

@@ -122,7 +122,8 @@ class PlugAndPlay:
        + \tfrac{1}{2 s_k^2} ‖v − z_{k-1} + d_{k-1}‖^2, \quad z_k = D(x_k + d_{k-1})_+,
        \quad d_k = x_k + d_{k-1} − z_k
 
-    It starts from a photograph by total variation, whose white is the unit of all. There is no
+    A network that was trained on fits has learned what they leave, so that d stays zero; one that
+    takes out white noise needs d, without which turns go on to take off detail. It starts from a photograph by total variation, whose white is the unit of all. There is no
     objective, so the number of turns is fixed.
 
     Parameters
@@ -171,7 +172,8 @@ class PlugAndPlay:
                 white = noise.new_full(noise.shape, self.level)
                 picture = denoise(network, noisy, white, turn=number)
             picture = picture.clamp_min(0)
-            taken = noisy - picture
+            if self.level is not None:
+                taken = noisy - picture
             yield Turn(x, noisy, noise, picture, fit.white)
 
     def solve(self, problem: Problem, first: Result, callback: Callback | None = None) -> Result:
