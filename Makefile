@@ -140,8 +140,8 @@ build/panoramas/all.done:
 	$(BIN)/python bench/panoramas.py build/panoramas
 	touch $@
 
-weights: panoramas $(WEIGHTS)/unrolled.done
-	cp $(foreach each,denoiser unrolled,$(WEIGHTS)/$(each).npz $(WEIGHTS)/$(each).json) src/nolens/files/trained/
+weights: panoramas $(WEIGHTS)/denoiser.done
+	cp $(WEIGHTS)/denoiser.npz $(WEIGHTS)/denoiser.json src/nolens/files/trained/
 
 TRAIN = mkdir -p $(WEIGHTS) && $(BIN)/nolens train --photographs build/panoramas/train --licence cc0-1.0 \
   --validation build/panoramas/held-out --patience 100 -o $(WEIGHTS)/$(1).npz \
@@ -149,10 +149,6 @@ TRAIN = mkdir -p $(WEIGHTS) && $(BIN)/nolens train --photographs build/panoramas
 
 $(WEIGHTS)/denoiser.done: | panoramas
 	$(call TRAIN,denoiser) --prior denoiser --start none --steps 12000
-	touch $@
-
-$(WEIGHTS)/unrolled.done: $(WEIGHTS)/denoiser.done
-	$(call TRAIN,unrolled) --prior unrolled --start $(WEIGHTS)/denoiser.npz --steps 8000
 	touch $@
 
 # Damaged files, hostile options and requests for a while; what breaks is kept in build/fuzz/failures.

@@ -13,7 +13,7 @@ from running import check_refused, run
 
 import nolens as nl
 from nolens.files import read_frame
-from nolens.files.weights import sha256_of_weights, unrolled, write_weights
+from nolens.files.weights import denoiser, sha256_of_weights, write_weights
 from nolens.solvers import Result
 from nolens.solvers.uncertainty import detail_warning
 
@@ -27,7 +27,7 @@ def solved(camera: Camera, out: Path, *asked: object) -> dict[str, object]:
     return record
 
 
-@pytest.mark.parametrize("prior", ["ridge", "denoiser", "unrolled"])
+@pytest.mark.parametrize("prior", ["ridge", "denoiser"])
 def test_weights_that_come_with_nolens(prior: str, camera: Camera, tmp_path: Path) -> None:
     """The picture is that of `nl.reconstruct`, and the record says which weights it is by."""
     out = tmp_path / "o.tif"
@@ -47,22 +47,22 @@ def test_weights_that_come_with_nolens(prior: str, camera: Camera, tmp_path: Pat
 
 def test_weights_of_ones_own(camera: Camera, tmp_path: Path) -> None:
     mine = tmp_path / "mine.npz"
-    write_weights(mine, unrolled(), {"licence": "mine"})
+    write_weights(mine, denoiser(), {"licence": "mine"})
     pictures = {}
-    for prior in (mine, "unrolled"):
+    for prior in (mine, "denoiser"):
         result = solved(camera, tmp_path / "o.tif", "--prior", prior)
         pictures[prior] = read_frame(tmp_path / "o.tif").counts
-        assert result["prior"] == "unrolled"
-    assert torch.equal(pictures[mine], pictures["unrolled"])
+        assert result["prior"] == "denoiser"
+    assert torch.equal(pictures[mine], pictures["denoiser"])
 
 
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        (("--prior", "mine.txt"), ("--prior", "ridge, denoiser, unrolled", ".npz")),
+        (("--prior", "mine.txt"), ("--prior", "ridge, denoiser", ".npz")),
         (("--prior", "nowhere.npz"), ("nowhere.npz",)),
         (("--prior", "photo.npz"), ("photo.npz", "nolens train")),
-        (("--prior", "unrolled", "--method", "wiener"), ("Wiener filter", "trained prior")),
+        (("--prior", "denoiser", "--method", "wiener"), ("Wiener filter", "trained prior")),
         (("--uncertainty", 1), ("--uncertainty", "2")),
         (("--uncertainty", 4, "--depths", "8cm,20cm"), ("--uncertainty",)),
     ],
@@ -85,11 +85,11 @@ def test_what_cannot_be(
 def test_uncertainty(camera: Camera, tmp_path: Path) -> None:
     """The spread is that of pictures of other noise; a sheet shows it beside the picture."""
     out = tmp_path / "o.png"
-    solved(camera, out, "--prior", "unrolled", "--uncertainty", 3)
+    solved(camera, out, "--prior", "denoiser", "--uncertainty", 3)
     spread = torch.from_numpy(tifffile.imread(tmp_path / "o-uncertainty.tif")).movedim(-1, 0)
     assert spread.shape == (3, 24, 32) and float(spread.min()) >= 0
     photograph = nl.reconstruct(
-        camera.raw, camera.psf, support=(24, 32), tau=8e-3, iterations=40, prior="unrolled",
+        camera.raw, camera.psf, support=(24, 32), tau=8e-3, iterations=40, prior="denoiser",
         uncertainty=3,
     )  # fmt: skip
     assert photograph.spread is not None

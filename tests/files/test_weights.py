@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from nolens.errors import FileError
-from nolens.files.weights import denoiser, read_weights, unrolled, write_weights
+from nolens.files.weights import denoiser, read_weights, ridge, write_weights
 from nolens.solvers.denoising_network import DenoisingNetwork
 from nolens.solvers.plug_and_play import PlugAndPlay
 
@@ -44,9 +44,9 @@ def test_same_weights_are_the_same_file(written: tuple[Path, PlugAndPlay]) -> No
     assert path.read_bytes() == before
 
 
-@pytest.mark.parametrize("name", ["denoiser", "unrolled"])
+@pytest.mark.parametrize("name", ["denoiser", "ridge"])
 def test_hash_of_what_comes_with_nolens_is_its_cards(name: str) -> None:
-    prior = {"denoiser": denoiser, "unrolled": unrolled}[name]()
+    prior = {"denoiser": denoiser, "ridge": ridge}[name]()
     card = json.loads(files("nolens.files.trained").joinpath(f"{name}.json").read_text("utf-8"))
     assert prior.facts == {"prior": name, "weights_sha256": card["sha256"]}
 

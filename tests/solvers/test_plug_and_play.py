@@ -160,15 +160,45 @@ def test_turns_of_a_network_that_takes_nothing_off(problem: Problem, level: floa
     solver = Reconstructor(torch.empty(0), prior=prior)
     first = replace(solver, prior=Prior.TV).solve(problem)
     result = solver.solve(problem, callback=seen.append)
-    assert result.iterations == first.iterations + 2 == result.history[-1]["iteration"]
-    assert float(result.scene.min()) >= 0
-    torch.testing.assert_close(seen[-1].scene(), result.scene / problem.scale)
+    rows = len(result.history) - len(first.history)
+    assert result.iterations == first.iterations + rows == result.history[-1]["iteration"]
+    assert rows == len(seen) - len(first.history) and rows % 2 == 0
+    assert float(result.scene.min()) >= 0 and result.first is not None
+    assert torch.equal(result.first.scene, first.scene)
     for turn in prior.turns(problem, first.scene):
         before, after = (
             float(problem.residual(scene / problem.scale).norm())
             for scene in (first.scene, turn.white * turn.fit)
         )
         assert after < before
+
+
+class Blur(torch.nn.Module):
+    """Takes off detail, the more the more noise it is told."""
+
+    def forward(self, picture: Tensor, planes: Tensor) -> Tensor:
+        soft = torch.nn.functional.avg_pool2d(picture, 5, 1, 2)
+        return picture + (soft - picture) * (2 * planes[:, :1]).clamp(max=1)
+
+
+def test_a_network_that_is_too_strong_is_weakened(problem: Problem) -> None:
+    """Halved as long as the misfit falls by 1 %; what is kept is the last that made it fall."""
+    prior = PlugAndPlay(Blur(), (0.2, 0.2), 0.5)  # type: ignore[arg-type]
+    first = Reconstructor(torch.empty(0)).solve(problem)
+    result = prior.solve(problem, first)
+    scenes = []
+    for factor in (1, 0.5, 0.25, 0.125):
+        *_, last = prior.turns(problem, first.scene, factor)
+        scenes.append(last.scene)
+    noise = Fit(problem, first.scene).noise[:, None, None]
+    misfits = [
+        float((problem.residual(each / problem.scale) / noise).square().mean()) for each in scenes
+    ]
+    best = 0
+    while best < 3 and misfits[best + 1] * 1.01 < misfits[best]:
+        best += 1
+    assert best > 0
+    torch.testing.assert_close(result.scene, scenes[best])
 
 
 def test_a_run_that_is_stopped_keeps_its_picture(problem: Problem) -> None:

@@ -161,8 +161,8 @@ def reconstruct(
         What the automatic `tau` is divided by: 2 shows more detail and more noise.
     prior
         ``"tv"``, ``"colour-tv"``, ``"isotropic-tv"``, ``"l1"`` or ``"none"``; ``"auto"`` is total
-        variation, of the colours together where the scene fills the view. ``"unrolled"`` and
-        ``"denoiser"`` are trained networks, and the path of an .npz one that you trained. Or one of
+        variation, of the colours together where the scene fills the view. ``"ridge"`` and
+        ``"denoiser"`` are trained, and the path of an .npz is one that you trained. Or one of
         your own: a function from a first photograph, by total variation with a white of 1, to the
         functional −ln p(v), or the name that a package adds.
     iterations, tolerance

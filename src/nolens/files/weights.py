@@ -166,11 +166,6 @@ def denoiser() -> PlugAndPlay:
     return _shipped("denoiser")
 
 
-def unrolled() -> PlugAndPlay:
-    """The network for what the fit of measurements leaves that comes with nolens."""
-    return _shipped("unrolled")
-
-
 @cache
 def ridge() -> RidgePrior:
     """The ridge regulariser that comes with nolens."""

@@ -327,7 +327,7 @@ else:
     AnyPrior = Annotated[
         Literal[PRIORS] | Annotated[FilePath, AfterValidator(_weights)],
         Option(
-            "What the scene is assumed to be like. denoiser and unrolled are trained networks; "
+            "What the scene is assumed to be like. ridge and denoiser are trained; "
             "an .npz is one that you trained (nolens train).",
             SOLVER,
             label="Prior",

@@ -15,6 +15,10 @@ from nolens.solvers.linear_step import LinearStep
 from nolens.solvers.problem import Problem
 from nolens.solvers.result import Callback, Progress, Result, follow
 
+_FACTORS = 1.0, 0.5, 0.25, 0.125
+"""On spreads and level, from the strongest."""
+_FALLS = 1.01
+"""Factor by which a weaker one has to make χ² smaller."""
 _WHITE = 0.995
 """Fraction of the photograph's values below its white."""
 _BYTES_PER_PIXEL = 120
@@ -55,9 +59,14 @@ class Fit:
         white = float(torch.quantile(values[:: 1 + values.numel() // 10**6], _WHITE))
         self.white = white if 0 < white < math.inf else 1.0
         self.steps = [
-            LinearStep(problem.single(each), scene[each : each + 1].clone(), varied=False)
+            LinearStep(problem.single(each), scene[each : each + 1], varied=False)
             for each in range(problem.channels)
         ]
+
+    def restart(self, picture: Tensor) -> None:
+        """Go on from a picture in units of the white."""
+        for number, step in enumerate(self.steps):
+            step.v = self.white / self.scale[number] * picture[number : number + 1]
 
     def penalties(self, channel: int, spread: float) -> Penalties:
         """What the linear step weighs the picture with."""
@@ -123,8 +132,14 @@ class PlugAndPlay:
        \quad d_k = x_k + d_{k-1} − z_k
 
     A network that was trained on fits has learned what they leave, so that d stays zero; one that
-    takes out white noise needs d, without which turns go on to take off detail. It starts from a photograph by total variation, whose white is the unit of all. There is no
-    objective, so the number of turns is fixed.
+    takes out white noise needs d, without which turns go on to take off detail. Turns start from a
+    photograph by total variation, whose white is the unit of all. There is no objective, so their
+    number is fixed.
+
+    How strong the network has to be hangs on how good the photograph is already. `solve` makes
+    all turns with spreads and level as they are, then with halves of them, and so on, as long as
+    that makes the misfit χ² = ‖(b − Az)/σ‖² smaller by 1 %: a network that is too strong takes off
+    what the measurement has.
 
     Parameters
     ----------
@@ -147,7 +162,9 @@ class PlugAndPlay:
     facts: dict[str, str] = field(default_factory=dict)
     detail: float = 1.0
 
-    def turns(self, problem: Problem, photograph: Tensor) -> Iterator[Turn]:
+    def turns(
+        self, problem: Problem, photograph: Tensor, factor: float = 1.0, fit: Fit | None = None
+    ) -> Iterator[Turn]:
         """All turns, one after the other.
 
         Parameters
@@ -156,12 +173,17 @@ class PlugAndPlay:
             In normalised units.
         photograph
             To start from, in units of measurement over PSF.
+        factor
+            On spreads and level.
+        fit
+            Of the problem, where there is one already.
         """
-        fit = Fit(problem, photograph, self.detail)
+        fit = Fit(problem, photograph, self.detail) if fit is None else fit
         picture = photograph / fit.white
-        taken, before = torch.zeros_like(picture), self.spreads[0]
+        fit.restart(picture)
+        taken, before = torch.zeros_like(picture), factor * self.spreads[0]
         network = self.network.to(problem.data.device)
-        for number, spread in enumerate(self.spreads):
+        for number, spread in enumerate(factor * each for each in self.spreads):
             # The multiplier d / s² stays where the spread changes.
             taken = taken * (spread / before) ** 2
             x, noise = fit.near(picture - taken, spread)
@@ -169,7 +191,7 @@ class PlugAndPlay:
             if self.level is None:
                 picture = denoise(network, noisy, noise, spread, turn=number)
             else:
-                white = noise.new_full(noise.shape, self.level)
+                white = noise.new_full(noise.shape, factor * self.level)
                 picture = denoise(network, noisy, white, turn=number)
             picture = picture.clamp_min(0)
             if self.level is not None:
@@ -193,25 +215,36 @@ class PlugAndPlay:
         DivergenceError
             If a picture is NaN or infinite.
         """
+        fit = Fit(problem, first.scene, self.detail)
         scene = first.scene / problem.scale
+        kept: list[Tensor] = []
 
         def checks() -> Iterator[Progress]:
             nonlocal scene
-            for number, turn in enumerate(self.turns(problem, first.scene)):
-                before, scene = scene, turn.scene / problem.scale
-                change = _relative(scene - before, scene)
-                yield Progress(
-                    iteration=first.iterations + number + 1,
-                    objective=problem.objective(scene),
-                    primal_residual=_relative(turn.fit - turn.picture, turn.picture),
-                    dual_residual=change,
-                    scene_change=change,
-                    penalties=(self.spreads[number],),
-                    scene=partial(torch.clone, scene),
-                    expected=first.iterations + len(self.spreads),
-                )
+            done, least = first.iterations, math.inf
+            for factor in _FACTORS:
+                for number, turn in enumerate(self.turns(problem, first.scene, factor, fit)):
+                    before, scene = scene, turn.scene / problem.scale
+                    change = _relative(scene - before, scene)
+                    yield Progress(
+                        iteration=done + number + 1,
+                        objective=problem.objective(scene),
+                        primal_residual=_relative(turn.fit - turn.picture, turn.picture),
+                        dual_residual=change,
+                        scene_change=change,
+                        penalties=(factor * self.spreads[number],),
+                        scene=partial(torch.clone, scene),
+                        expected=done + len(self.spreads),
+                    )
+                done += len(self.spreads)
+                left = problem.residual(scene) / fit.noise[:, None, None]
+                misfit = float(left.double().square().mean())
+                if misfit * _FALLS >= least:
+                    return
+                kept[:], least = [scene], misfit
 
         rows, reason = follow(checks(), lambda _: False, callback)
+        scene = kept[0] if kept else scene
         return Result(
             scene=problem.unscale(scene),
             objective=problem.objective(scene),

@@ -27,7 +27,6 @@ Row = dict[str, float]
 TRAINED = {
     "ridge": "nolens.files.weights:ridge",
     "denoiser": "nolens.files.weights:denoiser",
-    "unrolled": "nolens.files.weights:unrolled",
 }
 """Priors that come with trained weights, and what loads them."""
 _ADDED = Registry[Any](

@@ -16,7 +16,7 @@ from nolens.errors import DataError, FileError, OptionError
 from nolens.files import read_picture, write_state
 from nolens.files.pictures import picture_files
 from nolens.files.state import read_about, read_state
-from nolens.files.weights import denoiser, read_weights, unrolled, weights_writers
+from nolens.files.weights import denoiser, read_weights, weights_writers
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.jobs.training.camera import training_camera
 from nolens.jobs.training.card import rounded, weights_card
@@ -32,15 +32,15 @@ from nolens.training.unrolled import FitBuffer, FitLessons
 from nolens.training.validation import ALL, HeldOut, measured_pictures, noisy_pictures
 
 TURNS: dict[str, tuple[tuple[float, ...], float | None]] = {
-    "denoiser": ((0.15,) * 10, 0.1),
-    "unrolled": ((0.15,) * 6, None),
+    "denoiser": ((0.15,) * 8, 0.1),
+    "unrolled": ((0.2,), None),
 }
 """Spreads and level (`PlugAndPlay`) of a prior that does not start from weights of its own kind."""
 BATCHES = {"denoiser": (12, 64), "unrolled": (5, 96)}
 """Patches of a batch, and their pixels along a side."""
 _CHECKPOINT_S = 180.0
 """From one to the next."""
-_SHIPPED: dict[str, Callable[[], PlugAndPlay]] = {"denoiser": denoiser, "unrolled": unrolled}
+_SHIPPED: dict[str, Callable[[], PlugAndPlay]] = {"denoiser": denoiser}
 
 
 @job

@@ -66,19 +66,17 @@ class TrainOptions(JobOptions):
     prior: Annotated[
         TrainedPrior,
         Option(
-            "unrolled learns what the fit of measurements leaves, turn by turn; denoiser learns "
-            "white noise.",
+            "unrolled learns what the fit of measurements by your camera leaves, for one turn; "
+            "denoiser learns white noise.",
             label="Prior",
         ),
     ] = "unrolled"
     start: Annotated[
-        Literal["denoiser", "unrolled", "none"]
-        | Annotated[FilePath, AfterValidator(_weights)]
-        | None,
+        Literal["denoiser", "none"] | Annotated[FilePath, AfterValidator(_weights)] | None,
         Option(
-            "Weights to start from: those that come with nolens, an .npz of yours, whose size the "
-            "network then has, or none.",
-            default="those of the same prior that come with nolens",
+            "Weights to start from: the denoiser that comes with nolens, an .npz of yours, whose "
+            "size the network then has, or none.",
+            default="denoiser",
         ),
     ] = None
     pairs: Annotated[
