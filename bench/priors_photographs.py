@@ -100,7 +100,7 @@ PHOTOGRAPHS = (
     _lomiri("dogs", "friends_by_Aitzol_Berasategi", "CC-BY-4.0"),
     Photograph("motorcycle", "scikit-image", "motorcycle_left.png", "none named (Middlebury)"),
     _lomiri("stream", "life_by_Aitzol_Berasategi", "CC-BY-4.0"),
-    Photograph("hopper", "matplotlib", "grace_hopper.jpg", "public domain"),
+    _lomiri("peaks", "picosdeeuropa_by_Aitzol_Berasategi", "CC-BY-4.0"),
     _plasma("moss", "OneStandsOut"),
     _lomiri("dandelion", "seeding_by_Clements_Engelhardt", "CC0"),
     Photograph("dune", _MATE, f"{_NATURE}/Dune.jpg", "GPL-2+"),

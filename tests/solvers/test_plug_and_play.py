@@ -8,7 +8,7 @@ from posed import Case, pose
 from torch import Tensor
 
 from nolens.errors import OptionError
-from nolens.operators import PixelRectangle
+from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.solvers import Method, Prior, Problem, Progress, Reconstructor
 from nolens.solvers.denoising_network import (
     BANDS,
@@ -181,24 +181,26 @@ class Blur(torch.nn.Module):
         return picture + (soft - picture) * (2 * planes[:, :1]).clamp(max=1)
 
 
-def test_a_network_that_is_too_strong_is_weakened(problem: Problem) -> None:
-    """Halved as long as the misfit falls by 1 %; what is kept is the last that made it fall."""
-    prior = PlugAndPlay(Blur(), (0.2, 0.2), 0.5)  # type: ignore[arg-type]
+def test_strength_by_held_out_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that takes off detail is weakened; one that knows the scene has its full strength."""
+    case = replace(CASE, sensor=(60, 64), psf=(60, 64), support=PixelRectangle(14, 16, 32, 32))
+    psf = torch.from_numpy(pose(case).psf).float()
+    scene = torch.rand(3, 8, 8, generator=torch.Generator().manual_seed(0))
+    scene = scene.repeat_interleave(4, 1).repeat_interleave(4, 2)
+    data = CroppedConvolution(psf, case.sensor, case.support)(scene)
+    noise = torch.randn(data.shape, generator=torch.Generator().manual_seed(1))
+    noisy = data + 0.01 * data.std() * noise
+    problem = Problem.build(psf, noisy, support=case.support, tau=1e-4)
     first = Reconstructor(torch.empty(0)).solve(problem)
+    prior = PlugAndPlay(Blur(), (0.2, 0.2), 0.5)  # type: ignore[arg-type]
     result = prior.solve(problem, first)
-    scenes = []
-    for factor in (1, 0.5, 0.25, 0.125):
-        *_, last = prior.turns(problem, first.scene, factor)
-        scenes.append(last.scene)
-    noise = Fit(problem, first.scene).noise[:, None, None]
-    misfits = [
-        float((problem.residual(each / problem.scale) / noise).square().mean()) for each in scenes
-    ]
-    best = 0
-    while best < 3 and misfits[best + 1] * 1.01 < misfits[best]:
-        best += 1
-    assert best > 0
-    torch.testing.assert_close(result.scene, scenes[best])
+    strength = result.history[-1]["penalty_1"]
+    assert strength < 1
+    *_, last = prior.turns(problem, first.scene, strength)
+    torch.testing.assert_close(result.scene, last.scene)
+    truth = scene / Fit(problem, first.scene).white
+    monkeypatch.setattr("nolens.solvers.plug_and_play.denoise", lambda *_, **__: truth)
+    assert prior.solve(problem, first).history[-1]["penalty_1"] == 1
 
 
 def test_a_run_that_is_stopped_keeps_its_picture(problem: Problem) -> None:

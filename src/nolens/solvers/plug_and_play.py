@@ -2,23 +2,31 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import islice
 
 import torch
 from torch import Tensor
 
 from nolens.solvers.admm_state import Penalties
 from nolens.solvers.denoising_network import BANDS, DenoisingNetwork, denoise
-from nolens.solvers.held_out import channel_noise
+from nolens.solvers.held_out import (
+    channel_noise,
+    held_out_blocks,
+    pixels_of,
+    prediction_errors,
+)
 from nolens.solvers.linear_step import LinearStep
 from nolens.solvers.problem import Problem
 from nolens.solvers.result import Callback, Progress, Result, follow
 
-_FACTORS = 1.0, 0.5, 0.25, 0.125
-"""On spreads and level, from the strongest."""
-_FALLS = 1.01
-"""Factor by which a weaker one has to make χ² smaller."""
+_WEAKEST, _STRONGER = 0.125, (1.0, 0.5, 0.25)
+"""Factors on spreads and level that are tried, and that of few pixels, by which none is judged."""
+_UNJUDGED = 0.5
+_WORSE = 1.015
+"""Error of held-out pixels over that with the weakest, up to which a stronger one is taken."""
+_TRIAL_TURNS = 4
 _WHITE = 0.995
 """Fraction of the photograph's values below its white."""
 _BYTES_PER_PIXEL = 120
@@ -62,6 +70,11 @@ class Fit:
             LinearStep(problem.single(each), scene[each : each + 1], varied=False)
             for each in range(problem.channels)
         ]
+
+    def measure(self, problem: Problem) -> None:
+        """Go on with other valid pixels."""
+        for number, step in enumerate(self.steps):
+            step.measure(problem.single(number))
 
     def restart(self, picture: Tensor) -> None:
         """Go on from a picture in units of the white."""
@@ -136,10 +149,11 @@ class PlugAndPlay:
     photograph by total variation, whose white is the unit of all. There is no objective, so their
     number is fixed.
 
-    How strong the network has to be hangs on how good the photograph is already. `solve` makes
-    all turns with spreads and level as they are, then with halves of them, and so on, as long as
-    that makes the misfit χ² = ‖(b − Az)/σ‖² smaller by 1 %: a network that is too strong takes off
-    what the measurement has.
+    How strong the network has to be hangs on how good the photograph is already. `solve` leaves
+    blocks of pixels out of the fit for some turns (`held_out`), with an eighth of the spreads and
+    the level, then with all of them, a half and a quarter, and takes the strongest that predicts
+    these pixels as well as the weakest but for 1.5 %. The photograph has seen them, which
+    favours weak ones.
 
     Parameters
     ----------
@@ -216,35 +230,47 @@ class PlugAndPlay:
             If a picture is NaN or infinite.
         """
         fit = Fit(problem, first.scene, self.detail)
-        scene = first.scene / problem.scale
-        kept: list[Tensor] = []
+        fit = Fit(problem, first.scene, self.detail)
+        scene, done = first.scene / problem.scale, first.iterations
+
+        def run(of: Problem, factor: float, count: int) -> Iterator[Progress]:
+            nonlocal scene, done
+            end = done + count
+            for turn in islice(self.turns(of, first.scene, factor, fit), count):
+                before, scene = scene, turn.scene / problem.scale
+                change, done = _relative(scene - before, scene), done + 1
+                yield Progress(
+                    iteration=done,
+                    objective=problem.objective(scene),
+                    primal_residual=_relative(turn.fit - turn.picture, turn.picture),
+                    dual_residual=change,
+                    scene_change=change,
+                    penalties=(factor,),
+                    scene=partial(torch.clone, scene),
+                    expected=end,
+                )
 
         def checks() -> Iterator[Progress]:
-            nonlocal scene
-            done, least = first.iterations, math.inf
-            for factor in _FACTORS:
-                for number, turn in enumerate(self.turns(problem, first.scene, factor, fit)):
-                    before, scene = scene, turn.scene / problem.scale
-                    change = _relative(scene - before, scene)
-                    yield Progress(
-                        iteration=done + number + 1,
-                        objective=problem.objective(scene),
-                        primal_residual=_relative(turn.fit - turn.picture, turn.picture),
-                        dual_residual=change,
-                        scene_change=change,
-                        penalties=(factor * self.spreads[number],),
-                        scene=partial(torch.clone, scene),
-                        expected=done + len(self.spreads),
-                    )
-                done += len(self.spreads)
-                left = problem.residual(scene) / fit.noise[:, None, None]
-                misfit = float(left.double().square().mean())
-                if misfit * _FALLS >= least:
-                    return
-                kept[:], least = [scene], misfit
+            blocks, factor = held_out_blocks(problem.valid), _UNJUDGED
+            if blocks is not None:
+                held = pixels_of(blocks, problem.forward.sensor).to(problem.data.device)
+                data = torch.where(held, 0, problem.data)
+                fitted = replace(problem, data=data, valid=problem.valid & ~held)
+                fit.measure(fitted)
+                least = math.inf
+                for factor in (_WEAKEST, *_STRONGER):
+                    yield from run(fitted, factor, _TRIAL_TURNS)
+                    error = float(prediction_errors(problem, scene, held, blocks).mean())
+                    if factor == _WEAKEST:
+                        least = error
+                    elif error <= _WORSE * least:
+                        break
+                else:
+                    factor = _WEAKEST
+                fit.measure(problem)
+            yield from run(problem, factor, len(self.spreads))
 
         rows, reason = follow(checks(), lambda _: False, callback)
-        scene = kept[0] if kept else scene
         return Result(
             scene=problem.unscale(scene),
             objective=problem.objective(scene),
