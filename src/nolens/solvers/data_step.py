@@ -49,14 +49,8 @@ class DataStep:
 
     with V the valid pixels. So the measurement does not have to travel through a split x = Mv of
     its own, which is slow where a scene fills the view: light beyond the sensor is not measured,
-    and the slow part of a scene hardly changes what is. The matrix is not diagonal in the Fourier
-    domain. A few steps of conjugate gradients go on from the scene before (inexact ADMM,
-    `eckstein2017`), preconditioned by its circulant mean
-    :math:`ρ\,|H|^2 / \overline{|H|^2} + μ_2|D|^2 + μ_3`, where ρ is the fraction of the energy of
-    white noise that A keeps, and an exact solution for the slowest cosines, deflated (A-DEF2 of
-    `tang2009`): the eigenvalue of the scene's mean is ten thousand times that of the others.
-
-    The forward model may vary over the field; :math:`|H|^2` is then the mean of its terms'.
+    and the slow part of a scene hardly changes what is. A `LinearStep` goes on from
+    the scene before, a little each time (inexact ADMM, `eckstein2017`).
 
     Parameters
     ----------

@@ -76,8 +76,8 @@ def _caustic(random: np.random.Generator, size: Size) -> Array:
         for each, slope in ((rows, down), (columns, aside))
     ]
     inside = (places[0] >= 0) & (places[0] < size[0]) & (places[1] >= 0) & (places[1] < size[1])
-    cells = places[0][inside] * size[1] + places[1][inside]
-    light: Array = np.bincount(cells, minlength=size[0] * size[1]).reshape(size).astype(float)
+    pixels = places[0][inside] * size[1] + places[1][inside]
+    light: Array = np.bincount(pixels, minlength=size[0] * size[1]).reshape(size).astype(float)
     return light
 
 
@@ -136,11 +136,11 @@ def _contours(random: np.random.Generator, size: Size) -> Array:
 
 
 def _shadow(random: np.random.Generator, size: Size) -> Array:
-    """The shadow of a mask with open cells."""
+    """The shadow of a mask with square holes."""
     side = max(int(_scale(random, 2, 8)), 1)
-    cells = [math.ceil(each / side) for each in size]
-    opened = (random.random(cells) < random.uniform(0.2, 0.5)).astype(float)
-    light: Array = np.kron(opened, np.ones((side, side)))[: size[0], : size[1]]
+    counts = [math.ceil(each / side) for each in size]
+    holes = (random.random(counts) < random.uniform(0.2, 0.5)).astype(float)
+    light: Array = np.kron(holes, np.ones((side, side)))[: size[0], : size[1]]
     return light
 
 
