@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: env demo test tests test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading bench-default bench-model bench-priors bench-odd bench-dataset bench-batch panoramas weights examples screenshots fuzz kill attack clean
+.PHONY: env demo test tests test-variants lint browser results reproduce bench bench-race bench-twin bench-design bench-stitch bench-live bench-reading bench-default bench-model bench-priors bench-odd bench-dataset bench-batch training-photographs weights examples screenshots fuzz kill attack clean
 
 env: $(STAMP)
 
@@ -134,21 +134,21 @@ screenshots: $(STAMP)
 # The weights that come with nolens, from nothing: hours. It goes on where it was stopped; without
 # build/weights it begins anew.
 WEIGHTS := build/weights
-panoramas: $(STAMP) build/panoramas/all.done
+training-photographs: $(STAMP) build/training/all.done
 
-build/panoramas/all.done:
-	$(BIN)/python bench/panoramas.py build/panoramas
+build/training/all.done:
+	$(BIN)/python bench/training_photographs.py build/training
 	touch $@
 
-weights: panoramas $(WEIGHTS)/denoiser.done
+weights: training-photographs $(WEIGHTS)/denoiser.done
 	cp $(WEIGHTS)/denoiser.npz $(WEIGHTS)/denoiser.json src/nolens/files/trained/
 
-TRAIN = mkdir -p $(WEIGHTS) && $(BIN)/nolens train --photographs build/panoramas/train --licence cc0-1.0 \
-  --validation build/panoramas/held-out --patience 100 -o $(WEIGHTS)/$(1).npz \
+TRAIN = mkdir -p $(WEIGHTS) && $(BIN)/nolens train --photographs build/training/train --licence cc0-1.0 \
+  --validation build/training/held-out --patience 100 -o $(WEIGHTS)/$(1).npz \
   $(if $(wildcard $(WEIGHTS)/$(1).state.npz),--resume $(WEIGHTS)/$(1).state.npz)
 
-$(WEIGHTS)/denoiser.done: | panoramas
-	$(call TRAIN,denoiser) --prior denoiser --start none --steps 12000
+$(WEIGHTS)/denoiser.done: | training-photographs
+	$(call TRAIN,denoiser) --prior denoiser --start none --steps 48000 --pictures 1500 --precision bfloat16
 	touch $@
 
 # Damaged files, hostile options and requests for a while; what breaks is kept in build/fuzz/failures.

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -45,6 +45,9 @@ _MOMENTS = "exp_avg", "exp_avg_sq"
 """Of Adam, as it calls them."""
 
 
+Precision = Literal["float32", "bfloat16"]
+
+
 @dataclass(frozen=True)
 class Schedule:
     """How long and how fast a network learns.
@@ -57,12 +60,15 @@ class Schedule:
         Largest step of Adam; it rises over the first twentieth and falls as a cosine.
     patches, side
         Of a batch: how many, and their pixels along a side.
+    precision
+        Of the features and their gradients; weights and moments always have float32.
     """
 
     steps: int
     rate: float = 1e-3
     patches: int = 12
     side: int = 64
+    precision: Precision = "float32"
 
     def rate_at(self, step: int) -> float:
         """Step of Adam at a batch."""
@@ -82,10 +88,19 @@ class Trainer:
         How long and how fast.
     seed
         Of the batches.
+    device
+        Where the network learns; batches are made on the CPU.
     """
 
-    def __init__(self, network: DenoisingNetwork, schedule: Schedule, seed: int) -> None:
-        self.network = network
+    def __init__(
+        self,
+        network: DenoisingNetwork,
+        schedule: Schedule,
+        seed: int,
+        device: torch.device | None = None,
+    ) -> None:
+        self.device = torch.device("cpu") if device is None else device
+        self.network = network.to(self.device)
         self.schedule, self.seed, self.step = schedule, seed, 0
         self._optimiser = torch.optim.AdamW(
             network.parameters(), lr=schedule.rate, weight_decay=1e-4
@@ -102,9 +117,15 @@ class Trainer:
         """One step; the loss, mean |D(v) − clean| / error: strong and weak noise count alike."""
         for group in self._optimiser.param_groups:
             group["lr"] = self.schedule.rate_at(self.step)
-        noisy = batch.noisy.to(memory_format=torch.channels_last)
-        missed = (self.network(noisy, batch.planes) - batch.clean).abs().mean(dim=(1, 2, 3))
-        loss = (missed / batch.error.clamp_min(_SIGMAS[0])).mean()
+        noisy = batch.noisy.to(self.device, memory_format=torch.channels_last)
+        clean, planes, error = (
+            each.to(self.device) for each in (batch.clean, batch.planes, batch.error)
+        )
+        low = self.schedule.precision == "bfloat16"
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=low):
+            denoised = self.network(noisy, planes)
+        missed = (denoised - clean).abs().mean(dim=(1, 2, 3))
+        loss = (missed / error.clamp_min(_SIGMAS[0])).mean()
         self._optimiser.zero_grad(set_to_none=True)
         loss.backward()
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), _CLIP)
@@ -117,7 +138,7 @@ class Trainer:
         return float(loss.detach())
 
     def trained(self) -> DenoisingNetwork:
-        """The network with the mean of its weights."""
+        """The network with the mean of its weights, on the CPU."""
         return network_of(self._mean, like=self.network)
 
     def arrays(self) -> dict[str, Tensor]:
@@ -148,7 +169,8 @@ class Trainer:
         """Go on from `arrays` of a trainer that has done so many steps."""
         self.step = step
         self.network.load_state_dict(without_prefix("network", arrays))
-        self._mean = without_prefix("mean", arrays)
+        mean = without_prefix("mean", arrays)
+        self._mean = {name: each.to(self.device) for name, each in mean.items()}
         moments: dict[int, dict[str, Any]] = {}
         for name, each in without_prefix("optimiser", arrays).items():
             number, _, what = name.partition(".")

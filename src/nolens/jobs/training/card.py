@@ -51,6 +51,7 @@ def weights_card(
         "steps_planned": options.count,
         "best_step": int(best["step"]),
         "rate": options.largest_rate,
+        "precision": options.precision,
         "widths": list(network.widths),
         "blocks": list(network.blocks),
         "scores_db": rounded(course.scores),

@@ -53,11 +53,13 @@ def train(run: Run[TrainOptions]) -> Product[PlugAndPlay]:
         If an option, a picture, the camera or the weights to start from cannot be used.
     """
     options, reporter = run.options, run.reporter
-    schedule = Schedule(options.count, options.largest_rate, *BATCHES[options.prior])
+    schedule = Schedule(
+        options.count, options.largest_rate, *BATCHES[options.prior], options.precision
+    )
     photographs = _photographs(run, options.photographs, schedule.side)
     validation = _photographs(run, options.validation, schedule.side)
     first, start = _first(run)
-    trainer = Trainer(first.network, schedule, options.seed)
+    trainer = Trainer(first.network, schedule, options.seed, run.device)
     resumed = None if options.resume is None else _read_checkpoint(run, trainer)
     camera = training_camera(run)
     pairs = training_pairs(run, schedule.side)
@@ -202,6 +204,7 @@ def _identity(run: Run[TrainOptions], start: dict[str, Any]) -> dict[str, Any]:
         "start": start.get("sha256", "none"),
         "steps": options.count,
         "rate": options.largest_rate,
+        "precision": options.precision,
         "seed": options.seed,
         "pictures": options.pictures,
         "patience": options.patience,

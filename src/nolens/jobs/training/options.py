@@ -9,10 +9,11 @@ from nolens.camera.part import refusal
 from nolens.camera.psf_set import Depth
 from nolens.errors import OptionError
 from nolens.files.weights import card_beside
-from nolens.jobs.fields import CAMERAS, FilePath, FullAngle, Name, Seed
+from nolens.jobs.fields import CAMERAS, Device, FilePath, FullAngle, Name, Seed
 from nolens.jobs.options import RECORD, JobOptions, Option, Written
 from nolens.quantities import Angle
 from nolens.ranges import Between
+from nolens.training.denoising import Precision
 from nolens.training.validation import MOST_GENERATED
 
 TrainedPrior = Literal["denoiser", "unrolled"]
@@ -154,6 +155,15 @@ class TrainOptions(JobOptions):
         Between(1, 100_000),
         Option("Checks by held-out pictures without progress after which it ends.", COURSE),
     ] = 12
+    precision: Annotated[
+        Precision,
+        Option(
+            "Of the network's features while it learns. bfloat16 takes about half the time on CUDA "
+            "and on processors that have it (AVX512-BF16, AMX), and far longer on others.",
+            COURSE,
+        ),
+    ] = "float32"
+    device: Device = "auto"
 
     def check_together(self) -> None:
         """Refuse a camera where none is measured with."""
