@@ -41,7 +41,10 @@ _RATIO = 2.0
 """Of neighbouring weights."""
 _WEIGHTS_AT_MOST = 8
 _FIRST_STEPS, _STEPS = 28, 12
-"""Iterations with the first weight, and with each that follows."""
+"""Iterations with the first weight, at least, and with each that follows."""
+_FIRST_AT_MOST, _SETTLED = 100, 0.02
+"""Iterations with the first weight at most, and fraction of the squared error by which the last of
+them (`_STEPS`) lower it while they go on: later weights would gain by what the first one lacks."""
 _LOOSENED = 0.4
 """Factor on the penalties from weight to weight: what they hold has to move again."""
 _QUIETEST = 1e-3
@@ -500,7 +503,10 @@ class _Path:
         def errors(tau: float, _: float) -> Tensor | None:
             if self.errors:
                 self._loosen()
-            if self._solve(tau, _STEPS if self.errors else _FIRST_STEPS):
+                stopped = self._solve(tau, _STEPS)
+            else:
+                stopped = self._solve(tau, _FIRST_STEPS - _STEPS, settle=True)
+            if stopped:
                 return None
             self._note(tau)
             return self.errors[tau]
@@ -512,24 +518,35 @@ class _Path:
         first, second, third = (_LOOSENED * mu for mu in state.penalties)
         state.renew(self._fitted, (first, second, third))
 
-    def _solve(self, tau: float, steps: int) -> bool:
-        """Go on to so many iterations with a weight; True where the caller stopped it."""
+    def _solve(self, tau: float, steps: int, *, settle: bool = False) -> bool:
+        """Go on to so many iterations with a weight; True where the caller stopped it.
+
+        With `settle`, go on from there until the prediction gets hardly better.
+        """
         state = self._state
         weighted = replace(self._fitted, tau=tau)
         state.weigh(weighted)
         run = start_run(weighted, state, balance=self._balance, relaxation=self._relaxation)
-        stopped = False
+        stopped, last = False, math.inf
         while state.iteration < steps and not stopped:
             run.to_check(steps)
             self._done += 1
             most = _FIRST_STEPS + _WEIGHTS_AT_MOST * _STEPS
             fraction = min(CHECK_EVERY * self._done / most, 1.0)
             stopped = self._progress is not None and bool(self._progress(fraction))
+            if settle and state.iteration == steps < _FIRST_AT_MOST:
+                error = float(self._predicted().mean())
+                if last > (1 + _SETTLED) * error:
+                    last, steps = error, steps + _STEPS
         run.end()
         return stopped
 
     def _note(self, tau: float) -> None:
-        self.errors[tau] = prediction_errors(self._problem, self.scene(), self.held, self._blocks)
+        self.errors[tau] = self._predicted()
+
+    def _predicted(self) -> Tensor:
+        """Squared errors of the blocks by the scene so far."""
+        return prediction_errors(self._problem, self.scene(), self.held, self._blocks)
 
     def scene(self) -> Tensor:
         """The scene so far, in normalised units."""

@@ -230,7 +230,6 @@ class PlugAndPlay:
             If a picture is NaN or infinite.
         """
         fit = Fit(problem, first.scene, self.detail)
-        fit = Fit(problem, first.scene, self.detail)
         scene, done = first.scene / problem.scale, first.iterations
 
         def run(of: Problem, factor: float, count: int) -> Iterator[Progress]:
