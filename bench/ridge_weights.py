@@ -10,7 +10,6 @@ import argparse
 import hashlib
 import io
 import json
-import os
 import time
 from pathlib import Path
 
@@ -101,7 +100,7 @@ def main() -> None:
         losses.append(trainer.learn(pool))
         if trainer.step % EVERY == 0:
             torch.save(trainer.state(), state.with_suffix(".part"))
-            os.replace(state.with_suffix(".part"), state)
+            state.with_suffix(".part").replace(state)
             left = (time.monotonic() - begun) / (trainer.step - first)
             minutes = left * (asked.steps - trainer.step) / 60
             print(
@@ -112,6 +111,7 @@ def main() -> None:
     arrays = {name: each.astype(np.float16) for name, each in trainer.trained().arrays().items()}
     np.savez(content, allow_pickle=False, **arrays)
     stored = RidgeWeights.from_arrays(arrays)
+    held_out = photographs(asked.photographs / "held-out")
     card = {
         "sha256": hashlib.sha256(content.getvalue()).hexdigest(),
         "prior": "ridge",
@@ -123,7 +123,7 @@ def main() -> None:
         "steps": asked.steps,
         "command": f"python bench/ridge_weights.py --steps {asked.steps}",
         "commit": commit(),
-        "scores_db_sigma_25_255_colour": scores(stored, photographs(asked.photographs / "held-out")),
+        "scores_db_sigma_25_255_colour": scores(stored, held_out),
         "not_for": NOT_FOR,
     }
     (asked.folder / "ridge.npz").write_bytes(content.getvalue())
