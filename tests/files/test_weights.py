@@ -19,7 +19,7 @@ from nolens.solvers.plug_and_play import PlugAndPlay
 def written(tmp_path: Path) -> tuple[Path, PlugAndPlay]:
     torch.manual_seed(0)
     network = DenoisingNetwork((8, 12), (1, 2))
-    prior = PlugAndPlay(network, (0.2, 0.1), 0.5, {"prior": "unrolled"})
+    prior = PlugAndPlay(network, (0.2, 0.1), True, {"prior": "unrolled"})
     write_weights(tmp_path / "mine.npz", prior, {"steps": 3})
     return tmp_path / "mine.npz", prior
 
@@ -27,7 +27,7 @@ def written(tmp_path: Path) -> tuple[Path, PlugAndPlay]:
 def test_weights_come_back_in_half_precision(written: tuple[Path, PlugAndPlay]) -> None:
     path, prior = written
     read = read_weights(path)
-    assert (read.spreads, read.level) == (prior.spreads, prior.level)
+    assert (read.spreads, read.white) == (prior.spreads, prior.white)
     assert read.facts["prior"] == "unrolled"
     assert (read.network.widths, read.network.blocks) == ((8, 12), (1, 2))
     for name, each in prior.network.state_dict().items():
@@ -62,7 +62,8 @@ def changed(path: Path, **about: object) -> None:
 @pytest.mark.parametrize(
     "about",
     [
-        {"format": "nolens weights 2"},
+        {"format": "nolens weights 3"},
+        {"white": 1},
         {"widths": [8, 13]},
         {"widths": [8]},
         {"widths": [8, 12, 16, 20], "blocks": [1, 1, 1, 1]},

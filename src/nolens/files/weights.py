@@ -21,7 +21,7 @@ from nolens.solvers.denoising_network import BLOCKS, WIDTHS, DenoisingNetwork
 from nolens.solvers.plug_and_play import PlugAndPlay
 from nolens.solvers.ridge import RidgePrior, RidgeWeights
 
-_FORMAT = "nolens weights 1"
+_FORMAT = "nolens weights 2"
 _SPREADS_AT_MOST, _WIDE = 100, 1000
 _SHIPPED = "nolens.files.trained"
 _ACCEPTED = "Accepted is an .npz that `nolens train` wrote"
@@ -56,7 +56,7 @@ def weights_writers(path: Path, prior: PlugAndPlay, card: Mapping[str, Any]) -> 
         "format": _FORMAT,
         "prior": prior.facts.get("prior", path.stem),
         "spreads": list(prior.spreads),
-        "level": prior.level,
+        "white": prior.white,
         "widths": list(prior.network.widths),
         "blocks": list(prior.network.blocks),
     }
@@ -107,20 +107,20 @@ def read_weights(path: Path) -> PlugAndPlay:
     return PlugAndPlay(
         network.eval(),
         tuple(about["spreads"]),
-        about.get("level"),
+        about["white"],
         facts={"prior": about["prior"], "weights_sha256": sha256_of_weights(path)},
     )
 
 
 def _check_about(about: Mapping[str, Any]) -> None:
     """Refuse what describes no network that this version could make."""
-    spreads, level = about.get("spreads"), about.get("level")
+    spreads = about.get("spreads")
     sizes = [about.get(name, list(full)) for name, full in _SIZE.items()]
     good = (
         about.get("format") == _FORMAT
         and isinstance(about.get("prior"), str)
         and isinstance(spreads, list)
-        and (level is None or (isinstance(level, float) and 0 < level < _WIDE))
+        and isinstance(about.get("white"), bool)
         and 0 < len(spreads) <= _SPREADS_AT_MOST
         and all(isinstance(each, float) and 0 < each < _WIDE for each in spreads)
         and all(isinstance(each, list) and 0 < len(each) <= len(WIDTHS) for each in sizes)

@@ -21,11 +21,10 @@ from nolens.solvers.linear_step import LinearStep
 from nolens.solvers.problem import Problem
 from nolens.solvers.result import Callback, Progress, Result, follow
 
-_WEAKEST, _STRONGER = 0.125, (1.0, 0.5, 0.25)
-"""Factors on spreads and level that are tried, and that of few pixels, by which none is judged."""
-_UNJUDGED = 0.5
-_WORSE = 1.015
-"""Error of held-out pixels over that with the weakest, up to which a stronger one is taken."""
+_STRENGTHS = tuple((2 / 3) ** step for step in range(5))
+"""That are tried, until one predicts held-out pixels worse than the one before."""
+_UNJUDGED = _STRENGTHS[1]
+"""Strength where pixels are too few to judge by."""
 _TRIAL_TURNS = 4
 _WHITE = 0.995
 """Fraction of the photograph's values below its white."""
@@ -117,7 +116,7 @@ class Turn:
     noisy
         What the network gets: the fit with what the turns before took off.
     noise
-        In the fit, of each channel and band.
+        That the network is told, of each channel and band.
     picture
         What the network makes of it, and not below zero.
     white
@@ -141,19 +140,17 @@ class PlugAndPlay:
     r"""A prior that is a network; it takes turns with the fit (`venkatakrishnan2013`).
 
     .. math:: x_k = \arg\min_v \tfrac12 ‖(b − Av)/σ‖^2
-       + \tfrac{1}{2 s_k^2} ‖v − z_{k-1} + d_{k-1}‖^2, \quad z_k = D(x_k + d_{k-1})_+,
+       + \tfrac{q^2}{2 s_k^2} ‖v − z_{k-1} + d_{k-1}‖^2, \quad z_k = D(x_k + d_{k-1}; s_k)_+,
        \quad d_k = x_k + d_{k-1} − z_k
 
-    A network that was trained on fits has learned what they leave, so that d stays zero; one that
-    takes out white noise needs d, without which turns go on to take off detail. Turns start from a
-    photograph by total variation, whose white is the unit of all. There is no objective, so their
-    number is fixed.
+    A network that takes out white noise of the deviation s is the proximal map of s² R for some
+    R, so that q² is the weight of R beside the measurement, whatever s is: 1 is that of Bayes'
+    rule. `solve` leaves blocks of pixels out of the fit for some turns (`held_out`), and takes that
+    strength q which predicts them best.
 
-    How strong the network has to be hangs on how good the photograph is already. `solve` leaves
-    blocks of pixels out of the fit for some turns (`held_out`), with an eighth of the spreads and
-    the level, then with all of them, a half and a quarter, and takes the strongest that predicts
-    these pixels as well as the weakest but for 1.5 %. The photograph has seen them, which
-    favours weak ones.
+    A network that was trained on fits has learned what they leave: it is told the noise of the fit,
+    by bands, and s; d stays zero, and q is 1. Turns start from a photograph by total variation,
+    whose white is the unit of all. There is no objective, so their number is fixed.
 
     Parameters
     ----------
@@ -161,9 +158,8 @@ class PlugAndPlay:
         D.
     spreads
         s of each turn, in units of the white.
-    level
-        Noise that the network is told, in units of the white, for one that takes out white noise;
-        None tells it the noise of the fit, by bands, and the spread.
+    white
+        Whether the network takes out white noise.
     facts
         What a record says of it: the prior, and the hash of its weights.
     detail
@@ -172,12 +168,12 @@ class PlugAndPlay:
 
     network: DenoisingNetwork = field(repr=False)
     spreads: tuple[float, ...]
-    level: float | None = None
+    white: bool = False
     facts: dict[str, str] = field(default_factory=dict)
     detail: float = 1.0
 
     def turns(
-        self, problem: Problem, photograph: Tensor, factor: float = 1.0, fit: Fit | None = None
+        self, problem: Problem, photograph: Tensor, strength: float = 1.0, fit: Fit | None = None
     ) -> Iterator[Turn]:
         """All turns, one after the other.
 
@@ -187,29 +183,27 @@ class PlugAndPlay:
             In normalised units.
         photograph
             To start from, in units of measurement over PSF.
-        factor
-            On spreads and level.
+        strength
+            q.
         fit
             Of the problem, where there is one already.
         """
         fit = Fit(problem, photograph, self.detail) if fit is None else fit
         picture = photograph / fit.white
         fit.restart(picture)
-        taken, before = torch.zeros_like(picture), factor * self.spreads[0]
+        taken, before = torch.zeros_like(picture), self.spreads[0]
         network = self.network.to(problem.data.device)
-        for number, spread in enumerate(factor * each for each in self.spreads):
+        for number, spread in enumerate(self.spreads):
             # The multiplier d / s² stays where the spread changes.
             taken = taken * (spread / before) ** 2
-            x, noise = fit.near(picture - taken, spread)
+            x, noise = fit.near(picture - taken, spread / strength)
             noisy, before = x + taken, spread
-            if self.level is None:
-                picture = denoise(network, noisy, noise, spread, turn=number)
-            else:
-                white = noise.new_full(noise.shape, factor * self.level)
-                picture = denoise(network, noisy, white, turn=number)
-            picture = picture.clamp_min(0)
-            if self.level is not None:
+            if self.white:
+                noise = torch.full_like(noise, spread)
+                picture = denoise(network, noisy, noise, turn=number).clamp_min(0)
                 taken = noisy - picture
+            else:
+                picture = denoise(network, noisy, noise, spread, turn=number).clamp_min(0)
             yield Turn(x, noisy, noise, picture, fit.white)
 
     def solve(self, problem: Problem, first: Result, callback: Callback | None = None) -> Result:
@@ -232,10 +226,10 @@ class PlugAndPlay:
         fit = Fit(problem, first.scene, self.detail)
         scene, done = first.scene / problem.scale, first.iterations
 
-        def run(of: Problem, factor: float, count: int) -> Iterator[Progress]:
+        def run(of: Problem, strength: float, count: int) -> Iterator[Progress]:
             nonlocal scene, done
             end = done + count
-            for turn in islice(self.turns(of, first.scene, factor, fit), count):
+            for turn in islice(self.turns(of, first.scene, strength, fit), count):
                 before, scene = scene, turn.scene / problem.scale
                 change, done = _relative(scene - before, scene), done + 1
                 yield Progress(
@@ -244,30 +238,28 @@ class PlugAndPlay:
                     primal_residual=_relative(turn.fit - turn.picture, turn.picture),
                     dual_residual=change,
                     scene_change=change,
-                    penalties=(factor,),
+                    penalties=(strength,),
                     scene=partial(torch.clone, scene),
                     expected=end,
                 )
 
         def checks() -> Iterator[Progress]:
-            blocks, factor = held_out_blocks(problem.valid), _UNJUDGED
+            blocks = held_out_blocks(problem.valid) if self.white else None
+            best = _UNJUDGED if self.white else 1.0
             if blocks is not None:
                 held = pixels_of(blocks, problem.forward.sensor).to(problem.data.device)
                 data = torch.where(held, 0, problem.data)
                 fitted = replace(problem, data=data, valid=problem.valid & ~held)
                 fit.measure(fitted)
                 least = math.inf
-                for factor in (_WEAKEST, *_STRONGER):
-                    yield from run(fitted, factor, _TRIAL_TURNS)
+                for strength in _STRENGTHS:
+                    yield from run(fitted, strength, _TRIAL_TURNS)
                     error = float(prediction_errors(problem, scene, held, blocks).mean())
-                    if factor == _WEAKEST:
-                        least = error
-                    elif error <= _WORSE * least:
+                    if error >= least:
                         break
-                else:
-                    factor = _WEAKEST
+                    best, least = strength, error
                 fit.measure(problem)
-            yield from run(problem, factor, len(self.spreads))
+            yield from run(problem, best, len(self.spreads))
 
         rows, reason = follow(checks(), lambda _: False, callback)
         return Result(

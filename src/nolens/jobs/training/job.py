@@ -31,11 +31,11 @@ from nolens.training.patches import PicturePool
 from nolens.training.unrolled import FitBuffer, FitLessons
 from nolens.training.validation import ALL, HeldOut, measured_pictures, noisy_pictures
 
-TURNS: dict[str, tuple[tuple[float, ...], float | None]] = {
-    "denoiser": ((0.15,) * 8, 0.1),
-    "unrolled": ((0.2,), None),
+SPREADS: dict[str, tuple[float, ...]] = {
+    "denoiser": tuple(0.3 * (2 / 15) ** (turn / 9) for turn in range(10)),
+    "unrolled": (0.2,),
 }
-"""Spreads and level (`PlugAndPlay`) of a prior that does not start from weights of its own kind."""
+"""Of a prior that does not start from weights of its own kind (`PlugAndPlay`)."""
 BATCHES = {"denoiser": (12, 64), "unrolled": (5, 96)}
 """Patches of a batch, and their pixels along a side."""
 _CHECKPOINT_S = 180.0
@@ -133,11 +133,11 @@ def _first(run: Run[TrainOptions]) -> tuple[PlugAndPlay, dict[str, Any]]:
     """The prior to start from, and what a card says of it."""
     options = run.options
     first = options.first
-    spreads, level = TURNS[options.prior]
+    spreads, white = SPREADS[options.prior], options.prior == "denoiser"
     if first == "none":
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(options.seed)
-            return PlugAndPlay(DenoisingNetwork(), spreads, level), {"weights": "none"}
+            return PlugAndPlay(DenoisingNetwork(), spreads, white), {"weights": "none"}
     if isinstance(first, Path):
         run.reads({"weights to start from": first})
         before = read_weights(first)
@@ -150,12 +150,12 @@ def _first(run: Run[TrainOptions]) -> tuple[PlugAndPlay, dict[str, Any]]:
                 "give others (--start FILE.npz), or begin with none (--start none)"
             ) from None
     if before.facts["prior"] == options.prior:
-        spreads, level = before.spreads, before.level
+        spreads = before.spreads
     network = DenoisingNetwork(before.network.widths, before.network.blocks)
     network.load_state_dict(before.network.state_dict())
     name = first.name if isinstance(first, Path) else first
     facts = {"weights": name, "sha256": before.facts["weights_sha256"]}
-    return PlugAndPlay(network, spreads, level), facts
+    return PlugAndPlay(network, spreads, white), facts
 
 
 def _lessons(
