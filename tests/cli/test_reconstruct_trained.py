@@ -85,12 +85,12 @@ def test_what_cannot_be(
 def test_uncertainty(camera: Camera, tmp_path: Path) -> None:
     """The spread is that of pictures of other noise; a sheet shows it beside the picture."""
     out = tmp_path / "o.png"
-    solved(camera, out, "--prior", "denoiser", "--uncertainty", 3)
+    solved(camera, out, "--prior", "denoiser", "--uncertainty", 2)
     spread = torch.from_numpy(tifffile.imread(tmp_path / "o-uncertainty.tif")).movedim(-1, 0)
     assert spread.shape == (3, 24, 32) and float(spread.min()) >= 0
     photograph = nl.reconstruct(
         camera.raw, camera.psf, support=(24, 32), tau=8e-3, iterations=40, prior="denoiser",
-        uncertainty=3,
+        uncertainty=2,
     )  # fmt: skip
     assert photograph.spread is not None
     torch.testing.assert_close(photograph.spread, spread, rtol=1e-3, atol=1e-5)

@@ -68,10 +68,10 @@ def test_every_row_is_there_and_the_same_seed_gives_the_same_bytes(
     one = made(tmp_path / "one", watcher, camera)
     timing = json.loads(one["timing.json"])
     longer = tmp_path / "another, much longer name"
-    for taken in ("dots", "siemens"):  # More than half of the work; as after an interruption.
+    for taken in ("dots", "siemens", "magnification"):  # Most of the work; as when interrupted.
         shutil.copytree(tmp_path / "one/steps" / taken, longer / "steps" / taken)
     other = made(longer, Watcher(), camera)
-    for taken in ("dots", "siemens"):
+    for taken in ("dots", "siemens", "magnification"):
         assert json.loads(other["timing.json"])["parts"][taken] == timing["parts"][taken]
     same = [name for name in one if name.endswith((".html", ".pdf", ".png"))]
     assert len(same) == 2 + 14
