@@ -66,6 +66,24 @@ def test_is_near_the_best_of_a_grid(prior: Prior, noise: float, loss_db: float) 
     assert chosen.prediction.unexplained < 2 * chosen.prediction.unexplained_by_noise
 
 
+def test_smooth_scene_through_lenslets() -> None:
+    """Far from solved after 28 iterations, by which every weaker weight looked better."""
+    size = (96, 128)
+    psf = torch.zeros(1, *size)
+    psf.view(-1)[torch.randint(0, psf.numel(), (30,))] = 1.0
+    psf = nnf.avg_pool2d(psf, 3, 1, 1)
+    region = PixelRectangle.centred(64, 96, size)
+    y, x = (torch.linspace(-1, 1, count) for count in (64, 96))
+    blob = torch.exp(-10 * ((y[:, None] - 0.2).square() + (x + 0.1).square()))
+    truth = (0.3 + blob + 0.2 * torch.sin(3 * x))[None].clamp_min(0)
+    light = CroppedConvolution(psf, size, region)(truth)
+    data = light + 0.003 * light.std() * torch.randn(light.shape)
+    solver = Reconstructor(psf, region)
+    tau = solver.choose_weight(data).tau
+    at, weaker, stronger = (quality(solver, data, truth, tau * by) for by in (1, 0.1, 10))
+    assert at > max(weaker, stronger) - 0.5
+
+
 def test_solves_with_its_choice() -> None:
     psf = mask_psf()
     data = measured(psf, photograph(), 0.01)
