@@ -143,9 +143,9 @@ class PlugAndPlay:
        + \tfrac{q^2}{2 s_k^2} ‖v − z_{k-1} + d_{k-1}‖^2, \quad z_k = D(x_k + d_{k-1}; s_k)_+,
        \quad d_k = x_k + d_{k-1} − z_k
 
-    A network that takes out white noise of the deviation s is the proximal map of s² R for some
-    R, so that q² is the weight of R beside the measurement, whatever s is: 1 is that of Bayes'
-    rule. `solve` leaves blocks of pixels out of the fit for some turns (`held_out`), and takes that
+    Where a network that takes out white noise of the deviation s is the proximal map of s² R for
+    some R, q² is the weight of R beside the measurement, whatever s is: 1 is that of Bayes' rule.
+    `solve` leaves blocks of pixels out of the fit for some turns (`held_out`), and takes that
     strength q which predicts them best.
 
     A network that was trained on fits has learned what they leave: it is told the noise of the fit,
