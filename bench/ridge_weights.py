@@ -18,6 +18,7 @@ import torch
 from skimage.restoration import denoise_tv_chambolle
 from torch import Tensor
 
+from nolens.evaluate import psnr
 from nolens.jobs.training.card import GENERATED, commit
 from nolens.solvers.ridge import RidgeRegulariser, RidgeWeights
 from nolens.training.patches import PicturePool, photograph_patch
@@ -60,10 +61,11 @@ def scores(weights: RidgeWeights, held_out: list[Tensor]) -> dict[str, dict[str,
             noise = random.standard_normal(tuple(clean.shape), np.float32)
             noisy = clean + SIGMA * torch.from_numpy(noise)
             tv = max(
-                psnr_db(torch.from_numpy(by_tv(noisy.numpy(), weight)), clean)
+                psnr(torch.from_numpy(by_tv(noisy.numpy(), weight)), clean, 1.0)
                 for weight in TV_WEIGHTS
             )
-            found.append((psnr_db(noisy, clean), tv, psnr_db(ridge.prox(noisy, 1.0), clean)))
+            denoised = ridge.prox(noisy, 1.0)
+            found.append((psnr(noisy, clean, 1.0), tv, psnr(denoised, clean, 1.0)))
         noisy_db, tv_db, ridge_db = np.mean(found, axis=0).round(2).tolist()
         rows[kind] = {"noisy": noisy_db, "tv_chambolle": tv_db, "ridge": ridge_db}
     return rows
@@ -73,11 +75,6 @@ def by_tv(noisy: np.ndarray, weight: float) -> np.ndarray:
     """A picture by total variation, by scikit-image."""
     result = denoise_tv_chambolle(noisy, weight, channel_axis=0, max_num_iter=400)
     return np.asarray(result, np.float32)
-
-
-def psnr_db(picture: Tensor, clean: Tensor) -> float:
-    """Of a white of 1."""
-    return -10 * float((picture - clean).square().mean().log10())
 
 
 def main() -> None:
