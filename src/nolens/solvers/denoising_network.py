@@ -3,10 +3,13 @@
 import itertools
 import math
 from collections.abc import Iterator
+from typing import Literal
 
 import torch
 import torch.nn.functional as nnf
 from torch import Tensor, nn
+
+Precision = Literal["float32", "bfloat16"]
 
 WIDTHS = (32, 64, 96)
 """Features of each scale; every scale has half the pixels of the one before, along each side."""
@@ -18,10 +21,12 @@ PLANES = 3 * BANDS + 1
 """Noise of each channel and band, and the spread of the picture before."""
 _FOLD = 2
 """Pixels along a side that become channels of the first scale."""
+FOLDED = 3 * _FOLD**2
+"""Those channels; planes of the noise come after them."""
 STEP = _FOLD * 2 ** (len(WIDTHS) - 1)
 """Sides that the network takes are multiples of this."""
 OVERLAP = 32
-"""Pixels beyond a tile that the network sees, on each side."""
+"""Pixels beyond a tile that the network sees, on each side where there are any."""
 _TILE = 512
 """Side of a tile without its overlap."""
 
@@ -46,20 +51,26 @@ class DenoisingNetwork(nn.Module):
     ----------
     widths, blocks
         Features and residual blocks of each scale; no more scales than `WIDTHS` has.
+
+    Attributes
+    ----------
+    precision
+        Of the features; weights, picture and result always have float32.
     """
+
+    precision: Precision = "float32"
 
     def __init__(self, widths: tuple[int, ...] = WIDTHS, blocks: tuple[int, ...] = BLOCKS) -> None:
         super().__init__()
         self.widths, self.blocks = widths, blocks
-        folded = 3 * _FOLD**2
-        self.head = _convolution(folded + PLANES, widths[0])
+        self.head = _convolution(FOLDED + PLANES, widths[0])
         pairs = list(itertools.pairwise(widths))
         self.encoders = nn.ModuleList(map(_blocks, widths[:-1], blocks[:-1]))
         self.downs = nn.ModuleList(nn.Conv2d(a, b, 2, 2, bias=False) for a, b in pairs)
         self.middle = _blocks(widths[-1], blocks[-1])
         self.ups = nn.ModuleList(nn.ConvTranspose2d(b, a, 2, 2, bias=False) for a, b in pairs)
         self.decoders = nn.ModuleList(map(_blocks, widths[:-1], blocks[:-1]))
-        self.tail = _convolution(widths[0], folded)
+        self.tail = _convolution(widths[0], FOLDED)
 
     @property
     def tile_bytes(self) -> float:
@@ -77,6 +88,11 @@ class DenoisingNetwork(nn.Module):
         noise
             (count, `PLANES`, 1, 1); see `noise_planes`.
         """
+        low = self.precision == "bfloat16"
+        with torch.autocast(picture.device.type, torch.bfloat16, enabled=low):
+            return picture - self._noise(picture, noise)
+
+    def _noise(self, picture: Tensor, noise: Tensor) -> Tensor:
         folded = nnf.pixel_unshuffle(picture, _FOLD)
         planes = noise.expand(-1, -1, *folded.shape[-2:])
         features = self.head(torch.cat([folded, planes], dim=1))
@@ -89,7 +105,7 @@ class DenoisingNetwork(nn.Module):
         for up, decoder in zip(reversed(self.ups), reversed(self.decoders), strict=True):
             features = decoder(up(features) + kept.pop())
         taken: Tensor = nnf.pixel_shuffle(self.tail(features), _FOLD)
-        return picture - taken
+        return taken
 
 
 def noise_planes(sigma: Tensor, spread: float | Tensor = 0.0) -> Tensor:
@@ -159,15 +175,14 @@ def denoise(
     height, width = turned.shape[1:]
     result = torch.empty_like(turned)
     planes = noise_planes(sigma[None].to(scene), spread)
-    with torch.inference_mode():
-        for top, left in tiles(height, width):
-            rows, columns = min(_TILE, height - top), min(_TILE, width - left)
-            window = _reflected(turned, top, left, rows, columns)
-            window = window[None].contiguous(memory_format=torch.channels_last)
-            inner = (slice(OVERLAP, OVERLAP + rows), slice(OVERLAP, OVERLAP + columns))
-            result[:, top : top + rows, left : left + columns] = network(window, planes)[0][
-                :, inner[0], inner[1]
-            ]
+    for top, left in tiles(height, width):
+        above, before = min(top, OVERLAP), min(left, OVERLAP)
+        rows, columns = min(_TILE, height - top), min(_TILE, width - left)
+        window = _window(turned, top - above, left - before, rows + above, columns + before)
+        window = window[None].contiguous(memory_format=torch.channels_last)
+        result[:, top : top + rows, left : left + columns] = network(window, planes)[0][
+            :, above : above + rows, before : before + columns
+        ]
     return torch.rot90(result, -turn % 4, (1, 2))
 
 
@@ -178,13 +193,16 @@ def tiles(height: int, width: int) -> Iterator[tuple[int, int]]:
             yield top, left
 
 
-def _reflected(scene: Tensor, top: int, left: int, rows: int, columns: int) -> Tensor:
-    """A window with its overlap, mirrored at the scene's edges, of sides that the network takes."""
+def _window(scene: Tensor, top: int, left: int, rows: int, columns: int) -> Tensor:
+    """A window and what overlaps it below and to the right, of sides that the network takes.
+
+    Where the scene ends it is mirrored.
+    """
     indices = []
     for axis, first, count in ((1, top, rows), (2, left, columns)):
-        whole = math.ceil((count + 2 * OVERLAP) / STEP) * STEP
-        places = torch.arange(first - OVERLAP, first - OVERLAP + whole)
-        period = max(2 * (scene.shape[axis] - 1), 1)
-        places = places % period
+        side = scene.shape[axis]
+        whole = math.ceil((min(first + count + OVERLAP, side) - first) / STEP) * STEP
+        period = max(2 * (side - 1), 1)
+        places = torch.arange(first, first + whole) % period
         indices.append(torch.minimum(places, period - places).to(scene.device))
     return scene[:, indices[0][:, None], indices[1]]

@@ -105,6 +105,20 @@ class LinearStep:
             self.v.add_(direction, alpha=length)
             self.residual.sub_(image, alpha=length)
 
+    def inverse(self, target: Tensor, penalties: Penalties) -> Tensor:
+        """K⁻¹ target, about as near as `solve` comes in one call; v and residual stay.
+
+        Parameters
+        ----------
+        target, penalties
+            As `solve` takes them.
+        """
+        v, residual = self.v, self.residual
+        self.v, self.residual = torch.zeros_like(v), torch.zeros_like(residual)
+        self.solve(target, penalties)
+        inverse, self.v, self.residual = self.v, v, residual
+        return inverse
+
     def noise_gain(self, penalties: Penalties, bands: int) -> Tensor:
         r"""Root mean density, in octaves below 1/2 cycle per pixel, of noise of 1 in v.
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -36,6 +37,32 @@ _BYTES_PER_PIXEL = 120
 def plug_and_play_bytes(pixels: float, network: DenoisingNetwork) -> float:
     """Most memory that a run holds at once, for so many `Problem.padded_pixels`."""
     return pixels * _BYTES_PER_PIXEL + network.tile_bytes
+
+
+class _Near(torch.autograd.Function):
+    """`Fit.near` as a function of the picture; where the fit starts from counts as given."""
+
+    @staticmethod
+    def forward(ctx: Any, picture: Tensor, fit: "Fit", spread: float) -> Tensor:
+        ctx.fit, ctx.spread = fit, spread
+        fitted = []
+        for number, step in enumerate(fit.steps):
+            unit, penalties = fit.white / fit.scale[number], fit.penalties(number, spread)
+            step.renew_residual()
+            step.solve(step.prior_part(penalties, unit * picture[number : number + 1]), penalties)
+            fitted.append(step.v / unit)
+        return torch.cat(fitted)
+
+    @staticmethod
+    def backward(ctx: Any, *slopes: Tensor) -> tuple[Tensor, None, None]:
+        """By the same linear step: dx/dz = K⁻¹ / s², which is symmetric."""
+        fit, (slope,) = ctx.fit, slopes
+        parts = []
+        for number, step in enumerate(fit.steps):
+            penalties = fit.penalties(number, ctx.spread)
+            target = step.prior_part(penalties, slope[number : number + 1])
+            parts.append(step.inverse(target, penalties))
+        return torch.cat(parts), None, None
 
 
 class Fit:
@@ -96,14 +123,15 @@ class Fit:
         spread
             s: how far z may be from the scene.
         """
-        fitted, noise = [], []
-        for number, step in enumerate(self.steps):
-            unit, penalties = self.white / self.scale[number], self.penalties(number, spread)
-            step.renew_residual()
-            step.solve(step.prior_part(penalties, unit * picture[number : number + 1]), penalties)
-            fitted.append(step.v / unit)
-            noise.append(self.noise[number] / unit * step.noise_gain(penalties, BANDS))
-        return torch.cat(fitted), torch.stack(noise)
+        fitted: Tensor = _Near.apply(picture, self, spread)  # type: ignore[no-untyped-call]
+        noise = [
+            self.noise[number]
+            * self.scale[number]
+            / self.white
+            * step.noise_gain(self.penalties(number, spread), BANDS)
+            for number, step in enumerate(self.steps)
+        ]
+        return fitted, torch.stack(noise)
 
 
 @dataclass(frozen=True)
@@ -114,10 +142,6 @@ class Turn:
     ----------
     fit
         x, (channels, height, width).
-    noisy
-        What the network gets: the fit with what the turns before took off.
-    noise
-        That the network is told, of each channel and band.
     picture
         What the network makes of it, and not below zero.
     white
@@ -125,8 +149,6 @@ class Turn:
     """
 
     fit: Tensor
-    noisy: Tensor
-    noise: Tensor
     picture: Tensor
     white: float
 
@@ -149,9 +171,9 @@ class PlugAndPlay:
     `solve` leaves blocks of pixels out of the fit for some turns (`held_out`), and takes that
     strength q which predicts them best.
 
-    A network that was trained on fits has learned what they leave: it is told the noise of the fit,
-    by bands, and s; d stays zero, and q is 1. Turns start from a photograph by total variation,
-    whose white is the unit of all. There is no objective, so their number is fixed.
+    A network that was tuned through the turns is told the noise of the fit, by bands, and s. Turns
+    start from a photograph by total variation, whose white is the unit of all. There is no
+    objective, so their number is fixed.
 
     Parameters
     ----------
@@ -160,7 +182,7 @@ class PlugAndPlay:
     spreads
         s of each turn, in units of the white.
     white
-        Whether the network takes out white noise.
+        Whether the network takes out white noise, and has not been tuned through the turns.
     facts
         What a record says of it: the prior, and the hash of its weights.
     detail
@@ -200,13 +222,14 @@ class PlugAndPlay:
             x, noise = fit.near(picture - taken, spread / strength)
             noisy, before = x + taken, spread
             if self.white:
-                noise = torch.full_like(noise, spread)
-                picture = denoise(network, noisy, noise, turn=number).clamp_min(0)
-                taken = noisy - picture
+                picture = denoise(network, noisy, torch.full_like(noise, spread), turn=number)
             else:
-                picture = denoise(network, noisy, noise, spread, turn=number).clamp_min(0)
-            yield Turn(x, noisy, noise, picture, fit.white)
+                picture = denoise(network, noisy, noise, spread, turn=number)
+            picture = picture.clamp_min(0)
+            taken = noisy - picture
+            yield Turn(x, picture, fit.white)
 
+    @torch.no_grad()
     def solve(self, problem: Problem, first: Result, callback: Callback | None = None) -> Result:
         """The scene of a problem.
 

@@ -1,14 +1,14 @@
 """A course of training: batch after batch, with checks on pictures that are held out."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Protocol
 
 from torch import Tensor
 
 from nolens.progress import ProgressCallback
 from nolens.solvers.denoising_network import DenoisingNetwork
-from nolens.training.denoising import Batch, Trainer, network_of, prefixed, without_prefix
+from nolens.training.denoising import Trainer, network_of, prefixed, without_prefix
 from nolens.training.validation import ALL, HeldOut
 
 _CHECKS, _STEPS_BETWEEN = 8, 250
@@ -21,8 +21,8 @@ class Lessons(Protocol):
     def begin(self, trainer: Trainer, progress: ProgressCallback) -> None:
         """Make what has to be there before the first batch, or before that of a resumed run."""
 
-    def batch(self, trainer: Trainer) -> Batch:
-        """The next batch."""
+    def losses(self, trainer: Trainer) -> Iterable[Tensor]:
+        """Of the next step."""
 
 
 class Course:
@@ -75,7 +75,7 @@ class Course:
 
     def advance(self) -> None:
         """Do one step, and check the network where that is due."""
-        self._losses.append(self.trainer.learn(self._lessons.batch(self.trainer)))
+        self._losses.append(self.trainer.learn(self._lessons.losses(self.trainer)))
         steps = self.trainer.schedule.steps
         between = min(_STEPS_BETWEEN, math.ceil(steps / _CHECKS))
         if self.trainer.step % between == 0 or self.trainer.step == steps:

@@ -1,16 +1,16 @@
 """Training of a network to take white noise out of pictures."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from nolens.progress import ProgressCallback
-from nolens.solvers.denoising_network import DenoisingNetwork, noise_planes
+from nolens.solvers.denoising_network import DenoisingNetwork, Precision, noise_planes
 from nolens.training.patches import PicturePool
 
 
@@ -25,7 +25,7 @@ class Batch:
     planes
         Of the noise (`noise_planes`).
     error
-        About the root mean square of noisy − clean, (count,).
+        Mean deviation of the noise, (count,).
     """
 
     noisy: Tensor
@@ -45,9 +45,6 @@ _MOMENTS = "exp_avg", "exp_avg_sq"
 """Of Adam, as it calls them."""
 
 
-Precision = Literal["float32", "bfloat16"]
-
-
 @dataclass(frozen=True)
 class Schedule:
     """How long and how fast a network learns.
@@ -59,7 +56,8 @@ class Schedule:
     rate
         Largest step of Adam; it rises over the first twentieth and falls as a cosine.
     patches, side
-        Of a batch: how many, and their pixels along a side.
+        Of a batch: how many, and their pixels along a side; of a network that is tuned through
+        turns, measurements of a step and the smallest side of a photograph.
     precision
         Of the features and their gradients; weights and moments always have float32.
     """
@@ -101,6 +99,7 @@ class Trainer:
     ) -> None:
         self.device = torch.device("cpu") if device is None else device
         self.network = network.to(self.device)
+        self.network.precision = schedule.precision
         self.schedule, self.seed, self.step = schedule, seed, 0
         self._optimiser = torch.optim.AdamW(
             network.parameters(), lr=schedule.rate, weight_decay=1e-4
@@ -113,21 +112,15 @@ class Trainer:
             np.random.Philox(np.random.SeedSequence(self.seed, spawn_key=(2, self.step)))
         )
 
-    def learn(self, batch: Batch) -> float:
-        """One step; the loss, mean |D(v) − clean| / error: strong and weak noise count alike."""
+    def learn(self, losses: Iterable[Tensor]) -> float:
+        """One step by the sum of losses; their mean."""
         for group in self._optimiser.param_groups:
             group["lr"] = self.schedule.rate_at(self.step)
-        noisy = batch.noisy.to(self.device, memory_format=torch.channels_last)
-        clean, planes, error = (
-            each.to(self.device) for each in (batch.clean, batch.planes, batch.error)
-        )
-        low = self.schedule.precision == "bfloat16"
-        with torch.autocast(self.device.type, torch.bfloat16, enabled=low):
-            denoised = self.network(noisy, planes)
-        missed = (denoised - clean).abs().mean(dim=(1, 2, 3))
-        loss = (missed / error.clamp_min(_SIGMAS[0])).mean()
         self._optimiser.zero_grad(set_to_none=True)
-        loss.backward()
+        values = []
+        for loss in losses:
+            loss.backward()  # type: ignore[no-untyped-call]
+            values.append(float(loss.detach()))
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), _CLIP)
         self._optimiser.step()
         self.step += 1
@@ -135,7 +128,7 @@ class Trainer:
         with torch.no_grad():
             for name, each in self.network.state_dict().items():
                 self._mean[name].lerp_(each, 1 - decay)
-        return float(loss.detach())
+        return sum(values) / max(len(values), 1)
 
     def trained(self) -> DenoisingNetwork:
         """The network with the mean of its weights, on the CPU."""
@@ -225,7 +218,9 @@ def noisy_batch(pool: PicturePool, random: np.random.Generator, schedule: Schedu
 
 @dataclass(frozen=True)
 class NoiseLessons:
-    """Batches of white noise.
+    """Batches of white noise, and the loss of each.
+
+    It is the mean of |D(v) − clean| / σ, so that strong and weak noise count alike.
 
     Parameters
     ----------
@@ -238,6 +233,12 @@ class NoiseLessons:
     def begin(self, trainer: Trainer, progress: ProgressCallback) -> None:
         """Nothing has to be there."""
 
-    def batch(self, trainer: Trainer) -> Batch:
-        """The next batch, which depends on nothing but the trainer's seed and step."""
-        return noisy_batch(self.pool, trainer.random(), trainer.schedule)
+    def losses(self, trainer: Trainer) -> Iterator[Tensor]:
+        """Of the next batch, which depends on nothing but the trainer's seed and step."""
+        batch = noisy_batch(self.pool, trainer.random(), trainer.schedule)
+        noisy = batch.noisy.to(trainer.device, memory_format=torch.channels_last)
+        clean, planes, error = (
+            each.to(trainer.device) for each in (batch.clean, batch.planes, batch.error)
+        )
+        missed = (trainer.network(noisy, planes) - clean).abs().mean(dim=(1, 2, 3))
+        yield (missed / error.clamp_min(_SIGMAS[0])).mean()

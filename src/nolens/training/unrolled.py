@@ -1,49 +1,67 @@
-"""Training of a network on what the fit of random measurements gives it, turn by turn."""
+"""Training of a network through all turns of a reconstruction, on random measurements."""
 
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import torch
+import torch.nn.functional as nnf
 from torch import Tensor
 
 from nolens.progress import ProgressCallback
-from nolens.solvers.denoising_network import DenoisingNetwork, noise_planes
-from nolens.solvers.plug_and_play import PlugAndPlay
+from nolens.solvers.denoising_network import FOLDED, DenoisingNetwork
+from nolens.solvers.plug_and_play import Fit, PlugAndPlay
 from nolens.training.cameras import TrainingCamera
-from nolens.training.denoising import Batch, Schedule, Trainer
+from nolens.training.denoising import Trainer
 from nolens.training.measurements import Example, random_size, simulate
 from nolens.training.patches import PicturePool
 
-_PAIRS = 1200
-"""To draw patches from: fits of about the last hundred measurements."""
-_EXAMPLES = 1500
+_EXAMPLES = 700
 """Measurements to draw from, of which the oldest go."""
 _REAL = 1 / 3
-"""Fraction of the fits that are of real measurements, where there are any."""
-_MEASURED, _LEAST, _ROUNDS = 140, 4, 2
-"""Measurements before the first step, a tenth of the steps where there are few; fits of each."""
-_STEPS_BETWEEN = 4
-"""From one new measurement to the next."""
-_JITTER = 0.3
-"""Deviation of the logarithm of an example's spreads."""
+"""Fraction that is of real measurements, where there are any."""
+_MEASURED, _LEAST = 60, 4
+"""Measurements before the first step; a tenth of the steps where there are few."""
+_NEW = 0.15
+"""Measurements that are made for each that is solved."""
+_STRENGTH, _APART = 0.6, 0.35
+"""Strength of the turns, about as left-out pixels choose it, and deviation of its logarithm."""
+_COARSE = 0.5
+"""Fraction of the photographs to start from that have half the pixels along a side."""
+_EARLIER = 0.1
+"""Weight of the pictures of earlier turns beside the last one's."""
 
 
-@dataclass(frozen=True)
-class _Pair:
-    fit: Tensor
-    truth: Tensor
-    planes: Tensor
-    error: float
+def tuned_from_white(network: DenoisingNetwork) -> DenoisingNetwork:
+    """The same network told its white noise as the spread of the picture before.
+
+    What `PlugAndPlay` says of the fit's noise has no effect until training gives it one.
+
+    Parameters
+    ----------
+    network
+        That takes out white noise.
+    """
+    told = DenoisingNetwork(network.widths, network.blocks)
+    told.load_state_dict(network.state_dict())
+    with torch.no_grad():
+        weights = told.head.weight
+        weights[:, -1] = weights[:, FOLDED:-1].sum(dim=1)
+        weights[:, FOLDED:-1] = 0
+    return told
 
 
-class FitBuffer:
-    """Fits of random measurements, each turn with the network of its time.
+class TurnLessons:
+    r"""Losses of random measurements, solved by all turns with the network in training.
 
-    The network is the one in training, so that it learns from the errors that it leaves itself,
-    turn after turn (`ross2011`). No gradient goes through the fit: in each turn the network's aim
-    is the scene.
+    Gradients go through the turns, and through the fits by their own linear step (`monakhova2020`):
+    the network learns what makes the last picture good. Its loss is
+
+    .. math:: \frac{‖z_K − v‖}{‖z_0 − v‖} + \frac{‖z_K − v‖_1}{‖z_0 − v‖_1}
+       + 0.1 \sum_{k<K} \frac{k}{K} \frac{‖z_k − v‖}{‖z_0 − v‖}
+
+    with the scene v and the photograph z₀ by total variation, so that good and poor measurements
+    count alike.
 
     Parameters
     ----------
@@ -54,7 +72,7 @@ class FitBuffer:
     camera
         That measures; None takes another one for each scene.
     pairs
-        Real measurements, which stay; a third of the fits of any are of them.
+        Real measurements, which stay; a third of those that are solved, if there are any.
     """
 
     def __init__(
@@ -67,111 +85,74 @@ class FitBuffer:
         self._pool, self._spreads, self._camera = pool, spreads, camera
         self._real = tuple(pairs)
         self._examples: deque[Example] = deque(maxlen=_EXAMPLES)
-        self._pairs: deque[_Pair] = deque(maxlen=_PAIRS)
 
-    def __len__(self) -> int:
-        return len(self._examples)
+    def begin(self, trainer: Trainer, progress: ProgressCallback) -> None:
+        """Make the first measurements, which depend on the trainer's seed and step."""
+        seeds = np.random.SeedSequence(trainer.seed, spawn_key=(3, trainer.step))
+        random = np.random.Generator(np.random.Philox(seeds))
+        count = max(_LEAST, min(_MEASURED, trainer.schedule.steps // 10))
+        for number in range(count):
+            self._measure(random)
+            progress((number + 1) / count)
 
-    def measure(self, random: np.random.Generator) -> None:
-        """Add a measurement.
+    def losses(self, trainer: Trainer) -> Iterator[Tensor]:
+        """Of the measurements of a step, one after the other."""
+        random = trainer.random()
+        for _ in range(trainer.schedule.patches):
+            if random.random() < _NEW:
+                self._measure(random)
+            real = self._real and random.random() < _REAL
+            among = self._real if real else self._examples
+            example = among[int(random.integers(len(among)))]
+            loss = self.loss(random, trainer.network, example)
+            if bool(torch.isfinite(loss)):
+                yield loss
+
+    def loss(
+        self, random: np.random.Generator, network: DenoisingNetwork, example: Example
+    ) -> Tensor:
+        """Of one measurement.
 
         Parameters
         ----------
         random
-            All that is random comes from it.
+            Strength, and what the turns start from, come from it.
+        network
+            In training.
+        example
+            What was measured.
         """
+        problem, photograph = example.problem, example.photograph
+        fit = Fit(problem, photograph)
+        start = _halved(photograph) if random.random() < _COARSE else photograph
+        strength = float(np.exp(random.normal(np.log(_STRENGTH), _APART)))
+        turns = PlugAndPlay(network, self._spreads).turns(problem, start, strength, fit)
+        loss, count = torch.zeros(()), len(self._spreads)
+        for number, turn in enumerate(turns, start=1):
+            truth = example.truth.to(turn.picture) / turn.white
+            error = turn.picture - truth
+            first = photograph.to(truth) / turn.white - truth
+            part = _ratio(error.square().mean(), first.square().mean()).sqrt()
+            if number < count:
+                loss = loss + _EARLIER * number / count * part.to(loss)
+            else:
+                loss = loss + (part + _ratio(error.abs().mean(), first.abs().mean())).to(loss)
+        return loss
+
+    def _measure(self, random: np.random.Generator) -> None:
         side, sensor = random_size(random)
         scene = self._pool.patches(random, 1, side)[0]
         self._examples.append(simulate(random, scene, sensor, self._camera))
 
-    def solve(
-        self, random: np.random.Generator, network: DenoisingNetwork, number: int | None = None
-    ) -> None:
-        """Solve one of the measurements, and keep its turns.
 
-        Parameters
-        ----------
-        random
-            All that is random comes from it.
-        network
-            As it is now.
-        number
-            Of the measurement, −1 for the last; None for any, which may be a real one.
-        """
-        real = number is None and self._real and random.random() < _REAL
-        among = self._real if real else self._examples
-        example = among[int(random.integers(len(among))) if number is None else number]
-        factor = float(np.exp(random.normal(0, _JITTER)))
-        solver = PlugAndPlay(network, tuple(factor * each for each in self._spreads))
-        turns = solver.turns(example.problem, example.photograph)
-        for spread, turn in zip(solver.spreads, turns, strict=True):
-            truth = example.truth / turn.white
-            error = float((turn.noisy - truth).square().mean().sqrt())
-            if np.isfinite(error):
-                # A measurement without colours is three that are the same, as in `denoise`.
-                fit, same = (each.expand(3, -1, -1) for each in (turn.noisy, truth))
-                planes = noise_planes(turn.noise.expand(3, -1)[None], spread)[0]
-                self._pairs.append(_Pair(fit, same, planes, error))
-
-    def batch(self, random: np.random.Generator, schedule: Schedule) -> Batch:
-        """Patches of random turns, turned and mirrored.
-
-        Parameters
-        ----------
-        random
-            All that is random comes from it.
-        schedule
-            Number and size of the patches.
-        """
-        noisy, clean, planes, errors = [], [], [], []
-        for number in random.integers(len(self._pairs), size=schedule.patches):
-            kept = self._pairs[int(number)]
-            pair = torch.stack([kept.fit, kept.truth])
-            top, left = (
-                int(random.integers(0, have - schedule.side + 1)) for have in pair.shape[2:]
-            )
-            pair = pair[..., top : top + schedule.side, left : left + schedule.side]
-            pair = torch.rot90(pair, int(random.integers(4)), (2, 3))
-            pair = pair.flip(3) if random.random() < 0.5 else pair
-            noisy.append(pair[0])
-            clean.append(pair[1])
-            planes.append(kept.planes)
-            errors.append(kept.error)
-        return Batch(
-            torch.stack(noisy), torch.stack(clean), torch.stack(planes), torch.tensor(errors)
-        )
+def _ratio(one: Tensor, other: Tensor) -> Tensor:
+    return one / other.clamp_min(1e-9)
 
 
-class FitLessons:
-    """Batches of what the fit of measurements leaves.
-
-    Parameters
-    ----------
-    buffer
-        Of the fits.
-    """
-
-    def __init__(self, buffer: FitBuffer) -> None:
-        self._buffer = buffer
-
-    def begin(self, trainer: Trainer, progress: ProgressCallback) -> None:
-        """Fill the buffer: with measurements that depend on the trainer's seed and step."""
-        seeds = np.random.SeedSequence(trainer.seed, spawn_key=(3, trainer.step))
-        random = np.random.Generator(np.random.Philox(seeds))
-        measured = max(_LEAST, min(_MEASURED, trainer.schedule.steps // 10))
-        for number in range(measured):
-            self._buffer.measure(random)
-            progress(0.6 * (number + 1) / measured)
-        fits = _ROUNDS * measured
-        for number in range(fits):
-            self._buffer.solve(random, trainer.network, number % measured)
-            progress(0.6 + 0.4 * (number + 1) / fits)
-
-    def batch(self, trainer: Trainer) -> Batch:
-        """The next batch; now and then after fits of another measurement, and one measured."""
-        random = trainer.random()
-        if trainer.step % _STEPS_BETWEEN == 0:
-            self._buffer.solve(random, trainer.network)
-        if trainer.step % (2 * _STEPS_BETWEEN) == 0:
-            self._buffer.measure(random)
-        return self._buffer.batch(random, trainer.schedule)
+def _halved(picture: Tensor) -> Tensor:
+    """On half the pixels along a side, and back."""
+    height, width = picture.shape[1:]
+    half = nnf.interpolate(
+        picture[None], size=(max(height // 2, 1), max(width // 2, 1)), mode="area"
+    )
+    return nnf.interpolate(half, size=(height, width), mode="bilinear", align_corners=False)[0]

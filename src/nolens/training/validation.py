@@ -24,6 +24,8 @@ _SIDE = 96
 _SIGMAS = 0.03, 0.1, 0.3
 _NOISY, _MEASURED = 12, 6
 """How many generated ones."""
+_STRENGTH = 2 / 3
+"""Of the turns by which a measurement is solved."""
 _OF_A_PHOTOGRAPH = 3
 
 
@@ -126,7 +128,9 @@ def measured_pictures(
 
     def solved_db(network: DenoisingNetwork, item: object) -> float:
         assert isinstance(item, Example)
-        *_, last = PlugAndPlay(network, spreads).turns(item.problem, item.photograph)
+        with torch.no_grad():
+            prior = PlugAndPlay(network, spreads)
+            *_, last = prior.turns(item.problem, item.photograph, _STRENGTH)
         return _db(last.scene - item.truth, float(item.truth.max()))
 
     return HeldOut(items, solved_db, _photograph_db)

@@ -16,7 +16,7 @@ from nolens.errors import DataError, FileError, OptionError
 from nolens.files import read_picture, write_state
 from nolens.files.pictures import picture_files
 from nolens.files.state import read_about, read_state
-from nolens.files.weights import denoiser, read_weights, weights_writers
+from nolens.files.weights import denoiser, read_weights, unrolled, weights_writers
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.jobs.training.camera import training_camera
 from nolens.jobs.training.card import rounded, weights_card
@@ -28,19 +28,19 @@ from nolens.training.cameras import KnownCamera
 from nolens.training.course import Course, Lessons
 from nolens.training.denoising import NoiseLessons, Schedule, Trainer
 from nolens.training.patches import PicturePool
-from nolens.training.unrolled import FitBuffer, FitLessons
+from nolens.training.unrolled import TurnLessons, tuned_from_white
 from nolens.training.validation import ALL, HeldOut, measured_pictures, noisy_pictures
 
 SPREADS: dict[str, tuple[float, ...]] = {
     "denoiser": tuple(0.3 * (2 / 15) ** (turn / 9) for turn in range(10)),
-    "unrolled": (0.2,),
+    "unrolled": tuple(0.3 * (2 / 15) ** (turn / 5) for turn in range(6)),
 }
 """Of a prior that does not start from weights of its own kind (`PlugAndPlay`)."""
-BATCHES = {"denoiser": (12, 64), "unrolled": (5, 96)}
-"""Patches of a batch, and their pixels along a side."""
+BATCHES = {"denoiser": (12, 64), "unrolled": (2, 96)}
+"""Patches of a batch or measurements of a step, and least pixels along a side."""
 _CHECKPOINT_S = 180.0
 """From one to the next."""
-_SHIPPED: dict[str, Callable[[], PlugAndPlay]] = {"denoiser": denoiser}
+_SHIPPED: dict[str, Callable[[], PlugAndPlay]] = {"denoiser": denoiser, "unrolled": unrolled}
 
 
 @job
@@ -151,8 +151,11 @@ def _first(run: Run[TrainOptions]) -> tuple[PlugAndPlay, dict[str, Any]]:
             ) from None
     if before.facts["prior"] == options.prior:
         spreads = before.spreads
-    network = DenoisingNetwork(before.network.widths, before.network.blocks)
-    network.load_state_dict(before.network.state_dict())
+    if before.white and not white:
+        network = tuned_from_white(before.network)
+    else:
+        network = DenoisingNetwork(before.network.widths, before.network.blocks)
+        network.load_state_dict(before.network.state_dict())
     name = first.name if isinstance(first, Path) else first
     facts = {"weights": name, "sha256": before.facts["weights_sha256"]}
     return PlugAndPlay(network, spreads, white), facts
@@ -171,7 +174,7 @@ def _lessons(
         return NoiseLessons(pool), noisy_pictures(validation)
     watch = partial(run.reporter.advance, "measurements held out")
     held_out = measured_pictures(spreads, camera, validation, pairs.held_out, watch)
-    return FitLessons(FitBuffer(pool, spreads, camera, pairs.learnt)), held_out
+    return TurnLessons(pool, spreads, camera, pairs.learnt), held_out
 
 
 def _follow(run: Run[TrainOptions], course: Course, about: dict[str, Any]) -> bool:

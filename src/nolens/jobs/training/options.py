@@ -13,13 +13,13 @@ from nolens.jobs.fields import CAMERAS, Device, FilePath, FullAngle, Name, Seed
 from nolens.jobs.options import RECORD, JobOptions, Option, Written
 from nolens.quantities import Angle
 from nolens.ranges import Between
-from nolens.training.denoising import Precision
+from nolens.solvers.denoising_network import Precision
 from nolens.training.validation import MOST_GENERATED
 
 TrainedPrior = Literal["denoiser", "unrolled"]
 PICTURES, COURSE = "Pictures", "Course of the training"
-STEPS = {"denoiser": 12_000, "unrolled": 8_000}
-RATES = {"denoiser": 1e-3, "unrolled": 5e-4}
+STEPS = {"denoiser": 12_000, "unrolled": 3_000}
+RATES = {"denoiser": 1e-3, "unrolled": 2e-4}
 
 
 def _weights(path: Path) -> Path:
@@ -67,17 +67,19 @@ class TrainOptions(JobOptions):
     prior: Annotated[
         TrainedPrior,
         Option(
-            "unrolled learns what the fit of measurements by your camera leaves, for one turn; "
-            "denoiser learns white noise.",
+            "unrolled learns all turns of a reconstruction, on measurements by your camera or by "
+            "random ones; denoiser learns white noise.",
             label="Prior",
         ),
     ] = "unrolled"
     start: Annotated[
-        Literal["denoiser", "none"] | Annotated[FilePath, AfterValidator(_weights)] | None,
+        Literal["denoiser", "unrolled", "none"]
+        | Annotated[FilePath, AfterValidator(_weights)]
+        | None,
         Option(
-            "Weights to start from: the denoiser that comes with nolens, an .npz of yours, whose "
-            "size the network then has, or none.",
-            default="denoiser",
+            "Weights to start from: denoiser or unrolled, which come with nolens, an .npz of "
+            "yours, whose size the network then has, or none.",
+            default="those of the prior",
         ),
     ] = None
     pairs: Annotated[
@@ -104,7 +106,7 @@ class TrainOptions(JobOptions):
     ] = "not stated"
     steps: Annotated[
         Annotated[int, Between(1, 1_000_000)] | None,
-        Option("Batches to learn from.", default="12000 for denoiser, 8000 for unrolled"),
+        Option("Batches to learn from.", default="12000 for denoiser, 3000 for unrolled"),
     ] = None
     seed: Annotated[Seed, Option("Of everything random in the training.")] = 0
     resume: Annotated[
@@ -147,7 +149,7 @@ class TrainOptions(JobOptions):
         Option(
             "Largest step of the optimiser.",
             COURSE,
-            default="0.001 for denoiser, 0.0005 for unrolled",
+            default="0.001 for denoiser, 0.0002 for unrolled",
         ),
     ] = None
     patience: Annotated[
