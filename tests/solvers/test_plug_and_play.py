@@ -27,7 +27,7 @@ CASE = Case(sensor=(20, 22), psf=(20, 22), support=PixelRectangle(3, 4, 12, 13),
 @pytest.fixture(scope="module")
 def network() -> DenoisingNetwork:
     torch.manual_seed(0)
-    return DenoisingNetwork((4, 8, 8), (1, 1, 1)).eval()
+    return DenoisingNetwork((4, 8, 8), (1, 1, 1)).requires_grad_(False)
 
 
 @pytest.fixture(scope="module")

@@ -1,9 +1,8 @@
 """Plug-and-play: a trained network in turn with the fit of the measurement."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -11,6 +10,7 @@ import torch
 from torch import Tensor
 
 from nolens.solvers.admm_state import Penalties
+from nolens.solvers.coarse import Coarse, residual_size
 from nolens.solvers.denoising_network import BANDS, DenoisingNetwork, denoise
 from nolens.solvers.held_out import (
     channel_noise,
@@ -82,13 +82,21 @@ class Fit:
         To start from, in units of measurement over PSF.
     detail
         What the noise is divided by.
+    noise
+        Of each channel, (channels,), normalised; None measures it.
     """
 
-    def __init__(self, problem: Problem, photograph: Tensor, detail: float = 1.0) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        photograph: Tensor,
+        detail: float = 1.0,
+        noise: Tensor | None = None,
+    ) -> None:
         scene = photograph / problem.scale
-        left = problem.residual(scene).square().sum(dim=(-2, -1))
-        left = (left / problem.valid.sum(dim=(-2, -1)).clamp_min(1)).sqrt()
-        self.noise = torch.maximum(channel_noise(problem), left) / detail
+        if noise is None:
+            noise = torch.maximum(channel_noise(problem), residual_size(problem, photograph))
+        self.noise = noise / detail
         self.scale = problem.scale.flatten()
         values = photograph.flatten()
         white = float(torch.quantile(values[:: 1 + values.numel() // 10**6], _WHITE))
@@ -146,11 +154,14 @@ class Turn:
         What the network makes of it, and not below zero.
     white
         In units of measurement over PSF.
+    strength
+        q.
     """
 
     fit: Tensor
     picture: Tensor
     white: float
+    strength: float
 
     @property
     def scene(self) -> Tensor:
@@ -227,10 +238,16 @@ class PlugAndPlay:
                 picture = denoise(network, noisy, noise, spread, turn=number)
             picture = picture.clamp_min(0)
             taken = noisy - picture
-            yield Turn(x, picture, fit.white)
+            yield Turn(x, picture, fit.white, strength)
 
     @torch.no_grad()
-    def solve(self, problem: Problem, first: Result, callback: Callback | None = None) -> Result:
+    def solve(
+        self,
+        problem: Problem,
+        first: Result,
+        callback: Callback | None = None,
+        coarse: Coarse | None = None,
+    ) -> Result:
         """The scene of a problem.
 
         Parameters
@@ -241,59 +258,80 @@ class PlugAndPlay:
             A photograph to start from, by total variation.
         callback
             Sees each turn, and stops the run by returning True.
+        coarse
+            The problem on larger pixels, where the first photograph is of that: the strength is
+            chosen there, and turns on the problem's pixels follow those.
 
         Raises
         ------
         DivergenceError
             If a picture is NaN or infinite.
         """
-        fit = Fit(problem, first.scene, self.detail)
-        scene, done = first.scene / problem.scale, first.iterations
+        trial = problem if coarse is None else coarse.problem
+        scene, pixels, done = first.scene, trial, first.iterations
 
-        def run(of: Problem, strength: float, count: int) -> Iterator[Progress]:
-            nonlocal scene, done
-            end = done + count
-            for turn in islice(self.turns(of, first.scene, strength, fit), count):
-                before, scene = scene, turn.scene / problem.scale
-                change, done = _relative(scene - before, scene), done + 1
+        def whole(scene: Tensor, of: Problem) -> Tensor:
+            """A scene of either problem, on this one's pixels."""
+            if coarse is None or of.forward is problem.forward:
+                return scene
+            return coarse.finer(scene, problem)
+
+        def latest() -> Tensor:
+            return whole(scene, pixels) / problem.scale
+
+        def run(of: Problem, start: Tensor, turns: Iterable[Turn]) -> Iterator[Progress]:
+            nonlocal scene, pixels, done
+            scene, pixels, end = start, of, done + len(self.spreads)
+            for turn in turns:
+                before, scene, done = scene, turn.scene, done + 1
+                change = _relative(scene - before, scene)
                 yield Progress(
                     iteration=done,
-                    objective=problem.objective(scene),
+                    objective=of.objective(scene / of.scale),
                     primal_residual=_relative(turn.fit - turn.picture, turn.picture),
                     dual_residual=change,
                     scene_change=change,
-                    penalties=(strength,),
-                    scene=partial(torch.clone, scene),
+                    penalties=(turn.strength,),
+                    scene=latest,
                     expected=end,
                 )
 
         def checks() -> Iterator[Progress]:
-            blocks = held_out_blocks(problem.valid) if self.white else None
-            best = _UNJUDGED if self.white else 1.0
+            nonlocal scene
+            fit = Fit(trial, first.scene, self.detail)
+            best, blocks = _UNJUDGED, held_out_blocks(trial.valid)
             if blocks is not None:
-                held = pixels_of(blocks, problem.forward.sensor).to(problem.data.device)
-                data = torch.where(held, 0, problem.data)
-                fitted = replace(problem, data=data, valid=problem.valid & ~held)
+                held = pixels_of(blocks, trial.forward.sensor).to(trial.data.device)
+                data = torch.where(held, 0, trial.data)
+                fitted = replace(trial, data=data, valid=trial.valid & ~held)
                 fit.measure(fitted)
                 least = math.inf
                 for strength in _STRENGTHS:
-                    yield from run(fitted, strength, _TRIAL_TURNS)
-                    error = float(prediction_errors(problem, scene, held, blocks).mean())
+                    turns = self.turns(fitted, first.scene, strength, fit)
+                    yield from run(fitted, first.scene, islice(turns, _TRIAL_TURNS))
+                    judged = scene / trial.scale
+                    error = float(prediction_errors(trial, judged, held, blocks).mean())
                     if error >= least:
                         break
                     best, least = strength, error
-                fit.measure(problem)
-            yield from run(problem, best, len(self.spreads))
+                fit.measure(trial)
+            yield from run(trial, first.scene, self.turns(trial, first.scene, best, fit))
+            if coarse is not None:
+                noise = coarse.noise(first.scene, problem)
+                scene = whole(scene, trial)
+                fit = Fit(problem, scene, self.detail, noise)
+                yield from run(problem, scene, self.turns(problem, scene, best, fit))
 
         rows, reason = follow(checks(), lambda _: False, callback)
+        scene = whole(scene, pixels)
         return Result(
-            scene=problem.unscale(scene),
-            objective=problem.objective(scene),
+            scene=scene,
+            objective=problem.objective(scene / problem.scale),
             iterations=first.iterations + len(rows),
             stop_reason="callback" if reason == "callback" else first.stop_reason,
             frame=problem.frame,
             history=[*first.history, *rows],
-            first=first,
+            first=replace(first, scene=whole(first.scene, trial), frame=problem.frame),
         )
 
 

@@ -14,6 +14,7 @@ from nolens.errors import OptionError
 from nolens.operators import TRANSFER_BYTES, Geometry, PixelRectangle, mean_psf
 from nolens.solvers.admm import admm, admm_bytes
 from nolens.solvers.admm_state import AdmmState, Balance, Penalties
+from nolens.solvers.coarse import Coarse
 from nolens.solvers.fista import fista, fista_bytes
 from nolens.solvers.held_out import (
     COARSEN_FROM,
@@ -34,7 +35,7 @@ from nolens.solvers.inputs import (
 )
 from nolens.solvers.plug_and_play import PlugAndPlay, plug_and_play_bytes
 from nolens.solvers.problem import BASIS_ERROR, Prior, Problem
-from nolens.solvers.result import STOPS, Callback, Quality, Result, Stop
+from nolens.solvers.result import STOPS, Callback, Progress, Quality, Result, Stop
 from nolens.solvers.ridge import RidgePrior
 from nolens.solvers.scene_prior import ScenePrior, scene_prior, solve_with
 from nolens.solvers.scene_support import SupportChoice, choose_support
@@ -55,6 +56,8 @@ SPARE = {Method.ADMM: 4, Method.FISTA: 4, Method.WIENER: 1}
 assumed of a scene finds edges between what the PSF carries; Wiener's filter does not."""
 _JUDGED_PIXELS = 40_000
 """Sensor pixels at most with which a PSF is judged."""
+_COARSE = 2
+"""Pixels along each that become one where a network's first photograph is taken."""
 _FIELD_BYTES = 10
 """Of a field point, per pixel of the padded shape: its PSF and its transfer."""
 _OWN_PRIOR_BYTES = 170
@@ -316,13 +319,13 @@ class Reconstructor:
             return SupportChoice(None)
         values, _ = _parts(measured, valid)
         by = max(1, round(math.sqrt(channels_of(values, "measurement").numel() / _SUPPORT_PIXELS)))
-        psf, data, usable = self._coarse(measured, valid, by)
+        psf, data, usable = self._binned(measured, valid, by)
         choice = choose_support(
             psf.to(self.device), data.to(self.device), usable.to(self.device), progress
         )
         return choice.finer(by)
 
-    def _coarse(
+    def _binned(
         self, measured: Measurement | Plane, valid: Plane | None, by: int
     ) -> tuple[Tensor, Tensor, Tensor]:
         """PSF, values and valid pixels, as means over by×by pixels."""
@@ -348,7 +351,7 @@ class Reconstructor:
         NolensError
             As `Problem.build`.
         """
-        psf, data, mask = self._coarse(measured, valid, by)
+        psf, data, mask = self._binned(measured, valid, by)
         sensor = channels_of(_parts(measured, valid)[0], "measurement").shape[-2:]
         support = support_of(self.support, (sensor[0], sensor[1]))
         if support is not None and by > 1:
@@ -450,32 +453,75 @@ class Reconstructor:
             If the data cannot be used, or the iteration does not converge.
         """
         problem = measured if isinstance(measured, Problem) else self.problem(measured, valid)
-        stop = self.limits
         prior = scene_prior(self.prior)
         if self.method is Method.WIENER:
             return wiener(problem)
-        if self.method is Method.FISTA:
-            result = fista(
-                problem, iterations=stop.iterations, tolerance=stop.tolerance, callback=callback
-            )
-        else:
-            result = admm(
-                problem,
-                iterations=stop.iterations,
-                tolerance=stop.tolerance,
-                scene_tolerance=stop.scene_tolerance,
-                low_frequency=stop.low_frequency,
-                penalties=self.penalties,
-                balance=self.balance,
-                relaxation=self.relaxation,
-                state=state,
-                callback=callback,
-            )
+        if isinstance(prior, PlugAndPlay):
+            return self._with_network(prior, problem, state, callback)
+        result = self._minimum(problem, state, callback)
         if isinstance(prior, Prior) or result.stop_reason == "callback":
             return result
-        if isinstance(prior, PlugAndPlay):
-            return prior.solve(problem, result, callback)
-        return solve_with(prior, problem, result, stop.iterations, callback)
+        return solve_with(prior, problem, result, self.limits.iterations, callback)
+
+    def starts_coarse(self, problem: Problem) -> bool:
+        """Whether it starts from a photograph on larger pixels: with a network, of many pixels."""
+        many = math.prod(problem.forward.sensor) >= COARSEN_FROM
+        return many and self.network is not None
+
+    def _with_network(
+        self,
+        network: PlugAndPlay,
+        problem: Problem,
+        state: AdmmState | None,
+        callback: Callback | None,
+    ) -> Result:
+        if not self.starts_coarse(problem):
+            first = self._minimum(problem, state, callback)
+            if first.stop_reason == "callback":
+                return first
+            return network.solve(problem, first, callback)
+        coarse = self._coarse(problem)
+
+        def finer(scene: Tensor) -> Tensor:
+            return coarse.finer(coarse.problem.unscale(scene), problem) / problem.scale
+
+        def seen(progress: Progress) -> bool | None:
+            assert callback is not None
+            return callback(replace(progress, scene=lambda: finer(progress.scene())))
+
+        first = self._minimum(coarse.problem, None, None if callback is None else seen)
+        if first.stop_reason == "callback":
+            scene = coarse.finer(first.scene, problem)
+            return replace(first, scene=scene, frame=problem.frame)
+        return network.solve(problem, first, callback, coarse)
+
+    def _coarse(self, problem: Problem) -> Coarse:
+        """A problem of this camera on 2×2 pixels."""
+        measured = problem.data * problem.scale * problem.psf_norm
+        coarse = self.coarse_problem(measured, problem.valid, _COARSE)
+        return Coarse(coarse.weighted(problem.weight), _COARSE)
+
+    def _minimum(
+        self, problem: Problem, state: AdmmState | None, callback: Callback | None
+    ) -> Result:
+        """By admm or fista, with the `Prior` that the problem has."""
+        stop = self.limits
+        if self.method is Method.FISTA:
+            return fista(
+                problem, iterations=stop.iterations, tolerance=stop.tolerance, callback=callback
+            )
+        return admm(
+            problem,
+            iterations=stop.iterations,
+            tolerance=stop.tolerance,
+            scene_tolerance=stop.scene_tolerance,
+            low_frequency=stop.low_frequency,
+            penalties=self.penalties,
+            balance=self.balance,
+            relaxation=self.relaxation,
+            state=state,
+            callback=callback,
+        )
 
     def stream(
         self,

@@ -1,0 +1,89 @@
+"""A problem on pixels that are means over some: quick to solve, and to start from."""
+
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as nnf
+from torch import Tensor
+
+from nolens.operators import Geometry
+from nolens.solvers.held_out import channel_noise
+from nolens.solvers.problem import Problem
+
+
+@dataclass(frozen=True)
+class Coarse:
+    """A problem on larger pixels.
+
+    Parameters
+    ----------
+    problem
+        Whose pixels, of measurement and PSF, are means over by×by.
+    by
+        Pixels along each side that become one.
+    """
+
+    problem: Problem
+    by: int
+
+    def finer(self, scene: Tensor, problem: Problem) -> Tensor:
+        r"""A scene of this problem on the pixels of the original one, bilinear.
+
+        A pixel r of the sensor's frame lies at (r + ½)/b − ½ − ε of the larger pixels; ε is by how
+        much the PSF's middle, pixel c, lies beside the middle of its larger pixel C:
+        ε = (c + ½)/b − ½ − C.
+
+        Parameters
+        ----------
+        scene
+            (channels, height, width), in units of measurement over PSF.
+        problem
+            The original one.
+        """
+        here, there = self.problem.forward.geometry, problem.forward.geometry
+        rows, columns = (self._places(here, there, axis).to(scene) for axis in (0, 1))
+        grid = torch.stack(torch.meshgrid(columns, rows, indexing="xy"), dim=-1)
+        # The sum of a PSF of means is b² times less.
+        radiance = scene[None] / self.by**2
+        finer: Tensor = nnf.grid_sample(
+            radiance, grid[None], mode="bilinear", padding_mode="border", align_corners=False
+        )
+        return finer[0]
+
+    def _places(self, here: Geometry, there: Geometry, axis: int) -> Tensor:
+        """Where pixels of the finer scene lie, from −1 to 1 across this one's."""
+        middle, coarse_middle = (each.psf[axis] - each.psf_shift[axis] for each in (there, here))
+        beside = (middle + 0.5) / self.by - 0.5 - coarse_middle
+        pixel = there.origin[axis] + torch.arange(there.scene[2 + axis], dtype=torch.float64)
+        place = (pixel + 0.5) / self.by - 0.5 - beside - here.origin[axis]
+        return (2 * place + 1) / here.scene[2 + axis] - 1
+
+    def noise(self, scene: Tensor, problem: Problem) -> Tensor:
+        """Noise of the original problem's pixels and the model's error, (channels,), normalised.
+
+        The error is what a scene of this problem leaves beyond its noise.
+
+        Parameters
+        ----------
+        scene, problem
+            As `finer` takes them.
+        """
+        left, own = residual_size(self.problem, scene), channel_noise(self.problem)
+        excess = (left.square() - own.square()).clamp_min(0)
+        here, there = (each.scale * each.psf_norm for each in (self.problem, problem))
+        units = (here / there).flatten()
+        return (channel_noise(problem).square() + excess * units.square()).sqrt()
+
+
+def residual_size(problem: Problem, scene: Tensor) -> Tensor:
+    """Root mean square of each channel's residual on valid pixels, (channels,), normalised.
+
+    Parameters
+    ----------
+    problem
+        That was solved.
+    scene
+        (channels, height, width), in units of measurement over PSF.
+    """
+    left = problem.residual(scene / problem.scale).square().sum(dim=(-2, -1))
+    return (left / problem.valid.sum(dim=(-2, -1)).clamp_min(1)).sqrt()
