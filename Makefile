@@ -152,7 +152,7 @@ $(WEIGHTS)/denoiser.done: | training-photographs
 	touch $@
 
 $(WEIGHTS)/unrolled.done: $(WEIGHTS)/denoiser.done | training-photographs
-	$(call TRAIN,unrolled) --start $(WEIGHTS)/denoiser.npz --steps 3000 --precision bfloat16
+	$(call TRAIN,unrolled) --start $(WEIGHTS)/denoiser.npz --steps 1500 --precision bfloat16
 	touch $@
 
 $(WEIGHTS)/ridge.npz: | training-photographs

@@ -16,7 +16,7 @@ Size = tuple[int, int]
 
 SMALLEST_PSF = 32
 """Pixels along the shorter side of a camera's PSF."""
-_ELECTRONS = 200.0, 20_000.0
+_ELECTRONS = 300.0, 200_000.0
 """In the brightest pixel of a random camera."""
 _READ_ELECTRONS = 3.0
 _FILLS = 0.02, 0.9

@@ -18,7 +18,7 @@ _ITERATIONS = 16
 """Of a photograph by total variation."""
 _WEIGHTS = 0.4
 """Deviation of the logarithm of its weight from that which the noise asks for."""
-_OFF = 0.6
+_OFF = 0.5
 """Fraction of the measurements whose PSF is not that of the model."""
 
 

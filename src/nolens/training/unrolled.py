@@ -24,7 +24,7 @@ _MEASURED, _LEAST = 60, 4
 """Measurements before the first step; a tenth of the steps where there are few."""
 _NEW = 0.15
 """Measurements that are made for each that is solved."""
-_STRENGTH, _APART = 0.6, 0.35
+_STRENGTH, _APART = 0.7, 0.35
 """Strength of the turns, about as left-out pixels choose it, and deviation of its logarithm."""
 _COARSE = 0.5
 """Fraction of the photographs to start from that have half the pixels along a side."""

@@ -31,10 +31,7 @@ from nolens.training.patches import PicturePool
 from nolens.training.unrolled import TurnLessons, tuned_from_white
 from nolens.training.validation import ALL, HeldOut, measured_pictures, noisy_pictures
 
-SPREADS: dict[str, tuple[float, ...]] = {
-    "denoiser": tuple(0.3 * (2 / 15) ** (turn / 9) for turn in range(10)),
-    "unrolled": tuple(0.3 * (2 / 15) ** (turn / 5) for turn in range(6)),
-}
+SPREADS = tuple(0.3 * (2 / 15) ** (turn / 9) for turn in range(10))
 """Of a prior that does not start from weights of its own kind (`PlugAndPlay`)."""
 BATCHES = {"denoiser": (12, 64), "unrolled": (2, 96)}
 """Patches of a batch or measurements of a step, and least pixels along a side."""
@@ -133,7 +130,7 @@ def _first(run: Run[TrainOptions]) -> tuple[PlugAndPlay, dict[str, Any]]:
     """The prior to start from, and what a card says of it."""
     options = run.options
     first = options.first
-    spreads, white = SPREADS[options.prior], options.prior == "denoiser"
+    spreads, white = SPREADS, options.prior == "denoiser"
     if first == "none":
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(options.seed)

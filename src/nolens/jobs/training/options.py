@@ -18,7 +18,7 @@ from nolens.training.validation import MOST_GENERATED
 
 TrainedPrior = Literal["denoiser", "unrolled"]
 PICTURES, COURSE = "Pictures", "Course of the training"
-STEPS = {"denoiser": 12_000, "unrolled": 3_000}
+STEPS = {"denoiser": 12_000, "unrolled": 1_500}
 RATES = {"denoiser": 1e-3, "unrolled": 2e-4}
 
 
@@ -106,7 +106,7 @@ class TrainOptions(JobOptions):
     ] = "not stated"
     steps: Annotated[
         Annotated[int, Between(1, 1_000_000)] | None,
-        Option("Batches to learn from.", default="12000 for denoiser, 3000 for unrolled"),
+        Option("Batches to learn from.", default="12000 for denoiser, 1500 for unrolled"),
     ] = None
     seed: Annotated[Seed, Option("Of everything random in the training.")] = 0
     resume: Annotated[
