@@ -40,7 +40,7 @@ def problem() -> Problem:
 
 def identity() -> DenoisingNetwork:
     """What takes nothing off."""
-    same = DenoisingNetwork((4, 8, 8), (1, 1, 1)).eval()
+    same = DenoisingNetwork((4, 8, 8), (1, 1, 1)).requires_grad_(False)
     torch.nn.init.zeros_(same.tail.weight)
     return same
 
@@ -101,6 +101,52 @@ def test_fit_near_a_picture(problem: Problem) -> None:
     for _ in range(20):
         x, _ = fit.near(picture, spread)
     torch.testing.assert_close(x.double(), exact, rtol=0, atol=2e-3 * float(exact.abs().max()))
+
+
+def test_gradients_go_through_the_fit(problem: Problem) -> None:
+    """By the pixel that they change, as differences of fits that have converged tell."""
+    photograph = 3 * torch.rand(3, 12, 13)
+    fit = Fit(problem, photograph)
+    picture = photograph / fit.white
+    weights = torch.randn(3, 12, 13, generator=torch.Generator().manual_seed(3))
+
+    def value(of: Tensor) -> Tensor:
+        for _ in range(20):
+            x, _ = fit.near(of, 0.3)
+        return (weights * x).sum()
+
+    watched = picture.clone().requires_grad_()
+    (slopes,) = torch.autograd.grad(value(watched), watched)
+    for place in ((0, 3, 4), (1, 11, 0), (2, 6, 12)):
+        step = torch.zeros_like(picture)
+        step[place] = 0.5
+        measured = float(value(picture + step) - value(picture - step))
+        assert float(slopes[place]) == pytest.approx(measured, abs=0.05 * float(slopes.abs().max()))
+
+
+@pytest.mark.parametrize(
+    ("sensor", "corner"), [((60, 64), (14, 16)), ((62, 66), (15, 15)), ((61, 67), (14, 13))]
+)
+def test_a_coarse_start_lies_where_the_scene_does(
+    sensor: tuple[int, int], corner: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half a pixel, by which middles and corners of larger pixels differ, would be seen."""
+    monkeypatch.setattr("nolens.solvers.reconstructor.COARSEN_FROM", 0)
+    rows, columns = torch.meshgrid(torch.arange(32.0), torch.arange(36.0), indexing="ij")
+    scene = torch.exp(-((rows - 13) ** 2 + (columns - 21) ** 2) / 60).expand(3, -1, -1)
+    support = PixelRectangle(*corner, 32, 36)
+    posed = pose(Case(sensor=sensor, psf=sensor, support=support, channels=3))
+    psf = torch.nn.functional.avg_pool2d(torch.from_numpy(posed.psf).float()[None], 5, 1, 2)[0]
+    data = CroppedConvolution(psf, sensor, support)(scene)
+    solver = Reconstructor(psf, support, tau=1e-5, prior=PlugAndPlay(identity(), (0.5,)))
+    problem = solver.problem(data)
+    assert solver.starts_coarse(problem)
+    first = solver.solve(problem).first
+    assert first is not None and first.scene.shape == scene.shape
+    assert float(first.scene.sum()) == pytest.approx(float(scene.sum()), rel=0.02)
+    light = (first.scene - 0.2).clamp_min(0).sum(dim=0)
+    for places, middle in ((rows, 13), (columns, 21)):
+        assert float((light * places).sum() / light.sum()) == pytest.approx(middle, abs=0.3)
 
 
 def _minimiser(problem: Problem, fit: Fit, picture: Tensor, spread: float) -> Tensor:

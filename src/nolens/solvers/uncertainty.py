@@ -16,8 +16,10 @@ from nolens.solvers.result import Result
 SAMPLES = 8
 """Where no other number is given."""
 _FEWEST, _MOST = 2, 1000
-_WIDTH = 2.0
-"""Excess of fine detail over total variation's that is worth a warning."""
+_EXCESS = 1.5
+"""Of fine detail over what is usual that is worth a warning: photographs have 0.4 to 0.8 of it."""
+_COARSEST = 1 / 32
+"""Spatial frequency from which on detail is judged where no bars are seen."""
 _VISIBLE = 0.01
 """Root mean square of fine detail, over the mean, below which nobody sees it."""
 
@@ -57,7 +59,7 @@ def uncertainty(
 
     with white noise of each channel's measured σ. It is what noise alone does to the picture.
     What the prior adds or leaves out each time in the same way, and errors of the PSF, are not in
-    it: where two priors disagree tells of the former (`Result.first`).
+    it: where two priors disagree tells of the former.
 
     Parameters
     ----------
@@ -103,36 +105,43 @@ def uncertainty(
 
 
 def detail_warning(result: Result, frequency: float) -> str | None:
-    """That a trained prior shows detail which the PSF does not carry; None where it does not.
+    r"""That a trained prior shows detail which the PSF does not carry; None where it does not.
 
-    Its picture and that by total variation are compared above the highest frequency at which bars
-    are seen above the noise (`resolved_frequency`). Edges have fine detail with any prior; more
-    than twice as much is the network's own.
+    Pictures have power of about 1 / f² at the spatial frequency f (`field1987`). By that law, and
+    by what the picture has in the octave below the highest frequency at which bars are seen above
+    the noise (`resolved_frequency`), more than so much above it is the network's own.
 
     Parameters
     ----------
     result
-        With the photograph by total variation that it started from; without one there is none.
+        Of a trained prior, with the photograph that it started from; without one there is none.
     frequency
         In cycles per pixel; 0 where no bars are seen.
     """
-    if result.first is None:
-        return None
-    fine, usual = (_fine(each, frequency) for each in (result.scene, result.first.scene))
     mean = float(result.scene.mean())
-    if mean <= 0 or fine <= _WIDTH * usual or fine <= _VISIBLE * mean:
+    if result.first is None or mean <= 0:
+        return None
+    fine, usual = _fine(result.scene, max(frequency, _COARSEST))
+    if fine <= _EXCESS * usual or fine <= _VISIBLE * mean:
         return None
     return (
-        f"the picture holds {fine / max(usual, 1e-30):.2g} times as much fine detail as total "
-        "variation shows, finer than the PSF carries at this noise: the prior may have made it "
-        "up. Compare with --prior tv"
+        f"the picture holds {fine / max(usual, 1e-30):.2g} times as much detail as pictures have, "
+        "finer than the PSF carries at this noise: the prior may have made it up. Compare with "
+        "--prior tv"
     )
 
 
-def _fine(scene: Tensor, frequency: float) -> float:
-    """Root mean square of what lies above a spatial frequency."""
+def _fine(scene: Tensor, frequency: float) -> tuple[float, float]:
+    """Root mean square of what lies above a spatial frequency, and what the law 1 / f² expects."""
     height, width = scene.shape[-2:]
-    down, right = torch.fft.fftfreq(height)[:, None], torch.fft.rfftfreq(width)
-    above = (torch.hypot(down, right) > max(frequency, 1e-9)).to(scene)
-    fine = torch.fft.irfft2(torch.fft.rfft2(scene) * above, s=(height, width))
-    return float(fine.double().square().mean().sqrt()) if math.prod(fine.shape) else 0.0
+    down, right = torch.fft.fftfreq(height)[:, None], torch.fft.fftfreq(width)
+    distance = torch.hypot(down, right).to(scene.device)
+    power = torch.zeros_like(distance)
+    for channel in scene:
+        power += torch.fft.fft2(channel).abs().square()
+    above = distance > frequency
+    octave = (distance > frequency / 2) & ~above
+    law = distance.clamp_min(1 / (height + width)).pow(-2)
+    expected = law[above].sum() * power[octave].sum() / law[octave].sum().clamp_min(1e-30)
+    values = scene.numel() * height * width
+    return math.sqrt(float(power[above].sum()) / values), math.sqrt(float(expected) / values)

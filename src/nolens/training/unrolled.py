@@ -73,6 +73,11 @@ class TurnLessons:
         That measures; None takes another one for each scene.
     pairs
         Real measurements, which stay; a third of those that are solved, if there are any.
+
+    Attributes
+    ----------
+    examples
+        Simulated measurements, the oldest first.
     """
 
     def __init__(
@@ -84,7 +89,7 @@ class TurnLessons:
     ) -> None:
         self._pool, self._spreads, self._camera = pool, spreads, camera
         self._real = tuple(pairs)
-        self._examples: deque[Example] = deque(maxlen=_EXAMPLES)
+        self.examples: deque[Example] = deque(maxlen=_EXAMPLES)
 
     def begin(self, trainer: Trainer, progress: ProgressCallback) -> None:
         """Make the first measurements, which depend on the trainer's seed and step."""
@@ -102,7 +107,7 @@ class TurnLessons:
             if random.random() < _NEW:
                 self._measure(random)
             real = self._real and random.random() < _REAL
-            among = self._real if real else self._examples
+            among = self._real if real else self.examples
             example = among[int(random.integers(len(among)))]
             loss = self.loss(random, trainer.network, example)
             if bool(torch.isfinite(loss)):
@@ -142,7 +147,7 @@ class TurnLessons:
     def _measure(self, random: np.random.Generator) -> None:
         side, sensor = random_size(random)
         scene = self._pool.patches(random, 1, side)[0]
-        self._examples.append(simulate(random, scene, sensor, self._camera))
+        self.examples.append(simulate(random, scene, sensor, self._camera))
 
 
 def _ratio(one: Tensor, other: Tensor) -> Tensor:

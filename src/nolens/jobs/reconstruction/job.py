@@ -96,7 +96,13 @@ def _reconstruct_frame(run: Run[ReconstructOptions], setup: Setup) -> Product[Te
     stop = reconstructor.limits
     about = _about(setup, run.inputs)
     state = None
-    if reconstructor.method is Method.ADMM:
+    if reconstructor.starts_coarse(problem):
+        if options.resume is not None:
+            raise OptionError(
+                f"--resume {options.resume}: a picture by a trained prior keeps no state of where "
+                "it stands: leave it out"
+            )
+    elif reconstructor.method is Method.ADMM:
         problem, state = _start(setup, about)
         setup = replace(setup, problem=problem)
     about["tau"] = tau = setup.tau
@@ -192,7 +198,8 @@ def _uncertainty(
         SheetPicture(f"spread of {count} samples, ×{gain:.2g}", gain * spread),
     ]
     if result.first is not None:
-        other = (setup.picture(result.scene) - setup.picture(result.first.scene)).abs()
+        usual = replace(setup.reconstructor, prior=problem.prior).solve(problem)
+        other = (setup.picture(result.scene) - setup.picture(usual.scene)).abs()
         other = arrange_rgb(other, setup.measurement.channels)
         gain = white / _bright(other)
         label = f"difference from total variation, ×{gain:.2g}"
