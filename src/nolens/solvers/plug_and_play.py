@@ -1,7 +1,7 @@
 """Plug-and-play: a trained network in turn with the fit of the measurement."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any
@@ -22,10 +22,10 @@ from nolens.solvers.linear_step import LinearStep
 from nolens.solvers.problem import Problem
 from nolens.solvers.result import Callback, Progress, Result, follow
 
+STRENGTH = 0.7
+"""Of a network that was tuned with it, and where pixels are too few to judge by."""
 _STRENGTHS = tuple((2 / 3) ** step for step in range(5))
 """That are tried, until one predicts held-out pixels worse than the one before."""
-_UNJUDGED = _STRENGTHS[1]
-"""Strength where pixels are too few to judge by."""
 _TRIAL_TURNS = 6
 """Of each: too weak a prior lets noise in when the spreads have fallen, and not before."""
 _WHITE = 0.995
@@ -182,7 +182,8 @@ class PlugAndPlay:
     `solve` leaves blocks of pixels out of the fit for some turns (`held_out`), and takes that
     strength q which predicts them best.
 
-    A network that was tuned through the turns is told the noise of the fit, by bands, and s. Turns
+    A network that was tuned through the turns, with one strength, is told the noise of the fit, by
+    bands, and s. Turns
     start from a photograph by total variation, whose white is the unit of all. There is no
     objective, so their number is fixed.
 
@@ -259,25 +260,21 @@ class PlugAndPlay:
         callback
             Sees each turn, and stops the run by returning True.
         coarse
-            The problem on larger pixels, where the first photograph is of that: the strength is
-            chosen there, and turns on the problem's pixels follow those.
+            The problem on larger pixels, where the first photograph is of that: turns on those
+            come before turns on the problem's own.
 
         Raises
         ------
         DivergenceError
             If a picture is NaN or infinite.
         """
-        trial = problem if coarse is None else coarse.problem
-        scene, pixels, done = first.scene, trial, first.iterations
-
-        def whole(scene: Tensor, of: Problem) -> Tensor:
-            """A scene of either problem, on this one's pixels."""
-            if coarse is None or of.forward is problem.forward:
-                return scene
-            return coarse.finer(scene, problem)
+        scene, pixels, done = first.scene, problem, first.iterations
 
         def latest() -> Tensor:
-            return whole(scene, pixels) / problem.scale
+            """On the problem's pixels, normalised."""
+            if coarse is None or pixels.forward is problem.forward:
+                return scene / problem.scale
+            return coarse.finer(scene, problem) / problem.scale
 
         def run(of: Problem, start: Tensor, turns: Iterable[Turn]) -> Iterator[Progress]:
             nonlocal scene, pixels, done
@@ -297,41 +294,49 @@ class PlugAndPlay:
                 )
 
         def checks() -> Iterator[Progress]:
-            nonlocal scene
-            fit = Fit(trial, first.scene, self.detail)
-            best, blocks = _UNJUDGED, held_out_blocks(trial.valid)
-            if blocks is not None:
-                held = pixels_of(blocks, trial.forward.sensor).to(trial.data.device)
-                data = torch.where(held, 0, trial.data)
-                fitted = replace(trial, data=data, valid=trial.valid & ~held)
-                fit.measure(fitted)
-                least = math.inf
-                for strength in _STRENGTHS:
-                    turns = self.turns(fitted, first.scene, strength, fit)
-                    yield from run(fitted, first.scene, islice(turns, _TRIAL_TURNS))
-                    judged = scene / trial.scale
-                    error = float(prediction_errors(trial, judged, held, blocks).mean())
-                    if error >= least:
-                        break
-                    best, least = strength, error
-                fit.measure(trial)
-            yield from run(trial, first.scene, self.turns(trial, first.scene, best, fit))
+            photograph, noise, strength = first.scene, None, STRENGTH
             if coarse is not None:
-                noise = coarse.noise(first.scene, problem)
-                scene = whole(scene, trial)
-                fit = Fit(problem, scene, self.detail, noise)
-                yield from run(problem, scene, self.turns(problem, scene, best, fit))
+                turns = self.turns(coarse.problem, photograph, strength)
+                yield from run(coarse.problem, photograph, turns)
+                noise = coarse.noise(photograph, problem)
+                photograph = latest() * problem.scale
+            fit = Fit(problem, photograph, self.detail, noise)
+            if self.white:
+                strength = yield from trials(photograph, fit)
+            yield from run(problem, photograph, self.turns(problem, photograph, strength, fit))
+
+        def trials(photograph: Tensor, fit: Fit) -> Generator[Progress, None, float]:
+            """The strength that predicts left-out pixels best."""
+            blocks = held_out_blocks(problem.valid)
+            if blocks is None:
+                return STRENGTH
+            held = pixels_of(blocks, problem.forward.sensor).to(problem.data.device)
+            data = torch.where(held, 0, problem.data)
+            fitted = replace(problem, data=data, valid=problem.valid & ~held)
+            fit.measure(fitted)
+            best, least = STRENGTH, math.inf
+            for strength in _STRENGTHS:
+                turns = self.turns(fitted, photograph, strength, fit)
+                yield from run(fitted, photograph, islice(turns, _TRIAL_TURNS))
+                judged = scene / problem.scale
+                error = float(prediction_errors(problem, judged, held, blocks).mean())
+                if error >= least:
+                    break
+                best, least = strength, error
+            fit.measure(problem)
+            return best
 
         rows, reason = follow(checks(), lambda _: False, callback)
-        scene = whole(scene, pixels)
+        normalised = latest()
+        started = first.scene if coarse is None else coarse.finer(first.scene, problem)
         return Result(
-            scene=scene,
-            objective=problem.objective(scene / problem.scale),
+            scene=problem.unscale(normalised),
+            objective=problem.objective(normalised),
             iterations=first.iterations + len(rows),
             stop_reason="callback" if reason == "callback" else first.stop_reason,
             frame=problem.frame,
             history=[*first.history, *rows],
-            first=replace(first, scene=whole(first.scene, trial), frame=problem.frame),
+            first=replace(first, scene=started, frame=problem.frame),
         )
 
 

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from nolens.progress import ProgressCallback
 from nolens.solvers.denoising_network import FOLDED, DenoisingNetwork
-from nolens.solvers.plug_and_play import Fit, PlugAndPlay
+from nolens.solvers.plug_and_play import STRENGTH, Fit, PlugAndPlay
 from nolens.training.cameras import TrainingCamera
 from nolens.training.denoising import Trainer
 from nolens.training.measurements import Example, random_size, simulate
@@ -24,8 +24,8 @@ _MEASURED, _LEAST = 60, 4
 """Measurements before the first step; a tenth of the steps where there are few."""
 _NEW = 0.15
 """Measurements that are made for each that is solved."""
-_STRENGTH, _APART = 0.7, 0.35
-"""Strength of the turns, about as left-out pixels choose it, and deviation of its logarithm."""
+_APART = 0.35
+"""Deviation of the logarithm of a strength: what is too strong for one scene suits another."""
 _COARSE = 0.5
 """Fraction of the photographs to start from that have half the pixels along a side."""
 _EARLIER = 0.1
@@ -130,7 +130,7 @@ class TurnLessons:
         problem, photograph = example.problem, example.photograph
         fit = Fit(problem, photograph)
         start = _halved(photograph) if random.random() < _COARSE else photograph
-        strength = float(np.exp(random.normal(np.log(_STRENGTH), _APART)))
+        strength = float(np.exp(random.normal(np.log(STRENGTH), _APART)))
         turns = PlugAndPlay(network, self._spreads).turns(problem, start, strength, fit)
         loss, count = torch.zeros(()), len(self._spreads)
         for number, turn in enumerate(turns, start=1):

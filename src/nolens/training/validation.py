@@ -9,7 +9,7 @@ from torch import Tensor
 
 from nolens.progress import ProgressCallback
 from nolens.solvers.denoising_network import STEP, DenoisingNetwork, noise_planes
-from nolens.solvers.plug_and_play import PlugAndPlay
+from nolens.solvers.plug_and_play import STRENGTH, PlugAndPlay
 from nolens.training.cameras import TrainingCamera
 from nolens.training.measurements import Example, random_size, simulate
 from nolens.training.patches import photograph_patch
@@ -24,8 +24,6 @@ _SIDE = 96
 _SIGMAS = 0.03, 0.1, 0.3
 _NOISY, _MEASURED = 12, 6
 """How many generated ones."""
-_STRENGTH = 2 / 3
-"""Of the turns by which a measurement is solved."""
 _OF_A_PHOTOGRAPH = 3
 
 
@@ -130,7 +128,7 @@ def measured_pictures(
         assert isinstance(item, Example)
         with torch.no_grad():
             prior = PlugAndPlay(network, spreads)
-            *_, last = prior.turns(item.problem, item.photograph, _STRENGTH)
+            *_, last = prior.turns(item.problem, item.photograph, STRENGTH)
         return _db(last.scene - item.truth, float(item.truth.max()))
 
     return HeldOut(items, solved_db, _photograph_db)
