@@ -140,8 +140,8 @@ build/training/all.done:
 	$(BIN)/python bench/training_photographs.py build/training
 	touch $@
 
-weights: training-photographs $(WEIGHTS)/denoiser.done $(WEIGHTS)/unrolled.done $(WEIGHTS)/ridge.npz
-	cp $(foreach each,denoiser unrolled ridge,$(WEIGHTS)/$(each).npz $(WEIGHTS)/$(each).json) src/nolens/files/trained/
+weights: training-photographs $(WEIGHTS)/denoiser.done $(WEIGHTS)/ridge.npz
+	cp $(foreach each,denoiser ridge,$(WEIGHTS)/$(each).npz $(WEIGHTS)/$(each).json) src/nolens/files/trained/
 
 TRAIN = mkdir -p $(WEIGHTS) && $(BIN)/nolens train --photographs build/training/train --licence cc0-1.0 \
   --validation build/training/held-out --patience 100 -o $(WEIGHTS)/$(1).npz \
@@ -149,10 +149,6 @@ TRAIN = mkdir -p $(WEIGHTS) && $(BIN)/nolens train --photographs build/training/
 
 $(WEIGHTS)/denoiser.done: | training-photographs
 	$(call TRAIN,denoiser) --prior denoiser --start none --steps 48000 --pictures 1500 --precision bfloat16
-	touch $@
-
-$(WEIGHTS)/unrolled.done: $(WEIGHTS)/denoiser.done | training-photographs
-	$(call TRAIN,unrolled) --start $(WEIGHTS)/denoiser.npz --steps 1500 --precision bfloat16
 	touch $@
 
 $(WEIGHTS)/ridge.npz: | training-photographs

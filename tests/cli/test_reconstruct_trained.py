@@ -14,6 +14,7 @@ from running import check_refused, run
 import nolens as nl
 from nolens.files import read_frame
 from nolens.files.weights import denoiser, sha256_of_weights, write_weights
+from nolens.jobs.reconstruction.options import ReconstructOptions
 from nolens.solvers import Result
 from nolens.solvers.uncertainty import detail_warning
 from nolens.training.pictures import training_picture
@@ -44,6 +45,45 @@ def test_weights_that_come_with_nolens(prior: str, camera: Camera, tmp_path: Pat
     )
     torch.testing.assert_close(photograph.values, picture, rtol=1e-4, atol=1e-4)
     assert quality(picture) > 25
+
+
+@pytest.mark.parametrize(
+    ("options", "prior"),
+    [
+        ({}, "denoiser"),
+        ({"quality": "photo", "detail": 2.0, "support": "full"}, "denoiser"),
+        ({"prior": "tv"}, "tv"),
+        ({"quality": "exact"}, "auto"),
+        ({"method": "fista"}, "auto"),
+        ({"tau": 1e-4}, "auto"),
+        ({"iterations": 20}, "auto"),
+        ({"sweep": "tau"}, "auto"),
+        ({"measurement": "frames"}, "auto"),
+    ],
+)
+def test_prior_of_a_photo(options: dict[str, object], prior: str, tmp_path: Path) -> None:
+    """A trained one, but where options speak of a minimiser, and of sequences."""
+    (tmp_path / "frames").mkdir()
+    files = {"measurement": "m.npy", "psf": "p.npy", "output": ("o.png",), **options}
+    files["measurement"] = tmp_path / str(files["measurement"])
+    assert ReconstructOptions.model_validate(files).photo_prior == prior
+
+
+def test_the_default_is_trained(camera: Camera, tmp_path: Path) -> None:
+    pictures = []
+    for asked in ((), ("--prior", "denoiser")):
+        done = run("reconstruct", camera.raw, "--psf", camera.psf, "--support", SUPPORT, *asked,
+                   "-o", tmp_path / "o.tif", "--tiff-bits", 32)  # fmt: skip
+        assert done.code == 0, done.err
+        record = json.loads((tmp_path / "o.json").read_text())["result"]
+        assert record["prior"] == "denoiser" and len(record["weights_sha256"]) == 64
+        pictures.append(read_frame(tmp_path / "o.tif").counts)
+    photograph = nl.reconstruct(camera.raw, camera.psf, support=(24, 32))
+    assert torch.equal(*pictures)
+    torch.testing.assert_close(photograph.values, pictures[0], rtol=1e-4, atol=1e-4)
+    assert "plug-and-play" in str(photograph.report)
+    minimised = nl.reconstruct(camera.raw, camera.psf, support=(24, 32), quality="exact")
+    assert minimised.result.first is None
 
 
 def test_weights_of_ones_own(camera: Camera, tmp_path: Path) -> None:

@@ -48,7 +48,7 @@ from nolens.solvers.psf_choice import Extent
 from nolens.solvers.reconstructor import SPARE
 from nolens.solvers.report import Report
 from nolens.solvers.result import window_of
-from nolens.solvers.scene_prior import ScenePrior
+from nolens.solvers.scene_prior import PHOTO_PRIOR, ScenePrior
 from nolens.solvers.uncertainty import detail_warning
 from nolens.solvers.uncertainty import uncertainty as measure_uncertainty
 
@@ -463,5 +463,8 @@ def _solver(
     else:
         solver = Method.ADMM if method is None else one_of(Method, method, "method")
     stop = stop_of(solver, preset, iterations=iterations, tolerance=tolerance)
+    minimised = solver is not Method.ADMM or preset not in (None, Quality.PHOTO)
+    if prior == Prior.AUTO and not minimised and tau is iterations is tolerance is None:
+        prior = PHOTO_PRIOR
     empty = torch.empty(0)
     return Reconstructor(empty, None, tau, prior, solver, stop, device=device), SPARE[solver]

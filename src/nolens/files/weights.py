@@ -166,11 +166,6 @@ def denoiser() -> PlugAndPlay:
     return _shipped("denoiser")
 
 
-def unrolled() -> PlugAndPlay:
-    """The network that comes with nolens and was tuned through the turns."""
-    return _shipped("unrolled")
-
-
 @cache
 def ridge() -> RidgePrior:
     """The ridge regulariser that comes with nolens."""

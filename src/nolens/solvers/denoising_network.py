@@ -174,12 +174,12 @@ def denoise(
     turned = torch.rot90(scene, turn % 4, (1, 2))
     height, width = turned.shape[1:]
     result = torch.empty_like(turned)
-    planes = noise_planes(sigma[None].to(scene), spread)
+    planes = noise_planes(sigma[None].to(turned.device, torch.float32), spread)
     for top, left in tiles(height, width):
         above, before = min(top, OVERLAP), min(left, OVERLAP)
         rows, columns = min(_TILE, height - top), min(_TILE, width - left)
         window = _window(turned, top - above, left - before, rows + above, columns + before)
-        window = window[None].contiguous(memory_format=torch.channels_last)
+        window = window[None].to(planes).contiguous(memory_format=torch.channels_last)
         result[:, top : top + rows, left : left + columns] = network(window, planes)[0][
             :, above : above + rows, before : before + columns
         ]

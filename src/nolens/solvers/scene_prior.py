@@ -29,6 +29,8 @@ TRAINED = {
     "denoiser": "nolens.files.weights:denoiser",
 }
 """Priors that come with trained weights, and what loads them."""
+PHOTO_PRIOR = "denoiser"
+"""Of a photograph for which nothing else is said (decision 24)."""
 _ADDED = Registry[Any](
     "nolens.priors",
     TRAINED,

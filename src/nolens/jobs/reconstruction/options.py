@@ -52,7 +52,7 @@ from nolens.operators import PixelRectangle
 from nolens.printable import quoted
 from nolens.ranges import Between
 from nolens.solvers import Method, Prior, Quality
-from nolens.solvers.scene_prior import PRIORS
+from nolens.solvers.scene_prior import PHOTO_PRIOR, PRIORS
 
 LESS_MEMORY = "a smaller --support or larger pixels (--bin) need less"
 _SWEPT: dict[str, tuple[str | None, ...]] = {
@@ -72,6 +72,11 @@ def list_of_folder(path: Path) -> Path:
     return listed if listed.exists() or not (path / CAMERA_FILE).exists() else path / CAMERA_FILE
 
 
+_OF_TOTAL_VARIATION = {
+    *("method", "tau", "iterations", "tolerance", "low_frequency", "resume"),
+    *("penalties", "balance", "relaxation"),
+}
+"""Options of a minimiser, which a trained network has none of."""
 _OF_ONE_PICTURE = {
     *("quality", "sweep", "psf_extent", "psf_scale", "psf_flip", "field", "method", "resume"),
     *("low_frequency", "latency", "penalties", "balance", "relaxation", "crop", "tiff_bits"),
@@ -538,6 +543,19 @@ class ReconstructOptions(JobOptions):
                 f"--field-points {self.field_points}: the Wiener filter (draft) takes one PSF. "
                 "Leave it out, or choose another --quality or --method"
             )
+
+    @property
+    def photo_prior(self) -> str | Path:
+        """The prior of a picture: auto is a trained one, unless options speak of a minimiser."""
+        fields = type(self).model_fields
+        minimised = (
+            self.quality not in (None, Quality.PHOTO)
+            or self.is_sequence
+            or self.frames is not None
+            or self.sweep in ("tau", "method")
+            or any(getattr(self, each) != fields[each].default for each in _OF_TOTAL_VARIATION)
+        )
+        return self.prior if minimised or self.prior != Prior.AUTO else PHOTO_PRIOR
 
     @property
     def psf_folder(self) -> Path | None:

@@ -83,7 +83,8 @@ class Prepared:
             choice, options = _psf_choice(run, development, frame), run.options
         else:
             choice = PsfChoice(_as_chosen(development, chosen))
-            update = {"bin": chosen["bin"], "tau": chosen["tau"], "detail": 1.0}
+            update = {name: chosen[name] for name in ("bin", "tau", "prior") if name in chosen}
+            update["detail"] = 1.0
             options = run.options.model_copy(update=update)
         options, developed = _developed(run, options, choice.development, frame)
         psf = developed.prepared.values
@@ -205,6 +206,7 @@ class Setup(Prepared):
         return {
             "bin": development.bin_by,
             "tau": self.tau,
+            "prior": str(self.options.photo_prior),
             "black": development.black,
             "psf_black": list(development.psf.black),
             "psf_black_stated": development.psf.black_stated,
@@ -492,7 +494,7 @@ def _reconstructor(
         psf,
         support,
         tau=None if options.tau == "auto" else options.tau,
-        prior=trained_prior(options.prior),
+        prior=trained_prior(options.photo_prior),
         method=method,
         stop=stop_of(
             method,

@@ -114,7 +114,8 @@ def swept_options(
         return options.model_copy(update={"tau": tau * _factor(name), "detail": 1.0})
     settings = sweep_settings(options, name, sensor)
     if options.sweep == "support":
-        settings |= {"tau": tau, "detail": 1.0, "field": None, "camera": None}
+        kept = {"tau": tau, "detail": 1.0, "prior": options.photo_prior}
+        settings |= kept | {"field": None, "camera": None}
     return options.model_copy(update=settings)
 
 

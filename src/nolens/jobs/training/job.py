@@ -16,7 +16,7 @@ from nolens.errors import DataError, FileError, OptionError
 from nolens.files import read_picture, write_state
 from nolens.files.pictures import picture_files
 from nolens.files.state import read_about, read_state
-from nolens.files.weights import denoiser, read_weights, unrolled, weights_writers
+from nolens.files.weights import denoiser, read_weights, weights_writers
 from nolens.jobs.run import Product, Run, Writer, job
 from nolens.jobs.training.camera import training_camera
 from nolens.jobs.training.card import rounded, weights_card
@@ -37,7 +37,7 @@ BATCHES = {"denoiser": (12, 64), "unrolled": (2, 96)}
 """Patches of a batch or measurements of a step, and least pixels along a side."""
 _CHECKPOINT_S = 180.0
 """From one to the next."""
-_SHIPPED: dict[str, Callable[[], PlugAndPlay]] = {"denoiser": denoiser, "unrolled": unrolled}
+_SHIPPED: dict[str, Callable[[], PlugAndPlay]] = {"denoiser": denoiser}
 
 
 @job

@@ -73,13 +73,13 @@ class TrainOptions(JobOptions):
         ),
     ] = "unrolled"
     start: Annotated[
-        Literal["denoiser", "unrolled", "none"]
+        Literal["denoiser", "none"]
         | Annotated[FilePath, AfterValidator(_weights)]
         | None,
         Option(
-            "Weights to start from: denoiser or unrolled, which come with nolens, an .npz of "
-            "yours, whose size the network then has, or none.",
-            default="those of the prior",
+            "Weights to start from: the denoiser that comes with nolens, an .npz of yours, whose "
+            "size the network then has, or none.",
+            default="denoiser",
         ),
     ] = None
     pairs: Annotated[
@@ -222,4 +222,4 @@ class TrainOptions(JobOptions):
     @property
     def first(self) -> Path | str:
         """Weights to start from."""
-        return self.start or self.prior
+        return self.start or "denoiser"
