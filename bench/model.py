@@ -91,7 +91,7 @@ def pictures(camera: nl.Camera, photograph: str, angle: str, path: Path) -> None
     for name, way in zip(WAYS, ways, strict=True):
         if name in row:
             continue
-        psf, prior = way(), "tv" if name == WAYS[0] else "auto"
+        psf, prior = way(), "tv" if name == WAYS[0] else "colour-tv"
         begun = time.process_time()
         points = 1 if "one" in name else int(name.split()[0])
         photo = nl.reconstruct(shot, psf, prior=prior, field_points=points)

@@ -22,8 +22,8 @@ from nolens.files import write_png
 from nolens.jobs import ReconstructOptions, Reporter, Result, reconstruct
 
 OUT = Path("docs") / "results"
-PriorName = Literal["auto", "denoiser"]
-PRIORS: tuple[PriorName, ...] = ("auto", "denoiser")
+PriorName = Literal["tv", "denoiser"]
+PRIORS: tuple[PriorName, ...] = ("tv", "denoiser")
 PAIRS = ("im43", "im65", "im157", "im189", "im394")
 # The screen fills columns 60 to 470 of the frame (SOURCES.md beside the data).
 SCREEN = (0, 60, 270, 410)
@@ -60,7 +60,7 @@ def pair(
     scratch: Path,
     psf: Path | None = None,
     tau: float | Literal["auto"] = "auto",
-    prior: PriorName = "auto",
+    prior: PriorName = "tv",
 ) -> tuple[Result[Tensor], Tensor]:
     """Reconstruct one of the five pairs; its picture and what the lensed camera saw.
 

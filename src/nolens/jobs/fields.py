@@ -327,8 +327,9 @@ else:
     AnyPrior = Annotated[
         Literal[PRIORS] | Annotated[FilePath, AfterValidator(_weights)],
         Option(
-            "What the scene is assumed to be like. ridge and denoiser are trained; "
-            "an .npz is one that you trained (nolens train).",
+            "What the scene is assumed to be like. auto: denoiser for a photo, and total variation "
+            "where another option is about how to minimise. ridge and denoiser are trained; an "
+            ".npz is one that you trained (nolens train).",
             SOLVER,
             label="Prior",
         ),

@@ -73,9 +73,7 @@ class TrainOptions(JobOptions):
         ),
     ] = "unrolled"
     start: Annotated[
-        Literal["denoiser", "none"]
-        | Annotated[FilePath, AfterValidator(_weights)]
-        | None,
+        Literal["denoiser", "none"] | Annotated[FilePath, AfterValidator(_weights)] | None,
         Option(
             "Weights to start from: the denoiser that comes with nolens, an .npz of yours, whose "
             "size the network then has, or none.",

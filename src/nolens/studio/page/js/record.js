@@ -18,7 +18,7 @@ import { told } from "./notices.js";
 
 /** Files, which have rows of their own, and what the studio chooses. */
 const NO_SETTINGS = ["measurement", "psf", "psfs", "output", "camera"];
-const METHODS = /** @type {Record<string, string>} */ ({ admm: "ADMM", fista: "FISTA", wiener: "Wiener" });
+const METHODS = /** @type {Record<string, string>} */ ({ admm: "ADMM", "admm, plug-and-play": "ADMM, trained network", fista: "FISTA", wiener: "Wiener" });
 
 /** A record, with the page's paths. @param {string} path @returns {Promise<RunRecord>} */
 export const recordOf = async (path) => (await get(`api/record?path=${encodeURIComponent(path)}`)).record;
