@@ -86,6 +86,22 @@ def test_the_default_is_trained(camera: Camera, tmp_path: Path) -> None:
     assert minimised.result.first is None
 
 
+def test_many_pixels_are_by_total_variation(
+    camera: Camera, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the network would take minutes, and nobody asked for it; and that is said."""
+    monkeypatch.setattr("nolens.solvers.reconstructor.MANY_PIXELS", 100)
+    asked = ("reconstruct", camera.raw, "--psf", camera.psf, "--support", SUPPORT)
+    done = run(*asked, "-o", tmp_path / "o.png")
+    assert done.code == 0 and "by total variation" in done.err and "--prior" not in done.err
+    assert json.loads((tmp_path / "o.json").read_text())["result"]["prior"] == "tv"
+    photograph = nl.reconstruct(camera.raw, camera.psf, support=(24, 32))
+    assert photograph.result.first is None
+    assert any("by total variation" in each for each in photograph.notes)
+    done = run(*asked, "--prior", "denoiser", "-o", tmp_path / "o.png")
+    assert json.loads((tmp_path / "o.json").read_text())["result"]["prior"] == "denoiser"
+
+
 def test_weights_of_ones_own(camera: Camera, tmp_path: Path) -> None:
     mine = tmp_path / "mine.npz"
     write_weights(mine, denoiser(), {"licence": "mine"})

@@ -48,7 +48,7 @@ from nolens.solvers.psf_choice import Extent
 from nolens.solvers.reconstructor import SPARE
 from nolens.solvers.report import Report
 from nolens.solvers.result import window_of
-from nolens.solvers.scene_prior import PHOTO_PRIOR, ScenePrior
+from nolens.solvers.scene_prior import PHOTO_PRIOR, SLOW_PRIOR, ScenePrior
 from nolens.solvers.uncertainty import detail_warning
 from nolens.solvers.uncertainty import uncertainty as measure_uncertainty
 
@@ -221,6 +221,9 @@ def reconstruct(
     if field_points is None:
         over_field = choose_field(solver, data, developed.development.psf_alone(data))
     solver = over_field.reconstructor
+    slow = prior == Prior.AUTO and solver.takes_minutes(len(data.channels), data.size)
+    if slow:
+        solver = replace(solver, prior=Prior.AUTO)
     remedy, of_memory = "a smaller support or larger pixels (bin_by) need less", list[str]()
     solver = mapped_where_needed(solver, data, remedy, of_memory.append)
     limit = solver.limits.iterations
@@ -268,6 +271,7 @@ def reconstruct(
         *(developed.notes if bin_by is None else ()),
         *prepared.notes,
         *of_memory,
+        *([SLOW_PRIOR] if slow else []),
     )
     doubt = detail_warning(result, report.frequency)
     warnings = (

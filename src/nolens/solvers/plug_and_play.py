@@ -26,8 +26,8 @@ STRENGTH = 0.7
 """Of a network that was tuned with it, and where pixels are too few or too many to judge by."""
 _STRENGTHS = tuple((2 / 3) ** step for step in range(5))
 """That are tried, until one predicts held-out pixels worse than the one before."""
-_JUDGED_PIXELS = 5_000_000
-"""`Problem.padded_pixels` beyond which the trials would take longer than all the rest."""
+MANY_PIXELS = 5_000_000
+"""`Problem.padded_pixels` beyond which turns take minutes, and trials longer still."""
 _TRIAL_TURNS = 6
 """Of each: too weak a prior lets noise in when the spreads have fallen, and not before."""
 _WHITE = 0.995
@@ -310,7 +310,7 @@ class PlugAndPlay:
         def trials(photograph: Tensor, fit: Fit) -> Generator[Progress, None, float]:
             """The strength that predicts left-out pixels best."""
             blocks = held_out_blocks(problem.valid)
-            if blocks is None or problem.padded_pixels > _JUDGED_PIXELS:
+            if blocks is None or problem.padded_pixels > MANY_PIXELS:
                 return STRENGTH
             held = pixels_of(blocks, problem.forward.sensor).to(problem.data.device)
             data = torch.where(held, 0, problem.data)

@@ -33,7 +33,7 @@ from nolens.solvers.inputs import (
     tensor_of,
     weight_of,
 )
-from nolens.solvers.plug_and_play import PlugAndPlay, plug_and_play_bytes
+from nolens.solvers.plug_and_play import MANY_PIXELS, PlugAndPlay, plug_and_play_bytes
 from nolens.solvers.problem import BASIS_ERROR, Prior, Problem
 from nolens.solvers.result import STOPS, Callback, Progress, Quality, Result, Stop
 from nolens.solvers.ridge import RidgePrior
@@ -462,6 +462,16 @@ class Reconstructor:
         if isinstance(prior, Prior) or result.stop_reason == "callback":
             return result
         return solve_with(prior, problem, result, self.limits.iterations, callback)
+
+    def takes_minutes(self, channels: int, sensor: tuple[int, int]) -> bool:
+        """Whether it has a network, and more pixels than that is quick with.
+
+        Parameters
+        ----------
+        channels, sensor
+            As `working_bytes` takes them.
+        """
+        return self.network is not None and self._padded_pixels(channels, sensor) > MANY_PIXELS
 
     def starts_coarse(self, problem: Problem) -> bool:
         """Whether it starts from a photograph on larger pixels: with a network, of many pixels."""

@@ -31,6 +31,10 @@ TRAINED = {
 """Priors that come with trained weights, and what loads them."""
 PHOTO_PRIOR = "denoiser"
 """Of a photograph for which nothing else is said (decision 24)."""
+SLOW_PRIOR = (
+    f"the photo is by total variation: of so many pixels the trained prior ({PHOTO_PRIOR}) takes "
+    f"minutes. State it to have it all the same (prior {PHOTO_PRIOR}), or take larger pixels (bin)"
+)
 _ADDED = Registry[Any](
     "nolens.priors",
     TRAINED,

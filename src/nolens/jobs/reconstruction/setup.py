@@ -1,7 +1,7 @@
 """What the first frame of a camera decides: how files are read, and what is solved."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +27,7 @@ from nolens.solvers import (
     Development,
     FieldPoint,
     Method,
+    Prior,
     Problem,
     PsfChoice,
     PsfSettings,
@@ -44,6 +45,7 @@ from nolens.solvers.held_out import Prediction
 from nolens.solvers.inputs import support_of, tensor_of
 from nolens.solvers.reconstructor import SPARE
 from nolens.solvers.result import window_of
+from nolens.solvers.scene_prior import SLOW_PRIOR
 
 if TYPE_CHECKING:
     from nolens.files.psf_folder import ScenePsfs
@@ -136,7 +138,7 @@ class Setup(Prepared):
         prepared = Prepared.of(run, development, frame, chosen)
         options, development = prepared.options, prepared.development
         measurement = prepared.measurement
-        reconstructor = prepared.reconstructor
+        reconstructor = _quick(prepared.reconstructor, options, measurement, run.reporter.note)
         if twin is not None:
             _check_pixels(twin, options, measurement)
         field_psf, psf = reconstructor.field_psf, tensor_of(reconstructor.psf, "PSF")
@@ -186,6 +188,7 @@ class Setup(Prepared):
             support = _support(options, self.measurement.size, psf)
         field_psf = self.reconstructor.field_psf
         reconstructor = _reconstructor(options, psf, support, run.device, field_psf)
+        reconstructor = _quick(reconstructor, options, self.measurement)
         weight = _weight(run, reconstructor, options, self.measurement)
         if weight is not None:
             reconstructor = reconstructor.with_detail(weight, options.detail)
@@ -206,7 +209,7 @@ class Setup(Prepared):
         return {
             "bin": development.bin_by,
             "tau": self.tau,
-            "prior": str(self.options.photo_prior),
+            "prior": str(self.prior),
             "black": development.black,
             "psf_black": list(development.psf.black),
             "psf_black_stated": development.psf.black_stated,
@@ -230,6 +233,12 @@ class Setup(Prepared):
     def tau(self) -> float:
         """The weight of the prior: that of the options, or the program's choice."""
         return self.problem.weight if self.options.tau == "auto" else self.options.tau
+
+    @property
+    def prior(self) -> str | Path:
+        """As --prior takes it; auto for total variation that was the program's choice."""
+        trained = self.reconstructor.network is not None
+        return self.options.photo_prior if trained else self.options.prior
 
     @property
     def prior_facts(self) -> dict[str, str]:
@@ -509,6 +518,20 @@ def _reconstructor(
         device=device,
         field_psf=field_psf,
     )
+
+
+def _quick(
+    reconstructor: Reconstructor,
+    options: ReconstructOptions,
+    measurement: Measurement,
+    note: Callable[[str], None] = lambda _: None,
+) -> Reconstructor:
+    """By total variation, where a trained prior was the program's choice and takes minutes."""
+    stated = options.prior != Prior.AUTO
+    if stated or not reconstructor.takes_minutes(len(measurement.channels), measurement.size):
+        return reconstructor
+    note(SLOW_PRIOR)
+    return replace(reconstructor, prior=Prior.AUTO)
 
 
 def _support(
