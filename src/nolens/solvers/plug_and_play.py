@@ -310,7 +310,8 @@ class PlugAndPlay:
         def trials(photograph: Tensor, fit: Fit) -> Generator[Progress, None, float]:
             """The strength that predicts left-out pixels best."""
             blocks = held_out_blocks(problem.valid)
-            if blocks is None or problem.padded_pixels > MANY_PIXELS:
+            work = problem.padded_pixels * problem.forward.field_points
+            if blocks is None or work > MANY_PIXELS:
                 return STRENGTH
             held = pixels_of(blocks, problem.forward.sensor).to(problem.data.device)
             data = torch.where(held, 0, problem.data)
