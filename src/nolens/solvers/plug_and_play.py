@@ -185,9 +185,8 @@ class PlugAndPlay:
     strength q which predicts them best.
 
     A network that was tuned through the turns, with one strength, is told the noise of the fit, by
-    bands, and s. Turns
-    start from a photograph by total variation, whose white is the unit of all. There is no
-    objective, so their number is fixed.
+    bands, and s. Turns start from a photograph by total variation, whose white is the unit of all.
+    There is no objective, so their number is fixed.
 
     Parameters
     ----------
