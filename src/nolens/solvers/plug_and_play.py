@@ -82,8 +82,6 @@ class Fit:
         In normalised units; its prior and weight do not matter.
     photograph
         To start from, in units of measurement over PSF.
-    detail
-        What the noise is divided by.
     noise
         Of each channel, (channels,), normalised; None measures it.
     """
@@ -92,13 +90,12 @@ class Fit:
         self,
         problem: Problem,
         photograph: Tensor,
-        detail: float = 1.0,
         noise: Tensor | None = None,
     ) -> None:
         scene = photograph / problem.scale
         if noise is None:
             noise = torch.maximum(channel_noise(problem), residual_size(problem, photograph))
-        self.noise = noise / detail
+        self.noise = noise
         self.scale = problem.scale.flatten()
         values = photograph.flatten()
         white = float(torch.quantile(values[:: 1 + values.numel() // 10**6], _WHITE))
@@ -199,7 +196,7 @@ class PlugAndPlay:
     facts
         What a record says of it: the prior, and the hash of its weights.
     detail
-        What the noise of the measurement is divided by: 2 shows more detail and more noise.
+        What the strength that is chosen is divided by: 2 shows more detail and more noise.
     """
 
     network: DenoisingNetwork = field(repr=False)
@@ -224,7 +221,7 @@ class PlugAndPlay:
         fit
             Of the problem, where there is one already.
         """
-        fit = Fit(problem, photograph, self.detail) if fit is None else fit
+        fit = Fit(problem, photograph) if fit is None else fit
         picture = photograph / fit.white
         fit.restart(picture)
         taken, before = torch.zeros_like(picture), self.spreads[0]
@@ -297,14 +294,15 @@ class PlugAndPlay:
         def checks() -> Iterator[Progress]:
             photograph, noise, strength = first.scene, None, STRENGTH
             if coarse is not None:
-                turns = self.turns(coarse.problem, photograph, strength)
+                turns = self.turns(coarse.problem, photograph, strength / self.detail)
                 yield from run(coarse.problem, photograph, turns)
                 noise = coarse.noise(photograph, problem)
                 photograph = latest() * problem.scale
-            fit = Fit(problem, photograph, self.detail, noise)
+            fit = Fit(problem, photograph, noise)
             if self.white:
                 strength = yield from trials(photograph, fit)
-            yield from run(problem, photograph, self.turns(problem, photograph, strength, fit))
+            turns = self.turns(problem, photograph, strength / self.detail, fit)
+            yield from run(problem, photograph, turns)
 
         def trials(photograph: Tensor, fit: Fit) -> Generator[Progress, None, float]:
             """The strength that predicts left-out pixels best."""

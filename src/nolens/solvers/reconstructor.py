@@ -208,7 +208,7 @@ class Reconstructor:
         chosen
             By `choose_weight`.
         detail
-            What the weight is divided by; for a network, the noise that it takes out.
+            What the weight is divided by; for a network, its strength.
         """
         prior = self.prior if self.network is None else replace(self.network, detail=detail)
         return replace(self, tau=chosen.tau / detail, prior=prior)
