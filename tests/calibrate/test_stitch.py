@@ -11,7 +11,7 @@ from skimage.data import astronaut
 from torch import Tensor
 
 from nolens.calibrate.distances import Layers
-from nolens.calibrate.registration import Match
+from nolens.calibrate.registration import Match, Shift
 from nolens.calibrate.stitch import Capture, Placement, Stitched, locate, stitch
 from nolens.evaluate import psnr, scale_fit
 from nolens.experiments.virtual_experiment import SimulatedMeasurement, VirtualExperiment, solved
@@ -171,19 +171,40 @@ def test_brightness_and_places_are_exact() -> None:
 
 
 def test_uneven_light_of_an_angle_is_its_own() -> None:
-    """One capture gets brighter along the columns: so does its PSF beyond, and no other one."""
+    """Captures lean in proportion to the angle: so do their PSFs beyond, about the one ahead."""
     shifts = [(0.0, 0.0), (20.0, 30.0), (-20.0, -30.0), (20.0, -30.0), (-20.0, 30.0)]
-    given = flat_captures([1.0, 0.5, 0.8, 1.7, 0.3], shifts)
-    leaning = torch.exp(2e-3 * (torch.arange(120) - 60 - 30))
-    given[1] = replace(given[1], psf=given[1].psf * leaning)
+
+    def leaning(shift: tuple[float, float], size: tuple[int, int], middle: Shift) -> Tensor:
+        """Brightness on pixels around the PSF's middle."""
+        places = (torch.arange(n) - at for n, at in zip(size, middle, strict=True))
+        down, right = (5e-5 * by * place for by, place in zip(shift, places, strict=True))
+        return (down[:, None] + right).exp()
+
+    given = [
+        replace(each, psf=each.psf * leaning(shift, (100, 120), (50 + shift[0], 60 + shift[1])))
+        for each, shift in zip(
+            flat_captures([1.0, 0.5, 0.8, 1.7, 0.3], shifts), shifts, strict=True
+        )
+    ]
     found = [*stitch(given, placement(shifts), 0).at_captures()]
     generator = torch.Generator().manual_seed(0)
     wide = (1 + torch.rand((2, 200, 240), generator=generator))[:, 30:170, 30:210]
     inner = (..., slice(2, -2), slice(2, -2))
-    expected = wide * torch.exp(2e-3 * (torch.arange(180) - 90))
-    for number, psf in enumerate(found):
-        truth = expected if number == 1 else wide
-        assert torch.allclose(psf[inner], truth[inner], rtol=1e-2), number
+    for shift, psf in zip(shifts, found, strict=True):
+        truth = wide * leaning(shift, (140, 180), (70, 90))
+        assert torch.allclose(psf[inner], truth[inner], rtol=4e-3), shift
+
+
+def test_brightness_is_compared_whatever_the_contrast() -> None:
+    """A view of spots is as bright as the even ones beside it; by logarithms it is 12 % off."""
+    shifts = [(0.0, 0.0), (20.0, 40.0), (-20.0, -40.0), (20.0, -40.0), (-20.0, 40.0)]
+    even = Capture(torch.ones(1, 100, 120), (0.0, 0.0), 1.0)
+    spots = torch.zeros(1, 100, 120)
+    spots[:, 2::5, 2::5] = 25.0
+    given = [even, even, even, even, replace(even, psf=spots)]
+    psf = [*stitch(given, placement(shifts), 0).at_captures()][4]
+    own = psf[:, 40:140, 0:120]
+    assert float(own.mean() / psf.mean()) == pytest.approx(1, abs=0.03)
 
 
 def test_views_count_by_their_angle() -> None:

@@ -47,9 +47,9 @@ _KNOWN = 0.99
 _SEAM = 0.1
 """Width over which a capture fades into the merged PSF, as a fraction of the sensor's."""
 _BLOCKS = 8
-"""Along each side of an overlap, by whose means brightness is compared."""
-_FIRMLY, _LOOSELY = 1e3, 0.1
-"""Weights of a block's, with which the reference's brightness is 1 and slopes are small."""
+"""Along each side of an overlap, about, by whose means brightness is compared."""
+_FIRMLY = 1e3
+"""Weight beside a block's, with which the reference's brightness is 1."""
 _EVEN = 1e-9
 """Weight of a view that is far from the best one: enough where it is the only one."""
 
@@ -497,9 +497,11 @@ def _about_chief_ray(
     return _shifted(psf, (whole[0] - shift[0], whole[1] - shift[1])), (rows, columns)
 
 
-def _shifted(psf: Tensor, part: Shift) -> Tensor:
-    """The PSF moved by parts of a pixel."""
-    planes = [ndimage.shift(plane, part, order=3, mode="nearest") for plane in psf.float().numpy()]
+def _shifted(psf: Tensor, part: Shift, order: int = 3) -> Tensor:
+    """The PSF moved by parts of a pixel, by splines of an order."""
+    planes = [
+        ndimage.shift(plane, part, order=order, mode="nearest") for plane in psf.float().numpy()
+    ]
     return torch.from_numpy(np.stack(planes)).clamp_min(0)
 
 
@@ -521,43 +523,76 @@ def _gains(
 
 
 def _planes(captures: list[Capture], placement: Placement, reference: int) -> Tensor:
-    """Logarithm of the brightness of each capture beside the reference's, as a plane over the PSF.
+    r"""Logarithm of the brightness of each capture beside the reference's, as a plane over the PSF.
 
-    (captures, channels, 3): at the PSF's middle, and per row and column. From the means of blocks
-    of all overlaps; slopes that these leave open are small.
+    (captures, channels, 3): at the PSF's middle, and per row and column. A near source at an angle
+    lights one side more, in proportion to the angle: slopes are the shifts by one factor for all.
+    In every overlap the light that two captures i, j show of the same blocks x, levelled, has to
+    agree in its mean and in its slopes: :math:`\sum_x (1, x) (l_j(x) e^{-p_j(x)} -
+    l_i(x) e^{-p_i(x)}) = 0`. Logarithms of blocks would be biased where patterns differ in
+    contrast. Large overlaps whose patterns are alike count most.
     """
     count, channels = len(captures), captures[0].psf.shape[0]
+    longest = max(captures[0].psf.shape[-2:])
+    shifts = torch.tensor(placement.shifts, dtype=torch.float64) / longest
+    overlaps = [
+        (
+            first,
+            second,
+            *_blocks(captures, placement, first, second),
+            match.pixels * match.correlation**2,
+        )
+        for (first, second), match in placement.overlaps.items()
+    ]
+    constants = torch.zeros(count, channels, dtype=torch.float64)
+    factor = constants.new_zeros(())
+    for _ in range(_ROUNDS):
+        systems, left = [], []
+        for first, second, place, lights, trust in overlaps:
+            levelled = [
+                light * (-constants[each] - factor * (place @ shifts[each])[:, None]).exp()
+                for each, light in zip((first, second), lights, strict=True)
+            ]
+            system = torch.zeros(len(place), count + 1, dtype=torch.float64)
+            system[:, first], system[:, second] = -1.0, 1.0
+            system[:, count] = place @ (shifts[second] - shifts[first])
+            systems.append(trust * system)
+            mean = (levelled[0] + levelled[1]).mean(dim=0) / 2
+            left.append(trust * (levelled[1] - levelled[0]) / mean)
+        system = torch.cat([*systems, torch.zeros(1, count + 1, dtype=torch.float64)])
+        system[-1, reference] = _FIRMLY * system.abs().max()
+        rest = torch.cat([*left, torch.zeros(1, channels, dtype=torch.float64)])
+        step = torch.linalg.lstsq(system, rest.mean(dim=1, keepdim=True)).solution[count, 0]
+        rest -= step * system[:, count:]
+        constants = constants + torch.linalg.lstsq(system[:, :count], rest).solution
+        factor = factor + step
+    slopes = (factor * shifts / longest)[:, None].expand(-1, channels, -1)
+    return torch.cat([constants[..., None], slopes], dim=2)
+
+
+def _blocks(
+    captures: list[Capture], placement: Placement, first: int, second: int
+) -> tuple[Tensor, list[Tensor]]:
+    """Blocks of an overlap: places in the PSF, and what two captures show there.
+
+    Places, (blocks, 2), are counted from the PSF's middle, in longer sides of the sensor; lights
+    are (blocks, channels).
+    """
     sides = captures[0].psf.shape[-2:]
-    systems, ratios = [], []
-    for (first, second), match in placement.overlaps.items():
-        shift = round(match.shift[0]), round(match.shift[1])
-        parts = _overlap(captures[first].psf, captures[second].psf, shift)
-        height, width = parts[0].shape[-2:]
-        blocks = min(_BLOCKS, height), min(_BLOCKS, width)
-        one, other = (
-            nnf.adaptive_avg_pool2d(each.double(), blocks).clamp_min(1e-300) for each in parts
+    by = placement.overlaps[first, second].shift
+    shift = round(by[0]), round(by[1])
+    moved = _shifted(captures[second].psf, (shift[0] - by[0], shift[1] - by[1]), order=1)
+    parts = _overlap(captures[first].psf, moved, shift)
+    size = [max(1, length // _BLOCKS) for length in parts[0].shape[-2:]]
+    means = [nnf.avg_pool2d(each.double(), size) for each in parts]
+    rows, columns = (
+        (torch.arange(n, dtype=torch.float64) + 0.5) * length + max(0, -by) - at - side / 2
+        for n, length, by, at, side in zip(
+            means[0].shape[-2:], size, shift, placement.shifts[first], sides, strict=True
         )
-        rows, columns = (
-            ((torch.arange(n, dtype=torch.float64) + 0.5) * (length / n) + max(0, -by) - at) / side
-            - 0.5
-            for n, length, by, at, side in zip(
-                blocks, (height, width), shift, placement.shifts[first], sides, strict=True
-            )
-        )
-        place = nnf.pad(torch.cartesian_prod(rows, columns), (1, 0), value=1.0)
-        system = torch.zeros(len(place), count, 3, dtype=torch.float64)
-        system[:, first], system[:, second] = -place, place
-        systems.append(system.flatten(1))
-        ratios.append((other / one).log().flatten(1).T)
-    weights = torch.tensor([0.0, _LOOSELY, _LOOSELY], dtype=torch.float64).repeat(count, 1)
-    weights[reference] = _FIRMLY
-    solved, *_ = np.linalg.lstsq(
-        torch.cat([*systems, weights.flatten().diag()]).numpy(),
-        torch.cat([*ratios, torch.zeros(3 * count, channels)]).numpy(),
-        rcond=None,
     )
-    planes = torch.from_numpy(solved).view(count, 3, channels).mT
-    return planes / torch.tensor([1.0, *sides], dtype=torch.float64)
+    lights = [each.flatten(1).T for each in means]
+    return torch.cartesian_prod(rows, columns) / max(sides), lights
 
 
 def _mean_light(one: Tensor, other: Tensor, shift: tuple[int, int]) -> tuple[Tensor, Tensor]:
