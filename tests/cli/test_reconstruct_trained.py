@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ import nolens as nl
 from nolens.files import read_frame
 from nolens.files.weights import denoiser, sha256_of_weights, write_weights
 from nolens.jobs.reconstruction.options import ReconstructOptions
-from nolens.solvers import Result
+from nolens.solvers import Reconstructor, Result
 from nolens.solvers.uncertainty import detail_warning
 from nolens.training.pictures import training_picture
 
@@ -100,6 +101,25 @@ def test_many_pixels_are_by_total_variation(
     assert any("by total variation" in each for each in photograph.notes)
     done = run(*asked, "--prior", "denoiser", "-o", tmp_path / "o.png")
     assert json.loads((tmp_path / "o.json").read_text())["result"]["prior"] == "denoiser"
+
+
+def test_pictures_of_a_sweep_have_one_prior(
+    camera: Camera, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Smaller supports are by total variation, too, where the photo itself has too many pixels."""
+    seen: list[bool] = []
+    solve = Reconstructor.solve
+
+    def watched(self: Reconstructor, *asked: Any, **more: Any) -> Result:
+        seen.append(self.network is not None)
+        return solve(self, *asked, **more)
+
+    monkeypatch.setattr(Reconstructor, "solve", watched)
+    monkeypatch.setattr("nolens.solvers.reconstructor.MANY_PIXELS", 6000)
+    asked = ("--psf", camera.psf, "--support", "full", "--sweep", "support")
+    done = run("reconstruct", camera.raw, *asked, "-o", tmp_path / "o.png")
+    assert done.code == 0, done.err
+    assert len(seen) >= 4 and not any(seen)
 
 
 def test_weights_of_ones_own(camera: Camera, tmp_path: Path) -> None:

@@ -227,7 +227,7 @@ def _sweep(run: Run[ReconstructOptions], setup: Setup, own: SweptPicture) -> lis
     others = [name for name in options.swept_names if name is not None]
     pictures: dict[str | None, SweptPicture] = {None: own}
     for number, name in enumerate(others):
-        changed = swept_options(options, name, sensor, own.tau)
+        changed = swept_options(options, name, sensor, own.tau, setup.prior)
         varied = setup.varied(run, changed, psf)
         watch = partial(_watch_sweep, run, number, len(others), varied.reconstructor.limits)
         result = varied.reconstructor.solve(varied.problem, callback=watch)

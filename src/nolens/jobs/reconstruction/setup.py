@@ -138,7 +138,9 @@ class Setup(Prepared):
         prepared = Prepared.of(run, development, frame, chosen)
         options, development = prepared.options, prepared.development
         measurement = prepared.measurement
-        reconstructor = _quick(prepared.reconstructor, options, measurement, run.reporter.note)
+        reconstructor = _prior_by_size(
+            prepared.reconstructor, options, measurement, run.reporter.note
+        )
         if twin is not None:
             _check_pixels(twin, options, measurement)
         field_psf, psf = reconstructor.field_psf, tensor_of(reconstructor.psf, "PSF")
@@ -188,7 +190,7 @@ class Setup(Prepared):
             support = _support(options, self.measurement.size, psf)
         field_psf = self.reconstructor.field_psf
         reconstructor = _reconstructor(options, psf, support, run.device, field_psf)
-        reconstructor = _quick(reconstructor, options, self.measurement)
+        reconstructor = _prior_by_size(reconstructor, options, self.measurement)
         weight = _weight(run, reconstructor, options, self.measurement)
         if weight is not None:
             reconstructor = reconstructor.with_detail(weight, options.detail)
@@ -520,7 +522,7 @@ def _reconstructor(
     )
 
 
-def _quick(
+def _prior_by_size(
     reconstructor: Reconstructor,
     options: ReconstructOptions,
     measurement: Measurement,
