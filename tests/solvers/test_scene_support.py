@@ -2,12 +2,14 @@
 
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 from test_held_out import SENSOR, mask_psf, photograph
 from torch import Tensor
 
 from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.solvers import Method, Reconstructor
-from nolens.solvers.scene_support import choose_support
+from nolens.solvers.scene_support import choose_support, with_even_parts
 
 FRAME = PixelRectangle(0, 0, *SENSOR)
 NOISE = 0.003
@@ -41,6 +43,24 @@ def test_is_the_scene_and_little_more(corner: tuple[int, int]) -> None:
     support = chosen(psf, measured(psf, picture({corner: photograph()})))
     assert support is not None and holds(support, *corner, 64, 64)
     assert support.height * support.width < 0.35 * SENSOR[0] * SENSOR[1]
+
+
+def test_even_parts_of_a_large_scene_stay() -> None:
+    """A night sky beside a tower shows no detail: the rectangle goes as far on the other side."""
+    frame = (200, 300)
+    small = PixelRectangle(20, 200, 100, 80)
+    assert with_even_parts(small, frame) == small
+    tower = PixelRectangle(40, 60, 130, 120)
+    assert with_even_parts(tower, frame) == PixelRectangle(30, 60, 140, 180)
+    nearly = PixelRectangle(5, 10, 170, 200)
+    assert with_even_parts(nearly, frame) == PixelRectangle(-20, -30, 240, 360)
+
+
+@given(*[st.integers(*limits) for limits in ((-50, 150), (-50, 250), (1, 300), (1, 400))])
+def test_even_parts_take_nothing_away(top: int, left: int, height: int, width: int) -> None:
+    support = PixelRectangle(top, left, height, width)
+    wider = with_even_parts(support, (200, 300))
+    assert wider.union(support) == wider == with_even_parts(wider, (200, 300))
 
 
 @pytest.mark.parametrize("place", [(2, 3), (2, 110), (184, 214)])

@@ -58,6 +58,10 @@ _MARGIN = 0.05
 _MARGIN_AT_LEAST = 2
 _MOST = 0.5
 """Fraction of the pixels that can be seen from which on a support is none."""
+_LARGE = 0.25
+"""Fraction of the sensor's frame from which on a rectangle lies around its middle."""
+_FILLS, _BEYOND = 0.8, 0.1
+"""Fraction of the frame's sides that such a one needs to be all of it, and what is added there."""
 _ITERATIONS, _ITERATIONS_TO_COMPARE = 28, 112
 """Of ADMM in a fit; more where the rectangle is not as good as no limit after the first."""
 _STEPS_AT_MOST = 16
@@ -172,7 +176,8 @@ class _Search:
             if place is not None:
                 support = support.union(place)
             elif explained:
-                support = self._light.visible(_wider(support, _MARGIN, _MARGIN_AT_LEAST))
+                wider = _wider(support, _MARGIN, _MARGIN_AT_LEAST)
+                support = self._light.visible(with_even_parts(wider, self._full.forward.sensor))
                 return support if self._light.fraction(support) <= _MOST else None
             elif self._iterations == _ITERATIONS:
                 # Not yet, maybe: both are fitted for longer.
@@ -327,6 +332,34 @@ class _Light:
         bottom = min(at.height, support.top + support.height - at.top)
         right = min(at.width, support.left + support.width - at.left)
         return slice(top, max(top, bottom)), slice(left, max(left, right))
+
+
+def with_even_parts(support: PixelRectangle, sensor: tuple[int, int]) -> PixelRectangle:
+    """A rectangle with detail, and the even parts of a large scene, which show none (decision 16).
+
+    A scene that fills much of the sensor's frame lies around its middle; one that nearly fills it
+    goes a little beyond.
+
+    Parameters
+    ----------
+    support
+        That holds all detail.
+    sensor
+        (height, width).
+    """
+    height, width = sensor
+    if _area(support) < _LARGE * height * width:
+        return support
+    opposite = PixelRectangle(
+        height - support.top - support.height,
+        width - support.left - support.width,
+        support.height,
+        support.width,
+    )
+    support = support.union(opposite)
+    if support.height < _FILLS * height or support.width < _FILLS * width:
+        return support
+    return support.union(_wider(PixelRectangle(0, 0, height, width), _BEYOND, 0))
 
 
 def _wider(support: PixelRectangle, by: float, least: int) -> PixelRectangle:
