@@ -70,15 +70,13 @@ class Case:
 
 def measure(case: Case, camera: nl.Camera, row: dict[str, float]) -> None:
     """Add what the row does not have yet: the default's PSNR and seconds, the best of the grids."""
-    if "psnr_db" in row and "tv_db" in row:
-        return
     angle = CAMERAS[case.camera][0]
     scene = getattr(data, case.photograph)()
     shot = nl.simulate(scene, camera, angle=angle, fill=case.exposure, field_points=3)
     psf = nl.psf(camera, "300mm", support=wider(shot.support), wavelengths=1)
-    rows, columns = seen(shot)
+    rows, columns = overlap(shot)
     top, left = shot.support.top, shot.support.left
-    there = shot.expected[:, moved(rows, top), moved(columns, left)]
+    there = shot.expected[:, lines_from(rows, top), lines_from(columns, left)]
     if "psnr_db" not in row:
         begun = time.perf_counter()
         photo = nl.reconstruct(shot.frame, psf)
@@ -89,10 +87,10 @@ def measure(case: Case, camera: nl.Camera, row: dict[str, float]) -> None:
     def psnr_db(detail: float = 1.0, tau: float | None = None) -> float:
         """With the scene's support."""
         photo = nl.reconstruct(shot, psf, detail=detail, tau=tau)
-        return nl.psnr(photo.values[:, moved(rows, top), moved(columns, left)], there)
+        return nl.psnr(photo.values[:, lines_from(rows, top), lines_from(columns, left)], there)
 
-    if "tv_db" not in row:
-        row["detail"], row["denoiser_db"] = best(lambda detail: psnr_db(detail))
+    if "tv_seconds" not in row:
+        row["detail"], row["denoiser_db"] = best(psnr_db)
         factor, row["tv_db"] = best(lambda factor: psnr_db(tau=factor * row["tau"]))
         row["best_tau"] = factor * row["tau"]
         begun = time.perf_counter()
@@ -111,7 +109,7 @@ def wider(support: nl.PixelRectangle) -> nl.PixelRectangle:
     )
 
 
-def seen(shot: nl.SimulatedMeasurement) -> tuple[slice, slice]:
+def overlap(shot: nl.SimulatedMeasurement) -> tuple[slice, slice]:
     """Rows and columns of the sensor's frame that the scene is on."""
     support, (height, width) = shot.support, shot.values.shape[-2:]
     rows, columns = (
@@ -124,9 +122,9 @@ def seen(shot: nl.SimulatedMeasurement) -> tuple[slice, slice]:
     return rows, columns
 
 
-def moved(part: slice, by: int) -> slice:
-    """The same lines, counted from one of them."""
-    return slice(part.start - by, part.stop - by)
+def lines_from(part: slice, first: int) -> slice:
+    """The same lines, counted from another first one."""
+    return slice(part.start - first, part.stop - first)
 
 
 def best(psnr_db: Callable[[float], float]) -> tuple[float, float]:
@@ -208,10 +206,11 @@ def main() -> None:
     for case in cases(asked):
         path = asked.folder / case.file
         row: dict[str, float] = json.loads(path.read_text()) if path.exists() else {}
-        if case.camera not in cameras:
-            cameras = {case.camera: CAMERAS[case.camera][1]()}
-        measure(case, cameras[case.camera], row)
-        path.write_text(json.dumps(row))
+        if not {"psnr_db", "tv_seconds"} <= row.keys():
+            if case.camera not in cameras:
+                cameras = {case.camera: CAMERAS[case.camera][1]()}
+            measure(case, cameras[case.camera], row)
+            path.write_text(json.dumps(row))
         rows.append((case, row))
         figures = " ".join(f"{name} {value:.2f}" for name, value in row.items())
         print(case.file, figures, flush=True)

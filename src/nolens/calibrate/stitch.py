@@ -48,8 +48,6 @@ _SEAM = 0.1
 """Width over which a capture fades into the merged PSF, as a fraction of the sensor's."""
 _BLOCKS = 8
 """Along each side of an overlap, about, by whose means brightness is compared."""
-_FIRMLY = 1e3
-"""Weight beside a block's, with which the reference's brightness is 1."""
 _EVEN = 1e-9
 """Weight of a view that is far from the best one: enough where it is the only one."""
 
@@ -535,36 +533,33 @@ def _planes(captures: list[Capture], placement: Placement, reference: int) -> Te
     count, channels = len(captures), captures[0].psf.shape[0]
     longest = max(captures[0].psf.shape[-2:])
     shifts = torch.tensor(placement.shifts, dtype=torch.float64) / longest
-    overlaps = [
-        (
-            first,
-            second,
-            *_blocks(captures, placement, first, second),
-            match.pixels * match.correlation**2,
-        )
-        for (first, second), match in placement.overlaps.items()
-    ]
+    overlaps, systems = [], []
+    for (first, second), match in placement.overlaps.items():
+        place, lights = _blocks(captures, placement, first, second)
+        trust = match.pixels * match.correlation**2
+        overlaps.append((first, second, place, lights, trust))
+        system = torch.zeros(len(place), count + 1, dtype=torch.float64)
+        system[:, first], system[:, second] = -trust, trust
+        system[:, count] = trust * (place @ (shifts[second] - shifts[first]))
+        systems.append(system)
     constants = torch.zeros(count, channels, dtype=torch.float64)
     factor = constants.new_zeros(())
+    if not systems:
+        return nnf.pad(constants[..., None], (0, 2))
+    free = [number for number in range(count) if number != reference]
+    system = torch.cat(systems)[:, [*free, count]]
     for _ in range(_ROUNDS):
-        systems, left = [], []
+        left = []
         for first, second, place, lights, trust in overlaps:
-            levelled = [
+            one, other = (
                 light * (-constants[each] - factor * (place @ shifts[each])[:, None]).exp()
                 for each, light in zip((first, second), lights, strict=True)
-            ]
-            system = torch.zeros(len(place), count + 1, dtype=torch.float64)
-            system[:, first], system[:, second] = -1.0, 1.0
-            system[:, count] = place @ (shifts[second] - shifts[first])
-            systems.append(trust * system)
-            mean = (levelled[0] + levelled[1]).mean(dim=0) / 2
-            left.append(trust * (levelled[1] - levelled[0]) / mean)
-        system = torch.cat([*systems, torch.zeros(1, count + 1, dtype=torch.float64)])
-        system[-1, reference] = _FIRMLY * system.abs().max()
-        rest = torch.cat([*left, torch.zeros(1, channels, dtype=torch.float64)])
-        step = torch.linalg.lstsq(system, rest.mean(dim=1, keepdim=True)).solution[count, 0]
-        rest -= step * system[:, count:]
-        constants = constants + torch.linalg.lstsq(system[:, :count], rest).solution
+            )
+            left.append(trust * (other - one) / ((one + other).mean(dim=0) / 2))
+        rest = torch.cat(left)
+        step = torch.linalg.lstsq(system, rest.mean(dim=1, keepdim=True)).solution[-1, 0]
+        rest -= step * system[:, -1:]
+        constants[free] += torch.linalg.lstsq(system[:, :-1], rest).solution
         factor = factor + step
     slopes = (factor * shifts / longest)[:, None].expand(-1, channels, -1)
     return torch.cat([constants[..., None], slopes], dim=2)
