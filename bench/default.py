@@ -15,7 +15,7 @@ import json
 import statistics
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
@@ -23,9 +23,13 @@ from skimage import data
 
 import nolens as nl
 from machine import describe
+from nolens.files.cameras import read_camera
+from nolens.quantities import Length
 
-PIXELS = (570, 760)
-"""Rows and columns of the sensor that are read: superpixels are half of them."""
+PIXELS = (608, 812)
+"""Rows and columns of the sensor: superpixels are half of them."""
+PITCH = "3.1um"
+"""Twice the paper's, so that few pixels reach as far around the scene as a sensor does."""
 CAMERAS: dict[str, tuple[str, Callable[[], nl.Camera]]] = {
     "paper, 30°": ("30deg", lambda: paper()),
     "paper, 50°": ("50deg", lambda: paper()),
@@ -49,8 +53,13 @@ WORST_DB = 0.8
 
 
 def paper() -> nl.Camera:
-    """The middle of the paper's camera."""
-    return nl.Camera("paper", pixels=PIXELS)
+    """The middle of the paper's camera, on larger pixels."""
+    loaded = read_camera("paper")
+    rows, columns = PIXELS
+    sensor = loaded.camera.sensor.model_copy(
+        update={"pitch": Length.parse(PITCH), "rows": rows, "columns": columns}
+    )
+    return nl.Camera(replace(loaded, camera=loaded.camera.model_copy(update={"sensor": sensor})))
 
 
 @dataclass(frozen=True)

@@ -300,6 +300,7 @@ REFUSED = {
                    "both choose"),
     "quality": (lambda shot, psf: nl.reconstruct(shot, psf, quality="best"), "give one of draft"),
     "channels": (lambda shot, psf: nl.reconstruct(np.ones((4, 9, 9)), psf), "4 channels"),
+    "support": (lambda shot, psf: nl.reconstruct(shot, psf, support="9x9"), "or None for no limit"),
     "one psf": (lambda shot, psf: nl.refocus(shot, {"8cm": psf}), "two distances"),
     "no unit": (lambda shot, psf: nl.refocus(shot, {"8": psf, "50cm": psf}), "unit"),
     "sizes": (lambda shot, psf: nl.psnr(shot, psf), "of one size"),

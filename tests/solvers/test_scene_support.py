@@ -45,6 +45,16 @@ def test_is_the_scene_and_little_more(corner: tuple[int, int]) -> None:
     assert support.height * support.width < 0.35 * SENSOR[0] * SENSOR[1]
 
 
+def test_a_mask_that_repeats_itself_makes_no_ghosts() -> None:
+    """Its PSF is about the same a period on, and what it is not exactly leaves a scene there."""
+    period = 120
+    psf = mask_psf()[..., :period].repeat(1, 1, 4)[..., : 2 * SENSOR[1]]
+    inexact = psf * (1 + 0.3 * torch.rand_like(psf))
+    support = chosen(psf, measured(inexact, picture({(64, 80): photograph()})))
+    assert support is not None and holds(support, 64, 80, 64, 64)
+    assert support.width < period
+
+
 def test_even_parts_of_a_large_scene_stay() -> None:
     """A night sky beside a tower shows no detail: the rectangle goes as far on the other side."""
     frame = (200, 300)

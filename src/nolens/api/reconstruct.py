@@ -209,7 +209,7 @@ def reconstruct(
     )
     extent: Extent = "auto" if psf_extended is None else ("wide" if psf_extended else "sensor")
     choice = choose_psf(development, frame, PsfSettings(psf_scale, extent, psf_flip or "auto"))
-    stated = own if support == "auto" else None if isinstance(support, str) else support
+    stated = own if support == "auto" else None if support == "full" else support
     developed = choice.development.fitted(frame, spare, coarsen=bin_by is None and stated is None)
     data, prepared = developed.measurement, developed.prepared
     solver = replace(solver, psf=prepared.values, support=support_of(stated, data.size))

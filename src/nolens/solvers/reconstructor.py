@@ -62,8 +62,9 @@ _FIELD_BYTES = 10
 """Of a field point, per pixel of the padded shape: its PSF and its transfer."""
 _OWN_PRIOR_BYTES = 170
 """Held in a run with a prior of one's own, per pixel of the padded shape."""
-_SUPPORT_PIXELS = 50_000
-"""Pixels of all channels on which a support is chosen, about."""
+_SUPPORT_PIXELS, _SUPPORT_BY = 130_000, 4
+"""Pixels of all channels on which a support is chosen, about, and pixels along each that become one
+at most: larger ones lose the PSF's lines, and scenes their edges (decision 16)."""
 _STOP = {
     Method.ADMM: STOPS[Quality.PHOTO],
     Method.FISTA: Stop(300, tolerance=1e-4, scene_tolerance=0.0, low_frequency=False),
@@ -300,8 +301,8 @@ class Reconstructor:
     ) -> SupportChoice:
         """Pixels that a measurement's light comes from (decision 16).
 
-        Found on pixels that are means over so many that some ten thousand are left. The Wiener
-        filter knows no support, and gets none.
+        Found on pixels that are means over a few each way, so that some ten thousand are left. The
+        Wiener filter knows no support, and gets none.
 
         Parameters
         ----------
@@ -318,7 +319,8 @@ class Reconstructor:
         if self.method is Method.WIENER:
             return SupportChoice(None)
         values, _ = _parts(measured, valid)
-        by = max(1, round(math.sqrt(channels_of(values, "measurement").numel() / _SUPPORT_PIXELS)))
+        pixels = channels_of(values, "measurement").numel()
+        by = min(max(1, round(math.sqrt(pixels / _SUPPORT_PIXELS))), _SUPPORT_BY)
         psf, data, usable = self._binned(measured, valid, by)
         choice = choose_support(
             psf.to(self.device), data.to(self.device), usable.to(self.device), progress

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 
 import torch
 import torch.nn.functional as nnf
+from scipy import ndimage
 from torch import Tensor
 
 from nolens.operators import CroppedConvolution, PixelRectangle
@@ -32,6 +33,8 @@ _DETAIL = (0.04, 0.1, 0.25, 0.5)
 be told from what the glow has, which varies."""
 _MOST_DETAIL = 0.995
 """Quantile that is the most."""
+_APART = 0.04
+"""Of the frame's shorter side, twice which lies between parts of a scene that are apart."""
 _SPARSE = 0.4
 """Fraction of the largest that it is at least, where there is light on fewer pixels."""
 _DETAIL_SIDE = 7
@@ -136,7 +139,7 @@ def choose_support(
     Parameters
     ----------
     psf, data, valid
-        As `Problem.build` takes them, on coarse pixels: fifty to a hundred thousand.
+        As `Problem.build` takes them, on coarse pixels: a hundred thousand or more.
     progress
         Called with the fraction that is done; stops by returning True.
     """
@@ -189,14 +192,24 @@ class _Search:
         return None
 
     def _with_detail(self, free: PartialFit) -> PixelRectangle | None:
-        """The rectangle with all detail, faint as it is, where that is not surely worse."""
+        """The rectangle with all detail, faint as it is, where that is not surely worse.
+
+        Of parts that lie apart, the main one alone is taken where it is surely better: a mask that
+        repeats itself makes ghosts.
+        """
         most = self._light.most_detail(free.scene)
-        support, best = self._light.scene, free
+        support, best, least = self._light.scene, free, 0.0
         for fraction in _DETAIL:
             smaller, fitted = self._settled(free, fraction * most)
             excess, error = fitted.prediction.excess(best.prediction)
             if support == self._light.scene or excess < -_SURE * error:
-                support, best = smaller, fitted
+                support, best, least = smaller, fitted, fraction * most
+        main = self._light.main_part(support, best.scene, least)
+        if main != support and self._goes_on():
+            fitted = self._try(main, free)[1]
+            excess, error = fitted.prediction.excess(best.prediction)
+            if excess < -_SURE * error:
+                support = main
         return support if self._light.fraction(support) <= _MOST else None
 
     def _settled(self, free: PartialFit, least: float) -> tuple[PixelRectangle, PartialFit]:
@@ -268,6 +281,21 @@ class _Light:
         density[self._slices(support)] = _detail(scene)
         wanted = self._seen & (density >= least)
         return self._around(wanted) if bool(wanted.any()) else support
+
+    def main_part(self, support: PixelRectangle, scene: Tensor, least: float) -> PixelRectangle:
+        """The rectangle around the part that has most detail, of parts that lie apart."""
+        inside = self._slices(support)
+        density = torch.zeros_like(self._seen, dtype=scene.dtype)
+        density[inside] = _detail(scene)
+        density[~self._seen | (density < least)] = 0
+        reach = 2 * max(1, round(_APART * min(self._full.forward.sensor))) + 1
+        joined = nnf.max_pool2d(density[None], reach, 1, reach // 2)[0] > 0
+        numbers, count = ndimage.label(joined.cpu().numpy())
+        if count < 2:
+            return support
+        number = torch.from_numpy(numbers).to(density.device)
+        sums = torch.stack([density[number == each].sum() for each in range(1, count + 1)])
+        return self._around((density > 0) & (number == int(sums.argmax()) + 1))
 
     def signal(self, problem: Problem, confined: PartialFit, support: PixelRectangle) -> Tensor:
         """The clearest signal of each pixel outside, over what is usual there, (height, width).
