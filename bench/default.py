@@ -1,11 +1,11 @@
 """The default's picture against the best of a grid, over simulated cameras, scenes and exposures.
 
 `make bench-default` (`python bench/default.py`) takes photographs of scikit-image with the paper's
-camera at several angles and with other masks, reads the middle of its sensor, and reconstructs each
-measurement without any option but its files, and with weights of the prior by factors of two
-around that until they are worse on both sides. It writes the table `docs/default.md`. Cases that
-were measured are kept in `--folder`, so that it can be interrupted and continued; `--photographs`,
-`--exposures` and `--cameras` measure a part.
+camera at several angles and with other masks, on few large pixels around the scene, and
+reconstructs each measurement without any option but its files, and with the scene's support and
+other strengths of both priors until they are worse on both sides. It writes the table
+`docs/default.md` of all cases that are kept in `--folder`, so that it can be interrupted and
+continued; `--photographs`, `--exposures` and `--cameras` measure a part.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ import argparse
 import json
 import statistics
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import torch
@@ -150,12 +151,13 @@ def best(psnr_db: Callable[[float], float]) -> tuple[float, float]:
     return factor, tried[factor]
 
 
-def cases(asked: argparse.Namespace) -> Iterator[Case]:
-    """What was asked for, camera by camera."""
-    for camera in asked.cameras:
-        for photograph in asked.photographs:
-            for exposure in asked.exposures:
-                yield Case(camera, photograph, exposure)
+def cases(
+    cameras: Iterable[str] = CAMERAS,
+    photographs: Iterable[str] = PHOTOGRAPHS,
+    exposures: Iterable[float] = EXPOSURES,
+) -> Iterator[Case]:
+    """Camera by camera."""
+    yield from (Case(*each) for each in product(cameras, photographs, exposures))
 
 
 def table(rows: list[tuple[Case, dict[str, float]]]) -> str:
@@ -173,8 +175,8 @@ def table(rows: list[tuple[Case, dict[str, float]]]) -> str:
         "# The default against the best of a grid",
         "",
         "Made by `make bench-default`: photographs of scikit-image through simulated cameras (the",
-        f"middle {PIXELS[0]}×{PIXELS[1]} pixels of the paper's sensor; the PSF varies over the",
-        "field, and one PSF is given), exposed to the fraction of the full well that is named. The",
+        f"middle of the paper's sensor on {PIXELS[0]}×{PIXELS[1]} pixels of {PITCH}; the PSF",
+        "varies over the field, and one is given), exposed to a fraction of the full well. The",
         "default chooses the support of the scene, the weight of total variation, and the",
         "denoiser's strength from the measurement. The grids have the scene's true support, and",
         f"factors in steps of {FACTOR:g}: of detail with the denoiser, and of the chosen weight",
@@ -209,10 +211,9 @@ def main() -> None:
     parser.add_argument("--exposures", nargs="+", type=float, default=list(EXPOSURES))
     asked = parser.parse_args()
     asked.folder.mkdir(parents=True, exist_ok=True)
-    rows: list[tuple[Case, dict[str, float]]] = []
     cameras: dict[str, nl.Camera] = {}
     torch.manual_seed(0)
-    for case in cases(asked):
+    for case in cases(asked.cameras, asked.photographs, asked.exposures):
         path = asked.folder / case.file
         row: dict[str, float] = json.loads(path.read_text()) if path.exists() else {}
         if not {"psnr_db", "tv_seconds"} <= row.keys():
@@ -220,10 +221,11 @@ def main() -> None:
                 cameras = {case.camera: CAMERAS[case.camera][1]()}
             measure(case, cameras[case.camera], row)
             path.write_text(json.dumps(row))
-        rows.append((case, row))
         figures = " ".join(f"{name} {value:.2f}" for name, value in row.items())
         print(case.file, figures, flush=True)
-    asked.out.write_text(table(rows))
+        kept = ((each, asked.folder / each.file) for each in cases())
+        rows = [(each, json.loads(file.read_text())) for each, file in kept if file.exists()]
+        asked.out.write_text(table(rows))
 
 
 if __name__ == "__main__":
