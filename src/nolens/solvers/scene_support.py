@@ -293,9 +293,9 @@ class _Light:
         numbers, count = ndimage.label(joined.cpu().numpy())
         if count < 2:
             return support
-        number = torch.from_numpy(numbers).to(density.device)
-        sums = torch.stack([density[number == each].sum() for each in range(1, count + 1)])
-        return self._around((density > 0) & (number == int(sums.argmax()) + 1))
+        number = torch.from_numpy(numbers).long().to(density.device)
+        sums = torch.bincount(number.flatten(), density.flatten())
+        return self._around((density > 0) & (number == int(sums[1:].argmax()) + 1))
 
     def signal(self, problem: Problem, confined: PartialFit, support: PixelRectangle) -> Tensor:
         """The clearest signal of each pixel outside, over what is usual there, (height, width).
