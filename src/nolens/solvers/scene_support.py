@@ -162,6 +162,7 @@ class _Search:
         self._full = Problem.build(psf, data, valid=valid)
         self._light = _Light(self._full, psf)
         self._iterations = _ITERATIONS
+        self._tried: dict[tuple[PixelRectangle, int], tuple[Tensor, PartialFit]] = {}
         self.steps: list[SupportStep] = []
         self.interrupted = False
 
@@ -229,11 +230,14 @@ class _Search:
         return done < 1 and not self.interrupted
 
     def _try(self, support: PixelRectangle, free: PartialFit) -> tuple[Tensor, PartialFit]:
-        """Signals beside a rectangle, and the fit with it."""
-        problem = Problem.build(self._psf, self._data, valid=self._valid, support=support)
-        fitted = fit_partially(problem, self._iterations)
-        assert fitted is not None  # As without a limit.
-        outside = self._light.signal(problem, fitted, support)
+        """Signals beside a rectangle, and the fit with it; several steps ask for the same."""
+        asked = support, self._iterations
+        if asked not in self._tried:
+            problem = Problem.build(self._psf, self._data, valid=self._valid, support=support)
+            own = fit_partially(problem, self._iterations)
+            assert own is not None  # As without a limit.
+            self._tried[asked] = self._light.signal(problem, own, support), own
+        outside, fitted = self._tried[asked]
         excess, error = fitted.prediction.excess(free.prediction)
         self.steps.append(SupportStep(support, float(outside.max()), excess, error))
         return outside, fitted
