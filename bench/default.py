@@ -186,7 +186,7 @@ def table(rows: list[tuple[Case, dict[str, float]]]) -> str:
         f"**{len(losses)} of {whole} cases: {statistics.mean(losses):+.2f} dB in the mean, "
         f"{min(losses):+.2f} dB at worst, {beyond} below {-WORST_DB:g} dB. Time: "
         f"{statistics.median(times):.2f} times (median; at most {max(times):.2f}).** Times on",
-        f"{machine['cpu']}, {machine['cores']} cores.",
+        f"{machine['cpu']}, {torch.get_num_threads()} of {machine['cores']} cores.",
         "",
         "| " + " | ".join(heads) + " |",
         "|---" * len(heads) + "|",

@@ -9,7 +9,8 @@ of standard deviation σ,
 .. math:: z_s = \frac{\langle a_s, r \rangle}{\sigma \|a_s\|}
 
 is the light's signal-to-noise ratio (matched filter, `turin1960`): a normal number where no light
-comes from. The rectangle grows to where it is far from that, until it is so nowhere.
+comes from. The rectangle grows to where it is far from that, until it is so nowhere. Then its sides
+move inwards for as long as pixels that are left out of the fit are predicted better.
 
 Residual and PSF are taken without their local means, as in `nolens.solvers.held_out`: the glow of a
 scene is what a few iterations are late with, and says little of where the light comes from.
@@ -43,10 +44,15 @@ _STAYS = 0.9
 """Fraction of a rectangle that the next one holds at least, where it is the last."""
 _SURE = 4.0
 """Standard errors by which the smaller rectangle predicts better than the larger."""
+_LIKELY = 2.0
+"""Standard errors by which one with light that may be a ghost must not predict worse."""
 _CLEAR = 5.5
 """Signal-to-noise ratio of light beside the rectangle; of 10⁵ normal numbers the largest is 4.3."""
 _CLEAR_AFAR = 8.0
 """The same of light far from it: what a PSF leaves unexplained has longer tails."""
+_DOUBTLESS = 16.0
+"""The same from which on it counts however many pixels it costs: below, it may be a mask's ghost,
+and the rectangle with it must not predict worse."""
 _SIDES = (1, 5)
 """Pixels along the squares of light that are looked for."""
 _STRONG = 0.3
@@ -56,9 +62,12 @@ _GROWTH = 0.25
 _GROWTH_AT_LEAST = 4
 _SEEN = 0.05
 """Of the most that a pixel's light puts on the sensor, below which it is not looked for."""
-_MARGIN = 0.05
-"""Of the rectangle's sides, added on either side."""
-_MARGIN_AT_LEAST = 2
+_ALL_SIDES = "tblr"
+"""Top, bottom, left and right."""
+_TIGHTENING = ((4, (_ALL_SIDES,)), (4, tuple(_ALL_SIDES)), (1, tuple(_ALL_SIDES)))
+"""Pixels by which sides move inwards, and sides that move together."""
+_SURELY_TIGHTER = 3.0
+"""Standard errors by which the prediction is better then, or worse."""
 _MOST = 0.5
 """Fraction of the pixels that can be seen from which on a support is none."""
 _LARGE = 0.25
@@ -67,7 +76,7 @@ _FILLS, _BEYOND = 0.8, 0.1
 """Fraction of the frame's sides that such a one needs to be all of it, and what is added there."""
 _ITERATIONS, _ITERATIONS_TO_COMPARE = 28, 112
 """Of ADMM in a fit; more where the rectangle is not as good as no limit after the first."""
-_STEPS_AT_MOST = 16
+_STEPS_AT_MOST = 28
 
 
 @dataclass(frozen=True)
@@ -132,7 +141,7 @@ def choose_support(
     valid: Tensor,
     progress: Callable[[float], bool | None] | None = None,
 ) -> SupportChoice:
-    """The smallest rectangle beside which a measurement asks for no light, and a margin.
+    """The smallest rectangle beside which a measurement asks for no light.
 
     Held-out pixels must be predicted as well as without a limit, but for one standard error.
 
@@ -177,10 +186,13 @@ class _Search:
             excess, error = fitted.prediction.excess(free.prediction)
             explained = excess <= error
             place = self._light.place(support, outside, _CLEAR_AFAR if explained else _CLEAR)
-            if place is not None:
-                support = support.union(place)
+            grown = support if place is None else support.union(place)
+            if grown != support and (
+                float(outside.max()) >= _DOUBTLESS or not self._predicts_worse(grown, fitted, free)
+            ):
+                support = grown
             elif explained:
-                wider = _wider(support, _MARGIN, _MARGIN_AT_LEAST)
+                wider = self._tightened(support, fitted, free)
                 support = self._light.visible(with_even_parts(wider, self._full.forward.sensor))
                 return support if self._light.fraction(support) <= _MOST else None
             elif self._iterations == _ITERATIONS:
@@ -209,7 +221,7 @@ class _Search:
         if main != support and self._goes_on():
             fitted = self._try(main, free)[1]
             excess, error = fitted.prediction.excess(best.prediction)
-            if excess < -_SURE * error:
+            if excess < -_LIKELY * error:
                 support = main
         return support if self._light.fraction(support) <= _MOST else None
 
@@ -221,6 +233,36 @@ class _Search:
             support, fitted = inner, self._try(inner, free)[1]
             inner = self._light.with_detail(support, fitted.scene, least)
         return support, fitted
+
+    def _predicts_worse(self, support: PixelRectangle, best: PartialFit, free: PartialFit) -> bool:
+        """Whether a rectangle likely predicts worse than another fit."""
+        excess, error = self._try(support, free)[1].prediction.excess(best.prediction)
+        return excess > _LIKELY * error
+
+    def _tightened(
+        self, support: PixelRectangle, fitted: PartialFit, free: PartialFit
+    ) -> PixelRectangle:
+        """Without the lines at its sides that predictions are surely better without.
+
+        A pixel is added at each side where they do not tell what one less would cost.
+        """
+        unsure = set(_ALL_SIDES)
+        for pixels, together in _TIGHTENING:
+            for sides in together:
+                while self._goes_on():
+                    smaller = _moved(support, sides, -pixels)
+                    if min(smaller.height, smaller.width) < _DETAIL_SIDE:
+                        break
+                    outside, own = self._try(smaller, free)
+                    excess, error = own.prediction.excess(fitted.prediction)
+                    cuts = self._light.place(smaller, outside, _CLEAR_AFAR) is not None
+                    if cuts or excess > _SURELY_TIGHTER * error:
+                        unsure.discard(sides)
+                        break
+                    if excess > -_SURELY_TIGHTER * error:
+                        break
+                    support, fitted = smaller, own
+        return _moved(support, "".join(unsure), 1)
 
     def _goes_on(self) -> bool:
         """Whether another rectangle may be tried."""
@@ -392,6 +434,17 @@ def with_even_parts(support: PixelRectangle, sensor: tuple[int, int]) -> PixelRe
     if support.height < _FILLS * height or support.width < _FILLS * width:
         return support
     return support.union(_wider(PixelRectangle(0, 0, height, width), _BEYOND, 0))
+
+
+def _moved(support: PixelRectangle, sides: str, pixels: int) -> PixelRectangle:
+    """With some of its sides moved outwards."""
+    top, bottom, left, right = (pixels * (side in sides) for side in _ALL_SIDES)
+    return PixelRectangle(
+        support.top - top,
+        support.left - left,
+        support.height + top + bottom,
+        support.width + left + right,
+    )
 
 
 def _wider(support: PixelRectangle, by: float, least: int) -> PixelRectangle:
