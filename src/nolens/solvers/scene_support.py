@@ -45,14 +45,14 @@ _STAYS = 0.9
 _SURE = 4.0
 """Standard errors by which the smaller rectangle predicts better than the larger."""
 _LIKELY = 2.0
-"""Standard errors by which one with light that may be a ghost must not predict worse."""
+"""The same where it is likely that it does."""
+_ALIKE, _PEAK = 0.2, 10
+"""Autocorrelation of a PSF a period on, of a mask that repeats itself, and pixels around no shift
+that have that of its lines."""
 _CLEAR = 5.5
 """Signal-to-noise ratio of light beside the rectangle; of 10⁵ normal numbers the largest is 4.3."""
 _CLEAR_AFAR = 8.0
 """The same of light far from it: what a PSF leaves unexplained has longer tails."""
-_DOUBTLESS = 16.0
-"""The same from which on it counts however many pixels it costs: below, it may be a mask's ghost,
-and the rectangle with it must not predict worse."""
 _SIDES = (1, 5)
 """Pixels along the squares of light that are looked for."""
 _STRONG = 0.3
@@ -186,11 +186,8 @@ class _Search:
             excess, error = fitted.prediction.excess(free.prediction)
             explained = excess <= error
             place = self._light.place(support, outside, _CLEAR_AFAR if explained else _CLEAR)
-            grown = support if place is None else support.union(place)
-            if grown != support and (
-                float(outside.max()) >= _DOUBTLESS or not self._predicts_worse(grown, fitted, free)
-            ):
-                support = grown
+            if place is not None and self._is_light(place, support, fitted, free):
+                support = support.union(place)
             elif explained:
                 wider = self._tightened(support, fitted, free)
                 support = self._light.visible(with_even_parts(wider, self._full.forward.sensor))
@@ -207,8 +204,8 @@ class _Search:
     def _with_detail(self, free: PartialFit) -> PixelRectangle | None:
         """The rectangle with all detail, faint as it is, where that is not surely worse.
 
-        Of parts that lie apart, the main one alone is taken where it is surely better: a mask that
-        repeats itself makes ghosts.
+        Of parts that lie apart, the main one alone is taken where it is likely better, or where the
+        others may be its ghosts and are not likely to be more.
         """
         most = self._light.most_detail(free.scene)
         support, best, least = self._light.scene, free, 0.0
@@ -219,9 +216,9 @@ class _Search:
                 support, best, least = smaller, fitted, fraction * most
         main = self._light.main_part(support, best.scene, least)
         if main != support and self._goes_on():
-            fitted = self._try(main, free)[1]
-            excess, error = fitted.prediction.excess(best.prediction)
-            if excess < -_LIKELY * error:
+            excess, error = self._try(main, free)[1].prediction.excess(best.prediction)
+            ghosts = self._light.repeats(main, support)
+            if excess < (_LIKELY if ghosts else -_LIKELY) * error:
                 support = main
         return support if self._light.fraction(support) <= _MOST else None
 
@@ -234,21 +231,28 @@ class _Search:
             inner = self._light.with_detail(support, fitted.scene, least)
         return support, fitted
 
-    def _predicts_worse(self, support: PixelRectangle, best: PartialFit, free: PartialFit) -> bool:
-        """Whether a rectangle likely predicts worse than another fit."""
-        excess, error = self._try(support, free)[1].prediction.excess(best.prediction)
-        return excess > _LIKELY * error
+    def _is_light(
+        self, place: PixelRectangle, support: PixelRectangle, fitted: PartialFit, free: PartialFit
+    ) -> bool:
+        """Whether a place that asks for light is no ghost of what the rectangle has."""
+        if not self._light.repeats(support, place):
+            return True
+        with_it = self._try(support.union(place), free)[1]
+        excess, error = with_it.prediction.excess(fitted.prediction)
+        return excess < -_LIKELY * error
 
     def _tightened(
         self, support: PixelRectangle, fitted: PartialFit, free: PartialFit
     ) -> PixelRectangle:
-        """Without the lines at its sides that predictions are surely better without.
+        """Without lines at its sides that predictions are surely better without.
 
-        A pixel is added at each side where they do not tell what one less would cost.
+        The squares that detail is summed in reach beyond it: a few lines go where predictions are
+        as good. A pixel is added at each side where they do not tell what one less would cost.
         """
         unsure = set(_ALL_SIDES)
         for pixels, together in _TIGHTENING:
             for sides in together:
+                free_lines = _DETAIL_SIDE // 2 - 1 if pixels == 1 else 0
                 while self._goes_on():
                     smaller = _moved(support, sides, -pixels)
                     if min(smaller.height, smaller.width) < _DETAIL_SIDE:
@@ -257,11 +261,13 @@ class _Search:
                     excess, error = own.prediction.excess(fitted.prediction)
                     cuts = self._light.place(smaller, outside, _CLEAR_AFAR) is not None
                     if cuts or excess > _SURELY_TIGHTER * error:
-                        unsure.discard(sides)
+                        if pixels == 1:
+                            unsure.discard(sides)
                         break
-                    if excess > -_SURELY_TIGHTER * error:
+                    if excess > (0 if free_lines > 0 else -_SURELY_TIGHTER * error):
                         break
                     support, fitted = smaller, own
+                    free_lines -= pixels
         return _moved(support, "".join(unsure), 1)
 
     def _goes_on(self) -> bool:
@@ -297,6 +303,7 @@ class _Light:
         self._correlation = CroppedConvolution(detail, full.forward.sensor, None)
         self._lengths = [self._length(detail, side) for side in _SIDES]
         self._seen = self._lengths[0] > _SEEN * self._lengths[0].max()
+        self._alike = _autocorrelation(detail)
 
     def _length(self, detail: Tensor, side: int) -> Tensor:
         """‖a_s‖/σ of a square of light around each pixel."""
@@ -342,6 +349,16 @@ class _Light:
         number = torch.from_numpy(numbers).long().to(density.device)
         sums = torch.bincount(number.flatten(), density.flatten())
         return self._around((density > 0) & (number == int(sums[1:].argmax()) + 1))
+
+    def repeats(self, support: PixelRectangle, place: PixelRectangle) -> bool:
+        """Whether light of one has a ghost at the other, as the PSF is alike a shift on."""
+        middle = self._alike.shape[-2] // 2, self._alike.shape[-1] // 2
+        rows = _shifts(support.top, support.height, place.top, place.height)
+        columns = _shifts(support.left, support.width, place.left, place.width)
+        least, most = zip(rows, columns, strict=True)
+        top, left = (max(0, half + first) for half, first in zip(middle, least, strict=True))
+        bottom, right = (max(0, half + last + 1) for half, last in zip(middle, most, strict=True))
+        return bool((self._alike[top:bottom, left:right] > _ALIKE).any())
 
     def signal(self, problem: Problem, confined: PartialFit, support: PixelRectangle) -> Tensor:
         """The clearest signal of each pixel outside, over what is usual there, (height, width).
@@ -455,6 +472,22 @@ def _wider(support: PixelRectangle, by: float, least: int) -> PixelRectangle:
         support.height + 2 * rows,
         support.width + 2 * columns,
     )
+
+
+def _shifts(first: int, size: int, other: int, other_size: int) -> tuple[int, int]:
+    """The least and the greatest shift from a line of the first part to a line of the other."""
+    return other - (first + size - 1), other + other_size - 1 - first
+
+
+def _autocorrelation(detail: Tensor) -> Tensor:
+    """Of all channels, over that of no shift, which is in the middle; zero around there."""
+    height, width = (2 * side for side in detail.shape[-2:])
+    power = torch.fft.rfft2(detail, s=(height, width)).abs().square().sum(0)
+    alike: Tensor = torch.fft.fftshift(torch.fft.irfft2(power, s=(height, width)))
+    row, column = height // 2, width // 2
+    alike = alike / alike[row, column]
+    alike[row - _PEAK : row + _PEAK + 1, column - _PEAK : column + _PEAK + 1] = 0
+    return alike
 
 
 def _sums(plane: Tensor, side: int) -> Tensor:
