@@ -259,7 +259,7 @@ class _Search:
                         break
                     outside, own = self._try(smaller, free)
                     excess, error = own.prediction.excess(fitted.prediction)
-                    cuts = self._light.place(smaller, outside, _CLEAR_AFAR) is not None
+                    cuts = self._light.clearest(support, outside) >= _CLEAR_AFAR
                     if cuts or excess > _SURELY_TIGHTER * error:
                         if pixels == 1:
                             unsure.discard(sides)
@@ -389,6 +389,10 @@ class _Light:
         else:
             return None
         return self._around(wanted)
+
+    def clearest(self, support: PixelRectangle, outside: Tensor) -> float:
+        """The clearest of signals beside a rectangle, of those that are in another."""
+        return float(outside[self._slices(support)].max())
 
     def _around(self, wanted: Tensor) -> PixelRectangle:
         """The smallest rectangle that holds pixels."""
