@@ -143,7 +143,8 @@ def choose_support(
 ) -> SupportChoice:
     """The smallest rectangle beside which a measurement asks for no light.
 
-    Held-out pixels must be predicted as well as without a limit, but for one standard error.
+    Held-out pixels must be predicted as well as without a limit, but for one standard error, or two
+    where a mask repeats itself.
 
     Parameters
     ----------
@@ -184,7 +185,8 @@ class _Search:
         while support is not None and self._goes_on():
             outside, fitted = self._try(support, free)
             excess, error = fitted.prediction.excess(free.prediction)
-            explained = excess <= error
+            # A mask that repeats itself explains more by ghosts, without a limit.
+            explained = excess <= (_LIKELY if self._light.has_ghosts else 1) * error
             place = self._light.place(support, outside, _CLEAR_AFAR if explained else _CLEAR)
             if place is not None and self._is_light(place, support, fitted, free):
                 support = support.union(place)
@@ -304,6 +306,7 @@ class _Light:
         self._lengths = [self._length(detail, side) for side in _SIDES]
         self._seen = self._lengths[0] > _SEEN * self._lengths[0].max()
         self._alike = _autocorrelation(detail)
+        self.has_ghosts = bool((self._alike > _ALIKE).any())
 
     def _length(self, detail: Tensor, side: int) -> Tensor:
         """‖a_s‖/σ of a square of light around each pixel."""
