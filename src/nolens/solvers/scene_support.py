@@ -47,8 +47,8 @@ _SURE = 4.0
 _LIKELY = 2.0
 """The same where it is likely that it does."""
 _ALIKE, _PEAK = 0.2, 10
-"""Autocorrelation of a PSF a period on, of a mask that repeats itself, and pixels around no shift
-that have that of its lines."""
+"""Autocorrelation of a PSF from which on its mask repeats itself, and pixels each way around no
+shift, where it is that of the PSF's lines."""
 _CLEAR = 5.5
 """Signal-to-noise ratio of light beside the rectangle; of 10⁵ normal numbers the largest is 4.3."""
 _CLEAR_AFAR = 8.0
@@ -67,7 +67,7 @@ _ALL_SIDES = "tblr"
 _TIGHTENING = ((4, (_ALL_SIDES,)), (4, tuple(_ALL_SIDES)), (1, tuple(_ALL_SIDES)))
 """Pixels by which sides move inwards, and sides that move together."""
 _SURELY_TIGHTER = 3.0
-"""Standard errors by which the prediction is better then, or worse."""
+"""Standard errors by which the prediction is then better, or a pixel less worse."""
 _MOST = 0.5
 """Fraction of the pixels that can be seen from which on a support is none."""
 _LARGE = 0.25
@@ -254,7 +254,7 @@ class _Search:
         unsure = set(_ALL_SIDES)
         for pixels, together in _TIGHTENING:
             for sides in together:
-                free_lines = _DETAIL_SIDE // 2 - 1 if pixels == 1 else 0
+                spare_lines = _DETAIL_SIDE // 2 - 1 if pixels == 1 else 0
                 while self._goes_on():
                     smaller = _moved(support, sides, -pixels)
                     if min(smaller.height, smaller.width) < _DETAIL_SIDE:
@@ -266,10 +266,10 @@ class _Search:
                         if pixels == 1:
                             unsure.discard(sides)
                         break
-                    if excess > (0 if free_lines > 0 else -_SURELY_TIGHTER * error):
+                    if excess > (0 if spare_lines > 0 else -_SURELY_TIGHTER * error):
                         break
                     support, fitted = smaller, own
-                    free_lines -= pixels
+                    spare_lines -= pixels
         return _moved(support, "".join(unsure), 1)
 
     def _goes_on(self) -> bool:
@@ -493,7 +493,8 @@ def _autocorrelation(detail: Tensor) -> Tensor:
     alike: Tensor = torch.fft.fftshift(torch.fft.irfft2(power, s=(height, width)))
     row, column = height // 2, width // 2
     alike = alike / alike[row, column]
-    alike[row - _PEAK : row + _PEAK + 1, column - _PEAK : column + _PEAK + 1] = 0
+    top, left = max(0, row - _PEAK), max(0, column - _PEAK)
+    alike[top : row + _PEAK + 1, left : column + _PEAK + 1] = 0
     return alike
 
 
