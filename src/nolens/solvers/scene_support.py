@@ -191,8 +191,7 @@ class _Search:
             if place is not None and self._is_light(place, support, fitted, free):
                 support = support.union(place)
             elif explained:
-                wider = self._tightened(support, fitted, free)
-                support = self._light.visible(with_even_parts(wider, self._full.forward.sensor))
+                support = self._finished(support, fitted, free)
                 return support if self._light.fraction(support) <= _MOST else None
             elif self._iterations == _ITERATIONS:
                 # Not yet, maybe: both are fitted for longer.
@@ -242,6 +241,16 @@ class _Search:
         with_it = self._try(support.union(place), free)[1]
         excess, error = with_it.prediction.excess(fitted.prediction)
         return excess < -_LIKELY * error
+
+    def _finished(
+        self, support: PixelRectangle, fitted: PartialFit, free: PartialFit
+    ) -> PixelRectangle:
+        """Tightened, and with even parts; one that is all of the frame need not be tight."""
+        sensor = self._full.forward.sensor
+        frame, with_parts = PixelRectangle(0, 0, *sensor), with_even_parts(support, sensor)
+        if with_parts.union(frame) != with_parts:
+            with_parts = with_even_parts(self._tightened(support, fitted, free), sensor)
+        return self._light.visible(with_parts)
 
     def _tightened(
         self, support: PixelRectangle, fitted: PartialFit, free: PartialFit
