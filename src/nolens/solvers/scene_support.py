@@ -257,13 +257,11 @@ class _Search:
     ) -> PixelRectangle:
         """Without lines at its sides that predictions are surely better without.
 
-        The squares that detail is summed in reach beyond it: a few lines go where predictions are
-        as good. A pixel is added at each side where they do not tell what one less would cost.
+        A pixel is added at each side where they do not tell what one less would cost.
         """
         unsure = set(_ALL_SIDES)
         for pixels, together in _TIGHTENING:
             for sides in together:
-                spare_lines = _DETAIL_SIDE // 2 - 1 if pixels == 1 else 0
                 while self._goes_on():
                     smaller = _moved(support, sides, -pixels)
                     if min(smaller.height, smaller.width) < _DETAIL_SIDE:
@@ -275,10 +273,9 @@ class _Search:
                         if pixels == 1:
                             unsure.discard(sides)
                         break
-                    if excess > (0 if spare_lines > 0 else -_SURELY_TIGHTER * error):
+                    if excess > -_SURELY_TIGHTER * error:
                         break
                     support, fitted = smaller, own
-                    spare_lines -= pixels
         return _moved(support, "".join(unsure), 1)
 
     def _goes_on(self) -> bool:
