@@ -217,10 +217,12 @@ class _Search:
                 support, best, least = smaller, fitted, fraction * most
         main = self._light.main_part(support, best.scene, least)
         if main != support and self._goes_on():
-            excess, error = self._try(main, free)[1].prediction.excess(best.prediction)
-            ghosts = self._light.repeats(main, support)
-            if excess < (_LIKELY if ghosts else -_LIKELY) * error:
-                support = main
+            alone = self._try(main, free)[1].prediction
+            if self._light.repeats(main, support):
+                taken = not best.prediction.is_clearly_better(alone)
+            else:
+                taken = alone.is_likely_better(best.prediction)
+            support = main if taken else support
         return support if self._light.fraction(support) <= _MOST else None
 
     def _settled(self, free: PartialFit, least: float) -> tuple[PixelRectangle, PartialFit]:
@@ -238,9 +240,8 @@ class _Search:
         """Whether a place that asks for light is no ghost of what the rectangle has."""
         if not self._light.repeats(support, place):
             return True
-        with_it = self._try(support.union(place), free)[1]
-        excess, error = with_it.prediction.excess(fitted.prediction)
-        return excess < -_LIKELY * error
+        with_it = self._try(support.union(place), free)[1].prediction
+        return with_it.is_clearly_better(fitted.prediction)
 
     def _finished(
         self, support: PixelRectangle, fitted: PartialFit, free: PartialFit
@@ -257,11 +258,13 @@ class _Search:
     ) -> PixelRectangle:
         """Without lines at its sides that predictions are surely better without.
 
-        A pixel is added at each side where they do not tell what one less would cost.
+        The squares that detail is summed in reach beyond it: a few lines go where predictions are
+        as good. A pixel is added at each side where they do not tell what one less would cost.
         """
         unsure = set(_ALL_SIDES)
         for pixels, together in _TIGHTENING:
             for sides in together:
+                spare_lines = _DETAIL_SIDE // 2 - 1 if pixels == 1 else 0
                 while self._goes_on():
                     smaller = _moved(support, sides, -pixels)
                     if min(smaller.height, smaller.width) < _DETAIL_SIDE:
@@ -273,9 +276,10 @@ class _Search:
                         if pixels == 1:
                             unsure.discard(sides)
                         break
-                    if excess > -_SURELY_TIGHTER * error:
+                    if excess > (0 if spare_lines > 0 else -_SURELY_TIGHTER * error):
                         break
                     support, fitted = smaller, own
+                    spare_lines -= pixels
         return _moved(support, "".join(unsure), 1)
 
     def _goes_on(self) -> bool:
