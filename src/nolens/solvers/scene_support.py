@@ -68,6 +68,10 @@ _TIGHTENING = ((4, (_ALL_SIDES,)), (4, tuple(_ALL_SIDES)), (1, tuple(_ALL_SIDES)
 """Pixels by which sides move inwards, and sides that move together."""
 _SURELY_TIGHTER = 3.0
 """Standard errors by which the prediction is then better, or a pixel less worse."""
+_BURIED = 0.2
+"""Fraction of the contrast that is noise, above which sides get a margin instead."""
+_MARGIN, _MARGIN_AT_LEAST = 0.05, 2
+"""Of the rectangle's sides, added on either side, and in pixels."""
 _MOST = 0.5
 """Fraction of the pixels that can be seen from which on a support is none."""
 _LARGE = 0.25
@@ -246,11 +250,18 @@ class _Search:
     def _finished(
         self, support: PixelRectangle, fitted: PartialFit, free: PartialFit
     ) -> PixelRectangle:
-        """Tightened, and with even parts; one that is all of the frame need not be tight."""
+        """Tightened, and with even parts; one that is all of the frame need not be tight.
+
+        In much noise predictions do not tell where its sides are, and it gets a margin.
+        """
         sensor = self._full.forward.sensor
         frame, with_parts = PixelRectangle(0, 0, *sensor), with_even_parts(support, sensor)
         if with_parts.union(frame) != with_parts:
-            with_parts = with_even_parts(self._tightened(support, fitted, free), sensor)
+            if fitted.prediction.unexplained_by_noise > _BURIED:
+                tight = _wider(support, _MARGIN, _MARGIN_AT_LEAST)
+            else:
+                tight = self._tightened(support, fitted, free)
+            with_parts = with_even_parts(tight, sensor)
         return self._light.visible(with_parts)
 
     def _tightened(
