@@ -301,7 +301,7 @@ class Reconstructor:
     ) -> SupportChoice:
         """Pixels that a measurement's light comes from (decision 16).
 
-        Found on pixels that are means over a few each way, so that some ten thousand are left. The
+        Chosen on means over at most 4×4 pixels, so that a hundred thousand or more are left. The
         Wiener filter knows no support, and gets none.
 
         Parameters
