@@ -25,9 +25,11 @@ from nolens.operators import (
     Identity,
     LinearOperator,
     PixelRectangle,
+    SlowLightRemoval,
     StackConvolution,
     StackDifference,
     VerticalStack,
+    slow_cosines,
 )
 
 Make = Callable[[torch.dtype, torch.device], LinearOperator]
@@ -55,6 +57,11 @@ def difference(*shape: int) -> Make:
 def diagonal(*shape: int) -> Make:
     weights = torch.rand(shape, generator=torch.Generator().manual_seed(4)).double() - 0.3
     return lambda dtype, device: Diagonal(weights.to(device, dtype))
+
+
+def slow_light(*shape: int) -> Make:
+    valid = torch.rand(shape, generator=torch.Generator().manual_seed(6)) > 0.1
+    return lambda _dtype, device: SlowLightRemoval(valid.to(device))
 
 
 def combined(combine: Callable[..., LinearOperator], *makes: Make) -> Make:
@@ -144,6 +151,8 @@ TABLE = [
     Case("difference, stack", combined(lambda: StackDifference((3, 4, 2), 0.7)), RGB),
     Case("identity", combined(lambda: Identity((4, 3)))),
     Case("diagonal", diagonal(3, 4, 5)),
+    Case("slow light", slow_light(2, 6, 7)),
+    Case("slow light, two rows", slow_light(1, 2, 5)),
     Case("mask", combined(lambda: Diagonal(torch.arange(12).reshape(3, 4) % 3 > 0))),
     Case("crop", combined(lambda: Crop((5, 6), (1, 2, 4, 3))), RGB),
     Case("adjoint", combined(lambda a: a.H, GREY), (1,)),
@@ -245,3 +254,17 @@ def test_operators_that_do_not_fit(combine, words):
     with pytest.raises(ValueError) as caught:
         combine(COLOUR(torch.float64, CPU), diagonal(3, 3)(torch.float64, CPU))
     assert words in str(caught.value)
+
+
+def test_slow_light_goes_and_the_mean_stays():
+    valid = torch.rand(2, 40, 50, generator=torch.Generator().manual_seed(7)) > 0.1
+    removal = SlowLightRemoval(valid)
+    image = torch.rand(2, 40, 50, generator=torch.Generator().manual_seed(8)).double()
+    rows, columns = (slow_cosines(side) for side in (40, 50))
+    for row, column in ((0, 1), (1, 0), (2, 2)):
+        slow = 3 * (rows[row][:, None] * columns[column]).expand_as(image)
+        left = removal(image + slow) - removal(image)
+        mean = (slow * valid).sum((-2, -1), keepdim=True) / valid.sum((-2, -1), keepdim=True)
+        torch.testing.assert_close(left, torch.where(valid, mean, 0.0).double())
+    torch.testing.assert_close(removal(torch.ones_like(image)), valid.double())
+    torch.testing.assert_close(removal(removal(image)), removal(image))

@@ -71,7 +71,7 @@ def test_colours_together_against_the_generic_solver():
         pose(BASE).pose(prior="colour-tv")
 
 
-def test_finds_a_shading_at_once():
+def shaded() -> tuple[torch.Tensor, Problem]:
     """A shaded scene through a broad PSF, the glow of an open mask, without noise."""
     generator = torch.Generator().manual_seed(2)
     sensor, side = (96, 112), 48
@@ -84,12 +84,48 @@ def test_finds_a_shading_at_once():
     problem = Problem.build(
         psf, CroppedConvolution(psf, sensor, support)(truth), support=support, tau=1e-7
     )
+    return truth, problem
+
+
+def test_finds_a_shading_at_once():
+    truth, problem = shaded()
 
     def error(iterations: int, low_frequency: bool) -> float:
         scene = admm(problem, iterations=iterations, tolerance=0, low_frequency=low_frequency).scene
         return float(torch.linalg.vector_norm(scene - truth))
 
     assert error(12, low_frequency=True) < 0.2 * error(200, low_frequency=False)
+
+
+def test_light_that_leans_matters_only_where_slow_light_counts():
+    """A sensor that gets a thousandth more light on one edge: errors of one PSF are larger."""
+    _, problem = shaded()
+    columns = torch.arange(112)
+    lean = 1e-3 * torch.cos(torch.pi * (columns + 0.5) / 112) * problem.data.mean()
+    valid = columns.expand_as(problem.data) % 17 > 0
+
+    def change(slow_light: bool) -> float:
+        upright = replace(problem, data=problem.data * valid, valid=valid, slow_light=slow_light)
+        leaning = replace(upright, data=(problem.data + lean) * valid)
+        one, other = (
+            admm(each, iterations=20, tolerance=0, low_frequency=True).scene
+            for each in (upright, leaning)
+        )
+        return float(torch.linalg.vector_norm(other - one) / torch.linalg.vector_norm(one))
+
+    assert change(slow_light=False) < 1e-3
+    assert change(slow_light=True) > 0.02
+
+
+def test_the_minimum_without_slow_light():
+    """Against a generic solver, of colours together."""
+    problem = replace(
+        pose(replace(BASE, channels=3, saturated=0.1)).pose(prior="colour-tv"), slow_light=False
+    )
+    other = split_admm(*problem.functionals, iterations=300, tolerance=1e-7)
+    result = admm(problem, iterations=200, tolerance=1e-5)
+    assert result.objective == pytest.approx(other.objective / 3, rel=1e-3)
+    assert result.objective < 0.99 * admm(replace(problem, slow_light=True)).objective
 
 
 @pytest.mark.parametrize("prior", ["none", "l1"])

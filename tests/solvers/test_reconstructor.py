@@ -1,11 +1,12 @@
 """A reconstructor solves as its parts do; a development knows how fine its pixels need be."""
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 import torch
 
-from nolens.camera import Frame, Measurement, develop
+from nolens.camera import FieldPsf, Frame, Measurement, develop
 from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.solvers import (
     STOPS,
@@ -35,6 +36,23 @@ def measured(psf: torch.Tensor) -> torch.Tensor:
     return CroppedConvolution(psf, SENSOR, SUPPORT)(torch.rand(1, 24, 24)) + 0.01
 
 
+def test_slow_light_counts_but_where_one_psf_explains_a_full_view() -> None:
+    psf = spots(70, 80)
+    full, dark = measured(psf), torch.zeros(1, *SENSOR)
+    dark[:, 20, 30] = 1
+
+    def counts(data: torch.Tensor, **options: Any) -> bool:
+        return Reconstructor(psf, SUPPORT, 1e-4, **options).problem(data).slow_light
+
+    assert not counts(full)
+    assert not counts(full, prior="denoiser", stop=stop_of(Method.ADMM, low_frequency=False))
+    assert counts(dark)
+    assert counts(full, method=Method.WIENER)
+    assert counts(full, stop=stop_of(Method.ADMM, low_frequency=False))
+    there = FieldPsf(psf[None].repeat(2, 1, 1, 1), torch.tensor([[0.0, -9.0], [0.0, 9.0]]))
+    assert counts(full, field_psf=there)
+
+
 SOLVED = {
     Method.ADMM: lambda problem: admm(
         problem, iterations=200, tolerance=0, scene_tolerance=1e-2, low_frequency=True
@@ -53,6 +71,7 @@ def test_solves_as_its_parts_do(method: Method) -> None:
     built = solver.problem(data)
     assert built.weight == pytest.approx(weight)
     problem = Problem.build(psf, data, support=SUPPORT, tau=built.tau)
+    problem = replace(problem, slow_light=built.slow_light)
     result = solver.solve(data)
     assert torch.equal(result.scene, SOLVED[method](problem).scene)
     # A measurement brings its mask, and a problem may be given in its place.

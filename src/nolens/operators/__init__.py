@@ -5,6 +5,7 @@ from nolens.operators.convolution import CroppedConvolution, Geometry, PixelRect
 from nolens.operators.difference import FiniteDifference, StackDifference
 from nolens.operators.field_convolution import TRANSFER_BYTES, FieldConvolution, mean_psf
 from nolens.operators.pixelwise import Crop, Diagonal, Identity
+from nolens.operators.slow_light import SlowLightRemoval, slow_cosines
 from nolens.operators.stack_convolution import StackConvolution
 from nolens.operators.stacks import BlockDiagonal, HorizontalStack, VerticalStack
 
@@ -21,8 +22,10 @@ __all__ = [
     "Identity",
     "LinearOperator",
     "PixelRectangle",
+    "SlowLightRemoval",
     "StackConvolution",
     "StackDifference",
     "VerticalStack",
     "mean_psf",
+    "slow_cosines",
 ]

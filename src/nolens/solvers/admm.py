@@ -314,6 +314,8 @@ def admm(
             state.restart(data_step_start(problem, state))
         tolerance = max(tolerance, _DATA_STEP_TOLERANCE * scene_tolerance)
         scene_tolerance = 0.0
+    else:
+        problem = replace(problem, slow_light=True)
     run = start_run(
         problem, state, balance=balance, relaxation=relaxation, low_frequency=low_frequency
     )

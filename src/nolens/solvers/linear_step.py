@@ -8,13 +8,12 @@ import torch.nn.functional as nnf
 from torch import Tensor
 
 from nolens.kernels import irfft2, irfft2_window_, rfft2_window
+from nolens.operators import slow_cosines
 from nolens.solvers.admm_state import Penalties
 from nolens.solvers.problem import Problem
 
 _INNER = 3
 """Steps of conjugate gradients."""
-_MODES = 3
-"""Slow cosines along each side that are solved for exactly."""
 _TINY = 1e-300
 _PIXELS = 20_000
 """That are in float64 at a time."""
@@ -25,8 +24,8 @@ class LinearStep:
 
     .. math:: (A^*A + μ_2 Ψ^*Ψ + μ_3)\, v = A^*b + t, \qquad A = VCM,
 
-    with V the valid pixels. The matrix is not diagonal in the Fourier domain. A few steps of
-    conjugate gradients are preconditioned by its circulant mean
+    with V what counts of an image (`Problem.counted`). The matrix is not diagonal in the Fourier
+    domain. A few steps of conjugate gradients are preconditioned by its circulant mean
     :math:`ρ\,|H|^2 / \overline{|H|^2} + μ_2|D|^2 + μ_3`, where ρ is the fraction of the energy of
     white noise that A keeps, and an exact solution for the slowest cosines, deflated (A-DEF2 of
     `tang2009`): the eigenvalue of the scene's mean is ten thousand times that of the others.
@@ -48,7 +47,7 @@ class LinearStep:
         self._first = first_in_frame(problem)
         self._varied = varied
         self.v = scene
-        self.residual = problem.data
+        self.residual = problem.counted(problem.data)
         self._circulant = _Circulant(problem)
         self._cosines = _Cosines(problem, varied=varied)
 
@@ -152,8 +151,8 @@ class LinearStep:
         return part
 
     def _image(self, scene: Tensor) -> Tensor:
-        """A v: what the valid pixels see of a scene."""
-        return self._problem.forward(scene).mul_(self._problem.valid)
+        """A v: what counts of a scene's image."""
+        return self._problem.counted(self._problem.forward(scene))
 
 
 def first_in_frame(problem: Problem) -> tuple[int, int]:
@@ -211,20 +210,18 @@ def _fraction_on_sensor(problem: Problem) -> Tensor:
     generator = torch.Generator().manual_seed(0)
     signs = torch.randint(0, 2, problem.scene_shape, generator=generator) * 2.0 - 1
     noise = (signs - signs.mean()).to(problem.data)
-    image = problem.forward(noise) * problem.valid
+    image = problem.counted(problem.forward(noise))
     return (dot(image, image) / dot(noise, noise)).to(noise)
 
 
 class _Cosines:
-    """Slow cosines of the scene, products of `_MODES` along each side, and what A makes of them."""
+    """Slow cosines of the scene, products along both sides, and what A makes of them."""
 
     def __init__(self, problem: Problem, *, varied: bool) -> None:
         height, width = problem.scene_shape[1:]
         self._rows, self._columns = (
             slow_cosines(each).to(problem.data) for each in (height, width)
         )
-        modes = (row[:, None] * column for row in self._rows for column in self._columns)
-        self._images = torch.cat([problem.forward(each[None]) for each in modes])
         self.measure(problem)
         self._gram_varied = torch.zeros_like(self._gram)
         if varied:
@@ -236,9 +233,10 @@ class _Cosines:
             self._gram_varied = torch.kron(rows[1], columns[0]) + torch.kron(rows[0], columns[1])
 
     def measure(self, problem: Problem) -> None:
-        """See them by the valid pixels of a measurement."""
-        self._valid = problem.valid
-        self._gram = gram(self._images.flatten(1), self._valid.flatten())
+        """See them by what counts of a measurement."""
+        modes = (row[:, None] * column for row in self._rows for column in self._columns)
+        self._images = torch.cat([problem.counted(problem.forward(each[None])) for each in modes])
+        self._gram = gram(self._images.flatten(1))
 
     def matrix(self, penalties: Penalties) -> "_Coarse":
         """The matrix in the space of the cosines."""
@@ -253,7 +251,7 @@ class _Cosines:
         return (self._rows @ scene @ self._columns.T).flatten()
 
     def along_image(self, image: Tensor) -> Tensor:
-        """Inner products of an image on the valid pixels with what A makes of the cosines."""
+        """Inner products of what counts of an image with what A makes of the cosines."""
         return self._images.flatten(1) @ image.flatten()
 
     def sum(self, amounts: Tensor) -> Tensor:
@@ -262,8 +260,8 @@ class _Cosines:
 
     def image(self, amounts: Tensor) -> Tensor:
         """What the sensor sees of that."""
-        image: Tensor = (amounts @ self._images.flatten(1)).view_as(self._valid)
-        return image.mul_(self._valid)
+        image: Tensor = (amounts @ self._images.flatten(1)).view_as(self._images[:1])
+        return image
 
 
 @dataclass(frozen=True)
@@ -276,15 +274,6 @@ class _Coarse:
         """Amounts of the cosines whose products with the matrix these are."""
         solution: Tensor = torch.cholesky_solve(amounts.double()[:, None], self.factor)
         return solution[:, 0].to(amounts)
-
-
-def slow_cosines(count: int) -> Tensor:
-    """Cosines of 0, 1, … half waves along `count` pixels, of unit norm."""
-    place = (torch.arange(count, dtype=torch.float64) + 0.5) / count
-    modes = torch.arange(min(_MODES, count), dtype=torch.float64)
-    waves = torch.cos(math.pi * modes[:, None] * place)
-    unit: Tensor = waves / torch.linalg.vector_norm(waves, dim=1, keepdim=True)
-    return unit
 
 
 def steps_along(waves: Tensor, beyond: int) -> Tensor:

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -10,7 +11,7 @@ from torch import Tensor
 from nolens.camera import FieldPsf
 from nolens.camera.values import all_finite
 from nolens.errors import DataError, OptionError
-from nolens.operators import CroppedConvolution, FieldConvolution, Geometry
+from nolens.operators import CroppedConvolution, FieldConvolution, Geometry, SlowLightRemoval
 from nolens.solvers.data_terms import Gaussian
 from nolens.solvers.functionals import (
     L1,
@@ -82,6 +83,10 @@ class Problem:
     psf_norm: Tensor = field(repr=False)
     tau_unit: float = 1.0
     """`tau` of a weight of 1 that means the same at any binning, support and number of channels."""
+    slow_light: bool = True
+    """Whether the slowest parts of the light on the sensor count. Without them (`SlowLightRemoval`)
+    b and CMv are those less these parts; ADMM takes that where the measurement is in its linear
+    step, and other splittings count all."""
 
     @classmethod
     def build(
@@ -299,9 +304,23 @@ class Problem:
         """Half spectrum of a channel's PSF; a single PSF serves all channels."""
         return self.forward.transfer[channel % self.forward.channels]
 
+    def counted(self, image: Tensor) -> Tensor:
+        """What counts of an image on the sensor: valid pixels, and no slow light where it does not.
+
+        Parameters
+        ----------
+        image
+            (channels, height, width).
+        """
+        return torch.where(self.valid, image, 0) if self.slow_light else self._removal(image)
+
+    @cached_property
+    def _removal(self) -> SlowLightRemoval:
+        return SlowLightRemoval(self.valid)
+
     def residual(self, scene: Tensor) -> Tensor:
-        """B − CMv on the valid pixels, zero on others; normalised."""
-        return torch.where(self.valid, self.data - self.forward(scene), 0)
+        """What counts of b − CMv, zero on pixels that are not valid; normalised."""
+        return self.counted(self.data - self.forward(scene))
 
     def objective(self, scene: Tensor, residual: Tensor | None = None) -> float:
         """Value of the objective, mean over channels, of a scene in normalised units.
@@ -352,7 +371,8 @@ class Problem:
     @property
     def functionals(self) -> list[Functional]:
         """The objective's, of all channels together, for the solvers of any."""
-        data = Gaussian(self.data, valid=self.valid) @ self.forward
+        forward = self.forward if self.slow_light else self._removal @ self.forward
+        data = Gaussian(self.counted(self.data), valid=self.valid) @ forward
         prior = self.regularising
         weighed = [] if prior is None or self.tau == 0 else [self.tau * prior]
         return [data, *weighed, NonNegative()]
@@ -372,8 +392,9 @@ class Problem:
         scene
             `(channels, height, width)` in normalised units, non-negative.
         """
-        fit = torch.where(self.valid, self.data - self.residual(scene), 0).double()
-        overlap, power = (fit * self.data).sum(dim=(-2, -1)), fit.square().sum(dim=(-2, -1))
+        data = self.counted(self.data)
+        fit = (data - self.residual(scene)).double()
+        overlap, power = (fit * data).sum(dim=(-2, -1)), fit.square().sum(dim=(-2, -1))
         if self.prior is Prior.COLOUR_TV:
             prior = self.tau * self.regulariser(scene)
             overlap, power = overlap.sum(dim=0, keepdim=True), power.sum(dim=0, keepdim=True)
@@ -382,7 +403,7 @@ class Problem:
         factor = ((overlap - prior) / power.clamp_min(1e-300))[:, None, None]
         if not bool((factor > 0).all()):
             factor = torch.ones_like(factor)
-        left = torch.where(self.valid, self.data - factor * fit, 0)
+        left = data - factor * fit
         scene = factor.to(scene.dtype) * scene
         return scene, self.objective(scene, left)
 

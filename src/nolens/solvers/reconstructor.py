@@ -108,7 +108,9 @@ class Reconstructor:
     r"""Minimises ½‖b − CMv‖² + τ R(v) over v ≥ 0 for measurements b of one camera.
 
     Equation 7 of `uvimprint`, by any of the solvers. The PSF and what is assumed of the scene stay;
-    measurements change.
+    measurements change. Where one PSF stands for the whole field and the scene fills the view, b
+    and CMv are those without the slowest parts of the light (`SlowLightRemoval`), if the solver
+    has the measurement in its linear step: that light is where the model errs most.
 
     Parameters
     ----------
@@ -363,7 +365,7 @@ class Reconstructor:
             planes = torch.stack([_means(each, by) for each in field_psf.values])
             field_psf = FieldPsf(planes, field_psf.places / by)
         alike = replace(self, psf=psf, support=support, tau=0.0, field_psf=field_psf)
-        return alike.problem(data, mask).by_channel
+        return replace(alike.problem(data, mask).by_channel, slow_light=True)
 
     def predict(
         self, measured: Measurement | Plane, valid: Plane | None = None
@@ -428,7 +430,17 @@ class Reconstructor:
         )
         if wiener_filter:
             problem = replace(problem, tau_unit=problem.tau_unit**2)
-        return problem.weighted(weight_of(weight))
+        problem = problem.weighted(weight_of(weight))
+        return replace(problem, slow_light=not self._leaves_slow_light_out(problem))
+
+    def _leaves_slow_light_out(self, problem: Problem) -> bool:
+        """Whether the slowest parts of the light do not count: one PSF, and a scene that fills the
+        view, with the measurement in the linear step (decision 25).
+        """
+        if self.method is Method.WIENER or self.field_psf is not None:
+            return False
+        fitted = self.network is not None or self.limits.low_frequency or problem.in_linear_step
+        return fitted and min(problem.uniform_levels()) > 0
 
     def solve(
         self,
@@ -511,7 +523,9 @@ class Reconstructor:
         """A problem of this camera on 2×2 pixels."""
         measured = problem.data * problem.scale * problem.psf_norm
         coarse = self.coarse_problem(measured, problem.valid, _COARSE)
-        return Coarse(coarse.weighted(problem.weight), _COARSE)
+        return Coarse(
+            replace(coarse.weighted(problem.weight), slow_light=problem.slow_light), _COARSE
+        )
 
     def _minimum(
         self, problem: Problem, state: AdmmState | None, callback: Callback | None

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from nolens.errors import DataError
 from nolens.kernels import irfft2, irfft2_window_, rfft2_window
-from nolens.operators import CroppedConvolution, StackConvolution, StackDifference
+from nolens.operators import CroppedConvolution, StackConvolution, StackDifference, slow_cosines
 from nolens.solvers.data_terms import Gaussian, Poisson
 from nolens.solvers.functionals import L1, Functional, GroupSparsity, NonNegative, OpponentL1
 from nolens.solvers.held_out import (
@@ -21,7 +21,7 @@ from nolens.solvers.held_out import (
     search_weight,
     weight_of_errors,
 )
-from nolens.solvers.linear_step import gram, slow_cosines, steps_along
+from nolens.solvers.linear_step import gram, steps_along
 from nolens.solvers.result import Callback, Progress, Result
 from nolens.solvers.split_admm import split_admm
 
