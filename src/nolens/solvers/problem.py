@@ -11,7 +11,13 @@ from torch import Tensor
 from nolens.camera import FieldPsf
 from nolens.camera.values import all_finite
 from nolens.errors import DataError, OptionError
-from nolens.operators import CroppedConvolution, FieldConvolution, Geometry, SlowLightRemoval
+from nolens.operators import (
+    CroppedConvolution,
+    FieldConvolution,
+    Geometry,
+    LinearOperator,
+    SlowLightRemoval,
+)
 from nolens.solvers.data_terms import Gaussian
 from nolens.solvers.functionals import (
     L1,
@@ -314,6 +320,11 @@ class Problem:
         """
         return torch.where(self.valid, image, 0) if self.slow_light else self._removal(image)
 
+    @property
+    def counted_forward(self) -> LinearOperator:
+        """What counts of CMv, as an operator."""
+        return self.forward if self.slow_light else self._removal @ self.forward
+
     @cached_property
     def _removal(self) -> SlowLightRemoval:
         return SlowLightRemoval(self.valid)
@@ -371,8 +382,7 @@ class Problem:
     @property
     def functionals(self) -> list[Functional]:
         """The objective's, of all channels together, for the solvers of any."""
-        forward = self.forward if self.slow_light else self._removal @ self.forward
-        data = Gaussian(self.counted(self.data), valid=self.valid) @ forward
+        data = Gaussian(self.counted(self.data), valid=self.valid) @ self.counted_forward
         prior = self.regularising
         weighed = [] if prior is None or self.tau == 0 else [self.tau * prior]
         return [data, *weighed, NonNegative()]

@@ -120,7 +120,8 @@ def solve_with(
     # All of it times a mean variance: without noise its inverse would be beyond float32.
     noise = channel_noise(problem)[:, None, None].square()
     variance = float(noise.mean())
-    data = Gaussian(problem.data, weights=variance / noise, valid=problem.valid)
+    measured = problem.counted(problem.data)
+    data = Gaussian(measured, weights=variance / noise, valid=problem.valid)
 
     def later(row: Row) -> Row:
         """A row of the run, counted on from the first result's."""
@@ -140,7 +141,7 @@ def solve_with(
         )
 
     result = split_admm(
-        data @ (problem.forward @ units),
+        data @ (problem.counted_forward @ units),
         variance * functional,
         NonNegative(),
         start=start,
