@@ -20,8 +20,8 @@ class SlowLightRemoval(LinearOperator):
 
     where the columns of C are products of `slow_cosines` along both sides, each without its mean
     over the valid pixels. A model's errors are there: the sensor gets less light from the side,
-    and a little less on one edge than on the other, which one PSF does not know. Little that these
-    parts could tell of a scene is not in the detail, too; what they tell of its mean is.
+    and a little less on one edge than on the other, which one PSF does not know. The slow part of a
+    scene can be told from the detail of the light as well, but hardly its mean.
 
     Parameters
     ----------
