@@ -48,6 +48,7 @@ def test_slow_light_counts_but_where_one_psf_explains_a_full_view() -> None:
     assert not counts(full, prior="denoiser", stop=stop_of(Method.ADMM, low_frequency=False))
     assert counts(dark)
     assert counts(full, method=Method.WIENER)
+    assert counts(full, method=Method.FISTA, stop=stop_of(Method.ADMM))
     assert counts(full, stop=stop_of(Method.ADMM, low_frequency=False))
     there = FieldPsf(psf[None].repeat(2, 1, 1, 1), torch.tensor([[0.0, -9.0], [0.0, 9.0]]))
     assert counts(full, field_psf=there)

@@ -439,7 +439,8 @@ class Reconstructor:
         """
         if self.method is Method.WIENER or self.field_psf is not None:
             return False
-        fitted = self.network is not None or self.limits.low_frequency or problem.in_linear_step
+        stays = self.limits.low_frequency or problem.in_linear_step
+        fitted = self.network is not None or (self.method is Method.ADMM and stays)
         return fitted and min(problem.uniform_levels()) > 0
 
     def solve(
