@@ -10,11 +10,14 @@ from nolens.camera import FieldPsf, Frame, Measurement, develop
 from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.solvers import (
     STOPS,
+    AdmmState,
     Development,
     Method,
     Problem,
+    Progress,
     Quality,
     Reconstructor,
+    Result,
     admm,
     fista,
     stop_of,
@@ -127,3 +130,62 @@ def test_pixels_no_finer_than_the_psf_carries() -> None:
     assert fine.development is wide and "--bin" in fine.notes[0]
     sharp = Development(frame(spots(160, 160))).fitted(seen, 4, coarsen=True)
     assert sharp.development.bin_by == 1 and sharp.notes == ()
+
+
+@pytest.fixture
+def large(monkeypatch: pytest.MonkeyPatch) -> tuple[Reconstructor, Problem]:
+    """A scene that fills the view, of as many pixels as photos start coarse from."""
+    rows, columns = torch.meshgrid(torch.arange(48.0), torch.arange(60.0), indexing="ij")
+    scene = 1 + 0.5 * torch.sin(rows / 5) * torch.cos(columns / 7) + ((columns - 30).abs() < 9)
+    sensor, support = (96, 112), PixelRectangle.centred(48, 60, (96, 112))
+    psf = spots(143, 171, blur=1)
+    data = CroppedConvolution(psf, sensor, support)(scene[None])
+    solver = Reconstructor(psf, support, 1e-3)
+    problem = solver.problem(data + 1e-3 * data.mean() * torch.randn_like(data))
+    monkeypatch.setattr("nolens.solvers.reconstructor._PHOTO_FROM", problem.padded_pixels)
+    return solver, problem
+
+
+def test_a_large_photo_starts_from_larger_pixels(
+    large: tuple[Reconstructor, Problem], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With few steps on its own pixels it comes near the minimum, which larger ones do not."""
+    solver, problem = large
+    exact = replace(solver, stop=STOPS[Quality.EXACT]).solve(problem)
+    runs: list[tuple[int, Result]] = []
+
+    def run(pixels: Problem, **options: Any) -> Result:
+        runs.append((pixels.padded_pixels, admm(pixels, **options)))
+        return runs[-1][1]
+
+    monkeypatch.setattr("nolens.solvers.reconstructor.admm", run)
+    photo = solver.solve(problem)
+    (larger, first), (own, last) = runs
+    assert larger < own / 3 and own == problem.padded_pixels
+    assert photo.stop_reason == "converged" and photo.iterations == last.iterations
+    assert 0 < last.iterations - first.iterations <= 8
+    assert photo.history == [*first.history, *last.history]
+    steps = [row["iteration"] for row in photo.history]
+    assert steps == sorted(set(steps))
+    doubled = first.scene[:, 1:-1, 1:-1].repeat_interleave(2, 1).repeat_interleave(2, 2) / 4
+    before, after = (
+        float((each - exact.scene).norm() / exact.scene.norm()) for each in (doubled, photo.scene)
+    )
+    assert after < 0.05 < before and photo.objective < 1.05 * exact.objective
+
+
+def test_a_large_photo_can_be_stopped_on_larger_pixels(
+    large: tuple[Reconstructor, Problem],
+) -> None:
+    """The picture so far is on its own pixels, and a state saved then is that of a cold start."""
+    solver, problem = large
+    state, shapes = AdmmState.cold(problem), []
+
+    def stop(progress: Progress) -> bool:
+        shapes.append(progress.scene().shape)
+        return True
+
+    result = solver.solve(problem, state=state, callback=stop)
+    assert result.stop_reason == "callback" and state.iteration == 0
+    assert shapes == [problem.scene_shape] == [tuple(result.photograph.shape)]
+    assert torch.equal(solver.solve(problem, state=state).scene, solver.solve(problem).scene)

@@ -156,6 +156,17 @@ class AdmmState:
             splits.append(_split(problem, channel, measured, scene))
         return cls(splits, _of_splits(penalties, splits), [], fills_view=min(levels) > 0)
 
+    def move(self, problem: Problem, scene: Tensor) -> None:
+        """Start from another scene of the same problem, as `at` does.
+
+        Parameters
+        ----------
+        problem, scene
+            As `at` takes them.
+        """
+        self.splits = []  # Two of them at once would be half as much memory again.
+        self.splits = AdmmState.at(problem, scene, self.penalties).splits
+
     def restart(self, penalties: Penalties) -> None:
         """Start with other penalties; the multipliers are still zero."""
         self.penalties = _of_splits(penalties, self.splits)

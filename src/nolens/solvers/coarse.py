@@ -1,6 +1,6 @@
 """A problem on pixels that are means over some: quick to solve, and to start from."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 import torch.nn.functional as nnf
@@ -9,6 +9,7 @@ from torch import Tensor
 from nolens.operators import Geometry
 from nolens.solvers.held_out import channel_noise
 from nolens.solvers.problem import Problem
+from nolens.solvers.result import Result
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,16 @@ class Coarse:
             radiance, grid[None], mode="bilinear", padding_mode="border", align_corners=False
         )
         return finer[0]
+
+    def finer_result(self, result: Result, problem: Problem) -> Result:
+        """A result of this problem on the pixels of the original one.
+
+        Parameters
+        ----------
+        result, problem
+            As `finer` takes scene and problem.
+        """
+        return replace(result, scene=self.finer(result.scene, problem), frame=problem.frame)
 
     def _places(self, here: Geometry, there: Geometry, axis: int) -> Tensor:
         """Where pixels of the finer scene lie, from −1 to 1 across this one's."""

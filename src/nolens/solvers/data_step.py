@@ -20,17 +20,33 @@ _START_SCENE = 0.02
 _START_VARIATION = 5.0
 """Penalties to start with: that of the scene, and that of its variation over τ and the scene's
 level. Small ones let the scene follow the data at once, of whatever sign it becomes."""
+_REFINING = 4.0
+"""Times as large as those of a cold start are they where the scene comes from larger pixels."""
 _START_DARK, _FOLLOWING_DARK = 0.05, 0.3
 """Those of a scene that does not fill the view, of a cold start and of a frame that follows: with a
 small one, what the sensor hardly sees of it goes astray for tens of frames."""
 
 
-def data_step_start(problem: Problem, state: AdmmState, *, follows: bool = False) -> Penalties:
-    """Penalties of a cold start, or where the scene follows from another frame's.
+def data_step_start(
+    problem: Problem, state: AdmmState, *, follows: bool = False, refines: bool = False
+) -> Penalties:
+    """Penalties of a cold start, or where the scene comes from elsewhere.
 
     Its level is its mean where it fills the view; in the dark it is the root mean square of
     a scene that A passes on as it is, 1/√N for N pixels.
+
+    Parameters
+    ----------
+    problem, state
+        To start.
+    follows
+        Whether the scene is another frame's.
+    refines
+        Whether it is this measurement's on larger pixels, and fills the view.
     """
+    if refines:
+        first, second, third = data_step_start(problem, state)
+        return first, _REFINING * second, _REFINING * third
     if state.fills_view:
         level, scene = float(state.scene().mean()), _START_SCENE
     else:

@@ -15,6 +15,7 @@ from nolens.operators import TRANSFER_BYTES, Geometry, PixelRectangle, mean_psf
 from nolens.solvers.admm import admm, admm_bytes
 from nolens.solvers.admm_state import AdmmState, Balance, Penalties
 from nolens.solvers.coarse import Coarse
+from nolens.solvers.data_step import data_step_start
 from nolens.solvers.fista import fista, fista_bytes
 from nolens.solvers.held_out import (
     COARSEN_FROM,
@@ -57,7 +58,11 @@ assumed of a scene finds edges between what the PSF carries; Wiener's filter doe
 _JUDGED_PIXELS = 40_000
 """Sensor pixels at most with which a PSF is judged."""
 _COARSE = 2
-"""Pixels along each that become one where a network's first photograph is taken."""
+"""Pixels along each that become one where a photograph starts from one on larger pixels."""
+_PHOTO_FROM = 3_000_000
+"""`Problem.padded_pixels` from which on a photograph by total variation does."""
+_ROUGH, _REFINED = 1.5, 2.0
+"""What a photo's tolerance is multiplied by on larger pixels, and on its own after those."""
 _FIELD_BYTES = 10
 """Of a field point, per pixel of the padded shape: its PSF and its transfer."""
 _OWN_PRIOR_BYTES = 170
@@ -355,17 +360,30 @@ class Reconstructor:
         NolensError
             As `Problem.build`.
         """
-        psf, data, mask = self._binned(measured, valid, by)
-        sensor = channels_of(_parts(measured, valid)[0], "measurement").shape[-2:]
-        support = support_of(self.support, (sensor[0], sensor[1]))
+        _, data, mask = self._binned(measured, valid, by)
+        height, width = channels_of(_parts(measured, valid)[0], "measurement").shape[-2:]
+        alike = replace(self.coarser((height, width), by), tau=0.0)
+        return replace(alike.problem(data, mask).by_channel, slow_light=True)
+
+    def coarser(self, sensor: tuple[int, int], by: int) -> "Reconstructor":
+        """The same for measurements on pixels that are means over by×by.
+
+        Parameters
+        ----------
+        sensor
+            (height, width) of a measurement before.
+        by
+            Pixels along each that become one.
+        """
+        support = support_of(self.support, sensor)
         if support is not None and by > 1:
             support = support.coarser(by)
         field_psf = self.field_psf
         if field_psf is not None:
             planes = torch.stack([_means(each, by) for each in field_psf.values])
             field_psf = FieldPsf(planes, field_psf.places / by)
-        alike = replace(self, psf=psf, support=support, tau=0.0, field_psf=field_psf)
-        return replace(alike.problem(data, mask).by_channel, slow_light=True)
+        psf = _means(channels_of(self.psf, "PSF"), by)
+        return replace(self, psf=psf, support=support, field_psf=field_psf)
 
     def predict(
         self, measured: Measurement | Plane, valid: Plane | None = None
@@ -506,27 +524,33 @@ class Reconstructor:
                 return first
             return network.solve(problem, first, callback)
         coarse = self._coarse(problem)
-
-        def finer(scene: Tensor) -> Tensor:
-            return coarse.finer(coarse.problem.unscale(scene), problem) / problem.scale
-
-        def seen(progress: Progress) -> bool | None:
-            assert callback is not None
-            return callback(replace(progress, scene=lambda: finer(progress.scene())))
-
-        first = self._minimum(coarse.problem, None, None if callback is None else seen)
+        first = self._coarse_photograph(coarse, problem, self.limits, callback)
         if first.stop_reason == "callback":
-            scene = coarse.finer(first.scene, problem)
-            return replace(first, scene=scene, frame=problem.frame)
+            return coarse.finer_result(first, problem)
         return network.solve(problem, first, callback, coarse)
 
     def _coarse(self, problem: Problem) -> Coarse:
         """A problem of this camera on 2×2 pixels."""
         measured = problem.data * problem.scale * problem.psf_norm
-        coarse = self.coarse_problem(measured, problem.valid, _COARSE)
-        return Coarse(
-            replace(coarse.weighted(problem.weight), slow_light=problem.slow_light), _COARSE
-        )
+        coarse = self.coarse_problem(measured, problem.valid, _COARSE).weighted(problem.weight)
+        return Coarse(replace(coarse, prior=problem.prior, slow_light=problem.slow_light), _COARSE)
+
+    def _coarse_photograph(
+        self, coarse: Coarse, problem: Problem, stop: Stop, callback: Callback | None
+    ) -> Result:
+        """A photograph on larger pixels; the callback sees it on the problem's."""
+
+        def seen(progress: Progress) -> bool | None:
+            assert callback is not None
+
+            def scene() -> Tensor:
+                scene = coarse.problem.unscale(progress.scene())
+                return coarse.finer(scene, problem) / problem.scale
+
+            return callback(replace(progress, scene=scene))
+
+        smaller = replace(self.coarser(problem.forward.sensor, coarse.by), stop=stop)
+        return smaller._minimum(coarse.problem, None, None if callback is None else seen)
 
     def _minimum(
         self, problem: Problem, state: AdmmState | None, callback: Callback | None
@@ -537,6 +561,37 @@ class Reconstructor:
             return fista(
                 problem, iterations=stop.iterations, tolerance=stop.tolerance, callback=callback
             )
+        if self._photo_starts_coarse(problem) and (state is None or state.iteration == 0):
+            state = AdmmState.cold(problem) if state is None else state
+            if state.fills_view:
+                return self._from_coarse(problem, state, callback)
+        return self._admm(problem, state, callback)
+
+    def _photo_starts_coarse(self, problem: Problem) -> bool:
+        """Whether a photo by ADMM starts from one on larger pixels, where the scene fills the view:
+        of many pixels, and with nothing stated of how it goes.
+        """
+        limits, photo = self.limits, STOPS[Quality.PHOTO]
+        usual = limits == replace(photo, scene_tolerance=max(limits.scene_tolerance, 1e-9))
+        stated = self.penalties is not None or self.balance is None
+        return usual and not stated and problem.padded_pixels >= _PHOTO_FROM
+
+    def _from_coarse(self, problem: Problem, state: AdmmState, callback: Callback | None) -> Result:
+        """A photo that starts from one on larger pixels (decision 26)."""
+        coarse, tolerance = self._coarse(problem), self.limits.scene_tolerance
+        rough = replace(self.limits, scene_tolerance=_ROUGH * tolerance)
+        first = self._coarse_photograph(coarse, problem, rough, callback)
+        if first.stop_reason == "callback":
+            return coarse.finer_result(first, problem)
+        state.move(problem, coarse.finer(first.scene, problem) / problem.scale)
+        state.restart(data_step_start(problem, state, refines=True))
+        state.iteration = first.iterations
+        refined = replace(self.limits, scene_tolerance=_REFINED * tolerance)
+        result = replace(self, stop=refined)._admm(problem, state, callback)
+        return replace(result, history=[*first.history, *result.history])
+
+    def _admm(self, problem: Problem, state: AdmmState | None, callback: Callback | None) -> Result:
+        stop = self.limits
         return admm(
             problem,
             iterations=stop.iterations,
