@@ -27,7 +27,10 @@ STRENGTH = 0.7
 _STRENGTHS = tuple((2 / 3) ** step for step in range(5))
 """That are tried, until one predicts held-out pixels worse than the one before."""
 MANY_PIXELS = 5_000_000
-"""`Problem.padded_pixels` beyond which turns take minutes, and trials longer still."""
+"""`Problem.padded_pixels` beyond which no strengths are tried, and, after turns on larger pixels,
+only every second turn is taken."""
+MINUTES_PIXELS = 20_000_000
+"""Those beyond which turns take minutes."""
 _TRIAL_TURNS = 6
 """Of each: too weak a prior lets noise in when the spreads have fallen, and not before."""
 _WHITE = 0.995
@@ -267,6 +270,7 @@ class PlugAndPlay:
             If a picture is NaN or infinite.
         """
         scene, pixels, done = first.scene, problem, first.iterations
+        work = problem.padded_pixels * problem.forward.field_points
 
         def latest() -> Tensor:
             """On the problem's pixels, normalised."""
@@ -274,9 +278,11 @@ class PlugAndPlay:
                 return scene / problem.scale
             return coarse.finer(scene, problem) / problem.scale
 
-        def run(of: Problem, start: Tensor, turns: Iterable[Turn]) -> Iterator[Progress]:
+        def run(
+            of: Problem, start: Tensor, turns: Iterable[Turn], count: int = len(self.spreads)
+        ) -> Iterator[Progress]:
             nonlocal scene, pixels, done
-            scene, pixels, end = start, of, done + len(self.spreads)
+            scene, pixels, end = start, of, done + count
             for turn in turns:
                 before, scene, done = scene, turn.scene, done + 1
                 change = _relative(scene - before, scene)
@@ -301,13 +307,14 @@ class PlugAndPlay:
             fit = Fit(problem, photograph, noise)
             if self.white:
                 strength = yield from trials(photograph, fit)
-            turns = self.turns(problem, photograph, strength / self.detail, fit)
-            yield from run(problem, photograph, turns)
+            few = self.white and coarse is not None and work > MANY_PIXELS
+            last = replace(self, spreads=self.spreads[1::2]) if few else self
+            turns = last.turns(problem, photograph, strength / self.detail, fit)
+            yield from run(problem, photograph, turns, len(last.spreads))
 
         def trials(photograph: Tensor, fit: Fit) -> Generator[Progress, None, float]:
             """The strength that predicts left-out pixels best."""
             blocks = held_out_blocks(problem.valid)
-            work = problem.padded_pixels * problem.forward.field_points
             if blocks is None or work > MANY_PIXELS:
                 return STRENGTH
             held = pixels_of(blocks, problem.forward.sensor).to(problem.data.device)

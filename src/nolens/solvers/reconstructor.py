@@ -34,7 +34,7 @@ from nolens.solvers.inputs import (
     tensor_of,
     weight_of,
 )
-from nolens.solvers.plug_and_play import MANY_PIXELS, PlugAndPlay, plug_and_play_bytes
+from nolens.solvers.plug_and_play import MINUTES_PIXELS, PlugAndPlay, plug_and_play_bytes
 from nolens.solvers.problem import BASIS_ERROR, Prior, Problem
 from nolens.solvers.result import STOPS, Callback, Progress, Quality, Result, Stop
 from nolens.solvers.ridge import RidgePrior
@@ -504,7 +504,7 @@ class Reconstructor:
         channels, sensor
             As `working_bytes` takes them.
         """
-        return self.network is not None and self._padded_pixels(channels, sensor) > MANY_PIXELS
+        return self.network is not None and self._padded_pixels(channels, sensor) > MINUTES_PIXELS
 
     def starts_coarse(self, problem: Problem) -> bool:
         """Whether it starts from a photograph on larger pixels: with a network, of many pixels."""
@@ -561,34 +561,37 @@ class Reconstructor:
             return fista(
                 problem, iterations=stop.iterations, tolerance=stop.tolerance, callback=callback
             )
-        if self._photo_starts_coarse(problem) and (state is None or state.iteration == 0):
-            state = AdmmState.cold(problem) if state is None else state
-            if state.fills_view:
-                return self._from_coarse(problem, state, callback)
+        if self._photo_starts_coarse(problem):
+            return self._from_coarse(problem, state or AdmmState.cold(problem), callback)
         return self._admm(problem, state, callback)
 
     def _photo_starts_coarse(self, problem: Problem) -> bool:
-        """Whether a photo by ADMM starts from one on larger pixels, where the scene fills the view:
-        of many pixels, and with nothing stated of how it goes.
+        """Whether a photo by ADMM starts from one on larger pixels: of many pixels, where the scene
+        fills the view and one PSF stands for all, and with nothing stated of how it goes.
         """
         limits, photo = self.limits, STOPS[Quality.PHOTO]
-        usual = limits == replace(photo, scene_tolerance=max(limits.scene_tolerance, 1e-9))
+        usual = limits.scene_tolerance > 0 and limits == replace(
+            photo, scene_tolerance=limits.scene_tolerance
+        )
         stated = self.penalties is not None or self.balance is None
-        return usual and not stated and problem.padded_pixels >= _PHOTO_FROM
+        large = problem.padded_pixels >= _PHOTO_FROM
+        return large and usual and not stated and not problem.slow_light
 
     def _from_coarse(self, problem: Problem, state: AdmmState, callback: Callback | None) -> Result:
-        """A photo that starts from one on larger pixels (decision 26)."""
-        coarse, tolerance = self._coarse(problem), self.limits.scene_tolerance
-        rough = replace(self.limits, scene_tolerance=_ROUGH * tolerance)
-        first = self._coarse_photograph(coarse, problem, rough, callback)
-        if first.stop_reason == "callback":
-            return coarse.finer_result(first, problem)
-        state.move(problem, coarse.finer(first.scene, problem) / problem.scale)
-        state.restart(data_step_start(problem, state, refines=True))
-        state.iteration = first.iterations
+        """A photo that starts from one on larger pixels, or goes on after that (decision 26)."""
+        tolerance, before = self.limits.scene_tolerance, list[dict[str, float]]()
+        if state.iteration == 0:
+            coarse = self._coarse(problem)
+            rough = replace(self.limits, scene_tolerance=_ROUGH * tolerance)
+            first = self._coarse_photograph(coarse, problem, rough, callback)
+            if first.stop_reason == "callback":
+                return coarse.finer_result(first, problem)
+            state.move(problem, coarse.finer(first.scene, problem) / problem.scale)
+            state.restart(data_step_start(problem, state, refines=True))
+            state.iteration, before = first.iterations, first.history
         refined = replace(self.limits, scene_tolerance=_REFINED * tolerance)
         result = replace(self, stop=refined)._admm(problem, state, callback)
-        return replace(result, history=[*first.history, *result.history])
+        return replace(result, history=[*before, *result.history])
 
     def _admm(self, problem: Problem, state: AdmmState | None, callback: Callback | None) -> Result:
         stop = self.limits
