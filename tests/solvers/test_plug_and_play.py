@@ -149,6 +149,21 @@ def test_a_coarse_start_lies_where_the_scene_does(
         assert float((light * places).sum() / light.sum()) == pytest.approx(middle, abs=0.3)
 
 
+def test_of_many_pixels_every_second_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On 2×2 pixels and on the measurement's own; the last one is among them."""
+    monkeypatch.setattr("nolens.solvers.reconstructor.COARSEN_FROM", 0)
+    posed = pose(Case(sensor=(60, 64), psf=(60, 64), channels=3, view=True))
+    prior = PlugAndPlay(identity(), (0.5, 0.4, 0.3, 0.2, 0.1), white=True)
+    solver = Reconstructor(torch.from_numpy(posed.psf).float(), (32, 36), tau=1e-5, prior=prior)
+    problem = solver.problem(torch.from_numpy(posed.data).float())
+    for most in (0, 10**9):
+        monkeypatch.setattr("nolens.solvers.plug_and_play.MANY_PIXELS", most)
+        result = solver.solve(problem)
+        assert result.first is not None
+        turns = len(result.history) - len(result.first.history)
+        assert turns == 6 if most == 0 else turns > 10  # Trials of strengths are among them.
+
+
 def _minimiser(problem: Problem, fit: Fit, picture: Tensor, spread: float) -> Tensor:
     """Of ½‖(b − Av)/σ‖² + ‖v − z‖²/2s², in units of the white."""
     noise = fit.noise.double()

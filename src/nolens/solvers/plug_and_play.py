@@ -27,8 +27,8 @@ STRENGTH = 0.7
 _STRENGTHS = tuple((2 / 3) ** step for step in range(5))
 """That are tried, until one predicts held-out pixels worse than the one before."""
 MANY_PIXELS = 5_000_000
-"""`Problem.padded_pixels` beyond which no strengths are tried, and, after turns on larger pixels,
-only every second turn is taken."""
+"""`Problem.padded_pixels` beyond which no strengths are tried, and only every second turn is taken,
+on larger pixels and on the problem's own (decision 26)."""
 MINUTES_PIXELS = 20_000_000
 """Those beyond which turns take minutes."""
 _TRIAL_TURNS = 6
@@ -42,6 +42,11 @@ _BYTES_PER_PIXEL = 120
 def plug_and_play_bytes(pixels: float, network: DenoisingNetwork) -> float:
     """Most memory that a run holds at once, for so many `Problem.padded_pixels`."""
     return pixels * _BYTES_PER_PIXEL + network.tile_bytes
+
+
+def is_large(problem: Problem) -> bool:
+    """Whether a problem has more than `MANY_PIXELS`."""
+    return problem.padded_pixels > MANY_PIXELS
 
 
 class _Near(torch.autograd.Function):
@@ -271,6 +276,8 @@ class PlugAndPlay:
         """
         scene, pixels, done = first.scene, problem, first.iterations
         work = problem.padded_pixels * problem.forward.field_points
+        few = self.white and coarse is not None and is_large(problem)
+        prior = replace(self, spreads=self.spreads[::-2][::-1]) if few else self
 
         def latest() -> Tensor:
             """On the problem's pixels, normalised."""
@@ -278,11 +285,9 @@ class PlugAndPlay:
                 return scene / problem.scale
             return coarse.finer(scene, problem) / problem.scale
 
-        def run(
-            of: Problem, start: Tensor, turns: Iterable[Turn], count: int = len(self.spreads)
-        ) -> Iterator[Progress]:
+        def run(of: Problem, start: Tensor, turns: Iterable[Turn]) -> Iterator[Progress]:
             nonlocal scene, pixels, done
-            scene, pixels, end = start, of, done + count
+            scene, pixels, end = start, of, done + len(prior.spreads)
             for turn in turns:
                 before, scene, done = scene, turn.scene, done + 1
                 change = _relative(scene - before, scene)
@@ -300,17 +305,15 @@ class PlugAndPlay:
         def checks() -> Iterator[Progress]:
             photograph, noise, strength = first.scene, None, STRENGTH
             if coarse is not None:
-                turns = self.turns(coarse.problem, photograph, strength / self.detail)
+                turns = prior.turns(coarse.problem, photograph, strength / self.detail)
                 yield from run(coarse.problem, photograph, turns)
                 noise = coarse.noise(photograph, problem)
                 photograph = latest() * problem.scale
             fit = Fit(problem, photograph, noise)
             if self.white:
                 strength = yield from trials(photograph, fit)
-            few = self.white and coarse is not None and work > MANY_PIXELS
-            last = replace(self, spreads=self.spreads[1::2]) if few else self
-            turns = last.turns(problem, photograph, strength / self.detail, fit)
-            yield from run(problem, photograph, turns, len(last.spreads))
+            turns = prior.turns(problem, photograph, strength / self.detail, fit)
+            yield from run(problem, photograph, turns)
 
         def trials(photograph: Tensor, fit: Fit) -> Generator[Progress, None, float]:
             """The strength that predicts left-out pixels best."""

@@ -34,7 +34,12 @@ from nolens.solvers.inputs import (
     tensor_of,
     weight_of,
 )
-from nolens.solvers.plug_and_play import MINUTES_PIXELS, PlugAndPlay, plug_and_play_bytes
+from nolens.solvers.plug_and_play import (
+    MINUTES_PIXELS,
+    PlugAndPlay,
+    is_large,
+    plug_and_play_bytes,
+)
 from nolens.solvers.problem import BASIS_ERROR, Prior, Problem
 from nolens.solvers.result import STOPS, Callback, Progress, Quality, Result, Stop
 from nolens.solvers.ridge import RidgePrior
@@ -63,6 +68,8 @@ _PHOTO_FROM = 3_000_000
 """`Problem.padded_pixels` from which on a photograph by total variation does."""
 _ROUGH, _REFINED = 1.5, 2.0
 """What a photo's tolerance is multiplied by on larger pixels, and on its own after those."""
+_BEFORE_TURNS = 3.0
+"""What it is multiplied by where turns of a network on larger pixels follow, of many."""
 _FIELD_BYTES = 10
 """Of a field point, per pixel of the padded shape: its PSF and its transfer."""
 _OWN_PRIOR_BYTES = 170
@@ -524,7 +531,9 @@ class Reconstructor:
                 return first
             return network.solve(problem, first, callback)
         coarse = self._coarse(problem)
-        first = self._coarse_photograph(coarse, problem, self.limits, callback)
+        tolerance = self.limits.scene_tolerance * (_BEFORE_TURNS if is_large(problem) else 1)
+        stop = replace(self.limits, scene_tolerance=tolerance)
+        first = self._coarse_photograph(coarse, problem, stop, callback)
         if first.stop_reason == "callback":
             return coarse.finer_result(first, problem)
         return network.solve(problem, first, callback, coarse)
