@@ -91,7 +91,8 @@ def test_many_pixels_are_by_total_variation(
     camera: Camera, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where the network would take minutes, and nobody asked for it; and that is said."""
-    monkeypatch.setattr("nolens.solvers.reconstructor.MINUTES_PIXELS", 100)
+    monkeypatch.setattr("nolens.solvers.plug_and_play.MANY_PIXELS", 100)
+    monkeypatch.setattr("nolens.solvers.plug_and_play.MINUTES_PIXELS", 100)
     asked = ("reconstruct", camera.raw, "--psf", camera.psf, "--support", SUPPORT)
     done = run(*asked, "-o", tmp_path / "o.png")
     assert done.code == 0 and "by total variation" in done.err and "--prior" not in done.err
@@ -115,7 +116,8 @@ def test_pictures_of_a_sweep_have_one_prior(
         return solve(self, *asked, **more)
 
     monkeypatch.setattr(Reconstructor, "solve", watched)
-    monkeypatch.setattr("nolens.solvers.reconstructor.MINUTES_PIXELS", 6000)
+    monkeypatch.setattr("nolens.solvers.plug_and_play.MANY_PIXELS", 6000)
+    monkeypatch.setattr("nolens.solvers.plug_and_play.MINUTES_PIXELS", 6000)
     asked = ("--psf", camera.psf, "--support", "full", "--sweep", "support")
     done = run("reconstruct", camera.raw, *asked, "-o", tmp_path / "o.png")
     assert done.code == 0, done.err

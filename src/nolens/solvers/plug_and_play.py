@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from nolens.operators import Geometry
 from nolens.solvers.admm_state import Penalties
 from nolens.solvers.coarse import Coarse, residual_size
 from nolens.solvers.denoising_network import BANDS, DenoisingNetwork, denoise
@@ -29,8 +30,9 @@ _STRENGTHS = tuple((2 / 3) ** step for step in range(5))
 MANY_PIXELS = 5_000_000
 """`Problem.padded_pixels` beyond which no strengths are tried, and only every second turn is taken,
 on larger pixels and on the problem's own (decision 26)."""
-MINUTES_PIXELS = 20_000_000
-"""Those beyond which turns take minutes."""
+MINUTES_PIXELS = 25_000_000
+"""Those beyond which turns take minutes, with twenty for each pixel of the scene, which the network
+goes over."""
 _TRIAL_TURNS = 6
 """Of each: too weak a prior lets noise in when the spreads have fallen, and not before."""
 _WHITE = 0.995
@@ -47,6 +49,18 @@ def plug_and_play_bytes(pixels: float, network: DenoisingNetwork) -> float:
 def is_large(problem: Problem) -> bool:
     """Whether a problem has more than `MANY_PIXELS`."""
     return problem.padded_pixels > MANY_PIXELS
+
+
+def takes_minutes(channels: int, geometry: Geometry) -> bool:
+    """Whether turns of a network take minutes.
+
+    Parameters
+    ----------
+    channels, geometry
+        Of the problem.
+    """
+    padded, scene = channels * math.prod(geometry.padded), math.prod(geometry.scene[2:])
+    return padded > MANY_PIXELS and padded + 20 * scene > MINUTES_PIXELS
 
 
 class _Near(torch.autograd.Function):

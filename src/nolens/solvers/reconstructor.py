@@ -35,10 +35,10 @@ from nolens.solvers.inputs import (
     weight_of,
 )
 from nolens.solvers.plug_and_play import (
-    MINUTES_PIXELS,
     PlugAndPlay,
     is_large,
     plug_and_play_bytes,
+    takes_minutes,
 )
 from nolens.solvers.problem import BASIS_ERROR, Prior, Problem
 from nolens.solvers.result import STOPS, Callback, Progress, Quality, Result, Stop
@@ -267,9 +267,11 @@ class Reconstructor:
         return 0 if filters or self.field_psf is None else self.field_psf.points
 
     def _padded_pixels(self, channels: int, sensor: tuple[int, int]) -> int:
+        return channels * math.prod(self._geometry(sensor).padded)
+
+    def _geometry(self, sensor: tuple[int, int]) -> Geometry:
         height, width = tensor_of(self.psf, "PSF").shape[-2:]
-        geometry = Geometry.build(sensor, (height, width), support_of(self.support, sensor))
-        return channels * math.prod(geometry.padded)
+        return Geometry.build(sensor, (height, width), support_of(self.support, sensor))
 
     def choose_weight(
         self,
@@ -511,7 +513,7 @@ class Reconstructor:
         channels, sensor
             As `working_bytes` takes them.
         """
-        return self.network is not None and self._padded_pixels(channels, sensor) > MINUTES_PIXELS
+        return self.network is not None and takes_minutes(channels, self._geometry(sensor))
 
     def starts_coarse(self, problem: Problem) -> bool:
         """Whether it starts from a photograph on larger pixels: with a network, of many pixels."""
