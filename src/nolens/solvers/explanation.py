@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
-import torch.nn.functional as nnf
 from torch import Tensor
 
 from nolens.amounts import percent
@@ -17,7 +16,7 @@ from nolens.camera import FieldPsf, Measurement
 from nolens.camera.psf import has_finer_detail, reaches_edges
 from nolens.errors import NolensError
 from nolens.optics.magnification import magnified
-from nolens.solvers.held_out import Prediction, Weight
+from nolens.solvers.held_out import Prediction, Weight, box_mean
 from nolens.solvers.inputs import support_of, tensor_of
 from nolens.solvers.problem import Prior, Problem
 from nolens.solvers.reconstructor import Method, Reconstructor, judged_side
@@ -365,7 +364,7 @@ def _sharpened(psf: Tensor, side: int) -> Tensor:
     """Less blurred, by a few of Richardson's iterations (`richardson1972`)."""
 
     def soft(plane: Tensor) -> Tensor:
-        return nnf.avg_pool2d(nnf.avg_pool2d(plane, side, 1, side // 2), side, 1, side // 2)
+        return box_mean(box_mean(plane, side), side)
 
     blurred = psf.clamp_min(0) + _DARK * psf.max()
     sharp = blurred

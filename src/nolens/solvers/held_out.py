@@ -575,8 +575,22 @@ def local_mean(residual: Tensor, fitted: Tensor) -> Tensor:
     """Mean of a residual over the fitted pixels around each pixel."""
     side = 2 * _AROUND + 1
     weight = fitted.to(residual.dtype)
-    total = nnf.avg_pool2d((residual * weight)[None], side, 1, _AROUND)[0]
-    return total / nnf.avg_pool2d(weight[None], side, 1, _AROUND)[0].clamp_min(1e-3)
+    return box_mean(residual * weight, side) / box_mean(weight, side).clamp_min(1e-3)
+
+
+def box_mean(planes: Tensor, side: int) -> Tensor:
+    """Means over side×side pixels around each, zeros beyond the edges; first along the columns.
+
+    Parameters
+    ----------
+    planes
+        (channels, height, width).
+    side
+        Odd.
+    """
+    columns = nnf.avg_pool2d(planes[None], (side, 1), 1, (side // 2, 0))
+    means: Tensor = nnf.avg_pool2d(columns, (1, side), 1, (0, side // 2))[0]
+    return means
 
 
 def _apart(errors: Tensor, best: Tensor) -> tuple[float, float]:

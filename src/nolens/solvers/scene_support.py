@@ -26,7 +26,7 @@ from scipy import ndimage
 from torch import Tensor
 
 from nolens.operators import CroppedConvolution, PixelRectangle
-from nolens.solvers.held_out import PartialFit, channel_noise, fit_partially, local_mean
+from nolens.solvers.held_out import PartialFit, box_mean, channel_noise, fit_partially, local_mean
 from nolens.solvers.problem import Problem
 
 _DETAIL = (0.04, 0.1, 0.25, 0.5)
@@ -523,8 +523,7 @@ def _sums(plane: Tensor, side: int) -> Tensor:
     """Sums over side×side pixels around each."""
     if side == 1:
         return plane
-    sums: Tensor = nnf.avg_pool2d(plane[None], side, 1, side // 2)[0] * side**2
-    return sums
+    return box_mean(plane, side) * side**2
 
 
 def _detail(scene: Tensor) -> Tensor:
