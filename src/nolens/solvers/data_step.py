@@ -21,7 +21,7 @@ _START_VARIATION = 5.0
 """Penalties to start with: that of the scene, and that of its variation over τ and the scene's
 level. Small ones let the scene follow the data at once, of whatever sign it becomes."""
 _REFINING = 4.0
-"""Times as large as those of a cold start are they where the scene comes from larger pixels."""
+"""Factor on those of a cold start, where the scene comes from larger pixels."""
 _START_DARK, _FOLLOWING_DARK = 0.05, 0.3
 """Those of a scene that does not fill the view, of a cold start and of a frame that follows: with a
 small one, what the sensor hardly sees of it goes astray for tens of frames."""
