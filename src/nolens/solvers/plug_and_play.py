@@ -289,7 +289,6 @@ class PlugAndPlay:
             If a picture is NaN or infinite.
         """
         scene, pixels, done = first.scene, problem, first.iterations
-        work = problem.padded_pixels * problem.forward.field_points
         few = self.white and coarse is not None and is_large(problem)
         prior = replace(self, spreads=self.spreads[::-2][::-1]) if few else self
 
@@ -332,6 +331,7 @@ class PlugAndPlay:
         def trials(photograph: Tensor, fit: Fit) -> Generator[Progress, None, float]:
             """The strength that predicts left-out pixels best."""
             blocks = held_out_blocks(problem.valid)
+            work = problem.padded_pixels * problem.forward.field_points
             if blocks is None or work > MANY_PIXELS:
                 return STRENGTH
             held = pixels_of(blocks, problem.forward.sensor).to(problem.data.device)

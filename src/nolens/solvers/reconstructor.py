@@ -337,20 +337,12 @@ class Reconstructor:
         values, _ = _parts(measured, valid)
         pixels = channels_of(values, "measurement").numel()
         by = min(max(1, round(math.sqrt(pixels / _SUPPORT_PIXELS))), _SUPPORT_BY)
-        psf, data, usable = self._binned(measured, valid, by)
+        data, usable = _binned(measured, valid, by)
+        psf = _means(channels_of(self.psf, "PSF"), by)
         choice = choose_support(
             psf.to(self.device), data.to(self.device), usable.to(self.device), progress
         )
         return choice.finer(by)
-
-    def _binned(
-        self, measured: Measurement | Plane, valid: Plane | None, by: int
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        """PSF, values and valid pixels, as means over by×by pixels."""
-        values, usable = _parts(measured, valid)
-        data = channels_of(values, "measurement")
-        mask = _means(mask_of(usable, data).float(), by) == 1
-        return _means(channels_of(self.psf, "PSF"), by), _means(data, by), mask
 
     def coarse_problem(
         self, measured: Measurement | Plane, valid: Plane | None = None, by: int = 2
@@ -369,7 +361,7 @@ class Reconstructor:
         NolensError
             As `Problem.build`.
         """
-        _, data, mask = self._binned(measured, valid, by)
+        data, mask = _binned(measured, valid, by)
         height, width = channels_of(_parts(measured, valid)[0], "measurement").shape[-2:]
         alike = replace(self.coarser((height, width), by), tau=0.0)
         return replace(alike.problem(data, mask).by_channel, slow_light=True)
@@ -656,6 +648,13 @@ class Reconstructor:
 def judged_side(sensor: tuple[int, int]) -> int:
     """Pixels along each that become one where `Reconstructor.predict` judges a PSF."""
     return math.ceil(math.sqrt(math.prod(sensor) / _JUDGED_PIXELS))
+
+
+def _binned(measured: Measurement | Plane, valid: Plane | None, by: int) -> tuple[Tensor, Tensor]:
+    """Values and valid pixels, as means over by×by pixels."""
+    values, usable = _parts(measured, valid)
+    data = channels_of(values, "measurement")
+    return _means(data, by), _means(mask_of(usable, data).float(), by) == 1
 
 
 def _means(plane: Tensor, by: int) -> Tensor:
