@@ -19,6 +19,7 @@ scene is what a few iterations are late with, and says little of where the light
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from operator import itemgetter
 
 import torch
 import torch.nn.functional as nnf
@@ -67,17 +68,13 @@ _ALL_SIDES = "tblr"
 _TIGHTENING = ((4, (_ALL_SIDES,)), (4, tuple(_ALL_SIDES)), (1, tuple(_ALL_SIDES)))
 """Pixels by which sides move inwards, and sides that move together."""
 _SURELY_TIGHTER = 3.0
-"""Standard errors by which the prediction is then better, or a pixel less worse."""
+"""Standard errors by which the prediction is then better, or worse by a pixel less or centred."""
 _BURIED = 0.2
 """Fraction of the contrast that is noise, above which sides get a margin instead."""
 _MARGIN, _MARGIN_AT_LEAST = 0.05, 2
 """Of the rectangle's sides, added on either side, and in pixels."""
 _MOST = 0.5
 """Fraction of the pixels that can be seen from which on a support is none."""
-_LARGE = 0.25
-"""Fraction of the sensor's frame from which on a rectangle lies around its middle."""
-_FILLS, _BEYOND = 0.8, 0.1
-"""Fraction of the frame's sides that such a one needs to be all of it, and what is added there."""
 _ITERATIONS, _ITERATIONS_TO_COMPARE = 28, 112
 """Of ADMM in a fit; more where the rectangle is not as good as no limit after the first."""
 _STEPS_AT_MOST = 28
@@ -210,12 +207,16 @@ class _Search:
         """The rectangle with all detail, faint as it is, where that is not surely worse.
 
         Of parts that lie apart, the main one alone is taken where it is likely better, or where the
-        others may be its ghosts and are not likely to be more.
+        others may be its ghosts and are not likely to be more. Where that is next to no limit, the
+        one that predicts best is taken.
         """
         most = self._light.most_detail(free.scene)
         support, best, least = self._light.scene, free, 0.0
+        limits = list[tuple[float, PixelRectangle]]()
         for fraction in _DETAIL:
             smaller, fitted = self._settled(free, fraction * most)
+            if self._light.fraction(smaller) <= _MOST:
+                limits.append((fitted.prediction.residual, smaller))
             excess, error = fitted.prediction.excess(best.prediction)
             if support == self._light.scene or excess < -_SURE * error:
                 support, best, least = smaller, fitted, fraction * most
@@ -227,7 +228,9 @@ class _Search:
             else:
                 taken = alone.is_likely_better(best.prediction)
             support = main if taken else support
-        return support if self._light.fraction(support) <= _MOST else None
+        if self._light.fraction(support) <= _MOST:
+            return support
+        return min(limits, key=itemgetter(0))[1] if limits else None
 
     def _settled(self, free: PartialFit, least: float) -> tuple[PixelRectangle, PartialFit]:
         """A rectangle that the detail of its own scene fills, and its fit."""
@@ -250,27 +253,42 @@ class _Search:
     def _finished(
         self, support: PixelRectangle, fitted: PartialFit, free: PartialFit
     ) -> PixelRectangle:
-        """Tightened, and with even parts; one that is all of the frame need not be tight.
+        """Tightened, and centred where that is not surely worse.
 
         In much noise predictions do not tell where its sides are, and it gets a margin.
         """
-        sensor = self._full.forward.sensor
-        frame, with_parts = PixelRectangle(0, 0, *sensor), with_even_parts(support, sensor)
-        if with_parts.union(frame) != with_parts:
-            if fitted.prediction.unexplained_by_noise > _BURIED:
-                tight = _wider(support, _MARGIN, _MARGIN_AT_LEAST)
-            else:
-                tight = self._tightened(support, fitted, free)
-            with_parts = with_even_parts(tight, sensor)
-        return self._light.visible(with_parts)
+        if fitted.prediction.unexplained_by_noise > _BURIED:
+            support = self._centred(support, fitted, free)
+            return self._light.visible(_wider(support, _MARGIN, _MARGIN_AT_LEAST))
+        support, fitted, unsure = self._tightened(support, fitted, free)
+        return self._light.visible(_moved(self._centred(support, fitted, free), unsure, 1))
+
+    def _centred(
+        self, support: PixelRectangle, fitted: PartialFit, free: PartialFit
+    ) -> PixelRectangle:
+        """As far on the other side of the frame's middle, where that is not surely worse.
+
+        Even parts of a scene, such as a night sky, show no detail, and predictions say little of
+        them; cameras are pointed at what they photograph.
+        """
+        for mirrored in _mirrored(support, self._full.forward.sensor):
+            wider = self._light.visible(support.union(mirrored))
+            if wider == support or not self._goes_on():
+                continue
+            own = self._try(wider, free)[1]
+            excess, error = own.prediction.excess(fitted.prediction)
+            if excess <= _SURELY_TIGHTER * error:
+                support, fitted = wider, own
+        return support
 
     def _tightened(
         self, support: PixelRectangle, fitted: PartialFit, free: PartialFit
-    ) -> PixelRectangle:
-        """Without lines at its sides that predictions are surely better without.
+    ) -> tuple[PixelRectangle, PartialFit, str]:
+        """Without lines at its sides that predictions are surely better without; its fit; and sides
+        where they do not tell what a pixel less would cost.
 
         The squares that detail is summed in reach beyond it: a few lines go where predictions are
-        as good. A pixel is added at each side where they do not tell what one less would cost.
+        as good.
         """
         unsure = set(_ALL_SIDES)
         for pixels, together in _TIGHTENING:
@@ -291,7 +309,7 @@ class _Search:
                         break
                     support, fitted = smaller, own
                     spare_lines -= pixels
-        return _moved(support, "".join(unsure), 1)
+        return support, fitted, "".join(unsure)
 
     def _goes_on(self) -> bool:
         """Whether another rectangle may be tried."""
@@ -453,32 +471,14 @@ class _Light:
         return slice(top, max(top, bottom)), slice(left, max(left, right))
 
 
-def with_even_parts(support: PixelRectangle, sensor: tuple[int, int]) -> PixelRectangle:
-    """A rectangle with detail, and the even parts of a large scene, which show none (decision 16).
-
-    A scene that fills much of the sensor's frame lies around its middle; one that nearly fills it
-    goes a little beyond.
-
-    Parameters
-    ----------
-    support
-        That holds all detail.
-    sensor
-        (height, width).
-    """
+def _mirrored(
+    support: PixelRectangle, sensor: tuple[int, int]
+) -> tuple[PixelRectangle, PixelRectangle]:
+    """Upside down around the middle of the sensor's frame, and left to right."""
     height, width = sensor
-    if _area(support) < _LARGE * height * width:
-        return support
-    opposite = PixelRectangle(
-        height - support.top - support.height,
-        width - support.left - support.width,
-        support.height,
-        support.width,
-    )
-    support = support.union(opposite)
-    if support.height < _FILLS * height or support.width < _FILLS * width:
-        return support
-    return support.union(_wider(PixelRectangle(0, 0, height, width), _BEYOND, 0))
+    down = replace(support, top=height - support.top - support.height)
+    across = replace(support, left=width - support.left - support.width)
+    return down, across
 
 
 def _moved(support: PixelRectangle, sides: str, pixels: int) -> PixelRectangle:
