@@ -71,7 +71,7 @@ _SURELY_TIGHTER = 3.0
 """Standard errors by which the prediction is then better, or worse by a pixel less or centred."""
 _BURIED = 0.2
 """Fraction of the contrast that is noise, above which sides get a margin instead."""
-_MARGIN, _MARGIN_AT_LEAST = 0.05, 2
+_MARGIN, _MARGIN_AT_LEAST = 0.02, 2
 """Of the rectangle's sides, added on either side, and in pixels."""
 _MOST = 0.5
 """Fraction of the pixels that can be seen from which on a support is none."""
