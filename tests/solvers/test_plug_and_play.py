@@ -158,6 +158,7 @@ def test_of_many_pixels_every_second_turn(monkeypatch: pytest.MonkeyPatch) -> No
     problem = solver.problem(torch.from_numpy(posed.data).float())
     for most in (0, 10**9):
         monkeypatch.setattr("nolens.solvers.plug_and_play.MANY_PIXELS", most)
+        monkeypatch.setattr("nolens.solvers.plug_and_play.FEW_TURNS_PIXELS", most)
         result = solver.solve(problem)
         assert result.first is not None
         turns = len(result.history) - len(result.first.history)

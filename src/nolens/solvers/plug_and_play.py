@@ -28,8 +28,10 @@ STRENGTH = 0.7
 _STRENGTHS = tuple((2 / 3) ** step for step in range(5))
 """That are tried, until one predicts held-out pixels worse than the one before."""
 MANY_PIXELS = 5_000_000
-"""`Problem.padded_pixels` beyond which no strengths are tried, and only every second turn is taken,
-on larger pixels and on the problem's own (decision 26)."""
+"""`Problem.padded_pixels` beyond which no strengths are tried."""
+FEW_TURNS_PIXELS = 8_000_000
+"""Those beyond which only every second turn is taken, on larger pixels and on the problem's own
+(decision 26)."""
 MINUTES_PIXELS = 25_000_000
 """Those beyond which turns take minutes, with twenty for each pixel of the scene, which the network
 goes over."""
@@ -46,9 +48,9 @@ def plug_and_play_bytes(pixels: float, network: DenoisingNetwork) -> float:
     return pixels * _BYTES_PER_PIXEL + network.tile_bytes
 
 
-def is_large(problem: Problem) -> bool:
-    """Whether a problem has more than `MANY_PIXELS`."""
-    return problem.padded_pixels > MANY_PIXELS
+def takes_few_turns(problem: Problem) -> bool:
+    """Whether a problem has more than `FEW_TURNS_PIXELS`."""
+    return problem.padded_pixels > FEW_TURNS_PIXELS
 
 
 def takes_minutes(channels: int, geometry: Geometry) -> bool:
@@ -289,7 +291,7 @@ class PlugAndPlay:
             If a picture is NaN or infinite.
         """
         scene, pixels, done = first.scene, problem, first.iterations
-        few = self.white and coarse is not None and is_large(problem)
+        few = self.white and coarse is not None and takes_few_turns(problem)
         prior = replace(self, spreads=self.spreads[::-2][::-1]) if few else self
 
         def latest() -> Tensor:

@@ -36,8 +36,8 @@ from nolens.solvers.inputs import (
 )
 from nolens.solvers.plug_and_play import (
     PlugAndPlay,
-    is_large,
     plug_and_play_bytes,
+    takes_few_turns,
     takes_minutes,
 )
 from nolens.solvers.problem import BASIS_ERROR, Prior, Problem
@@ -525,8 +525,8 @@ class Reconstructor:
                 return first
             return network.solve(problem, first, callback)
         coarse = self._coarse(problem)
-        tolerance = self.limits.scene_tolerance * (_BEFORE_TURNS if is_large(problem) else 1)
-        stop = replace(self.limits, scene_tolerance=tolerance)
+        rougher = _BEFORE_TURNS if takes_few_turns(problem) else 1
+        stop = replace(self.limits, scene_tolerance=rougher * self.limits.scene_tolerance)
         first = self._coarse_photograph(coarse, problem, stop, callback)
         if first.stop_reason == "callback":
             return coarse.finer_result(first, problem)
