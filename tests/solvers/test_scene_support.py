@@ -24,10 +24,10 @@ def picture(objects: dict[tuple[int, int], Tensor]) -> Tensor:
     return scene
 
 
-def measured(psf: Tensor, scene: Tensor) -> Tensor:
+def measured(psf: Tensor, scene: Tensor, noise: float = NOISE) -> Tensor:
     light = CroppedConvolution(psf, SENSOR, FRAME)(scene)
     light /= light.square().mean().sqrt()
-    return light + NOISE * torch.randn(light.shape)
+    return light + noise * torch.randn(light.shape)
 
 
 def holds(support: PixelRectangle, top: int, left: int, height: int, width: int) -> bool:
@@ -45,6 +45,14 @@ def test_is_the_scene_and_little_more(corner: tuple[int, int]) -> None:
     assert support is not None and holds(support, *corner, 64, 64)
     # By at most five pixels on either side.
     assert max(support.height, support.width) <= 74
+
+
+def test_is_found_in_much_noise() -> None:
+    """Where no level of detail limits the scene surely better than no limit."""
+    psf = mask_psf()
+    support = chosen(psf, measured(psf, picture({(64, 80): photograph()}), noise=0.15))
+    assert support is not None and holds(support, 64, 80, 64, 64)
+    assert max(support.height, support.width) <= 90
 
 
 def test_a_mask_that_repeats_itself_makes_no_ghosts() -> None:
