@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 _OBJECTS_BETWEEN_SEARCHES = 50_000
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
-_LARGE_BYTES, _MOST_BYTES = 2**25, 2**31 - 1
+_LARGE_BYTES, _MOST_BYTES = 2**26, 2**31 - 1
 
 
 def prepare() -> None:
@@ -17,11 +17,11 @@ def prepare() -> None:
 
     Loading torch makes some hundred thousand objects that stay, and looking for garbage among them
     takes a quarter of a second. glibc hands freed memory back to the system and takes it anew,
-    page by page and zeroed: that was a fifth of a draft's time. Here it is kept for the next array;
-    but for larger ones, between which holes would stay (a quarter more memory for a photo at the
-    paper's size, from 2**26 bytes on). OpenMP's threads spin while they wait for each other, and
-    keep the core from the one that they wait for: beside other programs, a picture then takes up
-    to ten times as long.
+    page by page and zeroed: that was a fifth of a draft's time, and a third of a photo's where
+    light may come from everywhere at the paper's size. Here it is kept for the next array, up to
+    those of that size: holes that stay between them are a seventh more memory for such a photo.
+    OpenMP's threads spin while they wait for each other, and keep the core from the one that they
+    wait for: beside other programs, a picture then takes up to ten times as long.
     """
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     gc.set_threshold(_OBJECTS_BETWEEN_SEARCHES)

@@ -200,3 +200,14 @@ def test_is_left_alone_where_the_scene_does_not_fill_the_view():
     assert torch.equal(
         admm(problem, iterations=30, tolerance=0, low_frequency=True).scene, plain.scene
     )
+
+
+def test_steps_among_spectra_are_those_among_pixels():
+    """One PSF without a support, and the same as that of a field, which takes pixels."""
+    posed = pose(replace(BASE, support=None, channels=2, saturated=0.1))
+    alike = FieldPsf(torch.from_numpy(posed.psf[None]).float(), torch.zeros(1, 2))
+    one, other = (
+        admm(each, iterations=6, tolerance=0, low_frequency=True).scene
+        for each in (posed.problem, posed.pose(field_psf=alike))
+    )
+    assert torch.linalg.vector_norm(other - one) <= 1e-4 * torch.linalg.vector_norm(one)

@@ -7,8 +7,8 @@ import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
-from nolens.kernels import irfft2, irfft2_window_, rfft2_window
-from nolens.operators import slow_cosines
+from nolens.kernels import irfft2, irfft2_window_, rfft2, rfft2_window
+from nolens.operators import CroppedConvolution, slow_cosines
 from nolens.solvers.admm_state import Penalties
 from nolens.solvers.problem import Problem
 
@@ -22,7 +22,7 @@ _PIXELS = 20_000
 class LinearStep:
     r"""Solves for one channel's scene, each time from the scene before,
 
-    .. math:: (A^*A + μ_2 Ψ^*Ψ + μ_3)\, v = A^*b + t, \qquad A = VCM,
+    .. math:: K v = A^*b + t, \qquad K = A^*A + P, \quad P = μ_2 Ψ^*Ψ + μ_3, \quad A = VCM,
 
     with V what counts of an image (`Problem.counted`). The matrix is not diagonal in the Fourier
     domain. A few steps of conjugate gradients are preconditioned by its circulant mean
@@ -30,7 +30,9 @@ class LinearStep:
     white noise that A keeps, and an exact solution for the slowest cosines, deflated (A-DEF2 of
     `tang2009`): the eigenvalue of the scene's mean is ten thousand times that of the others.
 
-    The forward model may vary over the field; :math:`|H|^2` is then the mean of its terms'.
+    The forward model may vary over the field; :math:`|H|^2` is then the mean of its terms'. Where
+    one PSF stands for all and the scene is the whole padded shape, all but V is diagonal in the
+    Fourier domain, and the steps are made there: two transforms for each in place of six.
 
     Parameters
     ----------
@@ -44,12 +46,24 @@ class LinearStep:
 
     def __init__(self, problem: Problem, scene: Tensor, *, varied: bool) -> None:
         self._problem = problem
-        self._first = first_in_frame(problem)
-        self._varied = varied
-        self.v = scene
-        self.residual = problem.counted(problem.data)
+        whole = type(problem.forward) is CroppedConvolution and problem.forward.support is None
+        self._form: _Pixels = (_Spectrum if whole else _Pixels)(problem, varied=varied)
         self._circulant = _Circulant(problem)
-        self._cosines = _Cosines(problem, varied=varied)
+        self._cosines = _Cosines(problem, self._form, varied=varied)
+        self._scene: Tensor | None = scene
+        self._vector = self._form.vector(scene)
+        self.residual = problem.counted(problem.data)
+
+    @property
+    def v(self) -> Tensor:
+        """The scene, (1, height, width); it may share memory with the next."""
+        if self._scene is None:
+            self._scene = self._form.scene(self._vector)
+        return self._scene
+
+    @v.setter
+    def v(self, scene: Tensor) -> None:
+        self._scene, self._vector = scene, self._form.vector(scene)
 
     def measure(self, problem: Problem) -> None:
         """Go on with another measurement."""
@@ -59,10 +73,11 @@ class LinearStep:
 
     def renew_residual(self) -> None:
         """Compute the residual anew, of which steps lose a little each."""
-        self.residual = self._problem.residual(self.v)
+        light = self._form.light(self._vector)
+        self.residual = self._problem.counted(self._problem.data - light)
 
     def solve(self, target: Tensor, penalties: Penalties) -> None:
-        """Go nearer to the scene with Kv = A*b + target, K = A*A + μ₂Ψ*Ψ + μ₃.
+        """Go nearer to the scene with Kv = A*b + target.
 
         Parameters
         ----------
@@ -71,38 +86,50 @@ class LinearStep:
         penalties
             μ₁, which does not matter, μ₂ and μ₃.
         """
-        cosines, forward = self._cosines, self._problem.forward
-        circulant = self._circulant.inverse(penalties)
-        matrix = cosines.matrix(penalties)
+        form, cosines = self._form, self._cosines
+        inverse, matrix = self._circulant.inverse(penalties), cosines.matrix(penalties)
+        wanted = form.vector(target)
         amounts = matrix.solve(
             cosines.along_image(self.residual)
-            + cosines.along(target - self.prior_part(penalties, self.v))
+            + cosines.along(wanted)
+            - cosines.along_prior(penalties, self._vector)
         )
-        self.v = self.v + cosines.sum(amounts)
+        v = self._vector + cosines.sum(amounts)
         self.residual -= cosines.image(amounts)
-        direction = image = before = product = None
+        pull = wanted - form.prior(penalties, v)
+        direction = image = weighed = before = product = None
         for _ in range(_INNER):
-            left = forward.adjoint(self.residual) + target - self.prior_part(penalties, self.v)
-            ahead = circulant(left)
-            light = self._image(ahead)
-            missed = cosines.along(left - self.prior_part(penalties, ahead)) - cosines.along_image(
-                light
+            left = form.adjoint(self.residual).add_(pull)
+            ahead = form.filtered(left, inverse)
+            light = self._problem.counted(form.light(ahead))
+            missed = (
+                cosines.along(left)
+                - cosines.along_prior(penalties, ahead)
+                - cosines.along_image(light)
             )
             amounts = matrix.solve(missed)
             ahead += cosines.sum(amounts)
             light += cosines.image(amounts)
-            slope = dot(left, ahead)
-            if direction is None or image is None or before is None or product is None:
-                direction, image = ahead, light
+            part = form.prior(penalties, ahead)
+            slope = form.dot(left, ahead)
+            if direction is None or image is None or weighed is None or before is None:
+                direction, image, weighed = ahead, light, part
             else:
+                assert product is not None
                 # Polak-Ribière: the preconditioner need not be exact.
-                turn = float(((slope - dot(before, ahead)) / product.clamp_min(_TINY)).clamp_min(0))
-                direction, image = ahead.add_(direction, alpha=turn), light.add_(image, alpha=turn)
+                turned = (slope - form.dot(before, ahead)) / product.clamp_min(_TINY)
+                turn = float(turned.clamp_min(0))
+                direction, image, weighed = (
+                    new.add_(old, alpha=turn)
+                    for new, old in ((ahead, direction), (light, image), (part, weighed))
+                )
             before, product = left, slope
-            bend = dot(image, image) + dot(direction, self.prior_part(penalties, direction))
-            length = float(dot(left, direction) / bend.clamp_min(_TINY))
-            self.v.add_(direction, alpha=length)
+            bend = dot(image, image) + form.dot(direction, weighed)
+            length = float(form.dot(left, direction) / bend.clamp_min(_TINY))
+            v.add_(direction, alpha=length)
             self.residual.sub_(image, alpha=length)
+            pull.sub_(weighed, alpha=length)
+        self._vector, self._scene = v, None
 
     def inverse(self, target: Tensor, penalties: Penalties) -> Tensor:
         """K⁻¹ target, about as near as `solve` comes in one call; v and residual stay.
@@ -112,10 +139,10 @@ class LinearStep:
         target, penalties
             As `solve` takes them.
         """
-        v, residual = self.v, self.residual
-        self.v, self.residual = torch.zeros_like(v), torch.zeros_like(residual)
+        vector, scene, residual = self._vector, self._scene, self.residual
+        self._vector, self.residual = torch.zeros_like(vector), torch.zeros_like(residual)
         self.solve(target, penalties)
-        inverse, self.v, self.residual = self.v, v, residual
+        inverse, self._vector, self._scene, self.residual = self.v, vector, scene, residual
         return inverse
 
     def noise_gain(self, penalties: Penalties, bands: int) -> Tensor:
@@ -134,25 +161,135 @@ class LinearStep:
         """
         return self._circulant.noise_gain(penalties, bands)
 
-    def prior_part(self, penalties: Penalties, scene: Tensor) -> Tensor:
+
+class _Pixels:
+    """Scenes as vectors of their pixels."""
+
+    def __init__(self, problem: Problem, *, varied: bool) -> None:
+        self._forward = problem.forward
+        self._geometry = problem.forward.geometry
+        self._first = first_in_frame(problem)
+        self._varied = varied
+
+    def vector(self, scene: Tensor) -> Tensor:
+        """That of a scene."""
+        return scene
+
+    def scene(self, vector: Tensor) -> Tensor:
+        """That of a vector."""
+        return vector
+
+    def waves(self, rows: Tensor, columns: Tensor) -> tuple[Tensor, Tensor]:
+        """Factors of vectors, from rows and columns whose products are scenes."""
+        return rows, columns
+
+    def along(self, vector: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
+        """Inner products with the products of rows and columns that `waves` made."""
+        return rows @ vector[0] @ columns.T
+
+    def dot(self, x: Tensor, y: Tensor) -> Tensor:
+        """Inner product of the scenes; float64."""
+        return dot(x, y)
+
+    def light(self, vector: Tensor) -> Tensor:
+        """CMv: a scene's light on the sensor."""
+        return self._forward(vector)
+
+    def adjoint(self, image: Tensor) -> Tensor:
+        """M*C* of an image."""
+        return self._forward.adjoint(image)
+
+    def filtered(self, vector: Tensor, spectrum: Tensor) -> Tensor:
+        """The scene's pixels of a scene times a real half spectrum."""
+        geometry = self._geometry
+        product = rfft2_window(vector, geometry.scene[:2], geometry.padded).mul_(spectrum)
+        return irfft2_window_(product, geometry.scene, geometry.padded)
+
+    def prior(self, penalties: Penalties, vector: Tensor) -> Tensor:
         """(μ₂Ψ*Ψ + μ₃) v: four times each pixel, less its neighbours; zero around the scene."""
         _, second, third = penalties
         if not self._varied:
-            return third * scene
-        part = (4 * second + third) * scene
+            return third * vector
+        part = (4 * second + third) * vector
         for axis, around in zip((-2, -1), self._first, strict=True):
-            length = scene.shape[axis]
+            length = vector.shape[axis]
             inner = (axis, 0, length - 1), (axis, 1, length - 1)
             for one, other in (inner, inner[::-1]):
-                part.narrow(*one).sub_(scene.narrow(*other), alpha=second)
+                part.narrow(*one).sub_(vector.narrow(*other), alpha=second)
             if around == 0:  # The scene is the whole padded shape, and goes around.
-                part.narrow(axis, 0, 1).sub_(scene.narrow(axis, length - 1, 1), alpha=second)
-                part.narrow(axis, length - 1, 1).sub_(scene.narrow(axis, 0, 1), alpha=second)
+                part.narrow(axis, 0, 1).sub_(vector.narrow(axis, length - 1, 1), alpha=second)
+                part.narrow(axis, length - 1, 1).sub_(vector.narrow(axis, 0, 1), alpha=second)
         return part
 
-    def _image(self, scene: Tensor) -> Tensor:
-        """A v: what counts of a scene's image."""
-        return self._problem.counted(self._problem.forward(scene))
+
+class _Spectrum(_Pixels):
+    """Scenes that are the whole padded shape as vectors of their half spectra."""
+
+    def __init__(self, problem: Problem, *, varied: bool) -> None:
+        super().__init__(problem, varied=varied)
+        height, width = self._geometry.padded
+        self._steps = tuple(each.to(problem.data) for each in steps_power(height, width))
+
+    def vector(self, scene: Tensor) -> Tensor:
+        """That of a scene."""
+        return rfft2(scene)
+
+    def scene(self, vector: Tensor) -> Tensor:
+        """That of a vector."""
+        return irfft2(vector, self._geometry.padded)
+
+    def waves(self, rows: Tensor, columns: Tensor) -> tuple[Tensor, Tensor]:
+        """Factors of vectors, from rows and columns whose products are scenes."""
+        return torch.fft.fft(rows), torch.fft.rfft(columns)
+
+    def along(self, vector: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
+        """Inner products with the products of rows and columns that `waves` made."""
+        height, width = self._geometry.padded
+        # Frequencies but the first and the last stand for their negatives, too.
+        weights = torch.full_like(columns.real[0], 2 / (height * width))
+        weights[[0, -1]] /= 2
+        return (rows.conj() @ vector[0] @ (weights * columns.conj()).T).real
+
+    def dot(self, x: Tensor, y: Tensor) -> Tensor:
+        """Inner product of the scenes; float64."""
+        ends = [
+            dot(x[..., end].real, y[..., end].real) + dot(x[..., end].imag, y[..., end].imag)
+            for end in (0, -1)
+        ]
+        both = dot(torch.view_as_real(x), torch.view_as_real(y))
+        return (2 * both - ends[0] - ends[1]) / math.prod(self._geometry.padded)
+
+    def light(self, vector: Tensor) -> Tensor:
+        """CMv: a scene's light on the sensor."""
+        geometry = self._geometry
+        return irfft2_window_(vector * self._forward.transfer, geometry.sensor, geometry.padded)
+
+    def adjoint(self, image: Tensor) -> Tensor:
+        """M*C* of an image."""
+        geometry = self._geometry
+        spectrum = rfft2_window(image, geometry.sensor[:2], geometry.padded)
+        return spectrum.mul_(self._forward.transfer.conj())
+
+    def filtered(self, vector: Tensor, spectrum: Tensor) -> Tensor:
+        """The scene's pixels of a scene times a real half spectrum."""
+        return vector * spectrum
+
+    def prior(self, penalties: Penalties, vector: Tensor) -> Tensor:
+        """(μ₂Ψ*Ψ + μ₃) v."""
+        _, second, third = penalties
+        if not self._varied:
+            return third * vector
+        rows, columns = self._steps
+        return vector * ((second * rows + third) + second * columns)
+
+
+def steps_power(height: int, width: int) -> tuple[Tensor, Tensor]:
+    """|D|² of the half spectrum: a part of the rows, (height, 1), and one of the columns."""
+    rows, columns = (
+        2 - 2 * torch.cos(2 * math.pi * torch.arange(count) / side)
+        for count, side in ((height, height), (width // 2 + 1, width))
+    )
+    return rows[:, None], columns
 
 
 def first_in_frame(problem: Problem) -> tuple[int, int]:
@@ -163,33 +300,28 @@ def first_in_frame(problem: Problem) -> tuple[int, int]:
 
 
 class _Circulant:
-    """The circulant mean of the matrix, and its inverse on the scene's pixels."""
+    """The circulant mean of the matrix."""
 
     def __init__(self, problem: Problem) -> None:
         self._geometry = problem.forward.geometry
-        height, width = self._geometry.padded
-        rows, columns = (
-            2 - 2 * torch.cos(2 * math.pi * torch.arange(count) / side)
-            for count, side in ((height, height), (width // 2 + 1, width))
-        )
-        self._rows, self._columns = rows.to(problem.data)[:, None], columns.to(problem.data)
+        self._steps = tuple(each.to(problem.data) for each in steps_power(*self._geometry.padded))
         power = problem.forward.power
         energy = irfft2(power.to(torch.complex64), self._geometry.padded)[0, 0, 0]
         self._data = power.mul_(_fraction_on_sensor(problem) / energy)
         self._penalties: Penalties | None = None
         self._inverse = self._data
 
-    def inverse(self, penalties: Penalties) -> "_Circulant":
-        """With these penalties."""
+    def inverse(self, penalties: Penalties) -> Tensor:
+        """Half spectrum of its inverse with these penalties."""
         if penalties != self._penalties:
             _, second, third = self._penalties = penalties
-            steps = self._rows + self._columns
-            self._inverse = (second * steps + self._data).add_(third).reciprocal_()
-        return self
+            rows, columns = self._steps
+            self._inverse = (second * (rows + columns) + self._data).add_(third).reciprocal_()
+        return self._inverse
 
     def noise_gain(self, penalties: Penalties, bands: int) -> Tensor:
         """See `LinearStep.noise_gain`."""
-        inverse = self.inverse(penalties)._inverse
+        inverse = self.inverse(penalties)
         density = (self._data.clamp_min(0) * inverse.square()).flatten()
         height, width = self._geometry.padded
         down = torch.fft.fftfreq(height, device=density.device)[:, None]
@@ -198,11 +330,6 @@ class _Circulant:
         number = octave.long().flatten()
         sums = density.new_zeros(bands).index_add_(0, number, density)
         return (sums / torch.bincount(number, minlength=bands).clamp_min(1)).sqrt()
-
-    def __call__(self, scene: Tensor) -> Tensor:
-        geometry = self._geometry
-        spectrum = rfft2_window(scene, geometry.scene[:2], geometry.padded)
-        return irfft2_window_(spectrum.mul_(self._inverse), geometry.scene, geometry.padded)
 
 
 def _fraction_on_sensor(problem: Problem) -> Tensor:
@@ -217,20 +344,23 @@ def _fraction_on_sensor(problem: Problem) -> Tensor:
 class _Cosines:
     """Slow cosines of the scene, products along both sides, and what A makes of them."""
 
-    def __init__(self, problem: Problem, *, varied: bool) -> None:
-        height, width = problem.scene_shape[1:]
-        self._rows, self._columns = (
-            slow_cosines(each).to(problem.data) for each in (height, width)
-        )
+    def __init__(self, problem: Problem, form: _Pixels, *, varied: bool) -> None:
+        self._form, self._varied = form, varied
+        rows, columns = (slow_cosines(each).to(problem.data) for each in problem.scene_shape[1:])
+        self._rows, self._columns = rows, columns
+        self._factors = form.waves(rows, columns)
         self.measure(problem)
         self._gram_varied = torch.zeros_like(self._gram)
         if varied:
-            around = first_in_frame(problem)
-            rows, columns = (
-                (gram(each), gram(steps_along(each, beyond)))
-                for each, beyond in zip((self._rows, self._columns), around, strict=True)
+            beyond = first_in_frame(problem)
+            pairs = list(zip((rows, columns), beyond, strict=True))
+            whole, steps = (
+                [gram(each) for each, _ in pairs],
+                [gram(steps_along(each, around)) for each, around in pairs],
             )
-            self._gram_varied = torch.kron(rows[1], columns[0]) + torch.kron(rows[0], columns[1])
+            self._gram_varied = torch.kron(steps[0], whole[1]) + torch.kron(whole[0], steps[1])
+            bent = [torch.cat([each, bends_along(each, around)]) for each, around in pairs]
+            self._with_bends = form.waves(bent[0], bent[1])
 
     def measure(self, problem: Problem) -> None:
         """See them by what counts of a measurement."""
@@ -246,17 +376,28 @@ class _Cosines:
             torch.linalg.cholesky(self._gram + second * self._gram_varied + third * unit)
         )
 
-    def along(self, scene: Tensor) -> Tensor:
+    def along(self, vector: Tensor) -> Tensor:
         """Inner products with the cosines."""
-        return (self._rows @ scene @ self._columns.T).flatten()
+        return self._form.along(vector, *self._factors).flatten()
+
+    def along_prior(self, penalties: Penalties, vector: Tensor) -> Tensor:
+        """Inner products of (μ₂Ψ*Ψ + μ₃) v with the cosines."""
+        _, second, third = penalties
+        if not self._varied:
+            return third * self.along(vector)
+        both, count = self._form.along(vector, *self._with_bends), len(self._rows)
+        most = len(self._columns)
+        bends = both[count:, :most] + both[:count, most:]
+        return (third * both[:count, :most] + second * bends).flatten()
 
     def along_image(self, image: Tensor) -> Tensor:
         """Inner products of what counts of an image with what A makes of the cosines."""
         return self._images.flatten(1) @ image.flatten()
 
     def sum(self, amounts: Tensor) -> Tensor:
-        """The scene of so much of each."""
-        return self._rows.T @ amounts.view(len(self._rows), -1) @ self._columns
+        """The vector of so much of each."""
+        rows, columns = self._factors
+        return rows.T @ (amounts.view(len(rows), -1).to(rows) @ columns)
 
     def image(self, amounts: Tensor) -> Tensor:
         """What the sensor sees of that."""
@@ -280,6 +421,13 @@ def steps_along(waves: Tensor, beyond: int) -> Tensor:
     """Differences along waves, to so many zeros beyond them, and around."""
     padded = nnf.pad(waves, (0, beyond))
     return padded - padded.roll(1, -1)
+
+
+def bends_along(waves: Tensor, beyond: int) -> Tensor:
+    """Second differences along waves, with so many zeros beyond them, and around."""
+    padded = nnf.pad(waves, (0, beyond))
+    bends = 2 * padded - padded.roll(1, -1) - padded.roll(-1, -1)
+    return bends[..., : waves.shape[-1]]
 
 
 def gram(rows: Tensor, weights: Tensor | None = None) -> Tensor:

@@ -75,7 +75,7 @@ class _Near(torch.autograd.Function):
         for number, step in enumerate(fit.steps):
             unit, penalties = fit.white / fit.scale[number], fit.penalties(number, spread)
             step.renew_residual()
-            step.solve(step.prior_part(penalties, unit * picture[number : number + 1]), penalties)
+            step.solve(penalties[2] * unit * picture[number : number + 1], penalties)
             fitted.append(step.v / unit)
         return torch.cat(fitted)
 
@@ -86,8 +86,7 @@ class _Near(torch.autograd.Function):
         parts = []
         for number, step in enumerate(fit.steps):
             penalties = fit.penalties(number, ctx.spread)
-            target = step.prior_part(penalties, slope[number : number + 1])
-            parts.append(step.inverse(target, penalties))
+            parts.append(step.inverse(penalties[2] * slope[number : number + 1], penalties))
         return torch.cat(parts), None, None
 
 
