@@ -133,6 +133,16 @@ class Fit:
         for number, step in enumerate(self.steps):
             step.measure(problem.single(number))
 
+    @property
+    def scenes(self) -> list[Tensor]:
+        """X of every channel, normalised; `resume` goes on from it."""
+        return [step.v for step in self.steps]
+
+    def resume(self, scenes: list[Tensor]) -> None:
+        """Go on from `scenes`."""
+        for step, each in zip(self.steps, scenes, strict=True):
+            step.v = each
+
     def restart(self, picture: Tensor) -> None:
         """Go on from a picture in units of the white."""
         for number, step in enumerate(self.steps):
@@ -170,18 +180,24 @@ class Turn:
 
     Parameters
     ----------
+    number
+        Counted from 0.
     fit
         x, (channels, height, width).
     picture
-        What the network makes of it, and not below zero.
+        z: what the network makes of it, and not below zero.
+    taken
+        d: what it has taken off.
     white
         In units of measurement over PSF.
     strength
         q.
     """
 
+    number: int
     fit: Tensor
     picture: Tensor
+    taken: Tensor
     white: float
     strength: float
 
@@ -202,7 +218,7 @@ class PlugAndPlay:
     Where a network that takes out white noise of the deviation s is the proximal map of s² R for
     some R, q² is the weight of R beside the measurement, whatever s is: 1 is that of Bayes' rule.
     `solve` leaves blocks of pixels out of the fit for some turns (`held_out`), and takes that
-    strength q which predicts them best.
+    strength q which predicts them best; its turns go on with all pixels.
 
     A network that was tuned through the turns, with one strength, is told the noise of the fit, by
     bands, and s. Turns start from a photograph by total variation, whose white is the unit of all.
@@ -229,7 +245,12 @@ class PlugAndPlay:
     detail: float = 1.0
 
     def turns(
-        self, problem: Problem, photograph: Tensor, strength: float = 1.0, fit: Fit | None = None
+        self,
+        problem: Problem,
+        photograph: Tensor,
+        strength: float = 1.0,
+        fit: Fit | None = None,
+        after: Turn | None = None,
     ) -> Iterator[Turn]:
         """All turns, one after the other.
 
@@ -243,24 +264,29 @@ class PlugAndPlay:
             q.
         fit
             Of the problem, where there is one already.
+        after
+            The turn before the first, of a fit that stands there; None begins with the photograph.
         """
         fit = Fit(problem, photograph) if fit is None else fit
-        picture = photograph / fit.white
-        fit.restart(picture)
-        taken, before = torch.zeros_like(picture), self.spreads[0]
+        if after is None:
+            picture = photograph / fit.white
+            fit.restart(picture)
+            taken, first = torch.zeros_like(picture), 0
+        else:
+            picture, taken, first = after.picture, after.taken, after.number + 1
         network = self.network.to(problem.data.device)
-        for number, spread in enumerate(self.spreads):
+        for number, spread in enumerate(self.spreads[first:], first):
             # The multiplier d / s² stays where the spread changes.
-            taken = taken * (spread / before) ** 2
+            taken = taken * (spread / self.spreads[max(number - 1, 0)]) ** 2
             x, noise = fit.near(picture - taken, spread / strength)
-            noisy, before = x + taken, spread
+            noisy = x + taken
             if self.white:
                 picture = denoise(network, noisy, torch.full_like(noise, spread), turn=number)
             else:
                 picture = denoise(network, noisy, noise, spread, turn=number)
             picture = picture.clamp_min(0)
             taken = noisy - picture
-            yield Turn(x, picture, fit.white, strength)
+            yield Turn(number, x, picture, taken, fit.white, strength)
 
     @torch.no_grad()
     def solve(
@@ -299,9 +325,12 @@ class PlugAndPlay:
                 return scene / problem.scale
             return coarse.finer(scene, problem) / problem.scale
 
-        def run(of: Problem, start: Tensor, turns: Iterable[Turn]) -> Iterator[Progress]:
+        def run(
+            of: Problem, start: Tensor, turns: Iterable[Turn]
+        ) -> Generator[Progress, None, Turn | None]:
+            """The last turn."""
             nonlocal scene, pixels, done
-            scene, pixels, end = start, of, done + len(prior.spreads)
+            scene, pixels, turn = start, of, None
             for turn in turns:
                 before, scene, done = scene, turn.scene, done + 1
                 change = _relative(scene - before, scene)
@@ -313,8 +342,9 @@ class PlugAndPlay:
                     scene_change=change,
                     penalties=(turn.strength,),
                     scene=latest,
-                    expected=end,
+                    expected=done + len(prior.spreads) - turn.number - 1,
                 )
+            return turn
 
         def checks() -> Iterator[Progress]:
             photograph, noise, strength = first.scene, None, STRENGTH
@@ -323,32 +353,40 @@ class PlugAndPlay:
                 yield from run(coarse.problem, photograph, turns)
                 noise = coarse.noise(photograph, problem)
                 photograph = latest() * problem.scale
-            fit = Fit(problem, photograph, noise)
+            fit, trial = Fit(problem, photograph, noise), None
             if self.white:
-                strength = yield from trials(photograph, fit)
-            turns = prior.turns(problem, photograph, strength / self.detail, fit)
-            yield from run(problem, photograph, turns)
+                trial = yield from trials(photograph, fit)
+            start = photograph
+            if trial is not None:
+                strength = trial.strength
+                if self.detail == 1 and trial.number + 1 < len(self.spreads):
+                    start = trial.scene
+                else:
+                    trial = None
+            turns = prior.turns(problem, photograph, strength / self.detail, fit, trial)
+            yield from run(problem, start, turns)
 
-        def trials(photograph: Tensor, fit: Fit) -> Generator[Progress, None, float]:
-            """The strength that predicts left-out pixels best."""
+        def trials(photograph: Tensor, fit: Fit) -> Generator[Progress, None, Turn | None]:
+            """The last turn, where the fit then stands, of the strength that predicts best."""
             blocks = held_out_blocks(problem.valid)
             work = problem.padded_pixels * problem.forward.field_points
             if blocks is None or work > MANY_PIXELS:
-                return STRENGTH
+                return None
             held = pixels_of(blocks, problem.forward.sensor).to(problem.data.device)
             data = torch.where(held, 0, problem.data)
             fitted = replace(problem, data=data, valid=problem.valid & ~held)
             fit.measure(fitted)
-            best, least = STRENGTH, math.inf
+            best, scenes, least = None, fit.scenes, math.inf
             for strength in _STRENGTHS:
-                turns = self.turns(fitted, photograph, strength, fit)
-                yield from run(fitted, photograph, islice(turns, _TRIAL_TURNS))
+                turns = islice(self.turns(fitted, photograph, strength, fit), _TRIAL_TURNS)
+                turn = yield from run(fitted, photograph, turns)
                 judged = scene / problem.scale
                 error = float(prediction_errors(problem, judged, held, blocks).mean())
                 if error >= least:
                     break
-                best, least = strength, error
+                best, scenes, least = turn, fit.scenes, error
             fit.measure(problem)
+            fit.resume(scenes)
             return best
 
         rows, reason = follow(checks(), lambda _: False, callback)
