@@ -1,6 +1,7 @@
 """The support that is chosen holds all light, and little else."""
 
 import itertools
+from dataclasses import replace
 
 import pytest
 import torch
@@ -10,6 +11,7 @@ from torch import Tensor
 
 from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.solvers import Method, Reconstructor
+from nolens.solvers.scene_edges import scene_edges
 from nolens.solvers.scene_support import choose_support
 
 FRAME = PixelRectangle(0, 0, *SENSOR)
@@ -35,7 +37,7 @@ def holds(support: PixelRectangle, top: int, left: int, height: int, width: int)
 
 
 def chosen(psf: Tensor, data: Tensor) -> PixelRectangle | None:
-    return choose_support(psf, data, torch.ones_like(data, dtype=torch.bool)).support
+    return Reconstructor(psf).choose_support(data).support
 
 
 @pytest.mark.parametrize("corner", [(64, 80), (20, 130)])
@@ -43,8 +45,42 @@ def test_is_the_scene_and_little_more(corner: tuple[int, int]) -> None:
     psf = mask_psf()
     support = chosen(psf, measured(psf, picture({corner: photograph()})))
     assert support is not None and holds(support, *corner, 64, 64)
-    # By at most five pixels on either side.
-    assert max(support.height, support.width) <= 74
+    # By two pixels on either side, as its photograph shows where it ends.
+    assert max(support.height, support.width) <= 68
+
+
+def lines(*values: float) -> Tensor:
+    """A scene of even rows, 40 of them and more, with 1 after those that are given."""
+    rows = torch.tensor([*values, *[1.0] * 40])
+    return rows[:, None].expand(-1, 50)[None].clone()
+
+
+@pytest.mark.parametrize(
+    ("rows", "top"),
+    [
+        ([0.01, 0.02, 0.04, 0.05], 4),
+        # A line that is lit in part belongs to the scene; so does the first.
+        ([0.01, 0.02, 0.14], 2),
+        ([], None),
+        # A support that is too small: the light rises slowly.
+        ([0.02, 0.05, 0.18, 0.34, 0.52, 0.71, 0.79, 0.87], None),
+        # A dim wall, and a dark sky that is wider than a margin.
+        ([0.13] * 4, None),
+        ([0.05] * 10, None),
+    ],
+)
+def test_edges_of_a_photograph(rows: list[float], top: int | None) -> None:
+    support = PixelRectangle(-3, 5, 40 + len(rows), 50)
+    scene = lines(*rows)
+    expected = None if top is None else support.top + top
+    assert scene_edges(scene, support) == (expected, None, None, None)
+    upside_down = scene_edges(scene.flip(1), support)
+    assert upside_down[1] == (None if top is None else support.top + support.height - top)
+    aside = scene_edges(scene.mT.flip(2), replace(support, height=50, width=support.height))
+    assert aside[3] == (None if top is None else support.left + support.height - top)
+    # A small object in the dark stays.
+    scene[:, :1, 20:25] = 0.5
+    assert scene_edges(scene, support)[0] is None
 
 
 def test_is_found_in_much_noise() -> None:

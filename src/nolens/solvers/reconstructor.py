@@ -24,6 +24,7 @@ from nolens.solvers.held_out import (
     choose_weight,
     choose_wiener_weight,
     predict,
+    weight_by_noise,
 )
 from nolens.solvers.inputs import (
     Plane,
@@ -43,6 +44,7 @@ from nolens.solvers.plug_and_play import (
 from nolens.solvers.problem import BASIS_ERROR, Prior, Problem
 from nolens.solvers.result import STOPS, Callback, Progress, Quality, Result, Stop
 from nolens.solvers.ridge import RidgePrior
+from nolens.solvers.scene_edges import at_edges, scene_edges
 from nolens.solvers.scene_prior import ScenePrior, scene_prior, solve_with
 from nolens.solvers.scene_support import SupportChoice, choose_support
 from nolens.solvers.stream import FOLLOWING, Stream
@@ -317,8 +319,9 @@ class Reconstructor:
     ) -> SupportChoice:
         """Pixels that a measurement's light comes from (decision 16).
 
-        Chosen on means over at most 4×4 pixels, so that a hundred thousand or more are left. The
-        Wiener filter knows no support, and gets none.
+        Chosen on means over at most 4×4 pixels, so that a hundred thousand or more are left, and
+        then at the edges that a photograph on these shows (`scene_edges`). The Wiener filter knows
+        no support, and gets none.
 
         Parameters
         ----------
@@ -342,7 +345,22 @@ class Reconstructor:
         choice = choose_support(
             psf.to(self.device), data.to(self.device), usable.to(self.device), progress
         )
-        return choice.finer(by)
+        finer = choice.finer(by)
+        if choice.support is None or finer.support is None or choice.interrupted:
+            return finer
+        wider = choice.support.coarser(1)
+        coarse = Reconstructor(psf, wider, tau=0.0, device=self.device)
+        problem = coarse.problem(data, usable)
+        photograph = coarse.solve(
+            problem.weighted(weight_by_noise(problem.by_channel).tau),
+            callback=None if progress is None else lambda _: progress(1.0),
+        )
+        edges = scene_edges(photograph.scene, wider)
+        return replace(
+            finer,
+            support=at_edges(finer.support, edges, by),
+            interrupted=photograph.stop_reason == "callback",
+        )
 
     def coarse_problem(
         self, measured: Measurement | Plane, valid: Plane | None = None, by: int = 2
