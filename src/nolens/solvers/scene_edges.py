@@ -45,7 +45,7 @@ def scene_edges(scene: Tensor, support: PixelRectangle) -> tuple[int | None, ...
 
 
 def at_edges(support: PixelRectangle, edges: tuple[int | None, ...], by: int) -> PixelRectangle:
-    """A support with its sides one of the larger pixels beside edges, where those are clear.
+    """A support with its sides half a larger pixel beside edges, where those are clear.
 
     Parameters
     ----------
@@ -62,8 +62,9 @@ def at_edges(support: PixelRectangle, edges: tuple[int | None, ...], by: int) ->
         support.left,
         support.left + support.width,
     )
+    margin = max(1, by // 2)
     top, bottom, left, right = (
-        side if edge is None else by * (edge + outwards)
+        side if edge is None else by * edge + margin * outwards
         for side, edge, outwards in zip(sides, edges, (-1, 1, -1, 1), strict=True)
     )
     return PixelRectangle(top, left, bottom - top, right - left)
