@@ -48,11 +48,11 @@ def judged(data: Path, name: str, scratch: Path, psf: Tensor) -> tuple[dict[str,
     write_tiff32(path, psf[None])
     outcome, truth = pair(data, name, scratch, path)
     shown = affine_fit(outcome.value, truth).clamp(0, 1)
-    misfit = unexplained(known(data, (name,)), psf)
+    residual = unexplained(known(data, (name,)), psf)
     figures = {
         "psnr_db": psnr(shown, truth, 1.0),
         "ssim": ssim(shown, truth, 1.0),
-        "misfit": float(misfit.mean()),
+        "residual": float(residual.mean()),
     }
     return figures, shown
 
@@ -107,7 +107,7 @@ def page(result: dict[str, Any]) -> str:
     def line(name: str, ours: dict[str, Any], theirs: dict[str, Any]) -> str:
         return f"| {name} | " + " | ".join(
             f"{one[key]:{form}}"
-            for key, form in (("psnr_db", ".2f"), ("ssim", ".3f"), ("misfit", ".3f"))
+            for key, form in (("psnr_db", ".2f"), ("ssim", ".3f"), ("residual", ".3f"))
             for one in (ours, theirs)
         ) + " |"  # fmt: skip
 
