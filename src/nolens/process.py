@@ -18,8 +18,8 @@ def prepare() -> None:
     Loading torch makes some hundred thousand objects that stay, and looking for garbage among them
     takes a quarter of a second. glibc hands freed memory back to the system and takes it anew,
     page by page and zeroed: that was a fifth of a draft's time, and a third of a photo's where
-    light may come from everywhere at the paper's size. Here it is kept for the next array, up to
-    those of that size: holes that stay between them are a seventh more memory for such a photo.
+    light may come from everywhere at the paper's size. Here it is kept for the next array, if
+    that has 64 MiB at most: holes between arrays are a seventh more memory for such a photo.
     OpenMP's threads spin while they wait for each other, and keep the core from the one that they
     wait for: beside other programs, a picture then takes up to ten times as long.
     """

@@ -186,8 +186,8 @@ class Turn:
         x, (channels, height, width).
     picture
         z: what the network makes of it, and not below zero.
-    taken
-        d: what it has taken off.
+    multiplier
+        d: what it has taken off so far.
     white
         In units of measurement over PSF.
     strength
@@ -197,7 +197,7 @@ class Turn:
     number: int
     fit: Tensor
     picture: Tensor
-    taken: Tensor
+    multiplier: Tensor
     white: float
     strength: float
 
@@ -271,22 +271,22 @@ class PlugAndPlay:
         if after is None:
             picture = photograph / fit.white
             fit.restart(picture)
-            taken, first = torch.zeros_like(picture), 0
+            multiplier, first = torch.zeros_like(picture), 0
         else:
-            picture, taken, first = after.picture, after.taken, after.number + 1
+            picture, multiplier, first = after.picture, after.multiplier, after.number + 1
         network = self.network.to(problem.data.device)
         for number, spread in enumerate(self.spreads[first:], first):
             # The multiplier d / s² stays where the spread changes.
-            taken = taken * (spread / self.spreads[max(number - 1, 0)]) ** 2
-            x, noise = fit.near(picture - taken, spread / strength)
-            noisy = x + taken
+            multiplier = multiplier * (spread / self.spreads[max(number - 1, 0)]) ** 2
+            x, noise = fit.near(picture - multiplier, spread / strength)
+            noisy = x + multiplier
             if self.white:
                 picture = denoise(network, noisy, torch.full_like(noise, spread), turn=number)
             else:
                 picture = denoise(network, noisy, noise, spread, turn=number)
             picture = picture.clamp_min(0)
-            taken = noisy - picture
-            yield Turn(number, x, picture, taken, fit.white, strength)
+            multiplier = noisy - picture
+            yield Turn(number, x, picture, multiplier, fit.white, strength)
 
     @torch.no_grad()
     def solve(
@@ -347,27 +347,23 @@ class PlugAndPlay:
             return turn
 
         def checks() -> Iterator[Progress]:
-            photograph, noise, strength = first.scene, None, STRENGTH
+            photograph, noise = first.scene, None
             if coarse is not None:
-                turns = prior.turns(coarse.problem, photograph, strength / self.detail)
+                turns = prior.turns(coarse.problem, photograph, STRENGTH / self.detail)
                 yield from run(coarse.problem, photograph, turns)
                 noise = coarse.noise(photograph, problem)
                 photograph = latest() * problem.scale
             fit, trial = Fit(problem, photograph, noise), None
             if self.white:
                 trial = yield from trials(photograph, fit)
-            start = photograph
-            if trial is not None:
-                strength = trial.strength
-                if self.detail == 1 and trial.number + 1 < len(self.spreads):
-                    start = trial.scene
-                else:
-                    trial = None
+            strength = STRENGTH if trial is None else trial.strength
+            if self.detail != 1 or (trial is not None and trial.number + 1 == len(self.spreads)):
+                trial = None  # With another strength, or no turn left for the pixels that were out.
             turns = prior.turns(problem, photograph, strength / self.detail, fit, trial)
-            yield from run(problem, start, turns)
+            yield from run(problem, photograph if trial is None else trial.scene, turns)
 
         def trials(photograph: Tensor, fit: Fit) -> Generator[Progress, None, Turn | None]:
-            """The last turn, where the fit then stands, of the strength that predicts best."""
+            """The last turn of the strength that predicts best; the fit then stands there."""
             blocks = held_out_blocks(problem.valid)
             work = problem.padded_pixels * problem.forward.field_points
             if blocks is None or work > MANY_PIXELS:

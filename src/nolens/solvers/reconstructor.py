@@ -351,16 +351,13 @@ class Reconstructor:
         wider = choice.support.coarser(1)
         coarse = Reconstructor(psf, wider, tau=0.0, device=self.device)
         problem = coarse.problem(data, usable)
-        photograph = coarse.solve(
-            problem.weighted(weight_by_noise(problem.by_channel).tau),
-            callback=None if progress is None else lambda _: progress(1.0),
-        )
+        problem = problem.weighted(weight_by_noise(problem.by_channel).tau)
+        watch = None if progress is None else lambda _: progress(1.0)
+        photograph = coarse.solve(problem, callback=watch)
+        if photograph.stop_reason == "callback":
+            return replace(finer, interrupted=True)
         edges = scene_edges(photograph.scene, wider)
-        return replace(
-            finer,
-            support=at_edges(finer.support, edges, by),
-            interrupted=photograph.stop_reason == "callback",
-        )
+        return replace(finer, support=at_edges(finer.support, edges, by))
 
     def coarse_problem(
         self, measured: Measurement | Plane, valid: Plane | None = None, by: int = 2

@@ -30,7 +30,7 @@ def scene_edges(scene: Tensor, support: PixelRectangle) -> tuple[int | None, ...
     scene
         (channels, height, width), of the support.
     support
-        Pixels of the frame, two lines or more larger than the scene is likely to be.
+        Pixels of the frame, a line or more larger than the scene is likely to be.
     """
     values = scene / scene.mean((-2, -1), keepdim=True).clamp_min(1e-30)
     brightest = values.amax(0)
