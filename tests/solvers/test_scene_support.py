@@ -11,7 +11,7 @@ from torch import Tensor
 
 from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.solvers import Method, Reconstructor
-from nolens.solvers.scene_edges import scene_edges
+from nolens.solvers.scene_edges import centred_edges, scene_edges
 from nolens.solvers.scene_support import choose_support
 
 FRAME = PixelRectangle(0, 0, *SENSOR)
@@ -81,6 +81,42 @@ def test_edges_of_a_photograph(rows: list[float], top: int | None) -> None:
     # A small object in the dark stays.
     scene[:, :1, 20:25] = 0.5
     assert scene_edges(scene, support)[0] is None
+
+
+GLOW = [0.01, 0.03, 0.06, 0.1, 0.14, 0.2, 0.24, 0.28, 0.3, 0.31]
+"""Of noise, beside a scene."""
+
+
+@pytest.mark.parametrize(
+    ("above", "below", "edges", "expected"),
+    [
+        # A side that is clear has the other opposite, as far as that is dim or a step.
+        ([], GLOW[:6], (0, None), (0, 40)),
+        (GLOW, [], (None, 40), (0, 40)),
+        ([], [0.1, 0.2, 0.8, 0.9, 1.0], (0, None), (0, None)),
+        # Two steps as far from the middle, and two that are not.
+        (GLOW, GLOW, (None, None), (0, 40)),
+        (GLOW, [*GLOW[:9], 0.4], (None, None), (0, 40)),
+        ([0.2] * 10, [*[0.2] * 7, 1.0, 1.0, 1.0], (None, None), (None, None)),
+        # The second wants a step of 1.35 times, as light rises slowly in a scene that is cut.
+        (GLOW, [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0], (None, None), (None, None)),
+    ],
+)
+def test_edges_opposite(
+    above: list[float],
+    below: list[float],
+    edges: tuple[int | None, int | None],
+    expected: tuple[int | None, int | None],
+) -> None:
+    """Of 40 lines from the frame's first to its last, in a support that is larger."""
+    rows = torch.tensor([*above, *[1.0] * 40, *below[::-1]])
+    scene = rows[:, None].expand(-1, 50)[None] / rows.mean()
+    support = PixelRectangle(-len(above), 5, len(rows), 50)
+    known = (*edges, None, None)
+    assert centred_edges(scene, support, known, (40, 60)) == (*expected, None, None)
+    turned = replace(support, top=5, left=-len(above), height=50, width=len(rows))
+    known = (None, None, *edges)
+    assert centred_edges(scene.mT, turned, known, (60, 40)) == (None, None, *expected)
 
 
 def test_is_found_in_much_noise() -> None:
@@ -182,5 +218,5 @@ def test_a_caller_can_stop_it() -> None:
     psf = mask_psf()
     data = measured(psf, picture({(64, 80): photograph()}))
     valid = torch.ones_like(data, dtype=torch.bool)
-    stopped = choose_support(psf, data, valid, lambda fraction: True)
+    stopped = choose_support(psf, data, valid, lambda _: None, lambda _: True)
     assert stopped.interrupted and stopped.support is None

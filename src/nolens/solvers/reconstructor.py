@@ -44,7 +44,6 @@ from nolens.solvers.plug_and_play import (
 from nolens.solvers.problem import BASIS_ERROR, Prior, Problem
 from nolens.solvers.result import STOPS, Callback, Progress, Quality, Result, Stop
 from nolens.solvers.ridge import RidgePrior
-from nolens.solvers.scene_edges import at_edges, scene_edges
 from nolens.solvers.scene_prior import ScenePrior, scene_prior, solve_with
 from nolens.solvers.scene_support import SupportChoice, choose_support
 from nolens.solvers.stream import FOLLOWING, Stream
@@ -342,22 +341,23 @@ class Reconstructor:
         by = min(max(1, round(math.sqrt(pixels / _SUPPORT_PIXELS))), _SUPPORT_BY)
         data, usable = _binned(measured, valid, by)
         psf = _means(channels_of(self.psf, "PSF"), by)
+
+        def photograph(support: PixelRectangle) -> Tensor | None:
+            coarse = Reconstructor(psf, support, tau=0.0, device=self.device)
+            problem = coarse.problem(data, usable)
+            problem = problem.weighted(weight_by_noise(problem.by_channel).tau)
+            watch = None if progress is None else lambda _: progress(1.0)
+            result = coarse.solve(problem, callback=watch)
+            return None if result.stop_reason == "callback" else result.scene
+
         choice = choose_support(
-            psf.to(self.device), data.to(self.device), usable.to(self.device), progress
+            psf.to(self.device),
+            data.to(self.device),
+            usable.to(self.device),
+            photograph,
+            progress,
         )
-        finer = choice.finer(by)
-        if choice.support is None or finer.support is None or choice.interrupted:
-            return finer
-        wider = choice.support.coarser(1)
-        coarse = Reconstructor(psf, wider, tau=0.0, device=self.device)
-        problem = coarse.problem(data, usable)
-        problem = problem.weighted(weight_by_noise(problem.by_channel).tau)
-        watch = None if progress is None else lambda _: progress(1.0)
-        photograph = coarse.solve(problem, callback=watch)
-        if photograph.stop_reason == "callback":
-            return replace(finer, interrupted=True)
-        edges = scene_edges(photograph.scene, wider)
-        return replace(finer, support=at_edges(finer.support, edges, by))
+        return choice.finer(by)
 
     def coarse_problem(
         self, measured: Measurement | Plane, valid: Plane | None = None, by: int = 2

@@ -29,6 +29,7 @@ from torch import Tensor
 from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.solvers.held_out import PartialFit, box_mean, channel_noise, fit_partially, local_mean
 from nolens.solvers.problem import Problem
+from nolens.solvers.scene_edges import NO_EDGES, Edges, at_edges, centred_edges, scene_edges
 
 _DETAIL = (0.04, 0.1, 0.25, 0.5)
 """Of the scene's detail where there is most, from which on light comes from there: as little as can
@@ -73,11 +74,18 @@ _BURIED = 0.2
 """Fraction of the contrast that is noise, above which sides get a margin instead."""
 _MARGIN, _MARGIN_AT_LEAST = 0.02, 2
 """Of the rectangle's sides, added on either side, and in pixels."""
+_AROUND = (0.0, 0.15, 0.3)
+"""Of the rectangle's sides, around it that photographs show, one after the other; a pixel at
+least."""
 _MOST = 0.5
 """Fraction of the pixels that can be seen from which on a support is none."""
 _ITERATIONS, _ITERATIONS_TO_COMPARE = 28, 112
 """Of ADMM in a fit; more where the rectangle is not as good as no limit after the first."""
 _STEPS_AT_MOST = 28
+
+
+Photograph = Callable[[PixelRectangle], Tensor | None]
+"""The scene in a support, by a fit that has converged; None where the caller stopped that."""
 
 
 @dataclass(frozen=True)
@@ -119,6 +127,8 @@ class SupportChoice:
     ----------
     support
         None where it comes from everywhere, or from no one can say where.
+    edges
+        Where photographs show that the scene ends.
     steps
         Rectangles that were tried, one after the other.
     interrupted
@@ -126,20 +136,24 @@ class SupportChoice:
     """
 
     support: PixelRectangle | None
+    edges: Edges = NO_EDGES
     steps: tuple[SupportStep, ...] = ()
     interrupted: bool = False
 
     def finer(self, by: int) -> "SupportChoice":
-        """The same where by×by pixels stand for each of these."""
-        support = None if self.support is None else self.support.finer(by)
+        """Where by×by pixels stand for each of these, with its sides at the edges."""
+        support = self.support
+        if support is not None:
+            support = at_edges(support.finer(by), self.edges, by)
         steps = tuple(replace(step, support=step.support.finer(by)) for step in self.steps)
-        return replace(self, support=support, steps=steps)
+        return replace(self, support=support, edges=NO_EDGES, steps=steps)
 
 
 def choose_support(
     psf: Tensor,
     data: Tensor,
     valid: Tensor,
+    photograph: Photograph,
     progress: Callable[[float], bool | None] | None = None,
 ) -> SupportChoice:
     """The smallest rectangle beside which a measurement asks for no light.
@@ -151,12 +165,15 @@ def choose_support(
     ----------
     psf, data, valid
         As `Problem.build` takes them, on coarse pixels: a hundred thousand or more.
+    photograph
+        Takes one for a support.
     progress
         Called with the fraction that is done; stops by returning True.
     """
     search = _Search(psf, data, valid, progress)
     support = search.run()
-    return SupportChoice(support, tuple(search.steps), interrupted=search.interrupted)
+    edges = NO_EDGES if support is None else search.edges(support, photograph)
+    return SupportChoice(support, edges, tuple(search.steps), interrupted=search.interrupted)
 
 
 class _Search:
@@ -173,35 +190,75 @@ class _Search:
         self._full = Problem.build(psf, data, valid=valid)
         self._light = _Light(self._full, psf)
         self._iterations = _ITERATIONS
+        self._free = fit_partially(self._full, _ITERATIONS)
         self._tried: dict[tuple[PixelRectangle, int], tuple[Tensor, PartialFit]] = {}
         self.steps: list[SupportStep] = []
         self.interrupted = False
 
     def run(self) -> PixelRectangle | None:
         """The rectangle that is chosen; None for no limit."""
-        free = fit_partially(self._full, self._iterations)
-        if free is None:
+        if self._free is None:
             return None
-        support = self._with_detail(free)
+        support = self._with_detail(self._free)
         while support is not None and self._goes_on():
-            outside, fitted = self._try(support, free)
-            excess, error = fitted.prediction.excess(free.prediction)
+            outside, fitted = self._try(support)
+            excess, error = fitted.prediction.excess(self._free.prediction)
             # A mask that repeats itself explains more by ghosts, without a limit.
             explained = excess <= (_LIKELY if self._light.has_ghosts else 1) * error
             place = self._light.place(support, outside, _CLEAR_AFAR if explained else _CLEAR)
-            if place is not None and self._is_light(place, support, fitted, free):
+            if place is not None and self._is_light(place, support, fitted):
                 support = support.union(place)
             elif explained:
-                support = self._finished(support, fitted, free)
+                support = self._finished(support, fitted)
                 return support if self._light.fraction(support) <= _MOST else None
             elif self._iterations == _ITERATIONS:
                 # Not yet, maybe: both are fitted for longer.
                 self._iterations = _ITERATIONS_TO_COMPARE
-                free = fit_partially(self._full, self._iterations)
-                assert free is not None  # As before.
+                self._free = fit_partially(self._full, self._iterations)
+                assert self._free is not None  # As before.
             else:
                 return None
         return None
+
+    def edges(self, support: PixelRectangle, photograph: Photograph) -> Edges:
+        """Where photographs show that the scene in a rectangle, or around it, ends.
+
+        While sides are not clear, more around it is looked at. Two edges that lie as far from the
+        frame's middle and leave something out are taken where predictions are not surely against
+        them, and no clear light lies beyond.
+        """
+        edges = NO_EDGES
+        for share in _AROUND:
+            if None not in edges or self.interrupted:
+                break
+            limit = at_edges(support, edges, 1)
+            wider = self._light.visible(_wider(limit, share, 1))
+            scene = photograph(wider)
+            if scene is None:
+                self.interrupted = True
+                break
+            new = scene_edges(scene, wider)
+            edges = tuple(a if a is not None else b for a, b in zip(edges, new, strict=True))
+            centred = centred_edges(scene, wider, edges, self._full.forward.sensor)
+            for sides in ((0, 1), (2, 3)):
+                tried = tuple(centred[k] if k in sides else each for k, each in enumerate(edges))
+                if tried != edges and self._may_end(
+                    *(at_edges(support, each, 1) for each in (tried, edges))
+                ):
+                    edges = tried
+        return edges
+
+    def _may_end(self, tried: PixelRectangle, support: PixelRectangle) -> bool:
+        """Whether a rectangle has all of another, or is not surely worse than it without light."""
+        if self._light.visible(tried) != tried:
+            return False
+        if tried.union(support) == tried:
+            return True
+        fitted = self._try(support)[1]
+        outside, own = self._try(tried)
+        excess, error = own.prediction.excess(fitted.prediction)
+        cuts = self._light.clearest(support, outside) >= _CLEAR_AFAR
+        return not cuts and excess <= _SURELY_TIGHTER * error
 
     def _with_detail(self, free: PartialFit) -> PixelRectangle | None:
         """The rectangle with all detail, faint as it is, where that is not surely worse.
@@ -222,7 +279,7 @@ class _Search:
                 support, best, least = smaller, fitted, fraction * most
         main = self._light.main_part(support, best.scene, least)
         if main != support and self._goes_on():
-            alone = self._try(main, free)[1].prediction
+            alone = self._try(main)[1].prediction
             if self._light.repeats(main, support):
                 taken = not best.prediction.is_clearly_better(alone)
             else:
@@ -237,35 +294,29 @@ class _Search:
         fitted, support = free, self._light.scene
         inner = self._light.with_detail(support, free.scene, least)
         while _area(inner) < _STAYS * _area(support) and self._goes_on():
-            support, fitted = inner, self._try(inner, free)[1]
+            support, fitted = inner, self._try(inner)[1]
             inner = self._light.with_detail(support, fitted.scene, least)
         return support, fitted
 
-    def _is_light(
-        self, place: PixelRectangle, support: PixelRectangle, fitted: PartialFit, free: PartialFit
-    ) -> bool:
+    def _is_light(self, place: PixelRectangle, support: PixelRectangle, fitted: PartialFit) -> bool:
         """Whether a place that asks for light is no ghost of what the rectangle has."""
         if not self._light.repeats(support, place):
             return True
-        with_it = self._try(support.union(place), free)[1].prediction
+        with_it = self._try(support.union(place))[1].prediction
         return with_it.is_clearly_better(fitted.prediction)
 
-    def _finished(
-        self, support: PixelRectangle, fitted: PartialFit, free: PartialFit
-    ) -> PixelRectangle:
+    def _finished(self, support: PixelRectangle, fitted: PartialFit) -> PixelRectangle:
         """Tightened, and centred where that is not surely worse.
 
         In much noise predictions do not tell where its sides are, and it gets a margin.
         """
         if fitted.prediction.unexplained_by_noise > _BURIED:
-            support = self._centred(support, fitted, free)
+            support = self._centred(support, fitted)
             return self._light.visible(_wider(support, _MARGIN, _MARGIN_AT_LEAST))
-        support, fitted, unsure = self._tightened(support, fitted, free)
-        return self._light.visible(_moved(self._centred(support, fitted, free), unsure, 1))
+        support, fitted, unsure = self._tightened(support, fitted)
+        return self._light.visible(_moved(self._centred(support, fitted), unsure, 1))
 
-    def _centred(
-        self, support: PixelRectangle, fitted: PartialFit, free: PartialFit
-    ) -> PixelRectangle:
+    def _centred(self, support: PixelRectangle, fitted: PartialFit) -> PixelRectangle:
         """As far on the other side of the frame's middle, where that is not surely worse.
 
         Even parts of a scene, such as a night sky, show no detail, and predictions say little of
@@ -275,14 +326,14 @@ class _Search:
             wider = self._light.visible(support.union(mirrored))
             if wider == support or not self._goes_on():
                 continue
-            own = self._try(wider, free)[1]
+            own = self._try(wider)[1]
             excess, error = own.prediction.excess(fitted.prediction)
             if excess <= _SURELY_TIGHTER * error:
                 support, fitted = wider, own
         return support
 
     def _tightened(
-        self, support: PixelRectangle, fitted: PartialFit, free: PartialFit
+        self, support: PixelRectangle, fitted: PartialFit
     ) -> tuple[PixelRectangle, PartialFit, str]:
         """Without lines at its sides that predictions are surely better without; its fit; and sides
         where they do not tell what a pixel less would cost.
@@ -298,7 +349,7 @@ class _Search:
                     smaller = _moved(support, sides, -pixels)
                     if min(smaller.height, smaller.width) < _DETAIL_SIDE:
                         break
-                    outside, own = self._try(smaller, free)
+                    outside, own = self._try(smaller)
                     excess, error = own.prediction.excess(fitted.prediction)
                     cuts = self._light.clearest(support, outside) >= _CLEAR_AFAR
                     if cuts or excess > _SURELY_TIGHTER * error:
@@ -318,7 +369,7 @@ class _Search:
             self.interrupted = bool(self._progress(min(done, 1.0)))
         return done < 1 and not self.interrupted
 
-    def _try(self, support: PixelRectangle, free: PartialFit) -> tuple[Tensor, PartialFit]:
+    def _try(self, support: PixelRectangle) -> tuple[Tensor, PartialFit]:
         """Signals beside a rectangle, and the fit with it; several steps ask for the same."""
         asked = support, self._iterations
         if asked not in self._tried:
@@ -327,7 +378,8 @@ class _Search:
             assert own is not None  # As without a limit.
             self._tried[asked] = self._light.signal(problem, own, support), own
         outside, fitted = self._tried[asked]
-        excess, error = fitted.prediction.excess(free.prediction)
+        assert self._free is not None  # As `run` has seen.
+        excess, error = fitted.prediction.excess(self._free.prediction)
         self.steps.append(SupportStep(support, float(outside.max()), excess, error))
         return outside, fitted
 
