@@ -160,24 +160,20 @@ def test_near_picture_hides_the_far_one(tmp_path: Path) -> None:
     assert through[:, height // 2, width // 2].tolist() == pytest.approx([0.8, 0, 0.2], abs=1e-3)
 
 
-def test_more_field_points_are_nearer_to_the_truth(picture: Path, tmp_path: Path) -> None:
+def test_too_few_field_points_are_said(picture: Path, tmp_path: Path) -> None:
     part = preset_text("small").replace("rows = 256", "rows = 32")
     part = part.replace("columns = 320", "columns = 64")
     (tmp_path / "camera.toml").write_text(part)
-    asked = ("--camera", tmp_path, "--light", "535nm", "--angle", "60deg", "--distance", "12mm")
-    done, errors = {}, {}
-    for points in (3, 5):
-        given = (*asked, "--field-points", points, "-o", tmp_path / "r.tif", "--json")
-        done[points] = run("simulate", picture, *given)
-        assert done[points].code == 0, done[points].err
-        errors[points] = json.loads(done[points].out)["field_error"]["of_noise"]
-        if points == 3:
-            record = json.loads((tmp_path / "r.json").read_text())
-    assert errors[5] < 0.3 < errors[3] and done[5].err == ""
-    warning = done[3].err.removeprefix("nolens: warning: ").strip()
+    done = run(
+        "simulate", picture, "--camera", tmp_path, "--light", "535nm", "--angle", "60deg",
+        "--distance", "12mm", "--field-points", 3, "-o", tmp_path / "r.tif", "--json",
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    assert json.loads(done.out)["field_error"]["of_noise"] > 0.3
+    warning = done.err.removeprefix("nolens: warning: ").strip()
     assert warning.startswith("between the 3×3 field points the simulation is off by 0.")
     assert warning.endswith("of the noise: try --field-points 5")
-    assert record["warnings"] == [warning]
+    assert json.loads((tmp_path / "r.json").read_text())["warnings"] == [warning]
 
 
 def test_grey_sensor(picture: Path, tmp_path: Path) -> None:
