@@ -10,7 +10,9 @@ of standard deviation σ,
 
 is the light's signal-to-noise ratio (matched filter, `turin1960`): a normal number where no light
 comes from. The rectangle grows to where it is far from that, until it is so nowhere. Then its sides
-move inwards for as long as pixels that are left out of the fit are predicted better.
+move inwards for as long as pixels that are left out of the fit are predicted better. Last,
+photographs of the rectangle, and of more around it, show where the scene ends
+(`nolens.solvers.scene_edges`).
 
 Residual and PSF are taken without their local means, as in `nolens.solvers.held_out`: the glow of a
 scene is what a few iterations are late with, and says little of where the light comes from.
