@@ -120,11 +120,14 @@ def test_edges_opposite(
 
 
 def test_is_found_in_much_noise() -> None:
-    """Where no level of detail limits the scene surely better than no limit."""
+    """Where no level of detail limits the scene surely better than no limit.
+
+    No side is clear by itself: the glow of the noise lies beside it.
+    """
     psf = mask_psf()
     support = chosen(psf, measured(psf, picture({(64, 80): photograph()}), noise=0.15))
     assert support is not None and holds(support, 64, 80, 64, 64)
-    assert max(support.height, support.width) <= 90
+    assert max(support.height, support.width) <= 70
 
 
 def test_a_mask_that_repeats_itself_makes_no_ghosts() -> None:
@@ -166,7 +169,7 @@ def test_an_even_sky_over_a_tower_stays() -> None:
     tower[:, :20] = 0.01
     support = chosen(psf, measured(psf, picture({(64, 80): tower})))
     assert support is not None and holds(support, 64, 80, 64, 64)
-    assert max(support.height, support.width) <= 80
+    assert max(support.height, support.width) <= 70
 
 
 @pytest.mark.parametrize("places", [[(2, 3)], [(2, 110), (184, 214)]])
