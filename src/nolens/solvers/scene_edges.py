@@ -136,10 +136,10 @@ def _opposite(lines: list[float], first: int, edges: Edges, size: int) -> Edges:
         return steps
     if start is not None and 2 * start < size:
         after = first + len(lines) - (size - start)
-        return start, size - start if _may_end(lines[::-1], after) else None
+        return start, size - start if _may_begin(lines[::-1], after) else None
     if end is not None and 2 * end > size:
         before = size - end - first
-        return size - end if _may_end(lines, before) else None, end
+        return size - end if _may_begin(lines, before) else None, end
     return edges
 
 
@@ -165,7 +165,7 @@ def _first_lit(lines: list[float], before: int) -> int:
     return before - part
 
 
-def _may_end(lines: list[float], before: int) -> bool:
+def _may_begin(lines: list[float], before: int) -> bool:
     """Whether a scene may begin after so many lines: they are dim, or it gets bright at once."""
     steps = _steps(lines)
     return max(lines[: max(before, 0)], default=0) < _DIM or any(

@@ -168,7 +168,7 @@ def choose_support(
     psf, data, valid
         As `Problem.build` takes them, on coarse pixels: a hundred thousand or more.
     photograph
-        Takes one for a support.
+        Gives the scene in a support.
     progress
         Called with the fraction that is done; stops by returning True.
     """
@@ -229,13 +229,13 @@ class _Search:
         frame's middle and leave something out are taken where predictions are not surely against
         them, and no clear light lies beyond.
         """
-        edges = NO_EDGES
+        edges, seen = NO_EDGES, None
         for share in _AROUND:
-            if None not in edges or self.interrupted:
-                break
             limit = at_edges(support, edges, 1)
             wider = self._light.visible(_wider(limit, share, 1))
-            scene = photograph(wider)
+            if None not in edges or wider == seen or self.interrupted:
+                break
+            scene, seen = photograph(wider), wider
             if scene is None:
                 self.interrupted = True
                 break
@@ -244,14 +244,14 @@ class _Search:
             centred = centred_edges(scene, wider, edges, self._full.forward.sensor)
             for sides in ((0, 1), (2, 3)):
                 tried = tuple(centred[k] if k in sides else each for k, each in enumerate(edges))
-                if tried != edges and self._may_end(
+                if tried != edges and self._may_replace(
                     *(at_edges(support, each, 1) for each in (tried, edges))
                 ):
                     edges = tried
         return edges
 
-    def _may_end(self, tried: PixelRectangle, support: PixelRectangle) -> bool:
-        """Whether a rectangle has all of another, or is not surely worse than it without light."""
+    def _may_replace(self, tried: PixelRectangle, support: PixelRectangle) -> bool:
+        """Whether a rectangle has all of another, or predicts no worse and cuts off no light."""
         if self._light.visible(tried) != tried:
             return False
         if tried.union(support) == tried:
