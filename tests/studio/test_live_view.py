@@ -416,6 +416,7 @@ def test_source_that_fails_is_told_and_another_can_be_started(studio: Running) -
     assert "no frame to save" in studio.post("live/save", {}, 422)["detail"]
     state = studio.post("live/start", {"source": "twin:small"})
     assert state["running"] and state["error"] is None
+    assert studio.post("live/save", {"as": ["raw"]})["files"]  # Its first frame is waited for.
     assert not studio.post("live/stop")["running"]
     assert httpx.get(f"{studio.url}/api/live").json()["fps"] == 0
 

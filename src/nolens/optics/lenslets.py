@@ -1,5 +1,6 @@
 """Surfaces of lenslets at random places."""
 
+import functools
 import math
 
 import numpy as np
@@ -77,6 +78,7 @@ def smoothed(heights: Tensor, deviation: float) -> Tensor:
     return irfft2(spectrum, (rows, columns))
 
 
+@functools.lru_cache(maxsize=16)  # A camera is opened again by each step of a notebook.
 def relaxed_points(size_um: tuple[float, float], pitch_um: float, seed: int) -> NDArray[np.float64]:
     r"""Random points that Lloyd's relaxation has spread on a torus (`lloyd1982`).
 
@@ -107,4 +109,5 @@ def relaxed_points(size_um: tuple[float, float], pitch_um: float, seed: int) -> 
             moved = np.bincount(owner, offset, minlength=count) / owned
             points[:, axis] = (points[:, axis] + moved) % samples[axis]
     spread: NDArray[np.float64] = points * scale
+    spread.flags.writeable = False  # Who asks next gets the same array.
     return spread

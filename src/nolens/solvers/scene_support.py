@@ -172,9 +172,8 @@ def choose_support(
     progress
         Called with the fraction that is done; stops by returning True.
     """
-    search = _Search(psf, data, valid, progress)
-    support = search.run()
-    edges = NO_EDGES if support is None else search.edges(support, photograph)
+    search = _Search(psf, data, valid, photograph, progress)
+    support, edges = search.run()
     return SupportChoice(support, edges, tuple(search.steps), interrupted=search.interrupted)
 
 
@@ -186,21 +185,24 @@ class _Search:
         psf: Tensor,
         data: Tensor,
         valid: Tensor,
+        photograph: Photograph,
         progress: Callable[[float], bool | None] | None,
     ) -> None:
         self._psf, self._data, self._valid, self._progress = psf, data, valid, progress
+        self._photograph = photograph
         self._full = Problem.build(psf, data, valid=valid)
         self._light = _Light(self._full, psf)
         self._iterations = _ITERATIONS
         self._free = fit_partially(self._full, _ITERATIONS)
         self._tried: dict[tuple[PixelRectangle, int], tuple[Tensor, PartialFit]] = {}
+        self._seen = set[PixelRectangle]()
         self.steps: list[SupportStep] = []
         self.interrupted = False
 
-    def run(self) -> PixelRectangle | None:
-        """The rectangle that is chosen; None for no limit."""
+    def run(self) -> tuple[PixelRectangle | None, Edges]:
+        """The rectangle that is chosen, and the scene's edges there; None for no limit."""
         if self._free is None:
-            return None
+            return None, NO_EDGES
         support = self._with_detail(self._free)
         while support is not None and self._goes_on():
             outside, fitted = self._try(support)
@@ -211,43 +213,64 @@ class _Search:
             if place is not None and self._is_light(place, support, fitted):
                 support = support.union(place)
             elif explained:
-                support = self._finished(support, fitted)
-                return support if self._light.fraction(support) <= _MOST else None
+                support, edges = self._finished(support, fitted)
+                if self._light.fraction(support) <= _MOST:
+                    return support, edges
+                return None, NO_EDGES
             elif self._iterations == _ITERATIONS:
                 # Not yet, maybe: both are fitted for longer.
                 self._iterations = _ITERATIONS_TO_COMPARE
                 self._free = fit_partially(self._full, self._iterations)
                 assert self._free is not None  # As before.
             else:
-                return None
-        return None
+                return None, NO_EDGES
+        return None, NO_EDGES
 
-    def edges(self, support: PixelRectangle, photograph: Photograph) -> Edges:
-        """Where photographs show that the scene in a rectangle, or around it, ends.
+    def _finished(
+        self, support: PixelRectangle, fitted: PartialFit
+    ) -> tuple[PixelRectangle, Edges]:
+        """As its scene needs, and the edges that photographs show.
 
-        While sides are not clear, more around it is looked at. Two edges that lie as far from the
-        frame's middle and leave something out are taken where predictions are not surely against
-        them, and no clear light lies beyond.
+        One that shows all edges is enough. Else sides move inwards by predictions; in much noise
+        those do not tell where the sides are, and there is a margin. While sides are not clear,
+        more around the rectangle is looked at.
         """
-        edges, seen = NO_EDGES, None
+        edges, centred = NO_EDGES, self._centred(support, fitted)
+        if fitted.prediction.unexplained_by_noise > _BURIED:
+            support = self._light.visible(_wider(centred, _MARGIN, _MARGIN_AT_LEAST))
+        else:
+            edges = self._edges(centred, edges, 0.0)
+            if None in edges:
+                support, fitted, unsure = self._tightened(support, fitted)
+                support = self._light.visible(_moved(self._centred(support, fitted), unsure, 1))
         for share in _AROUND:
-            limit = at_edges(support, edges, 1)
-            wider = self._light.visible(_wider(limit, share, 1))
-            if None not in edges or wider == seen or self.interrupted:
-                break
-            scene, seen = photograph(wider), wider
-            if scene is None:
-                self.interrupted = True
-                break
-            new = scene_edges(scene, wider)
-            edges = tuple(a if a is not None else b for a, b in zip(edges, new, strict=True))
-            centred = centred_edges(scene, wider, edges, self._full.forward.sensor)
-            for sides in ((0, 1), (2, 3)):
-                tried = tuple(centred[k] if k in sides else each for k, each in enumerate(edges))
-                if tried != edges and self._may_replace(
-                    *(at_edges(support, each, 1) for each in (tried, edges))
-                ):
-                    edges = tried
+            if None in edges:
+                edges = self._edges(support, edges, share)
+        return support, edges
+
+    def _edges(self, support: PixelRectangle, edges: Edges, share: float) -> Edges:
+        """Edges, and those that a photograph of a rectangle and a share of it around it shows.
+
+        Two edges that lie as far from the frame's middle and leave something out are taken where
+        predictions are not surely against them, and no clear light lies beyond.
+        """
+        wider = self._light.visible(_wider(at_edges(support, edges, 1), share, 1))
+        if wider in self._seen or self.interrupted:
+            return edges
+        self._seen.add(wider)
+        scene = self._photograph(wider)
+        if scene is None:
+            self.interrupted = True
+            return edges
+        new = scene_edges(scene, wider)
+        edges = tuple(a if a is not None else b for a, b in zip(edges, new, strict=True))
+        centred = centred_edges(scene, wider, edges, self._full.forward.sensor)
+        for sides in ((0, 1), (2, 3)):
+            tried = tuple(centred[k] if k in sides else each for k, each in enumerate(edges))
+            if tried != edges and self._may_replace(
+                *(at_edges(support, each, 1) for each in (tried, edges))
+            ):
+                edges = tried
         return edges
 
     def _may_replace(self, tried: PixelRectangle, support: PixelRectangle) -> bool:
@@ -306,17 +329,6 @@ class _Search:
             return True
         with_it = self._try(support.union(place))[1].prediction
         return with_it.is_clearly_better(fitted.prediction)
-
-    def _finished(self, support: PixelRectangle, fitted: PartialFit) -> PixelRectangle:
-        """Tightened, and centred where that is not surely worse.
-
-        In much noise predictions do not tell where its sides are, and it gets a margin.
-        """
-        if fitted.prediction.unexplained_by_noise > _BURIED:
-            support = self._centred(support, fitted)
-            return self._light.visible(_wider(support, _MARGIN, _MARGIN_AT_LEAST))
-        support, fitted, unsure = self._tightened(support, fitted)
-        return self._light.visible(_moved(self._centred(support, fitted), unsure, 1))
 
     def _centred(self, support: PixelRectangle, fitted: PartialFit) -> PixelRectangle:
         """As far on the other side of the frame's middle, where that is not surely worse.

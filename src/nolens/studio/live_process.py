@@ -224,8 +224,13 @@ class LiveView:
     def _save(self, formats: list[str], work: str, folder: str) -> dict[str, Any]:
         self._renew()
         source, displayed = self._source, self._displayed
-        if source is None or displayed is None:
-            raise OptionError("there is no frame to save yet: start a camera, and try again")
+        if source is None:
+            raise OptionError("there is no frame to save: start a camera, and try again")
+        if displayed is None:
+            raise OptionError(
+                f"there is no frame to save yet: none has come from {source.text}; try again when "
+                "the page shows one"
+            )
         if source.psf is None and source.twin is not None and source.loaded is not None:
             source.psf = stored_psf(
                 Path(work), source.camera_id or "", source.loaded, source.twin.psf(), displayed.shot
@@ -237,10 +242,12 @@ class LiveView:
         }
 
     def _renew(self) -> None:
-        """Look again where nobody has looked for long: the frame is as old."""
-        if self._source is None or not self._source.camera.is_resting or self._settings.frozen:
+        """Look where the last frame is old, as nobody has looked for long, or none has come yet."""
+        if self._source is None or self._settings.frozen:
             return
         camera = self._source.camera
+        if self._displayed is not None and not camera.is_resting:
+            return
         camera.watch(self._watched)
         with self._changed:
             self._changed.wait_for(lambda: camera.has_frame or camera.failure, _FRAME_S)
