@@ -76,11 +76,11 @@ def test_help_tells_defaults_and_what_is_needed() -> None:
 
 
 def test_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a third of the pixels, and of the view, in each direction."""
+    """With a quarter of the pixels, and of the view, in each direction."""
     for name in ("_SCENE_PIXELS", "_PSF_PIXELS"):
         rows, columns = getattr(demonstration, name)
-        monkeypatch.setattr(demonstration, name, (rows // 6 * 2, columns // 6 * 2))
-    monkeypatch.setattr(demonstration, "_ANGLE_DEG", demonstration._ANGLE_DEG / 3)
+        monkeypatch.setattr(demonstration, name, (rows // 8 * 2, columns // 8 * 2))
+    monkeypatch.setattr(demonstration, "_ANGLE_DEG", demonstration._ANGLE_DEG / 4)
     folder = tmp_path / "new" / "demo"
     done = run("demo", "-o", folder, "--json")
     assert done.code == 0, done.err

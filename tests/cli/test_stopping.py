@@ -32,8 +32,9 @@ def large(tmp_path_factory: pytest.TempPathFactory) -> tuple[object, ...]:
     generator = torch.Generator().manual_seed(0)
     spots = (torch.rand(1, 240, 320, generator=generator) < 2e-3).float()
     raw = save(folder / "raw.npy", torch.rand(1, 240, 320, generator=generator))
-    asked = ("--tau", 1e-4, "--iterations", 100_000, "--tolerance", 0)
-    return "reconstruct", raw, "--psf", save(folder / "psf.npy", spots), *asked
+    psf = save(folder / "psf.npy", spots)
+    asked = ("--support", "full", "--tau", 1e-4, "--iterations", 100_000, "--tolerance", 0)
+    return "reconstruct", raw, "--psf", psf, *asked
 
 
 def test_ctrl_c_on_a_terminal_keeps_the_picture_so_far(
@@ -63,7 +64,7 @@ def test_ctrl_c_on_a_terminal_keeps_the_picture_so_far(
     assert sorted(listing(tmp_path)) == ["out.json", "out.png", state.name]
     assert str(state) in summary["outputs"]
     limit = summary["iterations"] + 5
-    done = run(*large[:6], "--iterations", limit, "--tolerance", 0, "-o", png, "--resume", state)
+    done = run(*large[:8], "--iterations", limit, "--tolerance", 0, "-o", png, "--resume", state)
     assert done.code == 0, done.err
     assert json.loads((tmp_path / "out.json").read_text())["result"]["iterations"] == limit
 

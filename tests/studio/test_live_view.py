@@ -213,12 +213,17 @@ def test_frozen_frame_stays_and_is_what_is_saved(studio: Running) -> None:
     assert read_record(files[".json"]).parameters["method"] == "admm"
     psf = studio.work / saved["psf_path"].removeprefix("work/")
     assert read_frame(psf).counts.shape == (3, 128, 160)
-    options = {"measurement": saved["files"][0], "psf": saved["psf_path"], "iterations": 60}
+    studio.post("live/stop")  # It would keep a core from the job.
+    options = {
+        "measurement": saved["files"][0],
+        "psf": saved["psf_path"],
+        "support": "64x80",
+        "iterations": 60,
+    }
     job = studio.ended(studio.job("reconstruct", options))
     assert job["status"] == "done", job
     picture = Image.open(studio.work / job["outputs"][0].removeprefix("work/"))
-    region = picture.crop((40, 32, 40 + 80, 32 + 64))
-    assert likeness(region, chart()) > 0.75
+    assert likeness(picture, chart()) > 0.75
 
 
 def test_psf_is_calibrated_of_a_point_of_light(studio: Running) -> None:
@@ -269,7 +274,7 @@ def test_eight_pages_one_of_which_stops_reading(studio: Running) -> None:
         for thread in threads:
             thread.start()
         last = time.monotonic() + PATIENCE_S
-        while min(counts) < 200 and time.monotonic() < last:
+        while min(counts) < 100 and time.monotonic() < last:
             sizes.append(server.memory_info().rss)
             time.sleep(0.1)
         # All see the newest, however many each has seen on the way.
@@ -284,7 +289,7 @@ def test_eight_pages_one_of_which_stops_reading(studio: Running) -> None:
         for thread in threads:
             thread.join(PATIENCE_S)
         assert stopped is not None
-    assert min(counts) >= 200 and last_seen == {newest}
+    assert min(counts) >= 100 and last_seen == {newest}
     half = len(sizes) // 2
     assert max(sizes[half:]) - max(sizes[:half]) < 8e6, sizes
 
