@@ -162,7 +162,8 @@ def history(out: Path) -> list[dict[str, float]]:
 
 
 def test_penalties_balance_and_relaxation(camera: Camera, out: Path) -> None:
-    asked = (camera.raw, "--psf", camera.psf, "--tau", 8e-3, "--iterations", 9, "--tolerance", 0)
+    asked = (camera.raw, "--psf", camera.psf, "--support", SUPPORT)
+    asked = (*asked, "--tau", 8e-3, "--iterations", 9, "--tolerance", 0)
     reconstruct(out, *asked, "--penalties", 0.5, 3, 0.25, "--no-balance")
     for row in history(out):
         assert [row[f"penalty_{k}"] for k in (1, 2, 3)] == [0.5, 3, 0.25]
@@ -188,7 +189,8 @@ def test_tau_iterations_and_tolerance(camera: Camera, out: Path) -> None:
 
 @pytest.mark.parametrize("device", ["cpu", "auto"])
 def test_device(device: str, camera: Camera, out: Path) -> None:
-    asked = (camera.raw, "--psf", camera.psf, "-o", out, "--tau", 1, "--iterations", 2, "--json")
+    asked = (camera.raw, "--psf", camera.psf, "--support", SUPPORT, "-o", out)
+    asked = (*asked, "--tau", 1, "--iterations", 2, "--json")
     done = run("reconstruct", *asked, "--device", device)
     expected = "cuda" if device == "auto" and torch.cuda.is_available() else "cpu"
     assert json.loads(done.out)["device"] == expected
