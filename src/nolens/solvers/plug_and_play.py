@@ -26,7 +26,8 @@ from nolens.solvers.result import Callback, Progress, Result, follow
 STRENGTH = 0.7
 """Of a network that was tuned with it, and where pixels are too few or too many to judge by."""
 _STRENGTHS = tuple((2 / 3) ** step for step in range(5))
-"""That are tried, until one predicts held-out pixels worse than the one before."""
+"""That are tried, until one predicts held-out pixels worse than the one before. The first is that
+of Bayes' rule."""
 MANY_PIXELS = 5_000_000
 """`Problem.padded_pixels` beyond which no strengths are tried."""
 FEW_TURNS_PIXELS = 8_000_000
@@ -35,6 +36,9 @@ FEW_TURNS_PIXELS = 8_000_000
 MINUTES_PIXELS = 25_000_000
 """Those beyond which turns take minutes, with twenty for each pixel of the scene, which the network
 goes over."""
+_FINEST = 0.6
+"""Of the noise in the band of a fit that has most, that in the finest at least, where the
+measurement carries the finest detail."""
 _TRIAL_TURNS = 6
 """Of each: too weak a prior lets noise in when the spreads have fallen, and not before."""
 _WHITE = 0.995
@@ -153,6 +157,18 @@ class Fit:
         unit = self.white / self.scale[channel]  # normalised values of a white
         return 0.0, 0.0, float((self.noise[channel] / (spread * unit)) ** 2)
 
+    def carries_finest(self, spread: float) -> bool:
+        """Whether the measurement carries the finest detail of a scene that is near a picture.
+
+        Then x has as much noise there as elsewhere; else it has the picture's detail, and little
+        noise.
+        """
+        gains = (
+            step.noise_gain(self.penalties(number, spread), BANDS)
+            for number, step in enumerate(self.steps)
+        )
+        return all(bool(gain[-1] >= _FINEST * gain.max()) for gain in gains)
+
     def near(self, picture: Tensor, spread: float) -> tuple[Tensor, Tensor]:
         """X, and the noise in it of each channel and band, (channels, `BANDS`).
 
@@ -217,8 +233,9 @@ class PlugAndPlay:
 
     Where a network that takes out white noise of the deviation s is the proximal map of s² R for
     some R, q² is the weight of R beside the measurement, whatever s is: 1 is that of Bayes' rule.
-    `solve` leaves blocks of pixels out of the fit for some turns (`held_out`), and takes that
-    strength q which predicts them best; its turns go on with all pixels.
+    Where the measurement carries the finest detail, noise in the fit is about white, as the network
+    takes it, and q is 1. Elsewhere `solve` leaves blocks of pixels out of the fit for some turns
+    (`held_out`), and takes that q which predicts them best; its turns go on with all pixels.
 
     A network that was tuned through the turns, with one strength, is told the noise of the fit, by
     bands, and s. Turns start from a photograph by total variation, whose white is the unit of all.
@@ -353,10 +370,12 @@ class PlugAndPlay:
                 yield from run(coarse.problem, photograph, turns)
                 noise = coarse.noise(photograph, problem)
                 photograph = latest() * problem.scale
-            fit, trial = Fit(problem, photograph, noise), None
-            if self.white:
+            fit, trial, strength = Fit(problem, photograph, noise), None, STRENGTH
+            if self.white and fit.carries_finest(self.spreads[-1]):
+                strength = _STRENGTHS[0]
+            elif self.white:
                 trial = yield from trials(photograph, fit)
-            strength = STRENGTH if trial is None else trial.strength
+                strength = STRENGTH if trial is None else trial.strength
             if self.detail != 1 or (trial is not None and trial.number + 1 == len(self.spreads)):
                 trial = None  # With another strength, or no turn left for the pixels that were out.
             turns = prior.turns(problem, photograph, strength / self.detail, fit, trial)
