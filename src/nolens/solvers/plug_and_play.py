@@ -25,9 +25,9 @@ from nolens.solvers.result import Callback, Progress, Result, follow
 
 STRENGTH = 0.7
 """Of a network that was tuned with it, and where pixels are too few or too many to judge by."""
-_STRENGTHS = tuple((2 / 3) ** step for step in range(5))
-"""That are tried, until one predicts held-out pixels worse than the one before. The first is that
-of Bayes' rule."""
+_STRENGTHS = tuple((2 / 3) ** step for step in range(1, 5))
+"""That are tried where the measurement does not carry the finest detail, until one predicts
+held-out pixels worse than the one before; where it does, 1 is that of Bayes' rule."""
 MANY_PIXELS = 5_000_000
 """`Problem.padded_pixels` beyond which no strengths are tried."""
 FEW_TURNS_PIXELS = 8_000_000
@@ -372,7 +372,7 @@ class PlugAndPlay:
                 photograph = latest() * problem.scale
             fit, trial, strength = Fit(problem, photograph, noise), None, STRENGTH
             if self.white and fit.carries_finest(self.spreads[-1]):
-                strength = _STRENGTHS[0]
+                strength = 1.0
             elif self.white:
                 trial = yield from trials(photograph, fit)
                 strength = STRENGTH if trial is None else trial.strength
