@@ -9,7 +9,7 @@ STAMP := $(VENV)/.installed
 env: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt
-	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "nolens needs Python 3.11 or newer; this is %s. Try: make $(MAKECMDGOALS) PYTHON=python3.11" % sys.version.split()[0])'
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "nolens needs Python 3.11 or newer; this is %s. Try: make $(or $(WANTED),$(MAKECMDGOALS)) PYTHON=python3.11" % sys.version.split()[0])'
 	test -x $(BIN)/python || $(PYTHON) -m venv --clear $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e '.[test]'
 	$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib || true  # On all cores, where pip takes one.
@@ -28,7 +28,7 @@ browser:
 
 # Lint needs one core for half a minute: the tests begin beside it.
 test:
-	$(MAKE) --no-print-directory -j2 env browser
+	$(MAKE) --no-print-directory -j2 env browser WANTED=test
 	$(MAKE) --no-print-directory -j2 lint tests
 
 # Workers as tests/conftest.py counts them, each on one thread; who is done takes tests from the others.

@@ -133,17 +133,20 @@ def test_ctrl_c_leaves_nothing_half(when: str, code: int, left: list[str], tmp_p
     assert done.stderr.startswith(said) and done.stderr.count("\n") == bool(said)
 
 
-def test_killed_run_leaves_the_earlier_picture(large: tuple[object, ...], tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_killed_run_leaves_the_earlier_picture(
+    number: signal.Signals, large: tuple[object, ...], tmp_path: Path
+) -> None:
     png = tmp_path / "out.png"
     png.write_bytes(b"earlier")
     ours, theirs = pty.openpty()
     with start(*large, "-o", png, stderr=theirs) as process:
         os.close(theirs)
         read_terminal(ours, "iteration [1-9]")
-        process.kill()
+        process.send_signal(number)
         process.communicate(timeout=PATIENCE_S)
     os.close(ours)
-    assert process.returncode == -signal.SIGKILL
+    assert process.returncode == -number
     assert png.read_bytes() == b"earlier"
     assert list(listing(tmp_path)) == ["out.png"]
 

@@ -274,7 +274,7 @@ def test_eight_pages_one_of_which_stops_reading(studio: Running) -> None:
         for thread in threads:
             thread.start()
         last = time.monotonic() + PATIENCE_S
-        while min(counts) < 100 and time.monotonic() < last:
+        while min(counts) < 200 and time.monotonic() < last:
             sizes.append(server.memory_info().rss)
             time.sleep(0.1)
         # All see the newest, however many each has seen on the way.
@@ -289,7 +289,7 @@ def test_eight_pages_one_of_which_stops_reading(studio: Running) -> None:
         for thread in threads:
             thread.join(PATIENCE_S)
         assert stopped is not None
-    assert min(counts) >= 100 and last_seen == {newest}
+    assert min(counts) >= 200 and last_seen == {newest}
     half = len(sizes) // 2
     assert max(sizes[half:]) - max(sizes[:half]) < 8e6, sizes
 
@@ -439,6 +439,7 @@ def test_watches_a_folder_that_another_camera_writes_into(studio: Running) -> No
     state = studio.post("live/start", asked)
     assert state["running"] and state["source"] == "folder:work/uploads"
     assert state["limits"] is None and state["scene"] is None
+    assert "none has come" in studio.post("live/save", {}, 422)["detail"]
     with connect(studio.frames, max_size=None) as socket:
         (watched / "new.dng").write_bytes(raw.read_bytes())
         header, parts = frame(socket)

@@ -173,7 +173,7 @@ def _named_deg(twin: Twin, shape: tuple[int, int], angle_deg: float) -> float:
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("asked_deg", [101.0, 179.0])
+@pytest.mark.parametrize("asked_deg", [101.0, 130.0, 179.0])
 def test_corners_beyond_50_deg_are_refused_with_an_angle_that_is_accepted(shape, asked_deg):
     named = _named_deg(EVEN, shape, asked_deg)
     assert 60 < named <= 100

@@ -228,8 +228,8 @@ class LiveView:
             raise OptionError("there is no frame to save: start a camera, and try again")
         if displayed is None:
             raise OptionError(
-                f"there is no frame to save yet: none has come from {source.text}; try again when "
-                "the page shows one"
+                "there is no frame to save yet: none has come from the camera; try again when the "
+                "page shows one"
             )
         if source.psf is None and source.twin is not None and source.loaded is not None:
             source.psf = stored_psf(
@@ -242,11 +242,15 @@ class LiveView:
         }
 
     def _renew(self) -> None:
-        """Look where the last frame is old, as nobody has looked for long, or none has come yet."""
+        """Look where the last frame is old, as nobody has looked for long, or none has come yet.
+
+        In a watched folder one may never come, and is not waited for.
+        """
         if self._source is None or self._settings.frozen:
             return
         camera = self._source.camera
-        if self._displayed is not None and not camera.is_resting:
+        is_first = self._displayed is None and camera.limits is not None
+        if not is_first and not camera.is_resting:
             return
         camera.watch(self._watched)
         with self._changed:
