@@ -11,7 +11,7 @@ from torch import Tensor
 
 from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.solvers import Method, Reconstructor
-from nolens.solvers.scene_edges import centred_edges, scene_edges
+from nolens.solvers.scene_edges import NO_EDGES, centred_edges, scene_edges
 from nolens.solvers.scene_support import choose_support
 
 FRAME = PixelRectangle(0, 0, *SENSOR)
@@ -97,26 +97,45 @@ GLOW = [0.01, 0.03, 0.06, 0.1, 0.14, 0.2, 0.24, 0.28, 0.3, 0.31]
         # Two steps as far from the middle, and two that are not.
         (GLOW, GLOW, (None, None), (0, 40)),
         (GLOW, [*GLOW[:9], 0.4], (None, None), (0, 40)),
-        ([0.2] * 10, [*[0.2] * 7, 1.0, 1.0, 1.0], (None, None), (None, None)),
-        # The second wants a step of 1.35 times, as light rises slowly in a scene that is cut.
-        (GLOW, [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0], (None, None), (None, None)),
+        ([0.2] * 10, [*[0.2] * 7, 1.0, 1.0, 1.0], (None, None), None),
+        # Steps of a fifth, in glow that goes on on both sides of them.
+        ([each + 0.5 for each in GLOW], [each + 0.45 for each in GLOW], (None, None), (0, 40)),
+        # Light that rises slowly, as in a scene that is cut, is no step.
+        (GLOW, [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0], (None, None), None),
+        # Nor is a line in a scene that goes on beyond it.
+        ([1.0] * 8 + [0.5] * 2, [1.0] * 8 + [0.5] * 2, (None, None), None),
     ],
 )
 def test_edges_opposite(
     above: list[float],
     below: list[float],
     edges: tuple[int | None, int | None],
-    expected: tuple[int | None, int | None],
+    expected: tuple[int | None, int | None] | None,
 ) -> None:
     """Of 40 lines from the frame's first to its last, in a support that is larger."""
     rows = torch.tensor([*above, *[1.0] * 40, *below[::-1]])
     scene = rows[:, None].expand(-1, 50)[None] / rows.mean()
     support = PixelRectangle(-len(above), 5, len(rows), 50)
-    known = (*edges, None, None)
-    assert centred_edges(scene, support, known, (40, 60)) == (*expected, None, None)
     turned = replace(support, top=5, left=-len(above), height=50, width=len(rows))
-    known = (None, None, *edges)
-    assert centred_edges(scene.mT, turned, known, (60, 40)) == (None, None, *expected)
+    pairs = [] if expected is None else [expected]
+    known, turned_known = (*edges, None, None), (None, None, *edges)
+    afar = PixelRectangle(-90, -90, 200, 200)
+    assert centred_edges(scene, support, known, (40, 60), afar) == (pairs, [])
+    assert centred_edges(scene.mT, turned, turned_known, (60, 40), afar) == ([], pairs)
+    # Where the PSF ends is a step, too.
+    if known == NO_EDGES:
+        ends = PixelRectangle(2, 2, 36, 36)
+        assert centred_edges(scene, support, known, (40, 60), ends) == ([], [])
+
+
+def test_edges_of_a_dim_sky() -> None:
+    """A step along the whole line counts, be it small, and not a large one in a part of it."""
+    sky = torch.full((1, 80, 100), 0.3)
+    sky[:, 20:60] += 0.1
+    sky[:, 30:50, 40:70] += 2
+    support = PixelRectangle(-20, 0, 80, 100)
+    rows, _ = centred_edges(sky, support, NO_EDGES, (40, 100), PixelRectangle(-90, -90, 220, 280))
+    assert rows == [(0, 40)]
 
 
 def test_is_found_in_much_noise() -> None:

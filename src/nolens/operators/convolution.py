@@ -31,6 +31,16 @@ class PixelRectangle:
         return cls((sensor[0] - height) // 2, (sensor[1] - width) // 2, height, width)
 
     @property
+    def bottom(self) -> int:
+        """First row below it."""
+        return self.top + self.height
+
+    @property
+    def right(self) -> int:
+        """First column beside it."""
+        return self.left + self.width
+
+    @property
     def text(self) -> str:
         """HEIGHTxWIDTH+TOP+LEFT, as --support takes it."""
         return f"{self.height}x{self.width}{self.top:+d}{self.left:+d}"
@@ -42,9 +52,15 @@ class PixelRectangle:
     def union(self, other: "PixelRectangle") -> "PixelRectangle":
         """The smallest that holds both."""
         top, left = min(self.top, other.top), min(self.left, other.left)
-        bottom = max(self.top + self.height, other.top + other.height)
-        right = max(self.left + self.width, other.left + other.width)
+        bottom, right = max(self.bottom, other.bottom), max(self.right, other.right)
         return PixelRectangle(top, left, bottom - top, right - left)
+
+    def intersection(self, other: "PixelRectangle") -> "PixelRectangle":
+        """The pixels of both; of no height or width where there are none."""
+        top, left = max(self.top, other.top), max(self.left, other.left)
+        height = max(0, min(self.bottom, other.bottom) - top)
+        width = max(0, min(self.right, other.right) - left)
+        return PixelRectangle(top, left, height, width)
 
     def coarser(self, by: int) -> "PixelRectangle":
         """Pixels of `by`×`by` of these that cover it, with one more around them.
@@ -52,8 +68,7 @@ class PixelRectangle:
         The middle of a PSF is then some of the finer pixels beside that of its coarse pixel.
         """
         top, left = self.top // by - 1, self.left // by - 1
-        bottom = -(-(self.top + self.height) // by) + 1
-        right = -(-(self.left + self.width) // by) + 1
+        bottom, right = -(-self.bottom // by) + 1, -(-self.right // by) + 1
         return PixelRectangle(top, left, bottom - top, right - left)
 
 

@@ -1,7 +1,6 @@
 """Where a scene ends, as its photograph shows: dark lines, and then light at once."""
 
-import math
-
+import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
@@ -17,21 +16,33 @@ _GOES_ON, _LEVEL = 0.8, 0.7
 """Of the first line of a scene, the second at least; of the third, the second: no slow rise."""
 _MOST = 0.15
 """Of all lines, those at one side that may be dark: an even sky stays."""
-_STEP, _STEPS = 1.35, 4.0
-"""Of two lines over the two before them, at least, at either of two sides that lie as far from the
-frame's middle; and of both together."""
-_BRIGHT, _NO_LIGHT = 0.25, 0.1
-"""Of the scene's mean, that of the second line of such a step at least; and that of a line as which
-darker ones count."""
+_STEPS = 0.25
+"""Of the logarithm of light, the rise at both of two lines together, at least, that lie as far from
+the frame's middle."""
+_LEAST, _STEP = 0.03, 0.6
+"""That of each of them at least, and as much as counts: one that is very clear is not enough."""
+_PARTS = 10
+"""Of a line, of which the median rise counts: a scene ends along all of it, what is in it not."""
+_SLOPE = 3
+"""Lines before a step, of which the slope goes on across it."""
+_GLOW, _LESS = 1.1, 0.75
+"""Of lines before such a step, or of those after it, what lines further out have at most."""
+_NO_LIGHT = 0.1
+"""Of the scene's mean, that of a line as which darker ones count."""
 _DIM = 0.3
 """Of the scene's mean, less than which lines have that are left out without such a step."""
-_LESS = 0.75
-"""Of that line, less than which all lines before the step have."""
+_BEGINS = 0.25
+"""Of the logarithm of light, the rise where a scene may begin beside lines that are less dim."""
 _PART = 0.2
 """Of the way from dark to lit, from which on a line has some of the scene."""
-_FIRST, _INNERMOST = 4, 0.4
-"""Lines before such a step at least: light of a scene that is cut rises there. Of all lines, those
-before it at most."""
+_INNERMOST = 0.4
+"""Of all lines, those before either of them at most."""
+_ENDS = 4
+"""Lines from the last that a PSF covers, within which steps are the PSF's."""
+_PAIRS = 3
+"""Pairs of steps that are asked for at most, the largest first."""
+_SEPARATE = 2
+"""Lines within which two steps are the same."""
 
 Edges = tuple[int | None, ...]
 """Lines between which a scene lies: top, bottom, left and right of it; None where unclear."""
@@ -66,15 +77,24 @@ def scene_edges(scene: Tensor, support: PixelRectangle) -> Edges:
 
 
 def centred_edges(
-    scene: Tensor, support: PixelRectangle, edges: Edges, sensor: tuple[int, int]
-) -> Edges:
-    """Edges as far from the frame's middle on both sides, where one side or none is clear.
+    scene: Tensor,
+    support: PixelRectangle,
+    edges: Edges,
+    sensor: tuple[int, int],
+    covered: PixelRectangle,
+) -> tuple[list[Edges], list[Edges]]:
+    r"""Pairs of edges as far from the frame's middle, where one side or none is clear.
 
-    Those are the two lines as far from the middle where the light rises most at once, by 1.35 times
-    at either and by 4 times in their product: noise has a glow beside the scene, and no side is
-    clear by itself. Cameras are pointed at what they photograph; that two steps of something else
-    are as far from the middle is chance. Without such lines, what lies opposite to a clear side, as
-    long as that cuts off no light.
+    With L the logarithm of light in a part of line k, that line's rise is the median over the parts
+    of
+
+    .. math:: \tfrac{1}{2}(L_{k+1} + L_{k+2}) - \tfrac{1}{2}(L_{k-1} + L_{k-2})
+              - \max(0, L_{k-1} - L_{k-4})
+
+    The last term is the slope of the glow that noise has beside a scene, where no side is clear by
+    itself. The pairs have the largest rises together. Cameras are pointed at what they photograph;
+    that two steps of something else are as far from the middle is chance. Without such lines, what
+    lies opposite to a clear side, as long as that cuts off no light.
 
     Parameters
     ----------
@@ -84,12 +104,19 @@ def centred_edges(
         As it gives them.
     sensor
         (height, width) of the frame.
+    covered
+        Pixels whose light the PSF knows on all of the sensor: where they end is a step, too.
+
+    Returns
+    -------
+    Top and bottom, and left and right: pairs, the likeliest first.
     """
     brightest = _brightest(scene)
-    rows, columns = brightest.mean(1).tolist(), brightest.mean(0).tolist()
+    rows = covered.top, covered.top + covered.height
+    columns = covered.left, covered.left + covered.width
     return (
-        *_opposite(rows, support.top, edges[:2], sensor[0]),
-        *_opposite(columns, support.left, edges[2:], sensor[1]),
+        _opposite(brightest, support.top, edges[:2], sensor[0], rows),
+        _opposite(brightest.T, support.left, edges[2:], sensor[1], columns),
     )
 
 
@@ -124,71 +151,94 @@ def _brightest(scene: Tensor) -> Tensor:
     return (scene / scene.mean((-2, -1), keepdim=True).clamp_min(1e-30)).amax(0)
 
 
-def _opposite(lines: list[float], first: int, edges: Edges, size: int) -> Edges:
-    """Edges of one direction: its lines' brightness, where in the frame they begin, its size."""
+def _opposite(
+    plane: Tensor, first: int, edges: Edges, size: int, covered: tuple[int, int]
+) -> list[Edges]:
+    """Pairs of one direction: its lines, where in the frame they begin, the frame's size."""
     start, end = edges
     if start is not None and end is not None:
-        return edges
-    steps = _steps_opposite(lines, first, size)
-    if steps is not None and all(
-        edge is None or abs(edge - step) > 1 for edge, step in zip(edges, steps, strict=True)
+        return []
+    pairs: list[Edges] = list(_steps_opposite(plane, first, size, covered))
+    if pairs and any(
+        edge is not None and step is not None and abs(edge - step) <= 1
+        for edge, step in zip(edges, pairs[0], strict=True)
     ):
-        return steps
+        pairs = []
     if start is not None and 2 * start < size:
-        after = first + len(lines) - (size - start)
-        return start, size - start if _may_begin(lines[::-1], after) else None
-    if end is not None and 2 * end > size:
-        before = size - end - first
-        return size - end if _may_begin(lines, before) else None, end
-    return edges
+        after = first + len(plane) - (size - start)
+        pairs.append((start, size - start if _may_begin(plane.flip(0), after) else None))
+    elif end is not None and 2 * end > size:
+        pairs.append((size - end if _may_begin(plane, size - end - first) else None, end))
+    return pairs
 
 
-def _steps_opposite(lines: list[float], first: int, size: int) -> tuple[int, int] | None:
-    """The two steps that lie as far from the middle, but for a line, and are largest together."""
-    rises, falls = _steps(lines), _steps(lines[::-1])
-    most, found = math.log(_STEPS), None
-    for before, rise in rises.items():
-        opposite = 2 * first + len(lines) - size + before
-        for after in (opposite - 1, opposite, opposite + 1):
-            both = rise + falls.get(after, -math.inf)
-            if both > most:
-                most = both
-                end = first + len(lines) - _first_lit(lines[::-1], after)
-                found = first + _first_lit(lines, before), end
-    return found
+def _steps_opposite(
+    plane: Tensor, first: int, size: int, covered: tuple[int, int]
+) -> list[tuple[int, int]]:
+    """Steps that lie as far from the middle, but for a line: those that are largest together."""
+    starts, ends = _step_lines(plane), _step_lines(plane.flip(0))
+    pairs = []
+    for before, rise in starts.items():
+        start = first + before
+        for after, fall in ends.items():
+            end = first + len(plane) - after
+            both = min(rise, _STEP) + min(fall, _STEP)
+            to_ends = min(abs(start - covered[0]), abs(end - covered[1]))
+            if abs(start + end - size) <= 1 and both >= _STEPS and to_ends > _ENDS:
+                pairs.append((both, start, end))
+    pairs.sort(reverse=True)
+    largest: list[tuple[int, int]] = []
+    for _, start, end in pairs:
+        if all(abs(start - other) > _SEPARATE for other, _ in largest):
+            largest.append((start, end))
+    return largest[:_PAIRS]
 
 
-def _first_lit(lines: list[float], before: int) -> int:
+def _step_lines(plane: Tensor) -> dict[int, float]:
+    """Numbers of lines before light that rises at once, beside glow; and by how much."""
+    lines: dict[int, float] = {}
+    for before, rise in _rises(plane).items():
+        if rise >= _LEAST and before <= _INNERMOST * len(plane) and _beside_glow(plane, before):
+            lit = _first_lit(plane, before)
+            lines[lit] = max(rise, lines.get(lit, 0.0))
+    return lines
+
+
+def _beside_glow(plane: Tensor, before: int) -> bool:
+    """Whether light further out than the lines before a step is less, as that of glow is."""
+    means: list[float] = plane.mean(1).tolist()
+    glow = sum(means[before - 2 : before]) / 2
+    return max(means[:before]) <= max(_GLOW * glow, _LESS * means[before + 1])
+
+
+def _first_lit(plane: Tensor, before: int) -> int:
     """Lines before a step, without those that the scene fills in part."""
-    dark, lit = min(lines[before - 3 : before - 1]), lines[before + 1]
-    part = lines[before - 1] > dark + _PART * (lit - dark)
-    return before - part
+    means = plane.mean(1).tolist()
+    dark = sum(means[before - 2 : before]) / 2
+    lit = sum(means[before + 1 : before + 3]) / 2
+    near = (before - 1, before)
+    return next((k for k in near if means[k] > dark + _PART * (lit - dark)), before + 1)
 
 
-def _may_begin(lines: list[float], before: int) -> bool:
+def _may_begin(plane: Tensor, before: int) -> bool:
     """Whether a scene may begin after so many lines: they are dim, or it gets bright at once."""
-    steps = _steps(lines)
-    return max(lines[: max(before, 0)], default=0) < _DIM or any(
-        near in steps for near in (before - 1, before, before + 1)
+    rises = _rises(plane)
+    return max(plane.mean(1)[: max(before, 0)].tolist(), default=0) < _DIM or any(
+        rises.get(near, 0.0) >= _BEGINS for near in (before - 1, before, before + 1)
     )
 
 
-def _steps(lines: list[float]) -> dict[int, float]:
-    """Numbers of lines after which the light rises at once, and the logarithm by how much."""
-    rises = {
-        before: sum(lines[before : before + 2])
-        / sum(max(each, _NO_LIGHT) for each in lines[before - 2 : before])
-        for before in range(2, len(lines) - 1)
-    }
-    return {
-        before: math.log(rise)
-        for before, rise in rises.items()
-        if rise > _STEP
-        and _FIRST <= before <= _INNERMOST * len(lines)
-        and lines[before + 1] > _BRIGHT
-        and max(lines[:before]) < _LESS * lines[before + 1]
-        and rise >= max(rises.get(beside, 0.0) for beside in (before - 1, before + 1))
-    }
+def _rises(plane: Tensor) -> dict[int, float]:
+    """The rise of each line that has enough beside it, as `centred_edges` defines it."""
+    if len(plane) <= 2 * _SLOPE:
+        return {}
+    parts = torch.stack([each.mean(1) for each in plane.chunk(_PARTS, 1)], 1)
+    light = (parts + _NO_LIGHT).log()
+    after = (light[5:-1] + light[6:]) / 2
+    before = (light[3:-3] + light[2:-4]) / 2
+    slope = (light[3:-3] - light[:-6]).clamp_min(0)
+    rises = (after - before - slope).median(1).values
+    return dict(enumerate(rises.tolist(), _SLOPE + 1))
 
 
 def _dark_lines(plane: Tensor) -> int:

@@ -79,6 +79,8 @@ _MARGIN, _MARGIN_AT_LEAST = 0.02, 2
 _AROUND = (0.0, 0.15, 0.3)
 """Of the rectangle's sides, around it that photographs show, one after the other; a pixel at
 least."""
+_WIDE = 0.5
+"""The same, where the scene may be larger: a photograph of too little shows edges in it."""
 _MOST = 0.5
 """Fraction of the pixels that can be seen from which on a support is none."""
 _ITERATIONS, _ITERATIONS_TO_COMPARE = 28, 112
@@ -231,22 +233,28 @@ class _Search:
     ) -> tuple[PixelRectangle, Edges]:
         """As its scene needs, and the edges that photographs show.
 
-        One that shows all edges is enough. Else sides move inwards by predictions; in much noise
-        those do not tell where the sides are, and there is a margin. While sides are not clear,
-        more around the rectangle is looked at.
+        One that shows all edges is enough. Else one with much more around it is asked, as too
+        little of a scene shows edges that are in it. Where that is not clear, sides move inwards by
+        predictions, and more and more around them is looked at. In much noise predictions do not
+        tell where the sides are, and there is a margin.
         """
         edges, centred = NO_EDGES, self._centred(support, fitted)
-        if fitted.prediction.unexplained_by_noise > _BURIED:
+        buried = fitted.prediction.unexplained_by_noise > _BURIED
+        if buried:
             support = self._light.visible(_wider(centred, _MARGIN, _MARGIN_AT_LEAST))
         else:
             edges = self._edges(centred, edges, 0.0)
-            if None in edges:
-                support, fitted, unsure = self._tightened(support, fitted)
-                support = self._light.visible(_moved(self._centred(support, fitted), unsure, 1))
+            support = centred
+        if None in edges:
+            edges = _either(self._edges(support, NO_EDGES, _WIDE), edges)
+        if None in edges and not buried:
+            support, fitted, unsure = self._tightened(support, fitted)
+            support = self._light.visible(_moved(self._centred(support, fitted), unsure, 1))
         for share in _AROUND:
             if None in edges:
                 edges = self._edges(support, edges, share)
-        return support, edges
+        bounded = _either(edges, self._ends(support))
+        return support, bounded if self._may_replace(support, bounded, edges) else edges
 
     def _edges(self, support: PixelRectangle, edges: Edges, share: float) -> Edges:
         """Edges, and those that a photograph of a rectangle and a share of it around it shows.
@@ -254,7 +262,10 @@ class _Search:
         Two edges that lie as far from the frame's middle and leave something out are taken where
         predictions are not surely against them, and no clear light lies beyond.
         """
-        wider = self._light.visible(_wider(at_edges(support, edges, 1), share, 1))
+        support = at_edges(support, edges, 1)
+        covered = self._covered(support)
+        wider = self._light.visible(_wider(support, share, 1))
+        wider = wider.intersection(covered).union(support)
         if wider in self._seen or self.interrupted:
             return edges
         self._seen.add(wider)
@@ -263,18 +274,52 @@ class _Search:
             self.interrupted = True
             return edges
         new = scene_edges(scene, wider)
-        edges = tuple(a if a is not None else b for a, b in zip(edges, new, strict=True))
-        centred = centred_edges(scene, wider, edges, self._full.forward.sensor)
-        for sides in ((0, 1), (2, 3)):
-            tried = tuple(centred[k] if k in sides else each for k, each in enumerate(edges))
-            if tried != edges and self._may_replace(
-                *(at_edges(support, each, 1) for each in (tried, edges))
-            ):
-                edges = tried
+        edges = _either(edges, new)
+        sensor = self._full.forward.sensor
+        rows, columns = centred_edges(scene, wider, edges, sensor, covered)
+        for pair in rows:
+            if self._may_replace(support, (*pair, *edges[2:]), edges):
+                edges = (*pair, *edges[2:])
+                break
+        for pair in columns:
+            if self._may_replace(support, (*edges[:2], *pair), edges):
+                edges = (*edges[:2], *pair)
+                break
         return edges
 
-    def _may_replace(self, tried: PixelRectangle, support: PixelRectangle) -> bool:
-        """Whether a rectangle has all of another, or predicts no worse and cuts off no light."""
+    def _ends(self, support: PixelRectangle) -> Edges:
+        """The last lines that the PSF covers, where a support goes on beyond."""
+        covered = self._covered(support)
+        return (
+            covered.top if support.top < covered.top else None,
+            covered.bottom if support.bottom > covered.bottom else None,
+            covered.left if support.left < covered.left else None,
+            covered.right if support.right > covered.right else None,
+        )
+
+    def _covered(self, support: PixelRectangle) -> PixelRectangle:
+        """Pixels whose light the PSF knows on all of the sensor.
+
+        A PSF that is larger than the sensor is one of scenes so large. Where that is less than
+        half of a support's side, nobody made it for that.
+        """
+        sensor, scene = self._full.forward.sensor, self._light.scene
+        height, width = (
+            known - own + 1 for known, own in zip(self._psf.shape[-2:], sensor, strict=True)
+        )
+        covered = PixelRectangle.centred(height, width, sensor)
+        if 2 * height < support.height:
+            covered = replace(covered, top=scene.top, height=scene.height)
+        if 2 * width < support.width:
+            covered = replace(covered, left=scene.left, width=scene.width)
+        return covered
+
+    def _may_replace(self, support: PixelRectangle, new: Edges, edges: Edges) -> bool:
+        """Whether a rectangle has all of another, or predicts no worse and cuts off no light.
+
+        The former has its sides at new edges, the latter at those that are known.
+        """
+        tried, support = at_edges(support, new, 1), at_edges(support, edges, 1)
         if self._light.visible(tried) != tried:
             return False
         if tried.union(support) == tried:
@@ -566,6 +611,11 @@ def _wider(support: PixelRectangle, by: float, least: int) -> PixelRectangle:
         support.height + 2 * rows,
         support.width + 2 * columns,
     )
+
+
+def _either(edges: Edges, others: Edges) -> Edges:
+    """Edges, and others where those are unclear."""
+    return tuple(b if a is None else a for a, b in zip(edges, others, strict=True))
 
 
 def _shifts(first: int, size: int, other: int, other_size: int) -> tuple[int, int]:
