@@ -74,6 +74,10 @@ _SURELY_TIGHTER = 3.0
 """Standard errors by which the prediction is then better, or worse by a pixel less or centred."""
 _BURIED = 0.2
 """Fraction of the contrast that is noise, above which sides get a margin instead."""
+_DROWNED = 0.8
+"""The same, above which a photograph of all that the PSF covers is the only one that tells."""
+_NOISE = 0.98
+"""The same, above which nothing tells that there is a scene."""
 _MARGIN, _MARGIN_AT_LEAST = 0.02, 2
 """Of the rectangle's sides, added on either side, and in pixels."""
 _AROUND = (0.0, 0.15, 0.3)
@@ -218,15 +222,30 @@ class _Search:
                 support, edges = self._finished(support, fitted)
                 if self._light.fraction(support) <= _MOST:
                     return support, edges
-                return None, NO_EDGES
+                break
             elif self._iterations == _ITERATIONS:
                 # Not yet, maybe: both are fitted for longer.
                 self._iterations = _ITERATIONS_TO_COMPARE
                 self._free = fit_partially(self._full, self._iterations)
                 assert self._free is not None  # As before.
             else:
-                return None, NO_EDGES
-        return None, NO_EDGES
+                break
+        return self._of_psf(self._free), NO_EDGES
+
+    def _of_psf(self, free: PartialFit) -> PixelRectangle | None:
+        """The scene that the PSF is of, where that is not surely worse than no limit.
+
+        Where the PSF explains little, as it changes over the field, nothing else tells.
+        """
+        covered = self._covered(self._light.scene)
+        if free.prediction.unexplained_by_noise > _NOISE or not self._goes_on():
+            return None
+        if self._light.fraction(covered) > _MOST or self._light.visible(covered) != covered:
+            return None
+        outside, fitted = self._try(covered)
+        excess, error = fitted.prediction.excess(free.prediction)
+        clear = float(outside.max()) >= _CLEAR_AFAR
+        return None if clear or excess > _SURELY_TIGHTER * error else covered
 
     def _finished(
         self, support: PixelRectangle, fitted: PartialFit
@@ -239,20 +258,24 @@ class _Search:
         tell where the sides are, and there is a margin.
         """
         edges, centred = NO_EDGES, self._centred(support, fitted)
-        buried = fitted.prediction.unexplained_by_noise > _BURIED
-        if buried:
-            support = self._light.visible(_wider(centred, _MARGIN, _MARGIN_AT_LEAST))
-        else:
+        noise = fitted.prediction.unexplained_by_noise
+        support = centred
+        if noise <= _BURIED:
             edges = self._edges(centred, edges, 0.0)
-            support = centred
+        else:
+            support = self._light.visible(_wider(centred, _MARGIN, _MARGIN_AT_LEAST))
         if None in edges:
-            edges = _either(self._edges(support, NO_EDGES, _WIDE), edges)
-        if None in edges and not buried:
+            all_known = support.union(self._known(support)) if noise > _DROWNED else support
+            edges = _either(self._edges(all_known, NO_EDGES, _WIDE), edges)
+        if None in edges and noise <= _BURIED:
             support, fitted, unsure = self._tightened(support, fitted)
             support = self._light.visible(_moved(self._centred(support, fitted), unsure, 1))
-        for share in _AROUND:
-            if None in edges:
-                edges = self._edges(support, edges, share)
+        if noise <= _DROWNED:
+            for share in _AROUND:
+                if None in edges:
+                    edges = self._edges(support, edges, share)
+        if noise > _BURIED:
+            support = _halfway(support, support.union(self._known(support)))
         bounded = _either(edges, self._ends(support))
         return support, bounded if self._may_replace(support, bounded, edges) else edges
 
@@ -289,28 +312,37 @@ class _Search:
 
     def _ends(self, support: PixelRectangle) -> Edges:
         """The last lines that the PSF covers, where a support goes on beyond."""
-        covered = self._covered(support)
+        known = self._known(support)
         return (
-            covered.top if support.top < covered.top else None,
-            covered.bottom if support.bottom > covered.bottom else None,
-            covered.left if support.left < covered.left else None,
-            covered.right if support.right > covered.right else None,
+            known.top if support.top < known.top else None,
+            known.bottom if support.bottom > known.bottom else None,
+            known.left if support.left < known.left else None,
+            known.right if support.right > known.right else None,
         )
+
+    def _known(self, support: PixelRectangle) -> PixelRectangle:
+        """What the PSF covers, and a support where that is not known."""
+        covered, scene = self._covered(support), self._light.scene
+        if covered.height == scene.height:
+            covered = replace(covered, top=support.top, height=support.height)
+        if covered.width == scene.width:
+            covered = replace(covered, left=support.left, width=support.width)
+        return covered
 
     def _covered(self, support: PixelRectangle) -> PixelRectangle:
         """Pixels whose light the PSF knows on all of the sensor.
 
         A PSF that is larger than the sensor is one of scenes so large. Where that is less than
-        half of a support's side, nobody made it for that.
+        half of the support's side and a quarter of the frame's, it is larger by chance.
         """
         sensor, scene = self._full.forward.sensor, self._light.scene
         height, width = (
             known - own + 1 for known, own in zip(self._psf.shape[-2:], sensor, strict=True)
         )
         covered = PixelRectangle.centred(height, width, sensor)
-        if 2 * height < support.height:
+        if height < min(support.height / 2, sensor[0] / 4):
             covered = replace(covered, top=scene.top, height=scene.height)
-        if 2 * width < support.width:
+        if width < min(support.width / 2, sensor[1] / 4):
             covered = replace(covered, left=scene.left, width=scene.width)
         return covered
 
@@ -616,6 +648,13 @@ def _wider(support: PixelRectangle, by: float, least: int) -> PixelRectangle:
 def _either(edges: Edges, others: Edges) -> Edges:
     """Edges, and others where those are unclear."""
     return tuple(b if a is None else a for a, b in zip(edges, others, strict=True))
+
+
+def _halfway(support: PixelRectangle, known: PixelRectangle) -> PixelRectangle:
+    """A rectangle with each side in the middle between those of two."""
+    top, left = (support.top + known.top) // 2, (support.left + known.left) // 2
+    bottom, right = (support.bottom + known.bottom + 1) // 2, (support.right + known.right + 1) // 2
+    return PixelRectangle(top, left, bottom - top, right - left)
 
 
 def _shifts(first: int, size: int, other: int, other_size: int) -> tuple[int, int]:
