@@ -233,7 +233,7 @@ class _Search:
         return self._of_psf(self._free), NO_EDGES
 
     def _of_psf(self, free: PartialFit) -> PixelRectangle | None:
-        """The scene that the PSF is of, where that is not surely worse than no limit.
+        """The scene that the PSF is of, where that is not likely worse than no limit.
 
         Where the PSF explains little, as it changes over the field, nothing else tells.
         """
@@ -245,7 +245,7 @@ class _Search:
         outside, fitted = self._try(covered)
         excess, error = fitted.prediction.excess(free.prediction)
         clear = float(outside.max()) >= _CLEAR_AFAR
-        return None if clear or excess > _SURELY_TIGHTER * error else covered
+        return None if clear or excess > _LIKELY * error else covered
 
     def _finished(
         self, support: PixelRectangle, fitted: PartialFit
