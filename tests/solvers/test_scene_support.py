@@ -32,6 +32,10 @@ def measured(psf: Tensor, scene: Tensor, noise: float = NOISE) -> Tensor:
     return light + noise * torch.randn(light.shape)
 
 
+def noise() -> Tensor:
+    return 0.075 * torch.randn(1, *SENSOR)
+
+
 def holds(support: PixelRectangle, top: int, left: int, height: int, width: int) -> bool:
     return support.union(PixelRectangle(top, left, height, width)) == support
 
@@ -212,6 +216,17 @@ def test_dim_objects_at_edges_and_corners_stay(places: list[tuple[int, int]]) ->
     # They may be brighter than without a limit, where the glow around takes light from them.
     for limited, free in zip(radiances(support), radiances(None), strict=True):
         assert limited > 0.8 * free
+
+
+def test_is_what_the_psf_is_of_where_nothing_else_tells() -> None:
+    """More than half of the light is by another PSF, as where it changes over the field."""
+    torch.manual_seed(1)
+    psf, scene = mask_psf(), picture({(64, 80): photograph()})
+    other = measured(psf.flip(-1), scene, 0)
+    support = chosen(psf, 0.55 * other + 0.45 * measured(psf, scene, 0) + noise())
+    assert support == PixelRectangle(63, 79, 65, 65)
+    # All of it: then no scene of this PSF explains anything.
+    assert chosen(psf, other + noise()) is None
 
 
 def test_is_full_where_light_comes_from_everywhere() -> None:

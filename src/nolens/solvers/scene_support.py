@@ -1,71 +1,34 @@
-r"""The support of a scene, by where a measurement asks for light.
+"""The support of a scene, by where a measurement asks for light.
 
 A first scene without a limit has its detail where the light comes from, and a smooth glow around.
 The rectangle that holds the detail is the limit of a second fit, whose scene has less glow, and so
-on until the rectangle stays. What is left of the measurement, :math:`r`, is correlated with the PSF
-at every pixel outside. With :math:`a_s` what a light at pixel s puts on the sensor, and white noise
-of standard deviation σ,
-
-.. math:: z_s = \frac{\langle a_s, r \rangle}{\sigma \|a_s\|}
-
-is the light's signal-to-noise ratio (matched filter, `turin1960`): a normal number where no light
-comes from. The rectangle grows to where it is far from that, until it is so nowhere. Then its sides
-move inwards for as long as pixels that are left out of the fit are predicted better. Last,
-photographs of the rectangle, and of more around it, show where the scene ends
-(`nolens.solvers.scene_edges`).
-
-Residual and PSF are taken without their local means, as in `nolens.solvers.held_out`: the glow of a
-scene is what a few iterations are late with, and says little of where the light comes from.
+on until the rectangle stays. It grows to where the measurement asks for light outside, beyond noise
+(`nolens.solvers.scene_light`), until it does so nowhere. Last, photographs of the rectangle, and of
+more around it, show where the scene ends (`nolens.solvers.scene_edges`); where they do not, its
+sides move inwards for as long as pixels that are left out of the fit are predicted better.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from operator import itemgetter
 
-import torch
-import torch.nn.functional as nnf
-from scipy import ndimage
 from torch import Tensor
 
-from nolens.operators import CroppedConvolution, PixelRectangle
-from nolens.solvers.held_out import PartialFit, box_mean, channel_noise, fit_partially, local_mean
+from nolens.operators import PixelRectangle
+from nolens.solvers.held_out import PartialFit, fit_partially
 from nolens.solvers.problem import Problem
 from nolens.solvers.scene_edges import NO_EDGES, Edges, at_edges, centred_edges, scene_edges
+from nolens.solvers.scene_light import CLEAR, CLEAR_AFAR, DETAIL_SIDE, Light, with_margin
 
 _DETAIL = (0.04, 0.1, 0.25, 0.5)
 """Of the scene's detail where there is most, from which on light comes from there: as little as can
 be told from what the glow has, which varies."""
-_MOST_DETAIL = 0.995
-"""Quantile that is the most."""
-_APART = 0.04
-"""Of the frame's shorter side, twice which lies between parts of a scene that are apart."""
-_SPARSE = 0.4
-"""Fraction of the largest that it is at least, where there is light on fewer pixels."""
-_DETAIL_SIDE = 7
-"""Pixels along the squares in which detail is summed."""
 _STAYS = 0.9
 """Fraction of a rectangle that the next one holds at least, where it is the last."""
 _SURE = 4.0
 """Standard errors by which the smaller rectangle predicts better than the larger."""
 _LIKELY = 2.0
 """The same where it is likely that it does."""
-_ALIKE, _PEAK = 0.2, 10
-"""Autocorrelation of a PSF from which on its mask repeats itself, and pixels each way around no
-shift, where it is that of the PSF's lines."""
-_CLEAR = 5.5
-"""Signal-to-noise ratio of light beside the rectangle; of 10⁵ normal numbers the largest is 4.3."""
-_CLEAR_AFAR = 8.0
-"""The same of light far from it: what a PSF leaves unexplained has longer tails."""
-_SIDES = (1, 5)
-"""Pixels along the squares of light that are looked for."""
-_STRONG = 0.3
-"""Fraction of the clearest signal from which on others count: side lobes are weaker."""
-_GROWTH = 0.25
-"""Of the rectangle's sides, by which it grows at most at once, to either side."""
-_GROWTH_AT_LEAST = 4
-_SEEN = 0.05
-"""Of the most that a pixel's light puts on the sensor, below which it is not looked for."""
 _ALL_SIDES = "tblr"
 """Top, bottom, left and right."""
 _TIGHTENING = ((4, (_ALL_SIDES,)), (4, tuple(_ALL_SIDES)), (1, tuple(_ALL_SIDES)))
@@ -197,7 +160,7 @@ class _Search:
         self._psf, self._data, self._valid, self._progress = psf, data, valid, progress
         self._photograph = photograph
         self._full = Problem.build(psf, data, valid=valid)
-        self._light = _Light(self._full, psf)
+        self._light = Light(self._full, psf)
         self._iterations = _ITERATIONS
         self._free = fit_partially(self._full, _ITERATIONS)
         self._tried: dict[tuple[PixelRectangle, int], tuple[Tensor, PartialFit]] = {}
@@ -215,7 +178,7 @@ class _Search:
             excess, error = fitted.prediction.excess(self._free.prediction)
             # A mask that repeats itself explains more by ghosts, without a limit.
             explained = excess <= (_LIKELY if self._light.has_ghosts else 1) * error
-            place = self._light.place(support, outside, _CLEAR_AFAR if explained else _CLEAR)
+            place = self._light.place(support, outside, CLEAR_AFAR if explained else CLEAR)
             if place is not None and self._is_light(place, support, fitted):
                 support = support.union(place)
             elif explained:
@@ -244,7 +207,7 @@ class _Search:
             return None
         outside, fitted = self._try(covered)
         excess, error = fitted.prediction.excess(free.prediction)
-        clear = float(outside.max()) >= _CLEAR_AFAR
+        clear = float(outside.max()) >= CLEAR_AFAR
         return None if clear or excess > _LIKELY * error else covered
 
     def _finished(
@@ -252,32 +215,58 @@ class _Search:
     ) -> tuple[PixelRectangle, Edges]:
         """As its scene needs, and the edges that photographs show.
 
-        One that shows all edges is enough. Else one with much more around it is asked, as too
-        little of a scene shows edges that are in it. Where that is not clear, sides move inwards by
-        predictions, and more and more around them is looked at. In much noise predictions do not
-        tell where the sides are, and there is a margin.
+        A photograph of the rectangle that shows all edges is enough. Else one with much more around
+        it is asked, as too little of a scene shows edges that are in it. Where that is not clear,
+        sides move inwards by predictions, and more and more around them is looked at.
         """
-        edges, centred = NO_EDGES, self._centred(support, fitted)
+        centred = self._centred(support, fitted)
         noise = fitted.prediction.unexplained_by_noise
-        support = centred
-        if noise <= _BURIED:
-            edges = self._edges(centred, edges, 0.0)
-        else:
-            support = self._light.visible(_wider(centred, _MARGIN, _MARGIN_AT_LEAST))
-        if None in edges:
-            all_known = support.union(self._known(support)) if noise > _DROWNED else support
-            edges = _either(self._edges(all_known, NO_EDGES, _WIDE), edges)
-        if None in edges and noise <= _BURIED:
-            support, fitted, unsure = self._tightened(support, fitted)
-            support = self._light.visible(_moved(self._centred(support, fitted), unsure, 1))
-        if noise <= _DROWNED:
-            for share in _AROUND:
-                if None in edges:
-                    edges = self._edges(support, edges, share)
         if noise > _BURIED:
-            support = _halfway(support, support.union(self._known(support)))
-        bounded = _either(edges, self._ends(support))
-        return support, bounded if self._may_replace(support, bounded, edges) else edges
+            return self._finished_in_noise(centred, noise)
+        support, edges = centred, self._edges(centred, NO_EDGES, 0.0)
+        if None in edges:
+            edges = _either(self._edges(centred, NO_EDGES, _WIDE), edges)
+        if None in edges:
+            support, fitted, unsure = self._tightened(centred, fitted)
+            support = self._light.visible(_moved(self._centred(support, fitted), unsure, 1))
+            edges = self._edges_around(support, edges)
+        return support, self._bounded(support, edges)
+
+    def _finished_in_noise(
+        self, support: PixelRectangle, noise: float
+    ) -> tuple[PixelRectangle, Edges]:
+        """The same where predictions do not tell where the sides are.
+
+        Those that no photograph shows lie halfway between the rectangle, with a margin, and what
+        the PSF covers.
+        """
+        support = self._light.visible(with_margin(support, _MARGIN, _MARGIN_AT_LEAST))
+        all_known = support.union(self._known(support))
+        if noise > _DROWNED:
+            edges = self._edges(all_known, NO_EDGES, _WIDE)
+        else:
+            edges = self._edges_around(support, self._edges(support, NO_EDGES, _WIDE))
+        support = _halfway(support, all_known)
+        return support, self._bounded(support, edges)
+
+    def _edges_around(self, support: PixelRectangle, edges: Edges) -> Edges:
+        """Edges, and those that photographs of more and more around a rectangle show."""
+        for share in _AROUND:
+            if None in edges:
+                edges = self._edges(support, edges, share)
+        return edges
+
+    def _bounded(self, support: PixelRectangle, edges: Edges) -> Edges:
+        """Edges, and the last lines that the PSF covers where a support goes on beyond."""
+        known = self._known(support)
+        ends = (
+            known.top if support.top < known.top else None,
+            known.bottom if support.bottom > known.bottom else None,
+            known.left if support.left < known.left else None,
+            known.right if support.right > known.right else None,
+        )
+        bounded = _either(edges, ends)
+        return bounded if self._may_replace(support, bounded, edges) else edges
 
     def _edges(self, support: PixelRectangle, edges: Edges, share: float) -> Edges:
         """Edges, and those that a photograph of a rectangle and a share of it around it shows.
@@ -287,7 +276,7 @@ class _Search:
         """
         support = at_edges(support, edges, 1)
         covered = self._covered(support)
-        wider = self._light.visible(_wider(support, share, 1))
+        wider = self._light.visible(with_margin(support, share, 1))
         wider = wider.intersection(covered).union(support)
         if wider in self._seen or self.interrupted:
             return edges
@@ -296,8 +285,7 @@ class _Search:
         if scene is None:
             self.interrupted = True
             return edges
-        new = scene_edges(scene, wider)
-        edges = _either(edges, new)
+        edges = _either(edges, scene_edges(scene, wider))
         sensor = self._full.forward.sensor
         rows, columns = centred_edges(scene, wider, edges, sensor, covered)
         for pair in rows:
@@ -309,16 +297,6 @@ class _Search:
                 edges = (*edges[:2], *pair)
                 break
         return edges
-
-    def _ends(self, support: PixelRectangle) -> Edges:
-        """The last lines that the PSF covers, where a support goes on beyond."""
-        known = self._known(support)
-        return (
-            known.top if support.top < known.top else None,
-            known.bottom if support.bottom > known.bottom else None,
-            known.left if support.left < known.left else None,
-            known.right if support.right > known.right else None,
-        )
 
     def _known(self, support: PixelRectangle) -> PixelRectangle:
         """What the PSF covers, and a support where that is not known."""
@@ -359,7 +337,7 @@ class _Search:
         fitted = self._try(support)[1]
         outside, own = self._try(tried)
         excess, error = own.prediction.excess(fitted.prediction)
-        cuts = self._light.clearest(support, outside) >= _CLEAR_AFAR
+        cuts = self._light.clearest(support, outside) >= CLEAR_AFAR
         return not cuts and excess <= _SURELY_TIGHTER * error
 
     def _with_detail(self, free: PartialFit) -> PixelRectangle | None:
@@ -435,14 +413,14 @@ class _Search:
         unsure = set(_ALL_SIDES)
         for pixels, together in _TIGHTENING:
             for sides in together:
-                spare_lines = _DETAIL_SIDE // 2 - 1 if pixels == 1 else 0
+                spare_lines = DETAIL_SIDE // 2 - 1 if pixels == 1 else 0
                 while self._goes_on():
                     smaller = _moved(support, sides, -pixels)
-                    if min(smaller.height, smaller.width) < _DETAIL_SIDE:
+                    if min(smaller.height, smaller.width) < DETAIL_SIDE:
                         break
                     outside, own = self._try(smaller)
                     excess, error = own.prediction.excess(fitted.prediction)
-                    cuts = self._light.clearest(support, outside) >= _CLEAR_AFAR
+                    cuts = self._light.clearest(support, outside) >= CLEAR_AFAR
                     if cuts or excess > _SURELY_TIGHTER * error:
                         if pixels == 1:
                             unsure.discard(sides)
@@ -475,145 +453,6 @@ class _Search:
         return outside, fitted
 
 
-class _Light:
-    """Where a measurement asks for light, in the pixels of the scene without a limit."""
-
-    def __init__(self, full: Problem, psf: Tensor) -> None:
-        self._full = full
-        self.scene = PixelRectangle(*full.forward.geometry.origin, *full.scene_shape[1:])
-        noise = channel_noise(full)
-        self._weight = noise.square().reciprocal()[:, None, None]
-        detail = (psf - local_mean(psf, torch.ones_like(psf, dtype=torch.bool))) / full.psf_norm
-        self._correlation = CroppedConvolution(detail, full.forward.sensor, None)
-        self._lengths = [self._length(detail, side) for side in _SIDES]
-        self._seen = self._lengths[0] > _SEEN * self._lengths[0].max()
-        self._alike = _autocorrelation(detail)
-        self.has_ghosts = bool((self._alike > _ALIKE).any())
-
-    def _length(self, detail: Tensor, side: int) -> Tensor:
-        """‖a_s‖/σ of a square of light around each pixel."""
-        square = _sums(detail, side).square()
-        power = CroppedConvolution(square, self._full.forward.sensor, None)
-        seen = power.adjoint(self._full.valid.to(detail.dtype)) * self._weight
-        return seen.sum(0).clamp_min(0).sqrt()
-
-    def _signals(self, residual: Tensor, fitted: Tensor) -> Tensor:
-        """Signal-to-noise ratios, (squares, height, width)."""
-        detail = torch.where(fitted, residual - local_mean(residual, fitted), 0)
-        sums = (self._correlation.adjoint(detail) * self._weight).sum(0)
-        signals = []
-        for side, length in zip(_SIDES, self._lengths, strict=True):
-            seen = length > _SEEN * length.max()
-            signals.append(torch.where(seen, _sums(sums[None], side)[0] / length, 0))
-        return torch.stack(signals)
-
-    def most_detail(self, scene: Tensor) -> float:
-        """Detail of a scene without a limit where it has most."""
-        density = torch.where(self._seen, _detail(scene), 0).flatten()
-        usual = density.kthvalue(math.ceil(_MOST_DETAIL * len(density))).values
-        return max(float(usual), _SPARSE * float(density.max()))
-
-    def with_detail(self, support: PixelRectangle, scene: Tensor, least: float) -> PixelRectangle:
-        """The part of a scene that has so much detail, or all of it where none has."""
-        density = torch.zeros_like(self._seen, dtype=scene.dtype)
-        density[self._slices(support)] = _detail(scene)
-        wanted = self._seen & (density >= least)
-        return self._around(wanted) if bool(wanted.any()) else support
-
-    def main_part(self, support: PixelRectangle, scene: Tensor, least: float) -> PixelRectangle:
-        """The rectangle around the part that has most detail, of parts that lie apart."""
-        inside = self._slices(support)
-        density = torch.zeros_like(self._seen, dtype=scene.dtype)
-        density[inside] = _detail(scene)
-        density[~self._seen | (density < least)] = 0
-        reach = 2 * max(1, round(_APART * min(self._full.forward.sensor))) + 1
-        joined = nnf.max_pool2d(density[None], reach, 1, reach // 2)[0] > 0
-        numbers, count = ndimage.label(joined.cpu().numpy())
-        if count < 2:
-            return support
-        number = torch.from_numpy(numbers).long().to(density.device)
-        sums = torch.bincount(number.flatten(), density.flatten())
-        return self._around((density > 0) & (number == int(sums[1:].argmax()) + 1))
-
-    def repeats(self, support: PixelRectangle, place: PixelRectangle) -> bool:
-        """Whether light of one has a ghost at the other, as the PSF is alike a shift on."""
-        middle = self._alike.shape[-2] // 2, self._alike.shape[-1] // 2
-        rows = _shifts(support.top, support.height, place.top, place.height)
-        columns = _shifts(support.left, support.width, place.left, place.width)
-        least, most = zip(rows, columns, strict=True)
-        top, left = (max(0, half + first) for half, first in zip(middle, least, strict=True))
-        bottom, right = (max(0, half + last + 1) for half, last in zip(middle, most, strict=True))
-        return bool((self._alike[top:bottom, left:right] > _ALIKE).any())
-
-    def signal(self, problem: Problem, confined: PartialFit, support: PixelRectangle) -> Tensor:
-        """The clearest signal of each pixel outside, over what is usual there, (height, width).
-
-        A PSF that is not exactly the measurement's leaves more than noise, everywhere.
-        """
-        signals = self._signals(problem.residual(confined.scene), confined.fitted)
-        inside = torch.zeros_like(signals[0], dtype=torch.bool)
-        inside[self._slices(support)] = True
-        for each in signals:
-            each[inside] = 0
-            usual = each[each != 0].abs()
-            if usual.numel():
-                each /= max(1.0, float(usual.median()) / 0.6745)
-        return signals.amax(0)
-
-    def place(
-        self, support: PixelRectangle, outside: Tensor, clear_afar: float
-    ) -> PixelRectangle | None:
-        """Where clear signals are: near the rectangle, or else far from it; None without any."""
-        near = torch.zeros_like(outside)
-        beside = self._slices(_wider(support, _GROWTH, _GROWTH_AT_LEAST))
-        near[beside] = outside[beside]
-        if float(near.max()) >= _CLEAR:
-            wanted = near >= max(_CLEAR, _STRONG * float(near.max()))
-        elif float(outside.max()) >= clear_afar:
-            wanted = outside == outside.max()
-        else:
-            return None
-        return self._around(wanted)
-
-    def clearest(self, support: PixelRectangle, outside: Tensor) -> float:
-        """The clearest of signals beside a rectangle, of those that are in another."""
-        return float(outside[self._slices(support)].max())
-
-    def _around(self, wanted: Tensor) -> PixelRectangle:
-        """The smallest rectangle that holds pixels."""
-        rows, columns = wanted.any(1).nonzero(), wanted.any(0).nonzero()
-        top, left = int(rows[0]), int(columns[0])
-        return PixelRectangle(
-            self.scene.top + top,
-            self.scene.left + left,
-            int(rows[-1]) + 1 - top,
-            int(columns[-1]) + 1 - left,
-        )
-
-    def visible(self, support: PixelRectangle) -> PixelRectangle:
-        """The part of it that the sensor can see."""
-        rows, columns = self._slices(support)
-        at = self.scene
-        return PixelRectangle(
-            at.top + rows.start,
-            at.left + columns.start,
-            rows.stop - rows.start,
-            columns.stop - columns.start,
-        )
-
-    def fraction(self, support: PixelRectangle) -> float:
-        """Fraction of the pixels that can be seen."""
-        part = self.visible(support)
-        return part.height * part.width / (self.scene.height * self.scene.width)
-
-    def _slices(self, support: PixelRectangle) -> tuple[slice, slice]:
-        at = self.scene
-        top, left = max(0, support.top - at.top), max(0, support.left - at.left)
-        bottom = min(at.height, support.top + support.height - at.top)
-        right = min(at.width, support.left + support.width - at.left)
-        return slice(top, max(top, bottom)), slice(left, max(left, right))
-
-
 def _mirrored(
     support: PixelRectangle, sensor: tuple[int, int]
 ) -> tuple[PixelRectangle, PixelRectangle]:
@@ -635,16 +474,6 @@ def _moved(support: PixelRectangle, sides: str, pixels: int) -> PixelRectangle:
     )
 
 
-def _wider(support: PixelRectangle, by: float, least: int) -> PixelRectangle:
-    rows, columns = (max(least, math.ceil(by * side)) for side in (support.height, support.width))
-    return PixelRectangle(
-        support.top - rows,
-        support.left - columns,
-        support.height + 2 * rows,
-        support.width + 2 * columns,
-    )
-
-
 def _either(edges: Edges, others: Edges) -> Edges:
     """Edges, and others where those are unclear."""
     return tuple(b if a is None else a for a, b in zip(edges, others, strict=True))
@@ -655,37 +484,6 @@ def _halfway(support: PixelRectangle, known: PixelRectangle) -> PixelRectangle:
     top, left = (support.top + known.top) // 2, (support.left + known.left) // 2
     bottom, right = (support.bottom + known.bottom + 1) // 2, (support.right + known.right + 1) // 2
     return PixelRectangle(top, left, bottom - top, right - left)
-
-
-def _shifts(first: int, size: int, other: int, other_size: int) -> tuple[int, int]:
-    """The least and the greatest shift from a line of the first part to a line of the other."""
-    return other - (first + size - 1), other + other_size - 1 - first
-
-
-def _autocorrelation(detail: Tensor) -> Tensor:
-    """Of all channels, over that of no shift, which is in the middle; zero around there."""
-    height, width = (2 * side for side in detail.shape[-2:])
-    power = torch.fft.rfft2(detail, s=(height, width)).abs().square().sum(0)
-    alike: Tensor = torch.fft.fftshift(torch.fft.irfft2(power, s=(height, width)))
-    row, column = height // 2, width // 2
-    alike = alike / alike[row, column]
-    top, left = max(0, row - _PEAK), max(0, column - _PEAK)
-    alike[top : row + _PEAK + 1, left : column + _PEAK + 1] = 0
-    return alike
-
-
-def _sums(plane: Tensor, side: int) -> Tensor:
-    """Sums over side×side pixels around each."""
-    if side == 1:
-        return plane
-    return box_mean(plane, side) * side**2
-
-
-def _detail(scene: Tensor) -> Tensor:
-    """Total variation in squares around each pixel, of all channels."""
-    down, right = scene.diff(dim=-2).abs(), scene.diff(dim=-1).abs()
-    steps = nnf.pad(down, (0, 0, 0, 1)) + nnf.pad(right, (0, 1))
-    return _sums(steps, _DETAIL_SIDE).sum(0)
 
 
 def _area(support: PixelRectangle) -> int:
