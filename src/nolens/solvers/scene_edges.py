@@ -23,8 +23,6 @@ _LEAST, _STEP = 0.03, 0.6
 """That of each of them at least, and as much as counts: one that is very clear is not enough."""
 _PARTS = 10
 """Of a line, of which the median rise counts: a scene ends along all of it, what is in it not."""
-_SLOPE = 3
-"""Lines before a step, of which the slope goes on across it."""
 _GLOW, _LESS = 1.1, 0.75
 """Of lines before such a step, or of those after it, what lines further out have at most."""
 _NO_LIGHT = 0.1
@@ -38,7 +36,7 @@ _PART = 0.2
 _INNERMOST = 0.4
 """Of all lines, those before either of them at most."""
 _ENDS = 4
-"""Lines from the last that a PSF covers, within which steps are the PSF's."""
+"""Lines from where the PSF's support ends, within which steps are the PSF's."""
 _PAIRS = 3
 """Pairs of steps that are asked for at most, the largest first."""
 _SEPARATE = 2
@@ -70,9 +68,9 @@ def scene_edges(scene: Tensor, support: PixelRectangle) -> Edges:
     left, right = _dark_lines(brightest.T), _dark_lines(brightest.T.flip(0))
     return (
         support.top + top if top else None,
-        support.top + support.height - bottom if bottom else None,
+        support.bottom - bottom if bottom else None,
         support.left + left if left else None,
-        support.left + support.width - right if right else None,
+        support.right - right if right else None,
     )
 
 
@@ -81,7 +79,7 @@ def centred_edges(
     support: PixelRectangle,
     edges: Edges,
     sensor: tuple[int, int],
-    covered: PixelRectangle,
+    psf_support: PixelRectangle,
 ) -> tuple[list[Edges], list[Edges]]:
     r"""Pairs of edges as far from the frame's middle, where one side or none is clear.
 
@@ -104,16 +102,16 @@ def centred_edges(
         As it gives them.
     sensor
         (height, width) of the frame.
-    covered
-        Pixels whose light the PSF knows on all of the sensor: where they end is a step, too.
+    psf_support
+        Pixels whose light the PSF has on all of the sensor: where they end is a step, too.
 
     Returns
     -------
     Top and bottom, and left and right: pairs, the likeliest first.
     """
     brightest = _brightest(scene)
-    rows = covered.top, covered.top + covered.height
-    columns = covered.left, covered.left + covered.width
+    rows = psf_support.top, psf_support.bottom
+    columns = psf_support.left, psf_support.right
     return (
         _opposite(brightest, support.top, edges[:2], sensor[0], rows),
         _opposite(brightest.T, support.left, edges[2:], sensor[1], columns),
@@ -132,12 +130,7 @@ def at_edges(support: PixelRectangle, edges: Edges, by: int) -> PixelRectangle:
     by
         Its pixels along each of those.
     """
-    sides = (
-        support.top,
-        support.top + support.height,
-        support.left,
-        support.left + support.width,
-    )
+    sides = support.top, support.bottom, support.left, support.right
     margin = max(1, by // 2)
     top, bottom, left, right = (
         side if edge is None else by * edge + margin * outwards
@@ -152,13 +145,13 @@ def _brightest(scene: Tensor) -> Tensor:
 
 
 def _opposite(
-    plane: Tensor, first: int, edges: Edges, size: int, covered: tuple[int, int]
+    plane: Tensor, first: int, edges: Edges, size: int, psf_ends: tuple[int, int]
 ) -> list[Edges]:
-    """Pairs of one direction: its lines, where in the frame they begin, the frame's size."""
+    """Pairs of one direction: its lines, where in the frame they begin, the size of that."""
     start, end = edges
     if start is not None and end is not None:
         return []
-    pairs: list[Edges] = list(_steps_opposite(plane, first, size, covered))
+    pairs: list[Edges] = list(_steps_opposite(plane, first, size, psf_ends))
     if pairs and any(
         edge is not None and step is not None and abs(edge - step) <= 1
         for edge, step in zip(edges, pairs[0], strict=True)
@@ -173,7 +166,7 @@ def _opposite(
 
 
 def _steps_opposite(
-    plane: Tensor, first: int, size: int, covered: tuple[int, int]
+    plane: Tensor, first: int, size: int, psf_ends: tuple[int, int]
 ) -> list[tuple[int, int]]:
     """Steps that lie as far from the middle, but for a line: those that are largest together."""
     starts, ends = _step_lines(plane), _step_lines(plane.flip(0))
@@ -183,7 +176,7 @@ def _steps_opposite(
         for after, fall in ends.items():
             end = first + len(plane) - after
             both = min(rise, _STEP) + min(fall, _STEP)
-            to_ends = min(abs(start - covered[0]), abs(end - covered[1]))
+            to_ends = min(abs(start - psf_ends[0]), abs(end - psf_ends[1]))
             if abs(start + end - size) <= 1 and both >= _STEPS and to_ends > _ENDS:
                 pairs.append((both, start, end))
     pairs.sort(reverse=True)
@@ -196,24 +189,23 @@ def _steps_opposite(
 
 def _step_lines(plane: Tensor) -> dict[int, float]:
     """Numbers of lines before light that rises at once, beside glow; and by how much."""
+    means: list[float] = plane.mean(1).tolist()
     lines: dict[int, float] = {}
     for before, rise in _rises(plane).items():
-        if rise >= _LEAST and before <= _INNERMOST * len(plane) and _beside_glow(plane, before):
-            lit = _first_lit(plane, before)
+        if rise >= _LEAST and before <= _INNERMOST * len(means) and _beside_glow(means, before):
+            lit = _first_lit(means, before)
             lines[lit] = max(rise, lines.get(lit, 0.0))
     return lines
 
 
-def _beside_glow(plane: Tensor, before: int) -> bool:
+def _beside_glow(means: list[float], before: int) -> bool:
     """Whether light further out than the lines before a step is less, as that of glow is."""
-    means: list[float] = plane.mean(1).tolist()
     glow = sum(means[before - 2 : before]) / 2
     return max(means[:before]) <= max(_GLOW * glow, _LESS * means[before + 1])
 
 
-def _first_lit(plane: Tensor, before: int) -> int:
+def _first_lit(means: list[float], before: int) -> int:
     """Lines before a step, without those that the scene fills in part."""
-    means = plane.mean(1).tolist()
     dark = sum(means[before - 2 : before]) / 2
     lit = sum(means[before + 1 : before + 3]) / 2
     near = (before - 1, before)
@@ -230,7 +222,7 @@ def _may_begin(plane: Tensor, before: int) -> bool:
 
 def _rises(plane: Tensor) -> dict[int, float]:
     """The rise of each line that has enough beside it, as `centred_edges` defines it."""
-    if len(plane) <= 2 * _SLOPE:
+    if len(plane) < 7:
         return {}
     parts = torch.stack([each.mean(1) for each in plane.chunk(_PARTS, 1)], 1)
     light = (parts + _NO_LIGHT).log()
@@ -238,7 +230,7 @@ def _rises(plane: Tensor) -> dict[int, float]:
     before = (light[3:-3] + light[2:-4]) / 2
     slope = (light[3:-3] - light[:-6]).clamp_min(0)
     rises = (after - before - slope).median(1).values
-    return dict(enumerate(rises.tolist(), _SLOPE + 1))
+    return dict(enumerate(rises.tolist(), 4))
 
 
 def _dark_lines(plane: Tensor) -> int:

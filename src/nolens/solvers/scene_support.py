@@ -38,7 +38,7 @@ _SURELY_TIGHTER = 3.0
 _BURIED = 0.2
 """Fraction of the contrast that is noise, above which sides get a margin instead."""
 _DROWNED = 0.8
-"""The same, above which a photograph of all that the PSF covers is the only one that tells."""
+"""The same, above which a photograph of all of the PSF's support is the only one."""
 _NOISE = 0.98
 """The same, above which nothing tells that there is a scene."""
 _MARGIN, _MARGIN_AT_LEAST = 0.02, 2
@@ -200,15 +200,18 @@ class _Search:
 
         Where the PSF explains little, as it changes over the field, nothing else tells.
         """
-        covered = self._covered(self._light.scene)
+        psf_support = self._psf_support(self._light.scene)
         if free.prediction.unexplained_by_noise > _NOISE or not self._goes_on():
             return None
-        if self._light.fraction(covered) > _MOST or self._light.visible(covered) != covered:
+        if (
+            self._light.fraction(psf_support) > _MOST
+            or self._light.visible(psf_support) != psf_support
+        ):
             return None
-        outside, fitted = self._try(covered)
+        outside, fitted = self._try(psf_support)
         excess, error = fitted.prediction.excess(free.prediction)
         clear = float(outside.max()) >= CLEAR_AFAR
-        return None if clear or excess > _LIKELY * error else covered
+        return None if clear or excess > _LIKELY * error else psf_support
 
     def _finished(
         self, support: PixelRectangle, fitted: PartialFit
@@ -237,16 +240,16 @@ class _Search:
     ) -> tuple[PixelRectangle, Edges]:
         """The same where predictions do not tell where the sides are.
 
-        Those that no photograph shows lie halfway between the rectangle, with a margin, and what
-        the PSF covers.
+        Those without a clear edge are halfway between the rectangle, with a margin, and the PSF's
+        support.
         """
         support = self._light.visible(with_margin(support, _MARGIN, _MARGIN_AT_LEAST))
-        all_known = support.union(self._known(support))
+        largest = support.union(self._bounds(support))
         if noise > _DROWNED:
-            edges = self._edges(all_known, NO_EDGES, _WIDE)
+            edges = self._edges(largest, NO_EDGES, _WIDE)
         else:
             edges = self._edges_around(support, self._edges(support, NO_EDGES, _WIDE))
-        support = _halfway(support, all_known)
+        support = _halfway(support, largest)
         return support, self._bounded(support, edges)
 
     def _edges_around(self, support: PixelRectangle, edges: Edges) -> Edges:
@@ -257,13 +260,13 @@ class _Search:
         return edges
 
     def _bounded(self, support: PixelRectangle, edges: Edges) -> Edges:
-        """Edges, and the last lines that the PSF covers where a support goes on beyond."""
-        known = self._known(support)
+        """Edges, and those of the PSF's support where another goes on beyond."""
+        bounds = self._bounds(support)
         ends = (
-            known.top if support.top < known.top else None,
-            known.bottom if support.bottom > known.bottom else None,
-            known.left if support.left < known.left else None,
-            known.right if support.right > known.right else None,
+            bounds.top if support.top < bounds.top else None,
+            bounds.bottom if support.bottom > bounds.bottom else None,
+            bounds.left if support.left < bounds.left else None,
+            bounds.right if support.right > bounds.right else None,
         )
         bounded = _either(edges, ends)
         return bounded if self._may_replace(support, bounded, edges) else edges
@@ -275,9 +278,9 @@ class _Search:
         predictions are not surely against them, and no clear light lies beyond.
         """
         support = at_edges(support, edges, 1)
-        covered = self._covered(support)
+        psf_support = self._psf_support(support)
         wider = self._light.visible(with_margin(support, share, 1))
-        wider = wider.intersection(covered).union(support)
+        wider = wider.intersection(psf_support).union(support)
         if wider in self._seen or self.interrupted:
             return edges
         self._seen.add(wider)
@@ -287,42 +290,40 @@ class _Search:
             return edges
         edges = _either(edges, scene_edges(scene, wider))
         sensor = self._full.forward.sensor
-        rows, columns = centred_edges(scene, wider, edges, sensor, covered)
-        for pair in rows:
-            if self._may_replace(support, (*pair, *edges[2:]), edges):
-                edges = (*pair, *edges[2:])
-                break
-        for pair in columns:
-            if self._may_replace(support, (*edges[:2], *pair), edges):
-                edges = (*edges[:2], *pair)
-                break
+        pairs = centred_edges(scene, wider, edges, sensor, psf_support)
+        for side, candidates in zip((0, 2), pairs, strict=True):
+            for pair in candidates:
+                new = (*edges[:side], *pair, *edges[side + 2 :])
+                if self._may_replace(support, new, edges):
+                    edges = new
+                    break
         return edges
 
-    def _known(self, support: PixelRectangle) -> PixelRectangle:
-        """What the PSF covers, and a support where that is not known."""
-        covered, scene = self._covered(support), self._light.scene
-        if covered.height == scene.height:
-            covered = replace(covered, top=support.top, height=support.height)
-        if covered.width == scene.width:
-            covered = replace(covered, left=support.left, width=support.width)
-        return covered
+    def _bounds(self, support: PixelRectangle) -> PixelRectangle:
+        """The PSF's support, and another where there is none."""
+        psf_support, scene = self._psf_support(support), self._light.scene
+        if psf_support.height == scene.height:
+            psf_support = replace(psf_support, top=support.top, height=support.height)
+        if psf_support.width == scene.width:
+            psf_support = replace(psf_support, left=support.left, width=support.width)
+        return psf_support
 
-    def _covered(self, support: PixelRectangle) -> PixelRectangle:
-        """Pixels whose light the PSF knows on all of the sensor.
+    def _psf_support(self, support: PixelRectangle) -> PixelRectangle:
+        """Pixels whose light the PSF has on all of the sensor; of all that can be seen else.
 
         A PSF that is larger than the sensor is one of scenes so large. Where that is less than
-        half of the support's side and a quarter of the frame's, it is larger by chance.
+        half of the scene's support and a quarter of the frame, it is larger by chance.
         """
         sensor, scene = self._full.forward.sensor, self._light.scene
         height, width = (
-            known - own + 1 for known, own in zip(self._psf.shape[-2:], sensor, strict=True)
+            of_psf - own + 1 for of_psf, own in zip(self._psf.shape[-2:], sensor, strict=True)
         )
-        covered = PixelRectangle.centred(height, width, sensor)
+        psf_support = PixelRectangle.centred(height, width, sensor)
         if height < min(support.height / 2, sensor[0] / 4):
-            covered = replace(covered, top=scene.top, height=scene.height)
+            psf_support = replace(psf_support, top=scene.top, height=scene.height)
         if width < min(support.width / 2, sensor[1] / 4):
-            covered = replace(covered, left=scene.left, width=scene.width)
-        return covered
+            psf_support = replace(psf_support, left=scene.left, width=scene.width)
+        return psf_support
 
     def _may_replace(self, support: PixelRectangle, new: Edges, edges: Edges) -> bool:
         """Whether a rectangle has all of another, or predicts no worse and cuts off no light.
@@ -479,10 +480,10 @@ def _either(edges: Edges, others: Edges) -> Edges:
     return tuple(b if a is None else a for a, b in zip(edges, others, strict=True))
 
 
-def _halfway(support: PixelRectangle, known: PixelRectangle) -> PixelRectangle:
+def _halfway(support: PixelRectangle, other: PixelRectangle) -> PixelRectangle:
     """A rectangle with each side in the middle between those of two."""
-    top, left = (support.top + known.top) // 2, (support.left + known.left) // 2
-    bottom, right = (support.bottom + known.bottom + 1) // 2, (support.right + known.right + 1) // 2
+    top, left = (support.top + other.top) // 2, (support.left + other.left) // 2
+    bottom, right = (support.bottom + other.bottom + 1) // 2, (support.right + other.right + 1) // 2
     return PixelRectangle(top, left, bottom - top, right - left)
 
 
