@@ -31,9 +31,11 @@ test:
 	$(MAKE) --no-print-directory -j2 env browser WANTED=test
 	$(MAKE) --no-print-directory -j2 lint tests
 
-# Workers as tests/conftest.py counts them, each on one thread; who is done takes tests from the others.
+# Those of the kernels first, beside lint: each worker would compile the passes for itself. The others
+# by workers as tests/conftest.py counts them, each on one thread; who is done takes tests from the others.
 tests: $(STAMP)
-	$(BIN)/pytest -n logical --dist worksteal
+	$(BIN)/pytest tests/kernels
+	$(BIN)/pytest --ignore tests/kernels -n logical --dist worksteal
 
 # The tests where machines differ: in workers, in order, and in how their processors round.
 test-variants: $(STAMP) browser

@@ -1,5 +1,6 @@
 """What every test starts from: one thread, known random numbers, a plain shell."""
 
+import gc
 import os
 import random
 import signal
@@ -13,6 +14,8 @@ import psutil
 import pytest
 import torch
 from hypothesis import settings
+
+from nolens.process import prepare
 
 if TYPE_CHECKING:
     from distributed import LocalCluster
@@ -44,6 +47,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure() -> None:
     """A shell without anyone's settings, for this process and those that it starts."""
+    prepare()  # As the command does.
     for name in _NOT_OURS:
         os.environ.pop(name, None)
     os.environ.update(_SHELL)
@@ -73,12 +77,12 @@ def cluster() -> Iterator["LocalCluster"]:
 def pytest_xdist_auto_num_workers() -> int:
     """One for each core that is ours, as far as the memory goes: each grows to 1.6 GB.
 
-    And one more, as tests of pages wait for the browser half of the time.
+    And two more: tests of pages and of what is killed wait for other processes half of the time.
     """
     memory = psutil.virtual_memory().available // 2_500_000_000
     ours = getattr(os, "sched_getaffinity", None)
     cores = len(ours(0)) if ours else os.cpu_count() or 1
-    return max(1, min(cores + 1, memory))
+    return max(1, min(cores + 2, memory))
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -94,6 +98,17 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for tests in shuffled:
         order.shuffle(tests)
     items[:] = [item for tests in shuffled for item in tests]
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """The tests stay to the end: no search for garbage goes through them."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.hookimpl(tryfirst=True)
