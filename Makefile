@@ -32,10 +32,10 @@ test:
 	$(MAKE) --no-print-directory -j2 lint tests
 
 # Those of the kernels first, beside lint: each worker would compile the passes for itself. The others
-# by workers as tests/conftest.py counts them, each on one thread; who is done takes tests from the others.
+# by workers as tests/conftest.py counts them, each on one thread, who take a module after the other.
 tests: $(STAMP)
 	$(BIN)/pytest tests/kernels
-	$(BIN)/pytest --ignore tests/kernels -n logical --dist worksteal
+	$(BIN)/pytest --ignore tests/kernels -n logical
 
 # The tests where machines differ: in workers, in order, and in how their processors round.
 test-variants: $(STAMP) browser

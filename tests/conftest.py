@@ -7,13 +7,15 @@ import signal
 import sys
 import time
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import psutil
 import pytest
 import torch
 from hypothesis import settings
+from xdist.scheduler import LoadScopeScheduling
 
 from nolens.process import prepare
 
@@ -88,6 +90,7 @@ def pytest_xdist_auto_num_workers() -> int:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     seed = config.getoption("--shuffle")
     if seed is None:
+        items.sort(key=lambda item: not _is_of_page(item.nodeid))
         return
     order = random.Random(seed)
     modules: dict[object, list[pytest.Item]] = {}
@@ -109,6 +112,27 @@ def pytest_collection() -> Iterator[None]:
     finally:
         gc.freeze()
         gc.enable()
+
+
+class _ByModule(LoadScopeScheduling):
+    """Who is done takes the next module; those of the page are one, and the first.
+
+    They share a studio and a browser, which take seconds to start and work on all the time.
+    """
+
+    def _split_scope(self, nodeid: str) -> str:
+        module, _, _ = nodeid.partition("::")
+        return "page" if _is_of_page(module) else module
+
+
+def _is_of_page(module: str) -> bool:
+    return Path(module).name.startswith("test_page_")
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> _ByModule:
+    config.option.loadscopereorder = False
+    return _ByModule(config, log)
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -203,6 +203,8 @@ def test_dim_objects_at_edges_and_corners_stay(places: list[tuple[int, int]]) ->
     support = chosen(psf, data)
     assert support is not None and holds(support, 90, 100, 6, 6)
     assert all(holds(support, *place, 5, 5) for place in places)
+    if len(places) == 1:  # Fits without a limit take seconds.
+        return
 
     def radiances(limit: PixelRectangle | None) -> list[float]:
         solver = Reconstructor(psf, limit, tau=1e-5)

@@ -128,6 +128,7 @@ def test_an_edge_in_a_picture_is_measured(visit: Visit, studio_folder: Path) -> 
 
 def test_a_job_whose_process_dies_says_so_and_the_page_goes_on(visit: Visit, shot: str) -> None:
     page = visit.show("measure")
+    visit.tell("live/settings", {"frozen": True})  # Only the job's process works.
     card = page.locator("[data-measure=two-points]")
     card.get_by_label("Camera").select_option("paper")
     card.get_by_text("More", exact=True).click()
