@@ -273,6 +273,12 @@ def test_strength_by_held_out_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("nolens.solvers.plug_and_play.denoise", lambda *_, **__: truth)
     assert prior.solve(problem, first).history[-1]["penalty_1"] == pytest.approx(2 / 3)
     monkeypatch.undo()
+    # So has one where predictions are better by less than chance: they tell nothing.
+    errors = 1 + 0.5 * torch.randn((4, 200), generator=torch.Generator().manual_seed(2))
+    tried = iter(errors - errors.mean(1, keepdim=True) - 0.02 * torch.arange(4)[:, None])
+    monkeypatch.setattr("nolens.solvers.plug_and_play.prediction_errors", lambda *_: next(tried))
+    assert prior.solve(problem, first).history[-1]["penalty_1"] == pytest.approx(2 / 3)
+    monkeypatch.undo()
     # A measurement that carries the finest detail has noise as the network takes it: no trials.
     problem, first = posed(sharp)
     result = prior.solve(problem, first)

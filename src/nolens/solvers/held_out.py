@@ -136,8 +136,7 @@ class Prediction:
 
     def is_likely_better(self, other: "Prediction") -> bool:
         """Whether it explains the same blocks better, by two standard errors."""
-        excess, error = other.excess(self)
-        return excess > _LIKELY * error
+        return are_likely_less(self.blocks, other.blocks)
 
     def is_clearly_better(self, other: "Prediction") -> bool:
         """Whether it explains the same blocks better, beyond doubt and by more than a little."""
@@ -591,6 +590,12 @@ def box_mean(planes: Tensor, side: int) -> Tensor:
     columns = nnf.avg_pool2d(planes[None], (side, 1), 1, (side // 2, 0))
     means: Tensor = nnf.avg_pool2d(columns, (1, side), 1, (0, side // 2))[0]
     return means
+
+
+def are_likely_less(errors: Tensor, others: Tensor) -> bool:
+    """Whether errors of blocks are less than others of the same blocks, by two standard errors."""
+    excess, error = _apart(others, errors)
+    return excess > _LIKELY * error
 
 
 def _apart(errors: Tensor, best: Tensor) -> tuple[float, float]:

@@ -14,6 +14,7 @@ from nolens.solvers.admm_state import Penalties
 from nolens.solvers.coarse import Coarse, residual_size
 from nolens.solvers.denoising_network import BANDS, DenoisingNetwork, denoise
 from nolens.solvers.held_out import (
+    are_likely_less,
     channel_noise,
     held_out_blocks,
     pixels_of,
@@ -26,8 +27,9 @@ from nolens.solvers.result import Callback, Progress, Result, follow
 STRENGTH = 0.7
 """Of a network that was tuned with it, and where pixels are too few or too many to judge by."""
 _STRENGTHS = tuple((2 / 3) ** step for step in range(1, 5))
-"""That are tried where the measurement does not carry the finest detail, until one predicts
-held-out pixels worse than the one before; where it does, 1 is that of Bayes' rule."""
+"""That are tried where the measurement does not carry the finest detail, until one does not predict
+held-out pixels better than the one before by two standard errors: of what neither measurement nor
+prior holds they say nothing. Where it carries that, 1 is the strength of Bayes' rule."""
 MANY_PIXELS = 5_000_000
 """`Problem.padded_pixels` beyond which no strengths are tried."""
 FEW_TURNS_PIXELS = 8_000_000
@@ -391,15 +393,15 @@ class PlugAndPlay:
             data = torch.where(held, 0, problem.data)
             fitted = replace(problem, data=data, valid=problem.valid & ~held)
             fit.measure(fitted)
-            best, scenes, least = None, fit.scenes, math.inf
+            best, scenes, least = None, fit.scenes, None
             for strength in _STRENGTHS:
                 turns = islice(self.turns(fitted, photograph, strength, fit), _TRIAL_TURNS)
                 turn = yield from run(fitted, photograph, turns)
                 judged = scene / problem.scale
-                error = float(prediction_errors(problem, judged, held, blocks).mean())
-                if error >= least:
+                errors = prediction_errors(problem, judged, held, blocks)
+                if least is not None and not are_likely_less(errors, least):
                     break
-                best, scenes, least = turn, fit.scenes, error
+                best, scenes, least = turn, fit.scenes, errors
             fit.measure(problem)
             fit.resume(scenes)
             return best
