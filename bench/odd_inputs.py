@@ -4,8 +4,8 @@
 simulated camera, spoils the two files in one way after the other, and gives each pair to `nolens
 reconstruct` without any option but its files. A picture is right where its PSNR is within 0.5 dB
 of that of the unspoilt files. Other files have to be named: by an error, with which nothing is
-written, or by a warning. `--kinds` takes a part of them and writes no page, which also has what
-`bench/alarms.py` printed into the file `--alarms`.
+written, by a warning, or by a note where it is stated which (a grey PSF). `--kinds` takes a part of
+them and writes no page, which also has what `bench/alarms.py` printed into the file `--alarms`.
 """
 
 from __future__ import annotations
@@ -115,6 +115,8 @@ class Kind:
     write: Writer
     colour: bool = False
     scene: str = ""
+    note: str = ""
+    """What a line says that names the cause without a warning, as of good files of others."""
 
 
 def psf_of(change: Callable[[Tensor], Tensor]) -> Writer:
@@ -301,6 +303,7 @@ def kinds(cameras: Cameras) -> list[Kind]:
                 files.raw("raw", pair.shot.frame), files.stated("psf", pair.point[1:2]),
             ),
             colour=True,
+            note="a PSF in colour",
         ),
         Kind(
             "colour PSF for a grey measurement",
@@ -396,7 +399,7 @@ def table(rows: list[tuple[Kind, Outcome, float]], alarms: Path) -> str:
     for kind, came, loss in rows:
         shown = amount(round(loss, 1)) if came.psnr_db is not None else ""
         said = "; ".join(came.lines)
-        lines.append(f"| {kind.name} | {verdict(came, loss)} | {shown} | {cell(said)} |")
+        lines.append(f"| {kind.name} | {verdict(kind, came, loss)} | {shown} | {cell(said)} |")
     said_of = alarms.read_text().splitlines()
     lines += [
         "",
@@ -412,14 +415,17 @@ def table(rows: list[tuple[Kind, Outcome, float]], alarms: Path) -> str:
     return "\n".join([*lines, ""])
 
 
-def verdict(came: Outcome, loss: float) -> str:
+def verdict(kind: Kind, came: Outcome, loss: float) -> str:
     """In a word or two."""
     if came.status:
         return "refused" if came.named else f"exit status {came.status}"
     right = came.psnr_db is not None and loss <= RIGHT_DB
     if right:
         return "right, with a warning" if came.named else "right"
-    return "warned" if came.named else "SILENT"
+    if came.named:
+        return "warned"
+    noted = kind.note and any(kind.note in line for line in came.lines)
+    return "noted" if noted else "SILENT"
 
 
 def main() -> None:
@@ -442,7 +448,7 @@ def main() -> None:
             base[kind.colour] = came.psnr_db
         loss = 0.0 if came.psnr_db is None else base[kind.colour] - came.psnr_db
         rows.append((kind, came, loss))
-        print(f"{kind.name}: {verdict(came, loss)}, {loss:.2f} dB: {' | '.join(came.lines)}",
+        print(f"{kind.name}: {verdict(kind, came, loss)}, {loss:.2f} dB: {' | '.join(came.lines)}",
               flush=True)  # fmt: skip
     if not asked.kinds:
         asked.out.write_text(table(rows, asked.alarms))

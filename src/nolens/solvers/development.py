@@ -96,21 +96,17 @@ class Development:
     def prepared(self, measurement: Measurement) -> PreparedPsf:
         """The PSF, developed and made to fit a measurement."""
         prepared = prepare_psf(self.developed_psf(measurement), measurement, self.psf_geometry)
-        source = self.psf.source
+        source, note = self.psf.source, ""
         if len(measurement.channels) > 1 and self.psf.channels == ("grey",):
-            warning = (
+            note = (
                 f"the PSF {source} is grey and serves all colours, which are the sensor's: a PSF "
                 "in colour, of white light, balances them and keeps more of their detail"
             )
-            return replace(prepared, warnings=(*prepared.warnings, warning))
-        if (
-            measurement.channels == ("grey",)
-            and self.channels != "grey"
-            and self.psf.channels != ("grey",)
-        ):
+        elif measurement.channels == ("grey",) and self.channels != "grey":
             note = f"the measurement is grey: so is the PSF {source} taken"
-            return replace(prepared, notes=(*prepared.notes, note))
-        return prepared
+        if not note or self.psf.channels == measurement.channels:
+            return prepared
+        return replace(prepared, notes=(*prepared.notes, note))
 
     @property
     def merged(self) -> int:
