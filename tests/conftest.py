@@ -90,7 +90,7 @@ def pytest_xdist_auto_num_workers() -> int:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     seed = config.getoption("--shuffle")
     if seed is None:
-        items.sort(key=lambda item: not _is_of_page(item.nodeid))
+        items.sort(key=lambda item: not _is_of_page(item.path))
         return
     order = random.Random(seed)
     modules: dict[object, list[pytest.Item]] = {}
@@ -122,11 +122,11 @@ class _ByModule(LoadScopeScheduling):
 
     def _split_scope(self, nodeid: str) -> str:
         module, _, _ = nodeid.partition("::")
-        return "page" if _is_of_page(module) else module
+        return "page" if _is_of_page(Path(module)) else module
 
 
-def _is_of_page(module: str) -> bool:
-    return Path(module).name.startswith("test_page_")
+def _is_of_page(module: Path) -> bool:
+    return module.name.startswith("test_page_")
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -384,7 +384,7 @@ class PlugAndPlay:
             yield from run(problem, photograph if trial is None else trial.scene, turns)
 
         def trials(photograph: Tensor, fit: Fit) -> Generator[Progress, None, Turn | None]:
-            """The last turn of the strength that predicts best; the fit then stands there."""
+            """The last turn of the strength that is taken; the fit then stands there."""
             blocks = held_out_blocks(problem.valid)
             work = problem.padded_pixels * problem.forward.field_points
             if blocks is None or work > MANY_PIXELS:
@@ -393,15 +393,15 @@ class PlugAndPlay:
             data = torch.where(held, 0, problem.data)
             fitted = replace(problem, data=data, valid=problem.valid & ~held)
             fit.measure(fitted)
-            best, scenes, least = None, fit.scenes, None
+            best, scenes, before = None, fit.scenes, None
             for strength in _STRENGTHS:
                 turns = islice(self.turns(fitted, photograph, strength, fit), _TRIAL_TURNS)
                 turn = yield from run(fitted, photograph, turns)
                 judged = scene / problem.scale
                 errors = prediction_errors(problem, judged, held, blocks)
-                if least is not None and not are_likely_less(errors, least):
+                if before is not None and not are_likely_less(errors, before):
                     break
-                best, scenes, least = turn, fit.scenes, errors
+                best, scenes, before = turn, fit.scenes, errors
             fit.measure(problem)
             fit.resume(scenes)
             return best
