@@ -1,8 +1,10 @@
 """Items through workers: each once, bounded in number, whatever becomes of a worker."""
 
+import asyncio
 import importlib.metadata
 from collections import defaultdict
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -70,6 +72,16 @@ def test_cluster_gives_the_same(cluster: LocalCluster, scheduler: str) -> None:
     assert timer.callback_time == 1000
     by_key = _checked(chain((first,), outcomes))
     assert by_key[str(KILLS)].attempts == 1
+
+
+def test_cluster_from_a_notebook(scheduler: str) -> None:
+    async def cell() -> list[Outcome]:
+        return list(run_items([("2", partial(int, 2))], Squares(), scheduler=scheduler))
+
+    # Elsewhere than in this thread, where a browser's driver may run a loop, too.
+    with ThreadPoolExecutor(1) as notebook:
+        (outcome,) = notebook.submit(asyncio.run, cell()).result()
+    assert outcome.value == 4
 
 
 def test_one_item_of_a_task_that_breaks_it(scheduler: str) -> None:

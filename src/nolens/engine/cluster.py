@@ -7,6 +7,7 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -239,7 +240,9 @@ def reached(scheduler: str) -> str:
                 "scheduler file"
             ) from None
     try:
-        asyncio.run(asyncio.wait_for(_greet(address), _SECONDS))
+        # In a thread of its own: a notebook's runs an event loop already.
+        with ThreadPoolExecutor(1) as thread:
+            thread.submit(asyncio.run, asyncio.wait_for(_greet(address), _SECONDS)).result()
     except Exception:  # Whatever else listens there may answer anything.
         raise OptionError(
             f"no Dask scheduler answers at {address} within {_SECONDS:g} s: start one (dask "
