@@ -240,7 +240,7 @@ def reached(scheduler: str) -> str:
                 "scheduler file"
             ) from None
     try:
-        # In a thread of its own: a notebook's runs an event loop already.
+        # In another thread: that of a notebook runs an event loop already, and takes no second one.
         with ThreadPoolExecutor(1) as thread:
             thread.submit(asyncio.run, asyncio.wait_for(_greet(address), _SECONDS)).result()
     except Exception:  # Whatever else listens there may answer anything.
