@@ -152,7 +152,7 @@ TRAIN = mkdir -p $(WEIGHTS) && $(BIN)/nolens train --photographs build/training/
   $(if $(wildcard $(WEIGHTS)/$(1).state.npz),--resume $(WEIGHTS)/$(1).state.npz)
 
 $(WEIGHTS)/denoiser.done: | training-photographs
-	$(call TRAIN,denoiser) --prior denoiser --start none --steps 48000 --pictures 1500 --precision bfloat16
+	$(call TRAIN,denoiser) --prior denoiser --start none --steps 75000 --rate 0.0015 --pictures 1500 --precision bfloat16
 	touch $@
 
 $(WEIGHTS)/ridge.npz: | training-photographs

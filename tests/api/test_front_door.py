@@ -105,6 +105,7 @@ def test_command_gives_the_same(
         support=f"{support.height}x{support.width}",
         tau=1e-5,
         output=(tmp_path / "photo.png",),
+        device="cpu",
     )
     theirs = reconstruct(options, Reporter()).value
     values = nl.reconstruct(np.asarray(shot), psf, support=support, tau=1e-5).values
@@ -121,7 +122,13 @@ def test_command_gives_the_same(
 
 def test_psf_is_that_of_the_command(camera: nl.Camera, tmp_path: Path) -> None:
     options = PsfOptions.gather(
-        {"camera": "small", "distance": "200mm", "angle": "2deg,1deg", "output": tmp_path / "p.tif"}
+        {
+            "camera": "small",
+            "distance": "200mm",
+            "angle": "2deg,1deg",
+            "device": "cpu",
+            "output": tmp_path / "p.tif",
+        }
     )
     theirs = simulate_psf(options, Reporter()).value
     assert torch.equal(nl.psf(camera, "200mm", angle=("2deg", "1deg")).values, theirs)

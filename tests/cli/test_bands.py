@@ -84,7 +84,7 @@ def test_spectra_through_filters_are_those_of_the_scene(tmp_path):
     cube = tmp_path / "cube"
     done = run(
         "reconstruct", raw, "--psf", camera, "--bands", WAVELENGTHS, "--support", support,
-        "--tau", 3e-4, "--spectrum-at", "10,12", "-o", cube,
+        "--tau", 3e-4, "--spectrum-at", "10,12", "-o", cube, "--device", "cpu",
     )  # fmt: skip
     assert done.code == 0, done.err
     with tifffile.TiffFile(cube / "cube.ome.tif") as file:

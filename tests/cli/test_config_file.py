@@ -63,6 +63,7 @@ def test_file_holds_any_option(folder: Path, camera: Camera, tmp_path: Path) -> 
         "--support", SUPPORT, "--prior", "isotropic-tv", "--tau", 2e-4, "--iterations", 11,
         "--tolerance", 0, "--penalties", 0.1, 1, 1, "--no-balance", "--relaxation", 1.5,
         "--white", 4000, "--black", 250, "--channels", "rg", "--flip", "both", "--crop", "10x12",
+        "--device", "cpu",
     )  # fmt: skip
     same = reconstruct(tmp_path / "o.tif", camera.raw, "--psf", camera.psf, *given)
     stored = read_frame(folder / "linear.tif").counts

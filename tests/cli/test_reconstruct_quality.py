@@ -36,7 +36,7 @@ def test_too_little_memory_is_refused_before_the_work(
 ) -> None:
     monkeypatch.setattr("psutil.virtual_memory", lambda: SimpleNamespace(total=5e8))
     for preset_name in ("draft", "photo"):
-        out = ("-o", tmp_path / "o.png", "--quality", preset_name)
+        out = ("-o", tmp_path / "o.png", "--quality", preset_name, "--device", "cpu")
         done = run("reconstruct", camera.raw, "--psf", camera.psf, "--support", SUPPORT, *out)
         check_refused(done, "GB of memory, and the machine has 0.5 GB", "--support", "--bin")
     assert list(tmp_path.iterdir()) == []

@@ -47,7 +47,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def reconstruct(made: Path, out: Path, *more: object) -> Done:
     return run(
         "reconstruct", made / "raw.tif", "--psf", made / "camera", "--support", "30x48", "-o", out,
-        *more,
+        "--device", "cpu", *more,
     )  # fmt: skip
 
 
@@ -137,6 +137,7 @@ def test_more_depths_than_there_is_memory_for(
         output=(tmp_path / "out",),
         support="30x48",
         depths=",".join(f"{k}mm" for k in range(20, 60)),
+        device="cpu",
     )
     monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(total=5.2e8))
     with pytest.raises(Exception, match=r"[1-9]\d? depths would fit in place of 40") as refused:

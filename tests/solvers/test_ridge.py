@@ -122,6 +122,15 @@ def test_it_is_nearly_convex():
             assert float(values.diff().diff().min()) > 0
 
 
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device here")
+def test_gradient_on_cuda():
+    """In float32 as on the CPU: cuDNN's rounding to ten bits would be seen."""
+    v = scene(3, 40, 50).float()
+    ridge = RidgeRegulariser(WEIGHTS, 0.1)
+    here, there = ridge.gradient(v), ridge.gradient(v.cuda()).cpu()
+    assert float((there - here).norm()) < 1e-5 * float(here.norm())
+
+
 def test_units_do_not_matter():
     v = scene(3, 8, 9)
     one, other = RidgeRegulariser(WEIGHTS, 0.1), RidgeRegulariser(WEIGHTS, 30.0, white=300.0)

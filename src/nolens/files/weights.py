@@ -60,7 +60,7 @@ def weights_writers(path: Path, prior: PlugAndPlay, card: Mapping[str, Any]) -> 
         "widths": list(prior.network.widths),
         "blocks": list(prior.network.blocks),
     }
-    arrays = {name: each.half().numpy() for name, each in prior.network.state_dict().items()}
+    arrays = {name: each.half().cpu().numpy() for name, each in prior.network.state_dict().items()}
     content = io.BytesIO()
     np.savez(content, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
     data = content.getvalue()

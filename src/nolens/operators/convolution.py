@@ -239,6 +239,12 @@ class CroppedConvolution(LinearOperator):
         single.transfer = self.transfer[channel : channel + 1]
         return single
 
+    def to(self, device: torch.device) -> Self:
+        """The same on a device."""
+        there = copy(self)
+        there.transfer = self.transfer.to(device)
+        return there
+
     @property
     def field_points(self) -> int:
         """How many PSFs it has for parts of the scene."""

@@ -8,7 +8,8 @@ from typing import Any, Self
 import numpy as np
 import torch
 import torch.nn.functional as nnf
-from scipy.spatial import ConvexHull, distance_matrix
+from scipy.spatial import ConvexHull
+from scipy.spatial.distance import cdist
 from torch import Tensor
 
 from nolens.errors import OptionError
@@ -67,9 +68,9 @@ def interpolation_weights(places: Tensor, pixels: Tensor) -> Tensor:
     at = (at - middle) / unit
     inside = _nearest_within(at, (pixels.double().cpu().numpy() - middle) / unit)
     linear, here = (np.pad(each, ((0, 0), (1, 0)), constant_values=1.0) for each in (at, inside))
-    bending = distance_matrix(at, at) ** 3 + _SMOOTHING * np.eye(len(at))
+    bending = cdist(at, at) ** 3 + _SMOOTHING * np.eye(len(at))
     system = np.block([[bending, linear], [linear.T, np.zeros((3, 3))]])
-    wanted = np.concatenate([distance_matrix(at, inside) ** 3, here.T])
+    wanted = np.concatenate([cdist(at, inside) ** 3, here.T])
     # Of points on one line the slope across it is undetermined, and not needed.
     solved = np.linalg.pinv(system, rcond=_APART, hermitian=True) @ wanted
     return torch.from_numpy(solved[: len(at)])
@@ -228,6 +229,12 @@ class FieldConvolution(CroppedConvolution):
         """Its norm by power iteration, and a little more, as that comes from below."""
         like = self.transfer.real.new_empty((self.channels, *self.geometry.scene[2:]))
         return _BEYOND * self.norm(like)
+
+    def to(self, device: torch.device) -> Self:
+        """The same on a device; transfer functions of the terms come there when they are used."""
+        there = super().to(device)
+        there.terms = tuple(replace(each, weight=each.weight.to(device)) for each in self.terms)
+        return there
 
     def single(self, channel: int) -> Self:
         """That of one channel, which shares its memory."""

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Generator, Iterable, Iterator
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any
@@ -293,7 +294,9 @@ class PlugAndPlay:
             multiplier, first = torch.zeros_like(picture), 0
         else:
             picture, multiplier, first = after.picture, after.multiplier, after.number + 1
-        network = self.network.to(problem.data.device)
+        network, device = self.network, problem.data.device
+        if network.head.weight.device != device:  # Others may use it where it is.
+            network = deepcopy(network).to(device)
         for number, spread in enumerate(self.spreads[first:], first):
             # The multiplier d / s² stays where the spread changes.
             multiplier = multiplier * (spread / self.spreads[max(number - 1, 0)]) ** 2

@@ -252,6 +252,13 @@ class Problem:
         norm = _norm(data, "the measurement (without saturated pixels)")
         return replace(self, data=data / norm, valid=valid, scale=norm / self.psf_norm)
 
+    def to(self, device: torch.device) -> "Problem":
+        """The same problem on a device."""
+        tensors = {
+            each: getattr(self, each).to(device) for each in ("data", "valid", "scale", "psf_norm")
+        }
+        return replace(self, forward=self.forward.to(device), **tensors)
+
     @property
     def channels(self) -> int:
         """Number of channels of the measurement."""

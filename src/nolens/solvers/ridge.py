@@ -238,13 +238,13 @@ class FilterBank:
     def within(self, padded: Tensor) -> Tensor:
         """W of padded pictures, where the filters lie within them."""
         for kernel in self._forward:
-            padded = nnf.conv2d(padded, kernel)
+            padded = _convolved(padded, kernel)
         return padded
 
     def within_adjoint(self, answers: Tensor) -> Tensor:
         """The adjoint of `within`."""
         for kernel, side in zip(self._back, reversed(self._sides), strict=True):
-            answers = nnf.conv2d(answers, kernel, padding=side - 1)
+            answers = _convolved(answers, kernel, side - 1)
         return answers
 
     def __call__(self, pictures: Tensor) -> Tensor:
@@ -254,6 +254,14 @@ class FilterBank:
     def adjoint(self, answers: Tensor) -> Tensor:
         """W*."""
         return self.pad_adjoint(self.within_adjoint(answers))
+
+
+def _convolved(planes: Tensor, kernel: Tensor, padding: int = 0) -> Tensor:
+    """Convolution of float32, which cuDNN would round to ten bits: the objective would not fall."""
+    if not planes.is_cuda:
+        return nnf.conv2d(planes, kernel, padding=padding)
+    with torch.backends.cudnn.flags(enabled=True, allow_tf32=False):
+        return nnf.conv2d(planes, kernel, padding=padding)
 
 
 def filter_norm(bases: Tensor, filters: Tensor, grid: int = _GRID) -> float:

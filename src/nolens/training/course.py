@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any, Protocol
 
+import torch
 from torch import Tensor
 
 from nolens.progress import ProgressCallback
@@ -11,8 +12,8 @@ from nolens.solvers.denoising_network import DenoisingNetwork
 from nolens.training.denoising import Trainer, network_of, prefixed, without_prefix
 from nolens.training.validation import ALL, HeldOut
 
-_CHECKS, _STEPS_BETWEEN = 8, 250
-"""At least so many checks, and no more steps between them."""
+_CHECKS, _STEPS_BETWEEN, _OF_A_LONG_ONE = 8, 250, 30
+"""At least so many checks, and no more steps between them, but no more than so many checks."""
 
 
 class Lessons(Protocol):
@@ -55,7 +56,7 @@ class Course:
         self._best = {name: each.clone() for name, each in trainer.network.state_dict().items()}
         self.scores: dict[str, float] = {ALL: -math.inf}
         self.history: list[dict[str, float]] = []
-        self._losses: list[float] = []
+        self._losses: list[Tensor] = []
         self._since_best = 0
 
     @property
@@ -77,7 +78,8 @@ class Course:
         """Do one step, and check the network where that is due."""
         self._losses.append(self.trainer.learn(self._lessons.losses(self.trainer)))
         steps = self.trainer.schedule.steps
-        between = min(_STEPS_BETWEEN, math.ceil(steps / _CHECKS))
+        longest = max(_STEPS_BETWEEN, math.ceil(steps / _OF_A_LONG_ONE))
+        between = min(longest, math.ceil(steps / _CHECKS))
         if self.trainer.step % between == 0 or self.trainer.step == steps:
             self.check()
 
@@ -87,7 +89,7 @@ class Course:
             return
         network = self.trainer.trained()
         scores = self._held_out.scores(network)
-        loss = sum(self._losses) / max(len(self._losses), 1)
+        loss = sum(map(float, self._losses)) / max(len(self._losses), 1)
         self.history.append({"step": self.trainer.step, "loss": loss, "validation_db": scores[ALL]})
         self._losses, self._since_best = [], self._since_best + 1
         if scores[ALL] > self.scores[ALL]:
@@ -108,7 +110,7 @@ class Course:
             "step": self.trainer.step,
             "scores": dict(self.scores) if self.history else {},
             "history": list(self.history),
-            "losses": list(self._losses),
+            "losses": [float(each) for each in self._losses],
             "since_best": self._since_best,
         }
 
@@ -128,5 +130,5 @@ class Course:
         ]
         scores = {str(name): float(each) for name, each in figures["scores"].items()}
         self.scores = {ALL: -math.inf, **scores}
-        self._losses = [float(each) for each in figures["losses"]]
+        self._losses = [torch.tensor(float(each)) for each in figures["losses"]]
         self._since_best = int(figures["since_best"])

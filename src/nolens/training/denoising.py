@@ -1,13 +1,16 @@
 """Training of a network to take white noise out of pictures."""
 
 import math
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
+from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from nolens.progress import ProgressCallback
 from nolens.solvers.denoising_network import DenoisingNetwork, Precision, noise_planes
@@ -43,6 +46,8 @@ _DECAY = 0.999
 _CLIP = 1.0
 _MOMENTS = "exp_avg", "exp_avg_sq"
 """Of Adam, as it calls them."""
+_WORKERS, _AHEAD = 6, 24
+"""Threads that make batches for a CUDA device, and how many batches they are ahead of it."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +68,8 @@ class Schedule:
     """
 
     steps: int
-    rate: float = 1e-3
-    patches: int = 12
+    rate: float = 1.5e-3
+    patches: int = 24
     side: int = 64
     precision: Precision = "float32"
 
@@ -102,33 +107,37 @@ class Trainer:
         self.network.precision = schedule.precision
         self.schedule, self.seed, self.step = schedule, seed, 0
         self._optimiser = torch.optim.AdamW(
-            network.parameters(), lr=schedule.rate, weight_decay=1e-4
+            network.parameters(),
+            lr=schedule.rate,
+            weight_decay=1e-4,
+            fused=self.device.type == "cuda",
         )
         self._mean = {name: each.clone() for name, each in network.state_dict().items()}
 
-    def random(self) -> np.random.Generator:
-        """Random numbers of the next batch: the same after a resumed run."""
+    def random(self, step: int | None = None) -> np.random.Generator:
+        """Random numbers of a batch, the next one's by default: the same after a resumed run."""
+        number = self.step if step is None else step
         return np.random.Generator(
-            np.random.Philox(np.random.SeedSequence(self.seed, spawn_key=(2, self.step)))
+            np.random.Philox(np.random.SeedSequence(self.seed, spawn_key=(2, number)))
         )
 
-    def learn(self, losses: Iterable[Tensor]) -> float:
-        """One step by the sum of losses; their mean."""
+    def learn(self, losses: Iterable[Tensor]) -> Tensor:
+        """One step by the sum of losses; their mean, on the device, which may still be at work."""
         for group in self._optimiser.param_groups:
             group["lr"] = self.schedule.rate_at(self.step)
         self._optimiser.zero_grad(set_to_none=True)
         values = []
         for loss in losses:
             loss.backward()  # type: ignore[no-untyped-call]
-            values.append(float(loss.detach()))
+            values.append(loss.detach().float())
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), _CLIP)
         self._optimiser.step()
         self.step += 1
         decay = min(_DECAY, (1 + self.step) / (10 + self.step))
-        with torch.no_grad():
-            for name, each in self.network.state_dict().items():
-                self._mean[name].lerp_(each, 1 - decay)
-        return sum(values) / max(len(values), 1)
+        weights = self.network.state_dict()
+        average = get_ema_multi_avg_fn(decay)  # type: ignore[no-untyped-call]
+        average([self._mean[name] for name in weights], list(weights.values()), self.step)
+        return torch.stack(values).mean() if values else torch.zeros(())
 
     def trained(self) -> DenoisingNetwork:
         """The network with the mean of its weights, on the CPU."""
@@ -216,11 +225,13 @@ def noisy_batch(pool: PicturePool, random: np.random.Generator, schedule: Schedu
     return Batch(noisy, clean, noise_planes(sigma[..., 0, 0]), sigma.mean(dim=(1, 2, 3)))
 
 
-@dataclass(frozen=True)
+@dataclass
 class NoiseLessons:
     """Batches of white noise, and the loss of each.
 
-    It is the mean of |D(v) − clean| / σ, so that strong and weak noise count alike.
+    It is the mean of |D(v) − clean| / σ, so that strong and weak noise count alike. For a CUDA
+    device, threads make the batches that come next, and the network's passes become a graph: it
+    would wait for both most of the time.
 
     Parameters
     ----------
@@ -229,16 +240,37 @@ class NoiseLessons:
     """
 
     pool: PicturePool
+    _threads: ThreadPoolExecutor | None = field(default=None, init=False, repr=False)
+    _coming: dict[int, Future[Batch]] = field(default_factory=dict, init=False, repr=False)
 
     def begin(self, trainer: Trainer, progress: ProgressCallback) -> None:
-        """Nothing has to be there."""
+        """Record the passes on a CUDA device; nothing has to be there otherwise."""
+        if trainer.device.type == "cuda":
+            # The graph's own stream is not that of other steps, which costs nothing here.
+            warnings.filterwarnings("ignore", "The AccumulateGrad node's stream")
+            self._threads = ThreadPoolExecutor(_WORKERS)
+            batch = noisy_batch(self.pool, trainer.random(), trainer.schedule)
+            noisy = batch.noisy.to(trainer.device, memory_format=torch.channels_last)
+            torch.cuda.make_graphed_callables(
+                trainer.network, (noisy, batch.planes.to(trainer.device))
+            )
 
     def losses(self, trainer: Trainer) -> Iterator[Tensor]:
         """Of the next batch, which depends on nothing but the trainer's seed and step."""
-        batch = noisy_batch(self.pool, trainer.random(), trainer.schedule)
+        batch = self._batch(trainer)
         noisy = batch.noisy.to(trainer.device, memory_format=torch.channels_last)
         clean, planes, error = (
             each.to(trainer.device) for each in (batch.clean, batch.planes, batch.error)
         )
         missed = (trainer.network(noisy, planes) - clean).abs().mean(dim=(1, 2, 3))
         yield (missed / error.clamp_min(_SIGMAS[0])).mean()
+
+    def _batch(self, trainer: Trainer) -> Batch:
+        if self._threads is None:
+            return noisy_batch(self.pool, trainer.random(), trainer.schedule)
+        for step in range(trainer.step, min(trainer.step + _AHEAD, trainer.schedule.steps)):
+            if step not in self._coming:
+                self._coming[step] = self._threads.submit(
+                    noisy_batch, self.pool, trainer.random(step), trainer.schedule
+                )
+        return self._coming.pop(trainer.step).result()

@@ -1,6 +1,7 @@
 """Simulated measurements to train on, of cameras that differ from their model."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 import torch
@@ -39,6 +40,15 @@ class Example:
     problem: Problem
     truth: Tensor
     photograph: Tensor
+
+    def to(self, device: torch.device) -> Self:
+        """The same on a device."""
+        return replace(
+            self,
+            problem=self.problem.to(device),
+            truth=self.truth.to(device),
+            photograph=self.photograph.to(device),
+        )
 
 
 def random_size(random: np.random.Generator) -> tuple[int, tuple[int, int]]:

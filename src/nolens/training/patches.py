@@ -1,6 +1,8 @@
 """Patches of pictures to train on: crops, turned, mirrored, tinted, of any brightness."""
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -58,10 +60,14 @@ class PicturePool:
             Called with the fraction that is done.
         """
         pictures = torch.empty(count, 3, _SIDE, _SIDE, dtype=torch.float16)
-        for number in range(count):
+
+        def generated(number: int) -> None:
             pictures[number] = training_picture(_SIDE, _SIDE, seed * 1_000_003 + number)
-            if progress is not None:
-                progress((number + 1) / count)
+
+        with ThreadPoolExecutor(os.cpu_count()) as threads:
+            for number, _ in enumerate(threads.map(generated, range(count))):
+                if progress is not None:
+                    progress((number + 1) / count)
         return cls(pictures, tuple(photographs))
 
     def patches(self, random: np.random.Generator, count: int, side: int) -> Tensor:

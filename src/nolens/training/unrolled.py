@@ -127,6 +127,7 @@ class TurnLessons:
         example
             What was measured.
         """
+        example = example.to(network.head.weight.device)
         problem, photograph = example.problem, example.photograph
         fit = Fit(problem, photograph)
         start = _halved(photograph) if random.random() < _COARSE else photograph

@@ -33,7 +33,7 @@ from nolens.training.validation import ALL, HeldOut, measured_pictures, noisy_pi
 
 SPREADS = tuple(0.3 * (2 / 15) ** (turn / 9) for turn in range(10))
 """Of a prior that does not start from weights of its own kind (`PlugAndPlay`)."""
-BATCHES = {"denoiser": (12, 64), "unrolled": (2, 96)}
+BATCHES = {"denoiser": (24, 64), "unrolled": (2, 96)}
 """Patches of a batch or measurements of a step, and least pixels along a side."""
 _CHECKPOINT_S = 180.0
 """From one to the next."""

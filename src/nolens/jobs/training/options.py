@@ -18,8 +18,8 @@ from nolens.training.validation import MOST_GENERATED
 
 TrainedPrior = Literal["denoiser", "unrolled"]
 PICTURES, COURSE = "Pictures", "Course of the training"
-STEPS = {"denoiser": 12_000, "unrolled": 1_500}
-RATES = {"denoiser": 1e-3, "unrolled": 2e-4}
+STEPS = {"denoiser": 6_000, "unrolled": 1_500}
+RATES = {"denoiser": 1.5e-3, "unrolled": 2e-4}
 
 
 def _weights(path: Path) -> Path:
@@ -104,7 +104,7 @@ class TrainOptions(JobOptions):
     ] = "not stated"
     steps: Annotated[
         Annotated[int, Between(1, 1_000_000)] | None,
-        Option("Batches to learn from.", default="12000 for denoiser, 1500 for unrolled"),
+        Option("Batches to learn from.", default="6000 for denoiser, 1500 for unrolled"),
     ] = None
     seed: Annotated[Seed, Option("Of everything random in the training.")] = 0
     resume: Annotated[
@@ -147,7 +147,7 @@ class TrainOptions(JobOptions):
         Option(
             "Largest step of the optimiser.",
             COURSE,
-            default="0.001 for denoiser, 0.0002 for unrolled",
+            default="0.0015 for denoiser, 0.0002 for unrolled",
         ),
     ] = None
     patience: Annotated[
