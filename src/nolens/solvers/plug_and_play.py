@@ -239,8 +239,9 @@ class PlugAndPlay:
     Where a network that takes out white noise of the deviation s is the proximal map of s² R for
     some R, q² is the weight of R beside the measurement, whatever s is: 1 is that of Bayes' rule.
     Where the measurement carries the finest detail, noise in the fit is about white, as the network
-    takes it, and q is 1. Elsewhere `solve` leaves blocks of pixels out of the fit for some turns
-    (`held_out`), and takes that q which predicts them best; its turns go on with all pixels.
+    takes it, and q is 1. Elsewhere q follows from how much of it is carried (`Fit.finest`). `solve`
+    leaves blocks of pixels out of the fit for some turns (`held_out`), and takes a weaker q where
+    that surely predicts them better; its turns go on with all pixels.
 
     A network that was tuned through the turns, with one strength, is told the noise of the fit, by
     bands, and s. Turns start from a photograph by total variation, whose white is the unit of all.
