@@ -259,8 +259,7 @@ def test_strength_by_held_out_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, first = posed(torch.nn.functional.avg_pool2d(sharp, 3, 1, 1))
     result = prior.solve(problem, first)
     strengths = [row["penalty_1"] for row in result.history[len(first.history) :]]
-    strongest, strength = strengths[0], strengths[-1]
-    assert strongest == pytest.approx(2 / 3) and Fit(problem, first.scene).finest(0.02) > 0.04
+    strength = strengths[-1]
     assert strength < 0.5
     # Its turns, of which the first six are those of its trial, without the pixels that were held.
     *_, last = prior.turns(problem, first.scene, strength)
@@ -272,22 +271,14 @@ def test_strength_by_held_out_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
     assert finer.history[-1]["penalty_1"] == pytest.approx(strength / 2)
     truth = scene / Fit(problem, first.scene).white
     monkeypatch.setattr("nolens.solvers.plug_and_play.denoise", lambda *_, **__: truth)
-    assert prior.solve(problem, first).history[-1]["penalty_1"] == strongest
+    assert prior.solve(problem, first).history[-1]["penalty_1"] == pytest.approx(2 / 3)
     monkeypatch.undo()
     # So has one where predictions are better by less than chance: they tell nothing.
     errors = 1 + 0.5 * torch.randn((4, 200), generator=torch.Generator().manual_seed(2))
     tried = iter(errors - errors.mean(1, keepdim=True) - 0.02 * torch.arange(4)[:, None])
     monkeypatch.setattr("nolens.solvers.plug_and_play.prediction_errors", lambda *_: next(tried))
-    assert prior.solve(problem, first).history[-1]["penalty_1"] == strongest
+    assert prior.solve(problem, first).history[-1]["penalty_1"] == pytest.approx(2 / 3)
     monkeypatch.undo()
-    # The less of the finest detail a measurement carries, the weaker is the first.
-    smooth = sharp
-    for _ in range(4):
-        smooth = torch.nn.functional.avg_pool2d(smooth, 5, 1, 2)
-    problem, first = posed(smooth)
-    finest = Fit(problem, first.scene).finest(0.02)
-    weaker = prior.solve(problem, first).history[len(first.history)]["penalty_1"]
-    assert weaker == pytest.approx((2 * finest) ** (1 / 6)) and weaker < strongest
     # A measurement that carries the finest detail has noise as the network takes it: no trials.
     problem, first = posed(sharp)
     result = prior.solve(problem, first)
