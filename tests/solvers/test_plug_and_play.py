@@ -248,10 +248,10 @@ def test_strength_by_held_out_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = torch.rand(3, 8, 8, generator=torch.Generator().manual_seed(0))
     scene = scene.repeat_interleave(4, 1).repeat_interleave(4, 2)
 
-    def posed(psf: Tensor) -> tuple[Problem, Result]:
+    def posed(psf: Tensor, size: float = 0.01) -> tuple[Problem, Result]:
         data = CroppedConvolution(psf, case.sensor, case.support)(scene)
         noise = torch.randn(data.shape, generator=torch.Generator().manual_seed(1))
-        noisy = data + 0.01 * data.std() * noise
+        noisy = data + size * data.std() * noise
         problem = Problem.build(psf, noisy, support=case.support, tau=1e-4)
         return problem, Reconstructor(torch.empty(0)).solve(problem)
 
@@ -259,7 +259,8 @@ def test_strength_by_held_out_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, first = posed(torch.nn.functional.avg_pool2d(sharp, 3, 1, 1))
     result = prior.solve(problem, first)
     strengths = [row["penalty_1"] for row in result.history[len(first.history) :]]
-    strength = strengths[-1]
+    strongest, strength = strengths[0], strengths[-1]
+    assert strongest == pytest.approx(2 / 3) and Fit(problem, first.scene).finest(0.02) > 0.04
     assert strength < 0.5
     # Its turns, of which the first six are those of its trial, without the pixels that were held.
     *_, last = prior.turns(problem, first.scene, strength)
@@ -271,14 +272,25 @@ def test_strength_by_held_out_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
     assert finer.history[-1]["penalty_1"] == pytest.approx(strength / 2)
     truth = scene / Fit(problem, first.scene).white
     monkeypatch.setattr("nolens.solvers.plug_and_play.denoise", lambda *_, **__: truth)
-    assert prior.solve(problem, first).history[-1]["penalty_1"] == pytest.approx(2 / 3)
+    assert prior.solve(problem, first).history[-1]["penalty_1"] == strongest
     monkeypatch.undo()
     # So has one where predictions are better by less than chance: they tell nothing.
     errors = 1 + 0.5 * torch.randn((4, 200), generator=torch.Generator().manual_seed(2))
     tried = iter(errors - errors.mean(1, keepdim=True) - 0.02 * torch.arange(4)[:, None])
     monkeypatch.setattr("nolens.solvers.plug_and_play.prediction_errors", lambda *_: next(tried))
-    assert prior.solve(problem, first).history[-1]["penalty_1"] == pytest.approx(2 / 3)
+    assert prior.solve(problem, first).history[-1]["penalty_1"] == strongest
     monkeypatch.undo()
+    # The less of the finest detail a measurement carries, the weaker is the first, unless what the
+    # photograph leaves says that the model errs.
+    smooth = sharp
+    for _ in range(4):
+        smooth = torch.nn.functional.avg_pool2d(smooth, 5, 1, 2)
+    problem, first = posed(smooth)
+    assert prior.solve(problem, first).history[len(first.history)]["penalty_1"] == strongest
+    problem, first = posed(smooth, 0.2)
+    finest = Fit(problem, first.scene).finest(0.02)
+    weaker = prior.solve(problem, first).history[len(first.history)]["penalty_1"]
+    assert weaker == pytest.approx((2 * finest) ** (1 / 6)) and weaker < strongest
     # A measurement that carries the finest detail has noise as the network takes it: no trials.
     problem, first = posed(sharp)
     result = prior.solve(problem, first)

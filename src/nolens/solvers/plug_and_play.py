@@ -26,11 +26,10 @@ from nolens.solvers.problem import Problem
 from nolens.solvers.result import Callback, Progress, Result, follow
 
 STRENGTH = 0.7
-"""Of a network that was tuned with it, and where pixels are too few or too many to judge by."""
-_STRENGTHS = tuple((2 / 3) ** step for step in range(1, 5))
-"""That are tried where the measurement does not carry the finest detail, until one does not predict
-held-out pixels better than the one before by two standard errors: of what neither measurement nor
-prior holds they say nothing. Where it carries that, 1 is the strength of Bayes' rule."""
+"""Of a network that was tuned with it, and of turns on larger pixels."""
+_STRENGTHS = tuple((2 / 3) ** step for step in range(4))
+"""Of the first strength, that are tried until one does not predict held-out pixels better than the
+one before by two standard errors: of what neither measurement nor prior holds they say nothing."""
 MANY_PIXELS = 5_000_000
 """`Problem.padded_pixels` beyond which no strengths are tried."""
 FEW_TURNS_PIXELS = 8_000_000
@@ -41,7 +40,13 @@ MINUTES_PIXELS = 25_000_000
 goes over."""
 _FINEST = 0.6
 """Of the noise in the band of a fit that has most, that in the finest at least, where the
-measurement carries the finest detail."""
+measurement carries the finest detail: 1 is the strength of Bayes' rule there."""
+_FIRST, _HALF, _RISE = 2 / 3, 0.5, 1 / 6
+"""The first strength where there is less, at most, and as it follows from how much: (finest /
+half)^rise (decision 24)."""
+_ERROR = 1.03
+"""What the photograph leaves, over the noise, from which on the model errs by a quarter of that: a
+weaker prior would let it in, and the first strength stays the most."""
 _TRIAL_TURNS = 6
 """Of each: too weak a prior lets noise in when the spreads have fallen, and not before."""
 _WHITE = 0.995
@@ -122,10 +127,10 @@ class Fit:
         photograph: Tensor,
         noise: Tensor | None = None,
     ) -> None:
-        scene = photograph / problem.scale
+        scene, own = photograph / problem.scale, channel_noise(problem)
         if noise is None:
-            noise = torch.maximum(channel_noise(problem), residual_size(problem, photograph))
-        self.noise = noise
+            noise = torch.maximum(own, residual_size(problem, photograph))
+        self.noise, self.errs = noise, bool((noise > _ERROR * own).any())
         self.scale = problem.scale.flatten()
         values = photograph.flatten()
         white = float(torch.quantile(values[:: 1 + values.numel() // 10**6], _WHITE))
@@ -160,17 +165,30 @@ class Fit:
         unit = self.white / self.scale[channel]  # normalised values of a white
         return 0.0, 0.0, float((self.noise[channel] / (spread * unit)) ** 2)
 
-    def carries_finest(self, spread: float) -> bool:
-        """Whether the measurement carries the finest detail of a scene that is near a picture.
+    def finest(self, spread: float) -> float:
+        """How much of the finest detail of a scene near a picture the measurement carries.
 
-        Then x has as much noise there as elsewhere; else it has the picture's detail, and little
-        noise.
+        It is x's noise in the finest band over that in the band with most, of the channel with
+        least: where the measurement does not carry it, x has the picture's detail, and no noise.
         """
         gains = (
             step.noise_gain(self.penalties(number, spread), BANDS)
             for number, step in enumerate(self.steps)
         )
-        return all(bool(gain[-1] >= _FINEST * gain.max()) for gain in gains)
+        return min(float(gain[-1] / gain.max()) for gain in gains)
+
+    def first_strength(self, spread: float) -> float:
+        """The q that trials begin with, the strongest; 1 where no trial is needed.
+
+        Parameters
+        ----------
+        spread
+            The last, where the fit has least of the picture.
+        """
+        finest = self.finest(spread)
+        if finest >= _FINEST:
+            return 1.0
+        return _FIRST if self.errs else min((finest / _HALF) ** _RISE, _FIRST)
 
     def near(self, picture: Tensor, spread: float) -> tuple[Tensor, Tensor]:
         """X, and the noise in it of each channel and band, (channels, `BANDS`).
@@ -237,8 +255,9 @@ class PlugAndPlay:
     Where a network that takes out white noise of the deviation s is the proximal map of s² R for
     some R, q² is the weight of R beside the measurement, whatever s is: 1 is that of Bayes' rule.
     Where the measurement carries the finest detail, noise in the fit is about white, as the network
-    takes it, and q is 1. Elsewhere `solve` leaves blocks of pixels out of the fit for some turns
-    (`held_out`), and takes that q which predicts them best; its turns go on with all pixels.
+    takes it, and q is 1. Elsewhere q follows from how much of it is carried (`Fit.finest`). `solve`
+    leaves blocks of pixels out of the fit for some turns (`held_out`), and takes a weaker q where
+    that surely predicts them better; its turns go on with all pixels.
 
     A network that was tuned through the turns, with one strength, is told the noise of the fit, by
     bands, and s. Turns start from a photograph by total variation, whose white is the unit of all.
@@ -377,17 +396,19 @@ class PlugAndPlay:
                 noise = coarse.noise(photograph, problem)
                 photograph = latest() * problem.scale
             fit, trial, strength = Fit(problem, photograph, noise), None, STRENGTH
-            if self.white and fit.carries_finest(self.spreads[-1]):
-                strength = 1.0
-            elif self.white:
-                trial = yield from trials(photograph, fit)
-                strength = STRENGTH if trial is None else trial.strength
+            if self.white:
+                strength = fit.first_strength(self.spreads[-1])
+                if strength < 1:
+                    trial = yield from trials(photograph, fit, strength)
+                    strength = strength if trial is None else trial.strength
             if self.detail != 1 or (trial is not None and trial.number + 1 == len(self.spreads)):
                 trial = None  # With another strength, or no turn left for the pixels that were out.
             turns = prior.turns(problem, photograph, strength / self.detail, fit, trial)
             yield from run(problem, photograph if trial is None else trial.scene, turns)
 
-        def trials(photograph: Tensor, fit: Fit) -> Generator[Progress, None, Turn | None]:
+        def trials(
+            photograph: Tensor, fit: Fit, strongest: float
+        ) -> Generator[Progress, None, Turn | None]:
             """The last turn of the strength that is taken; the fit then stands there."""
             blocks = held_out_blocks(problem.valid)
             work = problem.padded_pixels * problem.forward.field_points
@@ -398,7 +419,8 @@ class PlugAndPlay:
             fitted = replace(problem, data=data, valid=problem.valid & ~held)
             fit.measure(fitted)
             best, scenes, before = None, fit.scenes, None
-            for strength in _STRENGTHS:
+            for part in _STRENGTHS:
+                strength = part * strongest
                 turns = islice(self.turns(fitted, photograph, strength, fit), _TRIAL_TURNS)
                 turn = yield from run(fitted, photograph, turns)
                 judged = scene / problem.scale
