@@ -5,13 +5,16 @@ from dataclasses import replace
 import pytest
 import torch
 import torch.nn.functional as nnf
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import ndimage
 from skimage import data as photographs
 from torch import Tensor
 
 from nolens.evaluate import psnr, scale_fit
 from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.solvers import Method, Prior, Problem, Reconstructor
-from nolens.solvers.held_out import choose_weight, choose_wiener_weight, pixel_noise
+from nolens.solvers.held_out import box_mean, choose_weight, choose_wiener_weight, pixel_noise
 
 SENSOR = (192, 224)
 SUPPORT = PixelRectangle.centred(64, 64, SENSOR)
@@ -33,6 +36,15 @@ def measured(psf: Tensor, scene: Tensor, noise: float) -> Tensor:
     light = CroppedConvolution(psf, SENSOR, SUPPORT)(scene)
     light /= light.square().mean().sqrt()
     return light + noise * torch.randn(light.shape)
+
+
+@given(st.integers(0, 9), st.integers(1, 24), st.integers(1, 24))
+def test_box_mean_is_the_plain_mean(half: int, height: int, width: int) -> None:
+    """Of a side that is larger than the planes, too."""
+    side = 2 * half + 1
+    planes = torch.rand(2, height, width, dtype=torch.float64)
+    plain = ndimage.uniform_filter(planes.numpy(), (0, side, side), mode="constant")
+    torch.testing.assert_close(box_mean(planes, side), torch.from_numpy(plain))
 
 
 def quality(solver: Reconstructor, data: Tensor, truth: Tensor, weight: float) -> float:

@@ -174,6 +174,31 @@ def test_a_large_photo_starts_from_larger_pixels(
     assert after < 0.05 < before and photo.objective < 1.05 * exact.objective
 
 
+def test_light_from_everywhere_is_solved_on_larger_pixels(
+    large: tuple[Reconstructor, Problem], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Down to the largest, where it goes on for long; one check on its own pixels is all."""
+    solver, problem = large
+    solver = replace(solver, support=None)
+    problem = solver.problem(problem.data * problem.scale * problem.psf_norm)
+    smaller = problem.padded_pixels / 4
+    monkeypatch.setattr("nolens.solvers.reconstructor._PHOTO_FROM", 0.9 * smaller)
+    runs: list[tuple[int, dict[str, Any]]] = []
+
+    def run(pixels: Problem, **options: Any) -> Result:
+        runs.append((pixels.padded_pixels, options))
+        return admm(pixels, **options)
+
+    monkeypatch.setattr("nolens.solvers.reconstructor.admm", run)
+    photo = solver.solve(problem)
+    (largest, first), (between, second), (own, last) = runs
+    assert 3 < between / largest < 5 and 3 < own / between < 5 and own == problem.padded_pixels
+    assert first["scene_tolerance"] < second["scene_tolerance"] < last["scene_tolerance"]
+    iterations = [row["iteration"] for row in photo.history]
+    assert photo.stop_reason == "converged" and iterations[-1] - iterations[-2] == 4
+    assert problem.objective(photo.scene / problem.scale) < problem.objective(0 * photo.scene) / 9
+
+
 def test_a_large_photo_can_be_stopped_on_larger_pixels(
     large: tuple[Reconstructor, Problem],
 ) -> None:

@@ -11,8 +11,8 @@ from torch import Tensor
 from nolens.errors import OptionError
 from nolens.operators import Crop, Diagonal, FiniteDifference, LinearOperator
 
-_ROWS = 64
-"""Rows or columns of a part."""
+_PIXELS = 65_536
+"""Of a part, about: as many as stay in the cache."""
 _SAFETY = 1.01
 """Factor on a norm that power iteration gives from below."""
 
@@ -317,20 +317,25 @@ class OpponentL1(Functional):
         return cls(axis, mean=0.8, colour=1.28)
 
     def _value(self, v: Tensor) -> Tensor:
-        opponents = self._turned(v, self._matrix).abs()
-        return (opponents * self._weights(v)).sum(dtype=torch.float64)
+        total = v.new_zeros((), dtype=torch.float64)
+        for part in self._parts(v):
+            sums = self._turned(part, self._matrix).abs_() * self._weights(v)
+            total += sums.sum().double()
+        return total
 
     def prox(self, v: Tensor, step: float) -> Tensor:
         """Soft thresholding of the opponent colours."""
         out = torch.empty_like(v)
-        axis = -1 if self.axis != -1 else -2
-        # A part after the other: what is held between is several times as large.
         most = step * self._weights(v)
-        parts = (torch.split(each, _ROWS, axis) for each in (v, out))
-        for part, shrunk in zip(*parts, strict=True):
+        for part, shrunk in zip(self._parts(v), self._parts(out), strict=True):
             opponents = self._turned(part, self._matrix)
             shrunk.copy_(self._turned(opponents - opponents.clamp(-most, most), self._matrix.T))
         return out
+
+    def _parts(self, v: Tensor) -> tuple[Tensor, ...]:
+        """One after the other: what is held between is several times as large."""
+        axis, across = (-2, -1) if self.axis != -2 else (-1, -2)
+        return torch.split(v, max(1, _PIXELS // max(1, v.shape[across])), axis)
 
     def _turned(self, v: Tensor, matrix: Tensor) -> Tensor:
         mixed: Tensor = torch.tensordot(matrix.to(v), v, dims=([1], [v.ndim + self.axis]))

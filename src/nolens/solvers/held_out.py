@@ -578,7 +578,10 @@ def local_mean(residual: Tensor, fitted: Tensor) -> Tensor:
 
 
 def box_mean(planes: Tensor, side: int) -> Tensor:
-    """Means over side×side pixels around each, zeros beyond the edges; first along the columns.
+    """Means over side×side pixels around each, zeros beyond the edges.
+
+    By sums of 1, 2, 4, … neighbours, a dozen additions at most: `avg_pool2d` adds each of the
+    side's pixels, one after the other.
 
     Parameters
     ----------
@@ -587,9 +590,24 @@ def box_mean(planes: Tensor, side: int) -> Tensor:
     side
         Odd.
     """
-    columns = nnf.avg_pool2d(planes[None], (side, 1), 1, (side // 2, 0))
-    means: Tensor = nnf.avg_pool2d(columns, (1, side), 1, (0, side // 2))[0]
-    return means
+    return _sums_along(_sums_along(planes, side, -2), side, -1).mul_(1 / side**2)
+
+
+def _sums_along(planes: Tensor, side: int, axis: int) -> Tensor:
+    """Sums over so many pixels around each, along one axis."""
+    around = side // 2
+    edges = (0, 0, around, around) if axis == -2 else (around, around)
+    sums, length = nnf.pad(planes, edges), 1
+    total, first = torch.zeros_like(planes), 0
+    while True:
+        if side & length:
+            total += sums.narrow(axis, first, planes.shape[axis])
+            first += length
+        if 2 * length > side:
+            return total
+        count = sums.shape[axis] - length
+        sums = sums.narrow(axis, 0, count) + sums.narrow(axis, length, count)
+        length *= 2
 
 
 def are_likely_less(errors: Tensor, others: Tensor) -> bool:

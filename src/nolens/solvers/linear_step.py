@@ -364,8 +364,10 @@ class _Cosines:
 
     def measure(self, problem: Problem) -> None:
         """See them by what counts of a measurement."""
-        modes = (row[:, None] * column for row in self._rows for column in self._columns)
-        self._images = torch.cat([problem.counted(problem.forward(each[None])) for each in modes])
+        rows, columns = self._factors
+        vectors = (row[:, None] * column for row in rows for column in columns)
+        light = (self._form.light(each[None]) for each in vectors)
+        self._images = torch.cat([problem.counted(each) for each in light])
         self._gram = gram(self._images.flatten(1))
 
     def matrix(self, penalties: Penalties) -> "_Coarse":

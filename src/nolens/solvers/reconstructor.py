@@ -61,6 +61,9 @@ class Method(StrEnum):
 SPARE = {Method.ADMM: 4, Method.FISTA: 4, Method.WIENER: 1}
 """How many times finer than what the PSF carries the pixels of the scene are worth to be: what is
 assumed of a scene finds edges between what the PSF carries; Wiener's filter does not."""
+_WEIGHT_FROM = 2_000_000
+"""Sensor pixels from which on 3×3 of them are one while a weight is chosen for light from
+everywhere."""
 _JUDGED_PIXELS = 40_000
 """Sensor pixels at most with which a PSF is judged."""
 _COARSE = 2
@@ -69,6 +72,9 @@ _PHOTO_FROM = 3_000_000
 """`Problem.padded_pixels` from which on a photograph by total variation does."""
 _ROUGH, _REFINED = 1.5, 2.0
 """What a photo's tolerance is multiplied by on larger pixels, and on its own after those."""
+_LARGEST = 0.25
+"""The same on the largest pixels where light may come from everywhere: iterations are cheap there.
+On those between it is 1, and on its own one check is all (decision 26)."""
 _BEFORE_TURNS = 3.0
 """What it is multiplied by where turns of a network on larger pixels follow, of many."""
 _FIELD_BYTES = 10
@@ -283,7 +289,8 @@ class Reconstructor:
         """The weight of the prior, by pixels of a measurement that are left out of the fit.
 
         Of a measurement of many pixels 2×2 are taken as one, which takes a quarter of the time
-        and finds the same weight (decision 13).
+        and finds the same weight, and of one of millions 3×3 where light may come from everywhere
+        (decision 13).
 
         Parameters
         ----------
@@ -299,6 +306,8 @@ class Reconstructor:
         """
         height, width = channels_of(_parts(measured, valid)[0], "measurement").shape[-2:]
         by = 2 if height * width >= COARSEN_FROM else 1
+        if self.support is None and height * width >= _WEIGHT_FROM:
+            by = 3
         problem = replace(self, field_psf=None).coarse_problem(measured, valid, by)
         if self.method is Method.WIENER:
             return choose_wiener_weight(problem)
@@ -568,7 +577,11 @@ class Reconstructor:
             return callback(replace(progress, scene=scene))
 
         smaller = replace(self.coarser(problem.forward.sensor, coarse.by), stop=stop)
-        return smaller._minimum(coarse.problem, None, None if callback is None else seen)
+        watch = None if callback is None else seen
+        if smaller._photo_starts_coarse(coarse.problem):
+            state = AdmmState.cold(coarse.problem)
+            return smaller._from_coarse(coarse.problem, state, watch, own=False)
+        return smaller._minimum(coarse.problem, None, watch)
 
     def _minimum(
         self, problem: Problem, state: AdmmState | None, callback: Callback | None
@@ -595,19 +608,37 @@ class Reconstructor:
         large = problem.padded_pixels >= _PHOTO_FROM
         return large and usual and not stated and not problem.slow_light
 
-    def _from_coarse(self, problem: Problem, state: AdmmState, callback: Callback | None) -> Result:
-        """A photo that starts from one on larger pixels, or goes on after that (decision 26)."""
-        tolerance, before = self.limits.scene_tolerance, list[dict[str, float]]()
+    def _from_coarse(
+        self, problem: Problem, state: AdmmState, callback: Callback | None, *, own: bool = True
+    ) -> Result:
+        """A photo that starts from one on larger pixels, or goes on after that (decision 26).
+
+        `own` says whether its pixels are the measurement's.
+        """
+        limits, before = self.limits, list[dict[str, float]]()
+        tolerance, most = limits.scene_tolerance, limits.iterations
+        rough = replace(limits, scene_tolerance=_ROUGH * tolerance)
+        refined = replace(limits, scene_tolerance=_REFINED * tolerance)
+        everywhere = problem.forward.support is None
+        if everywhere and own:
+            refined = replace(limits, scene_tolerance=math.inf)
+        elif everywhere:
+            refined = replace(limits, iterations=3 * most // 4)  # Some stay for the own pixels.
         if state.iteration == 0:
             coarse = self._coarse(problem)
-            rough = replace(self.limits, scene_tolerance=_ROUGH * tolerance)
+            if everywhere:
+                coarser = self.coarser(problem.forward.sensor, coarse.by)
+                rough = limits
+                if not coarser._photo_starts_coarse(coarse.problem):
+                    rough = replace(
+                        limits, iterations=most // 2, scene_tolerance=_LARGEST * tolerance
+                    )
             first = self._coarse_photograph(coarse, problem, rough, callback)
             if first.stop_reason == "callback":
                 return coarse.finer_result(first, problem)
             state.move(problem, coarse.finer(first.scene, problem) / problem.scale)
             state.restart(data_step_start(problem, state, refines=True))
             state.iteration, before = first.iterations, first.history
-        refined = replace(self.limits, scene_tolerance=_REFINED * tolerance)
         result = replace(self, stop=refined)._admm(problem, state, callback)
         return replace(result, history=[*before, *result.history])
 
