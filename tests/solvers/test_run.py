@@ -274,3 +274,4 @@ def test_the_end_is_expected_where_residuals_fall_evenly():
     assert end == math.ceil(math.log(1e-3 / 0.2) / math.log(0.9))
     assert expected_end(rows[:1], 1e-3) is None and expected_end(rows[::-1], 1e-3) is None
     assert expected_end(rows, 1.0) == 12 and expected_end(rows, 0.0) is None
+    assert expected_end(rows[:1], math.inf) == rows[0]["iteration"]

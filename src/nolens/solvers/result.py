@@ -239,13 +239,15 @@ def expected_end(history: list[dict[str, float]], tolerance: float) -> int | Non
     history
         Rows of the convergence checks (`Progress.row`).
     tolerance
-        Relative; 0 is never reached.
+        Relative; 0 is never reached, infinity at the first check.
 
     Returns
     -------
     int
         None where the residual does not fall, or fewer than two checks were made.
     """
+    if history and math.isinf(tolerance):
+        return int(history[-1]["iteration"])
     if len(history) < 2 or tolerance <= 0:
         return None
     (first, before), (last, now) = (
