@@ -1,5 +1,6 @@
 """A problem on pixels that are means over some: quick to solve, and to start from."""
 
+import math
 from dataclasses import dataclass, replace
 
 import torch
@@ -9,7 +10,13 @@ from torch import Tensor
 from nolens.operators import Geometry
 from nolens.solvers.held_out import channel_noise
 from nolens.solvers.problem import Problem
-from nolens.solvers.result import Result
+from nolens.solvers.result import Result, Stop
+
+_ROUGH, _REFINED = 1.5, 2.0
+"""What a photo's tolerance is multiplied by on larger pixels, and on its own after those."""
+_LARGEST = 0.25
+"""The same on the largest pixels where light may come from everywhere: iterations are cheap there.
+On those between it is 1, and on the measurement's own one check is all (decision 26)."""
 
 
 @dataclass(frozen=True)
@@ -98,3 +105,42 @@ def residual_size(problem: Problem, scene: Tensor) -> Tensor:
     """
     left = problem.residual(scene / problem.scale).square().sum(dim=(-2, -1))
     return (left / problem.valid.sum(dim=(-2, -1)).clamp_min(1)).sqrt()
+
+
+def stop_on_larger(photo: Stop, *, everywhere: bool, largest: bool) -> Stop:
+    """When a photo ends on larger pixels; some iterations stay for those that follow.
+
+    Parameters
+    ----------
+    photo
+        When it ends that starts from there.
+    everywhere
+        Whether light may come from everywhere.
+    largest
+        Whether it starts from no larger ones itself.
+    """
+    if not everywhere:
+        return replace(photo, scene_tolerance=_ROUGH * photo.scene_tolerance)
+    if not largest:
+        return photo
+    tolerance = _LARGEST * photo.scene_tolerance
+    return replace(photo, iterations=photo.iterations // 2, scene_tolerance=tolerance)
+
+
+def stop_after_larger(photo: Stop, *, everywhere: bool, own: bool) -> Stop:
+    """When a photo ends that starts from one on larger pixels.
+
+    Parameters
+    ----------
+    photo
+        When it would end else.
+    everywhere
+        Whether light may come from everywhere.
+    own
+        Whether its pixels are the measurement's.
+    """
+    if not everywhere:
+        return replace(photo, scene_tolerance=_REFINED * photo.scene_tolerance)
+    if own:
+        return replace(photo, scene_tolerance=math.inf)
+    return replace(photo, iterations=3 * photo.iterations // 4)

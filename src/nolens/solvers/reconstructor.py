@@ -14,7 +14,7 @@ from nolens.errors import OptionError
 from nolens.operators import TRANSFER_BYTES, Geometry, PixelRectangle, mean_psf
 from nolens.solvers.admm import admm, admm_bytes
 from nolens.solvers.admm_state import AdmmState, Balance, Penalties
-from nolens.solvers.coarse import Coarse
+from nolens.solvers.coarse import Coarse, stop_after_larger, stop_on_larger
 from nolens.solvers.data_step import data_step_start
 from nolens.solvers.fista import fista, fista_bytes
 from nolens.solvers.held_out import (
@@ -70,11 +70,6 @@ _COARSE = 2
 """Pixels along each that become one where a photograph starts from one on larger pixels."""
 _PHOTO_FROM = 3_000_000
 """`Problem.padded_pixels` from which on a photograph by total variation does."""
-_ROUGH, _REFINED = 1.5, 2.0
-"""What a photo's tolerance is multiplied by on larger pixels, and on its own after those."""
-_LARGEST = 0.25
-"""The same on the largest pixels where light may come from everywhere: iterations are cheap there.
-On those between it is 1, and on its own one check is all (decision 26)."""
 _BEFORE_TURNS = 3.0
 """What it is multiplied by where turns of a network on larger pixels follow, of many."""
 _FIELD_BYTES = 10
@@ -615,31 +610,20 @@ class Reconstructor:
 
         `own` says whether its pixels are the measurement's.
         """
-        limits, before = self.limits, list[dict[str, float]]()
-        tolerance, most = limits.scene_tolerance, limits.iterations
-        rough = replace(limits, scene_tolerance=_ROUGH * tolerance)
-        refined = replace(limits, scene_tolerance=_REFINED * tolerance)
-        everywhere = problem.forward.support is None
-        if everywhere and own:
-            refined = replace(limits, scene_tolerance=math.inf)
-        elif everywhere:
-            refined = replace(limits, iterations=3 * most // 4)  # Some stay for the own pixels.
+        before, everywhere = list[dict[str, float]](), problem.forward.support is None
         if state.iteration == 0:
             coarse = self._coarse(problem)
-            if everywhere:
-                coarser = self.coarser(problem.forward.sensor, coarse.by)
-                rough = limits
-                if not coarser._photo_starts_coarse(coarse.problem):
-                    rough = replace(
-                        limits, iterations=most // 2, scene_tolerance=_LARGEST * tolerance
-                    )
-            first = self._coarse_photograph(coarse, problem, rough, callback)
+            smaller = self.coarser(problem.forward.sensor, coarse.by)
+            largest = not smaller._photo_starts_coarse(coarse.problem)
+            stop = stop_on_larger(self.limits, everywhere=everywhere, largest=largest)
+            first = self._coarse_photograph(coarse, problem, stop, callback)
             if first.stop_reason == "callback":
                 return coarse.finer_result(first, problem)
             state.move(problem, coarse.finer(first.scene, problem) / problem.scale)
             state.restart(data_step_start(problem, state, refines=True))
             state.iteration, before = first.iterations, first.history
-        result = replace(self, stop=refined)._admm(problem, state, callback)
+        stop = stop_after_larger(self.limits, everywhere=everywhere, own=own)
+        result = replace(self, stop=stop)._admm(problem, state, callback)
         return replace(result, history=[*before, *result.history])
 
     def _admm(self, problem: Problem, state: AdmmState | None, callback: Callback | None) -> Result:
