@@ -49,6 +49,11 @@ def _check_direct_sum(
     expected = direct_sum(v, operator.geometry.origin, psf[0], sensor)
     got = operator(torch.from_numpy(v)[None])[0].numpy()
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-12 * v.size)
+    rows, columns = torch.from_numpy(v[:, :2].T), torch.from_numpy(v[:2])
+    images = operator.of_products(rows, columns)
+    products = (row[:, None] * column for row in rows for column in columns)
+    for image, product in zip(images, products, strict=True):
+        torch.testing.assert_close(image, operator(product[None]), rtol=0, atol=1e-12 * v.size)
 
 
 @given(_sizes(1, 7), _sizes(0, 7), REGIONS, st.integers(0, 99))

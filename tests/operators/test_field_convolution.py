@@ -78,6 +78,10 @@ def test_it_is_the_sum_of_convolutions_of_parts():
         for psf, weight in zip(psfs, dense(places, SCENE).double(), strict=True)
     ]
     torch.testing.assert_close(operator(v), torch.stack(parts).sum(0))
+    rows, columns = v[0, :, :2].T, v[0, :3]
+    products = (row[:, None] * column for row in rows for column in columns)
+    for image, product in zip(operator.of_products(rows, columns), products, strict=True):
+        torch.testing.assert_close(image, operator(product.expand(3, -1, -1)))
     one = operator.single(1)
     torch.testing.assert_close(one(v[1:2]), operator(v)[1:2])
     factor = torch.tensor([2.0, 3, 4], dtype=torch.float64)[:, None, None]

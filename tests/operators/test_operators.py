@@ -59,8 +59,8 @@ def diagonal(*shape: int) -> Make:
     return lambda dtype, device: Diagonal(weights.to(device, dtype))
 
 
-def slow_light(*shape: int) -> Make:
-    valid = torch.rand(shape, generator=torch.Generator().manual_seed(6)) > 0.1
+def slow_light(*shape: int, invalid: float = 0.1) -> Make:
+    valid = torch.rand(shape, generator=torch.Generator().manual_seed(6)) >= invalid
     return lambda _dtype, device: SlowLightRemoval(valid.to(device))
 
 
@@ -152,7 +152,7 @@ TABLE = [
     Case("identity", combined(lambda: Identity((4, 3)))),
     Case("diagonal", diagonal(3, 4, 5)),
     Case("slow light", slow_light(2, 6, 7)),
-    Case("slow light, two rows", slow_light(1, 2, 5)),
+    Case("slow light, two rows, all valid", slow_light(1, 2, 5, invalid=0)),
     Case("mask", combined(lambda: Diagonal(torch.arange(12).reshape(3, 4) % 3 > 0))),
     Case("crop", combined(lambda: Crop((5, 6), (1, 2, 4, 3))), RGB),
     Case("adjoint", combined(lambda a: a.H, GREY), (1,)),

@@ -7,6 +7,7 @@ from .fft import (
     in_large_pages,
     irfft2,
     irfft2_window_,
+    irfft2_windows_,
     rfft2,
     rfft2_window,
 )
@@ -27,6 +28,7 @@ __all__ = [
     "in_large_pages",
     "irfft2",
     "irfft2_window_",
+    "irfft2_windows_",
     "nearest_points",
     "odd_spline_",
     "rfft2",

@@ -8,6 +8,7 @@ sensor in a padded shape of twice its size.
 
 import importlib
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -191,6 +192,32 @@ def irfft2_window_(spectrum: Tensor, window: Window, padded: tuple[int, int]) ->
     _transform_(spectrum.numpy(), (-2,), forward=False)
     lines = _irfft_rows(spectrum[..., top : top + height, :].numpy(), padded[1])
     return torch.from_numpy(lines)[..., left : left + width]
+
+
+def irfft2_windows_(
+    spectrum: Tensor, factors: Tensor, window: Window, padded: tuple[int, int]
+) -> Iterator[Tensor]:
+    """Windows of real fields whose half spectra are one, times factors of its columns.
+
+    The columns are transformed once for all of them.
+
+    Parameters
+    ----------
+    spectrum
+        As `irfft2_window_` takes it.
+    factors
+        (number, width // 2 + 1): of every field, one for each column.
+    window, padded
+        As `irfft2_window_` takes them.
+    """
+    top, left, height, width = window
+    lines = _inverse_(spectrum, -2)[..., top : top + height, :]
+    for each in factors:
+        if lines.device.type == "cpu":
+            field = torch.from_numpy(_irfft_rows((lines * each).numpy(), padded[1]))
+        else:
+            field = torch.fft.irfft(lines * each, n=padded[1])
+        yield field[..., left : left + width]
 
 
 def in_large_pages(tensor: Tensor) -> Tensor:

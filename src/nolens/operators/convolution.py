@@ -1,14 +1,16 @@
 """The forward model of a mask-based lensless camera, and the padded shape of its transforms."""
 
+from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass
 from typing import Self
 
 import torch
+import torch.nn.functional as nnf
 from torch import Tensor
 
 from nolens.errors import OptionError
-from nolens.kernels import fast_length, irfft2_window_, rfft2_window
+from nolens.kernels import fast_length, irfft2_window_, irfft2_windows_, rfft2_window
 from nolens.operators.base import LinearOperator
 
 
@@ -276,6 +278,31 @@ class CroppedConvolution(LinearOperator):
         """M*y on the scene's pixels, from the half spectrum of y, which stays as it is."""
         product = spectrum * self.transfer.conj()
         return irfft2_window_(product, self.geometry.scene, self.geometry.padded)
+
+    def of_products(self, rows: Tensor, columns: Tensor) -> Iterator[Tensor]:
+        """Measurements of the products of each row with each column; quicker than one by one.
+
+        Parameters
+        ----------
+        rows, columns
+            (number, height) and (number, width) of scenes.
+
+        Yields
+        ------
+        Tensor
+            (channels, height, width) of the sensor, those of the first row first.
+        """
+        geometry = self.geometry
+        spectra = [
+            torch.fft.fft(nnf.pad(each, (0, side - each.shape[-1])).roll(first, -1))
+            for each, first, side in zip(
+                (rows, columns), geometry.scene[:2], geometry.padded, strict=True
+            )
+        ]
+        along = spectra[1][:, : geometry.padded[1] // 2 + 1]
+        for row in spectra[0]:
+            turned = self.transfer * row[:, None]
+            yield from irfft2_windows_(turned, along, geometry.sensor, geometry.padded)
 
     def _forward(self, v: Tensor) -> Tensor:
         geometry = self.geometry

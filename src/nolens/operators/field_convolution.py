@@ -249,6 +249,18 @@ class FieldConvolution(CroppedConvolution):
         for term in self.terms:
             torch.view_as_real(term.stored).mul_(factor.to(term.stored.device)[..., None])
 
+    def of_products(self, rows: Tensor, columns: Tensor) -> Iterator[Tensor]:
+        """Measurements of the products of each row with each column, those of the first row first.
+
+        Parameters
+        ----------
+        rows, columns
+            (number, height) and (number, width) of scenes.
+        """
+        for row in rows:
+            for column in columns:
+                yield self((row[:, None] * column).expand(self.channels, -1, -1))
+
     def light_spectrum(self, v: Tensor) -> Tensor:
         """Half spectrum of the sum of all terms on the padded shape."""
         total: Tensor | None = None

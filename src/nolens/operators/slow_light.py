@@ -30,7 +30,7 @@ class SlowLightRemoval(LinearOperator):
     """
 
     def __init__(self, valid: Tensor) -> None:
-        self.valid = valid
+        self.valid, self._all_valid = valid, bool(valid.all())
         height, width = valid.shape[-2:]
         self._rows, self._columns = (
             slow_cosines(side).to(valid.device) for side in (height, width)
@@ -48,11 +48,16 @@ class SlowLightRemoval(LinearOperator):
         return tuple(self.valid.shape)
 
     def _forward(self, v: Tensor) -> Tensor:
-        left = torch.where(self.valid, v, 0)
+        valid = v if self._all_valid else torch.where(self.valid, v, 0)
         rows, columns = self._rows.to(v), self._columns.to(v)
-        along = (rows @ left @ columns.T).flatten(-2)[..., None]
+        along = (rows @ valid @ columns.T).flatten(-2)[..., None]
         amounts = (self._inverse.to(v) @ along).view(*along.shape[:-2], len(rows), len(columns))
-        return left.sub_((rows.T @ amounts @ columns).mul_(self.valid))
+        left, slow = torch.empty_like(valid), (rows.T @ amounts).flatten(0, -3)
+        for plane, each, part in zip(
+            left.flatten(0, -3), valid.flatten(0, -3), slow, strict=True
+        ):
+            torch.addmm(each, part, columns, alpha=-1, out=plane)
+        return left if self._all_valid else left.mul_(self.valid)
 
     def _adjoint(self, y: Tensor) -> Tensor:
         return self._forward(y)

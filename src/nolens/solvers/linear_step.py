@@ -52,7 +52,7 @@ class LinearStep:
         self._cosines = _Cosines(problem, self._form, varied=varied)
         self._scene: Tensor | None = scene
         self._vector = self._form.vector(scene)
-        self.residual = problem.counted(problem.data)
+        self._residual: Tensor | None = None
 
     @property
     def v(self) -> Tensor:
@@ -64,17 +64,25 @@ class LinearStep:
     @v.setter
     def v(self, scene: Tensor) -> None:
         self._scene, self._vector = scene, self._form.vector(scene)
+        self._residual = None
+
+    @property
+    def residual(self) -> Tensor:
+        """What counts of b − Av; steps bring it up to date, and change its memory."""
+        if self._residual is None:
+            light = self._form.light(self._vector)
+            self._residual = self._problem.counted(self._problem.data - light)
+        return self._residual
 
     def measure(self, problem: Problem) -> None:
         """Go on with another measurement."""
         if not torch.equal(problem.valid, self._problem.valid):
             self._cosines.measure(problem)
-        self._problem = problem
+        self._problem, self._residual = problem, None
 
     def renew_residual(self) -> None:
-        """Compute the residual anew, of which steps lose a little each."""
-        light = self._form.light(self._vector)
-        self.residual = self._problem.counted(self._problem.data - light)
+        """Have the residual computed anew, of which steps lose a little each."""
+        self._residual = None
 
     def solve(self, target: Tensor, penalties: Penalties) -> None:
         """Go nearer to the scene with Kv = A*b + target.
@@ -88,28 +96,28 @@ class LinearStep:
         """
         form, cosines = self._form, self._cosines
         inverse, matrix = self._circulant.inverse(penalties), cosines.matrix(penalties)
-        wanted = form.vector(target)
+        wanted, residual = form.vector(target), self.residual
         amounts = matrix.solve(
-            cosines.along_image(self.residual)
+            cosines.along_image(residual)
             + cosines.along(wanted)
             - cosines.along_prior(penalties, self._vector)
         )
         v = self._vector + cosines.sum(amounts)
-        self.residual -= cosines.image(amounts)
+        residual -= cosines.image(amounts)
         pull = wanted - form.prior(penalties, v)
         direction = image = weighed = before = product = None
         for _ in range(_INNER):
-            left = form.adjoint(self.residual).add_(pull)
+            left = form.adjoint(residual).add_(pull)
             ahead = form.filtered(left, inverse)
-            light = self._problem.counted(form.light(ahead))
-            missed = (
-                cosines.along(left)
-                - cosines.along_prior(penalties, ahead)
-                - cosines.along_image(light)
-            )
-            amounts = matrix.solve(missed)
-            ahead += cosines.sum(amounts)
-            light += cosines.image(amounts)
+            missed = cosines.along(left) - cosines.along_prior(penalties, ahead)
+            if cosines.pulls is None:
+                light = self._light(ahead)
+                amounts = matrix.solve(missed - cosines.along_image(light))
+                ahead += cosines.sum(amounts)
+                light += cosines.image(amounts)
+            else:
+                ahead += cosines.sum(matrix.solve(missed - cosines.pulls @ ahead.flatten()))
+                light = self._light(ahead)
             part = form.prior(penalties, ahead)
             slope = form.dot(left, ahead)
             if direction is None or image is None or weighed is None or before is None:
@@ -127,9 +135,13 @@ class LinearStep:
             bend = dot(image, image) + form.dot(direction, weighed)
             length = float(form.dot(left, direction) / bend.clamp_min(_TINY))
             v.add_(direction, alpha=length)
-            self.residual.sub_(image, alpha=length)
+            residual.sub_(image, alpha=length)
             pull.sub_(weighed, alpha=length)
         self._vector, self._scene = v, None
+
+    def _light(self, vector: Tensor) -> Tensor:
+        """What counts of a vector's light on the sensor."""
+        return self._problem.counted(self._form.light(vector)).contiguous()
 
     def inverse(self, target: Tensor, penalties: Penalties) -> Tensor:
         """K⁻¹ target, about as near as `solve` comes in one call; v and residual stay.
@@ -139,10 +151,10 @@ class LinearStep:
         target, penalties
             As `solve` takes them.
         """
-        vector, scene, residual = self._vector, self._scene, self.residual
-        self._vector, self.residual = torch.zeros_like(vector), torch.zeros_like(residual)
+        vector, scene, residual = self._vector, self._scene, self._residual
+        self._vector, self._residual = torch.zeros_like(vector), torch.zeros_like(self.residual)
         self.solve(target, penalties)
-        inverse, self._vector, self._scene, self.residual = self.v, vector, scene, residual
+        inverse, self._vector, self._scene, self._residual = self.v, vector, scene, residual
         return inverse
 
     def noise_gain(self, penalties: Penalties, bands: int) -> Tensor:
@@ -342,7 +354,14 @@ def _fraction_on_sensor(problem: Problem) -> Tensor:
 
 
 class _Cosines:
-    """Slow cosines of the scene, products along both sides, and what A makes of them."""
+    """Slow cosines of the scene, products along both sides, and what A makes of them.
+
+    Attributes
+    ----------
+    pulls
+        A*A of each, (number, pixels of the scene), whose products take less time than those of
+        images; None where the scene has more pixels than the sensor.
+    """
 
     def __init__(self, problem: Problem, form: _Pixels, *, varied: bool) -> None:
         self._form, self._varied = form, varied
@@ -364,11 +383,13 @@ class _Cosines:
 
     def measure(self, problem: Problem) -> None:
         """See them by what counts of a measurement."""
-        rows, columns = self._factors
-        vectors = (row[:, None] * column for row in rows for column in columns)
-        light = (self._form.light(each[None]) for each in vectors)
+        light = problem.forward.of_products(self._rows, self._columns)
         self._images = torch.cat([problem.counted(each) for each in light])
         self._gram = gram(self._images.flatten(1))
+        self.pulls: Tensor | None = None
+        if math.prod(problem.scene_shape[1:]) < self._images[0].numel():
+            pulls = [problem.forward.adjoint(each[None]).flatten() for each in self._images]
+            self.pulls = torch.stack(pulls)
 
     def matrix(self, penalties: Penalties) -> "_Coarse":
         """The matrix in the space of the cosines."""

@@ -323,9 +323,15 @@ class Problem:
         Parameters
         ----------
         image
-            (channels, height, width).
+            (channels, height, width); it may be what is returned.
         """
-        return torch.where(self.valid, image, 0) if self.slow_light else self._removal(image)
+        if not self.slow_light:
+            return self._removal(image)
+        return image if self._all_valid else torch.where(self.valid, image, 0)
+
+    @cached_property
+    def _all_valid(self) -> bool:
+        return bool(self.valid.all())
 
     @property
     def counted_forward(self) -> LinearOperator:
