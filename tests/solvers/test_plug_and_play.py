@@ -152,10 +152,14 @@ def test_a_coarse_start_lies_where_the_scene_does(
 def test_of_many_pixels_every_second_turn(monkeypatch: pytest.MonkeyPatch) -> None:
     """On 2×2 pixels and on the measurement's own; the last one is among them."""
     monkeypatch.setattr("nolens.solvers.reconstructor.COARSEN_FROM", 0)
-    posed = pose(Case(sensor=(60, 64), psf=(60, 64), channels=3, view=True))
+    psf = torch.from_numpy(pose(Case(sensor=(60, 64), psf=(60, 64), channels=3)).psf).float()
+    support = PixelRectangle.centred(32, 36, (60, 64))
+    generator = torch.Generator().manual_seed(5)
+    data = CroppedConvolution(psf, (60, 64), support)(torch.rand(3, 32, 36, generator=generator))
+    data += 0.003 * data.mean() * torch.randn(data.shape, generator=generator)
     prior = PlugAndPlay(identity(), (0.5, 0.4, 0.3, 0.2, 0.1), white=True)
-    solver = Reconstructor(torch.from_numpy(posed.psf).float(), (32, 36), tau=1e-5, prior=prior)
-    problem = solver.problem(torch.from_numpy(posed.data).float())
+    solver = Reconstructor(psf, support, tau=1e-5, prior=prior)
+    problem = solver.problem(data)
     for most in (0, 10**9):
         monkeypatch.setattr("nolens.solvers.plug_and_play.MANY_PIXELS", most)
         monkeypatch.setattr("nolens.solvers.plug_and_play.FEW_TURNS_PIXELS", most)
@@ -182,14 +186,16 @@ def _minimiser(problem: Problem, fit: Fit, picture: Tensor, spread: float) -> Te
     return torch.stack(scenes).reshape(picture.shape)
 
 
-def test_what_the_photograph_leaves_counts_as_noise(problem: Problem) -> None:
-    """Noise is the pixels' own beside the truth, and more beside a wrong picture."""
+def test_the_error_of_the_model_counts_as_noise(problem: Problem) -> None:
+    """Noise is the pixels' own beside the truth; a wrong picture leaves a part of the error."""
     own = channel_noise(problem)
     right = Reconstructor(torch.empty(0)).solve(problem).scene
     torch.testing.assert_close(Fit(problem, right).noise, own, rtol=0.5, atol=0)
     wrong = Fit(problem, 2 * right)
-    left = problem.residual(2 * right / problem.scale).square().mean(dim=(1, 2)).sqrt()
-    torch.testing.assert_close(wrong.noise, left)
+    left = problem.residual(2 * right / problem.scale).square().mean(dim=(1, 2))
+    error = 5 * (left - own.square())
+    torch.testing.assert_close(wrong.noise, (own.square() + error).sqrt())
+    assert wrong.errs
 
 
 def test_noise_that_the_fit_leaves() -> None:

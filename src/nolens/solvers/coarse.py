@@ -18,6 +18,9 @@ _LARGEST = 0.25
 """The same on the largest pixels where light may come from everywhere: iterations are cheap there.
 On those between it is 1, and on the measurement's own one check is all (decision 26)."""
 
+_TAKEN_UP = 5.0
+"""The model's error over what a photograph leaves of it, squared."""
+
 
 @dataclass(frozen=True)
 class Coarse:
@@ -76,25 +79,25 @@ class Coarse:
         place = (pixel + 0.5) / self.by - 0.5 - beside - here.origin[axis]
         return (2 * place + 1) / here.scene[2 + axis] - 1
 
-    def noise(self, scene: Tensor, problem: Problem) -> Tensor:
-        """Noise of the original problem's pixels and the model's error, (channels,), normalised.
-
-        The error is what a scene of this problem leaves beyond its noise.
+    def model_error(self, scene: Tensor, problem: Problem) -> Tensor:
+        """`model_error` of a scene of this problem, in the original one's normalised units.
 
         Parameters
         ----------
         scene, problem
             As `finer` takes them.
         """
-        left, own = residual_size(self.problem, scene), channel_noise(self.problem)
-        excess = (left.square() - own.square()).clamp_min(0)
         here, there = (each.scale * each.psf_norm for each in (self.problem, problem))
-        units = (here / there).flatten()
-        return (channel_noise(problem).square() + excess * units.square()).sqrt()
+        return model_error(self.problem, scene) * (here / there).flatten()
 
 
-def residual_size(problem: Problem, scene: Tensor) -> Tensor:
-    """Root mean square of each channel's residual on valid pixels, (channels,), normalised.
+def model_error(problem: Problem, scene: Tensor) -> Tensor:
+    r"""How far the forward model is from the light on each channel's pixels, from a photograph.
+
+    .. math:: e^2 = 5 \left(\overline{r^2} − σ^2\right)_+
+
+    with the residual r on valid pixels and the noise σ. The photograph has taken up the larger part
+    of the model's error, as detail that is not there (decision 24).
 
     Parameters
     ----------
@@ -102,9 +105,15 @@ def residual_size(problem: Problem, scene: Tensor) -> Tensor:
         That was solved.
     scene
         (channels, height, width), in units of measurement over PSF.
+
+    Returns
+    -------
+    Tensor
+        Root mean squares, (channels,), normalised.
     """
     left = problem.residual(scene / problem.scale).square().sum(dim=(-2, -1))
-    return (left / problem.valid.sum(dim=(-2, -1)).clamp_min(1)).sqrt()
+    left /= problem.valid.sum(dim=(-2, -1)).clamp_min(1)
+    return (_TAKEN_UP * (left - channel_noise(problem).square()).clamp_min(0)).sqrt()
 
 
 def stop_on_larger(photo: Stop, *, everywhere: bool, largest: bool) -> Stop:

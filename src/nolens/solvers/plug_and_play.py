@@ -12,7 +12,7 @@ from torch import Tensor
 
 from nolens.operators import Geometry
 from nolens.solvers.admm_state import Penalties
-from nolens.solvers.coarse import Coarse, residual_size
+from nolens.solvers.coarse import Coarse, model_error
 from nolens.solvers.denoising_network import BANDS, DenoisingNetwork, denoise
 from nolens.solvers.held_out import (
     are_likely_less,
@@ -44,9 +44,9 @@ measurement carries the finest detail: 1 is the strength of Bayes' rule there.""
 _FIRST, _HALF, _RISE = 2 / 3, 0.5, 1 / 6
 """The first strength where there is less, at most, and as it follows from how much: (finest /
 half)^rise (decision 24)."""
-_ERROR = 1.03
-"""What the photograph leaves, over the noise, from which on the model errs by a quarter of that: a
-weaker prior would let it in, and the first strength stays the most."""
+_ERROR = 0.55
+"""Of the model, over the noise, from which on a weaker prior would let it in: the first strength
+stays the most. The photograph then leaves 1.03 times the noise."""
 _TRIAL_TURNS = 6
 """Of each: too weak a prior lets noise in when the spreads have fallen, and not before."""
 _WHITE = 0.995
@@ -86,7 +86,6 @@ class _Near(torch.autograd.Function):
         fitted = []
         for number, step in enumerate(fit.steps):
             unit, penalties = fit.white / fit.scale[number], fit.penalties(number, spread)
-            step.renew_residual()
             step.solve(penalties[2] * unit * picture[number : number + 1], penalties)
             fitted.append(step.v / unit)
         return torch.cat(fitted)
@@ -107,9 +106,9 @@ class Fit:
 
     .. math:: x = \arg\min_v \tfrac12 ‖(b − Av)/σ‖^2 + \tfrac{1}{2 s^2} ‖v − z‖^2
 
-    A few steps of conjugate gradients go on from the fit before (`LinearStep`). σ is the noise of a
-    channel or, where that is more, what the photograph leaves: the model's error counts as noise.
-    The noise of the measurement in x is that of the circulant mean.
+    A few steps of conjugate gradients go on from the fit before (`LinearStep`). σ² is that of a
+    channel's noise, and of the model's error (`model_error`), which counts as noise. The noise of
+    the measurement in x is that of the circulant mean.
 
     Parameters
     ----------
@@ -117,20 +116,19 @@ class Fit:
         In normalised units; its prior and weight do not matter.
     photograph
         To start from, in units of measurement over PSF.
-    noise
-        Of each channel, (channels,), normalised; None measures it.
+    error
+        The model's, of each channel, (channels,), normalised; None tells it from the photograph.
     """
 
     def __init__(
         self,
         problem: Problem,
         photograph: Tensor,
-        noise: Tensor | None = None,
+        error: Tensor | None = None,
     ) -> None:
-        scene, own = photograph / problem.scale, channel_noise(problem)
-        if noise is None:
-            noise = torch.maximum(own, residual_size(problem, photograph))
-        self.noise, self.errs = noise, bool((noise > _ERROR * own).any())
+        scene, noise = photograph / problem.scale, channel_noise(problem)
+        error = model_error(problem, photograph) if error is None else error
+        self.noise, self.errs = torch.hypot(noise, error), bool((error > _ERROR * noise).any())
         self.scale = problem.scale.flatten()
         values = photograph.flatten()
         white = float(torch.quantile(values[:: 1 + values.numel() // 10**6], _WHITE))
@@ -389,13 +387,13 @@ class PlugAndPlay:
             return turn
 
         def checks() -> Iterator[Progress]:
-            photograph, noise = first.scene, None
+            photograph, error = first.scene, None
             if coarse is not None:
                 turns = prior.turns(coarse.problem, photograph, STRENGTH / self.detail)
                 yield from run(coarse.problem, photograph, turns)
-                noise = coarse.noise(photograph, problem)
+                error = coarse.model_error(photograph, problem)
                 photograph = latest() * problem.scale
-            fit, trial, strength = Fit(problem, photograph, noise), None, STRENGTH
+            fit, trial, strength = Fit(problem, photograph, error), None, STRENGTH
             if self.white:
                 strength = fit.first_strength(self.spreads[-1])
                 if strength < 1:
