@@ -53,9 +53,7 @@ class SlowLightRemoval(LinearOperator):
         along = (rows @ valid @ columns.T).flatten(-2)[..., None]
         amounts = (self._inverse.to(v) @ along).view(*along.shape[:-2], len(rows), len(columns))
         left, slow = torch.empty_like(valid), (rows.T @ amounts).flatten(0, -3)
-        for plane, each, part in zip(
-            left.flatten(0, -3), valid.flatten(0, -3), slow, strict=True
-        ):
+        for plane, each, part in zip(left.flatten(0, -3), valid.flatten(0, -3), slow, strict=True):
             torch.addmm(each, part, columns, alpha=-1, out=plane)
         return left if self._all_valid else left.mul_(self.valid)
 
