@@ -103,6 +103,18 @@ def test_solves_with_its_choice() -> None:
     assert solver.problem(data).weight == pytest.approx(solver.choose_weight(data).tau)
 
 
+def test_a_weight_is_chosen_on_larger_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """2×2, with a network, too; it is about that of the measurement's own."""
+    psf = mask_psf()
+    data = measured(psf, photograph(), 0.02)
+    fine = Reconstructor(psf, SUPPORT).choose_weight(data).tau
+    monkeypatch.setattr("nolens.solvers.reconstructor.COARSEN_FROM", 0)
+    solver = Reconstructor(psf, SUPPORT, prior="denoiser")
+    tau = solver.choose_weight(data).tau
+    assert tau == pytest.approx(choose_weight(solver.coarse_problem(data)).tau)
+    assert 1 / 4 < tau / fine < 4
+
+
 def test_weight_of_the_wiener_filter_is_chosen() -> None:
     psf, truth = mask_psf(), photograph()
     data = measured(psf, truth, 0.01)

@@ -284,8 +284,8 @@ class Reconstructor:
         """The weight of the prior, by pixels of a measurement that are left out of the fit.
 
         Of a measurement of many pixels 2×2 are taken as one, which takes a quarter of the time
-        and finds the same weight. 3×3 are where a network follows, whose picture hardly depends on
-        the weight, and of one of millions where light may come from everywhere (decision 13).
+        and finds the same weight, and of one of millions 3×3 where light may come from everywhere
+        (decision 13).
 
         Parameters
         ----------
@@ -301,8 +301,7 @@ class Reconstructor:
         """
         height, width = channels_of(_parts(measured, valid)[0], "measurement").shape[-2:]
         by = 2 if height * width >= COARSEN_FROM else 1
-        everywhere = self.support is None and height * width >= _WEIGHT_FROM
-        if by == 2 and (everywhere or self.network is not None):
+        if self.support is None and height * width >= _WEIGHT_FROM:
             by = 3
         problem = replace(self, field_psf=None).coarse_problem(measured, valid, by)
         if self.method is Method.WIENER:
