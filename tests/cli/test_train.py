@@ -4,6 +4,7 @@ import hashlib
 import importlib
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +17,13 @@ from running import Done, check_refused, listing, run
 from nolens.camera import PsfEntry
 from nolens.cli.terminal import TerminalReporter
 from nolens.files import read_record, write_psfs
-from nolens.files.weights import read_weights, write_weights
+from nolens.files.weights import denoiser, read_weights, write_weights
 from nolens.operators import CroppedConvolution, PixelRectangle
 from nolens.quantities import Length
 from nolens.solvers.denoising_network import DenoisingNetwork
-from nolens.solvers.plug_and_play import PlugAndPlay
+from nolens.solvers.plug_and_play import PlugAndPlay, Refinement
 from nolens.training.pictures import training_picture
+from nolens.training.unrolled import refining
 
 JOB = importlib.import_module("nolens.jobs.training.job")
 QUICK = ("--pictures", 1)
@@ -33,7 +35,17 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("tiny") / "tiny.npz"
     network = DenoisingNetwork((8,), (1,))
-    write_weights(path, PlugAndPlay(network, (0.1,), facts={"prior": "unrolled"}), {})
+    write_weights(path, PlugAndPlay(network, (0.1,), facts={"prior": "denoiser"}), {})
+    return path
+
+
+@pytest.fixture(scope="module")
+def tiny_refinement(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same of one that mends what the denoiser of nolens leaves."""
+    path, turns = tmp_path_factory.mktemp("tiny") / "refinement.npz", denoiser()
+    refinement = Refinement(refining(DenoisingNetwork((8,), (1,))))
+    facts = {"prior": "unrolled", "refines": turns.facts["weights_sha256"]}
+    write_weights(path, replace(turns, facts=facts, refinement=refinement), {})
     return path
 
 
@@ -45,6 +57,7 @@ def few_and_small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("nolens.training.validation._NOISY", 2)
     monkeypatch.setattr("nolens.training.validation._MEASURED", 1)
     monkeypatch.setattr("nolens.training.unrolled._LEAST", 1)
+    monkeypatch.setattr("nolens.jobs.training.camera._SIMULATED", 1)
     monkeypatch.setattr(JOB, "BATCHES", {"denoiser": (4, 64), "unrolled": (2, 64)})
 
 
@@ -158,11 +171,15 @@ def test_killed_training_goes_on_from_its_checkpoint(
     assert half.read_bytes() == whole.read_bytes()
 
 
-def test_unrolled_for_a_folder(tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It goes on from a checkpoint with other measurements by the same camera, without colours."""
+def test_unrolled_for_a_folder(
+    tiny_refinement: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It goes on from a checkpoint with the same measurements by the same camera, without colours;
+    reconstruct takes what comes out.
+    """
     folder = folder_with_psfs(tmp_path / "camera", (48, 64), 1)
     mine = tmp_path / "mine.npz"
-    asked = ("train", folder, "--start", tiny, *QUICK, "--steps", 2, "-o", mine)
+    asked = ("train", folder, "--start", tiny_refinement, *QUICK, "--steps", 2, "-o", mine)
     with monkeypatch.context() as patch:
         stop_at(1, patch)
         assert run(*asked).code == 130
@@ -172,19 +189,26 @@ def test_unrolled_for_a_folder(tiny: Path, tmp_path: Path, monkeypatch: pytest.M
     record = read_record(tmp_path / "mine.record.json")
     assert [row["step"] for row in record.history] == [1, 2]
     assert {"psfs.toml", "PSF psf.tif"} < set(record.inputs)
-    assert record.result["spreads"] == [0.1]  # Of the same prior that it started from.
-    assert json.loads((tmp_path / "mine.json").read_text())["camera"] == "camera"
+    assert record.result["spreads"] == list(denoiser().spreads)
+    card = json.loads((tmp_path / "mine.json").read_text())
+    assert card["camera"] == "camera" and card["widths"] == [8]
+    save(tmp_path / "measured.npy", torch.rand(1, 48, 64))
+    files = (tmp_path / "measured.npy", "--psf", folder / "psf.tif", "--support", "24x32")
+    done = run("reconstruct", *files, "--prior", mine, "-o", tmp_path / "photo.tif")
+    assert done.code == 0, done.err
+    record = read_record(tmp_path / "photo.json")
+    assert record.result["prior"] == "unrolled"
 
 
-def test_unrolled_for_a_simulated_camera(tiny: Path, tmp_path: Path) -> None:
+def test_unrolled_for_a_simulated_camera(tiny_refinement: Path, tmp_path: Path) -> None:
     mine = tmp_path / "mine.npz"
-    asked = ("--start", tiny, *QUICK, "--steps", 1, "--angle", "10deg")
+    asked = ("--start", tiny_refinement, *QUICK, "--steps", 1, "--angle", "10deg")
     done = run("train", little_twin(tmp_path), *asked, "-o", mine)
     assert done.code == 0, done.err
     assert read_weights(mine).facts["prior"] == "unrolled"
 
 
-def test_pairs_of_the_camera(tiny: Path, tmp_path: Path) -> None:
+def test_pairs_of_the_camera(tiny_refinement: Path, tmp_path: Path) -> None:
     """Two real ones to learn from, and one that is held out."""
     size = (96, 120)
     folder, pairs = folder_with_psfs(tmp_path / "camera", size), tmp_path / "pairs"
@@ -198,7 +222,7 @@ def test_pairs_of_the_camera(tiny: Path, tmp_path: Path) -> None:
         save(pairs / "measured" / f"{number}.npy", counts)
         save(pairs / "pictures" / f"{number}.npy", picture)
     mine = tmp_path / "mine.npz"
-    asked = ("--start", tiny, *QUICK, "--steps", 2)
+    asked = ("--start", tiny_refinement, *QUICK, "--steps", 2)
     done = run("train", folder, "--pairs", pairs, *asked, "-o", mine)
     assert done.code == 0, done.err
     record = read_record(tmp_path / "mine.record.json")
@@ -215,7 +239,9 @@ def test_pairs_of_the_camera(tiny: Path, tmp_path: Path) -> None:
     assert listing(tmp_path).keys() == before.keys()
 
 
-def test_what_cannot_be_trained_is_refused(tiny: Path, tmp_path: Path) -> None:
+def test_what_cannot_be_trained_is_refused(
+    tiny: Path, tiny_refinement: Path, tmp_path: Path
+) -> None:
     empty, small = tmp_path / "empty", tmp_path / "small"
     empty.mkdir()
     small.mkdir()
@@ -228,7 +254,8 @@ def test_what_cannot_be_trained_is_refused(tiny: Path, tmp_path: Path) -> None:
     before = listing(tmp_path)
 
     def refused(*arguments: object, words: tuple[str, ...], output: Path = out) -> None:
-        check_refused(run("train", *QUICK, "--start", tiny, *arguments, "-o", output), *words)
+        started = (*QUICK, "--start", tiny_refinement, *arguments)
+        check_refused(run("train", *started, "-o", output), *words)
 
     refused(psfs, words=("20×30", "at least 32×32"))
     refused(empty, words=("no PSF to train with", "psfs.toml", "camera.toml"))
@@ -241,7 +268,10 @@ def test_what_cannot_be_trained_is_refused(tiny: Path, tmp_path: Path) -> None:
     refused("--validation", tiny, words=("is no folder",))
     refused("--resume", tiny, words=("is no checkpoint of a training", ".state.npz"))
     refused(words=("suffix .pt", ".npz"), output=tmp_path / "mine.pt")
-    refused(words=("would overwrite",), output=tiny)
+    refused(words=("would overwrite",), output=tiny_refinement)
+    refused("--prior", "denoiser", words=("holds weights of --prior unrolled", "leave --start out"))
+    done = run("train", *QUICK, "--start", tiny, "-o", out)
+    check_refused(done, "holds weights of --prior denoiser", "no other")
     for start, word in ((damaged, "holds no weights"), (odd, "holds no weights")):
         check_refused(run("train", *QUICK, "--start", start, "-o", out), word, "nolens train")
     check_refused(run("train", "--start", "small.pt", "-o", out), "--start", "an .npz of weights")

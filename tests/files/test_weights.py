@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -12,14 +13,15 @@ import torch
 from nolens.errors import FileError
 from nolens.files.weights import denoiser, read_weights, ridge, write_weights
 from nolens.solvers.denoising_network import DenoisingNetwork
-from nolens.solvers.plug_and_play import PlugAndPlay
+from nolens.solvers.plug_and_play import PlugAndPlay, Refinement
+from nolens.training.unrolled import refining
 
 
 @pytest.fixture
 def written(tmp_path: Path) -> tuple[Path, PlugAndPlay]:
     torch.manual_seed(0)
     network = DenoisingNetwork((8, 12), (1, 2))
-    prior = PlugAndPlay(network, (0.2, 0.1), True, {"prior": "unrolled"})
+    prior = PlugAndPlay(network, (0.2, 0.1), {"prior": "denoiser"})
     write_weights(tmp_path / "mine.npz", prior, {"steps": 3})
     return tmp_path / "mine.npz", prior
 
@@ -27,14 +29,32 @@ def written(tmp_path: Path) -> tuple[Path, PlugAndPlay]:
 def test_weights_come_back_in_half_precision(written: tuple[Path, PlugAndPlay]) -> None:
     path, prior = written
     read = read_weights(path)
-    assert (read.spreads, read.white) == (prior.spreads, prior.white)
-    assert read.facts["prior"] == "unrolled"
+    assert (read.spreads, read.refinement) == (prior.spreads, None)
+    assert read.facts["prior"] == "denoiser"
     assert (read.network.widths, read.network.blocks) == ((8, 12), (1, 2))
     for name, each in prior.network.state_dict().items():
         assert torch.equal(read.network.state_dict()[name], each.half().float())
     card = json.loads(path.with_suffix(".json").read_text())
     assert card["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
     assert card["sha256"] == read.facts["weights_sha256"] and card["steps"] == 3
+
+
+def test_a_refinement_goes_with_the_denoiser(tmp_path: Path) -> None:
+    turns = denoiser()
+    network = refining(DenoisingNetwork((8,), (1,)))
+    facts = {"prior": "unrolled", "refines": turns.facts["weights_sha256"]}
+    prior = replace(turns, facts=facts, refinement=Refinement(network))
+    path = tmp_path / "mine.npz"
+    write_weights(path, prior, {})
+    read = read_weights(path)
+    assert read.network is turns.network and read.spreads == turns.spreads
+    assert isinstance(read.refinement, Refinement)
+    assert torch.equal(read.refinement.network.head.weight, network.head.weight.half().float())
+    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    assert read.facts == {**facts, "weights_sha256": sha256}
+    changed(path, refines="0" * 64)
+    with pytest.raises(FileError, match="another denoiser"):
+        read_weights(path)
 
 
 def test_same_weights_are_the_same_file(written: tuple[Path, PlugAndPlay]) -> None:
@@ -64,6 +84,8 @@ def changed(path: Path, **about: object) -> None:
     [
         {"format": "nolens weights 3"},
         {"white": 1},
+        {"white": False},  # Of before: told the noise of the fit in each turn.
+        {"refines": 3},
         {"widths": [8, 13]},
         {"widths": [8]},
         {"widths": [8, 12, 16, 20], "blocks": [1, 1, 1, 1]},

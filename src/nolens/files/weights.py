@@ -4,6 +4,7 @@ import hashlib
 import io
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache, partial
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -18,7 +19,7 @@ from nolens.files.atomic import Writer, write_text, write_together
 from nolens.files.input import check_exists
 from nolens.files.state import read_about, read_state
 from nolens.solvers.denoising_network import BLOCKS, WIDTHS, DenoisingNetwork
-from nolens.solvers.plug_and_play import PlugAndPlay
+from nolens.solvers.plug_and_play import REFINED_PICTURES, PlugAndPlay, Refinement
 from nolens.solvers.ridge import RidgePrior, RidgeWeights
 
 _FORMAT = "nolens weights 2"
@@ -32,6 +33,8 @@ _WIDEST, _MOST_BLOCKS = 256, 16
 
 def write_weights(path: Path, prior: PlugAndPlay, card: Mapping[str, Any]) -> None:
     """Write a prior's weights in half precision, and its card beside them as .json.
+
+    Of one with a `Refinement` that is its network; its turns are by the denoiser of nolens.
 
     Parameters
     ----------
@@ -52,15 +55,19 @@ def write_weights(path: Path, prior: PlugAndPlay, card: Mapping[str, Any]) -> No
 
 def weights_writers(path: Path, prior: PlugAndPlay, card: Mapping[str, Any]) -> dict[Path, Writer]:
     """What writes a prior's weights and its card, as `write_weights` does."""
+    refinement = prior.refinement
+    network = refinement.network if isinstance(refinement, Refinement) else prior.network
     about = {
         "format": _FORMAT,
         "prior": prior.facts.get("prior", path.stem),
         "spreads": list(prior.spreads),
-        "white": prior.white,
-        "widths": list(prior.network.widths),
-        "blocks": list(prior.network.blocks),
+        "white": True,
+        "widths": list(network.widths),
+        "blocks": list(network.blocks),
     }
-    arrays = {name: each.half().cpu().numpy() for name, each in prior.network.state_dict().items()}
+    if isinstance(refinement, Refinement):
+        about["refines"] = prior.facts["refines"]
+    arrays = {name: each.half().cpu().numpy() for name, each in network.state_dict().items()}
     content = io.BytesIO()
     np.savez(content, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
     data = content.getvalue()
@@ -95,7 +102,9 @@ def read_weights(path: Path) -> PlugAndPlay:
         about = read_about(path)
         _check_about(about)
         widths, blocks = (tuple(about.get(name, full)) for name, full in _SIZE.items())
-        network = DenoisingNetwork(widths, blocks)
+        refines = about.get("refines")
+        pictures = 1 if refines is None else REFINED_PICTURES
+        network = DenoisingNetwork(widths, blocks, pictures)
         wanted = {name: each.half() for name, each in network.state_dict().items()}
         arrays = read_state(path, wanted, _check_about)
     except FileError:
@@ -104,12 +113,17 @@ def read_weights(path: Path) -> PlugAndPlay:
         ) from None
     _check_arrays(path, arrays, wanted)
     network.load_state_dict({name: each.float() for name, each in arrays.items()})
-    return PlugAndPlay(
-        network.eval(),
-        tuple(about["spreads"]),
-        about["white"],
-        facts={"prior": about["prior"], "weights_sha256": sha256_of_weights(path)},
-    )
+    facts = {"prior": about["prior"], "weights_sha256": sha256_of_weights(path)}
+    if refines is None:
+        return PlugAndPlay(network.eval(), tuple(about["spreads"]), facts)
+    turns = denoiser()
+    if turns.facts["weights_sha256"] != refines:
+        raise FileError(
+            f"{path} mends what another denoiser leaves than the one that comes with this version "
+            "of nolens: train it again (nolens train)"
+        )
+    facts["refines"] = refines
+    return replace(turns, facts=facts, refinement=Refinement(network.eval()))
 
 
 def _check_about(about: Mapping[str, Any]) -> None:
@@ -120,7 +134,9 @@ def _check_about(about: Mapping[str, Any]) -> None:
         about.get("format") == _FORMAT
         and isinstance(about.get("prior"), str)
         and isinstance(spreads, list)
-        and isinstance(about.get("white"), bool)
+        # Networks of before that were tuned through the turns are false.
+        and about.get("white") is True
+        and isinstance(about.get("refines", ""), str)
         and 0 < len(spreads) <= _SPREADS_AT_MOST
         and all(isinstance(each, float) and 0 < each < _WIDE for each in spreads)
         and all(isinstance(each, list) and 0 < len(each) <= len(WIDTHS) for each in sizes)

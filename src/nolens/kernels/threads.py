@@ -7,8 +7,9 @@ shares, and their threads spin while another program has the core.
 
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 
 import torch
 
@@ -17,6 +18,20 @@ _PIXELS_PER_THREAD = 32768
 _BLOCKS_AT_MOST, _PIXELS_PER_BLOCK = 32, 8192
 
 _turn = threading.local()
+
+
+@contextmanager
+def one_thread() -> Iterator[int]:
+    """One thread for each call, where work is shared by pieces: so many, which is given, are left.
+
+    For a small piece, torch's threads cost more than they bring.
+    """
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield before
+    finally:
+        torch.set_num_threads(before)
 
 
 def threads_for(pixels: int) -> int:

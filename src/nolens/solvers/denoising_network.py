@@ -47,10 +47,15 @@ class DenoisingNetwork(nn.Module):
     Three channels are denoised together; any other number one by one, as grey pictures, whose
     three channels are the same.
 
+    With more than one picture, of the same scene, it mends the first by what the others show
+    (`Refinement`).
+
     Parameters
     ----------
     widths, blocks
         Features and residual blocks of each scale; no more scales than `WIDTHS` has.
+    pictures
+        How many it takes.
 
     Attributes
     ----------
@@ -60,10 +65,15 @@ class DenoisingNetwork(nn.Module):
 
     precision: Precision = "float32"
 
-    def __init__(self, widths: tuple[int, ...] = WIDTHS, blocks: tuple[int, ...] = BLOCKS) -> None:
+    def __init__(
+        self,
+        widths: tuple[int, ...] = WIDTHS,
+        blocks: tuple[int, ...] = BLOCKS,
+        pictures: int = 1,
+    ) -> None:
         super().__init__()
-        self.widths, self.blocks = widths, blocks
-        self.head = _convolution(FOLDED + PLANES, widths[0])
+        self.widths, self.blocks, self.pictures = widths, blocks, pictures
+        self.head = _convolution(FOLDED * pictures + PLANES, widths[0])
         pairs = list(itertools.pairwise(widths))
         self.encoders = nn.ModuleList(map(_blocks, widths[:-1], blocks[:-1]))
         self.downs = nn.ModuleList(nn.Conv2d(a, b, 2, 2, bias=False) for a, b in pairs)
@@ -84,13 +94,14 @@ class DenoisingNetwork(nn.Module):
         Parameters
         ----------
         picture
-            (count, 3, height, width); sides are multiples of `STEP`.
+            (count, 3 `pictures`, height, width), one picture after the other; sides are multiples
+            of `STEP`.
         noise
             (count, `PLANES`, 1, 1); see `noise_planes`.
         """
         low = self.precision == "bfloat16"
         with torch.autocast(picture.device.type, torch.bfloat16, enabled=low):
-            return picture - self._noise(picture, noise)
+            return picture[:, :3] - self._noise(picture, noise)
 
     def _noise(self, picture: Tensor, noise: Tensor) -> Tensor:
         folded = nnf.pixel_unshuffle(picture, _FOLD)
@@ -153,7 +164,8 @@ def denoise(
     network
         That does it.
     scene
-        (channels, height, width).
+        (channels, height, width), or (pictures, channels, height, width) for a network that takes
+        more than one.
     sigma
         Standard deviation of each channel's noise, (channels,), or of its bands, (channels,
         `BANDS`).
@@ -163,17 +175,22 @@ def denoise(
         Quarter turns by which the scene is turned for it, so that its errors do not add up from
         one time to the next.
     """
-    if scene.shape[0] != 3:
+    pictures = scene[None] if scene.ndim == 3 else scene
+    if pictures.shape[1] != 3:
         grey = [
             denoise(
-                network, each.expand(3, -1, -1), level[None].expand(3, *level.shape), spread, turn
+                network,
+                each[:, None].expand(-1, 3, -1, -1),
+                level[None].expand(3, *level.shape),
+                spread,
+                turn,
             )
-            for each, level in zip(scene[:, None], sigma, strict=True)
+            for each, level in zip(pictures.transpose(0, 1), sigma, strict=True)
         ]
         return torch.cat([each.mean(0, keepdim=True) for each in grey])
-    turned = torch.rot90(scene, turn % 4, (1, 2))
+    turned = torch.rot90(pictures.flatten(0, 1), turn % 4, (1, 2))
     height, width = turned.shape[1:]
-    result = torch.empty_like(turned)
+    result = torch.empty_like(turned[:3])
     planes = noise_planes(sigma[None].to(turned.device, torch.float32), spread)
     for top, left in tiles(height, width):
         above, before = min(top, OVERLAP), min(left, OVERLAP)

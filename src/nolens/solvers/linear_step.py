@@ -143,20 +143,6 @@ class LinearStep:
         """What counts of a vector's light on the sensor."""
         return self._problem.counted(self._form.light(vector)).contiguous()
 
-    def inverse(self, target: Tensor, penalties: Penalties) -> Tensor:
-        """K⁻¹ target, about as near as `solve` comes in one call; v and residual stay.
-
-        Parameters
-        ----------
-        target, penalties
-            As `solve` takes them.
-        """
-        vector, scene, residual = self._vector, self._scene, self._residual
-        self._vector, self._residual = torch.zeros_like(vector), torch.zeros_like(self.residual)
-        self.solve(target, penalties)
-        inverse, self._vector, self._scene, self._residual = self.v, vector, scene, residual
-        return inverse
-
     def noise_gain(self, penalties: Penalties, bands: int) -> Tensor:
         r"""Root mean density, in octaves below 1/2 cycle per pixel, of noise of 1 in v.
 

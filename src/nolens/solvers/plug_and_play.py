@@ -1,11 +1,10 @@
 """Plug-and-play: a trained network in turn with the fit of the measurement."""
 
 import math
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from itertools import islice
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -25,8 +24,8 @@ from nolens.solvers.linear_step import LinearStep
 from nolens.solvers.problem import Problem
 from nolens.solvers.result import Callback, Progress, Result, follow
 
-STRENGTH = 0.7
-"""Of a network that was tuned with it, and of turns on larger pixels."""
+_STRENGTH = 0.7
+"""Of turns on larger pixels."""
 _STRENGTHS = tuple((2 / 3) ** step for step in range(4))
 """Of the first strength, that are tried until one does not predict held-out pixels better than the
 one before by two standard errors: of what neither measurement nor prior holds they say nothing."""
@@ -47,6 +46,8 @@ half)^rise (decision 24)."""
 _ERROR = 0.55
 """Of the model, over the noise, from which on a weaker prior would let it in: the first strength
 stays the most. The photograph then leaves 1.03 times the noise."""
+REFINED_PICTURES = 3
+"""That a `Refinement`'s network takes."""
 _TRIAL_TURNS = 6
 """Of each: too weak a prior lets noise in when the spreads have fallen, and not before."""
 _WHITE = 0.995
@@ -75,30 +76,6 @@ def takes_minutes(channels: int, geometry: Geometry) -> bool:
     """
     padded, scene = channels * math.prod(geometry.padded), math.prod(geometry.scene[2:])
     return padded > MANY_PIXELS and padded + 20 * scene > MINUTES_PIXELS
-
-
-class _Near(torch.autograd.Function):
-    """`Fit.near` as a function of the picture; where the fit starts from counts as given."""
-
-    @staticmethod
-    def forward(ctx: Any, picture: Tensor, fit: "Fit", spread: float) -> Tensor:
-        ctx.fit, ctx.spread = fit, spread
-        fitted = []
-        for number, step in enumerate(fit.steps):
-            unit, penalties = fit.white / fit.scale[number], fit.penalties(number, spread)
-            step.solve(penalties[2] * unit * picture[number : number + 1], penalties)
-            fitted.append(step.v / unit)
-        return torch.cat(fitted)
-
-    @staticmethod
-    def backward(ctx: Any, *slopes: Tensor) -> tuple[Tensor, None, None]:
-        """By the same linear step: dx/dz = K⁻¹ / s², which is symmetric."""
-        fit, (slope,) = ctx.fit, slopes
-        parts = []
-        for number, step in enumerate(fit.steps):
-            penalties = fit.penalties(number, ctx.spread)
-            parts.append(step.inverse(penalties[2] * slope[number : number + 1], penalties))
-        return torch.cat(parts), None, None
 
 
 class Fit:
@@ -198,15 +175,13 @@ class Fit:
         spread
             s: how far z may be from the scene.
         """
-        fitted: Tensor = _Near.apply(picture, self, spread)  # type: ignore[no-untyped-call]
-        noise = [
-            self.noise[number]
-            * self.scale[number]
-            / self.white
-            * step.noise_gain(self.penalties(number, spread), BANDS)
-            for number, step in enumerate(self.steps)
-        ]
-        return fitted, torch.stack(noise)
+        fitted, noise = [], []
+        for number, step in enumerate(self.steps):
+            unit, penalties = self.white / self.scale[number], self.penalties(number, spread)
+            step.solve(penalties[2] * unit * picture[number : number + 1], penalties)
+            fitted.append(step.v / unit)
+            noise.append(self.noise[number] / unit * step.noise_gain(penalties, BANDS))
+        return torch.cat(fitted), torch.stack(noise)
 
 
 @dataclass(frozen=True)
@@ -223,6 +198,10 @@ class Turn:
         z: what the network makes of it, and not below zero.
     multiplier
         d: what it has taken off so far.
+    noise
+        In the fit, of each channel and band, (channels, `BANDS`).
+    spread
+        s: that of the network.
     white
         In units of measurement over PSF.
     strength
@@ -233,6 +212,8 @@ class Turn:
     fit: Tensor
     picture: Tensor
     multiplier: Tensor
+    noise: Tensor
+    spread: float
     white: float
     strength: float
 
@@ -240,6 +221,33 @@ class Turn:
     def scene(self) -> Tensor:
         """The picture in units of measurement over PSF."""
         return self.picture * self.white
+
+    @property
+    def pictures(self) -> Tensor:
+        """What a `Refinement` sees: z, x + d and x, (3, channels, height, width)."""
+        return torch.stack([self.picture, self.picture + self.multiplier, self.fit])
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """A network that mends the picture of the last turn.
+
+    It was trained on what turns leave of measurements by many cameras, which are not quite as their
+    model: noise that has a colour, traces of a PSF that errs, detail that is not there. It gets the
+    picture, what the last network took it from and the fit, and is told the noise in the fit.
+
+    Parameters
+    ----------
+    network
+        Of `REFINED_PICTURES`.
+    """
+
+    network: DenoisingNetwork
+
+    def __call__(self, turn: Turn) -> Tensor:
+        """The picture without what is not of the scene, in units of the white."""
+        network = _on(turn.picture.device, self.network)
+        return denoise(network, turn.pictures, turn.noise, turn.spread).clamp_min(0)
 
 
 @dataclass(frozen=True)
@@ -257,9 +265,8 @@ class PlugAndPlay:
     leaves blocks of pixels out of the fit for some turns (`held_out`), and takes a weaker q where
     that surely predicts them better; its turns go on with all pixels.
 
-    A network that was tuned through the turns, with one strength, is told the noise of the fit, by
-    bands, and s. Turns start from a photograph by total variation, whose white is the unit of all.
-    There is no objective, so their number is fixed.
+    Turns start from a photograph by total variation, whose white is the unit of all. There is no
+    objective, so their number is fixed. A `Refinement` may come after them.
 
     Parameters
     ----------
@@ -267,19 +274,19 @@ class PlugAndPlay:
         D.
     spreads
         s of each turn, in units of the white.
-    white
-        Whether the network takes out white noise, and has not been tuned through the turns.
     facts
         What a record says of it: the prior, and the hash of its weights.
     detail
         What the strength that is chosen is divided by: 2 shows more detail and more noise.
+    refinement
+        Makes the last picture of the last turn's; None leaves that.
     """
 
     network: DenoisingNetwork = field(repr=False)
     spreads: tuple[float, ...]
-    white: bool = False
     facts: dict[str, str] = field(default_factory=dict)
     detail: float = 1.0
+    refinement: Callable[[Turn], Tensor] | None = field(default=None, repr=False)
 
     def turns(
         self,
@@ -311,22 +318,16 @@ class PlugAndPlay:
             multiplier, first = torch.zeros_like(picture), 0
         else:
             picture, multiplier, first = after.picture, after.multiplier, after.number + 1
-        network, device = self.network, problem.data.device
-        if any(each.device != device for each in network.parameters()):
-            # Others may use it where it is.
-            network = deepcopy(network).to(device)
+        network = _on(problem.data.device, self.network)
         for number, spread in enumerate(self.spreads[first:], first):
             # The multiplier d / s² stays where the spread changes.
             multiplier = multiplier * (spread / self.spreads[max(number - 1, 0)]) ** 2
             x, noise = fit.near(picture - multiplier, spread / strength)
             noisy = x + multiplier
-            if self.white:
-                picture = denoise(network, noisy, torch.full_like(noise, spread), turn=number)
-            else:
-                picture = denoise(network, noisy, noise, spread, turn=number)
+            picture = denoise(network, noisy, torch.full_like(noise, spread), turn=number)
             picture = picture.clamp_min(0)
             multiplier = noisy - picture
-            yield Turn(number, x, picture, multiplier, fit.white, strength)
+            yield Turn(number, x, picture, multiplier, noise, spread, fit.white, strength)
 
     @torch.no_grad()
     def solve(
@@ -356,7 +357,7 @@ class PlugAndPlay:
             If a picture is NaN or infinite.
         """
         scene, pixels, done = first.scene, problem, first.iterations
-        few = self.white and coarse is not None and takes_few_turns(problem)
+        few = coarse is not None and takes_few_turns(problem)
         prior = replace(self, spreads=self.spreads[::-2][::-1]) if few else self
 
         def latest() -> Tensor:
@@ -389,20 +390,23 @@ class PlugAndPlay:
         def checks() -> Iterator[Progress]:
             photograph, error = first.scene, None
             if coarse is not None:
-                turns = prior.turns(coarse.problem, photograph, STRENGTH / self.detail)
+                turns = prior.turns(coarse.problem, photograph, _STRENGTH / self.detail)
                 yield from run(coarse.problem, photograph, turns)
                 error = coarse.model_error(photograph, problem)
                 photograph = latest() * problem.scale
-            fit, trial, strength = Fit(problem, photograph, error), None, STRENGTH
-            if self.white:
-                strength = fit.first_strength(self.spreads[-1])
-                if strength < 1:
-                    trial = yield from trials(photograph, fit, strength)
-                    strength = strength if trial is None else trial.strength
+            fit, trial = Fit(problem, photograph, error), None
+            strength = fit.first_strength(self.spreads[-1])
+            if strength < 1:
+                trial = yield from trials(photograph, fit, strength)
+                strength = strength if trial is None else trial.strength
             if self.detail != 1 or (trial is not None and trial.number + 1 == len(self.spreads)):
                 trial = None  # With another strength, or no turn left for the pixels that were out.
             turns = prior.turns(problem, photograph, strength / self.detail, fit, trial)
-            yield from run(problem, photograph if trial is None else trial.scene, turns)
+            start = photograph if trial is None else trial.scene
+            last = yield from run(problem, start, turns)
+            if self.refinement is not None and last is not None:
+                refined = replace(last, picture=self.refinement(last))
+                yield from run(problem, last.scene, [refined])
 
         def trials(
             photograph: Tensor, fit: Fit, strongest: float
@@ -446,3 +450,10 @@ class PlugAndPlay:
 
 def _relative(change: Tensor, whole: Tensor) -> float:
     return float(change.norm() / whole.norm().clamp_min(1e-30))
+
+
+def _on(device: torch.device, network: DenoisingNetwork) -> DenoisingNetwork:
+    """A network on a device; others may use it where it is."""
+    if all(each.device == device for each in network.parameters()):
+        return network
+    return deepcopy(network).to(device)

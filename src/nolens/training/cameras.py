@@ -19,6 +19,7 @@ SMALLEST_PSF = 32
 _ELECTRONS = 300.0, 200_000.0
 """In the brightest pixel of a random camera."""
 _READ_ELECTRONS = 3.0
+_OF_KNOWN = 0.5
 _FILLS = 0.02, 0.9
 """Of the brightest pixel of a known sensor."""
 _LEAST_LIGHT = 0.5
@@ -67,11 +68,22 @@ class TrainingCamera(Protocol):
         """How it takes a scene, with PSFs of (height, width)."""
 
 
+@dataclass(frozen=True)
 class RandomCameras:
-    """Another camera for each scene, of PSFs of many kinds, behind a colour mosaic."""
+    """Another camera for each scene, of PSFs of many kinds, behind a colour mosaic.
+
+    Parameters
+    ----------
+    known
+        Some that half of the scenes are taken with, if there are any.
+    """
+
+    known: "tuple[KnownCamera, ...]" = ()
 
     def view(self, random: np.random.Generator, size: Size) -> CameraView:
         """How one of them takes a scene, with a PSF of (height, width)."""
+        if self.known and random.random() < _OF_KNOWN:
+            return self.known[int(random.integers(len(self.known)))].view(random, size)
         psf = random_psf(random, size)
         gains = torch.tensor([random.uniform(0.3, 0.8), 1.0, random.uniform(0.3, 0.9)])
         electrons = _drawn(random, _ELECTRONS)

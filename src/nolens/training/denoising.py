@@ -61,8 +61,7 @@ class Schedule:
     rate
         Largest step of Adam; it rises over the first twentieth and falls as a cosine.
     patches, side
-        Of a batch: how many, and their pixels along a side; of a network that is tuned through
-        turns, measurements of a step and the smallest side of a photograph.
+        Of a batch: how many, and their pixels along a side.
     precision
         Of the features and their gradients; weights and moments always have float32.
     """
@@ -196,7 +195,7 @@ def without_prefix(prefix: str, arrays: Mapping[str, Tensor]) -> dict[str, Tenso
 
 def network_of(weights: Mapping[str, Tensor], like: DenoisingNetwork) -> DenoisingNetwork:
     """A network of the size of another one, with weights of its own."""
-    network = DenoisingNetwork(like.widths, like.blocks)
+    network = DenoisingNetwork(like.widths, like.blocks, like.pictures)
     network.load_state_dict(weights)
     return network.eval()
 

@@ -1,60 +1,128 @@
 """Simulated measurements to train on, of cameras that differ from their model."""
 
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from nolens.operators import CroppedConvolution, PixelRectangle
-from nolens.solvers import Prior, Problem, admm
+from nolens.solvers import Reconstructor
 from nolens.solvers.held_out import weight_by_noise
+from nolens.solvers.plug_and_play import PlugAndPlay, Turn
 from nolens.training.cameras import RandomCameras, TrainingCamera
 from nolens.training.psfs import altered_psf
 
-_SCENE, _SENSOR = (96, 160), (112, 224)
+_SCENE, _SENSOR = (112, 256), (192, 420)
 """Smallest and largest side of a scene and of a sensor."""
-_ITERATIONS = 16
-"""Of a photograph by total variation."""
-_WEIGHTS = 0.4
-"""Deviation of the logarithm of its weight from that which the noise asks for."""
-_OFF = 0.5
+_WIDER = 1.0, 2.0
+"""A sensor's side over its scene's, where that makes it neither smaller nor larger than above."""
+_STRONGER, _WEIGHTS = 0.2, 0.5
+"""Mean and deviation of the logarithm of total variation's weight over what the noise asks for."""
+_OFF = 0.6
 """Fraction of the measurements whose PSF is not that of the model."""
 
 
 @dataclass(frozen=True)
-class Example:
-    """A problem, and the scene that was there.
+class Shot:
+    """A measurement, the PSF that its camera is taken to have, and the scene that was there.
 
     Parameters
     ----------
-    problem
-        As a reconstruction would have it.
+    psf
+        (channels, height, width).
+    values
+        Linear, (channels, height, width).
+    support
+        Where the scene lies.
     truth
-        On the problem's scene pixels, in units of measurement over PSF.
-    photograph
-        By total variation, in the same units.
+        On the support's pixels, in units of measurement over PSF.
+    valid
+        Pixels that take part in a fit; None for all.
     """
 
-    problem: Problem
-    truth: Tensor
-    photograph: Tensor
+    psf: Tensor = field(repr=False)
+    values: Tensor = field(repr=False)
+    support: PixelRectangle
+    truth: Tensor = field(repr=False)
+    valid: Tensor | None = field(default=None, repr=False)
 
-    def to(self, device: torch.device) -> Self:
-        """The same on a device."""
-        return replace(
-            self,
-            problem=self.problem.to(device),
-            truth=self.truth.to(device),
-            photograph=self.photograph.to(device),
-        )
+
+@dataclass(frozen=True)
+class Example:
+    """The last turn of a reconstruction, and the scene that was there; without colours, three times
+    the same.
+
+    Parameters
+    ----------
+    turn
+        Of the network, of three channels.
+    truth
+        In units of the turn's white, made as bright as the turn's picture.
+    """
+
+    turn: Turn = field(repr=False)
+    truth: Tensor = field(repr=False)
 
 
 def random_size(random: np.random.Generator) -> tuple[int, tuple[int, int]]:
     """Side of a scene, and (height, width) of a sensor."""
-    height, width = (int(random.integers(_SENSOR[0], _SENSOR[1] + 1)) for _ in range(2))
-    return int(random.integers(_SCENE[0], _SCENE[1] + 1)), (height, width)
+    side = int(random.integers(_SCENE[0], _SCENE[1] + 1))
+    height, width = (
+        min(max(int(side * random.uniform(*_WIDER)), _SENSOR[0]), _SENSOR[1]) for _ in range(2)
+    )
+    return side, (height, width)
+
+
+def reconstructed(
+    shot: Shot, prior: PlugAndPlay, random: np.random.Generator, device: torch.device | None = None
+) -> Example:
+    """What the last turn makes of a measurement, by the way that a photograph goes.
+
+    Parameters
+    ----------
+    shot
+        The measurement.
+    prior
+        Whose turns they are.
+    random
+        The weight of the photograph that turns start from comes from it.
+    device
+        Where to compute; None for the CPU. The example is on the CPU.
+    """
+    turns: list[Turn] = []
+
+    def keep(turn: Turn) -> Tensor:
+        turns.append(turn)
+        return turn.picture
+
+    solver = Reconstructor(
+        shot.psf,
+        shot.support,
+        tau=0.0,
+        prior=replace(prior, refinement=keep),
+        device="cpu" if device is None else device,
+    )
+    problem = solver.problem(shot.values, shot.valid)
+    factor = float(np.exp(random.normal(_STRONGER, _WEIGHTS)))
+    solver.solve(problem.weighted(factor * weight_by_noise(problem.by_channel).tau))
+    (last,) = turns
+    truth = shot.truth / last.white
+    picture = last.picture.to(truth)
+    truth = truth * picture.square().sum() / (picture * truth).sum().clamp_min(1e-12)
+
+    def three(each: Tensor) -> Tensor:
+        """On the CPU."""
+        return each.cpu().expand(3, *each.shape[1:])
+
+    last = replace(
+        last,
+        fit=three(last.fit),
+        picture=three(last.picture),
+        multiplier=three(last.multiplier),
+        noise=three(last.noise),
+    )
+    return Example(last, three(truth))
 
 
 def simulate(
@@ -62,7 +130,7 @@ def simulate(
     truth: Tensor,
     sensor: tuple[int, int],
     camera: TrainingCamera | None = None,
-) -> Example:
+) -> Shot:
     """The measurement of a scene by a camera.
 
     Its colours are weighed as behind a mosaic; noise is that of electrons and of reading them. In
@@ -101,11 +169,7 @@ def simulate(
     if off and random.random() < 0.3:
         offsets = random.normal(0, 1, (1, sensor[0], 1)).astype(np.float32)
         noisy = noisy + 0.3 * float(spread.mean()) * torch.from_numpy(offsets)
-    prior = Prior.COLOUR_TV if len(view.psf) == 3 else Prior.TV
-    problem = Problem.build(view.gains * view.psf, noisy, support=support, prior=prior)
-    weight = weight_by_noise(problem.by_channel).tau * float(np.exp(random.normal(0, _WEIGHTS)))
-    first = admm(problem.weighted(weight), iterations=_ITERATIONS, low_frequency=True)
-    return Example(problem, brightness * truth, first.scene)
+    return Shot(view.gains * view.psf, noisy, support, brightness * truth)
 
 
 def _image(psf: Tensor, truth: Tensor, sensor: tuple[int, int], support: PixelRectangle) -> Tensor:

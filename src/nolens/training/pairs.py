@@ -10,7 +10,7 @@ from nolens.evaluate.registration import resampled
 from nolens.operators import PixelRectangle
 from nolens.solvers import Prior, Problem, admm
 from nolens.solvers.held_out import weight_by_noise
-from nolens.training.measurements import Example
+from nolens.training.measurements import Shot
 
 _ITERATIONS = 32
 """Of the photograph by total variation that the picture is laid on."""
@@ -18,7 +18,7 @@ _ITERATIONS = 32
 
 def pair_example(
     measured: Tensor, valid: Tensor, psf: Tensor, picture: Tensor, support: PixelRectangle
-) -> Example:
+) -> Shot:
     """A measurement, and the picture that was there, laid on its reconstruction.
 
     The picture is laid on a photograph by total variation, where it clearly lies beside it, and
@@ -54,7 +54,7 @@ def pair_example(
     if not bool((brightness > 0).all()):
         raise DataError("the measurement shows nothing of the picture")
     truth = problem.unscale(brightness.float() * laid)
-    return Example(problem, truth, first.scene)
+    return Shot(psf, measured, support, truth, valid)
 
 
 def binned_picture(

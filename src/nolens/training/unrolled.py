@@ -1,164 +1,156 @@
-"""Training of a network through all turns of a reconstruction, on random measurements."""
+"""Training of a network that mends what all turns of a reconstruction leave."""
 
-from collections import deque
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import torch
 import torch.nn.functional as nnf
 from torch import Tensor
 
+from nolens.kernels.threads import one_thread
 from nolens.progress import ProgressCallback
-from nolens.solvers.denoising_network import FOLDED, DenoisingNetwork
-from nolens.solvers.plug_and_play import STRENGTH, Fit, PlugAndPlay
+from nolens.solvers.denoising_network import FOLDED, PLANES, DenoisingNetwork, noise_planes
+from nolens.solvers.plug_and_play import REFINED_PICTURES, PlugAndPlay
 from nolens.training.cameras import TrainingCamera
 from nolens.training.denoising import Trainer
-from nolens.training.measurements import Example, random_size, simulate
+from nolens.training.measurements import Example, Shot, random_size, reconstructed, simulate
 from nolens.training.patches import PicturePool
 
-_EXAMPLES = 700
-"""Measurements to draw from, of which the oldest go."""
+_MOST, _LEAST = 1000, 4
+"""Measurements to learn from."""
+_STEPS_OF_EACH = 8
+"""Steps for each of them."""
 _REAL = 1 / 3
-"""Fraction that is of real measurements, where there are any."""
-_MEASURED, _LEAST = 60, 4
-"""Measurements before the first step; a tenth of the steps where there are few."""
-_NEW = 0.15
-"""Measurements that are made for each that is solved."""
-_APART = 0.35
-"""Deviation of the logarithm of a strength: what is too strong for one scene suits another."""
-_COARSE = 0.5
-"""Fraction of the photographs to start from that have half the pixels along a side."""
-_EARLIER = 0.1
-"""Weight of the pictures of earlier turns beside the last one's."""
+"""Fraction of the patches that are of real measurements, where there are any."""
+_NEAR = 1e-3
+"""Error, of the white, below which smaller ones count no more."""
+_OTHERS = 0.02
+"""Deviation of the first weights of pictures that the network did not see before."""
+_SWAPPED = 0.3
+"""Fraction of the patches whose channels are in another order."""
 
 
-def tuned_from_white(network: DenoisingNetwork) -> DenoisingNetwork:
-    """The same network told its white noise as the spread of the picture before.
-
-    What `PlugAndPlay` says of the fit's noise has no effect until training gives it one.
+def refining(network: DenoisingNetwork) -> DenoisingNetwork:
+    """A network of a `Refinement` with features of one that takes out noise; it changes nothing.
 
     Parameters
     ----------
     network
         That takes out white noise.
     """
-    told = DenoisingNetwork(network.widths, network.blocks)
-    told.load_state_dict(network.state_dict())
+    own = DenoisingNetwork(network.widths, network.blocks, REFINED_PICTURES)
+    own.load_state_dict({**own.state_dict(), **_without_head(network)})
     with torch.no_grad():
-        weights = told.head.weight
-        weights[:, -1] = weights[:, FOLDED:-1].sum(dim=1)
-        weights[:, FOLDED:-1] = 0
-    return told
+        before, head = network.head.weight, own.head.weight
+        head.normal_(0, _OTHERS, generator=torch.Generator().manual_seed(0))
+        # The second picture is what the network before saw; its noise was the spread.
+        head[:, FOLDED : 2 * FOLDED] = before[:, :FOLDED]
+        head[:, -PLANES:] = 0
+        head[:, -1] = before[:, FOLDED:].sum(dim=1)
+        own.tail.weight.zero_()
+    return own
 
 
-class TurnLessons:
-    r"""Losses of random measurements, solved by all turns with the network in training.
+def _without_head(network: DenoisingNetwork) -> dict[str, Tensor]:
+    return {
+        name: each for name, each in network.state_dict().items() if not name.startswith("head.")
+    }
 
-    Gradients go through the turns, and through the fits by their own linear step (`monakhova2020`):
-    the network learns what makes the last picture good. Its loss is
 
-    .. math:: \frac{‖z_K − v‖}{‖z_0 − v‖} + \frac{‖z_K − v‖_1}{‖z_0 − v‖_1}
-       + 0.1 \sum_{k<K} \frac{k}{K} \frac{‖z_k − v‖}{‖z_0 − v‖}
+class RefinementLessons:
+    r"""Patches of reconstructions by turns, which do not change, and the loss of each.
 
-    with the scene v and the photograph z₀ by total variation, so that good and poor measurements
-    count alike.
+    With the last turn's picture z, what the network makes of it, F, and the scene v, the loss is
+    the mean of
+
+    .. math:: \log \frac{\overline{(F − v)^2} + ε^2}{\overline{(z − v)^2} + ε^2}
+
+    so that good and poor reconstructions count alike.
 
     Parameters
     ----------
     pool
         Scenes are cut from its pictures.
-    spreads
-        Of the turns.
+    prior
+        Whose turns they are.
     camera
         That measures; None takes another one for each scene.
     pairs
-        Real measurements, which stay; a third of those that are solved, if there are any.
+        Real measurements; a third of the patches is of them, if there are any.
 
     Attributes
     ----------
     examples
-        Simulated measurements, the oldest first.
+        Simulated ones.
     """
 
     def __init__(
         self,
         pool: PicturePool,
-        spreads: tuple[float, ...],
+        prior: PlugAndPlay,
         camera: TrainingCamera | None = None,
-        pairs: Sequence[Example] = (),
+        pairs: Sequence[Shot] = (),
     ) -> None:
-        self._pool, self._spreads, self._camera = pool, spreads, camera
-        self._real = tuple(pairs)
-        self.examples: deque[Example] = deque(maxlen=_EXAMPLES)
+        self._pool, self._prior, self._camera = pool, prior, camera
+        self._pairs = tuple(pairs)
+        self._real: list[Example] = []
+        self.examples: list[Example] = []
 
     def begin(self, trainer: Trainer, progress: ProgressCallback) -> None:
-        """Make the first measurements, which depend on the trainer's seed and step."""
-        seeds = np.random.SeedSequence(trainer.seed, spawn_key=(3, trainer.step))
-        random = np.random.Generator(np.random.Philox(seeds))
-        count = max(_LEAST, min(_MEASURED, trainer.schedule.steps // 10))
-        for number in range(count):
-            self._measure(random)
-            progress((number + 1) / count)
+        """Measure and reconstruct; the same from the same seed."""
+        count = max(_LEAST, min(_MOST, trainer.schedule.steps // _STEPS_OF_EACH))
+        device = trainer.device
+
+        def simulated(number: int) -> Example:
+            random = _random(trainer.seed, 3, number)
+            side, sensor = random_size(random)
+            shot = simulate(random, self._pool.patches(random, 1, side)[0], sensor, self._camera)
+            return reconstructed(shot, self._prior, random, device)
+
+        def real(number: int) -> Example:
+            random = _random(trainer.seed, 4, number)
+            return reconstructed(self._pairs[number], self._prior, random, device)
+
+        with one_thread() as workers, ThreadPoolExecutor(workers) as threads:
+            for number, example in enumerate(threads.map(simulated, range(count)), start=1):
+                self.examples.append(example)
+                progress(number / count)
+            self._real = list(threads.map(real, range(len(self._pairs))))
 
     def losses(self, trainer: Trainer) -> Iterator[Tensor]:
-        """Of the measurements of a step, one after the other."""
-        random = trainer.random()
-        for _ in range(trainer.schedule.patches):
-            if random.random() < _NEW:
-                self._measure(random)
-            real = self._real and random.random() < _REAL
-            among = self._real if real else self.examples
-            example = among[int(random.integers(len(among)))]
-            loss = self.loss(random, trainer.network, example)
-            if bool(torch.isfinite(loss)):
-                yield loss
+        """Of the next patches, which depend on nothing but the trainer's seed and step."""
+        random, schedule = trainer.random(), trainer.schedule
+        patches = [self._patch(random, schedule.side) for _ in range(schedule.patches)]
+        pictures, truth, planes = (
+            torch.cat(each).to(trainer.device) for each in zip(*patches, strict=True)
+        )
+        made = trainer.network(pictures.contiguous(memory_format=torch.channels_last), planes)
+        before, after = (
+            (each - truth).square().mean(dim=(1, 2, 3)) + _NEAR**2
+            for each in (pictures[:, :3], made)
+        )
+        yield (after / before).log().mean()
 
-    def loss(
-        self, random: np.random.Generator, network: DenoisingNetwork, example: Example
-    ) -> Tensor:
-        """Of one measurement.
-
-        Parameters
-        ----------
-        random
-            Strength, and what the turns start from, come from it.
-        network
-            In training.
-        example
-            What was measured.
-        """
-        example = example.to(network.head.weight.device)
-        problem, photograph = example.problem, example.photograph
-        fit = Fit(problem, photograph)
-        start = _halved(photograph) if random.random() < _COARSE else photograph
-        strength = float(np.exp(random.normal(np.log(STRENGTH), _APART)))
-        turns = PlugAndPlay(network, self._spreads).turns(problem, start, strength, fit)
-        loss, count = torch.zeros(()), len(self._spreads)
-        for number, turn in enumerate(turns, start=1):
-            truth = example.truth.to(turn.picture) / turn.white
-            error = turn.picture - truth
-            first = photograph.to(truth) / turn.white - truth
-            part = _ratio(error.square().mean(), first.square().mean()).sqrt()
-            if number < count:
-                loss = loss + _EARLIER * number / count * part.to(loss)
-            else:
-                loss = loss + (part + _ratio(error.abs().mean(), first.abs().mean())).to(loss)
-        return loss
-
-    def _measure(self, random: np.random.Generator) -> None:
-        side, sensor = random_size(random)
-        scene = self._pool.patches(random, 1, side)[0]
-        self.examples.append(simulate(random, scene, sensor, self._camera))
+    def _patch(self, random: np.random.Generator, side: int) -> tuple[Tensor, Tensor, Tensor]:
+        """Pictures, truth and planes of the noise, each with a first dimension of 1."""
+        among = self._real if self._real and random.random() < _REAL else self.examples
+        example = among[int(random.integers(len(among)))]
+        noise = example.turn.noise
+        every = torch.cat([example.turn.pictures.flatten(0, 1), example.truth])
+        missing = [max(side - each, 0) for each in every.shape[1:]]
+        every = nnf.pad(every[None], (0, missing[1], 0, missing[0]), mode="reflect")[0]
+        top, left = (int(random.integers(0, each - side + 1)) for each in every.shape[1:])
+        every = every[:, top : top + side, left : left + side]
+        every = torch.rot90(every, int(random.integers(4)), (1, 2))
+        if random.random() < 0.5:
+            every = every.flip(2)
+        if random.random() < _SWAPPED:
+            order = torch.from_numpy(random.permutation(3))
+            every, noise = every.reshape(-1, 3, side, side)[:, order].flatten(0, 1), noise[order]
+        planes = noise_planes(noise[None], example.turn.spread)
+        return every[None, :-3], every[None, -3:], planes
 
 
-def _ratio(one: Tensor, other: Tensor) -> Tensor:
-    return one / other.clamp_min(1e-9)
-
-
-def _halved(picture: Tensor) -> Tensor:
-    """On half the pixels along a side, and back."""
-    height, width = picture.shape[1:]
-    half = nnf.interpolate(
-        picture[None], size=(max(height // 2, 1), max(width // 2, 1)), mode="area"
-    )
-    return nnf.interpolate(half, size=(height, width), mode="bilinear", align_corners=False)[0]
+def _random(*key: int) -> np.random.Generator:
+    return np.random.Generator(np.random.Philox(np.random.SeedSequence(key[0], spawn_key=key[1:])))

@@ -9,9 +9,9 @@ from torch import Tensor
 
 from nolens.progress import ProgressCallback
 from nolens.solvers.denoising_network import STEP, DenoisingNetwork, noise_planes
-from nolens.solvers.plug_and_play import STRENGTH, PlugAndPlay
+from nolens.solvers.plug_and_play import PlugAndPlay, Refinement
 from nolens.training.cameras import TrainingCamera
-from nolens.training.measurements import Example, random_size, simulate
+from nolens.training.measurements import Example, Shot, random_size, reconstructed, simulate
 from nolens.training.patches import photograph_patch
 from nolens.training.pictures import training_picture
 
@@ -89,18 +89,18 @@ def noisy_pictures(photographs: Sequence[Tensor] = ()) -> HeldOut:
 
 
 def measured_pictures(
-    spreads: tuple[float, ...],
+    prior: PlugAndPlay,
     camera: TrainingCamera | None = None,
     photographs: Sequence[Tensor] = (),
-    pairs: Sequence[Example] = (),
+    pairs: Sequence[Shot] = (),
     progress: ProgressCallback | None = None,
 ) -> HeldOut:
-    """Measurements of pictures, solved by fit and network in turn.
+    """Measurements of pictures, reconstructed by turns; a network mends what they leave.
 
     Parameters
     ----------
-    spreads
-        Of the turns.
+    prior
+        Whose turns they are.
     camera
         That measures; None takes another one for each picture.
     photographs
@@ -112,26 +112,22 @@ def measured_pictures(
     """
     random = _random()
     pictures = _pictures(random, photographs, _MEASURED, lambda: random_size(random)[0])
-    items: dict[str, list[Example]] = {kind: [] for kind in pictures}
-    done, count = 0, sum(map(len, pictures.values()))
+    items: dict[str, list[Example]] = {kind: [] for kind in (*pictures, *(["pairs"] * bool(pairs)))}
+    done, count = 0, sum(map(len, pictures.values())) + len(pairs)
+
+    def add(kind: str, shot: Shot) -> None:
+        nonlocal done
+        items[kind].append(reconstructed(shot, prior, random))
+        done += 1
+        if progress is not None:
+            progress(done / count)
+
     for kind, those in pictures.items():
         for picture in those:
-            items[kind].append(simulate(random, picture, random_size(random)[1], camera))
-            done += 1
-            if progress is not None:
-                progress(done / count)
-
-    if pairs:
-        items["pairs"] = list(pairs)
-
-    def solved_db(network: DenoisingNetwork, item: object) -> float:
-        assert isinstance(item, Example)
-        with torch.no_grad():
-            prior = PlugAndPlay(network, spreads)
-            *_, last = prior.turns(item.problem, item.photograph, STRENGTH)
-        return _db(last.scene - item.truth, float(item.truth.max()))
-
-    return HeldOut(items, solved_db, _photograph_db)
+            add(kind, simulate(random, picture, random_size(random)[1], camera))
+    for shot in pairs:
+        add("pairs", shot)
+    return HeldOut(items, _refined_db, _turn_db)
 
 
 def _random() -> np.random.Generator:
@@ -174,9 +170,15 @@ def _noisy_db(item: object) -> float:
     return _db(item.noisy - item.clean)
 
 
-def _photograph_db(item: object) -> float:
+def _refined_db(network: DenoisingNetwork, item: object) -> float:
     assert isinstance(item, Example)
-    return _db(item.photograph - item.truth, float(item.truth.max()))
+    with torch.inference_mode():
+        return _db(Refinement(network)(item.turn) - item.truth, float(item.truth.max()))
+
+
+def _turn_db(item: object) -> float:
+    assert isinstance(item, Example)
+    return _db(item.turn.picture - item.truth, float(item.truth.max()))
 
 
 def _db(error: Tensor, white: float = 1.0) -> float:

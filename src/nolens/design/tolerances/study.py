@@ -1,8 +1,7 @@
 """A study of tolerances: many cameras drawn at random, their yield, and what may be allowed."""
 
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any, Literal
@@ -26,6 +25,7 @@ from nolens.design.tolerances.patch import Patch
 from nolens.design.tolerances.sensitivity import Criterion, Response, evaluate, respond, sweep
 from nolens.design.tolerances.sharpness import Limit, Sharpness
 from nolens.errors import OptionError
+from nolens.kernels.threads import one_thread
 from nolens.twin import Light, colours_of, preview_model
 
 LEVELS = (0.98, 0.90, 0.80, 0.50, 0.10)
@@ -411,7 +411,7 @@ class StudyPlan:
         OptionError
             If the camera as it is described shows nothing to measure, or no camera meets the limit.
         """
-        with _one_thread():
+        with one_thread():
             response = respond(
                 self.criterion,
                 self.parameters,
@@ -514,14 +514,3 @@ def _number_of(name: str, parameters: tuple[Parameter, ...], camera: Camera) -> 
             f"{', '.join(names)}: add it, with any tolerance and its distribution"
         )
     return names.index(full)
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Leave the threads to cameras: for one of them alone, torch's cost more than they give."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)

@@ -47,6 +47,7 @@ from nolens.files.dataset import (
 from nolens.jobs.dataset.options import DatasetOptions
 from nolens.jobs.dataset.recipe import Recipe, Views
 from nolens.jobs.run import Product, Run, Writer, job
+from nolens.kernels.threads import one_thread
 from nolens.optics import PointSource
 
 _TIMED = 3
@@ -264,15 +265,15 @@ def _announce(
     run: Run[DatasetOptions], recipe: Recipe, work: DatasetWork, items: list[int], workers: int
 ) -> None:
     """Say how long it takes and how large it becomes, by a few items."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    call, seconds, size = work.prepare(), [], 0
-    for index in items[:_TIMED]:  # Most often of one camera, whose PSFs are computed for the first.
-        begin = time.perf_counter()
-        item = call(recipe.load(index))
-        seconds.append(time.perf_counter() - begin)
-        size += len(item["measurement"]) + len(item["truth"])
-    torch.set_num_threads(threads)
+    seconds, size = [], 0
+    with one_thread():
+        call = work.prepare()
+        # Most often they are of one camera, whose PSFs are computed for the first.
+        for index in items[:_TIMED]:
+            begin = time.perf_counter()
+            item = call(recipe.load(index))
+            seconds.append(time.perf_counter() - begin)
+            size += len(item["measurement"]) + len(item["truth"])
     each_s, total = min(seconds), size / len(seconds) * len(items)
     # Every worker computes the PSFs of every camera once, and one of them those that are stored.
     psfs_s = 2 * (max(seconds) - each_s) * len(recipe.views)

@@ -5,9 +5,10 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import torch
 
-from nolens.camera import FieldPsf
+from nolens.camera import FieldPsf, LoadedCamera, RandomLenslets
 from nolens.camera.psf_set import depth_um
 from nolens.errors import DataError, FileError
 from nolens.experiments.virtual_experiment import VirtualExperiment
@@ -16,21 +17,25 @@ from nolens.files.psf_folder import PsfFolder
 from nolens.jobs.run import Run
 from nolens.jobs.training.options import TrainOptions
 from nolens.optics import PointSource
-from nolens.progress import part_of
-from nolens.training.cameras import SMALLEST_PSF, KnownCamera
+from nolens.progress import ProgressCallback, part_of
+from nolens.quantities import Length
+from nolens.training.cameras import SMALLEST_PSF, KnownCamera, RandomCameras, TrainingCamera
 from nolens.twin import LARGEST_ANGLE_DEG, Light, distance_um, preview_model
 
-_LARGEST_PSF = 512
-"""Pixels along a side of a computed PSF, of which scenes to train on need 384."""
+_LARGEST_PSF = 676
+"""Pixels along a side of a computed PSF, which the largest scene and sensor to train on need."""
 _LIGHT, _WAVELENGTHS = "white-led", 3
 _DIAMETER_UM = 50.0
+_SIMULATED = 12
+_LARGER, _FLATTER, _PIXELS = (-0.5, 1.0), (-0.2, 0.5), (-0.2, 0.5)
+"""Logarithms of factors on the paper's lenslets, on their radius beyond that, and on its pixels."""
 _PLACES = (0, 0), (0, 1), (1, 0), (-0.7, -0.7)
 """Of the field points, over half of the scene's angle."""
 _REMEDY = "a camera with fewer or larger pixels, or a coarser grid of its relief, needs less"
 
 
-def training_camera(run: Run[TrainOptions]) -> KnownCamera | None:
-    """The camera of the options; None where there is none.
+def training_camera(run: Run[TrainOptions]) -> TrainingCamera | None:
+    """The camera of the options, random ones where they name none; None of white noise.
 
     Raises
     ------
@@ -38,8 +43,10 @@ def training_camera(run: Run[TrainOptions]) -> KnownCamera | None:
         If it has no PSF, or one that is too small, or has other channels than grey or three.
     """
     name = run.options.camera
-    if name is None:
+    if run.options.prior == "denoiser":
         return None
+    if name is None:
+        return _random_cameras(run)
     folder = Path(name).expanduser()
     if (folder / PSFS_FILE).is_file():
         return _checked(_of_folder(run, folder), name)
@@ -72,7 +79,47 @@ def _of_folder(run: Run[TrainOptions], path: Path) -> KnownCamera:
 
 def _simulated(run: Run[TrainOptions], name: str) -> KnownCamera:
     """A camera by PSFs that the twin computes at a few field points."""
-    options, loaded = run.options, run.camera(name)
+    return _by_twin(run, run.camera(name), partial(run.reporter.advance, "PSFs"))
+
+
+def _random_cameras(run: Run[TrainOptions]) -> RandomCameras:
+    """Random ones, and some of random lenslets over the paper's layers, by the twin: their PSFs are
+    as diffraction makes them, and change over the field.
+    """
+    random = np.random.default_rng(run.options.seed)
+    paper = run.camera("paper")
+    relief, sensor = paper.camera.mask.relief, paper.camera.sensor
+    assert isinstance(relief, RandomLenslets)
+    known = []
+    for number in range(_SIMULATED):
+        by = math.exp(random.uniform(*_LARGER))
+        lenslets = {
+            "pitch": _times(relief.pitch, by),
+            "radius": _times(relief.radius, by * math.exp(random.uniform(*_FLATTER))),
+            "seed": int(random.integers(2**31)),
+        }
+        pixels = {
+            "pitch": _times(sensor.pitch, math.exp(random.uniform(*_PIXELS))),
+            "rows": 2 * _LARGEST_PSF,
+            "columns": 2 * _LARGEST_PSF,
+        }
+        part = {"sensor": sensor.model_copy(update=pixels)}
+        loaded = paper.with_relief(relief.model_copy(update=lenslets))
+        loaded = replace(loaded, camera=loaded.camera.model_copy(update=part))
+        progress = partial(run.reporter.advance, "simulated cameras")
+        known.append(_by_twin(run, loaded, part_of(progress, number, _SIMULATED)))
+    return RandomCameras(tuple(known))
+
+
+def _times(length: Length, factor: float) -> Length:
+    return Length(f"{factor * length.um:.4g}", "um")
+
+
+def _by_twin(
+    run: Run[TrainOptions], loaded: LoadedCamera, progress: ProgressCallback
+) -> KnownCamera:
+    """A camera by PSFs that the twin computes at a few field points."""
+    options = run.options
     preview = VirtualExperiment(preview_model(loaded), Light(_LIGHT), _WAVELENGTHS)
     away = distance_um(options.distance, loaded)
     tangent = math.tan(options.angle.rad / 2)
@@ -91,7 +138,7 @@ def _simulated(run: Run[TrainOptions], name: str) -> KnownCamera:
         experiment.psf(
             source,
             size,
-            part_of(partial(run.reporter.advance, "PSFs"), number, len(sources)),
+            part_of(progress, number, len(sources)),
         )
         for number, source in enumerate(sources)
     ]

@@ -48,7 +48,7 @@ def weights_card(
         "start": start,
         "seed": options.seed,
         "steps": course.trainer.step,
-        "steps_planned": options.count,
+        "steps_planned": options.steps,
         "best_step": int(best["step"]),
         "rate": options.largest_rate,
         "precision": options.precision,

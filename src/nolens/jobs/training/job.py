@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -23,21 +23,20 @@ from nolens.jobs.training.card import rounded, weights_card
 from nolens.jobs.training.options import TrainOptions
 from nolens.jobs.training.pairs import Pairs, training_pairs
 from nolens.solvers.denoising_network import DenoisingNetwork
-from nolens.solvers.plug_and_play import PlugAndPlay
-from nolens.training.cameras import KnownCamera
+from nolens.solvers.plug_and_play import PlugAndPlay, Refinement
+from nolens.training.cameras import TrainingCamera
 from nolens.training.course import Course, Lessons
-from nolens.training.denoising import NoiseLessons, Schedule, Trainer
+from nolens.training.denoising import NoiseLessons, Schedule, Trainer, network_of
 from nolens.training.patches import PicturePool
-from nolens.training.unrolled import TurnLessons, tuned_from_white
+from nolens.training.unrolled import RefinementLessons, refining
 from nolens.training.validation import ALL, HeldOut, measured_pictures, noisy_pictures
 
 SPREADS = tuple(0.3 * (2 / 15) ** (turn / 9) for turn in range(10))
-"""Of a prior that does not start from weights of its own kind (`PlugAndPlay`)."""
-BATCHES = {"denoiser": (24, 64), "unrolled": (2, 96)}
-"""Patches of a batch or measurements of a step, and least pixels along a side."""
+"""Of a denoiser's turns (`PlugAndPlay`)."""
+BATCHES = {"denoiser": (24, 64), "unrolled": (12, 96)}
+"""Patches of a batch, and pixels along a side."""
 _CHECKPOINT_S = 180.0
 """From one to the next."""
-_SHIPPED: dict[str, Callable[[], PlugAndPlay]] = {"denoiser": denoiser}
 
 
 @job
@@ -51,12 +50,12 @@ def train(run: Run[TrainOptions]) -> Product[PlugAndPlay]:
     """
     options, reporter = run.options, run.reporter
     schedule = Schedule(
-        options.count, options.largest_rate, *BATCHES[options.prior], options.precision
+        options.steps, options.largest_rate, *BATCHES[options.prior], options.precision
     )
     photographs = _photographs(run, options.photographs, schedule.side)
     validation = _photographs(run, options.validation, schedule.side)
     first, start = _first(run)
-    trainer = Trainer(first.network, schedule, options.seed, run.device)
+    trainer = Trainer(first, schedule, options.seed, run.device)
     resumed = None if options.resume is None else _read_checkpoint(run, trainer)
     camera = training_camera(run)
     pairs = training_pairs(run, schedule.side)
@@ -67,19 +66,18 @@ def train(run: Run[TrainOptions]) -> Product[PlugAndPlay]:
     pool = PicturePool.generate(
         options.pictures, options.seed, photographs, partial(reporter.advance, "pictures")
     )
-    lessons, held_out = _lessons(run, first.spreads, pool, camera, pairs, validation)
+    lessons, held_out = _lessons(run, pool, camera, pairs, validation)
     course = Course(trainer, lessons, held_out, options.patience)
     if resumed is not None:
         _restore(run.options, course, resumed)
-    lessons.begin(trainer, partial(reporter.advance, "first measurements"))
+    lessons.begin(trainer, partial(reporter.advance, "measurements"))
     interrupted = _follow(run, course, about)
     # Before the check, which an uninterrupted run would not do here.
     checkpoint = _checkpoint(course, about) if interrupted else None
     course.check()
-    if course.got_no_better and not interrupted and trainer.step < options.count:
+    if course.got_no_better and not interrupted and trainer.step < options.steps:
         reporter.note(f"{options.patience} checks brought no better weights: the training ends")
-    facts: dict[str, str] = {"prior": options.prior}
-    prior = replace(first, network=course.best, facts=facts)
+    prior = _prior(options, course.best)
     before = held_out.scores_before()
     writers = weights_writers(options.output, prior, weights_card(options, course, start, before))
     if checkpoint is not None:
@@ -87,12 +85,12 @@ def train(run: Run[TrainOptions]) -> Product[PlugAndPlay]:
     figures = {
         "prior": options.prior,
         "steps": trainer.step,
-        "steps_planned": options.count,
+        "steps_planned": options.steps,
         "stop_reason": _reason(course, interrupted),
         "validation_db": round(course.scores[ALL], 3),
         "validation_before_db": round(before[ALL], 3),
         "scores_db": rounded(course.scores),
-        "spreads": list(first.spreads),
+        "spreads": list(prior.spreads),
         "start": start,
     }
     return Product(
@@ -126,52 +124,76 @@ def _photographs(run: Run[TrainOptions], folder: Path | None, side: int) -> list
     return photographs
 
 
-def _first(run: Run[TrainOptions]) -> tuple[PlugAndPlay, dict[str, Any]]:
-    """The prior to start from, and what a card says of it."""
+def _first(run: Run[TrainOptions]) -> tuple[DenoisingNetwork, dict[str, Any]]:
+    """The network to start from, and what a card says of it."""
     options = run.options
-    first = options.first
-    spreads, white = SPREADS, options.prior == "denoiser"
+    first, unrolled = options.first, options.prior == "unrolled"
     if first == "none":
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(options.seed)
-            return PlugAndPlay(DenoisingNetwork(), spreads, white), {"weights": "none"}
+            network = DenoisingNetwork()
+        return (refining(network) if unrolled else network), {"weights": "none"}
     if isinstance(first, Path):
         run.reads({"weights to start from": first})
         before = read_weights(first)
+        if before.facts["weights_sha256"] != denoiser().facts["weights_sha256"]:
+            _check_kind(options, before)
     else:
-        try:
-            before = _SHIPPED[first]()
-        except FileError:
-            raise FileError(
-                f"the weights {first}, which training starts from, did not come with this nolens: "
-                "give others (--start FILE.npz), or begin with none (--start none)"
-            ) from None
-    if before.facts["prior"] == options.prior:
-        spreads = before.spreads
-    if before.white and not white:
-        network = tuned_from_white(before.network)
-    else:
-        network = DenoisingNetwork(before.network.widths, before.network.blocks)
-        network.load_state_dict(before.network.state_dict())
+        before = _shipped_denoiser()
     name = first.name if isinstance(first, Path) else first
     facts = {"weights": name, "sha256": before.facts["weights_sha256"]}
-    return PlugAndPlay(network, spreads, white), facts
+    if isinstance(before.refinement, Refinement):
+        return _copy(before.refinement.network), facts
+    return (refining(before.network) if unrolled else _copy(before.network)), facts
+
+
+def _check_kind(options: TrainOptions, before: PlugAndPlay) -> None:
+    kind = "unrolled" if isinstance(before.refinement, Refinement) else "denoiser"
+    if kind != options.prior:
+        raise OptionError(
+            f"--start {options.start} holds weights of --prior {kind}, and --prior "
+            f"{options.prior} is trained: give weights of that (an unrolled prior mends what the "
+            "denoiser that comes with nolens leaves, no other), or leave --start out"
+        )
+
+
+def _shipped_denoiser() -> PlugAndPlay:
+    try:
+        return denoiser()
+    except FileError:
+        raise FileError(
+            "the weights denoiser, which training starts from, did not come with this nolens: "
+            "begin with none (--prior denoiser --start none)"
+        ) from None
+
+
+def _copy(network: DenoisingNetwork) -> DenoisingNetwork:
+    return network_of(network.state_dict(), like=network)
+
+
+def _prior(options: TrainOptions, network: DenoisingNetwork) -> PlugAndPlay:
+    """The prior that a trained network makes."""
+    if options.prior == "denoiser":
+        return PlugAndPlay(network, SPREADS, {"prior": options.prior})
+    turns = _shipped_denoiser()
+    facts = {"prior": options.prior, "refines": turns.facts["weights_sha256"]}
+    return replace(turns, facts=facts, refinement=Refinement(network))
 
 
 def _lessons(
     run: Run[TrainOptions],
-    spreads: tuple[float, ...],
     pool: PicturePool,
-    camera: KnownCamera | None,
+    camera: TrainingCamera | None,
     pairs: Pairs,
     validation: list[Tensor],
 ) -> tuple[Lessons, HeldOut]:
     """What is learnt from, and what tells how much was learnt."""
     if run.options.prior == "denoiser":
         return NoiseLessons(pool), noisy_pictures(validation)
+    turns = _shipped_denoiser()
     watch = partial(run.reporter.advance, "measurements held out")
-    held_out = measured_pictures(spreads, camera, validation, pairs.held_out, watch)
-    return TurnLessons(pool, spreads, camera, pairs.learnt), held_out
+    held_out = measured_pictures(turns, camera, validation, pairs.held_out, watch)
+    return RefinementLessons(pool, turns, camera, pairs.learnt), held_out
 
 
 def _follow(run: Run[TrainOptions], course: Course, about: dict[str, Any]) -> bool:
@@ -180,7 +202,7 @@ def _follow(run: Run[TrainOptions], course: Course, about: dict[str, Any]) -> bo
     while not course.ended:
         course.advance()
         state = f"{course.history[-1]['validation_db']:.2f} dB" if course.history else ""
-        if run.reporter.step("step", course.trainer.step, options.count, "the weights", state):
+        if run.reporter.step("step", course.trainer.step, options.steps, "the weights", state):
             return not course.ended
         if time.monotonic() - stored > _CHECKPOINT_S:
             _checkpoint(course, about)(options.state)
@@ -202,7 +224,7 @@ def _identity(run: Run[TrainOptions], start: dict[str, Any]) -> dict[str, Any]:
         **files,
         "prior": options.prior,
         "start": start.get("sha256", "none"),
-        "steps": options.count,
+        "steps": options.steps,
         "rate": options.largest_rate,
         "precision": options.precision,
         "seed": options.seed,

@@ -18,8 +18,7 @@ from nolens.training.validation import MOST_GENERATED
 
 TrainedPrior = Literal["denoiser", "unrolled"]
 PICTURES, COURSE = "Pictures", "Course of the training"
-STEPS = {"denoiser": 6_000, "unrolled": 1_500}
-RATES = {"denoiser": 1.5e-3, "unrolled": 2e-4}
+RATES = {"denoiser": 1.5e-3, "unrolled": 4e-4}
 
 
 def _weights(path: Path) -> Path:
@@ -67,16 +66,16 @@ class TrainOptions(JobOptions):
     prior: Annotated[
         TrainedPrior,
         Option(
-            "unrolled learns all turns of a reconstruction, on measurements by your camera or by "
-            "random ones; denoiser learns white noise.",
+            "unrolled learns to mend what a reconstruction by the denoiser leaves, of measurements "
+            "by your camera or by random ones; denoiser learns white noise.",
             label="Prior",
         ),
     ] = "unrolled"
     start: Annotated[
         Literal["denoiser", "none"] | Annotated[FilePath, AfterValidator(_weights)] | None,
         Option(
-            "Weights to start from: the denoiser that comes with nolens, an .npz of yours, whose "
-            "size the network then has, or none.",
+            "Weights to start from: the denoiser that comes with nolens, an .npz of yours for the "
+            "same prior, whose size the network then has, or none.",
             default="denoiser",
         ),
     ] = None
@@ -102,10 +101,7 @@ class TrainOptions(JobOptions):
         Field(min_length=1, max_length=1000),
         Option("Of the photographs, for the card, such as cc0-1.0."),
     ] = "not stated"
-    steps: Annotated[
-        Annotated[int, Between(1, 1_000_000)] | None,
-        Option("Batches to learn from.", default="6000 for denoiser, 1500 for unrolled"),
-    ] = None
+    steps: Annotated[int, Between(1, 1_000_000), Option("Batches to learn from.")] = 6_000
     seed: Annotated[Seed, Option("Of everything random in the training.")] = 0
     resume: Annotated[
         FilePath | None,
@@ -147,7 +143,7 @@ class TrainOptions(JobOptions):
         Option(
             "Largest step of the optimiser.",
             COURSE,
-            default="0.0015 for denoiser, 0.0002 for unrolled",
+            default="0.0015 for denoiser, 0.0004 for unrolled",
         ),
     ] = None
     patience: Annotated[
@@ -206,11 +202,6 @@ class TrainOptions(JobOptions):
     def state(self) -> Path:
         """File of the checkpoint, as long as the training goes on."""
         return self.output.with_suffix(".state.npz")
-
-    @property
-    def count(self) -> int:
-        """Of the steps."""
-        return self.steps or STEPS[self.prior]
 
     @property
     def largest_rate(self) -> float:

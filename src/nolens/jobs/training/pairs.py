@@ -13,11 +13,11 @@ from nolens.files.psf_folder import PsfFolder
 from nolens.jobs.run import Run
 from nolens.jobs.training.options import TrainOptions
 from nolens.solvers import Development, choose_psf
-from nolens.training.measurements import Example
+from nolens.training.measurements import Shot
 from nolens.training.pairs import binned_picture, pair_example
 
 _MEASURED, _PICTURES, _DARK = "measured", "pictures", "dark.tif"
-_LARGEST = 224
+_LARGEST = 420
 """Side of a measurement in pixels, to which larger ones are binned."""
 _HELD_OUT = 5
 """Of so many pairs one is held out, and one of fewer."""
@@ -27,8 +27,8 @@ _HELD_OUT = 5
 class Pairs:
     """Pairs to learn from, and those that are held out."""
 
-    learnt: tuple[Example, ...] = ()
-    held_out: tuple[Example, ...] = ()
+    learnt: tuple[Shot, ...] = ()
+    held_out: tuple[Shot, ...] = ()
 
 
 def training_pairs(run: Run[TrainOptions], side: int) -> Pairs:
@@ -80,7 +80,7 @@ def training_pairs(run: Run[TrainOptions], side: int) -> Pairs:
     return Pairs(tuple(examples[:-count]), tuple(examples[-count:]))
 
 
-def _example(development: Development, frame: Frame, path: Path, side: int) -> Example:
+def _example(development: Development, frame: Frame, path: Path, side: int) -> Shot:
     picture = read_picture(path).radiance
     size = development.measurement(frame).size
     by = math.ceil(max(size) / _LARGEST)
