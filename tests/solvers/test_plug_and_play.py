@@ -19,7 +19,8 @@ from nolens.solvers.denoising_network import (
     tiles,
 )
 from nolens.solvers.held_out import channel_noise
-from nolens.solvers.plug_and_play import Fit, PlugAndPlay
+from nolens.solvers.plug_and_play import Fit, PlugAndPlay, Refinement, Turn
+from nolens.training.unrolled import refining
 
 CASE = Case(sensor=(20, 22), psf=(20, 22), support=PixelRectangle(3, 4, 12, 13), channels=3)
 
@@ -280,6 +281,42 @@ def test_strength_by_held_out_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
     result = prior.solve(problem, first)
     strengths = [row["penalty_1"] for row in result.history[len(first.history) :]]
     assert strengths == [1.0] * len(prior.spreads)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_a_refinement_makes_the_last_picture(channels: int, network: DenoisingNetwork) -> None:
+    """Of the last turn, once; its network starts as one that changes nothing."""
+    posed = pose(replace(CASE, channels=channels))
+    psf, data = (torch.from_numpy(each).float() for each in (posed.psf, posed.data))
+    problem = Problem.build(psf, data, support=CASE.support, tau=1e-3)
+    first = Reconstructor(torch.empty(0)).solve(problem)
+    seen: list[Turn] = []
+
+    def half(turn: Turn) -> Tensor:
+        seen.append(turn)
+        return turn.picture / 2
+
+    turns = PlugAndPlay(network, (0.5, 0.2))
+    plain = turns.solve(problem, first)
+    result = replace(turns, refinement=half).solve(problem, first)
+    torch.testing.assert_close(result.scene, plain.scene / 2)
+    assert [turn.number for turn in seen] == [1]
+    assert result.iterations == plain.iterations + 1 == result.history[-1]["iteration"]
+    assert seen[0].pictures.shape == (3, channels, 12, 13)
+    same = Refinement(refining(network).requires_grad_(False))
+    torch.testing.assert_close(same(seen[0]), seen[0].picture)
+    torch.nn.init.normal_(same.network.tail.weight)
+    mended = same(seen[0])
+    assert mended.shape == seen[0].picture.shape and float(mended.min()) >= 0
+    assert not torch.equal(mended, seen[0].picture)
+    # In other units of brightness it is the same.
+    brighter = {
+        name: 7 * getattr(seen[0], name) for name in ("fit", "picture", "multiplier", "noise")
+    }
+    scaled = same(replace(seen[0], **brighter, spread=7 * seen[0].spread))
+    torch.testing.assert_close(scaled, 7 * mended, rtol=1e-4, atol=1e-4)
+    stopped = replace(turns, refinement=half).solve(problem, first, lambda _: True)
+    assert stopped.stop_reason == "callback" and len(seen) == 1
 
 
 def test_a_run_that_is_stopped_keeps_its_picture(problem: Problem) -> None:
