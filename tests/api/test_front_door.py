@@ -307,6 +307,8 @@ REFUSED = {
                    "both choose"),
     "quality": (lambda shot, psf: nl.reconstruct(shot, psf, quality="best"), "give one of draft"),
     "channels": (lambda shot, psf: nl.reconstruct(np.ones((4, 9, 9)), psf), "4 channels"),
+    "same": (lambda shot, psf: nl.reconstruct(psf.values, psf.values),
+             "^the measurement and the PSF array hold the same values"),
     "support": (lambda shot, psf: nl.reconstruct(shot, psf, support="9x9"), "or None for no limit"),
     "one psf": (lambda shot, psf: nl.refocus(shot, {"8cm": psf}), "two distances"),
     "no unit": (lambda shot, psf: nl.refocus(shot, {"8": psf, "50cm": psf}), "unit"),

@@ -170,7 +170,7 @@ def test_colours_that_do_not_fit():
         prepare_psf(spot(24, 30, 3, **RGB), scene(24, 30))
     with pytest.raises(DataError, match=r"R, G, B.*has G: .*--channels"):
         prepare_psf(spot(24, 30, 3, **RGB), scene(24, 30, channels=("G",)))
-    with pytest.raises(DataError, match=r"RGGB, but the measurement raw.dng has BGGR"):
+    with pytest.raises(DataError, match=r"RGGB, but raw.dng has BGGR"):
         prepare_psf(spot(24, 30, 3, mosaic="RGGB", **RGB), scene(24, 30, 3, mosaic="BGGR", **RGB))
 
 
@@ -244,7 +244,7 @@ def test_saturated_measurement_is_doubted():
     assert prepare_psf(psf, few).warnings == ()
     valid[0, :2, :30] = False
     (warning,) = prepare_psf(psf, few).warnings
-    assert re.search(r"3 % of the measurement raw\.dng cannot be used", warning)
+    assert re.search(r"3 % of raw\.dng cannot be used", warning)
 
 
 def test_black_level_that_was_not_subtracted_is_doubted():

@@ -31,6 +31,8 @@ Progress = bool | Callable[[float], object]
 _NAMES = {1: ("grey",), 3: ("R", "G", "B")}
 _WHITE = {"uint8": 255.0, "uint16": 65535.0}
 _CHANNELS = (1, 3)
+_WITH_ROLE = ("PSF", "dark frame", "flat field")
+"""What messages name with its role before its source."""
 
 
 def load(path: str | Path, *, mosaic: str | None = None, bgr: bool = False) -> Frame:
@@ -105,7 +107,10 @@ def frame_of(value: Raw, what: str) -> Frame:
                 "(channels, height, width)"
             )
         names = _NAMES[values.shape[0]]
-    return Frame(values, names, None, (0.0,), None, "float32", f"the {what}", black_stated=True)
+    # Messages say "the PSF psf.tif", "the dark frame dark.tif", and of a measurement "raw.tif".
+    of_role = next((role for role in _WITH_ROLE if what.startswith(role)), None)
+    source = f"the {what}" if of_role is None else f"array{what.removeprefix(of_role)}"
+    return Frame(values, names, None, (0.0,), None, "float32", source, black_stated=True)
 
 
 def radiance_of(scene: Scene) -> tuple[Tensor, Tensor | None]:

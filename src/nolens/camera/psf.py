@@ -120,7 +120,7 @@ def prepare_psf(
     warnings = check_psf(psf, values)
     if torch.equal(values, measurement.values):
         raise DataError(
-            f"the measurement {measurement.source} and the PSF {psf.source} hold the same values: "
+            f"{measurement.source} and the PSF {psf.source} hold the same values: "
             "give what the sensor measured of the scene, and what it measured of a point source"
         )
     warnings += _pair_warnings(psf, values, measurement)
@@ -185,15 +185,15 @@ def _sides(values: Tensor, axis: int, need: int) -> tuple[int, int]:
 def sizes_text(psf: Measurement, measurement: Measurement) -> str:
     """The sizes of both, for messages."""
     return (
-        f"the PSF {psf.source} has {psf.size_text} pixels, the measurement {measurement.source} "
-        f"has {measurement.size_text}"
+        f"the PSF {psf.source} has {psf.size_text} pixels, {measurement.source} has "
+        f"{measurement.size_text}"
     )
 
 
 def _check_colours(psf: Measurement, measurement: Measurement) -> None:
     if psf.mosaic and measurement.mosaic and psf.mosaic != measurement.mosaic:
         raise DataError(
-            f"the PSF {psf.source} has the colour mosaic {psf.mosaic}, but the measurement "
+            f"the PSF {psf.source} has the colour mosaic {psf.mosaic}, but "
             f"{measurement.source} has {measurement.mosaic}: take both with the same readout"
         )
     if psf.channels in (("grey",), measurement.channels):
@@ -205,7 +205,7 @@ def _check_colours(psf: Measurement, measurement: Measurement) -> None:
         else "choose channels that both have (--channels)"
     )
     raise DataError(
-        f"the PSF {psf.source} has the channels {names}, but the measurement "
+        f"the PSF {psf.source} has the channels {names}, but "
         f"{measurement.source} has {need}: {remedy}. A grey PSF serves any channel"
     )
 
@@ -330,8 +330,8 @@ def _pair_warnings(psf: Measurement, values: Tensor, measurement: Measurement) -
     saturated = float((~measurement.valid).float().mean())
     if saturated > _SATURATED_MEASUREMENT:
         texts.append(
-            f"{100 * saturated:.2g} % of the measurement {measurement.source} cannot be used, as "
-            "it is saturated or has no flat field, and is left out of the fit: a shorter exposure "
+            f"{100 * saturated:.2g} % of {measurement.source} cannot be used, as it is "
+            "saturated or has no flat field, and is left out of the fit: a shorter exposure "
             "gives a better picture"
         )
     edge = edge_warning(psf.source, values, measurement.size)
@@ -339,7 +339,7 @@ def _pair_warnings(psf: Measurement, values: Tensor, measurement: Measurement) -
         texts.append(edge)
     if has_finer_detail(measurement.values, values):
         texts.append(
-            f"the measurement {measurement.source} has finer detail than the PSF {psf.source}, and "
+            f"{measurement.source} has finer detail than the PSF {psf.source}, and "
             "a measurement is the scene blurred by the PSF: the two files may be swapped"
         )
     return texts
