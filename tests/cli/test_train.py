@@ -178,14 +178,17 @@ def test_unrolled_for_a_folder(
     reconstruct takes what comes out.
     """
     folder = folder_with_psfs(tmp_path / "camera", (48, 64), 1)
-    mine = tmp_path / "mine.npz"
-    asked = ("train", folder, "--start", tiny_refinement, *QUICK, "--steps", 2, "-o", mine)
+    mine, whole = tmp_path / "mine.npz", tmp_path / "whole.npz"
+    asked = ("train", folder, "--start", tiny_refinement, *QUICK, "--steps", 2, "-o")
+    assert run(*asked, whole).code == 0
+    asked = (*asked, mine)
     with monkeypatch.context() as patch:
         stop_at(1, patch)
         assert run(*asked).code == 130
     done = run(*asked, "--resume", tmp_path / "mine.state.npz")
     assert done.code == 0, done.err
     assert "unrolled: 2 of 2 steps" in done.out
+    assert mine.read_bytes() == whole.read_bytes()
     record = read_record(tmp_path / "mine.record.json")
     assert [row["step"] for row in record.history] == [1, 2]
     assert {"psfs.toml", "PSF psf.tif"} < set(record.inputs)
