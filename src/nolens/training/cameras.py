@@ -20,9 +20,6 @@ _ELECTRONS = 300.0, 200_000.0
 """In the brightest pixel of a random camera."""
 _READ_ELECTRONS = 3.0
 _OF_KNOWN = 0.5
-_OFF, _KNOWN_OFF = 0.6, 0.2
-"""Fraction of the measurements whose PSF is not that of the model, by random cameras and by known
-ones."""
 _FILLS = 0.02, 0.9
 """Of the brightest pixel of a known sensor."""
 _LEAST_LIGHT = 0.5
@@ -46,8 +43,6 @@ class CameraView:
         Of the model, (channels, height, width), each channel of sum 1.
     ends
         What the light of one side of the scene really comes by, and of the other.
-    off
-        How likely the light comes by PSFs that are not quite these (`altered_psf`).
     gains
         Brightness of each channel, (channels, 1, 1).
     electrons
@@ -60,7 +55,6 @@ class CameraView:
 
     psf: Tensor
     ends: tuple[Tensor, Tensor]
-    off: float
     gains: Tensor
     electrons: float
     read_electrons: float
@@ -94,7 +88,7 @@ class RandomCameras:
         gains = torch.tensor([random.uniform(0.3, 0.8), 1.0, random.uniform(0.3, 0.9)])
         electrons = _drawn(random, _ELECTRONS)
         return CameraView(
-            psf, (psf, psf), _OFF, gains[:, None, None], electrons, _READ_ELECTRONS, pixels_of(3)
+            psf, (psf, psf), gains[:, None, None], electrons, _READ_ELECTRONS, pixels_of(3)
         )
 
 
@@ -148,7 +142,7 @@ class KnownCamera:
         other = (1 - part) * planes[0] + part * planes[1]
         pixels = by**2 * pixels_of(len(light))
         return CameraView(
-            planes[0], (planes[0], other), _KNOWN_OFF, gains, electrons, self.read_electrons, pixels
+            planes[0], (planes[0], other), gains, electrons, self.read_electrons, pixels
         )
 
     def _nearest(self, point: int) -> int:

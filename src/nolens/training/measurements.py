@@ -19,6 +19,8 @@ _WIDER = 1.0, 2.0
 """A sensor's side over its scene's, where that makes it neither smaller nor larger than above."""
 _STRONGER, _WEIGHTS = 0.2, 0.5
 """Mean and deviation of the logarithm of total variation's weight over what the noise asks for."""
+_OFF = 0.6
+"""Fraction of the measurements whose PSF is not that of the model."""
 
 
 @dataclass(frozen=True)
@@ -153,11 +155,11 @@ def simulate(
     view = (camera or RandomCameras()).view(random, (sensor[0] + side, sensor[1] + side))
     if len(view.psf) == 1:
         truth = truth.mean(dim=0, keepdim=True)
-    off = random.random() < view.off
-    ends = view.ends
+    off = random.random() < _OFF
     if off:
-        ends = (altered_psf(random, ends[0]), altered_psf(random, ends[1]))
-    light = view.gains * _light(random, ends, truth, sensor, support)
+        light = view.gains * _light(random, view.ends, truth, sensor, support)
+    else:
+        light = view.gains * _image(view.psf, truth, sensor, support)
     if off and random.random() < 0.5:
         light = light + abs(random.normal(0, 0.02)) * light.mean()
     brightness = view.electrons / max(float(light.max()), 1e-30)
@@ -181,11 +183,11 @@ def _light(
     sensor: tuple[int, int],
     support: PixelRectangle,
 ) -> Tensor:
-    """By one PSF on one side of the scene, and by another one on the other."""
+    """By one PSF on one side of the scene, and by another one on the other, each altered."""
     slope = torch.linspace(0, 1, truth.shape[-1])
     if random.random() < 0.5:
         slope = slope[:, None]
-    one, other = psfs
+    one, other = (altered_psf(random, each) for each in psfs)
     return _image(one, slope * truth, sensor, support) + _image(
         other, (1 - slope) * truth, sensor, support
     )
