@@ -23,7 +23,7 @@ from nolens.quantities import Length
 from nolens.solvers.denoising_network import DenoisingNetwork
 from nolens.solvers.plug_and_play import PlugAndPlay, Refinement
 from nolens.training.pictures import training_picture
-from nolens.training.unrolled import refining
+from nolens.training.unrolled import refinement_network
 
 JOB = importlib.import_module("nolens.jobs.training.job")
 QUICK = ("--pictures", 1)
@@ -43,7 +43,7 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def tiny_refinement(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same of one that mends what the denoiser of nolens leaves."""
     path, turns = tmp_path_factory.mktemp("tiny") / "refinement.npz", denoiser()
-    refinement = Refinement(refining(DenoisingNetwork((8,), (1,))))
+    refinement = Refinement(refinement_network(DenoisingNetwork((8,), (1,))))
     facts = {"prior": "unrolled", "refines": turns.facts["weights_sha256"]}
     write_weights(path, replace(turns, facts=facts, refinement=refinement), {})
     return path

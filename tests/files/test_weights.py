@@ -14,7 +14,7 @@ from nolens.errors import FileError
 from nolens.files.weights import denoiser, read_weights, ridge, write_weights
 from nolens.solvers.denoising_network import DenoisingNetwork
 from nolens.solvers.plug_and_play import PlugAndPlay, Refinement
-from nolens.training.unrolled import refining
+from nolens.training.unrolled import refinement_network
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def test_weights_come_back_in_half_precision(written: tuple[Path, PlugAndPlay]) 
 
 def test_a_refinement_goes_with_the_denoiser(tmp_path: Path) -> None:
     turns = denoiser()
-    network = refining(DenoisingNetwork((8,), (1,)))
+    network = refinement_network(DenoisingNetwork((8,), (1,)))
     facts = {"prior": "unrolled", "refines": turns.facts["weights_sha256"]}
     prior = replace(turns, facts=facts, refinement=Refinement(network))
     path = tmp_path / "mine.npz"

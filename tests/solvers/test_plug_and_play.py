@@ -20,7 +20,7 @@ from nolens.solvers.denoising_network import (
 )
 from nolens.solvers.held_out import channel_noise
 from nolens.solvers.plug_and_play import Fit, PlugAndPlay, Refinement, Turn
-from nolens.training.unrolled import refining
+from nolens.training.unrolled import refinement_network
 
 CASE = Case(sensor=(20, 22), psf=(20, 22), support=PixelRectangle(3, 4, 12, 13), channels=3)
 
@@ -303,7 +303,7 @@ def test_a_refinement_makes_the_last_picture(channels: int, network: DenoisingNe
     assert [turn.number for turn in seen] == [1]
     assert result.iterations == plain.iterations + 1 == result.history[-1]["iteration"]
     assert seen[0].pictures.shape == (3, channels, 12, 13)
-    same = Refinement(refining(network).requires_grad_(False))
+    same = Refinement(refinement_network(network).requires_grad_(False))
     torch.testing.assert_close(same(seen[0]), seen[0].picture)
     torch.nn.init.normal_(same.network.tail.weight)
     mended = same(seen[0])

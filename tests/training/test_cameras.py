@@ -14,7 +14,7 @@ from nolens.training.denoising import Schedule, Trainer
 from nolens.training.measurements import simulate
 from nolens.training.patches import PicturePool
 from nolens.training.pictures import training_picture
-from nolens.training.unrolled import RefinementLessons, refining
+from nolens.training.unrolled import RefinementLessons, refinement_network
 
 SIZE = 60, 72
 
@@ -83,7 +83,7 @@ def test_a_network_learns_what_turns_leave(channels: int, monkeypatch: pytest.Mo
     monkeypatch.setattr("nolens.training.measurements._SENSOR", (48, 64))
     turns = PlugAndPlay(tiny_network(), (0.3, 0.1))
     lessons = RefinementLessons(PicturePool.generate(1, 0), turns, KnownCamera(psfs(channels)))
-    network = refining(tiny_network(1))
+    network = refinement_network(tiny_network(1))
     made = Trainer(network, Schedule(60, 1e-2, patches=6, side=44), seed=0)
     lessons.begin(made, lambda _: None)
     assert len(lessons.examples) == 7

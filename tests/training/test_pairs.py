@@ -5,7 +5,7 @@ import torch
 
 from nolens.errors import DataError
 from nolens.operators import CroppedConvolution, PixelRectangle
-from nolens.training.pairs import binned_picture, pair_example
+from nolens.training.pairs import binned_picture, pair_shot
 from nolens.training.pictures import training_picture
 
 SENSOR, SIDE = (96, 112), 80
@@ -27,7 +27,7 @@ def test_truth_lies_where_the_measurement_has_it(moved: int) -> None:
     measured += 0.01 * measured.mean() * torch.randn(measured.shape)
     given = whole[:, 4 - moved : 4 - moved + SIDE, 4:-4]
     valid = torch.ones_like(measured, dtype=torch.bool)
-    example = pair_example(measured, valid, psf(), given, SUPPORT)
+    example = pair_shot(measured, valid, psf(), given, SUPPORT)
     inner = (slice(None), slice(8, -8), slice(8, -8))
     error = (example.truth - scene)[inner].norm() / scene[inner].norm()
     assert float(error) < 0.1
@@ -40,7 +40,7 @@ def test_dark_measurement_is_refused() -> None:
     noise = -torch.rand(3, *SENSOR) - 1
     valid = torch.ones_like(noise, dtype=torch.bool)
     with pytest.raises(DataError, match="shows nothing of the picture"):
-        pair_example(noise, valid, psf(), picture, SUPPORT)
+        pair_shot(noise, valid, psf(), picture, SUPPORT)
 
 
 def test_binned_pictures_lie_on_the_sensors_pixels() -> None:

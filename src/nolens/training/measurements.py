@@ -74,7 +74,7 @@ def random_size(random: np.random.Generator) -> tuple[int, tuple[int, int]]:
     return side, (height, width)
 
 
-def reconstructed(
+def reconstruct_shot(
     shot: Shot, prior: PlugAndPlay, random: np.random.Generator, device: torch.device | None = None
 ) -> Example:
     """What the last turn makes of a measurement, by the way that a photograph goes.

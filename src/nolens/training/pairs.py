@@ -16,7 +16,7 @@ _ITERATIONS = 32
 """Of the photograph by total variation that the picture is laid on."""
 
 
-def pair_example(
+def pair_shot(
     measured: Tensor, valid: Tensor, psf: Tensor, picture: Tensor, support: PixelRectangle
 ) -> Shot:
     """A measurement, and the picture that was there, laid on its reconstruction.

@@ -14,13 +14,15 @@ from nolens.solvers.denoising_network import FOLDED, PLANES, DenoisingNetwork, n
 from nolens.solvers.plug_and_play import REFINED_PICTURES, PlugAndPlay
 from nolens.training.cameras import TrainingCamera
 from nolens.training.denoising import Trainer
-from nolens.training.measurements import Example, Shot, random_size, reconstructed, simulate
+from nolens.training.measurements import Example, Shot, random_size, reconstruct_shot, simulate
 from nolens.training.patches import PicturePool
 
 _MOST, _LEAST = 1000, 4
 """Measurements to learn from."""
 _STEPS_OF_EACH = 8
 """Steps for each of them."""
+_EXAMPLE_BYTES = 1.8e6
+"""Three pictures and the truth, float32, of three channels and 190×190 pixels in the mean."""
 _REAL = 1 / 3
 """Fraction of the patches that are of real measurements, where there are any."""
 _NEAR = 1e-3
@@ -31,7 +33,7 @@ _SWAPPED = 0.3
 """Fraction of the patches whose channels are in another order."""
 
 
-def refining(network: DenoisingNetwork) -> DenoisingNetwork:
+def refinement_network(network: DenoisingNetwork) -> DenoisingNetwork:
     """A network of a `Refinement` with features of one that takes out noise; it changes nothing.
 
     Parameters
@@ -56,6 +58,16 @@ def _without_head(network: DenoisingNetwork) -> dict[str, Tensor]:
     return {
         name: each for name, each in network.state_dict().items() if not name.startswith("head.")
     }
+
+
+def lessons_bytes(steps: int) -> float:
+    """Memory that the reconstructions of a training of so many steps take."""
+    return _count(steps) * _EXAMPLE_BYTES
+
+
+def _count(steps: int) -> int:
+    """Of the measurements to learn from."""
+    return max(_LEAST, min(_MOST, steps // _STEPS_OF_EACH))
 
 
 class RefinementLessons:
@@ -99,18 +111,17 @@ class RefinementLessons:
 
     def begin(self, trainer: Trainer, progress: ProgressCallback) -> None:
         """Measure and reconstruct; the same from the same seed."""
-        count = max(_LEAST, min(_MOST, trainer.schedule.steps // _STEPS_OF_EACH))
-        device = trainer.device
+        count, device = _count(trainer.schedule.steps), trainer.device
 
         def simulated(number: int) -> Example:
             random = _random(trainer.seed, 3, number)
             side, sensor = random_size(random)
             shot = simulate(random, self._pool.patches(random, 1, side)[0], sensor, self._camera)
-            return reconstructed(shot, self._prior, random, device)
+            return reconstruct_shot(shot, self._prior, random, device)
 
         def real(number: int) -> Example:
             random = _random(trainer.seed, 4, number)
-            return reconstructed(self._pairs[number], self._prior, random, device)
+            return reconstruct_shot(self._pairs[number], self._prior, random, device)
 
         with one_thread() as workers, ThreadPoolExecutor(workers) as threads:
             for number, example in enumerate(threads.map(simulated, range(count)), start=1):

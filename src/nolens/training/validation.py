@@ -11,7 +11,7 @@ from nolens.progress import ProgressCallback
 from nolens.solvers.denoising_network import STEP, DenoisingNetwork, noise_planes
 from nolens.solvers.plug_and_play import PlugAndPlay, Refinement
 from nolens.training.cameras import TrainingCamera
-from nolens.training.measurements import Example, Shot, random_size, reconstructed, simulate
+from nolens.training.measurements import Example, Shot, random_size, reconstruct_shot, simulate
 from nolens.training.patches import photograph_patch
 from nolens.training.pictures import training_picture
 
@@ -117,7 +117,7 @@ def measured_pictures(
 
     def add(kind: str, shot: Shot) -> None:
         nonlocal done
-        items[kind].append(reconstructed(shot, prior, random))
+        items[kind].append(reconstruct_shot(shot, prior, random))
         done += 1
         if progress is not None:
             progress(done / count)

@@ -28,7 +28,7 @@ from nolens.training.cameras import TrainingCamera
 from nolens.training.course import Course, Lessons
 from nolens.training.denoising import NoiseLessons, Schedule, Trainer, network_of
 from nolens.training.patches import PicturePool
-from nolens.training.unrolled import RefinementLessons, refining
+from nolens.training.unrolled import RefinementLessons, lessons_bytes, refinement_network
 from nolens.training.validation import ALL, HeldOut, measured_pictures, noisy_pictures
 
 SPREADS = tuple(0.3 * (2 / 15) ** (turn / 9) for turn in range(10))
@@ -59,7 +59,8 @@ def train(run: Run[TrainOptions]) -> Product[PlugAndPlay]:
     resumed = None if options.resume is None else _read_checkpoint(run, trainer)
     camera = training_camera(run)
     pairs = training_pairs(run, schedule.side)
-    run.begin()
+    unrolled = options.prior == "unrolled"
+    run.begin(lessons_bytes(options.steps) if unrolled else 0.0, "fewer --steps need less")
     about = _identity(run, start)
     if resumed is not None:
         _check_same(run.options, about, resumed[0])
@@ -132,7 +133,7 @@ def _first(run: Run[TrainOptions]) -> tuple[DenoisingNetwork, dict[str, Any]]:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(options.seed)
             network = DenoisingNetwork()
-        return (refining(network) if unrolled else network), {"weights": "none"}
+        return (refinement_network(network) if unrolled else network), {"weights": "none"}
     if isinstance(first, Path):
         run.reads({"weights to start from": first})
         before = read_weights(first)
@@ -144,7 +145,7 @@ def _first(run: Run[TrainOptions]) -> tuple[DenoisingNetwork, dict[str, Any]]:
     facts = {"weights": name, "sha256": before.facts["weights_sha256"]}
     if isinstance(before.refinement, Refinement):
         return _copy(before.refinement.network), facts
-    return (refining(before.network) if unrolled else _copy(before.network)), facts
+    return (refinement_network(before.network) if unrolled else _copy(before.network)), facts
 
 
 def _check_kind(options: TrainOptions, before: PlugAndPlay) -> None:

@@ -1,4 +1,4 @@
-"""Pairs that `nolens collect` took, as examples to train on."""
+"""Pairs that `nolens collect` took, as shots to train on."""
 
 import math
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from nolens.jobs.run import Run
 from nolens.jobs.training.options import TrainOptions
 from nolens.solvers import Development, choose_psf
 from nolens.training.measurements import Shot
-from nolens.training.pairs import binned_picture, pair_example
+from nolens.training.pairs import binned_picture, pair_shot
 
 _MEASURED, _PICTURES, _DARK = "measured", "pictures", "dark.tif"
 _LARGEST = 420
@@ -65,22 +65,22 @@ def training_pairs(run: Run[TrainOptions], side: int) -> Pairs:
     development = Development(
         scene.alone or scene.ahead, dark=read_frame(dark) if dark.is_file() else None
     )
-    examples = []
+    shots = []
     for number, (name, (measured, picture)) in enumerate(files.items()):
         run.reads({f"measurement {name}": measured, f"picture {name}": picture})
         frame = read_frame(measured)
         if number == 0:
             development = choose_psf(development, frame).development
         try:
-            examples.append(_example(development, frame, picture, side))
+            shots.append(_shot(development, frame, picture, side))
         except NolensError as error:
             raise type(error)(f"the pair {name}: {error}") from None
         run.reporter.advance("pairs", (number + 1) / len(files))
-    count = math.ceil(len(examples) / _HELD_OUT)
-    return Pairs(tuple(examples[:-count]), tuple(examples[-count:]))
+    count = math.ceil(len(shots) / _HELD_OUT)
+    return Pairs(tuple(shots[:-count]), tuple(shots[-count:]))
 
 
-def _example(development: Development, frame: Frame, path: Path, side: int) -> Shot:
+def _shot(development: Development, frame: Frame, path: Path, side: int) -> Shot:
     picture = read_picture(path).radiance
     size = development.measurement(frame).size
     by = math.ceil(max(size) / _LARGEST)
@@ -102,4 +102,4 @@ def _example(development: Development, frame: Frame, path: Path, side: int) -> S
         )
     psf = coarse.prepared(measurement).values
     psf = psf.expand(len(measurement.channels), -1, -1)
-    return pair_example(measurement.values, measurement.valid, psf.contiguous(), truth, support)
+    return pair_shot(measurement.values, measurement.valid, psf.contiguous(), truth, support)
