@@ -15,6 +15,7 @@ from PIL import Image as Pillow
 from scipy.ndimage import gaussian_filter
 
 import nolens as nl
+from nolens.camera import RandomLenslets
 from nolens.errors import DataError, OptionError
 from nolens.evaluate import slanted_edge
 from nolens.files import write_png
@@ -154,6 +155,14 @@ def test_designs_are_those_of_the_commands(camera: nl.Camera, tmp_path: Path) ->
     assert design.thickness_mm == {"pua311": found} and f"{found:.2f} mm" in str(design)
     layers = design.camera.loaded.camera.layers
     assert any(abs(layer.thickness.mm - found) < 1e-3 for layer in layers)
+
+
+def test_random_lenslets_are_on_a_grid_that_carries_all_of_them() -> None:
+    """A patch of these is carried by 1.55 µm; the steepest of all are not."""
+    made = nl.design_mask("random-lenslets", "small", pitch="121um", overhang="1.2mm")
+    relief = made.loaded.camera.mask.relief
+    assert isinstance(relief, RandomLenslets) and relief.grid.um == 0.775
+    assert made.twin.coarsest_pitch_um() > 0.775
 
 
 def test_what_no_memory_holds_is_refused() -> None:
