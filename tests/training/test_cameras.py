@@ -16,6 +16,7 @@ from nolens.training.patches import PicturePool
 from nolens.training.pictures import training_picture
 from nolens.training.unrolled import RefinementLessons, refinement_network
 
+SIDE, SENSOR = 20, (40, 52)
 SIZE = 60, 72
 
 
@@ -33,8 +34,9 @@ def test_views_are_as_large_as_asked_for(channels: int, size: tuple[int, int]) -
     camera = KnownCamera.of(psfs(channels, size), preset("small").sensor)
     random = np.random.default_rng(0)
     for _ in range(5):
-        view = camera.view(random, SIZE)
-        for psf in (view.psf, *view.ends):
+        view = camera.view(random, SIDE, SENSOR)
+        assert len(view.light.places) == len(view.light.values)
+        for psf in (view.psf, *view.light.values):
             assert psf.shape == (channels, *SIZE)
             assert torch.allclose(psf.sum((-2, -1)), torch.ones(channels), atol=1e-5)
         assert view.gains.shape == view.pixels.shape == (channels, 1, 1)
@@ -43,7 +45,7 @@ def test_views_are_as_large_as_asked_for(channels: int, size: tuple[int, int]) -
 def test_noise_is_the_sensors() -> None:
     sensor = preset("small").sensor
     camera, random = KnownCamera.of(psfs(), sensor), np.random.default_rng(0)
-    views = [camera.view(random, SIZE) for _ in range(30)]
+    views = [camera.view(random, SIDE, SENSOR) for _ in range(30)]
     assert {view.read_electrons for view in views} == {sensor.read_noise_electrons}
     electrons = [view.electrons / sensor.clip_electrons for view in views]
     assert 0.02 <= min(electrons) < 0.1 < 0.5 < max(electrons) <= 0.9
@@ -52,15 +54,28 @@ def test_noise_is_the_sensors() -> None:
     assert {float(view.pixels[0]) for view in views} == {1.0, 4.0, 9.0}
 
 
-def test_field_goes_over_to_the_next_point() -> None:
+def test_light_comes_by_the_psfs_of_all_field_points() -> None:
+    """On pixels that are binned they lie nearer; the model is mostly that of the axis."""
     camera, random = KnownCamera(psfs()), np.random.default_rng(0)
-    views = [camera.view(random, SIZE) for _ in range(10)]
-    changes = [float((view.ends[0] - view.ends[1]).abs().sum() / 6) for view in views]
-    assert min(changes) > 0 and max(changes) < 0.3
-    assert all(torch.equal(view.ends[0], view.psf) for view in views)
+    views = [camera.view(random, SIDE, SENSOR) for _ in range(60)]
+    field = [view for view in views if view.light.places[-1, 1] not in (0, SIDE / 2)]
+    assert 36 <= len(field) < 60
+    for view in field:
+        assert float(view.light.places[1, 1]) == pytest.approx(99 / float(view.pixels[0]) ** 0.5)
+        assert float((view.light.values[0] - view.light.values[1]).abs().sum() / 6) > 0.3
+    exact = [torch.equal(view.psf, view.light.values[0]) for view in field]
+    assert 0.4 < sum(exact) / len(exact) < 0.9
+
+
+def test_light_of_one_psf_differs_on_both_sides() -> None:
     one = FieldPsf(psfs().values[:1], torch.zeros(1, 2))
-    alone = KnownCamera(one).view(random, SIZE)
-    assert torch.allclose(*alone.ends)
+    random = np.random.default_rng(0)
+    lights = [KnownCamera(one).view(random, SIDE, SENSOR).light for _ in range(20)]
+    others = [light for light in lights if light.points == 2]
+    assert 6 <= len(others) < 20 and {light.points for light in lights} == {1, 2}
+    for light in others:
+        assert sorted(light.places.abs().amax(dim=0).tolist()) == [0, SIDE / 2]
+        assert not torch.equal(*light.values)
 
 
 @pytest.mark.parametrize("camera", [None, KnownCamera(psfs(3)), KnownCamera(psfs(1))])
@@ -81,6 +96,7 @@ def test_a_network_learns_what_turns_leave(channels: int, monkeypatch: pytest.Mo
     """It changes nothing at first; after some steps whole pictures are nearer to their scenes."""
     monkeypatch.setattr("nolens.training.measurements._SCENE", (40, 48))
     monkeypatch.setattr("nolens.training.measurements._SENSOR", (48, 64))
+    monkeypatch.setattr("nolens.training.unrolled._STEPS_OF_EACH", 8)
     turns = PlugAndPlay(tiny_network(), (0.3, 0.1))
     lessons = RefinementLessons(PicturePool.generate(1, 0), turns, KnownCamera(psfs(channels)))
     network = refinement_network(tiny_network(1))
@@ -107,5 +123,5 @@ def test_a_network_learns_what_turns_leave(channels: int, monkeypatch: pytest.Mo
 
 def test_random_cameras_differ() -> None:
     random = np.random.default_rng(0)
-    one, other = (RandomCameras().view(random, (40, 40)) for _ in range(2))
+    one, other = (RandomCameras().view(random, 15, (25, 25)) for _ in range(2))
     assert not torch.equal(one.psf, other.psf) and one.electrons != other.electrons

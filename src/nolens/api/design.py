@@ -8,7 +8,7 @@ from nolens.api.inputs import CallbackReporter, Progress, reported
 from nolens.api.simulate import Camera
 from nolens.design.thickness import ReplicaDesign, thickness_summary
 from nolens.files import read_camera
-from nolens.jobs.designing.mask import MASK_KINDS
+from nolens.jobs.designing.mask import masked
 from nolens.jobs.designing.thickness import ThicknessOptions, read_case
 
 
@@ -39,13 +39,14 @@ def design_mask(
         If there is no such kind or option, or a value cannot be used.
     """
     camera = camera if isinstance(camera, Camera) else Camera(camera)
-    # Nothing is written: the folder is an option of the job alone.
-    mask_options = MASK_KINDS.load(kind).gather(
-        {"device": camera.device.type, **options, "output": Path("unused")}
-    )
     with reported(progress, "mask") as report:
-        made = mask_options.mask(mask_options.blank(camera.loaded, CallbackReporter(report)))
-    return Camera(made.loaded, pixels=camera.pixels, device=camera.device)
+        loaded = masked(
+            kind,
+            camera.loaded,
+            CallbackReporter(report),
+            **{"device": camera.device.type, **options},
+        )
+    return Camera(loaded, pixels=camera.pixels, device=camera.device)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from nolens.camera import FieldPsf, Sensor
 from nolens.camera.field_psf import around_middle
-from nolens.training.psfs import random_psf
+from nolens.training.psfs import altered_psf, random_psf
 
 Size = tuple[int, int]
 
@@ -25,8 +25,10 @@ _FILLS = 0.02, 0.9
 _LEAST_LIGHT = 0.5
 """In a part of a PSF, over that in its middle."""
 _TRIED = 8
-_NEIGHBOUR = 0.3
-"""Largest part of another field point's PSF in that of a scene's side."""
+_OFF = 0.6
+"""Fraction of the views whose PSF is not that of the model."""
+_OVER_THE_FIELD, _ALTERED = 0.8, 0.35
+"""The same where PSFs over the field are known, and the fraction whose model is altered, too."""
 _TINT = 0.1
 """Deviation of the logarithm of a channel's brightness, as lights differ."""
 _GREENS = 2.0
@@ -41,8 +43,8 @@ class CameraView:
     ----------
     psf
         Of the model, (channels, height, width), each channel of sum 1.
-    ends
-        What the light of one side of the scene really comes by, and of the other.
+    light
+        PSFs that the light really comes by; places in pixels of the measurement.
     gains
         Brightness of each channel, (channels, 1, 1).
     electrons
@@ -54,7 +56,7 @@ class CameraView:
     """
 
     psf: Tensor
-    ends: tuple[Tensor, Tensor]
+    light: FieldPsf
     gains: Tensor
     electrons: float
     read_electrons: float
@@ -64,8 +66,8 @@ class CameraView:
 class TrainingCamera(Protocol):
     """What measurements to train on are simulated with."""
 
-    def view(self, random: np.random.Generator, size: Size) -> CameraView:
-        """How it takes a scene, with PSFs of (height, width)."""
+    def view(self, random: np.random.Generator, side: int, sensor: Size) -> CameraView:
+        """How it takes a scene of `side` pixels with a sensor of (height, width)."""
 
 
 @dataclass(frozen=True)
@@ -80,15 +82,20 @@ class RandomCameras:
 
     known: "tuple[KnownCamera, ...]" = ()
 
-    def view(self, random: np.random.Generator, size: Size) -> CameraView:
-        """How one of them takes a scene, with a PSF of (height, width)."""
+    def view(self, random: np.random.Generator, side: int, sensor: Size) -> CameraView:
+        """How one of them takes a scene of `side` pixels with a sensor of (height, width)."""
         if self.known and random.random() < _OF_KNOWN:
-            return self.known[int(random.integers(len(self.known)))].view(random, size)
-        psf = random_psf(random, size)
+            return self.known[int(random.integers(len(self.known)))].view(random, side, sensor)
+        psf = random_psf(random, (sensor[0] + side, sensor[1] + side))
         gains = torch.tensor([random.uniform(0.3, 0.8), 1.0, random.uniform(0.3, 0.9)])
         electrons = _drawn(random, _ELECTRONS)
         return CameraView(
-            psf, (psf, psf), gains[:, None, None], electrons, _READ_ELECTRONS, pixels_of(3)
+            psf,
+            _off_or_not(random, psf, side),
+            gains[:, None, None],
+            electrons,
+            _READ_ELECTRONS,
+            pixels_of(3),
         )
 
 
@@ -96,9 +103,9 @@ class RandomCameras:
 class KnownCamera:
     """One camera, by its PSFs and its sensor.
 
-    A scene to train on is small, and so lies at one field point; towards one of its sides the PSF
-    goes over a little to that of the nearest other one. Of a PSF that is larger than the scene
-    needs, some part around its middle is taken, on its own pixels or on binned ones.
+    A scene to train on lies around its axis. The model has the PSF of the field point there, and
+    the light comes by those of all, as far as the scene reaches. Of PSFs that are larger than the
+    scene needs, some part around their middle is taken, on their own pixels or on binned ones.
 
     Parameters
     ----------
@@ -119,42 +126,47 @@ class KnownCamera:
             return cls(psfs)
         return cls(psfs, sensor.clip_electrons, sensor.read_noise_electrons)
 
-    def view(self, random: np.random.Generator, size: Size) -> CameraView:
-        """How it takes a scene, with a PSF of (height, width)."""
-        here = int(random.integers(self.psfs.points))
-        there = self._nearest(here)
+    def view(self, random: np.random.Generator, side: int, sensor: Size) -> CameraView:
+        """How it takes a scene of `side` pixels with a sensor of (height, width)."""
+        size = sensor[0] + side, sensor[1] + side
         by = self._binning(random, size)
-        planes = self.psfs.values[[here, there]]
+        planes = self.psfs.values.float()
         if by > 1:
             planes = nnf.avg_pool2d(planes, by)
-        light = planes.mean(dim=(-2, -1), keepdim=True)[0]
+        middle = self.psfs.middle
+        gains = planes[middle].mean(dim=(-2, -1), keepdim=True)
         planes = _part(
             random, around_middle(planes, [max(a, b) for a, b in _sides(planes, size)]), size
         )
         planes = planes / planes.sum(dim=(-2, -1), keepdim=True).clamp_min(1e-30)
-        part = random.uniform(0, _NEIGHBOUR)
-        tint = np.exp(random.normal(0, _TINT, light.shape)).astype(np.float32)
-        gains = light / light.max() * torch.from_numpy(tint)
+        psf, light = planes[middle], FieldPsf(planes, self.psfs.places / by)
+        if light.points == 1 or random.random() >= _OVER_THE_FIELD:
+            light = _off_or_not(random, psf, side)
+        elif random.random() < _ALTERED:
+            psf = altered_psf(random, psf)
+        tint = np.exp(random.normal(0, _TINT, gains.shape)).astype(np.float32)
+        gains = gains / gains.max() * torch.from_numpy(tint)
         if self.full_electrons is None:
             electrons = _drawn(random, _ELECTRONS)
         else:
             electrons = self.full_electrons * _drawn(random, _FILLS)
-        other = (1 - part) * planes[0] + part * planes[1]
-        pixels = by**2 * pixels_of(len(light))
-        return CameraView(
-            planes[0], (planes[0], other), gains, electrons, self.read_electrons, pixels
-        )
-
-    def _nearest(self, point: int) -> int:
-        """The field point nearest to another one; itself where there is no other."""
-        away = (self.psfs.places - self.psfs.places[point]).norm(dim=1)
-        away[point] = torch.inf
-        return int(away.argmin())
+        pixels = by**2 * pixels_of(len(gains))
+        return CameraView(psf, light, gains, electrons, self.read_electrons, pixels)
 
     def _binning(self, random: np.random.Generator, size: Size) -> int:
         """Pixels that become one: more where the PSF is then still as large as is needed."""
         most = min(have // need for have, need in _sides(self.psfs.values, size))
         return int(random.integers(1, max(most, 1) + 1))
+
+
+def _off_or_not(random: np.random.Generator, psf: Tensor, side: int) -> FieldPsf:
+    """A model's PSF or, mostly, another one on each side of a scene, both a little off."""
+    if random.random() >= _OFF:
+        return FieldPsf(psf[None], torch.zeros(1, 2))
+    place = torch.zeros(2)
+    place[int(random.integers(2))] = side / 2
+    ends = torch.stack([altered_psf(random, psf) for _ in range(2)])
+    return FieldPsf(ends, torch.stack([-place, place]))
 
 
 def pixels_of(channels: int) -> Tensor:

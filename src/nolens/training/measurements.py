@@ -6,21 +6,20 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from nolens.operators import CroppedConvolution, PixelRectangle
+from nolens.operators import FieldConvolution, PixelRectangle
 from nolens.solvers import Reconstructor
 from nolens.solvers.held_out import weight_by_noise
 from nolens.solvers.plug_and_play import PlugAndPlay, Turn
 from nolens.training.cameras import RandomCameras, TrainingCamera
-from nolens.training.psfs import altered_psf
 
-_SCENE, _SENSOR = (112, 256), (192, 420)
+_SCENE, _SENSOR = (112, 256), (192, 480)
 """Smallest and largest side of a scene and of a sensor."""
-_WIDER = 1.0, 2.0
+_WIDER = 1.0, 2.3
 """A sensor's side over its scene's, where that makes it neither smaller nor larger than above."""
 _STRONGER, _WEIGHTS = 0.2, 0.5
 """Mean and deviation of the logarithm of total variation's weight over what the noise asks for."""
-_OFF = 0.6
-"""Fraction of the measurements whose PSF is not that of the model."""
+_HAZE, _ROWS = 0.3, 0.2
+"""Fractions of the measurements with light beside the PSF's, and with offsets of rows."""
 
 
 @dataclass(frozen=True)
@@ -133,9 +132,9 @@ def simulate(
 ) -> Shot:
     """The measurement of a scene by a camera.
 
-    Its colours are weighed as behind a mosaic; noise is that of electrons and of reading them. In
-    part of the measurements the light comes by other PSFs than the problem's: turned, scaled,
-    blurred, changing over the field, with haze and offsets of rows.
+    Its colours are weighed as behind a mosaic; noise is that of electrons and of reading them. The
+    light comes by the PSFs of the camera's view, over the whole scene, sometimes with haze and
+    offsets of rows.
 
     Parameters
     ----------
@@ -149,45 +148,20 @@ def simulate(
         What it is taken with; None takes any camera.
     """
     side = truth.shape[-1]
-    support = PixelRectangle(
-        (sensor[0] - side) // 2, (sensor[1] - side) // 2, truth.shape[-2], truth.shape[-1]
-    )
-    view = (camera or RandomCameras()).view(random, (sensor[0] + side, sensor[1] + side))
+    support = PixelRectangle.centred(side, side, sensor)
+    view = (camera or RandomCameras()).view(random, side, sensor)
     if len(view.psf) == 1:
         truth = truth.mean(dim=0, keepdim=True)
-    off = random.random() < _OFF
-    if off:
-        light = view.gains * _light(random, view.ends, truth, sensor, support)
-    else:
-        light = view.gains * _image(view.psf, truth, sensor, support)
-    if off and random.random() < 0.5:
+    middle = torch.tensor([each // 2 for each in sensor])
+    field = FieldConvolution(view.light.values, view.light.places + middle, sensor, support)
+    light = view.gains * field(truth).clamp_min(0)
+    if random.random() < _HAZE:
         light = light + abs(random.normal(0, 0.02)) * light.mean()
     brightness = view.electrons / max(float(light.max()), 1e-30)
     electrons = brightness * light
     spread = ((electrons + view.read_electrons**2) / view.pixels).sqrt()
     noisy = electrons + spread * torch.from_numpy(random.standard_normal(light.shape, np.float32))
-    if off and random.random() < 0.3:
+    if random.random() < _ROWS:
         offsets = random.normal(0, 1, (1, sensor[0], 1)).astype(np.float32)
         noisy = noisy + 0.3 * float(spread.mean()) * torch.from_numpy(offsets)
     return Shot(view.gains * view.psf, noisy, support, brightness * truth)
-
-
-def _image(psf: Tensor, truth: Tensor, sensor: tuple[int, int], support: PixelRectangle) -> Tensor:
-    return CroppedConvolution(psf, sensor, support)(truth).clamp_min(0)
-
-
-def _light(
-    random: np.random.Generator,
-    psfs: tuple[Tensor, Tensor],
-    truth: Tensor,
-    sensor: tuple[int, int],
-    support: PixelRectangle,
-) -> Tensor:
-    """By one PSF on one side of the scene, and by another one on the other, each altered."""
-    slope = torch.linspace(0, 1, truth.shape[-1])
-    if random.random() < 0.5:
-        slope = slope[:, None]
-    one, other = (altered_psf(random, each) for each in psfs)
-    return _image(one, slope * truth, sensor, support) + _image(
-        other, (1 - slope) * truth, sensor, support
-    )

@@ -8,7 +8,8 @@ import math
 from abc import abstractmethod
 from dataclasses import replace
 from functools import partial
-from typing import Annotated, ClassVar
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
 
 import torch
 
@@ -217,6 +218,30 @@ MASK_KINDS = Registry[type[MaskOptions]](
     "class of MaskOptions",
     lambda each: isinstance(each, type) and issubclass(each, MaskOptions),
 )
+
+
+def masked(kind: str, loaded: LoadedCamera, reporter: Reporter, **options: Any) -> LoadedCamera:
+    """A camera with another mask, in memory.
+
+    Parameters
+    ----------
+    kind
+        A name in `MASK_KINDS`.
+    loaded
+        The camera with the layers and the sensor.
+    reporter
+        Learns what is done.
+    options
+        Of that kind, by name.
+
+    Raises
+    ------
+    OptionError
+        If there is no such kind or option, or a value cannot be used.
+    """
+    # Nothing is written: the folder is an option of the job alone.
+    of_kind = MASK_KINDS.load(kind).gather({**options, "output": Path("unused")})
+    return of_kind.mask(of_kind.blank(loaded, reporter)).loaded
 
 
 @job

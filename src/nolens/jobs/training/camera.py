@@ -3,34 +3,41 @@
 import math
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 
-from nolens.camera import FieldPsf, LoadedCamera, RandomLenslets
+from nolens.camera import FieldPsf, LoadedCamera
 from nolens.camera.psf_set import depth_um
 from nolens.errors import DataError, FileError
 from nolens.experiments.virtual_experiment import VirtualExperiment
 from nolens.files import CAMERA_FILE, PSFS_FILE
 from nolens.files.psf_folder import PsfFolder
+from nolens.jobs.designing.mask import masked
 from nolens.jobs.run import Run
 from nolens.jobs.training.options import TrainOptions
 from nolens.optics import PointSource
 from nolens.progress import ProgressCallback, part_of
-from nolens.quantities import Length
+from nolens.quantities import Angle, Length
 from nolens.training.cameras import SMALLEST_PSF, KnownCamera, RandomCameras, TrainingCamera
 from nolens.twin import LARGEST_ANGLE_DEG, Light, distance_um, preview_model
 
-_LARGEST_PSF = 676
+_LARGEST_PSF = 768
 """Pixels along a side of a computed PSF, which the largest scene and sensor to train on need."""
-_LIGHT, _WAVELENGTHS = "white-led", 3
+_LIGHT = "white-led"
+_WAVELENGTHS = 3
+"""Of a channel, of a camera that is named; random ones have one."""
 _DIAMETER_UM = 50.0
-_SIMULATED = 12
-_LARGER, _FLATTER, _PIXELS = (-0.5, 1.0), (-0.2, 0.5), (-0.2, 0.5)
-"""Logarithms of factors on the paper's lenslets, on their radius beyond that, and on its pixels."""
-_PLACES = (0, 0), (0, 1), (1, 0), (-0.7, -0.7)
+_PLACES = tuple(product((-1, 0, 1), repeat=2))
 """Of the field points, over half of the scene's angle."""
+_SIMULATED = 12
+_ANGLE = Angle("60", "deg")
+"""That scenes before them fill at most."""
+_PIXELS = -0.2, 0.5
+"""Logarithm of a factor on the paper's pixels."""
 _REMEDY = "a camera with fewer or larger pixels, or a coarser grid of its relief, needs less"
 
 
@@ -55,7 +62,9 @@ def training_camera(run: Run[TrainOptions]) -> TrainingCamera | None:
             f"the folder {folder} has no PSF to train with: neither {PSFS_FILE}, which nolens "
             f"calibrate writes, nor {CAMERA_FILE}, by which PSFs are computed"
         )
-    return _checked(_simulated(run, name), name)
+    progress = partial(run.reporter.advance, "PSFs")
+    camera = _by_twin(run, run.camera(name), run.options.angle, _WAVELENGTHS, progress)
+    return _checked(camera, name)
 
 
 def _of_folder(run: Run[TrainOptions], path: Path) -> KnownCamera:
@@ -77,52 +86,64 @@ def _of_folder(run: Run[TrainOptions], path: Path) -> KnownCamera:
     return KnownCamera.of(values, sensor)
 
 
-def _simulated(run: Run[TrainOptions], name: str) -> KnownCamera:
-    """A camera by PSFs that the twin computes at a few field points."""
-    return _by_twin(run, run.camera(name), partial(run.reporter.advance, "PSFs"))
-
-
 def _random_cameras(run: Run[TrainOptions]) -> RandomCameras:
-    """Random ones, and some of random lenslets over the paper's layers, by the twin: their PSFs are
-    as diffraction makes them, and change over the field.
+    """Random ones, and some of lenslets and Gaussian surfaces on the paper's layers, by the twin:
+    their PSFs are as diffraction makes them, and change over the field.
     """
     random = np.random.default_rng(run.options.seed)
     paper = run.camera("paper")
-    relief, sensor = paper.camera.mask.relief, paper.camera.sensor
-    assert isinstance(relief, RandomLenslets)
+    sensor = paper.camera.sensor
     known = []
     for number in range(_SIMULATED):
-        by = math.exp(random.uniform(*_LARGER))
-        lenslets = {
-            "pitch": _times(relief.pitch, by),
-            "radius": _times(relief.radius, by * math.exp(random.uniform(*_FLATTER))),
-            "seed": int(random.integers(2**31)),
-        }
+        factor = math.exp(random.uniform(*_PIXELS))
         pixels = {
-            "pitch": _times(sensor.pitch, math.exp(random.uniform(*_PIXELS))),
+            "pitch": Length(f"{factor * sensor.pitch.um:.4g}", "um"),
             "rows": 2 * _LARGEST_PSF,
             "columns": 2 * _LARGEST_PSF,
         }
         part = {"sensor": sensor.model_copy(update=pixels)}
-        loaded = paper.with_relief(relief.model_copy(update=lenslets))
-        loaded = replace(loaded, camera=loaded.camera.model_copy(update=part))
+        coarse = replace(paper, camera=paper.camera.model_copy(update=part))
+        kind, options = _random_mask(random, number)
+        loaded = masked(kind, coarse, run.reporter, **options)
         progress = partial(run.reporter.advance, "simulated cameras")
-        known.append(_by_twin(run, loaded, part_of(progress, number, _SIMULATED)))
+        camera = _by_twin(run, loaded, _ANGLE, 1, part_of(progress, number, _SIMULATED))
+        values = camera.psfs.values
+        half = (values / values.max()).half()
+        known.append(replace(camera, psfs=replace(camera.psfs, values=half)))
     return RandomCameras(tuple(known))
 
 
-def _times(length: Length, factor: float) -> Length:
-    return Length(f"{factor * length.um:.4g}", "um")
+def _random_mask(random: np.random.Generator, number: int) -> tuple[str, dict[str, Any]]:
+    """One of three kinds, and its options: the paper's lenslets and other ones, which focus on the
+    sensor, and Gaussian surfaces.
+    """
+
+    def drawn(low: float, high: float) -> float:
+        return math.exp(random.uniform(math.log(low), math.log(high)))
+
+    seed = {"seed": int(random.integers(2**31)), "device": "cpu"}
+    if number % 3 == 0:
+        pitch = drawn(45, 180)
+        radius = f"{9.5 * pitch * drawn(0.8, 1.6):.0f}um"
+        return "random-lenslets", {"pitch": f"{pitch:.1f}um", "radius": radius, **seed}
+    if number % 3 == 1:
+        return "random-lenslets", {"pitch": f"{drawn(60, 150):.1f}um", **seed}
+    angle, feature = f"{drawn(0.4, 4):.2f}deg", f"{drawn(15, 60):.1f}um"
+    return "diffuser", {"angle": angle, "feature": feature, **seed}
 
 
 def _by_twin(
-    run: Run[TrainOptions], loaded: LoadedCamera, progress: ProgressCallback
+    run: Run[TrainOptions],
+    loaded: LoadedCamera,
+    angle: Angle,
+    wavelengths: int,
+    progress: ProgressCallback,
 ) -> KnownCamera:
     """A camera by PSFs that the twin computes at a few field points."""
     options = run.options
-    preview = VirtualExperiment(preview_model(loaded), Light(_LIGHT), _WAVELENGTHS)
+    preview = VirtualExperiment(preview_model(loaded), Light(_LIGHT), wavelengths)
     away = distance_um(options.distance, loaded)
-    tangent = math.tan(options.angle.rad / 2)
+    tangent = math.tan(angle.rad / 2)
     sources = [
         PointSource(
             (down * tangent, right * tangent), away, 0.0 if math.isinf(away) else _DIAMETER_UM
