@@ -19,7 +19,7 @@ from nolens.training.patches import PicturePool
 
 _MOST, _LEAST = 1000, 4
 """Measurements to learn from."""
-_STEPS_OF_EACH = 4
+_STEPS_OF_EACH = 8
 """Steps for each of them."""
 _EXAMPLE_BYTES = 1.8e6
 """Three pictures and the truth, float32, of three channels and 190×190 pixels in the mean."""
